@@ -4,9 +4,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    pass
+    from data_synth.scene import Scene as Scene
+    from data_synth.scene import SceneError as SceneError
+    from data_synth.scene import load_scene as load_scene
+    from data_synth.simulation import simulate as simulate
 
-_HOME: dict[str, str] = {}
+_HOME = {
+    "Scene": "data_synth.scene",
+    "SceneError": "data_synth.scene",
+    "load_scene": "data_synth.scene",
+    "simulate": "data_synth.simulation",
+}
 __all__ = sorted(_HOME)  # noqa: PLE0605
 
 

@@ -1,0 +1,119 @@
+"""From the source to the accelerometer: one mode of the structure, and a gain for each pair of the two.
+
+Shaft and mesh lines change slowly, so they pass a mode at its frequency response. Impacts are short, so they
+ring it in time: ``a exp(-zeta w_n t) sin(w_d t)`` from the very instant of the impact. That response is
+sampled without an anti-aliasing filter; its spectrum falls with the square of frequency, so what folds back
+is about ``2 zeta (f_n / rate) ** 2`` of the peak.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_synth.combs import Comb, ComplexArray, Draws
+from data_synth.faults import ImpactTrain
+from data_synth.profile import Array
+from data_synth.scene import Mode
+
+_QUIET = 30.0  # decay in nepers after which a ringing has ended: 1e-13 of its amplitude
+
+
+def sensor_gains(sources: list[str], *, sensors: int, draws: Draws) -> dict[str, ComplexArray]:
+    """Draw the complex gain (sensors,) from each source to each sensor.
+
+    The scene's amplitudes are those at the first sensor, so its gain is 1; each other gain is between a half
+    and twice that, even in its logarithm, with any phase. Impacts take its absolute value.
+    """
+    gains = {}
+    for source in sources:
+        octaves, turns = draws("gain", source).random((sensors, 2)).T
+        gains[source] = np.exp2(2 * octaves - 1) * np.exp(2j * np.pi * turns)
+        gains[source][0] = 1.0
+    return gains
+
+
+def mode_response(mode: Mode | None, frequency_hz: ArrayLike) -> ComplexArray:
+    """Return ``1 / (1 - r^2 + 2 j zeta r)``, r = frequency / natural frequency; 1 where there is no mode."""
+    if mode is None:
+        return np.ones(np.shape(frequency_hz), dtype=np.complex128)
+    ratio = np.asarray(frequency_hz, dtype=np.float64) / mode.frequency_hz
+    return np.asarray(1 / (1 - ratio**2 + 2j * mode.damping_ratio * ratio))
+
+
+def line_amplitudes(
+    comb: Comb, *, gains: ComplexArray, speed_hz: Array, load: Array, mode: Mode | None
+) -> ComplexArray:
+    """Return Z of the lines of a comb at the sensors, (sensor, line, instant), in the sensors' units.
+
+    Parameters
+    ----------
+    comb : Comb
+    gains : (sensor,) complex array
+    speed_hz, load : (instant,) array
+        Speed of the reference shaft in rev s-1, and the share of full load.
+    mode : Mode or None
+        The path's mode.
+    """
+    response = mode_response(mode, np.outer([float(order) for order in comb.orders], speed_hz))
+    at_source = comb.coefficients[:, None] * response * (load if comb.loaded else 1.0)
+    return np.asarray(gains[:, None, None] * at_source)
+
+
+def ring_pole(mode: Mode) -> complex:
+    """Return ``-zeta w_n + j w_d`` in rad s-1."""
+    return 2 * math.pi * mode.frequency_hz * complex(-mode.damping_ratio, math.sqrt(1 - mode.damping_ratio**2))
+
+
+def ring_seconds(mode: Mode) -> float:
+    """Return how long a ringing is followed."""
+    return _QUIET / -ring_pole(mode).real
+
+
+def ring_spectrum(mode: Mode, frequency_hz: ArrayLike) -> ComplexArray:
+    """Return the Fourier transform of the ringing, ``w_d / (w_n^2 - w^2 + 2 j zeta w_n w)``, in s."""
+    shifted = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) - ring_pole(mode)
+    conjugate = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) - ring_pole(mode).conjugate()
+    return np.asarray(ring_pole(mode).imag / (shifted * conjugate))
+
+
+def add_rings(signal: Array, *, times_s: Array, amplitudes: Array, mode: Mode, rate_hz: float) -> None:
+    """Add the ringing after each impact to a signal, exact at instants between samples.
+
+    Parameters
+    ----------
+    signal : (sensor, n) array
+        Changed in place; sample i at ``i / rate_hz``.
+    times_s : (m,) array
+        Instants of the impacts in s; those before the first sample are heard from there on.
+    amplitudes : (sensor, m) array
+        In the sensors' units.
+    mode : Mode
+        What rings.
+    rate_hz : float
+        Samples per second.
+    """
+    pole, count = ring_pole(mode), signal.shape[1]
+    length = math.ceil(ring_seconds(mode) * rate_hz) + 1
+    ringing = np.exp(pole * np.arange(length) / rate_hz)
+    firsts = np.ceil(times_s * rate_hz).astype(np.int64)
+    begins = np.exp(pole * (firsts / rate_hz - times_s))
+    for first, begin, amplitude in zip(firsts, begins, amplitudes.T, strict=True):
+        start, stop = max(first, 0), min(first + length, count)
+        if start < stop:
+            heard = (begin * ringing[start - first : stop - first]).imag
+            signal[:, start:stop] += amplitude[:, None] * heard
+
+
+def impact_line(train: ImpactTrain, *, harmonic: int, speed_hz: Array, load: Array, mode: Mode) -> ComplexArray:
+    """Return Z (instant,) that a strictly periodic train of impacts adds to a harmonic of its rate.
+
+    ``2 a f H(m f) exp(j 2 pi m offset)`` with impacts at rate f through the spectrum H of the ringing: exact at
+    constant speed and load. When f changes at f' per second, the relative error is about ``f' / f`` times the
+    decay time ``1 / (zeta w_n)``, and ``2 pi m f'`` times its square: 1e-4 in a run-up of 1 rev/s per second.
+    """
+    if train.order is None or not train.amplitudes.any():
+        return np.zeros(speed_hz.size, dtype=np.complex128)
+    rate = float(train.order) * speed_hz
+    turn = np.exp(2j * np.pi * harmonic * train.offset)
+    return np.asarray(2 * train.amplitudes[0] * load * rate * ring_spectrum(mode, harmonic * rate) * turn)

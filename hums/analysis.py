@@ -1,0 +1,580 @@
+"""The workflow: a record, a gearbox and settings become an analysis.
+
+An analysis is an `xarray.DataTree` with the groups `/speed`, `/order_spectrum`, `/envelope`, `/tracks` and
+`/findings`; reports and scores are made from it alone.
+"""
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import Field
+
+from hums.declared import Declared, closest
+from hums.findings import Finding, JudgedLine, Judge, Locality, findings
+from hums.gearbox import Gearbox
+from hums.kinematics import Kinematics, solve_kinematics
+from hums.orders import BEARING_KINDS, BearingOrders, bearing_orders
+from hums.record import (
+    channel_values,
+    check_record,
+    nominal_speed,
+    sampling,
+    tachometers,
+    vibration_channels,
+)
+from hums.search import (
+    ENVELOPE,
+    ORDER_SPECTRUM,
+    FoundLine,
+    SearchPlan,
+    Wanted,
+    envelope_sidebands,
+    search,
+    wanted_lines,
+)
+from hums.store import open_tree, write_tree
+from signals.averaging import residual_signal, synchronous_average
+from signals.envelope import envelope
+from signals.harmonics import OrderTracks, track_orders
+from signals.phase import ShaftPhase, constant_speed
+from signals.resampling import PASSBAND, AngularSignal, angular_resample
+from signals.spectra import AmplitudeSpectrum, order_spectrum
+from signals.tachometer import shaft_phase
+
+Analysis: TypeAlias = xr.DataTree
+SCHEMA = "hums-analysis/1"
+GROUPS = ("speed", ORDER_SPECTRUM, ENVELOPE, "tracks", "findings")
+_LEAST_ORDERS = 20.0  # a spectrum shows at least this many
+_MOST_TRACKS = 24
+_OUTPUTS_PER_BANDWIDTH = 8
+_MARGIN = 1.1  # of order beyond the last line looked for, plus one, so that its surroundings fit
+
+
+class AnalysisError(ValueError):
+    """A record, gearbox or setting that does not fit an analysis."""
+
+
+class AnalysisSettings(Declared):
+    """What an analyst decides; every default is written into the result.
+
+    Attributes
+    ----------
+    channels : names of vibration channels; default all.
+    envelope_band_hz : (low, high) of the band to demodulate. Without it no bearing line is searched.
+    false_alarm_probability : chance that noise alone raises any finding in the whole record.
+    harmonics : how many of each shaft, mesh and bearing rate are looked for.
+    sidebands : how many on either side of each mesh harmonic.
+    slip : how far a bearing line may lie from nominal, relative.
+    nominal_speed_tolerance : how far any line may lie from nominal where the speed is declared, not measured.
+    max_order : where the order spectrum ends; default a little above the last line looked for.
+    track_bandwidth_orders : full -3 dB width of the amplitude trackers.
+    """
+
+    channels: tuple[str, ...] | None = None
+    envelope_band_hz: tuple[float, float] | None = None
+    false_alarm_probability: Annotated[float, Field(gt=0, lt=1)] = 0.01
+    harmonics: Annotated[int, Field(ge=1, le=20)] = 3
+    sidebands: Annotated[int, Field(ge=0, le=20)] = 3
+    slip: Annotated[float, Field(gt=0, lt=0.2)] = 0.02
+    nominal_speed_tolerance: Annotated[float, Field(ge=0, lt=0.2)] = 0.02
+    max_order: Annotated[float, Field(gt=0)] | None = None
+    track_bandwidth_orders: Annotated[float, Field(gt=0)] = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Machine:
+    """What is known before any channel is read."""
+
+    kinematics: Kinematics
+    reference: str
+    bearings: tuple[BearingOrders, ...]
+    phase: ShaftPhase
+    tachometer_shaft: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Channel:
+    """One channel over angle: its spectra, the lines found in them, and what is out of reach."""
+
+    name: str
+    units: str
+    signal: AngularSignal
+    spectra: Mapping[str, AmplitudeSpectrum]
+    lines: tuple[FoundLine, ...]
+    beyond: tuple[Wanted, ...]
+
+
+def analyze(record: xr.Dataset, gearbox: Gearbox, *, settings: AnalysisSettings | None = None) -> Analysis:
+    """Analyse a record: which component of the gearbox makes which line, how large, how sure.
+
+    Parameters
+    ----------
+    record : xarray.Dataset
+        From `hums.open_record` or `hums.make_record`.
+    gearbox : Gearbox
+        With one degree of freedom; the record's tachometer (or declared speed) is on one of its links.
+    settings : AnalysisSettings, optional
+
+    Returns
+    -------
+    xarray.DataTree
+        Checked by `check_analysis`.
+
+    Raises
+    ------
+    AnalysisError
+        A channel that is not there, NaN in the signal, a shaft the gearbox does not have, a record shorter
+        than one revolution: with the name, the value, and what to do.
+    """
+    settings = settings or AnalysisSettings()
+    check_record(record)
+    machine = _machine(record, gearbox)
+    plan = SearchPlan(
+        harmonics=settings.harmonics,
+        sidebands=settings.sidebands,
+        slip=settings.slip,
+        speed_tolerance=settings.nominal_speed_tolerance if machine.phase.nominal else 0.0,
+        envelope=settings.envelope_band_hz is not None,
+    )
+    wanted = wanted_lines(machine.kinematics, plan)
+    channels = [_channel(record, name, machine, wanted, settings) for name in _chosen(record, settings)]
+    judge = Judge({b.name: b for b in machine.bearings}, settings.false_alarm_probability)
+    judged = judge.judge([line for channel in channels for line in channel.lines])
+    found = findings(judged, locality=_localities(record, machine, judged, settings))
+    tree = xr.DataTree.from_dict(
+        {
+            "/": xr.Dataset(attrs=_root_attrs(record, gearbox, machine, settings, channels)),
+            "/speed": _speed_dataset(machine),
+            f"/{ORDER_SPECTRUM}": _spectrum_dataset(channels, ORDER_SPECTRUM, judged),
+            f"/{ENVELOPE}": _spectrum_dataset(channels, ENVELOPE, judged),
+            "/tracks": _tracks_dataset(channels, machine.phase, judged, settings),
+            "/findings": _findings_dataset(found),
+        }
+    )
+    check_analysis(tree)
+    return tree
+
+
+def save_analysis(analysis: Analysis, path: str | Path) -> None:
+    """Write an analysis to one HDF5 file, beside and renamed."""
+    check_analysis(analysis)
+    write_tree(analysis, path)
+
+
+def open_analysis(path: str | Path) -> Analysis:
+    """Open an analysis that `save_analysis` wrote; values are read when used."""
+    tree = open_tree(path)
+    try:
+        check_analysis(tree)
+    except AnalysisError as error:
+        tree.close()
+        raise AnalysisError(f"{path}: {error}") from None
+    return tree
+
+
+def group(analysis: Analysis, name: str) -> xr.Dataset:
+    """Return one group of an analysis, such as ``"speed"``, as a dataset."""
+    return analysis.children[name].to_dataset(inherit=False)
+
+
+def check_analysis(tree: Analysis) -> None:
+    """Raise AnalysisError unless `tree` has the schema and groups of an analysis."""
+    if tree.attrs.get("schema") != SCHEMA:
+        raise AnalysisError(
+            f'this is not an analysis: its schema is {tree.attrs.get("schema")!r}, not "{SCHEMA}"; make one with '
+            "hums.analyze."
+        )
+    missing = [group for group in GROUPS if group not in tree.children]
+    if missing:
+        raise AnalysisError(f"this analysis lacks the groups {', '.join(missing)}; make it again with hums.analyze.")
+
+
+def _machine(record: xr.Dataset, gearbox: Gearbox) -> _Machine:
+    kinematics = solve_kinematics(gearbox)
+    if kinematics.dof != 1:
+        raise AnalysisError(
+            f'gearbox "{gearbox.name}" has {kinematics.dof} degrees of freedom; an analysis needs one, so that one '
+            "tachometer tells every speed. Fix the other inputs, for example by making them rigid with the frame."
+        )
+    if gearbox.reference is None:
+        raise AnalysisError(f'gearbox "{gearbox.name}" declares no reference shaft; add reference = "LINK".')
+    shaft, phase = _tachometer_phase(record)
+    if shaft not in kinematics.links:
+        raise AnalysisError(
+            f'the record\'s angle is of shaft "{shaft}", which gearbox "{gearbox.name}" does not have'
+            f"{closest(shaft, list(kinematics.links))}"
+        )
+    turns = kinematics.rates({shaft: 1})
+    ratio = sum(float(factor * turns[body]) for body, factor in kinematics.spin(gearbox.reference).items())
+    return _Machine(
+        kinematics=kinematics,
+        reference=gearbox.reference,
+        bearings=bearing_orders(kinematics),
+        phase=phase if abs(ratio) == 1 else phase.scaled(abs(ratio)),
+        tachometer_shaft=shaft,
+    )
+
+
+def _tachometer_phase(record: xr.Dataset) -> tuple[str, ShaftPhase]:
+    """Phase of the shaft that the record knows, from its first tachometer or its declared speed."""
+    names = tachometers(record)
+    if names:
+        pulses = record[names[0]]
+        times = channel_values(record, names[0])
+        try:
+            return pulses.attrs["shaft"], shaft_phase(times, pulses_per_rev=int(pulses.attrs["pulses_per_rev"]))
+        except ValueError as error:
+            raise AnalysisError(f'tachometer "{names[0]}": {error}') from None
+    declared = nominal_speed(record)
+    if declared is None:  # check_record has refused this already
+        raise AnalysisError("the record has no source of shaft angle.")
+    when = sampling(record, vibration_channels(record)[0])
+    stop = when.start_s + (when.count - 1) / when.rate_hz
+    return declared.attrs["shaft"], constant_speed(float(declared), start_s=when.start_s, stop_s=stop)
+
+
+def _chosen(record: xr.Dataset, settings: AnalysisSettings) -> tuple[str, ...]:
+    there = vibration_channels(record)
+    for name in settings.channels or ():
+        if name not in there:
+            raise AnalysisError(f'the record has no vibration channel "{name}"{closest(name, there)}')
+    return settings.channels or tuple(there)
+
+
+def _channel(
+    record: xr.Dataset, name: str, machine: _Machine, wanted: Sequence[Wanted], settings: AnalysisSettings
+) -> _Channel:
+    values = _finite_values(record, name)
+    when = sampling(record, name)
+    reach = PASSBAND / 2 * when.rate_hz / float(machine.phase.mean_speed_per_revolution_hz().max())
+    angular, spectra, lines, beyond = {}, {}, [], []
+    for spectrum in (ORDER_SPECTRUM, ENVELOPE):
+        mine = [line for line in wanted if line.spectrum == spectrum]
+        if spectrum == ENVELOPE:
+            if settings.envelope_band_hz is None:
+                continue
+            values = _demodulated(values, when.rate_hz, settings.envelope_band_hz, name)
+        last = _last_order(mine, settings.max_order if spectrum == ORDER_SPECTRUM else None, reach)
+        signal = _over_angle(values, record, name, machine.phase, last)
+        angular[spectrum] = signal
+        spectra[spectrum] = order_spectrum(signal, max_order=last)
+        units = record[name].attrs["units"]
+        found, out_of_reach = search(spectra[spectrum], mine, channel=name, units=units)
+        if spectrum == ENVELOPE:
+            found += _with_sidebands(spectra[spectrum], found, machine.bearings)
+        lines += found
+        beyond += out_of_reach
+    return _Channel(
+        name=name,
+        units=record[name].attrs["units"],
+        signal=angular[ORDER_SPECTRUM],
+        spectra=spectra,
+        lines=tuple(lines),
+        beyond=tuple(beyond),
+    )
+
+
+def _finite_values(record: xr.Dataset, name: str) -> NDArray[np.float64]:
+    values = np.asarray(channel_values(record, name), dtype=np.float64)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise AnalysisError(
+            f'channel "{name}" has {bad.size} samples that are not finite, the first at index {bad[0]} '
+            f"({sampling(record, name).start_s + bad[0] / sampling(record, name).rate_hz:g} s). Cut that part off with "
+            "record.isel(time=slice(...)), or leave the channel out with channels=(...)."
+        )
+    return values
+
+
+def _demodulated(
+    values: NDArray[np.float64], rate_hz: float, band_hz: tuple[float, float], name: str
+) -> NDArray[np.float64]:
+    try:
+        return envelope(values, rate_hz=rate_hz, band_hz=band_hz)
+    except ValueError as error:
+        raise AnalysisError(f'envelope of channel "{name}": {error}') from None
+
+
+def _last_order(wanted: Iterable[Wanted], stated: float | None, reach: float) -> float:
+    """Where a spectrum ends: as stated, or far enough for every line looked for and its surroundings."""
+    needed = _MARGIN * (max((line.order + line.tolerance for line in wanted), default=0.0) + 1.0)
+    return min(stated or max(needed, _LEAST_ORDERS), reach)
+
+
+def _over_angle(
+    values: NDArray[np.float64], record: xr.Dataset, name: str, phase: ShaftPhase, last_order: float
+) -> AngularSignal:
+    when = sampling(record, name)
+    try:
+        return angular_resample(
+            values,
+            rate_hz=when.rate_hz,
+            phase=phase,
+            samples_per_rev=2 * math.ceil(last_order / PASSBAND),
+            start_s=when.start_s,
+        )
+    except ValueError as error:
+        raise AnalysisError(f'channel "{name}": {error}') from None
+
+
+def _with_sidebands(
+    spectrum: AmplitudeSpectrum, lines: Sequence[FoundLine], bearings: Iterable[BearingOrders]
+) -> list[FoundLine]:
+    """Look beside every bearing fundamental for the sidebands its kind of defect makes."""
+    by_name = {bearing.name: bearing for bearing in bearings}
+    beside: list[FoundLine] = []
+    for line in lines:
+        if not line.wanted.fundamental:
+            continue
+        bearing = by_name[line.wanted.component]
+        spacing = {
+            "inner_race": bearing.inner_ring,
+            "outer_race": bearing.outer_ring,
+            "rolling_element": bearing.cage,
+        }.get(line.wanted.kind, 0.0)
+        wanted = envelope_sidebands(line, [abs(spacing)] if spacing else [])
+        beside += search(spectrum, wanted, channel=line.channel, units=line.units)[0]
+    return beside
+
+
+def _localities(
+    record: xr.Dataset, machine: _Machine, judged: Sequence[JudgedLine], settings: AnalysisSettings
+) -> dict[str, Locality]:
+    """Residual kurtosis of every gear that has a claimed sideband and turns about a fixed axis."""
+    best: dict[str, JudgedLine] = {}
+    for line in judged:
+        if line.claimed and line.found.wanted.kind == "tooth":
+            name = line.found.wanted.component
+            if name not in best or line.found.line.snr > best[name].found.line.snr:
+                best[name] = line
+    gears = {
+        f"{contact.mesh}/{link}": (link, abs(teeth))
+        for contact in machine.kinematics.contacts
+        for link, teeth in contact.gears
+        if contact.carrier == machine.kinematics.bodies[machine.kinematics.gearbox.frame]
+    }
+    return {
+        name: _locality(record, line.found.channel, machine, *gears[name], settings.harmonics)
+        for name, line in best.items()
+        if name in gears
+    }
+
+
+def _locality(record: xr.Dataset, channel: str, machine: _Machine, link: str, teeth: int, harmonics: int) -> Locality:
+    """Kurtosis (FM4 of Stewart 1977) of the residual: without mesh harmonics, their first sidebands, and 1x, 2x."""
+    ratio = abs(float(machine.kinematics.relative_speed(link, seen_from=machine.kinematics.gearbox.frame)))
+    when = sampling(record, channel)
+    phase = machine.phase.scaled(ratio)
+    reach = PASSBAND / 2 * when.rate_hz / float(machine.phase.mean_speed_per_revolution_hz().max()) / ratio
+    last = int(min((harmonics + 0.5) * teeth, reach))
+    average = synchronous_average(_over_angle(_finite_values(record, channel), record, channel, phase, last))
+    regular = [harmonic * teeth + side for harmonic in range(1, harmonics + 1) for side in (-1, 0, 1)]
+    residual = residual_signal(average, removed_orders=[1, 2, *regular], max_order=last)
+    power = float(np.mean(residual**2))
+    kurtosis = float(np.mean(residual**4)) / power**2 if power > 0 else 0.0
+    # 2 last independent values a turn; kurtosis of n Gaussian values: 3 +- sqrt(24 / n), four times that allowed
+    return Locality(kurtosis=kurtosis, limit=3 + 4 * math.sqrt(24 / (2 * last)))
+
+
+def _root_attrs(
+    record: xr.Dataset,
+    gearbox: Gearbox,
+    machine: _Machine,
+    settings: AnalysisSettings,
+    channels: Sequence[_Channel],
+) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA,
+        "record": Path(str(record.encoding.get("source", ""))).name or "record in memory",
+        "machine": record.attrs.get("machine", ""),
+        "recorded_at": record.attrs.get("recorded_at", ""),
+        "gearbox": gearbox.name,
+        "gearbox_json": gearbox.model_dump_json(exclude_none=True),
+        "reference": machine.reference,
+        "settings_json": settings.model_dump_json(),
+        "notes_json": json.dumps(_notes(machine, settings, channels)),
+    }
+
+
+def _notes(machine: _Machine, settings: AnalysisSettings, channels: Sequence[_Channel]) -> list[str]:
+    """Say what a reader must know before believing the rest."""
+    notes = []
+    if machine.phase.nominal:
+        notes.append(
+            f"The speed is nominal: declared for {machine.tachometer_shaft}, not measured. Lines are searched within "
+            f"{settings.nominal_speed_tolerance:.1%} of their nominal order and smear if the speed changed."
+        )
+    if settings.envelope_band_hz is None and machine.bearings:
+        notes.append(
+            "No envelope band was given, so no bearing line was searched. Choose a band with a resonance that the "
+            "bearing excites (envelope_band_hz, on the command line --envelope-band LOW HIGH)."
+        )
+    for channel in channels:
+        if channel.beyond:
+            names = sorted({f"{w.component} {w.kind}" for w in channel.beyond})
+            notes.append(
+                f'Channel "{channel.name}": {len(channel.beyond)} lines are out of reach, above what the sampling rate '
+                f"carries or in too short a record to judge: {', '.join(names)}."
+            )
+    return notes
+
+
+def _speed_dataset(machine: _Machine) -> xr.Dataset:
+    phase = machine.phase
+    speed = phase.mean_speed_per_revolution_hz()
+    middle = float(phase.revolutions[0]) + 0.5 + np.arange(speed.size)
+    return xr.Dataset(
+        {"speed_hz": ("revolution", speed, {"units": "rev s-1", "long_name": "mean over each revolution"})},
+        coords={"time_s": ("revolution", phase.times_at(middle), {"units": "s"})},
+        attrs={
+            "shaft": machine.reference,
+            "measured_on": machine.tachometer_shaft,
+            "nominal": int(phase.nominal),
+            "stripe_positions_rev": phase.stripe_positions_rev,
+        },
+    )
+
+
+def _spectrum_dataset(channels: Sequence[_Channel], group: str, judged: Sequence[JudgedLine]) -> xr.Dataset:
+    """Return the spectra of all channels on their common axis, and the table of lines beside them."""
+    table = _line_table([line for line in judged if line.found.wanted.spectrum == group])
+    spectra = [channel.spectra[group] for channel in channels if group in channel.spectra]
+    if not spectra:
+        return table
+    size = min(spectrum.axis.size for spectrum in spectra)
+    amplitude = np.stack([spectrum.amplitude[:size] for spectrum in spectra])
+    return (
+        table.assign(
+            amplitude=(("channel", "order"), amplitude, {"long_name": "peak amplitude"}),
+        )
+        .assign_coords(
+            channel=[channel.name for channel in channels],
+            units=("channel", [channel.units for channel in channels]),
+            order=("order", spectra[0].axis[:size], {"units": "cycles per revolution of the reference"}),
+        )
+        .assign_attrs(
+            window=spectra[0].window,
+            bin_width_orders=spectra[0].bin_width,
+            resolution_orders=spectra[0].resolution,
+        )
+    )
+
+
+def _line_table(lines: Sequence[JudgedLine]) -> xr.Dataset:
+    found, wanted, text = ([line.found.line for line in lines], [line.found.wanted for line in lines], "<U1")
+    columns: dict[str, NDArray[Any]] = {
+        "component": np.array([w.component for w in wanted], dtype=None if wanted else text),
+        "kind": np.array([w.kind for w in wanted], dtype=None if wanted else text),
+        "harmonic": np.array([w.harmonic for w in wanted], dtype=np.int64),
+        "sideband": np.array([w.sideband for w in wanted], dtype=np.int64),
+        "line_channel": np.array([line.found.channel for line in lines], dtype=None if lines else text),
+        "line_units": np.array([line.found.units for line in lines], dtype=None if lines else text),
+        "line_order": np.array([w.order for w in wanted], dtype=np.float64),
+        "order_found": np.array([f.found for f in found], dtype=np.float64),
+        "line_amplitude": np.array([f.amplitude for f in found], dtype=np.float64),
+        "line_amplitude_std": np.array([f.amplitude_std for f in found], dtype=np.float64),
+        "background": np.array([f.background for f in found], dtype=np.float64),
+        "snr": np.array([f.snr for f in found], dtype=np.float64),
+        "false_alarm_probability": np.array([line.false_alarm_probability for line in lines], dtype=np.float64),
+        "claimed": np.array([line.claimed for line in lines], dtype=np.int8),
+        "explained_by": np.array([line.explained_by for line in lines], dtype=None if lines else text),
+    }
+    return xr.Dataset({name: ("line", values) for name, values in columns.items()})
+
+
+def _tracks_dataset(
+    channels: Sequence[_Channel], phase: ShaftPhase, judged: Sequence[JudgedLine], settings: AnalysisSettings
+) -> xr.Dataset:
+    """Amplitude and phase, revolution by revolution, of the claimed lines that are locked to a shaft."""
+    merged: list[xr.Dataset] = []
+    for channel in channels:
+        lines = _tracked_lines([line for line in judged if line.found.channel == channel.name])
+        if lines:
+            merged.append(_channel_tracks(channel, phase, lines, settings))
+    if not merged:
+        return xr.Dataset()
+    return xr.concat(merged, dim="track", data_vars="minimal", coords="minimal", compat="override", join="override")
+
+
+def _tracked_lines(judged: Iterable[JudgedLine]) -> list[FoundLine]:
+    """Return the strongest claimed lines of the order spectrum, one an order, by ascending order."""
+    claimed = [line.found for line in judged if line.claimed and line.found.wanted.kind not in BEARING_KINDS]
+    locked = [line for line in claimed if line.wanted.spectrum == ORDER_SPECTRUM]
+    strongest = sorted(locked, key=lambda line: -line.line.snr)
+    chosen: list[FoundLine] = []
+    for line in strongest:
+        if all(abs(line.wanted.order - other.wanted.order) > line.bin_width for other in chosen):
+            chosen.append(line)
+    return sorted(chosen[:_MOST_TRACKS], key=lambda line: line.wanted.order)
+
+
+def _channel_tracks(
+    channel: _Channel, phase: ShaftPhase, lines: Sequence[FoundLine], settings: AnalysisSettings
+) -> xr.Dataset:
+    signal = channel.signal
+    per_rev = signal.samples_per_rev
+    orders = [line.line.found if phase.nominal else line.wanted.order for line in lines]
+    tracks = track_orders(
+        signal.values - signal.values.mean(),
+        phase_rad=signal.angle_rad,
+        orders=orders,
+        bandwidth_orders=settings.track_bandwidth_orders,
+        samples_per_rev=per_rev,
+        output_every=max(1, round(per_rev / (_OUTPUTS_PER_BANDWIDTH * settings.track_bandwidth_orders))),
+    )
+    tracks = _with_local_noise(tracks, channel, lines)
+    revolution = signal.start_rev + tracks.sample_index / per_rev
+    return xr.Dataset(
+        {
+            "complex_amplitude": (("track", "output"), tracks.complex_amplitude),
+            "std": (("track", "output"), tracks.std, {"long_name": "of the real and of the imaginary part"}),
+        },
+        coords={
+            "track_channel": ("track", [channel.name] * len(lines)),
+            "track_units": ("track", [channel.units] * len(lines)),
+            "track_order": ("track", np.asarray(orders, dtype=np.float64)),
+            "component": ("track", [line.wanted.component for line in lines]),
+            "kind": ("track", [line.wanted.kind for line in lines]),
+            "harmonic": ("track", [line.wanted.harmonic for line in lines]),
+            "sideband": ("track", [line.wanted.sideband for line in lines]),
+            "revolution": ("output", revolution),
+            "time_s": (
+                "output",
+                phase.times_at(np.minimum(revolution, phase.revolutions[-1])),
+                {"units": "s"},
+            ),
+        },
+        attrs={
+            "method": tracks.method,
+            "bandwidth_orders": settings.track_bandwidth_orders,
+            "poles": tracks.poles,
+        },
+    )
+
+
+def _with_local_noise(tracks: OrderTracks, channel: _Channel, lines: Sequence[FoundLine]) -> OrderTracks:
+    """Scale the uncertainty to the noise found beside each line: the tracker's own is the mean over all orders.
+
+    A Hann line of white noise with variance R has mean power 4 R ENBW / n, so the background tells R.
+    """
+    spectrum = channel.spectra[ORDER_SPECTRUM]
+    power = np.array([2 * line.line.amplitude_std**2 for line in lines])
+    local = power * channel.signal.values.size / (4 * spectrum.noise_bandwidth_bins)
+    return replace(tracks, std=tracks.std * np.sqrt(local / tracks.noise_variance)[:, None])
+
+
+def _findings_dataset(found: Sequence[Finding]) -> xr.Dataset:
+    text = ("component", "kind", "channel", "verdict", "evidence", "units")
+    numbers = ("false_alarm_probability", "snr", "order_found", "amplitude")
+    columns: dict[str, NDArray[Any]] = {
+        name: np.array([getattr(finding, name) for finding in found], dtype=None if found else "<U1") for name in text
+    }
+    columns |= {name: np.array([getattr(finding, name) for finding in found], dtype=np.float64) for name in numbers}
+    return xr.Dataset({name: ("finding", values) for name, values in columns.items()})

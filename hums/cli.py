@@ -1,0 +1,260 @@
+"""The command `hums`: parses, calls, prints; nothing else."""
+
+import sys
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+app = typer.Typer(
+    name="hums",
+    help="Order tracking for gearboxes: kinematics, records, analyses, reports, synthetic data.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+Out = Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")]
+Band = Annotated[
+    Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
+    typer.Option("--envelope-band", metavar="LOW HIGH", help="Band to demodulate, Hz."),
+]
+
+
+@app.command()
+def orders(
+    gearbox: Annotated[str, typer.Argument(help="A .toml file or a catalogue name.")],
+    reference: Annotated[str | None, typer.Option(help="Shaft whose revolutions orders count.")] = None,
+    speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeat.")] = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Print the defect orders of a gearbox."""
+    from hums.gearbox import load_gearbox  # noqa: PLC0415
+    from hums.orders import defect_orders  # noqa: PLC0415
+
+    speeds = dict(_speed(text) for text in speed) if speed else None
+    table = defect_orders(load_gearbox(gearbox), reference=reference, speeds=speeds)
+    fractions = table["exact"].map(str, na_action="ignore")
+    if csv:
+        typer.echo(table.to_csv(index=False), nl=False)
+    elif json:
+        typer.echo(table.assign(exact=fractions).to_json(orient="records"))
+    else:
+        plain = table.assign(exact=fractions.fillna("")).drop(columns="sidebands")
+        typer.echo(plain.to_string(index=False, formatters={"order": "{:.6f}".format}))
+
+
+@app.command()
+def convert(
+    source: Annotated[Path, typer.Argument(help="A .mat, .wav or .csv file.")],
+    target: Annotated[Path, typer.Argument(help="The record to write, .h5.")],
+    channel: Annotated[list[str], typer.Option(help="Vibration channel; repeat. Struct fields by dotted path.")],
+    units: Annotated[str | None, typer.Option(help='Units of the channels, such as g or "m s-2".')] = None,
+    rate_hz: Annotated[float | None, typer.Option(help="Samples a second.")] = None,
+    tach_times: Annotated[str | None, typer.Option(help="Variable that holds pulse times, s.")] = None,
+    tach_waveform: Annotated[str | None, typer.Option(help="Channel that holds a tachometer waveform.")] = None,
+    shaft_rpm: Annotated[float | None, typer.Option(help="Declared constant speed, rpm.")] = None,
+    shaft: Annotated[str | None, typer.Option(help="Shaft that the tachometer or the speed belongs to.")] = None,
+    pulses_per_rev: Annotated[int | None, typer.Option(help="Tachometer pulses a revolution.")] = None,
+    scale: Annotated[float, typer.Option(help="Factor from the file's numbers to the units.")] = 1.0,
+    machine: Annotated[str, typer.Option(help="Name of the machine.")] = "",
+    recorded_at: Annotated[str | None, typer.Option(help="Time of the record, ISO 8601 with offset.")] = None,
+) -> None:
+    """Turn another program's file into a record."""
+    from hums.readers import convert as read  # noqa: PLC0415
+    from hums.store import save_record  # noqa: PLC0415
+
+    record = read(
+        source,
+        channels=channel,
+        rate_hz=rate_hz,
+        units=units,
+        tach_times=tach_times,
+        tach_waveform=tach_waveform,
+        pulses_per_rev=pulses_per_rev,
+        shaft=shaft,
+        shaft_rpm=shaft_rpm,
+        scale=scale,
+        machine=machine,
+        recorded_at=recorded_at,
+    )
+    save_record(record, target)
+    typer.echo(f"wrote {target}")
+    _print_record(record)
+
+
+@app.command()
+def info(record: Annotated[Path, typer.Argument(help="A record, .h5.")]) -> None:
+    """Print what is inside a record."""
+    from hums.store import open_record  # noqa: PLC0415
+
+    with open_record(record) as opened:
+        _print_record(opened)
+
+
+@app.command()
+def analyze(
+    record: Annotated[Path, typer.Argument(help="A record, .h5.")],
+    gearbox: Annotated[str, typer.Option(help="A .toml file or a catalogue name.")],
+    out: Out,
+    envelope_band: Band = None,
+    channel: Annotated[list[str] | None, typer.Option(help="Channel to analyse; repeat. Default all.")] = None,
+    false_alarm_probability: Annotated[float, typer.Option(help="For the whole record.")] = 0.01,
+    max_order: Annotated[float | None, typer.Option(help="Where the order spectrum ends.")] = None,
+    track_bandwidth: Annotated[float | None, typer.Option(help="Bandwidth of amplitude tracks, orders.")] = None,
+) -> None:
+    """Analyse a record and write the report."""
+    from hums.analysis import AnalysisSettings  # noqa: PLC0415
+    from hums.analysis import analyze as run  # noqa: PLC0415
+    from hums.declared import validated  # noqa: PLC0415
+    from hums.gearbox import load_gearbox  # noqa: PLC0415
+    from hums.report import write_report  # noqa: PLC0415
+    from hums.store import open_record  # noqa: PLC0415
+    from hums.summary import summary  # noqa: PLC0415
+
+    chosen = {
+        "channels": tuple(channel) if channel else None,
+        "envelope_band_hz": envelope_band,
+        "false_alarm_probability": false_alarm_probability,
+        "max_order": max_order,
+        "track_bandwidth_orders": track_bandwidth,
+    }
+    stated = {name: value for name, value in chosen.items() if value is not None}
+    settings = validated(AnalysisSettings, stated, where="settings", error=ValueError)
+    with open_record(record) as opened:
+        analysis = run(opened, load_gearbox(gearbox), settings=settings)
+    page = write_report(analysis, out)
+    facts = summary(analysis)
+    for note in facts["notes"]:
+        typer.echo(f"note: {note}")
+    for finding in facts["findings"]:
+        kind = finding["kind"].replace("_", " ")
+        typer.echo(f"{finding['verdict']}: {finding['component']}, {kind}: {finding['evidence']}")
+    if not facts["findings"]:
+        typer.echo("nothing found")
+    typer.echo(f"report: {page}")
+
+
+@app.command()
+def synth(
+    scene: Annotated[str, typer.Argument(help="A scene, .toml, or a catalogue name.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The record to write, .h5.")],
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+) -> None:
+    """Make a synthetic record with its truth."""
+    from data_synth import simulate  # noqa: PLC0415
+    from hums.store import save_record  # noqa: PLC0415
+
+    record = simulate(scene, seed=seed)
+    save_record(record, out)
+    typer.echo(f"wrote {out}")
+    _print_record(record)
+
+
+@app.command()
+def demo(
+    out: Out = Path("hums-demo"),
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1,
+) -> None:
+    """Simulate a gearbox with a cracked tooth and an inner-race fault, analyse it, and compare with the truth."""
+    from data_synth import load_scene, simulate  # noqa: PLC0415
+    from hums.analysis import AnalysisSettings  # noqa: PLC0415
+    from hums.analysis import analyze as run  # noqa: PLC0415
+    from hums.gearbox import load_gearbox  # noqa: PLC0415
+    from hums.report import write_report  # noqa: PLC0415
+    from hums.score import score  # noqa: PLC0415
+    from hums.store import open_record, save_record  # noqa: PLC0415
+    from hums.summary import findings_table  # noqa: PLC0415
+
+    scene = load_scene("demo")
+    out.mkdir(parents=True, exist_ok=True)
+    save_record(simulate(scene, seed=seed), out / "record.h5")
+    with open_record(out / "record.h5") as record:
+        analysis = run(record, load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=DEMO_BAND_HZ))
+        result = score(analysis, record)
+    page = write_report(analysis, out)
+    typer.echo("Truth against estimate, peak amplitudes in g:")
+    columns = ["component", "kind", "order", "true_amplitude", "amplitude", "std", "normalised_rms"]
+    typer.echo(result.tracks[columns].to_string(index=False, float_format="{:.4f}".format))
+    typer.echo(f"\nError of each quadrature over its std, RMS of all: {result.normalised_rms:.3f} (1 is honest)\n")
+    typer.echo("Faults of the scene, and the verdict on each:")
+    typer.echo(result.faults.to_string(index=False))
+    typer.echo("\nFindings:")
+    for finding in findings_table(analysis).itertuples():
+        typer.echo(f"  {finding.verdict}: {finding.component}, {str(finding.kind).replace('_', ' ')}")
+    typer.echo(f"\nreport: {page.resolve()}")
+
+
+DEMO_BAND_HZ = (6000.0, 10000.0)
+
+
+def main() -> int:
+    """Run the command; a mistake of the user's ends in one sentence and exit code 2."""
+    with warnings.catch_warnings():
+        warnings.showwarning = _print_warning
+        try:
+            app(standalone_mode=False)
+        except typer.Exit as stop:
+            return stop.exit_code
+        except typer.Abort:
+            return 130
+        except (ValueError, OSError) as error:
+            typer.echo(f"hums: {error}", err=True)
+            return 2
+        except Exception as error:
+            if error.__class__.__module__.split(".")[0] not in {"click", "typer"}:
+                raise
+            error.show()  # type: ignore[attr-defined]
+            return 2
+    return 0
+
+
+def _print_warning(message: Warning | str, *_: object, **__: object) -> None:
+    typer.echo(f"warning: {message}", err=True)
+
+
+def _speed(text: str) -> tuple[str, float]:
+    link, separator, rpm = text.rpartition("=")
+    try:
+        return link, float(rpm)
+    except ValueError:
+        separator = ""
+    if not separator:
+        raise ValueError(f'--speed "{text}": write LINK=RPM, as in --speed "sun=1500".')
+    return link, 0.0
+
+
+def _print_record(record: "xr.Dataset") -> None:
+    from hums.record import nominal_speed, sampling, tachometers, vibration_channels  # noqa: PLC0415
+
+    for label, key in (("machine", "machine"), ("recorded at", "recorded_at")):
+        if record.attrs.get(key):
+            typer.echo(f"{label:<12} {record.attrs[key]}")
+    for name in vibration_channels(record):
+        when, attrs = sampling(record, name), record[name].attrs
+        where = ", ".join(str(attrs[key]) for key in ("sensor", "direction") if key in attrs)
+        typer.echo(
+            f"{'channel':<12} {name}: {when.count} samples at {when.rate_hz:g} Hz, {when.count / when.rate_hz:.3f} s from "
+            f"{when.start_s:g} s, in {attrs['units']}{', ' + where if where else ''}"
+        )
+    for name in tachometers(record):
+        attrs = record[name].attrs
+        typer.echo(
+            f"{'tachometer':<12} {name}: {record[name].size} pulses, {attrs['pulses_per_rev']} a revolution of "
+            f"{attrs['shaft']}"
+        )
+    declared = nominal_speed(record)
+    if declared is not None:
+        typer.echo(f"{'speed':<12} {float(declared) * 60:g} rpm of {declared.attrs['shaft']}, declared (nominal)")
+    truth = [str(name) for name in record.data_vars if str(name).startswith("truth_")]
+    if truth:
+        typer.echo(f"{'truth':<12} {', '.join(truth)}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,100 @@
+"""What every hand-written file has in common: strict, deeply frozen models and errors that read as sentences."""
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+M = TypeVar("M", bound="Declared")
+
+
+class Declared(BaseModel):
+    """A table of a hand-written file: no coercion, no unknown keys, nothing that can change later."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown_keys(cls, table: Any) -> Any:  # noqa: ANN401
+        if not isinstance(table, dict):
+            return table
+        valid = {field.alias or name for name, field in cls.model_fields.items()} | set(cls.model_fields)
+        for key in table:
+            if key not in valid:
+                raise ValueError(f'unknown key "{key}"{closest(str(key), valid)}')
+        return table
+
+    def changed(self, **values: object) -> Self:
+        """Return a validated copy with `values` in place of the fields they name."""
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self).model_validate(fields | values)
+
+
+def closest(word: str, valid: set[str] | list[str]) -> str:
+    """Return ``; did you mean "x"?`` or, where nothing is near, the list of what is valid."""
+    near = difflib.get_close_matches(word, sorted(valid), n=1)
+    if near:
+        return f'; did you mean "{near[0]}"?'
+    return f"; valid: {', '.join(sorted(valid))}"
+
+
+def frozen(value: Any) -> Any:  # noqa: ANN401
+    """Turn the lists of a parsed file into tuples, so that strict validation accepts them."""
+    if isinstance(value, dict):
+        return {key: frozen(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(frozen(item) for item in value)
+    return value
+
+
+def validated(model: type[M], table: dict[str, Any], *, where: str, error: type[ValueError]) -> M:
+    """Validate a parsed table; on failure raise `error` with one sentence for each thing that is wrong."""
+    try:
+        return model.model_validate(frozen(table))
+    except ValidationError as caught:
+        text = "; ".join(dict.fromkeys(_sentence(details) for details in _causes(caught.errors())))
+        raise error(f"{where}: {text}" + ("" if text.endswith("?") else ".")) from None
+
+
+def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
+    """Parse a TOML file, or raise `error` with the file's name and what is wrong with it."""
+    if path.is_dir():
+        raise error(f"{path} is a directory; name a .toml file in it.")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise error(f"{path}: there is no such file; check the path.") from None
+    except UnicodeDecodeError as caught:
+        raise error(f"{path} is not UTF-8 text (byte {caught.start}); save it as UTF-8.") from None
+    if not text.strip():
+        raise error(f"{path} is empty; it should declare its tables in TOML.")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as caught:
+        raise error(f"{path} is not valid TOML: {caught}.") from None
+
+
+def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:
+    """Leave out what only follows from an error further in, such as a list short of its refused items."""
+    places = [details["loc"] for details in errors]
+    return [
+        details
+        for details in errors
+        if details["type"] != "too_short"
+        or not any(
+            len(place) > len(details["loc"]) and place[: len(details["loc"])] == details["loc"] for place in places
+        )
+    ]
+
+
+def _sentence(details: ErrorDetails) -> str:
+    place = ".".join(str(part + 1) if isinstance(part, int) else part for part in details["loc"])
+    message = details["msg"].removeprefix("Value error, ").rstrip(".")
+    if details["type"] == "missing":
+        return f"{place} is missing"
+    if details["type"] == "value_error":
+        return f"{place}: {message}" if place else message
+    return f"{place} = {details['input']!r}: {message[0].lower()}{message[1:]}"

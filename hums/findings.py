@@ -1,0 +1,305 @@
+"""From lines to statements: which lines are real, which are another line's shadow, and what that means.
+
+The rule, fixed on the wind turbine and CWRU records:
+
+1. A line is *significant* when noise alone would reach it, anywhere among all the lines of the record that
+   can raise a finding, with less than the false-alarm probability of the settings.
+2. From the strongest (by level above its surroundings) downwards, a significant line is *claimed* unless it
+   lies within the main lobe (two bins) of a harmonic of a stronger claimed line, of its sideband by a ring's
+   rotation or the cage, or of a multiple of the cage rate which that line implies. The one race's rate is
+   itself such a multiple when the other's is known; there the weaker line is taken for a shadow only below a
+   third of the stronger, for comparable lines on both races mean something.
+3. Harmonics and sidebands of a bearing line are claimed with it, at the right spacing, and never alone.
+4. A claimed fundamental raises a finding. The finding is *diagnosed* when the line stands at least six times
+   above its surroundings, a harmonic or sideband at the right spacing supports it, and no other kind of
+   defect of the same bearing is within a factor of three; for a gear, when the residual of the synchronous
+   average shows that the disturbance is local. Otherwise it is *indicated*, and the evidence says why.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from hums.orders import BEARING_KINDS, BearingOrders
+from hums.search import ENVELOPE, FoundLine
+from signals.lines import record_probability
+
+DIAGNOSED, INDICATED = "diagnosed", "indicated"
+STRONG_SNR = 6.0
+RIVAL_FACTOR = 3.0
+SUPPORT_PROBABILITY = 0.01
+LOBE_BINS = 2.0
+_SHADOW_HARMONICS = 3
+_SHADOW_SIDEBANDS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgedLine:
+    """A found line with the verdict on it."""
+
+    found: FoundLine
+    false_alarm_probability: float
+    claimed: bool
+    explained_by: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Locality:
+    """How local in the revolution a gear's disturbance is: kurtosis of its residual, and its noise limit."""
+
+    kurtosis: float
+    limit: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One component with one kind of defect, the verdict, and the evidence in words."""
+
+    component: str
+    kind: str
+    channel: str
+    verdict: str
+    evidence: str
+    false_alarm_probability: float
+    snr: float
+    order_found: float
+    amplitude: float
+    units: str
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Applies the rule to the lines of one record."""
+
+    bearings: Mapping[str, BearingOrders]
+    false_alarm_probability: float
+
+    def judge(self, lines: Sequence[FoundLine]) -> list[JudgedLine]:
+        """Mark each line as claimed, explained by a stronger one, or neither; order as given."""
+        searches = max(1, sum(line.wanted.fundamental for line in lines))
+        chance = [record_probability(line.line.false_alarm_probability, searches=searches) for line in lines]
+        verdict = [
+            JudgedLine(found=line, false_alarm_probability=p, claimed=False)
+            for line, p in zip(lines, chance, strict=True)
+        ]
+        claimed: list[FoundLine] = []
+        significant = [i for i in range(len(lines)) if chance[i] < self.false_alarm_probability]
+        # a bearing's harmonics and sidebands come after all lines that can stand alone
+        for i in sorted(significant, key=lambda i: (_is_support(lines[i]), -lines[i].line.snr)):
+            line = lines[i]
+            if _is_support(line) and any(_supports(line, other) for other in claimed):
+                verdict[i] = replace(verdict[i], claimed=True)
+                continue
+            shadow = next((text for other in claimed if (text := self._shadow(line, other))), "")
+            verdict[i] = replace(verdict[i], claimed=not shadow and not _is_support(line), explained_by=shadow)
+            if verdict[i].claimed:
+                claimed.append(line)
+        return verdict
+
+    def _shadow(self, weaker: FoundLine, stronger: FoundLine) -> str:
+        """Say how `stronger` makes a line where `weaker` stands, or return an empty string."""
+        same_spectrum = weaker.wanted.spectrum == stronger.wanted.spectrum and weaker.channel == stronger.channel
+        if not same_spectrum or weaker.family == stronger.family:
+            return ""
+        base = stronger.line.found
+        name = f"{stronger.wanted.component} {stronger.wanted.kind}"
+        if weaker.wanted.kind in {"gear_mesh", "shaft"}:
+            return ""
+        if stronger.wanted.kind == "shaft":
+            base /= stronger.wanted.harmonic
+            multiple = round(weaker.line.found / base)
+            # Coupling and run-out reach any multiple in an envelope; but a gear's sidebands are multiples of its
+            # own shaft by nature, so there only the searched harmonics count.
+            reach = _SHADOW_HARMONICS if weaker.wanted.kind == "tooth" else multiple
+            near = 0 < multiple <= reach and _near(weaker, multiple * base)
+            return f"harmonic {multiple} of {name}" if near else ""
+        harmonics = 1 if stronger.wanted.kind == "tooth" else _SHADOW_HARMONICS
+        for harmonic in range(1, harmonics + 1):
+            if _near(weaker, harmonic * base):
+                return f"harmonic {harmonic} of {name}" if harmonic > 1 else f"coincides with {name}"
+        if stronger.wanted.kind not in BEARING_KINDS:
+            return ""
+        return self._bearing_shadow(weaker, stronger, name)
+
+    def _bearing_shadow(self, weaker: FoundLine, stronger: FoundLine, name: str) -> str:
+        order, bearing = weaker.line.found, self.bearings[stronger.wanted.component]
+        base = stronger.line.found / stronger.wanted.harmonic
+        cage = implied_cage(bearing, stronger.wanted.kind, base)
+        if cage:
+            multiple = round(order / cage)
+            races = {weaker.wanted.kind, stronger.wanted.kind} == {"inner_race", "outer_race"}
+            rival = races and not _is_support(weaker) and weaker.line.amplitude * RIVAL_FACTOR > stronger.line.amplitude
+            if 0 < multiple <= 2 * bearing.elements and _near(weaker, multiple * cage) and not rival:
+                return f"{multiple} times the cage rate implied by {name}"
+        spacings = {abs(bearing.inner_ring), abs(bearing.outer_ring), cage} - {0.0}
+        for harmonic in range(1, _SHADOW_HARMONICS + 1):
+            for spacing in spacings:
+                side = round((order - harmonic * base) / spacing)
+                if 0 < abs(side) <= _SHADOW_SIDEBANDS and _near(weaker, harmonic * base + side * spacing):
+                    return f"sideband {side:+d} x {spacing:.3g} of harmonic {harmonic} of {name}"
+        return ""
+
+
+def _is_support(line: FoundLine) -> bool:
+    """Whether a line only means something beside its fundamental: a bearing's harmonic or sideband."""
+    return line.wanted.kind in BEARING_KINDS and not line.wanted.fundamental
+
+
+def _supports(line: FoundLine, fundamental: FoundLine) -> bool:
+    """Whether a harmonic or sideband belongs to a fundamental: same family and channel, at the right spacing."""
+    if line.family != fundamental.family or line.channel != fundamental.channel or not fundamental.wanted.fundamental:
+        return False
+    if line.wanted.sideband:
+        return True  # it was looked for beside the found fundamental
+    return abs(line.line.found - line.wanted.harmonic * fundamental.line.found) <= (
+        line.wanted.harmonic * LOBE_BINS * line.bin_width
+    )
+
+
+def _near(line: FoundLine, order: float) -> bool:
+    return abs(line.line.found - order) <= LOBE_BINS * line.bin_width
+
+
+def implied_cage(bearing: BearingOrders, kind: str, order: float) -> float:
+    """Return the cage's rate against the outer ring that a race or cage line implies; 0 for other kinds."""
+    if kind == "outer_race":
+        return order / bearing.elements
+    if kind == "inner_race":
+        return bearing.relative - order / bearing.elements
+    return order if kind == "cage" and bearing.outer_ring == 0 else 0.0
+
+
+def findings(judged: Sequence[JudgedLine], *, locality: Mapping[str, Locality]) -> list[Finding]:
+    """Rank the claimed families: diagnosed before indicated, then by level above the surroundings.
+
+    Parameters
+    ----------
+    judged : sequence of JudgedLine
+        All lines of the record, all channels.
+    locality : mapping of gear component to Locality
+        For gears whose synchronous average could be made.
+    """
+    families: dict[tuple[str, str], list[JudgedLine]] = {}
+    for line in judged:
+        families.setdefault(line.found.family, []).append(line)
+    raised = {
+        family: lines
+        for family, lines in families.items()
+        if any(line.claimed and line.found.wanted.fundamental for line in lines)
+    }
+    statements = [
+        _bearing_finding(lines, raised) if kind in BEARING_KINDS else _gear_finding(lines, locality.get(component))
+        for (component, kind), lines in raised.items()
+    ]
+    return sorted(statements, key=lambda finding: (finding.verdict != DIAGNOSED, -finding.snr))
+
+
+def _main_line(lines: Sequence[JudgedLine]) -> JudgedLine:
+    fundamental = [line for line in lines if line.claimed and line.found.wanted.fundamental]
+    return max(fundamental, key=lambda line: line.found.line.snr)
+
+
+def _bearing_finding(lines: Sequence[JudgedLine], raised: Mapping[tuple[str, str], Sequence[JudgedLine]]) -> Finding:
+    main = _main_line(lines)
+    component, kind = main.found.family
+    channel = [line for line in lines if line.found.channel == main.found.channel]
+    support = _support(main, channel)
+    strength = _strength(channel)
+    rivals = [
+        other_kind
+        for (other, other_kind), other_lines in raised.items()
+        if other == component and other_kind != kind and _strength(other_lines) * RIVAL_FACTOR > strength
+    ]
+    doubts = []
+    if main.found.line.snr < STRONG_SNR:
+        doubts.append(
+            f"the line is only {main.found.line.snr:.1f} times its surroundings: it is there, but a line this weak "
+            "does not tell a fault from normal wear; compare with earlier and later records"
+        )
+    if not support:
+        doubts.append("no harmonic or sideband supports it")
+    if rivals:
+        doubts.append(
+            f"{' and '.join(_words(rival) for rival in rivals)} of the same bearing is as strong, "
+            "which one local defect would not make"
+        )
+    return _finding(main, support, doubts)
+
+
+def _support(main: JudgedLine, lines: Iterable[JudgedLine]) -> list[str]:
+    """Name the harmonics and sidebands beside a fundamental that noise would seldom make there."""
+    support = []
+    for line in lines:
+        wanted, found = line.found.wanted, line.found.line
+        if not _is_support(line.found) or not _supports(line.found, main.found):
+            continue
+        if found.false_alarm_probability <= SUPPORT_PROBABILITY:
+            name = f"sideband {wanted.sideband:+d}" if wanted.sideband else f"harmonic {wanted.harmonic}"
+            support.append(f"{name} at {found.found:.3f}")
+    return support
+
+
+def _strength(lines: Iterable[JudgedLine]) -> float:
+    return max(
+        (line.found.line.amplitude for line in lines if line.claimed and not line.found.wanted.sideband),
+        default=0.0,
+    )
+
+
+def _gear_finding(lines: Sequence[JudgedLine], locality: Locality | None) -> Finding:
+    main = _main_line(lines)
+    claimed = [line for line in lines if line.claimed and line.found.channel == main.found.channel]
+    others = [line for line in claimed if line is not main]
+    support = [f"{len(claimed)} sidebands of its mesh are claimed"] if others else []
+    doubts = []
+    if locality is None:
+        doubts.append("its synchronous average could not be made, so nothing shows that one tooth is at fault")
+    elif locality.kurtosis <= locality.limit:
+        doubts.append(
+            f"the residual of its synchronous average is not local (kurtosis {locality.kurtosis:.1f}, noise alone "
+            f"reaches {locality.limit:.1f}): run-out, misalignment or load variation make such sidebands too"
+        )
+    else:
+        support.append(
+            f"the residual of its synchronous average is local (kurtosis {locality.kurtosis:.1f}, noise alone reaches "
+            f"{locality.limit:.1f}), as one damaged tooth makes it"
+        )
+    if not others:
+        doubts.append("a single sideband stands alone")
+    if main.found.line.snr < STRONG_SNR:
+        doubts.append(f"the largest is only {main.found.line.snr:.1f} times its surroundings")
+    return _finding(main, support, doubts)
+
+
+def _finding(main: JudgedLine, support: Sequence[str], doubts: Sequence[str]) -> Finding:
+    found, wanted = main.found.line, main.found.wanted
+    where = (
+        "envelope line"
+        if wanted.spectrum == ENVELOPE
+        else f"sideband {wanted.sideband:+d} of mesh harmonic {wanted.harmonic}"
+    )
+    offset = found.found / wanted.order - 1
+    evidence = (
+        f"{where} at {found.found:.3f} orders (nominal {wanted.order:.3f}, {offset:+.1%}), {found.amplitude:.3g} "
+        f"{main.found.units}, {found.snr:.1f} times its surroundings"
+    )
+    if support:
+        evidence += "; supported by " + ", ".join(support)
+    if doubts:
+        evidence += "; not certain: " + "; ".join(doubts)
+    return Finding(
+        component=wanted.component,
+        kind=wanted.kind,
+        channel=main.found.channel,
+        verdict=INDICATED if doubts else DIAGNOSED,
+        evidence=evidence + ".",
+        false_alarm_probability=main.false_alarm_probability,
+        snr=found.snr if math.isfinite(found.snr) else 1e9,
+        order_found=found.found,
+        amplitude=found.amplitude,
+        units=main.found.units,
+    )
+
+
+def _words(kind: str) -> str:
+    return "the " + kind.replace("_", " ")

@@ -1,0 +1,388 @@
+"""The declared mechanism: links, axes, meshes and bearings of a gearbox, read from a TOML file.
+
+Teeth are signed so that every mesh obeys ``Z_i w_i + Z_j w_j = 0``, speeds along the declared axes and
+relative to the carrier. A minus marks an internal gear on a parallel mesh, and a gear on the negative
+side of the apex on a bevel mesh.
+"""
+
+import warnings
+from collections.abc import Mapping
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from hums.declared import Declared as Declared  # noqa: PLC0414
+from hums.declared import closest as closest  # noqa: PLC0414
+from hums.declared import read_toml as read_toml  # noqa: PLC0414
+from hums.declared import validated as validated  # noqa: PLC0414
+
+Vector = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Name = Annotated[str, Field(min_length=1)]
+X_AXIS: Vector = (1.0, 0.0, 0.0)
+_WHOLE = 0.0101  # a data sheet prints two decimals: inner + outer should be whole within the rounding of both
+
+
+class GearboxError(ValueError):
+    """A gearbox that cannot be read, or that is not a mechanism."""
+
+
+class GearboxWarning(UserWarning):
+    """A gearbox that can be solved but whose numbers deserve a second look."""
+
+
+class Axis(Declared):
+    """A level: the links that turn about one common line, and that line's direction."""
+
+    name: Name
+    links: Annotated[tuple[Name, ...], Field(min_length=2)]
+    direction: Vector | None = None
+    parallel_to: Name | None = None
+    through: Vector | None = None
+    copies: Annotated[int, Field(ge=2)] | None = None
+    spacing_deg: tuple[float, ...] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(set(self.links)) != len(self.links):
+            raise ValueError("a link is listed twice; list each link of the axis once")
+        if self.direction is not None and self.parallel_to is not None:
+            raise ValueError("direction and parallel_to are both given; keep one")
+        if self.direction is not None and not _is_direction(self.direction):
+            raise ValueError(f"direction = {list(self.direction)} is no direction; give a finite, non-zero vector")
+        if self.spacing_deg is not None and len(self.spacing_deg) != (self.copies or 1):
+            raise ValueError(f"spacing_deg has {len(self.spacing_deg)} angles for {self.copies or 1} copies")
+        return self
+
+    def instances(self) -> tuple[str, ...]:
+        """Return the names of the axes this one stands for: itself, or its numbered copies."""
+        return tuple(f"{self.name} {number + 1}" for number in range(self.copies or 0)) or (self.name,)
+
+
+class Gear(Declared):
+    """One gear of a mesh: the link that carries its teeth, and their signed number."""
+
+    link: Name
+    teeth: int
+
+
+class Mesh(Declared):
+    """Two gears in contact, or one gear whose mate is unknown."""
+
+    name: Name
+    gears: Annotated[tuple[Gear, ...], Field(min_length=1, max_length=2)]
+    carrier: Name | None = None
+    module_mm: Positive | None = None
+    face_width_mm: Positive | None = None
+    pressure_angle_deg: Positive | None = None
+    helix_angle_deg: float | None = None
+    profile_shift: tuple[float, ...] | None = None
+    pitch_angle_deg: tuple[float, ...] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _teeth_to_gears(cls, table: Any) -> Any:  # noqa: ANN401
+        """Read ``teeth = { sun = 27, planet = 36 }`` and name the mesh after its gears."""
+        if not isinstance(table, dict) or "gears" in table:
+            return table
+        table = dict(table)
+        valid = {*cls.model_fields, "teeth"} - {"gears"}
+        for key in table:
+            if key not in valid:
+                raise ValueError(f'unknown key "{key}"{closest(str(key), valid)}')
+        teeth = table.pop("teeth", None)
+        if not isinstance(teeth, dict) or not teeth:
+            raise ValueError(f"teeth = {teeth!r}: write teeth = {{ pinion = 20, wheel = 41 }}")
+        table["gears"] = tuple({"link": link, "teeth": count} for link, count in teeth.items())
+        table.setdefault("name", "-".join(teeth) if len(teeth) > 1 else f"{next(iter(teeth))}-unknown")
+        return table
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for gear in self.gears:
+            if gear.teeth == 0:
+                raise ValueError(f'gear "{gear.link}" has 0 teeth; give a count, minus for an internal gear')
+        if len(self.gears) == 1 and self.carrier is None:
+            raise ValueError(
+                f'mesh "{self.name}" has one gear, so its carrier cannot be found; add carrier = "..." '
+                "(the link in which the contact point rests)"
+            )
+        return self
+
+
+class Multiples(Declared):
+    """Defect rates of a bearing as a data sheet prints them, per turn of one ring against the other."""
+
+    inner: Positive
+    outer: Positive
+    cage: Positive
+    element_spin: Positive | None = None
+    element_defect: Positive | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_ball(cls, table: Any) -> Any:  # noqa: ANN401
+        if isinstance(table, dict):
+            for word in ("ball", "roller", "element"):
+                if word in table:
+                    raise ValueError(
+                        f'"{word}" is ambiguous; say element_spin (BSF: one turn of the element) '
+                        "or element_defect (twice that: the defect meets both races)"
+                    )
+        return table
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.element_spin is None) == (self.element_defect is None):
+            raise ValueError("give exactly one of element_spin and element_defect")
+        if round(self.inner + self.outer) < 2:  # noqa: PLR2004
+            raise ValueError(
+                f"inner {self.inner:g} + outer {self.outer:g} is the number of elements, at least 2; "
+                "give both per turn of one ring against the other"
+            )
+        return self
+
+    @property
+    def defect(self) -> float:
+        """Rate at which one spot of a rolling element meets a race, twice its spin."""
+        return self.element_defect if self.element_defect is not None else 2 * (self.element_spin or 0.0)
+
+
+class Bearing(Declared):
+    """A rolling bearing between two links, by geometry or by a data sheet's multiples."""
+
+    names: Annotated[tuple[Name, ...], Field(min_length=1)]
+    inner_ring: Name
+    outer_ring: Name
+    elements: Annotated[int, Field(ge=2)] | None = None
+    element_diameter_mm: Positive | None = None
+    pitch_diameter_mm: Positive | None = None
+    contact_angle_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0
+    multiples: Multiples | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_name(cls, table: Any) -> Any:  # noqa: ANN401
+        """Accept ``name = "x"`` for ``names = ["x"]``."""
+        if isinstance(table, dict) and "name" in table and "names" not in table:
+            table = dict(table)
+            table["names"] = (table.pop("name"),)
+        return table
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        geometry = (self.element_diameter_mm, self.pitch_diameter_mm)
+        if self.multiples is not None and geometry != (None, None):
+            raise ValueError("both multiples and diameters are given; keep one")
+        if self.multiples is None and (None in geometry or self.elements is None):
+            raise ValueError(
+                "give elements, element_diameter_mm and pitch_diameter_mm, or "
+                "multiples = { inner = ..., outer = ..., element_spin = ..., cage = ... }"
+            )
+        diameter, pitch = geometry
+        if diameter is not None and pitch is not None and diameter >= pitch:
+            raise ValueError(f"element_diameter_mm = {diameter} is not below pitch_diameter_mm = {pitch}")
+        return self
+
+
+class Gearbox(Declared):
+    """A mechanism of links, axes, meshes and bearings. Built by `load_gearbox` or `Gearbox.from_toml`."""
+
+    name: Name
+    frame: Name
+    reference: Name | None = None
+    rigid: tuple[tuple[Name, ...], ...] = ()
+    axes: Annotated[tuple[Axis, ...], Field(min_length=1)]
+    meshes: tuple[Mesh, ...] = Field(default=(), alias="mesh")
+    bearings: tuple[Bearing, ...] = Field(default=(), alias="bearing")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tables_to_axes(cls, table: Any) -> Any:  # noqa: ANN401
+        """Read ``[axes] main = [...]`` and ``planet = { links = [...], copies = 3 }``."""
+        if isinstance(table, dict) and isinstance(table.get("axes"), dict):
+            axes = tuple(
+                {"name": name, **body} if isinstance(body, dict) else {"name": name, "links": body}
+                for name, body in table["axes"].items()
+            )
+            table = table | {"axes": axes}
+        return table
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        known = {link for axis in self.axes for link in axis.links} | {x for group in self.rigid for x in group}
+        for link, user in self._mentions():
+            if link not in known:
+                raise ValueError(
+                    f'{user} names the link "{link}", which is on no axis{closest(link, known)}'
+                    if user != "frame"
+                    else f'frame = "{link}" is on no axis{closest(link, known)}'
+                )
+        for kind, names in (
+            ("axis", [axis.name for axis in self.axes]),
+            ("mesh", [mesh.name for mesh in self.meshes]),
+            ("bearing", [name for bearing in self.bearings for name in bearing.names]),
+        ):
+            twice = {name for name in names if names.count(name) > 1}
+            if twice:
+                raise ValueError(f'two of kind {kind} are called "{min(twice)}"; add name = "..." to tell them apart')
+        self._check_copies()
+        axis_names = {axis.name for axis in self.axes}
+        for axis in self.axes:
+            if axis.parallel_to is not None and axis.parallel_to not in axis_names - {axis.name}:
+                raise ValueError(f'axis "{axis.name}": parallel_to = "{axis.parallel_to}" is no other axis')
+        for axis in self.axes:
+            self.direction(axis.name)  # refuses a circle of parallel_to
+        return self
+
+    def _check_copies(self) -> None:
+        copied = self.copied
+        for link, copies in copied.items():
+            counts = {axis.copies for axis in self.axes if link in axis.links}
+            if len(counts) > 1:
+                raise ValueError(f'"{link}" is on axes with {copies} and {max(c or 1 for c in counts)} copies; use one')
+        groups = [(f'mesh "{mesh.name}"', [gear.link for gear in mesh.gears]) for mesh in self.meshes]
+        groups += [("rigid", list(group)) for group in self.rigid]
+        for user, links in groups:
+            several = {copied[link]: link for link in links if link in copied}
+            if len(several) > 1:
+                found = " and ".join(f'"{link}" of {copies} copies' for copies, link in sorted(several.items()))
+                raise ValueError(f"{user} joins {found}; each copy needs its own mate, so give both the same copies")
+        for kind, names in (
+            ("link", list(self.links)),
+            ("axis", [name for axis in self.axes for name in axis.instances()]),
+        ):
+            twice = {name for name in names if names.count(name) > 1}
+            if twice:
+                raise ValueError(f'the {kind} "{min(twice)}" has the name of a numbered copy; call it otherwise')
+
+    def _mentions(self) -> list[tuple[str, str]]:
+        mentions = [(self.frame, "frame")]
+        if self.reference is not None:
+            mentions.append((self.reference, "reference"))
+        for mesh in self.meshes:
+            mentions += [(gear.link, f'mesh "{mesh.name}"') for gear in mesh.gears]
+            mentions += [(mesh.carrier, f'mesh "{mesh.name}"')] if mesh.carrier else []
+        for bearing in self.bearings:
+            mentions += [(ring, f'bearing "{bearing.names[0]}"') for ring in (bearing.inner_ring, bearing.outer_ring)]
+        return mentions
+
+    @classmethod
+    def from_mapping(cls, table: Mapping[str, Any], *, where: str = "gearbox") -> "Gearbox":
+        """Validate a parsed gearbox file; `where` names it in errors. Warns of numbers that do not add up."""
+        gearbox = validated(cls, dict(table), where=where, error=GearboxError)
+        for bearing in gearbox.bearings:
+            _warn_of_rounding(bearing)
+        return gearbox
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> "Gearbox":
+        """Read a gearbox file; without ``name`` in it, the gearbox is called like the file."""
+        path = Path(path)
+        return cls.from_mapping({"name": path.stem} | read_toml(path, error=GearboxError), where=str(path))
+
+    @property
+    def copied(self) -> dict[str, int]:
+        """Links that exist several times, with how often: those on axes with ``copies`` and on no other axis.
+
+        A link on no axis exists as often as the links it is rigid with.
+        """
+        single = {link for axis in self.axes if axis.copies is None for link in axis.links}
+        copied = {
+            link: axis.copies
+            for axis in self.axes
+            if axis.copies is not None
+            for link in axis.links
+            if link not in single
+        }
+        for group in self.rigid * len(self.rigid):  # as often as a chain of groups can be long
+            counts = {copied.get(link) for link in group if link in copied or link in single}
+            if len(counts) == 1 and None not in counts:
+                copied |= dict.fromkeys(group, counts.pop())
+        return copied
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Names of all links, copies expanded to ``planet 1`` ... ``planet n``, in the order of declaration."""
+        declared = dict.fromkeys(
+            [link for axis in self.axes for link in axis.links] + [link for group in self.rigid for link in group]
+        )
+        return tuple(name for link in declared for name in self.instances(link))
+
+    def instances(self, link: str) -> tuple[str, ...]:
+        """Return the names a declared link stands for: itself, or its numbered copies."""
+        if link in self.copied:
+            return tuple(f"{link} {number + 1}" for number in range(self.copied[link]))
+        return (link,)
+
+    def direction(self, axis_name: str) -> Vector:
+        """Return the unit vector of an axis; x where nothing else is declared."""
+        axis = next(axis for axis in self.axes if axis.name == axis_name)
+        seen = {axis.name}
+        while axis.parallel_to is not None:
+            axis = next(other for other in self.axes if other.name == axis.parallel_to)
+            if axis.name in seen:
+                raise GearboxError(
+                    f'axis "{axis_name}": parallel_to leads round in a circle ({", ".join(sorted(seen))}); '
+                    "give one of them a direction."
+                )
+            seen.add(axis.name)
+        vector = np.asarray(axis.direction or X_AXIS, dtype=float)
+        x, y, z = (vector / np.linalg.norm(vector)).tolist()
+        return (x, y, z)
+
+
+def load_gearbox(name_or_path: str | Path) -> Gearbox:
+    """Load a gearbox from a TOML file or, by its name, from the catalogue that ships with the package.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Path of a ``.toml`` file, or a catalogue name such as ``"two-stage"``.
+
+    Raises
+    ------
+    GearboxError
+        With one sentence that names the thing, its value, what was needed and what to do.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".toml" or path.exists():
+        return Gearbox.from_toml(path)
+    shipped = catalogue()
+    if str(name_or_path) in shipped:
+        return Gearbox.from_toml(shipped[str(name_or_path)])
+    raise GearboxError(
+        f'"{name_or_path}" is neither a .toml file nor a gearbox of the catalogue'
+        f"{closest(str(name_or_path), set(shipped))}"
+    )
+
+
+def catalogue() -> dict[str, Path]:
+    """Return the gearboxes that ship with the package: name -> file."""
+    folder = Path(str(files("hums"))) / "catalogue"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def _warn_of_rounding(bearing: Bearing) -> None:
+    """Inner and outer multiple of a rolling bearing add up to its whole number of elements."""
+    if bearing.multiples is None:
+        return
+    inner, outer = bearing.multiples.inner, bearing.multiples.outer
+    total = inner + outer
+    elements = bearing.elements or round(total)
+    if abs(total - elements) > _WHOLE:
+        warnings.warn(
+            f'bearing "{bearing.names[0]}": inner {inner:g} + outer {outer:g} = {total:g}, not a whole number of '
+            f"elements ({elements}); the data sheet rounds, so expect its lines up to {abs(total / elements - 1):.1%} "
+            "from nominal.",
+            GearboxWarning,
+            stacklevel=4,
+        )
+
+
+def _is_direction(vector: Vector) -> bool:
+    return bool(np.all(np.isfinite(vector)) and np.linalg.norm(vector) > 0)

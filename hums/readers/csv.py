@@ -1,0 +1,75 @@
+"""CSV files: columns named by a header line, or counted where there is none."""
+
+import warnings
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hums.record import RecordError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["read"]
+
+_ENCODING = "utf-8-sig"  # spreadsheets put a mark in front
+_SEPARATORS = ",;\t"
+
+
+def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
+    """Read the columns, (n,) each, under the names of the header or as "column 1", "column 2", ...
+
+    Separated by commas, semicolons or tabs. Between semicolons, a comma in a number is its decimal point.
+    """
+    import pandas as pd  # noqa: PLC0415
+
+    first, second = _first_lines(path)
+    separator = max(_SEPARATORS, key=first.count)
+    decimal = "," if separator == ";" and "," in (second or first) else "."
+    headless = all(_is_number(cell.replace(decimal, ".")) for cell in first.split(separator))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header: data lost
+            table = pd.read_csv(
+                path,
+                sep=separator,
+                decimal=decimal,
+                header=None if headless else 0,
+                index_col=False,
+                skipinitialspace=True,
+                low_memory=False,
+                encoding=_ENCODING,
+                encoding_errors="replace",
+            )
+    except (ValueError, pd.errors.ParserWarning) as error:
+        raise RecordError(
+            f"{path} does not read as a table ({error}). Every row needs the columns of the first."
+        ) from error
+    names = [f"column {number}" if headless else str(name).strip() for number, name in enumerate(table, 1)]
+    return {name: _column(table.iloc[:, place]) for place, name in enumerate(names)}
+
+
+def _first_lines(path: Path) -> tuple[str, str]:
+    with path.open(encoding=_ENCODING, errors="replace") as stream:
+        lines = [line.strip("\r\n") for line in islice(filter(str.strip, stream), 2)]
+    return (*lines, "", "")[0], (*lines, "", "")[1]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.strip().strip('"'))
+    except ValueError:
+        return False
+    return True
+
+
+def _column(column: "pd.Series") -> NDArray[np.generic] | str:
+    import pandas as pd  # noqa: PLC0415
+
+    if pd.api.types.is_numeric_dtype(column):
+        return column.to_numpy()
+    wrong = column[pd.to_numeric(column, errors="coerce").isna() & column.notna()]
+    return f'text, "{wrong.iloc[0]}" in row {wrong.index[0] + 1}'

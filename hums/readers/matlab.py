@@ -1,0 +1,96 @@
+"""MATLAB files: v4 to v7 through scipy, v7.3, which is HDF5, through the store."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hums.record import RecordError
+from hums.store import is_hdf5, open_hdf5
+
+__all__ = ["read"]
+
+Field = NDArray[np.generic] | str
+
+_CLASSES = {"char": "text", "cell": "a cell array", "function_handle": "a function", "struct": "a struct array"}
+
+
+def read(path: Path) -> dict[str, Field]:
+    """Read every variable, the fields of structs under dotted names.
+
+    Returns
+    -------
+    dict
+        By name, an array in MATLAB's shape, or what the variable is when it is not numeric.
+    """
+    return _read_hdf5(path) if is_hdf5(path) else _read_classic(path)
+
+
+# ---- v4 to v7 ----------------------------------------------------------------------------------------------
+
+
+def _read_classic(path: Path) -> dict[str, Field]:
+    from scipy.io import loadmat  # noqa: PLC0415
+
+    try:
+        contents = loadmat(path)
+    except Exception as error:  # a parser of binary trust fails on broken bytes in any way it likes
+        raise RecordError(
+            f"{path} is no MATLAB file, or damaged ({error}). Copy it again, or save it again in MATLAB."
+        ) from error
+    return {
+        name: field
+        for key, value in contents.items()
+        if not key.startswith("__")
+        for name, field in _classic_fields(key, value)
+    }
+
+
+def _classic_fields(name: str, value: Any) -> Iterator[tuple[str, Field]]:  # noqa: ANN401
+    if not isinstance(value, np.ndarray):
+        yield name, "a sparse matrix" if hasattr(value, "tocsc") else "an object"
+    elif value.dtype.names and value.size == 1 and value.dtype.hasobject:
+        for field in value.dtype.names:
+            yield from _classic_fields(f"{name}.{field}", value.reshape(-1)[0][field])
+    elif value.dtype.names:
+        yield name, "a struct array"
+    else:
+        other = {"O": "a cell array", "U": "text", "S": "text", "c": "complex numbers"}
+        yield name, other.get(value.dtype.kind, "empty" if value.size == 0 else value)
+
+
+# ---- v7.3 --------------------------------------------------------------------------------------------------
+
+
+def _read_hdf5(path: Path) -> dict[str, Field]:
+    try:
+        with open_hdf5(path) as contents:
+            return dict(_hdf5_fields("", contents))
+    except (OSError, RuntimeError, KeyError) as error:
+        raise RecordError(f"{path} is damaged ({error}). Copy it again, or save it again in MATLAB.") from error
+
+
+def _hdf5_fields(prefix: str, group: Any) -> Iterator[tuple[str, Field]]:  # noqa: ANN401
+    for key, item in group.items():
+        if key.startswith("#"):  # where MATLAB keeps what cells refer to
+            continue
+        name = f"{prefix}{key}"
+        if hasattr(item, "items"):
+            yield from _hdf5_fields(f"{name}.", item)
+        else:
+            yield name, _hdf5_field(item)
+
+
+def _hdf5_field(item: Any) -> Field:  # noqa: ANN401
+    matlab_class = item.attrs.get("MATLAB_class", b"")
+    matlab_class = matlab_class.decode() if isinstance(matlab_class, bytes) else str(matlab_class)
+    if item.attrs.get("MATLAB_empty", 0) or item.size == 0:
+        return "empty"
+    if item.dtype.names:
+        return "complex numbers"
+    if matlab_class in _CLASSES or item.dtype.kind not in "biuf":
+        return _CLASSES.get(matlab_class, "a struct array" if not matlab_class else f"a {matlab_class}")
+    values: NDArray[np.generic] = item[()]
+    return values.T  # MATLAB counts the first axis fastest

@@ -1,0 +1,133 @@
+"""An analysis becomes one self-contained HTML page, and the tables beside it."""
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from importlib.resources import files
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any
+
+import xarray as xr
+from jinja2 import Environment, StrictUndefined
+
+from hums.analysis import Analysis, check_analysis, group, save_analysis
+from hums.findings import DIAGNOSED
+from hums.plots import plot_spectrum, plot_speed, plot_tracks, svg
+from hums.search import ENVELOPE, ORDER_SPECTRUM
+from hums.summary import line_table, summary
+
+
+def write_report(analysis: Analysis, folder: str | Path) -> Path:
+    """Write ``report.html``, ``analysis.h5``, ``orders.csv`` and ``summary.json`` into a folder.
+
+    Each file is written beside and renamed. Returns the path of the page.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is a file; name a folder for the report.")
+    folder.mkdir(parents=True, exist_ok=True)
+    save_analysis(analysis, folder / "analysis.h5")
+    _write_text(folder / "summary.json", json.dumps(summary(analysis), indent=1, allow_nan=False) + "\n")
+    tables = [line_table(analysis, name).assign(spectrum=name) for name in (ORDER_SPECTRUM, ENVELOPE)]
+    rows = [table.to_csv(index=False, header=number == 0) for number, table in enumerate(tables)]
+    _write_text(folder / "orders.csv", "".join(rows))
+    page = folder / "report.html"
+    _write_text(page, render(analysis))
+    return page
+
+
+def render(analysis: Analysis) -> str:
+    """Return the page: text and tables, figures as SVG inside it, no script and nothing to fetch."""
+    check_analysis(analysis)
+    template = (files("hums.report") / "page.html").read_text(encoding="utf-8")
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["words"] = lambda kind: str(kind).replace("_", " ")
+    environment.filters["chance"] = _chance
+    facts = summary(analysis)
+    return environment.from_string(template).render(
+        facts=facts,
+        diagnosed=[finding for finding in facts["findings"] if finding["verdict"] == DIAGNOSED],
+        indicated=[finding for finding in facts["findings"] if finding["verdict"] != DIAGNOSED],
+        faint=_faint(facts),
+        components=_components(facts),
+        figures=list(_figures(analysis)),
+    )
+
+
+def _figures(analysis: Analysis) -> Iterator[dict[str, str]]:
+    """Title, caption and SVG of every figure."""
+    speed = group(analysis, "speed")
+    yield _figure("Speed", "Mean over each revolution.", lambda ax: plot_speed(speed, ax=ax), height=2.4)
+    for name, title in ((ORDER_SPECTRUM, "Order spectrum"), (ENVELOPE, "Envelope order spectrum")):
+        dataset = group(analysis, name)
+        for channel in _channels(dataset):
+            yield _figure(
+                f"{title}, {channel}",
+                f"{dataset.attrs['window'].capitalize()} window, resolution {dataset.attrs['resolution_orders']:.2g} "
+                "orders. Dots: claimed lines. Ticks: lines looked for and not claimed.",
+                lambda ax, dataset=dataset, channel=channel: plot_spectrum(dataset, channel=channel, ax=ax),
+            )
+    tracks = group(analysis, "tracks")
+    for channel in dict.fromkeys(tracks["track_channel"].to_numpy().tolist()) if "track" in tracks.sizes else []:
+        yield _figure(
+            f"Amplitude tracks, {channel}",
+            f"The largest lines by Kalman smoother, bandwidth {tracks.attrs['bandwidth_orders']:g} orders; bands are "
+            "two standard deviations.",
+            lambda ax, channel=channel: plot_tracks(tracks, channel=channel, ax=ax),
+        )
+
+
+def _figure(title: str, caption: str, draw: Callable[..., object], **size: float) -> dict[str, str]:
+    return {"title": title, "caption": caption, "svg": svg(draw, **size)}
+
+
+def _channels(dataset: xr.Dataset) -> list[str]:
+    return [str(name) for name in dataset["channel"].to_numpy()] if "channel" in dataset.coords else []
+
+
+def _components(facts: dict[str, Any]) -> list[dict[str, Any]]:
+    """One row a component, kind and channel: its strongest line as it was looked for."""
+    best: dict[tuple[str, str, str], dict[str, Any]] = {}
+    for row in [*facts["orders"], *(row for row in facts["envelope"] if row["kind"] != "shaft")]:
+        key = (row["component"], row["kind"], row["channel"])
+        if key not in best or _weight(row) > _weight(best[key]):
+            best[key] = row
+    return list(best.values())
+
+
+def _weight(row: dict[str, Any]) -> tuple[bool, bool, float]:
+    """Claimed lines first, then the fundamental, then the strongest."""
+    return row["claimed"], row["harmonic"] == 1 and row["sideband"] == 0, row["snr"]
+
+
+def _faint(facts: dict[str, Any]) -> list[dict[str, Any]]:
+    """Bearing fundamentals that stand out and yet are not claimed: reported, not diagnosed."""
+    return [
+        row
+        for row in facts["envelope"]
+        if row["harmonic"] == 1
+        and row["sideband"] == 0
+        and row["kind"] != "shaft"
+        and not row["claimed"]
+        and (row["explained_by"] or row["false_alarm_probability"] < 0.5)  # noqa: PLR2004
+    ]
+
+
+def _chance(probability: float) -> str:
+    if probability < 1e-6:  # noqa: PLR2004
+        return "below one in a million"
+    return f"{probability:.2g}"
+
+
+def _write_text(path: Path, text: str) -> None:
+    """Write beside and rename, so a crash leaves the old file whole."""
+    with NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False) as part:
+        try:
+            part.write(text)
+            part.flush()
+            os.fsync(part.fileno())
+            Path(part.name).replace(path)
+        except BaseException:
+            Path(part.name).unlink(missing_ok=True)
+            raise

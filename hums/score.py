@@ -1,0 +1,116 @@
+"""An analysis of a synthetic record against the truth the record carries."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from hums.analysis import Analysis, AnalysisError, group
+from hums.findings import DIAGNOSED
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_SAME_ORDER = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """Truth against estimate.
+
+    Attributes
+    ----------
+    tracks : one row a tracked order: component, kind, order, true and estimated mean amplitude, their `std`, and
+        the RMS of the error of each quadrature over `std`.
+    normalised_rms : RMS over all tracks and outputs of the error of each quadrature over its `std`; 1 when the
+        stated uncertainty is the real one.
+    faults : one row a fault of the scene: component, kind, and the verdict on it ("missed" where there is none).
+    false_findings : diagnosed components that have no fault.
+    """
+
+    tracks: "pd.DataFrame"
+    normalised_rms: float
+    faults: "pd.DataFrame"
+    false_findings: tuple[str, ...]
+
+
+def score(analysis: Analysis, record: xr.Dataset) -> Score:
+    """Compare an analysis with the `truth_` variables of the record it was made from.
+
+    Raises
+    ------
+    AnalysisError
+        A record without truth, or none of whose true orders was tracked.
+    """
+    import pandas as pd  # noqa: PLC0415
+
+    if "truth_amplitude" not in record:
+        raise AnalysisError("the record carries no truth_amplitude, so there is nothing to score against.")
+    tracks = group(analysis, "tracks")
+    rows, errors = [], []
+    for number in range(tracks.sizes.get("track", 0)):
+        track = tracks.isel(track=number)
+        truth = _true_amplitude(record, track)
+        if truth is None:
+            continue
+        estimate, std = track["complex_amplitude"].to_numpy(), track["std"].to_numpy()
+        error = (estimate - truth) / std
+        errors.append(np.concatenate([error.real, error.imag]))
+        rows.append(
+            {
+                "component": track["component"].item(),
+                "kind": track["kind"].item(),
+                "order": track["track_order"].item(),
+                "true_amplitude": float(np.mean(np.abs(truth))),
+                "amplitude": float(np.mean(np.abs(estimate))),
+                "std": float(np.median(std)),
+                "normalised_rms": float(np.sqrt(np.mean(errors[-1] ** 2))),
+            }
+        )
+    if not errors:
+        raise AnalysisError("none of the tracked orders is an order of the truth; track mesh or shaft lines.")
+    faults, false_findings = _verdicts(analysis, record)
+    return Score(
+        tracks=pd.DataFrame(rows),
+        normalised_rms=float(np.sqrt(np.mean(np.concatenate(errors) ** 2))),
+        faults=pd.DataFrame(faults, columns=["component", "kind", "verdict"]),
+        false_findings=false_findings,
+    )
+
+
+def _true_amplitude(record: xr.Dataset, track: xr.Dataset) -> np.ndarray | None:
+    """Truth of one tracked order at the times of its outputs, or None where the truth has no such order."""
+    truth = record["truth_amplitude"].sel(truth_channel=track["track_channel"].item())
+    order = track["track_order"].item()
+    near = np.flatnonzero(np.abs(truth["truth_order"].to_numpy() - order) < _SAME_ORDER * max(1.0, order))
+    if not near.size:
+        return None
+    values = truth.isel(truth_order=int(near[0])).to_numpy()
+    coarse, fine = record["truth_time"].to_numpy(), track["time_s"].to_numpy()
+    return np.asarray(np.interp(fine, coarse, values.real) + 1j * np.interp(fine, coarse, values.imag))
+
+
+_KIND_OF_FAULT = {"tooth_crack": "tooth"}
+
+
+def _verdicts(analysis: Analysis, record: xr.Dataset) -> tuple[list[tuple[str, str, str]], tuple[str, ...]]:
+    found = group(analysis, "findings")
+    verdict = {
+        (str(component), str(kind)): str(word)
+        for component, kind, word in zip(
+            *(found[name].to_numpy() for name in ("component", "kind", "verdict")), strict=True
+        )
+    }
+    true = [
+        (str(component), _KIND_OF_FAULT.get(str(kind), str(kind)))
+        for component, kind in zip(
+            record["truth_fault_component"].to_numpy(), record["truth_fault_kind"].to_numpy(), strict=True
+        )
+    ]
+    false = tuple(
+        f"{component} {kind}"
+        for (component, kind), word in verdict.items()
+        if word == DIAGNOSED and (component, kind) not in true
+    )
+    return [(component, kind, verdict.get((component, kind), "missed")) for component, kind in true], false

@@ -1,0 +1,159 @@
+"""A line near an expected order: where it is, how large, how far above its surroundings, and by what chance.
+
+Noise alone gives a spectrum whose power is exponentially distributed about its local mean. The largest of it
+within a searched band of W bins exceeds u times that mean with probability
+
+    1 - exp(-[exp(-u) + W sqrt(m u / pi) exp(-u)]),   m = (2 pi)^2 spread,
+
+the second term being the rate at which the envelope of a Gaussian process rises through a level (Rice 1945,
+eq. 3.8-15), here along frequency, with `spread` the second moment of the squared window. The local mean is
+itself estimated, from the median of the surroundings; that estimate is taken as Gamma distributed with K
+degrees, and both terms are averaged over it in closed form, so short records pay for their uncertainty.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaln
+
+from signals._checks import Array, positive
+from signals.spectra import AmplitudeSpectrum
+
+SURROUNDINGS = 1.0  # on either side, in the axis' unit (orders)
+_LOBE_BINS = 3.0  # left out on either side of the line
+# measured: the median power of Hann- or box-windowed noise is known as well as the mean of this many
+# independent bins, per bin and equivalent noise bandwidth
+_MEDIAN_WORTH = 0.52
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """The largest line of a spectrum within a searched band."""
+
+    expected: float
+    found: float
+    amplitude: float
+    amplitude_std: float
+    background: float
+    false_alarm_probability: float
+
+    @property
+    def snr(self) -> float:
+        """Amplitude over the median amplitude of the surroundings, the line left out."""
+        if self.background > 0:
+            return self.amplitude / self.background
+        return math.inf if self.amplitude > 0 else 0.0
+
+
+def find_line(
+    spectrum: AmplitudeSpectrum,
+    *,
+    expected: float,
+    tolerance: float = 0.0,
+    surroundings: float = SURROUNDINGS,
+) -> Line:
+    """Find the largest line within ``expected +- tolerance`` and weigh it against its surroundings.
+
+    Parameters
+    ----------
+    spectrum : AmplitudeSpectrum
+        Over orders or frequency.
+    expected : float
+        Where the line should be, in the axis' unit.
+    tolerance : float
+        Half the searched band. Below one bin, one bin is searched, since no line is narrower.
+    surroundings : float
+        How far on either side the background reaches.
+
+    Returns
+    -------
+    Line
+        ``false_alarm_probability`` is for this one search; for L searches at once use `record_probability`.
+
+    Raises
+    ------
+    ValueError
+        A line beyond the end of the spectrum, or fewer than eight bins of surroundings.
+    """
+    axis, bin_width = spectrum.axis, spectrum.bin_width
+    expected = positive(expected, name="the expected order")
+    surroundings = positive(surroundings, name="surroundings")
+    if not 0 <= tolerance < math.inf:
+        raise ValueError(f"tolerance = {tolerance!r} must be a finite number of at least 0.")
+    half = max(tolerance, bin_width / 2)
+    if expected + half > axis[-1]:
+        raise ValueError(f"a line at {expected:g} +- {half:g} lies beyond the end of the spectrum, {axis[-1]:g}.")
+    found, amplitude = _peak(axis, spectrum.amplitude, expected - half, expected + half)
+    lobe = _LOBE_BINS * bin_width
+    first, last = np.searchsorted(axis, [max(found - surroundings, lobe), found + surroundings])
+    around = axis[first:last]
+    beside = np.abs(around - found) > lobe
+    bins = beside.sum() * (axis[1] - axis[0]) / bin_width
+    if bins < 8:  # noqa: PLR2004
+        raise ValueError(
+            f"only {bins:.1f} bins surround the line at {expected:g}, too few to judge it; the record is too short."
+        )
+    background = float(np.median(spectrum.amplitude[first:last][beside]))
+    mean_power = background**2 / math.log(2)
+    probability = 0.0 if amplitude > 0 else 1.0
+    if mean_power > 0:
+        probability = false_alarm_probability(
+            amplitude**2 / mean_power,
+            width_bins=2 * half / bin_width,
+            spread=spectrum.spread,
+            background_degrees=_MEDIAN_WORTH * bins / spectrum.noise_bandwidth_bins,
+        )
+    return Line(
+        expected=expected,
+        found=found,
+        amplitude=amplitude,
+        amplitude_std=math.sqrt(mean_power / 2),
+        background=background,
+        false_alarm_probability=probability,
+    )
+
+
+def false_alarm_probability(
+    power_ratio: float, *, width_bins: float, spread: float, background_degrees: float
+) -> float:
+    """Return the chance that noise alone reaches `power_ratio` times its estimated mean in a searched band.
+
+    Parameters
+    ----------
+    power_ratio : float
+        Power of the line over the estimated mean power of the noise.
+    width_bins : float
+        Width of the searched band in bins.
+    spread : float
+        `AmplitudeSpectrum.spread`.
+    background_degrees : float
+        K, how many independent bins the estimate of the mean is worth.
+    """
+    u, degrees = power_ratio, background_degrees
+    shrink = math.log1p(u / degrees)
+    at_edge = math.exp(-degrees * shrink)
+    rate = 2 * math.pi * math.sqrt(spread * u / math.pi)
+    half_moment = math.exp(gammaln(degrees + 0.5) - gammaln(degrees)) / math.sqrt(degrees)
+    crossings = width_bins * rate * half_moment * math.exp(-(degrees + 0.5) * shrink)
+    return -math.expm1(-(at_edge + crossings))
+
+
+def record_probability(single: float, *, searches: int) -> float:
+    """Return the chance that any of `searches` independent searches reaches what one does with `single`."""
+    return -math.expm1(searches * math.log1p(-single)) if single < 1 else 1.0
+
+
+def _peak(axis: Array, amplitude: Array, low: float, high: float) -> tuple[float, float]:
+    """Position and height of the largest point in a band, refined by a parabola where it is a summit."""
+    first, last = np.searchsorted(axis, [low, high])
+    if last <= first:
+        last = first + 1
+    top = first + int(np.argmax(amplitude[first:last]))
+    if 0 < top < axis.size - 1:
+        left, middle, right = amplitude[top - 1 : top + 2]
+        bend = left - 2 * middle + right
+        if middle >= max(left, right) and bend < 0:
+            shift = 0.5 * (left - right) / bend
+            return float(axis[top] + shift * (axis[1] - axis[0])), float(middle - 0.25 * (left - right) * shift)
+    return float(axis[top]), float(amplitude[top])

@@ -1,0 +1,30 @@
+"""What all tests share: one reproducible way to draw examples, and the folder of measured records."""
+
+import os
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+# The same examples in every run: a test that fails does so for everyone, and no database is left behind.
+hypothesis.settings.register_profile("house", derandomize=True, database=None, deadline=None)
+hypothesis.settings.load_profile("house")
+
+
+@pytest.fixture(scope="session")
+def real_data(pytestconfig):
+    """Folder of measured records: HUMS_REAL_DATA, else shared/data beside the project; without either, skip.
+
+    Where the folder beside the project exists, nothing is ever skipped; with HUMS_STRICT=1 a HUMS_REAL_DATA
+    that leads nowhere is then a failure rather than passed over.
+    """
+    beside = pytestconfig.rootpath.parent / "shared" / "data"
+    named = Path(os.environ.get("HUMS_REAL_DATA") or beside)
+    if named.is_dir():
+        return named
+    reason = f"no measured records: {named} is no folder; name theirs in HUMS_REAL_DATA"
+    if not beside.is_dir():
+        pytest.skip(reason)
+    if os.environ.get("HUMS_STRICT") == "1":
+        pytest.fail(reason)
+    return beside

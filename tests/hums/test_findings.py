@@ -1,0 +1,165 @@
+"""The rule on hand-made lines: what is claimed, what is a shadow, what is certain."""
+
+import re
+
+import pytest
+
+from hums.findings import Judge, Locality, findings, implied_cage
+from hums.orders import BearingOrders
+from hums.search import ENVELOPE, ORDER_SPECTRUM, FoundLine, Wanted
+from signals.lines import Line
+
+BIN = 0.01
+# 9 elements, cage 0.4 of the shaft: inner 5.4, outer 3.6
+BEARING = BearingOrders(
+    name="b",
+    relative=1.0,
+    inner_ring=1.0,
+    outer_ring=0.0,
+    inner_race=5.4,
+    outer_race=3.6,
+    rolling_element=4.75,
+    cage=0.4,
+    cage_to_outer=0.4,
+    elements=9,
+)
+JUDGE = Judge({"b": BEARING}, 0.01)
+
+
+def line(kind, found, snr, *, component="b", harmonic=1, sideband=0, spectrum=ENVELOPE, fundamental=True, p=None):
+    chance = (1e-9 if snr > 4 else 0.5) if p is None else p
+    return FoundLine(
+        wanted=Wanted(
+            component=component,
+            kind=kind,
+            harmonic=harmonic,
+            sideband=sideband,
+            order=found,
+            tolerance=0.1,
+            spectrum=spectrum,
+            fundamental=fundamental,
+        ),
+        channel="x",
+        units="g",
+        bin_width=BIN,
+        line=Line(
+            expected=found, found=found, amplitude=snr, amplitude_std=0.5, background=1.0, false_alarm_probability=chance
+        ),
+    )
+
+
+def claims(*lines):
+    return [judged.claimed for judged in JUDGE.judge(lines)]
+
+
+def test_noise_is_not_claimed():
+    assert claims(line("inner_race", 5.4, 2.0)) == [False]
+
+
+def test_false_alarm_probability_counts_every_fundamental():
+    # 0.002 alone is below 0.01; among ten lines that can raise a finding it is 0.0198
+    single = line("inner_race", 5.4, 9.0, p=0.002)
+    assert claims(single) == [True]
+    assert claims(single, *[line("shaft", 30 + i, 1.0, fundamental=False) for i in range(9)])[0]
+    assert not claims(single, *[line("cage", 30 + i, 1.0) for i in range(9)])[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "order", "by"),
+    [
+        ("rolling_element", 4.8, "12 times the cage rate"),
+        ("cage", 0.4, "1 times the cage rate"),
+        ("outer_race", 3.6, "9 times the cage rate"),
+        ("rolling_element", 4.4, "11 times the cage rate"),
+        ("rolling_element", 10.8, "harmonic 2"),
+        ("rolling_element", 7.4, "sideband \\+2"),
+    ],
+)
+def test_shadows_of_an_inner_race_line(kind, order, by):
+    judged = JUDGE.judge([line("inner_race", 5.4, 60.0), line(kind, order, 8.0)])
+    assert [entry.claimed for entry in judged] == [True, False]
+    assert re.search(by, judged[1].explained_by)
+
+
+def test_no_shadow_two_and_a_half_bins_away():
+    assert claims(line("inner_race", 5.4, 60.0), line("rolling_element", 4.8 + 2.5 * BIN, 8.0)) == [True, True]
+
+
+def test_comparable_lines_on_both_races_are_rivals_and_not_certain():
+    judged = JUDGE.judge(
+        [
+            line("inner_race", 5.4, 10.0),
+            line("outer_race", 3.6, 9.0),
+            line("inner_race", 10.8, 7.0, harmonic=2, fundamental=False),
+        ]
+    )
+    found = findings(judged, locality={})
+    assert [(f.kind, f.verdict) for f in found] == [("inner_race", "indicated"), ("outer_race", "indicated")]
+    assert "as strong" in found[0].evidence
+
+
+def test_a_supported_strong_line_is_diagnosed():
+    judged = JUDGE.judge(
+        [line("inner_race", 5.4, 10.0), line("inner_race", 6.4, 7.0, sideband=1, fundamental=False)]
+    )
+    (found,) = findings(judged, locality={})
+    assert found.verdict == "diagnosed"
+    assert "sideband +1" in found.evidence
+
+
+@pytest.mark.parametrize(
+    ("lines", "doubt"),
+    [
+        ([line("inner_race", 5.4, 10.0)], "no harmonic or sideband supports it"),
+        (
+            [line("inner_race", 5.4, 4.5), line("inner_race", 10.8, 5.0, harmonic=2, fundamental=False)],
+            "only 4.5 times its surroundings",
+        ),
+    ],
+)
+def test_doubts_are_said(lines, doubt):
+    (found,) = findings(JUDGE.judge(lines), locality={})
+    assert found.verdict == "indicated"
+    assert doubt in found.evidence
+
+
+def test_a_harmonic_alone_raises_nothing():
+    lone = line("outer_race", 7.2, 20.0, harmonic=2, fundamental=False)
+    assert claims(line("outer_race", 3.6, 1.0), lone) == [False, False]
+
+
+def test_a_harmonic_at_the_wrong_spacing_is_no_support():
+    # 2 x 5.4 = 10.8; harmonic 2 may be off by two bins for each of its orders, 0.04
+    assert claims(
+        line("inner_race", 5.4, 10.0), line("inner_race", 10.85, 8.0, harmonic=2, fundamental=False)
+    ) == [True, False]
+
+
+def tooth(order, snr, *, sideband):
+    return line("tooth", order, snr, component="m/g", sideband=sideband, spectrum=ORDER_SPECTRUM)
+
+
+@pytest.mark.parametrize(
+    ("locality", "verdict", "words"),
+    [
+        (Locality(kurtosis=9.0, limit=4.0), "diagnosed", "is local"),
+        (Locality(kurtosis=3.1, limit=4.0), "indicated", "is not local"),
+        (None, "indicated", "could not be made"),
+    ],
+)
+def test_a_tooth_is_diagnosed_only_where_the_disturbance_is_local(locality, verdict, words):
+    judged = JUDGE.judge([tooth(21.0, 20.0, sideband=1), tooth(19.0, 15.0, sideband=-1)])
+    (found,) = findings(judged, locality={"m/g": locality} if locality else {})
+    assert found.verdict == verdict
+    assert words in found.evidence
+
+
+def test_a_sideband_on_a_shaft_harmonic_still_counts_but_low_ones_do_not():
+    shaft = line("shaft", 1.0, 30.0, component="s", spectrum=ORDER_SPECTRUM, fundamental=False)
+    assert claims(shaft, tooth(21.0, 10.0, sideband=1)) == [True, True]
+    assert claims(shaft, tooth(3.0, 10.0, sideband=1)) == [True, False]
+
+
+def test_implied_cage():
+    assert implied_cage(BEARING, "outer_race", 3.6) == pytest.approx(0.4)
+    assert implied_cage(BEARING, "inner_race", 5.4) == pytest.approx(0.4)

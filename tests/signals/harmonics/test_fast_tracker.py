@@ -1,0 +1,101 @@
+"""The blockwise smoother against the exact one, and what "auto" picks."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from signals.harmonics import kalman, track_orders
+
+RATE = 10_000.0
+
+
+def run_up(samples, *, noise, gap=0):
+    n = np.arange(samples)
+    phase = 2 * np.pi * (0.03 * n + 0.01 * n**2 / samples)
+    rng = np.random.default_rng(3)
+    u = n / samples
+    envelopes = np.array([1 + 0.3 * np.sin(6 * np.pi * u), 0.5 * np.exp(2j * np.pi * u), 0.8 - 0.4 * u])
+    x = np.sum(envelopes * np.exp(1j * np.array([1, 2, 3.3])[:, None] * phase), axis=0).real
+    x += 0.2 + noise * rng.standard_normal(samples)
+    x[samples // 3 : samples // 3 + gap] = np.nan
+    return x, {"phase_rad": phase, "orders": [0, 1, 2, 3.3], "rate_hz": RATE}
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("gap", [0, 700])
+def test_fast_is_close_to_exact(poles, gap):
+    x, settings = run_up(40_000, noise=0.1, gap=gap)
+    settings |= {"bandwidth_hz": 4.0, "poles": poles, "output_every": 13}
+    exact = track_orders(x, method="exact", **settings)
+    fast = track_orders(x, method="fast", **settings)
+    difference = np.abs(fast.complex_amplitude - exact.complex_amplitude)
+    # Blocks of 12 samples, a 200th of rate / bandwidth: bandwidth edge times block is pi / 200, and what leaks
+    # of the changes within a block is less than that of the noise in an amplitude, in the mean a hundredth.
+    assert np.sqrt(np.mean(difference**2)) < 1.5e-2 * exact.std.mean()
+    assert difference.max() < 1e-3
+    assert_allclose(fast.std, exact.std, rtol=2e-3)
+    assert_allclose(fast.noise_variance, exact.noise_variance, rtol=1e-3)
+    assert_allclose(fast.innovation_variance, exact.innovation_variance, rtol=1e-3)
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+def test_error_of_fast_where_it_is_largest(poles):
+    """The order's image turns once a block, so that every block leaks alike, and the envelope is at -3 dB."""
+    block, bandwidth = 12, 1 / 2400
+    n = np.arange(48_000)
+    phase = np.pi * n / block
+    envelope = np.exp(1j * np.pi * bandwidth * n)
+    settings = {"phase_rad": phase, "orders": [1], "bandwidth_hz": bandwidth, "rate_hz": 1.0, "poles": poles}
+    x = (envelope * np.exp(1j * phase)).real
+    exact, fast = (track_orders(x, method=m, **settings).complex_amplitude[0] for m in ("exact", "fast"))
+    error = np.abs(fast - exact)[9600:-9600].max()
+    # A slope s leaks s block / (2 pi) into the conjugate; s = pi bandwidth. The smoother takes off the usual 3 dB.
+    leak = bandwidth * block / 2
+    assert 0.5 * leak < error < leak
+
+
+def test_error_of_fast_elsewhere_is_second_order():
+    """With images far from multiples of the block rate there is the droop of a block's mean, (w block)^2 / 24."""
+    block, bandwidth = 12, 1 / 2400
+    n = np.arange(48_000)
+    phase = 2 * np.pi * n * (0.2 + 0.05 * n / n.size)
+    x = (np.exp(1j * np.pi * bandwidth * n) * np.exp(1j * phase)).real
+    settings = {"phase_rad": phase, "orders": [1], "bandwidth_hz": bandwidth, "rate_hz": 1.0}
+    exact, fast = (track_orders(x, method=m, **settings).complex_amplitude[0] for m in ("exact", "fast"))
+    # Droop, interpolation and the walk's coarser step: each about (pi bandwidth block)^2 / 10.
+    assert np.abs(fast - exact)[9600:-9600].max() < (np.pi * bandwidth * block) ** 2
+
+
+def test_fast_takes_blocks_too_short_to_tell_orders_apart():
+    """Orders 1 to 4 turn by 0.03 to 0.1 rad a block: each block alone is singular, together they are not."""
+    n = np.arange(60_000)
+    phase = 2 * np.pi * 4e-4 * n
+    rng = np.random.default_rng(0)
+    amplitude = np.array([1, 0.5j, 0.3 + 0.2j, -0.4])
+    x = np.sum(amplitude[:, None] * np.exp(1j * np.arange(1, 5)[:, None] * phase), axis=0).real
+    x += 0.5 * rng.standard_normal(n.size)
+    tracks = track_orders(
+        x, phase_rad=phase, orders=[1, 2, 3, 4], bandwidth_hz=4e-4, rate_hz=1.0, method="fast", output_every=500
+    )
+    # Bandwidth as wide as the distance between lines, so std is honest but not small; 5 std in 1000 numbers.
+    assert np.abs((tracks.complex_amplitude - amplitude[:, None]) / tracks.std).max() < 5
+    exact = track_orders(
+        x, phase_rad=phase, orders=[1, 2, 3, 4], bandwidth_hz=4e-4, rate_hz=1.0, method="exact", output_every=500
+    )
+    assert np.all(np.abs(tracks.complex_amplitude - exact.complex_amplitude) < 0.05 * exact.std)
+
+
+def test_auto_says_what_it_picked(monkeypatch):
+    x, settings = run_up(3000, noise=0.1)
+    assert track_orders(x, bandwidth_hz=2.0, **settings).method == "exact"
+    monkeypatch.setattr(kalman, "EXACT_WORK", 0)
+    assert track_orders(x, bandwidth_hz=2.0, **settings).method == "fast"
+    assert track_orders(x, bandwidth_hz=2.0, estimator="filter", **settings).method == "exact"
+    # A 200th of 1 / bandwidth is 2 samples.
+    assert track_orders(x, bandwidth_hz=25.0, **settings).method == "exact"
+
+
+def test_auto_is_fast_on_a_long_record():
+    x, settings = run_up(400_000, noise=0.1)
+    settings |= {"orders": np.arange(1, 11), "bandwidth_hz": 2.0, "output_every": 1000}
+    assert track_orders(x, **settings).method == "fast"

@@ -1,0 +1,101 @@
+"""Bandwidth and process variance: each other's inverse, and what the smoother really passes."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from signals.harmonics import process_variance, smoother_bandwidth, track_orders
+
+
+@given(
+    bandwidth=st.floats(1e-4, 0.499),
+    rate=st.floats(1e-3, 1e6),
+    poles=st.integers(1, 4),
+    noise=st.floats(1e-6, 1e6),
+    order=st.sampled_from([0, 1]),
+)
+def test_bandwidth_and_variance_are_inverse(bandwidth, rate, poles, noise, order):
+    settings = {"orders": [order], "rate": rate, "poles": poles, "noise_variance": noise}
+    q = process_variance(bandwidth=bandwidth * rate, **settings)
+    assert_allclose(smoother_bandwidth(process_variance=q, **settings), bandwidth * rate, rtol=1e-9)
+
+
+def test_the_mean_sees_half_the_noise_of_a_quadrature():
+    q = process_variance(orders=[0, 1, 2.5], bandwidth=0.1, rate=1, poles=2, noise_variance=3)
+    assert_allclose(q, q[0] * np.array([1, 2, 2]))
+
+
+def test_narrow_single_pole_variance_is_the_continuous_limit():
+    # H = 1 / (1 + (w / a)^2) is 1 / sqrt(2) at w = a sqrt(sqrt(2) - 1), and a^2 = q / (2 R).
+    q = process_variance(orders=[1], bandwidth=1e-4, rate=1, poles=1, noise_variance=0.5)
+    assert_allclose(q, (np.pi * 1e-4) ** 2 / (np.sqrt(2) - 1), rtol=1e-8)
+
+
+def test_a_walk_too_lively_has_no_bandwidth():
+    assert np.isnan(smoother_bandwidth(orders=[1], process_variance=1e3, rate=1, poles=1, noise_variance=1))
+
+
+def passed(offset, *, order, poles, bandwidth, method="exact"):
+    """Return the gain for an envelope that rotates by `offset` cycles a sample, in the middle of a record."""
+    n = np.arange(int(16 / bandwidth))
+    phase = 2 * np.pi * 0.1713 * n
+    x = np.cos(order * phase + 2 * np.pi * offset * n)
+    tracks = track_orders(
+        x, phase_rad=phase, orders=[order], bandwidth_hz=bandwidth, rate_hz=1.0, poles=poles, method=method
+    )
+    middle = slice(int(6 / bandwidth), int(6 / bandwidth) + round(2 / abs(offset)))  # two turns of the envelope
+    turned = np.exp(-2j * np.pi * offset * n[middle])
+    if order == 0:
+        # The mean follows the real envelope cos: its gain is the projection on it.
+        return 2 * np.mean(tracks.complex_amplitude[0, middle] * turned).real
+    return np.abs(np.mean(tracks.complex_amplitude[0, middle] * turned))
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize(
+    ("side", "order", "method"), [(1, 1, "exact"), (-1, 1, "exact"), (1, 0, "exact"), (1, 1, "fast")]
+)
+def test_smoother_is_3_db_down_at_half_the_bandwidth(poles, side, order, method):
+    bandwidth = 0.004
+    inner, outer = (
+        passed(side * share * bandwidth / 2, order=order, poles=poles, bandwidth=bandwidth, method=method)
+        for share in (0.99, 1.01)
+    )
+    assert outer < 1 / np.sqrt(2) < inner
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+def test_smoother_response_is_the_formula(poles):
+    bandwidth = 0.01
+    corner = 2 * np.sin(np.pi * bandwidth / 2)
+    for offset in (0.2 * bandwidth, bandwidth):
+        ratio = (2 * np.sin(np.pi * offset) / corner) ** (2 * poles)
+        expected = 1 / (1 + (np.sqrt(2) - 1) * ratio)
+        # The formula averages over a turn; the order's image, 17 bandwidths away, still moves the gain a little.
+        assert_allclose(passed(offset, order=1, poles=poles, bandwidth=bandwidth), expected, atol=2e-3)
+
+
+def test_each_order_has_its_own_bandwidth():
+    rng = np.random.default_rng(0)
+    phase = 2 * np.pi * 0.05 * np.arange(4000)
+    x = rng.standard_normal(4000)
+    settings = {"phase_rad": phase, "rate_hz": 1.0, "noise_variance": 1.0}
+    both = track_orders(x, orders=[1, 4], bandwidth_hz=[0.001, 0.004], **settings)
+    for k, (order, bandwidth) in enumerate([(1, 0.001), (4, 0.004)]):
+        alone = track_orders(x, orders=[order], bandwidth_hz=bandwidth, **settings)
+        # Far apart they hardly notice each other.
+        middle = slice(1000, 3000)
+        assert_allclose(both.std[k, middle], alone.std[0, middle], rtol=1e-3)
+
+
+def test_bandwidth_in_orders_is_bandwidth_per_revolution():
+    rng = np.random.default_rng(0)
+    phase = 2 * np.pi * np.arange(2048) / 64
+    x = np.cos(3 * phase) + rng.standard_normal(2048)
+    angle = track_orders(x, phase_rad=phase, orders=[3], bandwidth_orders=0.2, samples_per_rev=64)
+    time = track_orders(x, phase_rad=phase, orders=[3], bandwidth_hz=0.2 * 25, rate_hz=64 * 25)
+    assert_allclose(angle.complex_amplitude, time.complex_amplitude, rtol=1e-12)
+    assert (angle.bandwidth_units, time.bandwidth_units) == ("orders", "hz")
+    assert_allclose(angle.bandwidth, [0.2])

@@ -1,0 +1,114 @@
+"""Every refusal names what was given, what was needed and what to do."""
+
+import numpy as np
+import pytest
+
+from signals.harmonics import track_orders
+
+PHASE = 0.3 * np.arange(100)
+X = np.cos(PHASE)
+HOLED = np.where(np.arange(100) < 97, np.nan, X)
+GOOD = {"x": X, "phase_rad": PHASE, "orders": [1], "bandwidth_hz": 0.02, "rate_hz": 1.0}
+SHAFTS = {"sun": PHASE, "planet": 0.5 * PHASE}
+
+REFUSED = [
+    ({"x": []}, "x is empty; at least one value is needed"),
+    ({"x": np.full(100, np.nan)}, r"x has 100 samples, all of them missing \(NaN\); at least one"),
+    ({"x": np.where(np.arange(100) == 7, -np.inf, X)}, r"x\[7\]=-inf \(and 0 more\) is infinite.*mark bad samples"),
+    ({"x": X.astype(bool)}, "x holds bool values; real numbers are needed"),
+    ({"x": X.astype(complex)}, "x holds complex128 values; real numbers are needed"),
+    ({"x": ["1", "2"]}, "x holds <U1 values; real numbers are needed"),
+    ({"x": [1.0, None]}, "x=None must be a number, not NoneType"),
+    ({"x": X[:, None]}, r"x has shape \(100, 1\); needed one dimension"),
+    ({"x": HOLED}, "x has 3 observed samples; to estimate the noise beside 1 orders with poles=1, 4 are needed"),
+    ({"phase_rad": PHASE[1:]}, "phase_rad has 99 values for 100 samples of x; give one angle per sample"),
+    ({"phase_rad": np.where(np.arange(100) > 90, np.nan, PHASE)}, r"phase_rad\[91\]=nan \(and 8 more\).*interpolate"),
+    ({"phase_rad": SHAFTS | {"sun": PHASE[:5]}, "orders": [("sun", 1)]}, r"phase_rad\['sun'\] has 5 values for 100"),
+    ({"orders": []}, "orders is empty; name at least one"),
+    ({"orders": "123"}, "orders='123': needed a sequence of orders"),
+    ({"orders": 3}, "orders=3: needed a sequence of orders"),
+    ({"orders": [True]}, "order=True must be a number, not bool"),
+    ({"orders": ["3"]}, "order='3' must be a number, not str"),
+    ({"orders": [np.nan]}, "order=nan must be finite"),
+    ({"orders": [-2]}, "order=-2 is negative; a real record has the same line at 2, conjugated: track that one"),
+    ({"orders": [1, 2, 1.0]}, "order 1 is listed twice"),
+    ({"orders": [("sun", 1)]}, r"order \('sun', 1\) names a shaft, but phase_rad is one array; pass a mapping"),
+    (
+        {"orders": [1], "phase_rad": SHAFTS},
+        r"order 1 names no shaft.*give \(shaft, order\) pairs, such as \('sun', 1\)",
+    ),
+    (
+        {"orders": [("son", 1)], "phase_rad": SHAFTS},
+        "no phase for shaft 'son'; phase_rad has sun, planet. Did you mean 'sun'",
+    ),
+    ({"orders": [("sun", 0), ("planet", 0)], "phase_rad": SHAFTS}, "order 0 of 'planet' is listed twice"),
+    (
+        {"orders": [1, 11]},
+        "order 11 turns by 3.3 rad between samples .* and .*; more than pi is above half of the rate",
+    ),
+    ({"orders": [("planet", 22)], "phase_rad": SHAFTS}, "order 22 of 'planet' turns by 3.3 rad"),
+    ({"bandwidth_hz": None}, "bandwidth and rate: rate_hz given; needed either bandwidth_hz with rate_hz or"),
+    ({"bandwidth_hz": None, "rate_hz": None}, "bandwidth and rate: none given; needed either"),
+    ({"rate_hz": None, "samples_per_rev": 64}, "bandwidth and rate: bandwidth_hz, samples_per_rev given"),
+    (
+        {"bandwidth_orders": 0.1},
+        "bandwidth and rate: bandwidth_hz, bandwidth_orders, rate_hz given.*leave the other out",
+    ),
+    ({"bandwidth_hz": 0}, "bandwidth_hz=0 must be above 0 and below 0.5, half of rate_hz=1; choose one in between"),
+    ({"bandwidth_hz": -0.1}, "bandwidth_hz=-0.1 must be above 0"),
+    ({"bandwidth_hz": 0.5}, "bandwidth_hz=0.5 must be above 0 and below 0.5"),
+    ({"bandwidth_hz": np.nan}, "bandwidth_hz=nan must be above 0"),
+    ({"bandwidth_hz": [0.1, 0.2]}, "bandwidth_hz has 2 values for 1 orders; pass one number for all, or one each"),
+    ({"bandwidth_hz": True}, "bandwidth_hz holds bool values"),
+    ({"bandwidth_hz": [[0.1]]}, r"bandwidth_hz has shape \(1, 1\); needed a number or one dimension"),
+    ({"rate_hz": 0.0}, "rate_hz=0 must be above zero; give a positive number"),
+    ({"rate_hz": "1"}, "rate_hz='1' must be a number, not str"),
+    ({"rate_hz": np.inf}, "rate_hz=inf must be finite"),
+    ({"poles": 5}, "poles=5 is out of bounds; it must be from 1 to 4"),
+    ({"poles": 1.5}, "poles=1.5 must be a whole number"),
+    ({"poles": True}, "poles=True must be a whole number"),
+    ({"output_every": 0}, "output_every=0 is out of bounds; it must be at least 1"),
+    (
+        {"estimator": "smother"},
+        "estimator='smother' is unknown; it must be one of smoother, filter. Did you mean 'smoother'",
+    ),
+    ({"method": "best"}, "method='best' is unknown; it must be one of auto, exact, fast, reference."),
+    (
+        {"method": "fast", "estimator": "filter"},
+        'method="fast" with estimator="filter": .* not causal; use method="exact"',
+    ),
+    ({"noise_variance": 0.0}, "noise_variance=0 must be above zero"),
+    ({"noise_variance": True}, "noise_variance=True must be a number, not bool"),
+    ({"initial_std": 1.0}, "initial_std=1 weighs against the noise.*pass noise_variance too, or neither"),
+    ({"initial_std": -1.0, "noise_variance": 1.0}, "initial_std=-1 must be above zero"),
+]
+
+
+@pytest.mark.parametrize(("change", "sentence"), REFUSED)
+def test_refusal(change, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        track_orders(**GOOD | change)
+
+
+def test_the_good_case_is_good():
+    assert track_orders(**GOOD).method == "exact"
+
+
+def test_a_few_samples_do_with_the_noise_given():
+    tracks = track_orders(**GOOD | {"x": HOLED, "noise_variance": 0.1})
+    assert np.all(np.isfinite(tracks.complex_amplitude))
+    assert np.all(tracks.std[:, 0] > tracks.std[:, 98])
+
+
+def test_a_single_sample_is_a_record():
+    tracks = track_orders(
+        [2.0], phase_rad=[0.0], orders=[1], bandwidth_hz=0.1, rate_hz=1.0, noise_variance=1.0, initial_std=3.0
+    )
+    # One equation, x = a + v: the posterior mean is 9 / 10 of it; the other quadrature keeps its prior.
+    assert tracks.complex_amplitude[0, 0] == pytest.approx(1.8)
+    assert tracks.std[0, 0] == pytest.approx(np.sqrt((0.9 + 9) / 2))
+
+
+def test_lost_digits_are_an_error_with_numbers():
+    with pytest.raises(FloatingPointError, match=r"poles=4, a narrowest bandwidth of 0.02 .* prior of 1e\+14"):
+        track_orders(**GOOD | {"orders": [0, 0.01, 0.02], "poles": 4, "noise_variance": 1.0, "initial_std": 1e14})
