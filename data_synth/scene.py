@@ -8,14 +8,25 @@ import math
 from collections.abc import Mapping
 from fractions import Fraction
 from functools import cached_property
-from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
-from hums.gearbox import Declared, Gearbox, Name, Positive, Vector, closest, load_gearbox, read_toml, validated
+from hums.gearbox import (
+    Declared,
+    Gearbox,
+    Name,
+    Positive,
+    Vector,
+    closest,
+    load_gearbox,
+    named_file,
+    read_toml,
+    shipped_files,
+    validated,
+)
 from hums.kinematics import Kinematics, solve_kinematics
 from hums.orders import BearingOrders, bearing_orders, defect_orders
 
@@ -41,6 +52,28 @@ def _rising(knots: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float]
     return knots
 
 
+def _csv_knots(path: Path) -> tuple[tuple[float, float], ...]:
+    try:
+        lines = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"csv = {str(path)!r} cannot be read ({error}); name a text file of s, rpm") from None
+    try:
+        knots = tuple((float(time_s), float(rpm)) for time_s, rpm in lines[1:])
+        return ((float(lines[0][0]), float(lines[0][1])), *knots) if _is_number(lines[0][0]) else knots
+    except (ValueError, IndexError):
+        raise ValueError(
+            f"csv = {str(path)!r} does not hold two columns of numbers, s and rpm, in every line"
+        ) from None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -54,6 +87,16 @@ class Speed(Declared):
 
     link: Name
     rpm: Knots
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_csv(cls, table: Any) -> Any:  # noqa: ANN401
+        """Read ``csv = "speed.csv"``, two columns s and rpm with or without a header line, as knots."""
+        if not isinstance(table, dict) or "csv" not in table:
+            return table
+        if "rpm" in table:
+            raise ValueError("both rpm and csv are given; keep one")
+        return {key: value for key, value in table.items() if key != "csv"} | {"rpm": _csv_knots(Path(table["csv"]))}
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -284,12 +327,15 @@ class Scene(Declared):
 
     @classmethod
     def from_toml(cls, path: str | Path) -> "Scene":
-        """Read a scene file. A gearbox named by a relative path is looked for beside the scene first."""
+        """Read a scene file. Relative paths of a gearbox or a speed table are looked for beside the scene first."""
         path = Path(path)
         table = read_toml(path, error=SceneError)
         gearbox = table.get("gearbox")
         if isinstance(gearbox, str) and (path.parent / gearbox).is_file():
             table["gearbox"] = str(path.parent / gearbox)
+        speed = table.get("speed")
+        if isinstance(speed, dict) and isinstance(speed.get("csv"), str) and (path.parent / speed["csv"]).is_file():
+            table["speed"] = speed | {"csv": str(path.parent / speed["csv"])}
         return cls.from_mapping(table, where=str(path))
 
     def to_toml(self) -> str:
@@ -368,19 +414,9 @@ def load_scene(name_or_path: str | Path) -> Scene:
     SceneError
         With one sentence that names the thing, its value, what was needed and what to do.
     """
-    path = Path(name_or_path)
-    if path.suffix == ".toml" or path.exists():
-        return Scene.from_toml(path)
-    shipped = catalogue()
-    if str(name_or_path) in shipped:
-        return Scene.from_toml(shipped[str(name_or_path)])
-    raise SceneError(
-        f'"{name_or_path}" is neither a .toml file nor a scene of the catalogue'
-        f"{closest(str(name_or_path), set(shipped))}"
-    )
+    return Scene.from_toml(named_file(name_or_path, shipped=catalogue(), thing="scene", error=SceneError))
 
 
 def catalogue() -> dict[str, Path]:
     """Return the scenes that ship with the package: name -> file."""
-    folder = Path(str(files("data_synth"))) / "catalogue"
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return shipped_files("data_synth")

@@ -45,7 +45,7 @@ def simulate(scene: Scene | str | Path, *, seed: int) -> xr.Dataset:
         ``truth_speed`` (truth_time)
             Speed of the reference shaft in rev s-1.
         ``truth_fault_component``, ``truth_fault_kind`` (truth_fault)
-            As declared; absent from a healthy record.
+            As declared; of length zero in a healthy record.
         ``truth_impact_times_1`` ...
             Times in s at which fault 1 ... is struck.
 
@@ -283,10 +283,10 @@ def _impact_part(stage: _Stage, train: ImpactTrain, *, harmonic: int) -> _Part:
 
 def _fault_truth(stage: _Stage) -> dict[str, xr.DataArray]:
     faults = stage.scene.faults
-    if not faults:
-        return {}
     truth = {
-        f"truth_fault_{name}": xr.DataArray([getattr(fault, name) for fault in faults], dims="truth_fault")
+        f"truth_fault_{name}": xr.DataArray(
+            np.array([getattr(fault, name) for fault in faults], dtype=np.str_), dims="truth_fault"
+        )
         for name in ("component", "kind")
     }
     last_s = (stage.scene.samples - 1) / stage.scene.rate_hz

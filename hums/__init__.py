@@ -4,9 +4,65 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    pass
+    from hums.analysis import Analysis as Analysis
+    from hums.analysis import AnalysisError as AnalysisError
+    from hums.analysis import AnalysisSettings as AnalysisSettings
+    from hums.analysis import analyze as analyze
+    from hums.analysis import open_analysis as open_analysis
+    from hums.analysis import save_analysis as save_analysis
+    from hums.gearbox import Gearbox as Gearbox
+    from hums.gearbox import GearboxError as GearboxError
+    from hums.gearbox import GearboxWarning as GearboxWarning
+    from hums.gearbox import load_gearbox as load_gearbox
+    from hums.kinematics import Kinematics as Kinematics
+    from hums.kinematics import solve_kinematics as solve_kinematics
+    from hums.orders import defect_orders as defect_orders
+    from hums.readers import convert as convert
+    from hums.record import Channel as Channel
+    from hums.record import NominalSpeed as NominalSpeed
+    from hums.record import PulseTimes as PulseTimes
+    from hums.record import RecordError as RecordError
+    from hums.record import TachometerWaveform as TachometerWaveform
+    from hums.record import make_record as make_record
+    from hums.report import write_report as write_report
+    from hums.scoring import Score as Score
+    from hums.scoring import score as score
+    from hums.store import open_record as open_record
+    from hums.store import save_record as save_record
+    from hums.tables import findings_table as findings_table
+    from hums.tables import line_table as line_table
+    from hums.tables import summary as summary
 
-_HOME: dict[str, str] = {}
+_HOME = {
+    "Analysis": "hums.analysis",
+    "AnalysisError": "hums.analysis",
+    "AnalysisSettings": "hums.analysis",
+    "Channel": "hums.record",
+    "Gearbox": "hums.gearbox",
+    "GearboxError": "hums.gearbox",
+    "GearboxWarning": "hums.gearbox",
+    "Kinematics": "hums.kinematics",
+    "NominalSpeed": "hums.record",
+    "PulseTimes": "hums.record",
+    "RecordError": "hums.record",
+    "Score": "hums.scoring",
+    "TachometerWaveform": "hums.record",
+    "analyze": "hums.analysis",
+    "convert": "hums.readers",
+    "defect_orders": "hums.orders",
+    "findings_table": "hums.tables",
+    "line_table": "hums.tables",
+    "load_gearbox": "hums.gearbox",
+    "make_record": "hums.record",
+    "open_analysis": "hums.analysis",
+    "open_record": "hums.store",
+    "save_analysis": "hums.analysis",
+    "save_record": "hums.store",
+    "score": "hums.scoring",
+    "solve_kinematics": "hums.kinematics",
+    "summary": "hums.tables",
+    "write_report": "hums.report",
+}
 __all__ = sorted(_HOME)  # noqa: PLE0605
 
 

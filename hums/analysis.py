@@ -7,7 +7,7 @@ An analysis is an `xarray.DataTree` with the groups `/speed`, `/order_spectrum`,
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from hums.declared import Declared, closest
-from hums.findings import Finding, JudgedLine, Judge, Locality, findings
+from hums.findings import Finding, Judge, JudgedLine, Locality, findings
 from hums.gearbox import Gearbox
 from hums.kinematics import Kinematics, solve_kinematics
 from hums.orders import BEARING_KINDS, BearingOrders, bearing_orders
@@ -42,7 +42,8 @@ from hums.search import (
 from hums.store import open_tree, write_tree
 from signals.averaging import residual_signal, synchronous_average
 from signals.envelope import envelope
-from signals.harmonics import OrderTracks, track_orders
+from signals.harmonics import track_orders
+from signals.harmonics.likelihood import likely_bandwidth
 from signals.phase import ShaftPhase, constant_speed
 from signals.resampling import PASSBAND, AngularSignal, angular_resample
 from signals.spectra import AmplitudeSpectrum, order_spectrum
@@ -52,8 +53,8 @@ Analysis: TypeAlias = xr.DataTree
 SCHEMA = "hums-analysis/1"
 GROUPS = ("speed", ORDER_SPECTRUM, ENVELOPE, "tracks", "findings")
 _LEAST_ORDERS = 20.0  # a spectrum shows at least this many
-_MOST_TRACKS = 24
 _OUTPUTS_PER_BANDWIDTH = 8
+_LARGEST_TRACK_BANDWIDTH = 0.1
 _MARGIN = 1.1  # of order beyond the last line looked for, plus one, so that its surroundings fit
 
 
@@ -74,7 +75,9 @@ class AnalysisSettings(Declared):
     slip : how far a bearing line may lie from nominal, relative.
     nominal_speed_tolerance : how far any line may lie from nominal where the speed is declared, not measured.
     max_order : where the order spectrum ends; default a little above the last line looked for.
-    track_bandwidth_orders : full -3 dB width of the amplitude trackers.
+    track_bandwidth_orders : full -3 dB width of the amplitude trackers; default the most likely one of each line,
+        at most 0.1 orders.
+    most_tracks : how many lines of a channel are tracked, the strongest first; 0 for none.
     """
 
     channels: tuple[str, ...] | None = None
@@ -85,7 +88,8 @@ class AnalysisSettings(Declared):
     slip: Annotated[float, Field(gt=0, lt=0.2)] = 0.02
     nominal_speed_tolerance: Annotated[float, Field(ge=0, lt=0.2)] = 0.02
     max_order: Annotated[float, Field(gt=0)] | None = None
-    track_bandwidth_orders: Annotated[float, Field(gt=0)] = 0.05
+    track_bandwidth_orders: Annotated[float, Field(gt=0)] | None = None
+    most_tracks: Annotated[int, Field(ge=0)] = 24
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -495,7 +499,7 @@ def _tracks_dataset(
     """Amplitude and phase, revolution by revolution, of the claimed lines that are locked to a shaft."""
     merged: list[xr.Dataset] = []
     for channel in channels:
-        lines = _tracked_lines([line for line in judged if line.found.channel == channel.name])
+        lines = _tracked_lines([x for x in judged if x.found.channel == channel.name], most=settings.most_tracks)
         if lines:
             merged.append(_channel_tracks(channel, phase, lines, settings))
     if not merged:
@@ -503,7 +507,7 @@ def _tracks_dataset(
     return xr.concat(merged, dim="track", data_vars="minimal", coords="minimal", compat="override", join="override")
 
 
-def _tracked_lines(judged: Iterable[JudgedLine]) -> list[FoundLine]:
+def _tracked_lines(judged: Iterable[JudgedLine], *, most: int) -> list[FoundLine]:
     """Return the strongest claimed lines of the order spectrum, one an order, by ascending order."""
     claimed = [line.found for line in judged if line.claimed and line.found.wanted.kind not in BEARING_KINDS]
     locked = [line for line in claimed if line.wanted.spectrum == ORDER_SPECTRUM]
@@ -512,7 +516,7 @@ def _tracked_lines(judged: Iterable[JudgedLine]) -> list[FoundLine]:
     for line in strongest:
         if all(abs(line.wanted.order - other.wanted.order) > line.bin_width for other in chosen):
             chosen.append(line)
-    return sorted(chosen[:_MOST_TRACKS], key=lambda line: line.wanted.order)
+    return sorted(chosen[:most], key=lambda line: line.wanted.order)
 
 
 def _channel_tracks(
@@ -521,25 +525,39 @@ def _channel_tracks(
     signal = channel.signal
     per_rev = signal.samples_per_rev
     orders = [line.line.found if phase.nominal else line.wanted.order for line in lines]
+    values = signal.values - signal.values.mean()
+    noise = _local_noise(channel, lines)
+    bandwidth: NDArray[np.float64] | float | None = settings.track_bandwidth_orders
+    if bandwidth is None:
+        bandwidth = likely_bandwidth(
+            values,
+            phase_rad=signal.angle_rad,
+            orders=orders,
+            samples_per_rev=per_rev,
+            noise_variance=noise,
+            largest_bandwidth_orders=_LARGEST_TRACK_BANDWIDTH,
+        )
     tracks = track_orders(
-        signal.values - signal.values.mean(),
+        values,
         phase_rad=signal.angle_rad,
         orders=orders,
-        bandwidth_orders=settings.track_bandwidth_orders,
+        bandwidth_orders=bandwidth,
         samples_per_rev=per_rev,
-        output_every=max(1, round(per_rev / (_OUTPUTS_PER_BANDWIDTH * settings.track_bandwidth_orders))),
+        output_every=max(1, round(per_rev / (_OUTPUTS_PER_BANDWIDTH * float(np.max(bandwidth))))),
     )
-    tracks = _with_local_noise(tracks, channel, lines)
+    # the tracker's own uncertainty rests on the mean noise over all orders; each line has its own surroundings
+    std = tracks.std * np.sqrt(noise / tracks.noise_variance)[:, None]
     revolution = signal.start_rev + tracks.sample_index / per_rev
     return xr.Dataset(
         {
             "complex_amplitude": (("track", "output"), tracks.complex_amplitude),
-            "std": (("track", "output"), tracks.std, {"long_name": "of the real and of the imaginary part"}),
+            "std": (("track", "output"), std, {"long_name": "of the real and of the imaginary part"}),
         },
         coords={
             "track_channel": ("track", [channel.name] * len(lines)),
             "track_units": ("track", [channel.units] * len(lines)),
             "track_order": ("track", np.asarray(orders, dtype=np.float64)),
+            "bandwidth_orders": ("track", tracks.bandwidth),
             "component": ("track", [line.wanted.component for line in lines]),
             "kind": ("track", [line.wanted.kind for line in lines]),
             "harmonic": ("track", [line.wanted.harmonic for line in lines]),
@@ -559,15 +577,14 @@ def _channel_tracks(
     )
 
 
-def _with_local_noise(tracks: OrderTracks, channel: _Channel, lines: Sequence[FoundLine]) -> OrderTracks:
-    """Scale the uncertainty to the noise found beside each line: the tracker's own is the mean over all orders.
+def _local_noise(channel: _Channel, lines: Sequence[FoundLine]) -> NDArray[np.float64]:
+    """Return the variance of white noise as dense as the surroundings of each line.
 
     A Hann line of white noise with variance R has mean power 4 R ENBW / n, so the background tells R.
     """
-    spectrum = channel.spectra[ORDER_SPECTRUM]
     power = np.array([2 * line.line.amplitude_std**2 for line in lines])
-    local = power * channel.signal.values.size / (4 * spectrum.noise_bandwidth_bins)
-    return replace(tracks, std=tracks.std * np.sqrt(local / tracks.noise_variance)[:, None])
+    spectrum = channel.spectra[ORDER_SPECTRUM]
+    return power * channel.signal.values.size / (4 * spectrum.noise_bandwidth_bins)
 
 
 def _findings_dataset(found: Sequence[Finding]) -> xr.Dataset:

@@ -115,7 +115,7 @@ def analyze(
     from hums.gearbox import load_gearbox  # noqa: PLC0415
     from hums.report import write_report  # noqa: PLC0415
     from hums.store import open_record  # noqa: PLC0415
-    from hums.summary import summary  # noqa: PLC0415
+    from hums.tables import summary  # noqa: PLC0415
 
     chosen = {
         "channels": tuple(channel) if channel else None,
@@ -167,9 +167,9 @@ def demo(
     from hums.analysis import analyze as run  # noqa: PLC0415
     from hums.gearbox import load_gearbox  # noqa: PLC0415
     from hums.report import write_report  # noqa: PLC0415
-    from hums.score import score  # noqa: PLC0415
+    from hums.scoring import score  # noqa: PLC0415
     from hums.store import open_record, save_record  # noqa: PLC0415
-    from hums.summary import findings_table  # noqa: PLC0415
+    from hums.tables import findings_table  # noqa: PLC0415
 
     scene = load_scene("demo")
     out.mkdir(parents=True, exist_ok=True)
@@ -237,10 +237,10 @@ def _print_record(record: "xr.Dataset") -> None:
             typer.echo(f"{label:<12} {record.attrs[key]}")
     for name in vibration_channels(record):
         when, attrs = sampling(record, name), record[name].attrs
-        where = ", ".join(str(attrs[key]) for key in ("sensor", "direction") if key in attrs)
+        where = "".join(f", {attrs[key]}" for key in ("sensor", "direction") if key in attrs)
         typer.echo(
-            f"{'channel':<12} {name}: {when.count} samples at {when.rate_hz:g} Hz, {when.count / when.rate_hz:.3f} s from "
-            f"{when.start_s:g} s, in {attrs['units']}{', ' + where if where else ''}"
+            f"{'channel':<12} {name}: {when.count} samples at {when.rate_hz:g} Hz, "
+            f"{when.count / when.rate_hz:.3f} s from {when.start_s:g} s, in {attrs['units']}{where}"
         )
     for name in tachometers(record):
         attrs = record[name].attrs

@@ -2,6 +2,7 @@
 
 import difflib
 import tomllib
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -57,6 +58,22 @@ def validated(model: type[M], table: dict[str, Any], *, where: str, error: type[
     except ValidationError as caught:
         text = "; ".join(dict.fromkeys(_sentence(details) for details in _causes(caught.errors())))
         raise error(f"{where}: {text}" + ("" if text.endswith("?") else ".")) from None
+
+
+def named_file(name_or_path: str | Path, *, shipped: dict[str, Path], thing: str, error: type[ValueError]) -> Path:
+    """Return the file that a name of a catalogue or a path means; the catalogue wins over a file of its name."""
+    name, path = str(name_or_path), Path(name_or_path)
+    if name in shipped:
+        return shipped[name]
+    if path.suffix == ".toml" or path.exists():
+        return path
+    raise error(f'"{name}" is neither a .toml file nor a {thing} of the catalogue{closest(name, set(shipped))}')
+
+
+def shipped_files(package: str) -> dict[str, Path]:
+    """Return the TOML files in the folder `catalogue` of a package: name -> file."""
+    folder = Path(str(files(package))) / "catalogue"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:

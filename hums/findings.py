@@ -102,7 +102,7 @@ class Judge:
         if not same_spectrum or weaker.family == stronger.family:
             return ""
         base = stronger.line.found
-        name = f"{stronger.wanted.component} {stronger.wanted.kind}"
+        name = f"{stronger.wanted.component} {stronger.wanted.kind.replace('_', ' ')}"
         if weaker.wanted.kind in {"gear_mesh", "shaft"}:
             return ""
         if stronger.wanted.kind == "shaft":
@@ -250,7 +250,7 @@ def _gear_finding(lines: Sequence[JudgedLine], locality: Locality | None) -> Fin
     main = _main_line(lines)
     claimed = [line for line in lines if line.claimed and line.found.channel == main.found.channel]
     others = [line for line in claimed if line is not main]
-    support = [f"{len(claimed)} sidebands of its mesh are claimed"] if others else []
+    support = [f"{len(claimed)} claimed sidebands of its mesh"] if others else []
     doubts = []
     if locality is None:
         doubts.append("its synchronous average could not be made, so nothing shows that one tooth is at fault")
@@ -261,8 +261,8 @@ def _gear_finding(lines: Sequence[JudgedLine], locality: Locality | None) -> Fin
         )
     else:
         support.append(
-            f"the residual of its synchronous average is local (kurtosis {locality.kurtosis:.1f}, noise alone reaches "
-            f"{locality.limit:.1f}), as one damaged tooth makes it"
+            f"a residual of its synchronous average that is local (kurtosis {locality.kurtosis:.1f}, noise alone "
+            f"reaches {locality.limit:.1f}), as one damaged tooth makes it"
         )
     if not others:
         doubts.append("a single sideband stands alone")
@@ -279,8 +279,9 @@ def _finding(main: JudgedLine, support: Sequence[str], doubts: Sequence[str]) ->
         else f"sideband {wanted.sideband:+d} of mesh harmonic {wanted.harmonic}"
     )
     offset = found.found / wanted.order - 1
+    off = f", {offset:+.1%}" if abs(offset) > 5e-4 else ""  # noqa: PLR2004  (what one decimal can show)
     evidence = (
-        f"{where} at {found.found:.3f} orders (nominal {wanted.order:.3f}, {offset:+.1%}), {found.amplitude:.3g} "
+        f"{where} at {found.found:.3f} orders (nominal {wanted.order:.3f}{off}), {found.amplitude:.3g} "
         f"{main.found.units}, {found.snr:.1f} times its surroundings"
     )
     if support:

@@ -8,17 +8,36 @@ side of the apex on a bevel mesh.
 import warnings
 from collections.abc import Mapping
 from functools import cached_property
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from hums.declared import Declared as Declared  # noqa: PLC0414
-from hums.declared import closest as closest  # noqa: PLC0414
-from hums.declared import read_toml as read_toml  # noqa: PLC0414
-from hums.declared import validated as validated  # noqa: PLC0414
+from hums.declared import Declared, closest, named_file, read_toml, shipped_files, validated
+
+# what every hand-written file shares is re-exported: `data_synth` enters by this door
+__all__ = [
+    "Axis",
+    "Bearing",
+    "Declared",
+    "Gear",
+    "Gearbox",
+    "GearboxError",
+    "GearboxWarning",
+    "Mesh",
+    "Multiples",
+    "Name",
+    "Positive",
+    "Vector",
+    "catalogue",
+    "closest",
+    "load_gearbox",
+    "named_file",
+    "read_toml",
+    "shipped_files",
+    "validated",
+]
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -300,9 +319,9 @@ class Gearbox(Declared):
             if link not in single
         }
         for group in self.rigid * len(self.rigid):  # as often as a chain of groups can be long
-            counts = {copied.get(link) for link in group if link in copied or link in single}
-            if len(counts) == 1 and None not in counts:
-                copied |= dict.fromkeys(group, counts.pop())
+            counts = {copied.get(link, 1) for link in group if link in copied or link in single}
+            if len(counts) == 1 and counts != {1}:
+                copied.update(dict.fromkeys(group, max(counts)))
         return copied
 
     @cached_property
@@ -349,22 +368,12 @@ def load_gearbox(name_or_path: str | Path) -> Gearbox:
     GearboxError
         With one sentence that names the thing, its value, what was needed and what to do.
     """
-    path = Path(name_or_path)
-    if path.suffix == ".toml" or path.exists():
-        return Gearbox.from_toml(path)
-    shipped = catalogue()
-    if str(name_or_path) in shipped:
-        return Gearbox.from_toml(shipped[str(name_or_path)])
-    raise GearboxError(
-        f'"{name_or_path}" is neither a .toml file nor a gearbox of the catalogue'
-        f"{closest(str(name_or_path), set(shipped))}"
-    )
+    return Gearbox.from_toml(named_file(name_or_path, shipped=catalogue(), thing="gearbox", error=GearboxError))
 
 
 def catalogue() -> dict[str, Path]:
     """Return the gearboxes that ship with the package: name -> file."""
-    folder = Path(str(files("hums"))) / "catalogue"
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return shipped_files("hums")
 
 
 def _warn_of_rounding(bearing: Bearing) -> None:

@@ -70,7 +70,7 @@ def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes) -> Axes:
         xlabel="order, cycles per revolution of the reference",
         ylabel=f"peak amplitude, {spectrum['units'].item()}",
         xlim=(0, float(orders[-1])),
-        ylim=(0, 1.55 * top),
+        ylim=(0, 1.7 * top),
     )
     return ax
 
@@ -130,10 +130,12 @@ def _highest(orders: np.ndarray, amplitude: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _lines(group: xr.Dataset, channel: str) -> list[dict[Hashable, Any]]:
-    """Rows of the line table of one channel, the highest first; sidebands only where claimed."""
+    """Rows of the line table of one channel, fundamentals first, then by height; sidebands only where claimed."""
     table = group[[name for name in group.data_vars if group[name].dims == ("line",)]].to_dataframe()
     mine = table[(table["line_channel"] == channel) & ((table["sideband"] == 0) | (table["claimed"] == 1))]
-    return mine.sort_values("line_amplitude", ascending=False).to_dict("records")
+    plain = (mine["harmonic"] == 1) & (mine["sideband"] == 0) & (mine["kind"] != "shaft")
+    order = np.lexsort((-mine["line_amplitude"], ~plain))
+    return mine.iloc[order].to_dict("records")
 
 
 def _label(line: dict[Hashable, Any]) -> str:

@@ -26,12 +26,20 @@ __all__ = [
     "open_tree",
     "save_record",
     "write_tree",
+    "written_beside",
 ]
 
 _ENGINE: Final = "h5netcdf"
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _CHUNK = 65536  # values: half a megabyte of float64, which HDF5's own cache of a megabyte holds
-_DAMAGE = (OSError, RuntimeError, KeyError, ValueError)  # what HDF5 and its readers raise on broken bytes
+_DAMAGE = (
+    OSError,
+    RuntimeError,
+    LookupError,
+    ValueError,
+    TypeError,
+    AttributeError,
+)  # what HDF5 and its readers raise on broken bytes
 
 Opened = TypeVar("Opened", xr.Dataset, xr.DataTree)
 
@@ -53,7 +61,7 @@ def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
     """
     check_record(record)
     plain = _writable(detach_time(record), where="record")
-    with _written_beside(path) as part:
+    with written_beside(path) as part:
         plain.to_netcdf(part, engine=_ENGINE, encoding=_encodings(plain))
 
 
@@ -85,7 +93,7 @@ def write_tree(tree: xr.DataTree, path: str | os.PathLike[str]) -> None:
     """Write a tree of datasets as groups of one file, with the same care as a record."""
     nodes = {node.path: _writable(node.to_dataset(inherit=False), where=f"group {node.path}") for node in tree.subtree}
     encoding = {where: _encodings(dataset) for where, dataset in nodes.items()}
-    with _written_beside(path) as part:
+    with written_beside(path) as part:
         xr.DataTree.from_dict(nodes).to_netcdf(part, engine=_ENGINE, encoding=encoding)
 
 
@@ -166,7 +174,7 @@ def _check_schema(file: Path) -> None:
     try:
         with open_hdf5(file) as contents:
             schema = contents.attrs.get("schema")
-    except (OSError, RuntimeError, KeyError) as error:
+    except (OSError, RuntimeError, LookupError) as error:
         raise _damaged(file, error) from error
     if schema == SCHEMA:
         return
@@ -188,7 +196,7 @@ def _damaged(file: Path, why: object) -> RecordError:
 
 
 @contextmanager
-def _written_beside(path: str | os.PathLike[str]) -> Iterator[Path]:
+def written_beside(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a file to write; put it in the place of `path` if all went well, remove it if not."""
     target = Path(path).resolve()  # so that a link goes on pointing to what it pointed to
     if target.is_dir():
@@ -217,14 +225,16 @@ def _sync(path: Path) -> None:
 
 
 def _encodings(dataset: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
-    """Chunks with a checksum each for every array of numbers, and no fill value: NaN is kept as it is."""
+    """Chunks with a checksum each for every array of numbers.
+
+    The fill value of floats stays NaN, xarray's default: a chunk that HDF5 does not find in a damaged index
+    then reads as NaN, which the analysis refuses, and not as a stretch of silence.
+    """
     encodings: dict[Hashable, dict[str, Any]] = {}
     for name, variable in dataset.variables.items():
         if variable.dtype.kind not in "biufcmM" or variable.ndim == 0 or variable.size == 0:
             continue  # HDF5 cannot checksum what is not chunked, nor the text behind a reference
         encodings[name] = {"fletcher32": True, "chunksizes": _chunks(variable.shape)}
-        if variable.dtype.kind in "iufc":
-            encodings[name]["_FillValue"] = None
     return encodings
 
 

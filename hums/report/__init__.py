@@ -1,11 +1,9 @@
 """An analysis becomes one self-contained HTML page, and the tables beside it."""
 
 import json
-import os
 from collections.abc import Callable, Iterator
 from importlib.resources import files
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import Any
 
 import xarray as xr
@@ -15,7 +13,8 @@ from hums.analysis import Analysis, check_analysis, group, save_analysis
 from hums.findings import DIAGNOSED
 from hums.plots import plot_spectrum, plot_speed, plot_tracks, svg
 from hums.search import ENVELOPE, ORDER_SPECTRUM
-from hums.summary import line_table, summary
+from hums.store import written_beside
+from hums.tables import line_table, summary
 
 
 def write_report(analysis: Analysis, folder: str | Path) -> Path:
@@ -72,8 +71,8 @@ def _figures(analysis: Analysis) -> Iterator[dict[str, str]]:
     for channel in dict.fromkeys(tracks["track_channel"].to_numpy().tolist()) if "track" in tracks.sizes else []:
         yield _figure(
             f"Amplitude tracks, {channel}",
-            f"The largest lines by Kalman smoother, bandwidth {tracks.attrs['bandwidth_orders']:g} orders; bands are "
-            "two standard deviations.",
+            f"The largest lines by Kalman smoother, bandwidths {float(tracks['bandwidth_orders'].min()):.2g} to "
+            f"{float(tracks['bandwidth_orders'].max()):.2g} orders; bands are two standard deviations.",
             lambda ax, channel=channel: plot_tracks(tracks, channel=channel, ax=ax),
         )
 
@@ -121,13 +120,5 @@ def _chance(probability: float) -> str:
 
 
 def _write_text(path: Path, text: str) -> None:
-    """Write beside and rename, so a crash leaves the old file whole."""
-    with NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False) as part:
-        try:
-            part.write(text)
-            part.flush()
-            os.fsync(part.fileno())
-            Path(part.name).replace(path)
-        except BaseException:
-            Path(part.name).unlink(missing_ok=True)
-            raise
+    with written_beside(path) as part:
+        part.write_text(text, encoding="utf-8")

@@ -7,6 +7,7 @@ by stretch, so that memory beyond the outputs grows with the square root of the 
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import ceil
 from typing import Literal
 
@@ -265,22 +266,20 @@ def fast(model: HarmonicModel, x: Floats, *, output_every: int, startup: int) ->
     blocks = ceil(x.size / _block_length(model, x.size))
     edges = np.linspace(0, x.size, blocks + 1).round().astype(np.int64)
     rows, data, residuals = _condense(model, x, edges)
-    length = x.size / blocks
+    between = _Between.centres(edges, np.arange(0, x.size, output_every))
     chain = Chain(
         measurements=lambda span: (rows[span], data[span]),
-        walk_variance=model.walk_variance(step=length),
-        prior_variance=model.prior_variance(step=length),
-        wanted=np.ones(blocks, dtype=np.bool_),
+        walk_variance=model.walk_variance(step=x.size / blocks),
+        prior_variance=model.prior_variance(step=x.size / blocks),
+        wanted=between.wanted,
     )
     first = int(np.searchsorted(edges, startup, side="right")) - 1
     levels, variances, tally = smooth_chain(chain, first)
     count = np.count_nonzero(~np.isnan(x[edges[first] :]))
-    centres = (edges[:-1] + edges[1:] - 1).astype(np.float64) / 2
-    at = np.arange(0, x.size, output_every)
-    # A plain random walk stands still beyond its last datum; its uncertainty does not.
+    # A plain random walk stands still beyond its last datum; a slope goes on, and so does uncertainty.
     return Estimate(
-        levels=_interpolate(at, centres, levels, extrapolate=model.poles > 1),
-        variances=_interpolate(at, centres, variances, extrapolate=True),
+        levels=between.interpolate(levels, extrapolate=model.poles > 1),
+        variances=between.interpolate(variances, extrapolate=True),
         innovation_mean_square=(tally.square + float(residuals[first:].sum())) / count,
         innovation_log_variance=tally.log_variance / count,
     )
@@ -322,12 +321,37 @@ def _condense(model: HarmonicModel, x: Floats, edges: NDArray[np.int64]) -> tupl
     return rows, scale * factors[:, columns, :columns], (scale * factors[:, columns, columns]) ** 2
 
 
-def _interpolate(at: NDArray[np.int64], centres: Floats, values: Floats, *, extrapolate: bool) -> Floats:
-    """Values at samples `at`, linear between block centres; before and after them held, or carried on."""
-    result = np.stack([np.interp(at, centres, column) for column in values.T], axis=1)
-    if extrapolate and centres.size > 1:
-        slope = np.diff(values, axis=0) / np.diff(centres)[:, None]
-        before, after = at < centres[0], at > centres[-1]
-        result[before] += (at[before] - centres[0])[:, None] * slope[0]
-        result[after] += (at[after] - centres[-1])[:, None] * slope[-1]
-    return result
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Between:
+    """Where outputs lie between block centres.
+
+    Attributes
+    ----------
+    wanted : (block,) array, the blocks next to an output.
+    left, right : (output,) arrays, which of the wanted blocks these are.
+    weight : (output,) array, of the right one; outside 0 to 1 before the first centre and after the last.
+    """
+
+    wanted: NDArray[np.bool_]
+    left: NDArray[np.int64]
+    right: NDArray[np.int64]
+    weight: Floats
+
+    @classmethod
+    def centres(cls, edges: NDArray[np.int64], at: NDArray[np.int64]) -> "_Between":
+        """Place the samples `at` between the centres of the blocks with these edges."""
+        centres = (edges[:-1] + edges[1:] - 1).astype(np.float64) / 2
+        right = np.searchsorted(centres, at).clip(min(1, centres.size - 1), centres.size - 1)
+        left = np.maximum(right - 1, 0)
+        wanted = np.zeros(centres.size, dtype=np.bool_)
+        wanted[left] = wanted[right] = True
+        place = np.cumsum(wanted) - 1
+        # Only a single block has no distance to its neighbour.
+        weight = (at - centres[left]) / np.maximum(centres[right] - centres[left], 1.0)
+        return cls(wanted=wanted, left=place[left], right=place[right], weight=weight)
+
+    def interpolate(self, values: Floats, *, extrapolate: bool) -> Floats:
+        """(output, column) values, linear in those of the wanted blocks; held beyond them or carried on."""
+        weight = self.weight if extrapolate else self.weight.clip(0.0, 1.0)
+        columns = [(1 - weight) * column[self.left] + weight * column[self.right] for column in values.T]
+        return np.stack(columns, axis=1)

@@ -168,3 +168,27 @@ def test_importing_loads_nothing_heavy_and_no_estimator():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+RPM = "rpm = [[0, 600], [10, 1200]]"
+
+
+def test_speed_from_a_table_beside_the_scene(write, tmp_path):
+    (tmp_path / "speed.csv").write_text("time_s,rpm\n0,600\n2.5,900\n")
+    assert load_scene(write(PLAN.replace(RPM, 'csv = "speed.csv"'))).speed.rpm == ((0.0, 600.0), (2.5, 900.0))
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"), [("0,600\n1,fast\n", "two columns of numbers"), (None, "cannot be read")]
+)
+def test_speed_from_a_bad_table(write, tmp_path, content, sentence):
+    if content is not None:
+        (tmp_path / "speed.csv").write_text(content)
+    with pytest.raises(SceneError, match=sentence):
+        load_scene(write(PLAN.replace(RPM, 'csv = "speed.csv"')))
+
+
+def test_a_folder_of_the_same_name_does_not_hide_the_catalogue(tmp_path, monkeypatch):
+    (tmp_path / "demo").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert load_scene("demo").gearbox.name == "two-stage"

@@ -18,7 +18,7 @@ from hums.analysis import (
 from hums.gearbox import Gearbox, load_gearbox
 from hums.record import Channel, NominalSpeed, PulseTimes, RecordError, make_record
 from hums.store import write_tree
-from hums.summary import line_table, summary
+from hums.tables import line_table, summary
 
 RATE_HZ = 5000.0
 SPEED_HZ = 20.0
@@ -38,7 +38,9 @@ def tone_record(*, channels=None, angle=None, seconds=SECONDS):
 
 @pytest.fixture(scope="module")
 def analysis():
-    return analyze(tone_record(), load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=(1200.0, 2200.0)))
+    return analyze(
+        tone_record(), load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=(1200.0, 2200.0))
+    )
 
 
 def test_layout(analysis):
@@ -80,9 +82,17 @@ def test_analysis_survives_the_file(analysis, tmp_path):
 
 def test_summary_has_the_stated_keys(analysis):
     facts = json.loads(json.dumps(summary(analysis), allow_nan=False))
-    assert {"schema", "record", "gearbox", "reference", "settings", "speed_hz", "orders", "envelope", "findings"} <= set(
-        facts
-    )
+    assert {
+        "schema",
+        "record",
+        "gearbox",
+        "reference",
+        "settings",
+        "speed_hz",
+        "orders",
+        "envelope",
+        "findings",
+    } <= set(facts)
     assert {"min", "max", "mean"} <= set(facts["speed_hz"])
     assert facts["speed_hz"]["mean"] == pytest.approx(SPEED_HZ, rel=1e-9)
     row = facts["orders"][0]
@@ -119,7 +129,9 @@ def test_nan_in_the_signal():
     values = np.random.default_rng(0).normal(size=20000)
     values[[700, 900]] = np.nan
     record = tone_record(channels={"housing": Channel(values=values, units="g")})
-    with pytest.raises(AnalysisError, match=r'channel "housing" has 2 samples that are not finite, the first at index 700'):
+    with pytest.raises(
+        AnalysisError, match=r'channel "housing" has 2 samples that are not finite, the first at index 700'
+    ):
         analyze(record, load_gearbox("two-stage"))
 
 

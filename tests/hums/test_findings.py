@@ -43,7 +43,12 @@ def line(kind, found, snr, *, component="b", harmonic=1, sideband=0, spectrum=EN
         units="g",
         bin_width=BIN,
         line=Line(
-            expected=found, found=found, amplitude=snr, amplitude_std=0.5, background=1.0, false_alarm_probability=chance
+            expected=found,
+            found=found,
+            amplitude=snr,
+            amplitude_std=0.5,
+            background=1.0,
+            false_alarm_probability=chance,
         ),
     )
 
@@ -99,9 +104,7 @@ def test_comparable_lines_on_both_races_are_rivals_and_not_certain():
 
 
 def test_a_supported_strong_line_is_diagnosed():
-    judged = JUDGE.judge(
-        [line("inner_race", 5.4, 10.0), line("inner_race", 6.4, 7.0, sideband=1, fundamental=False)]
-    )
+    judged = JUDGE.judge([line("inner_race", 5.4, 10.0), line("inner_race", 6.4, 7.0, sideband=1, fundamental=False)])
     (found,) = findings(judged, locality={})
     assert found.verdict == "diagnosed"
     assert "sideband +1" in found.evidence
@@ -130,9 +133,10 @@ def test_a_harmonic_alone_raises_nothing():
 
 def test_a_harmonic_at_the_wrong_spacing_is_no_support():
     # 2 x 5.4 = 10.8; harmonic 2 may be off by two bins for each of its orders, 0.04
-    assert claims(
-        line("inner_race", 5.4, 10.0), line("inner_race", 10.85, 8.0, harmonic=2, fundamental=False)
-    ) == [True, False]
+    assert claims(line("inner_race", 5.4, 10.0), line("inner_race", 10.85, 8.0, harmonic=2, fundamental=False)) == [
+        True,
+        False,
+    ]
 
 
 def tooth(order, snr, *, sideband):
@@ -142,7 +146,7 @@ def tooth(order, snr, *, sideband):
 @pytest.mark.parametrize(
     ("locality", "verdict", "words"),
     [
-        (Locality(kurtosis=9.0, limit=4.0), "diagnosed", "is local"),
+        (Locality(kurtosis=9.0, limit=4.0), "diagnosed", "that is local"),
         (Locality(kurtosis=3.1, limit=4.0), "indicated", "is not local"),
         (None, "indicated", "could not be made"),
     ],

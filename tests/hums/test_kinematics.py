@@ -2,7 +2,7 @@
 
 import math
 import random
-from fractions import Fraction as F
+from fractions import Fraction as F  # noqa: N817
 from itertools import pairwise
 
 import numpy as np
@@ -61,6 +61,18 @@ BEVEL_PLANET = {
         "planet": {"direction": [math.cos(math.pi / 3), math.sin(math.pi / 3), 0], "links": ["carrier", "planet"]},
     },
     "mesh": [{"teeth": {"sun": 15, "planet": 10}}, {"teeth": {"ring": -25, "planet": 10}}],
+}
+
+STEPPED = {
+    "name": "stepped planets",
+    "frame": "housing",
+    "reference": "sun",
+    "rigid": [["housing", "ring"], ["big", "small"]],
+    "axes": {
+        "main": ["housing", "sun", "ring", "carrier"],
+        "planets": {"links": ["carrier", "big", "small"], "copies": 3},
+    },
+    "mesh": [{"teeth": {"sun": 20, "big": 40}}, {"teeth": {"small": 18, "ring": -78}}],
 }
 
 
@@ -182,14 +194,8 @@ class TestPlanetary:
         "links", [["carrier", "big", "small"], ["carrier", "big"], ["carrier", "small"]], ids=["both", "big", "small"]
     )
     def test_stepped_planets_are_joined_copy_by_copy(self, links):
-        table = {
-            "frame": "housing",
-            "reference": "sun",
-            "rigid": [["housing", "ring"], ["big", "small"]],
-            "axes": {"main": ["housing", "sun", "ring", "carrier"], "planets": {"links": links, "copies": 3}},
-            "mesh": [{"teeth": {"sun": 20, "big": 40}}, {"teeth": {"small": 18, "ring": -78}}],
-        }
-        kinematics = solved(table)
+        axes = STEPPED["axes"] | {"planets": {"links": links, "copies": 3}}
+        kinematics = solved(STEPPED, axes=axes)
         # (w_s - w_c) / (0 - w_c) = -(40/20) (78/18)
         assert speed(kinematics, "carrier") == 1 / (1 + F(40, 20) * F(78, 18))
         assert kinematics.relative_speed("big 3", seen_from="small 3") == 0
@@ -300,7 +306,7 @@ class TestSpeeds:
 
     @pytest.mark.parametrize("bad", [float("nan"), float("inf"), True, "3", None])
     def test_what_is_no_speed(self, bad):
-        with pytest.raises(GearboxError, match='"pinion" = .* is not a finite number'):
+        with pytest.raises(GearboxError, match=r'"pinion" = .* is not a finite number'):
             solve_kinematics(load_gearbox("two-stage")).rates({"pinion": bad})
 
     @pytest.mark.parametrize("kind", [int, float, F, np.float64, np.float32, np.int64])
@@ -364,7 +370,7 @@ class TestNoMechanism:
 
     def test_a_link_held_twice(self):
         axes = self.BASE["axes"] | {"again": ["housing", "planet shaft"], "round": ["planet shaft", "sun"]}
-        with pytest.raises(GearboxError, match='"sun" is held twice|"planet shaft" is held twice'):
+        with pytest.raises(GearboxError, match=r'"(sun|planet shaft)" is held twice'):
             solved(self.BASE, axes=axes)
 
     def test_a_mechanism_that_cannot_move(self):
@@ -385,8 +391,8 @@ class TestNoMechanism:
 class TestOrderOfDeclaration:
     @pytest.mark.parametrize(
         "table",
-        [ALOUETTE, DIFFERENTIAL, planetary(rigid=[["housing", "ring"]])],
-        ids=["alouette", "differential", "planetary"],
+        [ALOUETTE, DIFFERENTIAL, STEPPED],
+        ids=["alouette", "differential", "stepped planets"],
     )
     @given(seed=st.integers(0, 2**32))
     def test_it_changes_nothing(self, table, seed):

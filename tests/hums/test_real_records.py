@@ -7,7 +7,7 @@ from hums.analysis import AnalysisSettings, analyze, group
 from hums.gearbox import GearboxWarning, load_gearbox
 from hums.readers import convert
 from hums.report import render
-from hums.summary import findings_table, line_table, summary
+from hums.tables import findings_table, line_table, summary
 from signals.averaging import synchronous_average
 from signals.envelope import envelope
 from signals.resampling import angular_resample
@@ -106,9 +106,7 @@ def test_turbine_synchronous_amplitudes(real_data):
 
 
 def test_turbine_line_grows_over_the_records(turbine_analyses):
-    amplitude = [
-        fundamental(turbine_analyses[day], "high speed bearing", "inner_race")["amplitude"] for day in TURBINE
-    ]
+    amplitude = [fundamental(turbine_analyses[day], "high speed bearing", "inner_race")["amplitude"] for day in TURBINE]
     np.testing.assert_allclose(amplitude, [0.095, 0.22, 0.44, 0.76], rtol=0.10)
 
 

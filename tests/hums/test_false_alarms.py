@@ -1,0 +1,58 @@
+"""Healthy machines raise findings as seldom as stated, and the uncertainty of the tracks is the real one."""
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from data_synth import Scene, load_scene, simulate
+from hums.analysis import AnalysisError, AnalysisSettings, analyze
+from hums.gearbox import load_gearbox
+from hums.scoring import score
+from hums.tables import findings_table
+
+RECORDS = 500
+HEALTHY = {
+    "gearbox": "two-stage",
+    "rate_hz": 6000,
+    "duration_s": 4,
+    "fidelity": "kinematic",
+    "speed": {"link": "input", "rpm": [[0, 1400], [4, 1500]]},
+    "torque": {"link": "output", "nm": [[0, 400], [4, 500]]},
+    "tachometer": {"link": "input", "pulses_per_rev": 1},
+    "noise": {"rms": 0.3},
+    "sensor": [{"name": "housing", "on": "input bearing", "direction": [0, 0, 1], "units": "g"}],
+}
+DEMO_SETTINGS = AnalysisSettings(envelope_band_hz=(6000.0, 10000.0))
+
+
+@pytest.mark.slow
+def test_false_alarm_rate_of_healthy_records():
+    scene, gearbox = Scene.from_mapping(HEALTHY), load_gearbox("two-stage")
+    settings = AnalysisSettings(envelope_band_hz=(1900.0, 2900.0), false_alarm_probability=0.05, most_tracks=0)
+    chance = []
+    for seed in range(RECORDS):
+        found = findings_table(analyze(simulate(scene, seed=seed), gearbox, settings=settings))
+        chance.append(found["false_alarm_probability"].min() if len(found) else 1.0)
+    for stated in (0.01, 0.05):
+        low, high = binom.interval(0.95, RECORDS, stated)
+        assert low <= np.sum(np.array(chance) < stated) <= high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_uncertainty_of_the_demo_is_the_real_one(seed):
+    record = simulate(load_scene("demo"), seed=seed)
+    analysis = analyze(record, load_gearbox("two-stage"), settings=DEMO_SETTINGS)
+    result = score(analysis, record)
+    assert 0.8 < result.normalised_rms < 1.25
+    assert result.tracks["std"].median() < 0.05 * result.tracks["true_amplitude"].max()
+    assert set(result.faults["verdict"]) == {"diagnosed"}
+    assert result.false_findings == ()
+
+
+def test_a_record_without_truth_has_no_score():
+    record = simulate(Scene.from_mapping(HEALTHY | {"duration_s": 1}), seed=0)
+    analysis = analyze(record, load_gearbox("two-stage"))
+    bare = record.drop_vars([name for name in record.data_vars if str(name).startswith("truth_")])
+    with pytest.raises(AnalysisError, match="no truth_amplitude"):
+        score(analysis, bare)

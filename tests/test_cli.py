@@ -1,0 +1,176 @@
+"""The command line, in process: what it prints, what it writes, and how it fails."""
+
+import json
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from scipy.io import savemat, wavfile
+
+from hums.cli import main
+from hums.store import open_record
+
+RATE_HZ, SPEED_HZ, SECONDS = 5000, 20.0, 4.0
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run `hums ...` and return exit code, standard output and standard error."""
+
+    def command(*words):
+        monkeypatch.setattr(sys, "argv", ["hums", *map(str, words)])
+        code = main()
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return command
+
+
+@pytest.fixture
+def mat(tmp_path):
+    time = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
+    vibration = np.cos(2 * np.pi * 23 * SPEED_HZ * time) + np.random.default_rng(0).normal(0, 0.1, time.size)
+    path = tmp_path / "data.mat"
+    waveform = (np.mod(SPEED_HZ * time, 1) < 0.1).astype(float)
+    savemat(path, {"vibration": vibration, "tach": np.arange(0, SECONDS, 1 / SPEED_HZ), "keyphasor": waveform})
+    return path
+
+
+def convert_words(mat, target, *more):
+    return ("convert", mat, target, "--channel", "vibration", "--rate-hz", RATE_HZ, "--units", "g", *more)
+
+
+def test_orders_table(run):
+    code, out, _ = run("orders", "two-stage")
+    assert code == 0
+    assert "437/4087" in out
+
+
+def test_orders_json_and_csv(run):
+    rows = json.loads(run("orders", "two-stage", "--json")[1])
+    assert {"component": "stage 1", "kind": "gear_mesh", "order": 23.0}.items() <= rows[3].items()
+    assert run("orders", "two-stage", "--csv")[1].startswith("component,kind,order,exact")
+
+
+def test_orders_with_a_speed(run):
+    _, out, _ = run("orders", "two-stage", "--reference", "output", "--json", "--speed", "output=100")
+    assert json.loads(out)[2]["order"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "angle",
+    [
+        ("--tach-times", "tach", "--pulses-per-rev", 1, "--shaft", "input"),
+        ("--tach-waveform", "keyphasor", "--pulses-per-rev", 1, "--shaft", "input"),
+        ("--shaft-rpm", 1200, "--shaft", "input"),
+    ],
+)
+def test_convert_info_analyze(run, mat, tmp_path, angle):
+    record = tmp_path / "record.h5"
+    assert run(*convert_words(mat, record, *angle))[0] == 0
+    code, out, _ = run("info", record)
+    assert code == 0
+    assert "vibration: 20000 samples at 5000 Hz" in out
+    code, out, err = run("analyze", record, "--gearbox", "two-stage", "-o", tmp_path / "out")
+    assert (code, err) == (0, "")
+    facts = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert facts["record"] == "record.h5"
+    mesh = next(row for row in facts["orders"] if row["component"] == "stage 1" and row["harmonic"] == 1)
+    assert mesh["claimed"]
+    assert mesh["amplitude"] == pytest.approx(1.0, abs=0.03)
+
+
+def test_no_source_of_angle_names_all_three(run, mat, tmp_path):
+    code, _, err = run(*convert_words(mat, tmp_path / "record.h5"))
+    assert code == 2
+    assert all(option in err for option in ("--tach-times", "--tach-waveform", "--shaft-rpm"))
+    assert not (tmp_path / "record.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("info", "nowhere.h5"), "nowhere.h5"),
+        (("orders", "two-stag"), 'did you mean "two-stage"?'),
+        (("orders", "two-stage", "--speed", "fast"), "write LINK=RPM"),
+        (("ordrs",), "ordrs"),
+        (("synth", "no-such-scene", "-o", "x.h5"), "no-such-scene"),
+    ],
+)
+def test_mistakes_end_in_a_sentence(run, words, sentence):
+    code, _, err = run(*words)
+    assert code == 2
+    assert sentence in err
+    assert "Traceback" not in err
+
+
+def test_a_rate_of_zero(run, mat, tmp_path):
+    words = convert_words(mat, tmp_path / "r.h5", "--shaft-rpm", 1200, "--shaft", "input")
+    code, _, err = run(*(0 if word == RATE_HZ else word for word in words))
+    assert code == 2
+    assert "rate_hz" in err
+
+
+def test_a_channel_that_is_not_there(run, mat, tmp_path):
+    words = convert_words(mat, tmp_path / "r.h5", "--shaft-rpm", 1200, "--shaft", "input")
+    code, _, err = run(*("vibratoin" if word == "vibration" else word for word in words))
+    assert code == 2
+    assert "vibration" in err
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89HDF\r\n\x1a\n" + b"\0" * 100, b"not a record"])
+def test_files_that_are_no_records(run, tmp_path, content):
+    (tmp_path / "bad.h5").write_bytes(content)
+    code, _, err = run("analyze", tmp_path / "bad.h5", "--gearbox", "two-stage", "-o", tmp_path / "out")
+    assert code == 2
+    assert "bad.h5" in err
+
+
+def test_a_directory_in_place_of_a_file(run, tmp_path):
+    code, _, err = run("info", tmp_path)
+    assert code == 2
+    assert "directory" in err
+
+
+def test_a_wav_states_its_rate(run, tmp_path):
+    samples = (8000 * np.sin(np.arange(20000))).astype(np.int16)
+    wavfile.write(tmp_path / "a.wav", RATE_HZ, samples)
+    code, out, err = run(
+        "convert", tmp_path / "a.wav", tmp_path / "a.h5", "--channel", "channel 1", "--units", "g", "--scale", 10,
+        "--shaft-rpm", 1200, "--shaft", "input",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    assert "at 5000 Hz" in out
+    with open_record(tmp_path / "a.h5") as record:
+        assert float(abs(record["channel 1"]).max()) == pytest.approx(10 * 8000 / 32768, rel=1e-3)
+
+
+def test_synth_writes_a_record_with_truth(run, tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        'gearbox = "two-stage"\nrate_hz = 5000\nduration_s = 1\nfidelity = "kinematic"\n'
+        'speed = { link = "input", rpm = 1200 }\ntachometer = { link = "input", pulses_per_rev = 1 }\n'
+        '[[sensor]]\nname = "a"\non = "input bearing"\nunits = "g"\n'
+    )
+    code, out, _ = run("synth", scene, "-o", tmp_path / "record.h5", "--seed", 3)
+    assert code == 0
+    assert "truth_amplitude" in out
+
+
+def test_warnings_reach_the_user_as_a_line(run, request):
+    turbine = request.path.parent / "data" / "wind-turbine.toml"
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        code, _, err = run("orders", turbine)
+    assert code == 0
+    assert err.startswith("warning: ")
+    assert "16.18" in err
+
+
+@pytest.mark.slow
+def test_demo(run, tmp_path):
+    code, out, err = run("demo", "-o", tmp_path / "demo")
+    assert (code, err) == (0, "")
+    assert "Truth against estimate" in out
+    assert (tmp_path / "demo" / "report.html").exists()
