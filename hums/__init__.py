@@ -4,18 +4,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hums.analysis import Analysis as Analysis
-    from hums.analysis import AnalysisError as AnalysisError
     from hums.analysis import AnalysisSettings as AnalysisSettings
     from hums.analysis import analyze as analyze
-    from hums.analysis import open_analysis as open_analysis
-    from hums.analysis import save_analysis as save_analysis
     from hums.gearbox import Gearbox as Gearbox
     from hums.gearbox import GearboxError as GearboxError
     from hums.gearbox import GearboxWarning as GearboxWarning
     from hums.gearbox import load_gearbox as load_gearbox
     from hums.kinematics import Kinematics as Kinematics
     from hums.kinematics import solve_kinematics as solve_kinematics
+    from hums.layout import Analysis as Analysis
+    from hums.layout import AnalysisError as AnalysisError
+    from hums.layout import open_analysis as open_analysis
+    from hums.layout import save_analysis as save_analysis
     from hums.orders import defect_orders as defect_orders
     from hums.readers import convert as convert
     from hums.record import Channel as Channel
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from hums.tables import summary as summary
 
 _HOME = {
-    "Analysis": "hums.analysis",
-    "AnalysisError": "hums.analysis",
+    "Analysis": "hums.layout",
+    "AnalysisError": "hums.layout",
     "AnalysisSettings": "hums.analysis",
     "Channel": "hums.record",
     "Gearbox": "hums.gearbox",
@@ -54,9 +54,9 @@ _HOME = {
     "line_table": "hums.tables",
     "load_gearbox": "hums.gearbox",
     "make_record": "hums.record",
-    "open_analysis": "hums.analysis",
+    "open_analysis": "hums.layout",
     "open_record": "hums.store",
-    "save_analysis": "hums.analysis",
+    "save_analysis": "hums.layout",
     "save_record": "hums.store",
     "score": "hums.scoring",
     "solve_kinematics": "hums.kinematics",

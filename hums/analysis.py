@@ -1,7 +1,7 @@
 """The workflow: a record, a gearbox and settings become an analysis.
 
 An analysis is an `xarray.DataTree` with the groups `/speed`, `/order_spectrum`, `/envelope`, `/tracks` and
-`/findings`; reports and scores are made from it alone.
+`/findings` (see `hums.layout`); reports and scores are made from it alone.
 """
 
 import json
@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from hums.declared import Declared, closest
-from hums.findings import Finding, Judge, JudgedLine, Locality, findings
+from hums.findings import Judge, JudgedLine, Locality, findings
 from hums.gearbox import Gearbox
 from hums.kinematics import Kinematics, solve_kinematics
-from hums.orders import BEARING_KINDS, BearingOrders, bearing_orders
+from hums.layout import SCHEMA, Analysis, AnalysisError, check_analysis, findings_dataset, spectrum_dataset
+from hums.orders import BearingOrders, bearing_orders
 from hums.record import (
     channel_values,
     check_record,
@@ -39,27 +40,16 @@ from hums.search import (
     search,
     wanted_lines,
 )
-from hums.store import open_tree, write_tree
+from hums.tracking import track_lines, tracked_lines
 from signals.averaging import residual_signal, synchronous_average
 from signals.envelope import envelope
-from signals.harmonics import track_orders
-from signals.harmonics.likelihood import likely_bandwidth
 from signals.phase import ShaftPhase, constant_speed
 from signals.resampling import PASSBAND, AngularSignal, angular_resample
 from signals.spectra import AmplitudeSpectrum, order_spectrum
 from signals.tachometer import shaft_phase
 
-Analysis: TypeAlias = xr.DataTree
-SCHEMA = "hums-analysis/1"
-GROUPS = ("speed", ORDER_SPECTRUM, ENVELOPE, "tracks", "findings")
 _LEAST_ORDERS = 20.0  # a spectrum shows at least this many
-_OUTPUTS_PER_BANDWIDTH = 8
-_LARGEST_TRACK_BANDWIDTH = 0.1
 _MARGIN = 1.1  # of order beyond the last line looked for, plus one, so that its surroundings fit
-
-
-class AnalysisError(ValueError):
-    """A record, gearbox or setting that does not fit an analysis."""
 
 
 class AnalysisSettings(Declared):
@@ -156,48 +146,14 @@ def analyze(record: xr.Dataset, gearbox: Gearbox, *, settings: AnalysisSettings 
         {
             "/": xr.Dataset(attrs=_root_attrs(record, gearbox, machine, settings, channels)),
             "/speed": _speed_dataset(machine),
-            f"/{ORDER_SPECTRUM}": _spectrum_dataset(channels, ORDER_SPECTRUM, judged),
-            f"/{ENVELOPE}": _spectrum_dataset(channels, ENVELOPE, judged),
-            "/tracks": _tracks_dataset(channels, machine.phase, judged, settings),
-            "/findings": _findings_dataset(found),
+            f"/{ORDER_SPECTRUM}": _spectra(channels, ORDER_SPECTRUM, judged),
+            f"/{ENVELOPE}": _spectra(channels, ENVELOPE, judged),
+            "/tracks": _tracks_dataset(channels, machine, judged, settings),
+            "/findings": findings_dataset(found),
         }
     )
     check_analysis(tree)
     return tree
-
-
-def save_analysis(analysis: Analysis, path: str | Path) -> None:
-    """Write an analysis to one HDF5 file, beside and renamed."""
-    check_analysis(analysis)
-    write_tree(analysis, path)
-
-
-def open_analysis(path: str | Path) -> Analysis:
-    """Open an analysis that `save_analysis` wrote; values are read when used."""
-    tree = open_tree(path)
-    try:
-        check_analysis(tree)
-    except AnalysisError as error:
-        tree.close()
-        raise AnalysisError(f"{path}: {error}") from None
-    return tree
-
-
-def group(analysis: Analysis, name: str) -> xr.Dataset:
-    """Return one group of an analysis, such as ``"speed"``, as a dataset."""
-    return analysis.children[name].to_dataset(inherit=False)
-
-
-def check_analysis(tree: Analysis) -> None:
-    """Raise AnalysisError unless `tree` has the schema and groups of an analysis."""
-    if tree.attrs.get("schema") != SCHEMA:
-        raise AnalysisError(
-            f'this is not an analysis: its schema is {tree.attrs.get("schema")!r}, not "{SCHEMA}"; make one with '
-            "hums.analyze."
-        )
-    missing = [group for group in GROUPS if group not in tree.children]
-    if missing:
-        raise AnalysisError(f"this analysis lacks the groups {', '.join(missing)}; make it again with hums.analyze.")
 
 
 def _machine(record: xr.Dataset, gearbox: Gearbox) -> _Machine:
@@ -446,152 +402,21 @@ def _speed_dataset(machine: _Machine) -> xr.Dataset:
     )
 
 
-def _spectrum_dataset(channels: Sequence[_Channel], group: str, judged: Sequence[JudgedLine]) -> xr.Dataset:
-    """Return the spectra of all channels on their common axis, and the table of lines beside them."""
-    table = _line_table([line for line in judged if line.found.wanted.spectrum == group])
-    spectra = [channel.spectra[group] for channel in channels if group in channel.spectra]
-    if not spectra:
-        return table
-    size = min(spectrum.axis.size for spectrum in spectra)
-    amplitude = np.stack([spectrum.amplitude[:size] for spectrum in spectra])
-    return (
-        table.assign(
-            amplitude=(("channel", "order"), amplitude, {"long_name": "peak amplitude"}),
-        )
-        .assign_coords(
-            channel=[channel.name for channel in channels],
-            units=("channel", [channel.units for channel in channels]),
-            order=("order", spectra[0].axis[:size], {"units": "cycles per revolution of the reference"}),
-        )
-        .assign_attrs(
-            window=spectra[0].window,
-            bin_width_orders=spectra[0].bin_width,
-            resolution_orders=spectra[0].resolution,
-        )
-    )
-
-
-def _line_table(lines: Sequence[JudgedLine]) -> xr.Dataset:
-    found, wanted, text = ([line.found.line for line in lines], [line.found.wanted for line in lines], "<U1")
-    columns: dict[str, NDArray[Any]] = {
-        "component": np.array([w.component for w in wanted], dtype=None if wanted else text),
-        "kind": np.array([w.kind for w in wanted], dtype=None if wanted else text),
-        "harmonic": np.array([w.harmonic for w in wanted], dtype=np.int64),
-        "sideband": np.array([w.sideband for w in wanted], dtype=np.int64),
-        "line_channel": np.array([line.found.channel for line in lines], dtype=None if lines else text),
-        "line_units": np.array([line.found.units for line in lines], dtype=None if lines else text),
-        "line_order": np.array([w.order for w in wanted], dtype=np.float64),
-        "order_found": np.array([f.found for f in found], dtype=np.float64),
-        "line_amplitude": np.array([f.amplitude for f in found], dtype=np.float64),
-        "line_amplitude_std": np.array([f.amplitude_std for f in found], dtype=np.float64),
-        "background": np.array([f.background for f in found], dtype=np.float64),
-        "snr": np.array([f.snr for f in found], dtype=np.float64),
-        "false_alarm_probability": np.array([line.false_alarm_probability for line in lines], dtype=np.float64),
-        "claimed": np.array([line.claimed for line in lines], dtype=np.int8),
-        "explained_by": np.array([line.explained_by for line in lines], dtype=None if lines else text),
-    }
-    return xr.Dataset({name: ("line", values) for name, values in columns.items()})
+def _spectra(channels: Sequence[_Channel], name: str, judged: Sequence[JudgedLine]) -> xr.Dataset:
+    there = [(channel.name, channel.units, channel.spectra[name]) for channel in channels if name in channel.spectra]
+    return spectrum_dataset(there, [line for line in judged if line.found.wanted.spectrum == name])
 
 
 def _tracks_dataset(
-    channels: Sequence[_Channel], phase: ShaftPhase, judged: Sequence[JudgedLine], settings: AnalysisSettings
+    channels: Sequence[_Channel], machine: _Machine, judged: Sequence[JudgedLine], settings: AnalysisSettings
 ) -> xr.Dataset:
-    """Amplitude and phase, revolution by revolution, of the claimed lines that are locked to a shaft."""
-    merged: list[xr.Dataset] = []
+    tracks = []
     for channel in channels:
-        lines = _tracked_lines([x for x in judged if x.found.channel == channel.name], most=settings.most_tracks)
+        mine = [line for line in judged if line.found.channel == channel.name]
+        lines = tracked_lines(mine, most=settings.most_tracks)
         if lines:
-            merged.append(_channel_tracks(channel, phase, lines, settings))
-    if not merged:
+            spectrum, bandwidth = channel.spectra[ORDER_SPECTRUM], settings.track_bandwidth_orders
+            tracks.append(track_lines(channel.signal, spectrum, machine.phase, lines, bandwidth_orders=bandwidth))
+    if not tracks:
         return xr.Dataset()
-    return xr.concat(merged, dim="track", data_vars="minimal", coords="minimal", compat="override", join="override")
-
-
-def _tracked_lines(judged: Iterable[JudgedLine], *, most: int) -> list[FoundLine]:
-    """Return the strongest claimed lines of the order spectrum, one an order, by ascending order."""
-    claimed = [line.found for line in judged if line.claimed and line.found.wanted.kind not in BEARING_KINDS]
-    locked = [line for line in claimed if line.wanted.spectrum == ORDER_SPECTRUM]
-    strongest = sorted(locked, key=lambda line: -line.line.snr)
-    chosen: list[FoundLine] = []
-    for line in strongest:
-        if all(abs(line.wanted.order - other.wanted.order) > line.bin_width for other in chosen):
-            chosen.append(line)
-    return sorted(chosen[:most], key=lambda line: line.wanted.order)
-
-
-def _channel_tracks(
-    channel: _Channel, phase: ShaftPhase, lines: Sequence[FoundLine], settings: AnalysisSettings
-) -> xr.Dataset:
-    signal = channel.signal
-    per_rev = signal.samples_per_rev
-    orders = [line.line.found if phase.nominal else line.wanted.order for line in lines]
-    values = signal.values - signal.values.mean()
-    noise = _local_noise(channel, lines)
-    bandwidth: NDArray[np.float64] | float | None = settings.track_bandwidth_orders
-    if bandwidth is None:
-        bandwidth = likely_bandwidth(
-            values,
-            phase_rad=signal.angle_rad,
-            orders=orders,
-            samples_per_rev=per_rev,
-            noise_variance=noise,
-            largest_bandwidth_orders=_LARGEST_TRACK_BANDWIDTH,
-        )
-    tracks = track_orders(
-        values,
-        phase_rad=signal.angle_rad,
-        orders=orders,
-        bandwidth_orders=bandwidth,
-        samples_per_rev=per_rev,
-        output_every=max(1, round(per_rev / (_OUTPUTS_PER_BANDWIDTH * float(np.max(bandwidth))))),
-    )
-    # the tracker's own uncertainty rests on the mean noise over all orders; each line has its own surroundings
-    std = tracks.std * np.sqrt(noise / tracks.noise_variance)[:, None]
-    revolution = signal.start_rev + tracks.sample_index / per_rev
-    return xr.Dataset(
-        {
-            "complex_amplitude": (("track", "output"), tracks.complex_amplitude),
-            "std": (("track", "output"), std, {"long_name": "of the real and of the imaginary part"}),
-        },
-        coords={
-            "track_channel": ("track", [channel.name] * len(lines)),
-            "track_units": ("track", [channel.units] * len(lines)),
-            "track_order": ("track", np.asarray(orders, dtype=np.float64)),
-            "bandwidth_orders": ("track", tracks.bandwidth),
-            "component": ("track", [line.wanted.component for line in lines]),
-            "kind": ("track", [line.wanted.kind for line in lines]),
-            "harmonic": ("track", [line.wanted.harmonic for line in lines]),
-            "sideband": ("track", [line.wanted.sideband for line in lines]),
-            "revolution": ("output", revolution),
-            "time_s": (
-                "output",
-                phase.times_at(np.minimum(revolution, phase.revolutions[-1])),
-                {"units": "s"},
-            ),
-        },
-        attrs={
-            "method": tracks.method,
-            "bandwidth_orders": settings.track_bandwidth_orders,
-            "poles": tracks.poles,
-        },
-    )
-
-
-def _local_noise(channel: _Channel, lines: Sequence[FoundLine]) -> NDArray[np.float64]:
-    """Return the variance of white noise as dense as the surroundings of each line.
-
-    A Hann line of white noise with variance R has mean power 4 R ENBW / n, so the background tells R.
-    """
-    power = np.array([2 * line.line.amplitude_std**2 for line in lines])
-    spectrum = channel.spectra[ORDER_SPECTRUM]
-    return power * channel.signal.values.size / (4 * spectrum.noise_bandwidth_bins)
-
-
-def _findings_dataset(found: Sequence[Finding]) -> xr.Dataset:
-    text = ("component", "kind", "channel", "verdict", "evidence", "units")
-    numbers = ("false_alarm_probability", "snr", "order_found", "amplitude")
-    columns: dict[str, NDArray[Any]] = {
-        name: np.array([getattr(finding, name) for finding in found], dtype=None if found else "<U1") for name in text
-    }
-    columns |= {name: np.array([getattr(finding, name) for finding in found], dtype=np.float64) for name in numbers}
-    return xr.Dataset({name: ("finding", values) for name, values in columns.items()})
+    return xr.concat(tracks, dim="track", data_vars="minimal", coords="minimal", compat="override", join="override")

@@ -98,11 +98,7 @@ def defect_orders(
 
     rows = defects(gearbox, reference=reference, speeds=speeds)
     return pd.DataFrame(
-        [
-            [row.component, row.kind, row.order, row.exact, row.sources, row.seen_from, row.sidebands]
-            for row in rows
-            if row.order > 0
-        ],
+        [[row.component, row.kind, row.order, row.exact, row.sources, row.seen_from, row.sidebands] for row in rows],
         columns=["component", "kind", "order", "exact", "sources", "seen_from", "sidebands"],
     )
 
@@ -115,7 +111,8 @@ def defects(
 ) -> tuple[DefectOrder, ...]:
     """Return the rows of `defect_orders` as objects; parameters and errors as there."""
     motion = _Motion.of(gearbox, reference, speeds)
-    return (*_shafts(motion), *_meshes(motion), *_planets(motion), *_bearings(motion))
+    rows = (*_shafts(motion), *_meshes(motion), *_planets(motion), *_bearings(motion))
+    return tuple(row for row in rows if row.order > 0)
 
 
 def bearing_orders(

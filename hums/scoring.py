@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from hums.analysis import Analysis, AnalysisError, group
 from hums.findings import DIAGNOSED
+from hums.layout import Analysis, AnalysisError, group
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -3,7 +3,7 @@
 import json
 from typing import TYPE_CHECKING, Any
 
-from hums.analysis import Analysis, group
+from hums.layout import Analysis, group
 from hums.search import ENVELOPE, ORDER_SPECTRUM
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import Any
 import xarray as xr
 from jinja2 import Environment, StrictUndefined
 
-from hums.analysis import Analysis, check_analysis, group, save_analysis
 from hums.findings import DIAGNOSED
+from hums.layout import Analysis, check_analysis, group, save_analysis
 from hums.plots import plot_spectrum, plot_speed, plot_tracks, svg
 from hums.search import ENVELOPE, ORDER_SPECTRUM
 from hums.store import written_beside

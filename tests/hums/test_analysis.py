@@ -6,16 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from hums.analysis import (
-    GROUPS,
-    AnalysisError,
-    AnalysisSettings,
-    analyze,
-    group,
-    open_analysis,
-    save_analysis,
-)
+from hums.analysis import AnalysisSettings, analyze
 from hums.gearbox import Gearbox, load_gearbox
+from hums.layout import GROUPS, AnalysisError, group, open_analysis, save_analysis
 from hums.record import Channel, NominalSpeed, PulseTimes, RecordError, make_record
 from hums.store import write_tree
 from hums.tables import line_table, summary

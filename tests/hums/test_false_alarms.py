@@ -5,8 +5,9 @@ import pytest
 from scipy.stats import binom
 
 from data_synth import Scene, load_scene, simulate
-from hums.analysis import AnalysisError, AnalysisSettings, analyze
+from hums.analysis import AnalysisSettings, analyze
 from hums.gearbox import load_gearbox
+from hums.layout import AnalysisError
 from hums.scoring import score
 from hums.tables import findings_table
 

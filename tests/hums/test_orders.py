@@ -1,6 +1,7 @@
 """The table of defect orders against hand-worked trains, the papers' tables and published bearing figures."""
 
 import math
+from dataclasses import astuple
 from fractions import Fraction as F  # noqa: N817
 
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from hums.gearbox import Gearbox, GearboxError, GearboxWarning, load_gearbox
 from hums.kinematics import solve_kinematics
-from hums.orders import BEARING_KINDS, KINDS, bearing_multiples, bearing_orders, defect_orders
+from hums.orders import BEARING_KINDS, KINDS, bearing_multiples, bearing_orders, defect_orders, defects
 
 # Penaud and Alazard 2010, section 3 and table A; the sides of the bevel gears as in the 2012 paper.
 DIFFERENTIAL = {
@@ -386,6 +387,10 @@ class TestTable:
         assert table["order"].dtype == float
         for row in table.itertuples():
             assert row.exact is None or float(row.exact) == row.order
+        assert [astuple(row) for row in defects(gearbox)] == [
+            (row.component, row.kind, row.exact, row.order, row.sources, row.seen_from, row.sidebands)
+            for row in table.itertuples()
+        ]
         assert table.equals(defect_orders(solve_kinematics(gearbox)))
 
     def test_order_of_declaration_changes_nothing(self):

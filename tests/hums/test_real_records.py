@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from hums.analysis import AnalysisSettings, analyze, group
+from hums.analysis import AnalysisSettings, analyze
 from hums.gearbox import GearboxWarning, load_gearbox
+from hums.layout import group
 from hums.readers import convert
 from hums.report import render
 from hums.tables import findings_table, line_table, summary

@@ -8,8 +8,9 @@ import shutil
 import numpy as np
 import pytest
 
-from hums.analysis import AnalysisSettings, analyze, open_analysis
+from hums.analysis import AnalysisSettings, analyze
 from hums.gearbox import load_gearbox
+from hums.layout import open_analysis
 from hums.record import Channel, PulseTimes, make_record
 from hums.report import render, write_report
 

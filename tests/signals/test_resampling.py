@@ -50,8 +50,10 @@ def record_revolutions(swinging):
 
 
 class TestTones:
-    @pytest.mark.parametrize("order", [1, 36, 200, 400])
-    @pytest.mark.parametrize("phase", ["exact_phase", "pulsed_phase"])
+    @pytest.mark.parametrize(
+        ("phase", "order"),
+        [("exact_phase", 1), ("exact_phase", 36), ("exact_phase", 200), ("exact_phase", 400), ("pulsed_phase", 400)],
+    )
     def test_standard_job(self, request, record_revolutions, middle, phase, order):
         """Standard job J4: 1,024 samples a revolution of a tone whose angle is known."""
         phase = request.getfixturevalue(phase)
