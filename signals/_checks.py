@@ -1,7 +1,9 @@
 """Checks of what comes in, each ending in a sentence that says what to do."""
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from difflib import get_close_matches
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,11 +28,41 @@ def real_vector(values: ArrayLike, *, name: str, minimum: int = 1, finite: bool 
     return vector
 
 
-def positive(value: Any, *, name: str) -> float:  # noqa: ANN401
-    """Return `value` as a float above zero, or raise ValueError."""
-    if isinstance(value, bool | str) or not np.isscalar(value):
-        raise ValueError(f"{name} = {value!r} is not a number; give a number above 0.")
-    number = float(value)  # type: ignore[arg-type]
-    if not math.isfinite(number) or number <= 0:
-        raise ValueError(f"{name} = {value!r} must be a finite number above 0.")
-    return number
+def number(value: object, *, name: str) -> float:
+    """Return a finite real number, or raise ValueError."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise ValueError(f"{name}={value!r} must be a number, not {type(value).__name__}.")  # noqa: TRY004
+    if not math.isfinite(value):
+        raise ValueError(f"{name}={value} must be finite.")
+    return float(value)
+
+
+def positive(value: object, *, name: str) -> float:
+    """Return a finite number above zero, or raise ValueError."""
+    found = number(value, name=name)
+    if found <= 0:
+        raise ValueError(f"{name}={value!r} must be above zero; give a positive number.")
+    return found
+
+
+def whole(value: object, *, name: str, least: int, most: int | None = None) -> int:
+    """Return a whole number within bounds, or raise ValueError."""
+    bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not is_whole or value < least or (most is not None and value > most):  # type: ignore[operator]
+        raise ValueError(f"{name}={value!r} must be a whole number {bounds}.")
+    return int(value)  # type: ignore[call-overload, no-any-return]
+
+
+def choice(value: object, *, name: str, choices: Sequence[str]) -> None:
+    """Raise ValueError at anything that is not one of the choices."""
+    if value not in choices:
+        raise ValueError(
+            f"{name}={value!r} is unknown; it must be one of {', '.join(choices)}.{nearest(value, choices)}"
+        )
+
+
+def nearest(value: object, choices: Sequence[str]) -> str:
+    """Return `` Did you mean 'x'?``, or nothing where nothing is near."""
+    close = get_close_matches(str(value), choices, n=1)
+    return f" Did you mean {close[0]!r}?" if close else ""

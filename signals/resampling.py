@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from signals._checks import Array, positive, real_vector
+from signals._checks import Array, positive, real_vector, whole
 from signals.phase import ShaftPhase
 
 HALF_WIDTH = 32  # zero crossings of the sinc on either side
@@ -82,13 +82,12 @@ def angular_resample(
 
     signal = real_vector(x, name="the signal", minimum=2)
     rate = positive(rate_hz, name="rate_hz")
-    if isinstance(samples_per_rev, bool) or int(samples_per_rev) != samples_per_rev or samples_per_rev < 2:  # noqa: PLR2004
-        raise ValueError(f"samples_per_rev = {samples_per_rev!r} must be a whole number of at least 2.")
-    first, whole = whole_revolutions(phase, start_s=start_s, stop_s=start_s + (signal.size - 1) / rate)
-    if revolutions is not None and not (int(revolutions) == revolutions and 1 <= revolutions <= whole):
-        raise ValueError(f"revolutions = {revolutions} were asked for; the record holds {whole} whole ones.")
-    count = whole if revolutions is None else int(revolutions)
-    grid = first + np.arange(count * int(samples_per_rev)) / int(samples_per_rev)
+    per_rev = whole(samples_per_rev, name="samples_per_rev", least=2)
+    first, available = whole_revolutions(phase, start_s=start_s, stop_s=start_s + (signal.size - 1) / rate)
+    count = available
+    if revolutions is not None:
+        count = whole(revolutions, name="revolutions", least=1, most=available)
+    grid = first + np.arange(count * per_rev) / per_rev
     times = phase.times_at(grid)
     speeds = phase.speed_hz(times)
     # a shaft that all but stands would ask for a kernel longer than the record
@@ -96,7 +95,7 @@ def angular_resample(
     values = convolve_at(signal, (times - start_s) * rate, cutoffs, _kernel_table(), HALF_WIDTH, _TABLE)
     return AngularSignal(
         values=values,
-        samples_per_rev=int(samples_per_rev),
+        samples_per_rev=per_rev,
         start_rev=first,
         passband_orders=float(PASSBAND / 2 * min(samples_per_rev, rate / speeds.max())),
     )

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 from scipy.signal import get_window
 
-from signals._checks import Array, positive, real_vector
+from signals._checks import Array, positive, real_vector, whole
 from signals.resampling import AngularSignal
 
 PADDING = 8  # zero padding; the grid then meets a Hann line within 0.25 % of its height, a parabola within 0.003 %
@@ -54,8 +54,7 @@ def amplitude_spectrum(
     """
     signal = real_vector(values, name="the signal", minimum=4)
     rate = positive(rate, name="rate")
-    if isinstance(padding, bool) or int(padding) != padding or padding < 1:
-        raise ValueError(f"padding = {padding!r} must be a whole number of at least 1.")
+    padding = whole(padding, name="padding", least=1)
     weights = np.asarray(get_window(window, signal.size), dtype=np.float64)
     length = signal.size * padding
     lines = fft.rfft((signal - signal.mean()) * weights, length)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from signals._checks import Array, positive, real_vector
+from signals._checks import Array, positive, real_vector, whole
 from signals.phase import ShaftPhase
 
 _HYSTERESIS = 0.25  # of the swing, either side of the middle
@@ -92,8 +92,7 @@ def shaft_phase(times_s: ArrayLike, *, pulses_per_rev: int = 1) -> ShaftPhase:
         Pulses that run backwards, or an interval that misses a pulse: with its place and size.
     """
     times = real_vector(times_s, name="pulse times", minimum=2)
-    if isinstance(pulses_per_rev, bool) or int(pulses_per_rev) != pulses_per_rev or pulses_per_rev < 1:
-        raise ValueError(f"pulses_per_rev = {pulses_per_rev!r} must be a whole number of at least 1.")
+    stripes = whole(pulses_per_rev, name="pulses_per_rev", least=1)
     intervals = np.diff(times)
     back = np.flatnonzero(intervals <= 0)
     if back.size:
@@ -103,7 +102,6 @@ def shaft_phase(times_s: ArrayLike, *, pulses_per_rev: int = 1) -> ShaftPhase:
             f"({back.size} such places). Sort out the tachometer, or hand a waveform over as a waveform."
         )
     _refuse_gaps(times, intervals)
-    stripes = int(pulses_per_rev)
     positions = _stripe_positions(times, stripes)
     count = np.arange(times.size)
     return ShaftPhase(

@@ -4,16 +4,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from signals.harmonics.kalman import track_orders as track_orders
     from signals.harmonics.model import OrderTracks as OrderTracks
     from signals.harmonics.model import process_variance as process_variance
     from signals.harmonics.model import smoother_bandwidth as smoother_bandwidth
+    from signals.harmonics.tracker import track_orders as track_orders
 
 _HOME = {
     "OrderTracks": "signals.harmonics.model",
     "process_variance": "signals.harmonics.model",
     "smoother_bandwidth": "signals.harmonics.model",
-    "track_orders": "signals.harmonics.kalman",
+    "track_orders": "signals.harmonics.tracker",
 }
 __all__ = sorted(_HOME)  # noqa: PLE0605
 

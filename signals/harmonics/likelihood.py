@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from signals._checks import Array, positive, real_vector
-from signals.harmonics.kalman import track_orders
 from signals.harmonics.model import smoother_bandwidth
+from signals.harmonics.tracker import track_orders
 
 _BLOCKS_PER_BANDWIDTH = 4
 _GRID = np.concatenate([[0.0], np.logspace(-6, 3, 73)])  # q over the noise variance of a block

@@ -22,13 +22,12 @@ References
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
-from math import isfinite
-from numbers import Real
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from signals._checks import nearest, number, positive
 
 Floats = NDArray[np.float64]
 Order = tuple[str, float] | float
@@ -277,7 +276,7 @@ def check_bandwidth(
             f"bandwidth and rate: {', '.join(names) or 'none'} given; needed either bandwidth_hz with rate_hz or "
             "bandwidth_orders with samples_per_rev: pass one whole pair and leave the other out."
         )
-    rate = check_positive(names[1], given[names[1]])
+    rate = positive(given[names[1]], name=names[1])
     width = np.atleast_1d(_real_array(names[0], given[names[0]], dims=(0, 1)))
     if width.size not in (1, orders):
         raise ValueError(
@@ -293,50 +292,11 @@ def check_bandwidth(
     return np.broadcast_to(width, orders).copy(), rate, units
 
 
-def check_positive(name: str, value: object) -> float:
-    """Return a finite number above zero, or refuse it by name."""
-    number = _number(name, value)
-    if not number > 0:
-        raise ValueError(f"{name}={number:g} must be above zero; give a positive number.")
-    return number
-
-
-def check_integer(name: str, value: object, *, least: int, most: int | None = None) -> int:
-    """Return a whole number within bounds, or refuse it by name."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise ValueError(f"{name}={value!r} must be a whole number.")  # noqa: TRY004
-    if value < least or (most is not None and value > most):
-        bounds = f"at least {least}" if most is None else f"from {least} to {most}"
-        raise ValueError(f"{name}={value} is out of bounds; it must be {bounds}.")
-    return int(value)
-
-
-def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
-    """Refuse, by name, anything that is not one of the choices."""
-    if value not in choices:
-        raise ValueError(
-            f"{name}={value!r} is unknown; it must be one of {', '.join(choices)}.{_closest(value, choices)}"
-        )
-
-
-def _closest(value: object, choices: Sequence[str]) -> str:
-    close = get_close_matches(str(value), choices, n=1)
-    return f" Did you mean {close[0]!r}?" if close else ""
-
-
-def _number(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise ValueError(f"{name}={value!r} must be a number, not {type(value).__name__}.")  # noqa: TRY004
-    if not isfinite(value):
-        raise ValueError(f"{name}={value} must be finite.")
-    return float(value)
-
-
 def _real_array(name: str, value: ArrayLike | None, *, dims: tuple[int, ...] = (1,)) -> Floats:
     array = np.asarray(value)
     if array.dtype == object:
         # Fractions arrive as objects; anything else that is not a number is caught here by name.
-        array = np.array([_number(name, item) for item in array.flat]).reshape(array.shape)
+        array = np.array([number(item, name=name) for item in array.flat]).reshape(array.shape)
     if array.dtype.kind not in "iuf":
         raise ValueError(f"{name} holds {array.dtype} values; real numbers are needed.")
     if array.ndim not in dims:
@@ -367,7 +327,7 @@ def _order(item: object) -> float:
         raise ValueError(  # noqa: TRY004
             f"order {item!r} names a shaft, but phase_rad is one array; pass a mapping from shaft to phase."
         )
-    order = _number("order", item)
+    order = number(item, name="order")
     if order < 0:
         raise ValueError(
             f"order={order:g} is negative; a real record has the same line at {-order:g}, conjugated: track that one."
@@ -384,7 +344,7 @@ def _shaft_and_order(item: object, phases: Mapping[str, ArrayLike]) -> tuple[str
     if item[0] not in phases:
         raise ValueError(
             f"order {item!r}: no phase for shaft {item[0]!r}; phase_rad has {', '.join(map(str, phases)) or 'none'}."
-            f"{_closest(item[0], [str(name) for name in phases])}"
+            f"{nearest(item[0], [str(name) for name in phases])}"
         )
     return item[0], _order(item[1])
 

@@ -164,11 +164,11 @@ class TestRefusals:
         [
             ({"expected": 9.1}, "a line at 9.1 .* lies beyond the end of the spectrum, 9"),
             ({"expected": 8.9, "tolerance": 0.2}, "beyond the end"),
-            ({"expected": 0.0}, "the expected order = 0.0"),
+            ({"expected": 0.0}, "the expected order=0.0"),
             ({"expected": float("nan")}, "the expected order"),
             ({"expected": 5.0, "tolerance": -0.1}, "tolerance = -0.1"),
             ({"expected": 5.0, "tolerance": float("nan")}, "tolerance = nan"),
-            ({"expected": 5.0, "surroundings": 0.0}, "surroundings = 0.0"),
+            ({"expected": 5.0, "surroundings": 0.0}, "surroundings=0.0"),
             ({"expected": 5.0, "surroundings": 0.05}, "bins surround the line at 5, too few"),
         ],
     )

@@ -123,7 +123,7 @@ class TestRefusals:
             ({"values": np.ones((4, 4))}, "one real"),
             ({"rate": 0.0}, "rate"),
             ({"rate": float("nan")}, "rate"),
-            ({"padding": 0}, "padding = 0 must be a whole number"),
+            ({"padding": 0}, "padding=0 must be a whole number"),
             ({"padding": 1.5}, "padding"),
             ({"window": "hahn"}, "window"),
         ],

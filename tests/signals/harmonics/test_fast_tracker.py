@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from signals.harmonics import kalman, track_orders
+from signals.harmonics import track_orders, tracker
 
 RATE = 10_000.0
 
@@ -88,7 +88,7 @@ def test_fast_takes_blocks_too_short_to_tell_orders_apart():
 def test_auto_says_what_it_picked(monkeypatch):
     x, settings = run_up(3000, noise=0.1)
     assert track_orders(x, bandwidth_hz=2.0, **settings).method == "exact"
-    monkeypatch.setattr(kalman, "EXACT_WORK", 0)
+    monkeypatch.setattr(tracker, "EXACT_WORK", 0)
     assert track_orders(x, bandwidth_hz=2.0, **settings).method == "fast"
     assert track_orders(x, bandwidth_hz=2.0, estimator="filter", **settings).method == "exact"
     # A 200th of 1 / bandwidth is 2 samples.

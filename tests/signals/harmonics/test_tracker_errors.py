@@ -61,13 +61,13 @@ REFUSED = [
     ({"bandwidth_hz": [0.1, 0.2]}, "bandwidth_hz has 2 values for 1 orders; pass one number for all, or one each"),
     ({"bandwidth_hz": True}, "bandwidth_hz holds bool values"),
     ({"bandwidth_hz": [[0.1]]}, r"bandwidth_hz has shape \(1, 1\); needed a number or one dimension"),
-    ({"rate_hz": 0.0}, "rate_hz=0 must be above zero; give a positive number"),
+    ({"rate_hz": 0.0}, "rate_hz=0.0 must be above zero; give a positive number"),
     ({"rate_hz": "1"}, "rate_hz='1' must be a number, not str"),
     ({"rate_hz": np.inf}, "rate_hz=inf must be finite"),
-    ({"poles": 5}, "poles=5 is out of bounds; it must be from 1 to 4"),
+    ({"poles": 5}, "poles=5 must be a whole number from 1 to 4"),
     ({"poles": 1.5}, "poles=1.5 must be a whole number"),
     ({"poles": True}, "poles=True must be a whole number"),
-    ({"output_every": 0}, "output_every=0 is out of bounds; it must be at least 1"),
+    ({"output_every": 0}, "output_every=0 must be a whole number of at least 1"),
     (
         {"estimator": "smother"},
         "estimator='smother' is unknown; it must be one of smoother, filter. Did you mean 'smoother'",
@@ -77,10 +77,10 @@ REFUSED = [
         {"method": "fast", "estimator": "filter"},
         'method="fast" with estimator="filter": .* not causal; use method="exact"',
     ),
-    ({"noise_variance": 0.0}, "noise_variance=0 must be above zero"),
+    ({"noise_variance": 0.0}, "noise_variance=0.0 must be above zero"),
     ({"noise_variance": True}, "noise_variance=True must be a number, not bool"),
     ({"initial_std": 1.0}, "initial_std=1 weighs against the noise.*pass noise_variance too, or neither"),
-    ({"initial_std": -1.0, "noise_variance": 1.0}, "initial_std=-1 must be above zero"),
+    ({"initial_std": -1.0, "noise_variance": 1.0}, "initial_std=-1.0 must be above zero"),
 ]
 
 
