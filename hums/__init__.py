@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from hums.analysis import AnalysisSettings as AnalysisSettings
     from hums.analysis import analyze as analyze
+    from hums.families import collisions as collisions
+    from hums.families import order_families as order_families
     from hums.gearbox import Gearbox as Gearbox
     from hums.gearbox import GearboxError as GearboxError
     from hums.gearbox import GearboxWarning as GearboxWarning
@@ -48,6 +50,7 @@ _HOME = {
     "Score": "hums.scoring",
     "TachometerWaveform": "hums.record",
     "analyze": "hums.analysis",
+    "collisions": "hums.families",
     "convert": "hums.readers",
     "defect_orders": "hums.orders",
     "findings_table": "hums.tables",
@@ -56,6 +59,7 @@ _HOME = {
     "make_record": "hums.record",
     "open_analysis": "hums.layout",
     "open_record": "hums.store",
+    "order_families": "hums.families",
     "save_analysis": "hums.layout",
     "save_record": "hums.store",
     "score": "hums.scoring",

@@ -3,12 +3,15 @@
 import sys
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Literal, Optional
 
 import typer
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
+
+    from hums.kinematics import Kinematics
 
 app = typer.Typer(
     name="hums",
@@ -32,21 +35,40 @@ def orders(
     speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeat.")] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    plot: Annotated[Path | None, typer.Option(help="Draw the lines against speed: .svg, .png or .pdf.")] = None,
+    rpm: Annotated[
+        Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
+        typer.Option(metavar="LOW HIGH", help="Speeds of the reference to draw; else 0 to the speed given or 3000."),
+    ] = None,
 ) -> None:
     """Print the defect orders of a gearbox."""
     from hums.gearbox import load_gearbox  # noqa: PLC0415
+    from hums.kinematics import solve_kinematics  # noqa: PLC0415
     from hums.orders import defect_orders  # noqa: PLC0415
 
+    if csv and json:
+        raise ValueError("--csv and --json are both given; keep one.")
+    if rpm and not plot:
+        raise ValueError("--rpm says which speeds to draw; add --plot FILE.")
     speeds = dict(_speed(text) for text in speed) if speed else None
-    table = defect_orders(load_gearbox(gearbox), reference=reference, speeds=speeds)
-    fractions = table["exact"].map(str, na_action="ignore")
-    if csv:
-        typer.echo(table.to_csv(index=False), nl=False)
-    elif json:
-        typer.echo(table.assign(exact=fractions).to_json(orient="records"))
-    else:
-        plain = table.assign(exact=fractions.fillna("")).drop(columns="sidebands")
-        typer.echo(plain.to_string(index=False, formatters={"order": "{:.6f}".format}))
+    kinematics = solve_kinematics(load_gearbox(gearbox))
+    table = defect_orders(kinematics, reference=reference, speeds=speeds)
+    if plot:
+        low_high = rpm or (0.0, _reference_rpm(kinematics, reference, speeds))
+        _plot_orders(table, low_high, plot)
+    _print_orders(table, csv=csv, json=json)
+
+
+@app.command()
+def schema(
+    of: Annotated[Literal["gearbox"], typer.Argument(metavar="gearbox", help="The kind of file.")],  # noqa: ARG001
+) -> None:
+    """Print the JSON schema of a hand-written file, for editors that check and complete it."""
+    import json  # noqa: PLC0415
+
+    from hums.schema import gearbox_schema  # noqa: PLC0415
+
+    typer.echo(json.dumps(gearbox_schema(), indent=2))
 
 
 @app.command()
@@ -191,6 +213,7 @@ def demo(
 
 
 DEMO_BAND_HZ = (6000.0, 10000.0)
+DRAWN_RPM = 3000.0
 
 
 def main() -> int:
@@ -227,6 +250,34 @@ def _speed(text: str) -> tuple[str, float]:
     if not separator:
         raise ValueError(f'--speed "{text}": write LINK=RPM, as in --speed "sun=1500".')
     return link, 0.0
+
+
+def _print_orders(table: "pd.DataFrame", *, csv: bool, json: bool) -> None:
+    fractions = table["exact"].map(str, na_action="ignore")
+    if csv:
+        spacings = table["sidebands"].map(lambda row: " ".join(map(str, row)))
+        typer.echo(table.assign(sidebands=spacings).to_csv(index=False), nl=False)
+    elif json:
+        spacings = table["sidebands"].map(lambda row: [float(spacing) for spacing in row])
+        plain = table.assign(exact=fractions, sidebands=spacings)
+        typer.echo(plain.to_json(orient="records", double_precision=15))
+    else:
+        plain = table.assign(exact=fractions.fillna("")).drop(columns="sidebands")
+        typer.echo(plain.to_string(index=False, formatters={"order": "{:.6f}".format}))
+
+
+def _plot_orders(table: "pd.DataFrame", reference_rpm: tuple[float, float], path: Path) -> None:
+    from hums.plots import save_figure, speed_order_chart  # noqa: PLC0415
+
+    save_figure(lambda ax: speed_order_chart(table, reference_rpm=reference_rpm, ax=ax), path, width=9.0, height=5.5)
+    typer.echo(f"wrote {path}", err=True)  # standard output stays what --csv and --json promise
+
+
+def _reference_rpm(kinematics: "Kinematics", reference: str | None, speeds: dict[str, float] | None) -> float:
+    link, frame = reference or kinematics.gearbox.reference, kinematics.gearbox.frame
+    if speeds is None or link is None:
+        return DRAWN_RPM
+    return abs(float(kinematics.relative_speed(link, seen_from=frame, speeds=speeds)))
 
 
 def _print_record(record: "xr.Dataset") -> None:

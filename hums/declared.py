@@ -111,7 +111,7 @@ def _sentence(details: ErrorDetails) -> str:
     place = ".".join(str(part + 1) if isinstance(part, int) else part for part in details["loc"])
     message = details["msg"].removeprefix("Value error, ").rstrip(".")
     if details["type"] == "missing":
-        return f"{place} is missing"
+        return f"{place} is missing; add it"
     if details["type"] == "value_error":
         return f"{place}: {message}" if place else message
     return f"{place} = {details['input']!r}: {message[0].lower()}{message[1:]}"

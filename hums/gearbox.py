@@ -5,15 +5,16 @@ relative to the carrier. A minus marks an internal gear on a parallel mesh, and 
 side of the apex on a bevel mesh.
 """
 
+import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
+from hums._planets import assembly_warnings, stations
 from hums.declared import Declared, closest, named_file, read_toml, shipped_files, validated
 
 # what every hand-written file shares is re-exported: `data_synth` enters by this door
@@ -73,8 +74,10 @@ class Axis(Declared):
             raise ValueError("direction and parallel_to are both given; keep one")
         if self.direction is not None and not _is_direction(self.direction):
             raise ValueError(f"direction = {list(self.direction)} is no direction; give a finite, non-zero vector")
-        if self.spacing_deg is not None and len(self.spacing_deg) != (self.copies or 1):
-            raise ValueError(f"spacing_deg has {len(self.spacing_deg)} angles for {self.copies or 1} copies")
+        if self.spacing_deg is not None:
+            if self.copies is None:
+                raise ValueError("spacing_deg is given without copies; say how many copies there are")
+            stations(self.copies, self.spacing_deg)
         return self
 
     def instances(self) -> tuple[str, ...]:
@@ -95,6 +98,7 @@ class Mesh(Declared):
     name: Name
     gears: Annotated[tuple[Gear, ...], Field(min_length=1, max_length=2)]
     carrier: Name | None = None
+    kind: Literal["worm", "crossed_helical", "belt", "chain"] | None = None
     module_mm: Positive | None = None
     face_width_mm: Positive | None = None
     pressure_angle_deg: Positive | None = None
@@ -214,7 +218,8 @@ class Gearbox(Declared):
     name: Name
     frame: Name
     reference: Name | None = None
-    rigid: tuple[tuple[Name, ...], ...] = ()
+    rigid: tuple[Annotated[tuple[Name, ...], Field(min_length=2)], ...] = ()
+    link_order: tuple[Name, ...] | None = None
     axes: Annotated[tuple[Axis, ...], Field(min_length=1)]
     meshes: tuple[Mesh, ...] = Field(default=(), alias="mesh")
     bearings: tuple[Bearing, ...] = Field(default=(), alias="bearing")
@@ -250,6 +255,9 @@ class Gearbox(Declared):
             if twice:
                 raise ValueError(f'two of kind {kind} are called "{min(twice)}"; add name = "..." to tell them apart')
         self._check_copies()
+        if self.link_order is not None and sorted(self.link_order) != sorted(known):
+            wrong = sorted(set(self.link_order) ^ known)
+            raise ValueError(f"link_order must list every link once; look at {', '.join(wrong) or 'the repeated ones'}")
         axis_names = {axis.name for axis in self.axes}
         for axis in self.axes:
             if axis.parallel_to is not None and axis.parallel_to not in axis_names - {axis.name}:
@@ -260,6 +268,9 @@ class Gearbox(Declared):
 
     def _check_copies(self) -> None:
         copied = self.copied
+        for key, link in (("frame", self.frame), ("reference", self.reference)):
+            if link in copied:
+                raise ValueError(f'{key} = "{link}" stands for {copied[link]} copies; name a link there is one of')
         for link, copies in copied.items():
             counts = {axis.copies for axis in self.axes if link in axis.links}
             if len(counts) > 1:
@@ -294,8 +305,8 @@ class Gearbox(Declared):
     def from_mapping(cls, table: Mapping[str, Any], *, where: str = "gearbox") -> "Gearbox":
         """Validate a parsed gearbox file; `where` names it in errors. Warns of numbers that do not add up."""
         gearbox = validated(cls, dict(table), where=where, error=GearboxError)
-        for bearing in gearbox.bearings:
-            _warn_of_rounding(bearing)
+        for sentence in (*_rounded_multiples(gearbox), *_planets_that_do_not_fit(gearbox)):
+            warnings.warn(f"{sentence}.", GearboxWarning, stacklevel=3)
         return gearbox
 
     @classmethod
@@ -304,12 +315,28 @@ class Gearbox(Declared):
         path = Path(path)
         return cls.from_mapping({"name": path.stem} | read_toml(path, error=GearboxError), where=str(path))
 
+    def to_toml(self) -> str:
+        """Write the gearbox as a file that `from_toml` reads back to an equal one."""
+        import tomli_w  # noqa: PLC0415
+
+        table = self.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_defaults=True)
+        axes = {axis.pop("name"): axis for axis in table.pop("axes")}
+        meshes = table.pop("mesh", [])
+        for mesh in meshes:
+            mesh["teeth"] = {gear["link"]: gear["teeth"] for gear in mesh.pop("gears")}
+        bearings = table.pop("bearing", [])
+        return tomli_w.dumps(table | {"axes": axes, "mesh": meshes, "bearing": bearings})
+
     @property
     def copied(self) -> dict[str, int]:
         """Links that exist several times, with how often: those on axes with ``copies`` and on no other axis.
 
         A link on no axis exists as often as the links it is rigid with.
         """
+        return dict(self._copied)
+
+    @cached_property
+    def _copied(self) -> tuple[tuple[str, int], ...]:
         single = {link for axis in self.axes if axis.copies is None for link in axis.links}
         copied = {
             link: axis.copies
@@ -322,12 +349,12 @@ class Gearbox(Declared):
             counts = {copied.get(link, 1) for link in group if link in copied or link in single}
             if len(counts) == 1 and counts != {1}:
                 copied.update(dict.fromkeys(group, max(counts)))
-        return copied
+        return tuple(copied.items())
 
     @cached_property
     def links(self) -> tuple[str, ...]:
         """Names of all links, copies expanded to ``planet 1`` ... ``planet n``, in the order of declaration."""
-        declared = dict.fromkeys(
+        declared = self.link_order or dict.fromkeys(
             [link for axis in self.axes for link in axis.links] + [link for group in self.rigid for link in group]
         )
         return tuple(name for link in declared for name in self.instances(link))
@@ -350,9 +377,7 @@ class Gearbox(Declared):
                     "give one of them a direction."
                 )
             seen.add(axis.name)
-        vector = np.asarray(axis.direction or X_AXIS, dtype=float)
-        x, y, z = (vector / np.linalg.norm(vector)).tolist()
-        return (x, y, z)
+        return _unit(axis.direction or X_AXIS)
 
 
 def load_gearbox(name_or_path: str | Path) -> Gearbox:
@@ -376,22 +401,54 @@ def catalogue() -> dict[str, Path]:
     return shipped_files("hums")
 
 
-def _warn_of_rounding(bearing: Bearing) -> None:
+def _rounded_multiples(gearbox: Gearbox) -> Iterator[str]:
     """Inner and outer multiple of a rolling bearing add up to its whole number of elements."""
-    if bearing.multiples is None:
-        return
-    inner, outer = bearing.multiples.inner, bearing.multiples.outer
-    total = inner + outer
-    elements = bearing.elements or round(total)
-    if abs(total - elements) > _WHOLE:
-        warnings.warn(
-            f'bearing "{bearing.names[0]}": inner {inner:g} + outer {outer:g} = {total:g}, not a whole number of '
-            f"elements ({elements}); the data sheet rounds, so expect its lines up to {abs(total / elements - 1):.1%} "
-            "from nominal.",
-            GearboxWarning,
-            stacklevel=4,
-        )
+    for bearing in gearbox.bearings:
+        if bearing.multiples is None:
+            continue
+        inner, outer = bearing.multiples.inner, bearing.multiples.outer
+        total = inner + outer
+        elements = bearing.elements or round(total)
+        if abs(total - elements) > _WHOLE:
+            yield (
+                f'bearing "{bearing.names[0]}": inner {inner:g} + outer {outer:g} = {total:g}, not a whole number of '
+                f"elements ({elements}); the data sheet rounds, so expect its lines up to "
+                f"{abs(total / elements - 1):.1%} from nominal"
+            )
+
+
+def _planets_that_do_not_fit(gearbox: Gearbox) -> Iterator[str]:
+    """Look at every planet that meshes with one sun and one ring on the same carrier."""
+    for axis in gearbox.axes:
+        for link in axis.links if axis.copies is not None else ():
+            meshes = [mesh for mesh in gearbox.meshes if link in [gear.link for gear in mesh.gears]]
+            pairs = [sorted(mesh.gears, key=lambda gear: gear.link != link) for mesh in meshes if len(mesh.gears) > 1]
+            suns = {other.teeth for own, other in pairs if other.teeth > 0 and other.link not in gearbox.copied}
+            rings = {-other.teeth for own, other in pairs if other.teeth < 0}
+            own = {own.teeth for own, _ in pairs}
+            flat = (
+                all(mesh.kind is None for mesh in meshes)
+                and len({_spins_like(gearbox, axis, p[1]) for p in pairs}) == 1
+            )
+            if len(pairs) == 2 and len(suns) == len(rings) == len(own) == 1 and flat and min(own) > 0:  # noqa: PLR2004
+                angles = stations(axis.copies or 1, axis.spacing_deg)
+                for sentence in assembly_warnings(suns.pop(), own.pop(), rings.pop(), angles):
+                    yield f'planets "{link}": {sentence}'
+
+
+def _spins_like(gearbox: Gearbox, axis: Axis, gear: Gear) -> bool:
+    """Whether a gear's axis is parallel to another one."""
+    group = next((group for group in gearbox.rigid if gear.link in group), (gear.link,))
+    directions = {gearbox.direction(other.name) for other in gearbox.axes if set(group) & set(other.links)}
+    return gearbox.direction(axis.name) in directions
 
 
 def _is_direction(vector: Vector) -> bool:
-    return bool(np.all(np.isfinite(vector)) and np.linalg.norm(vector) > 0)
+    return any(vector) and all(math.isfinite(x) for x in vector)
+
+
+def _unit(vector: Vector) -> Vector:
+    largest = max(abs(x) for x in vector)  # taken out first, so that no square overflows
+    x, y, z = (x / largest for x in vector)
+    length = math.hypot(x, y, z)
+    return (x / length, y / length, z / length)

@@ -6,10 +6,13 @@ turning pair. A mesh between gears i and j with carrier k is one real equation i
 Alazard and Amiez 2012, eq. 2, with the directions already in the signs of the teeth). So the equations have
 whole-number coefficients and are solved in rational arithmetic; directions enter only when the rates are
 added up to velocity vectors.
+
+The papers' own way, a complex constraint matrix and its null space, stands beside it as an independent check
+for mechanisms whose axes lie in one plane.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -17,43 +20,47 @@ from numbers import Real
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from hums.declared import closest
-from hums.gearbox import Gearbox, GearboxError, Mesh
+from hums.gearbox import Gearbox, GearboxError
+from hums.mechanism import Contact, Joint, Mechanism, build_mechanism
 
 Rates = dict[str, Fraction]  # a linear form in the joint rates, by body
-Row = dict[str, Fraction]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Joint:
-    """The turning pair that holds a body: the axis it turns about and the body that carries the axis."""
-
-    body: str
-    axis: str
-    carried_by: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Contact:
-    """One mesh of the expanded mechanism, a planet's copies each counted: its gears and its carrier."""
-
-    mesh: str
-    gears: tuple[tuple[str, int], ...]
-    carrier: str
+Speeds = Mapping[str, float | Fraction]
+_ONE = Fraction(1)
+_ZERO = Fraction(0)
+_FLAT = 1e-12
 
 
 @dataclass(frozen=True)
 class Kinematics:
     """The solved mechanism: degrees of freedom, carriers, velocity ratios."""
 
-    gearbox: Gearbox
-    bodies: Mapping[str, str]
-    joints: Mapping[str, Joint]
-    contacts: tuple[Contact, ...]
-    pivots: Mapping[str, Row]
+    mechanism: Mechanism
+    pivots: Mapping[str, Rates]
 
-    @cached_property
+    @property
+    def gearbox(self) -> Gearbox:
+        """What was drawn."""
+        return self.mechanism.gearbox
+
+    @property
+    def bodies(self) -> Mapping[str, str]:
+        """Link -> body; links that are rigid with each other are one body."""
+        return self.mechanism.bodies
+
+    @property
+    def joints(self) -> Mapping[str, Joint]:
+        """Body -> the turning pair that holds it."""
+        return self.mechanism.joints
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Every mesh, copies counted."""
+        return self.mechanism.contacts
+
+    @property
     def links(self) -> tuple[str, ...]:
         """Names of all links, copies expanded."""
         return self.gearbox.links
@@ -73,13 +80,16 @@ class Kinematics:
         """The carrier of each contact, in the order of `contacts`."""
         return tuple(contact.carrier for contact in self.contacts)
 
-    def rates(self, speeds: Mapping[str, float | Fraction] | None = None) -> dict[str, Fraction]:
+    # ---- speeds --------------------------------------------------------------------------------------------
+
+    def rates(self, speeds: Speeds | None = None) -> dict[str, Fraction]:
         """Solve for every joint rate, given the speeds of as many links as there are degrees of freedom.
 
         Parameters
         ----------
         speeds : mapping of link name to speed, any unit
-            Absolute speeds along the links' declared axes. None: one turn of the gearbox's reference.
+            Absolute speeds along the links' declared axes, of any links; more than needed are welcome where
+            they agree (to 1e-9 where they are floats). None: one turn of the gearbox's reference.
 
         Returns
         -------
@@ -88,146 +98,229 @@ class Kinematics:
         Raises
         ------
         GearboxError
-            Too few speeds, contradictory speeds, or a speed imposed on a link whose axis itself turns.
+            Too few speeds; contradictory ones, by name; a speed imposed on a link whose axis itself turns in
+            another direction.
         """
         imposed = self._one_turn() if speeds is None else speeds
-        system: dict[str, Row] = {}
-        for link, speed in imposed.items():
-            form = self._in_free(self.spin(link))
-            form["="] = -_exact(link, speed)
-            left = _reduced(form, system)
-            unknown = next((body for body in left if body != "="), None)
-            if unknown is None:
-                if left:
-                    given = ", ".join(f'"{name}" = {float(value):g}' for name, value in imposed.items())
-                    raise GearboxError(
-                        f'speeds {given} contradict each other at "{link}"; leave out one of them '
-                        f"({_count(self.dof, 'speed')} can be chosen)."
-                    )
-                continue
-            _add_pivot(system, left, unknown)
-        missing = [body for body in self.free if body not in system]
+        values = {link: _fraction(link, speed) for link, speed in imposed.items()}
+        found: dict[str, Rates] = {}  # free body -> combination of the imposed speeds
+        for link, speed in values.items():
+            form = _reduced(self.spin(link), self.pivots) | {_imposed(link): -_ONE}
+            left = _reduced(form, found)
+            unknown = next((body for body in left if not _is_imposed(body)), None)
+            if unknown is not None:
+                _add_pivot(found, left, unknown)
+            elif not _agree(left, values, exact=all(isinstance(x, int | Fraction) for x in imposed.values())):
+                self._refuse_contradiction(left, link, speed, values)
+        missing = [body for body in self.free if body not in found]
         if missing:
             raise GearboxError(
-                f'gearbox "{self.gearbox.name}" has {self.dof} degrees of freedom; the speeds given '
+                f'gearbox "{self.gearbox.name}" has {_count(self.dof, "degree")} of freedom; the speeds given '
                 f"({', '.join(imposed) or 'none'}) leave {_count(len(missing), 'degree')} open. "
                 f'Give the speed of "{missing[0]}" too, as in speeds={{"{missing[0]}": 1.0}}.'
             )
-        solved = {body: row.get("=", Fraction(0)) for body, row in system.items()}
-        return {body: _value(self._in_free({body: Fraction(1)}), solved) for body in self.joints}
+        symbols = {_imposed(link): speed for link, speed in values.items()}
+        free = {body: _value(found[body], symbols) for body in self.free}
+        return {body: free[body] if body in free else _value(self.pivots[body], free) for body in self.joints}
 
     def spin(self, link: str, *, seen_from: str | None = None) -> Rates:
         """Return a link's turning about its own axis, as a linear form in the joint rates.
 
         Seen from the frame where `seen_from` is None, which needs all axes up to the frame to be parallel;
-        otherwise from a link on the same axis.
+        otherwise from any link on the same axis, or on a parallel one.
         """
         body = self._body(link)
         if seen_from is None:
-            return self._absolute(body)
+            return dict(self._absolute(body))
         other = self._body(seen_from)
         if body == other:
             return {}
-        for axis in self._axes_of(body):
-            if axis in self._axes_of(other):
-                return _difference(self._on_axis(body, axis), self._on_axis(other, axis))
-        if other == self._body(self.gearbox.frame):
-            return self._absolute(body)
-        return _difference(self._absolute(body), self._absolute(other))
+        axis = self.mechanism.shared_axis(body, other)
+        if axis is not None:
+            return _difference(self._on_axis(body, axis), self._on_axis(other, axis))
+        if other == self.mechanism.frame:
+            return dict(self._absolute(body))
+        along = self._along(body, other)
+        seen = {name: along * factor for name, factor in self._absolute(other).items()}
+        return _difference(self._absolute(body), seen)
 
-    def relative_speed(
-        self, link: str, *, seen_from: str, speeds: Mapping[str, float | Fraction] | None = None
-    ) -> Fraction:
+    def relative_speed(self, link: str, *, seen_from: str, speeds: Speeds | None = None) -> Fraction:
         """Return the speed of `link` about its axis as `seen_from` sees it, signed, exact for exact `speeds`."""
         return _value(self.spin(link, seen_from=seen_from), self.rates(speeds))
 
-    def vectors(self, speeds: Mapping[str, float | Fraction] | None = None) -> xr.DataArray:
+    def vectors(self, speeds: Speeds | None = None) -> xr.DataArray:
         """Return the angular velocity vector of every link at the declared configuration, (link, 3)."""
         rates = self.rates(speeds)
-        table = np.array([self._vector(self.bodies[link], rates) for link in self.links])
+        of_body = {self.mechanism.frame: np.zeros(3)}
+        for body in _outwards(self.joints, self.mechanism.frame):
+            joint = self.joints[body]
+            direction = np.array(self.mechanism.directions[joint.axis])
+            of_body[body] = of_body[joint.carried_by] + float(rates[body]) * direction
+        table = np.array([of_body[self.bodies[link]] for link in self.links])
         return xr.DataArray(
             table, dims=("link", "component"), coords={"link": list(self.links), "component": list("xyz")}
         )
 
-    def velocity_ratios(self, inputs: Sequence[str] | None = None) -> xr.DataArray:
-        """Return the velocity ratio matrix of the papers, (link, input), complex: x is real, y imaginary.
-
-        Parameters
-        ----------
-        inputs : sequence of link names, as many as there are degrees of freedom
-            None: the gearbox's reference.
+    def velocities(self, speeds: Speeds | None = None) -> xr.DataArray:
+        """Return the complex angular velocity of every link, (link,): x is real, y imaginary.
 
         Raises
         ------
         GearboxError
             Where an axis leaves the x-y plane: use `vectors`.
         """
+        self._refuse_space()
+        vectors = self.vectors(speeds)
+        return xr.DataArray(
+            vectors.sel(component="x").to_numpy() + 1j * vectors.sel(component="y").to_numpy(),
+            dims="link",
+            coords={"link": list(self.links)},
+        )
+
+    def velocity_ratios(self, inputs: Sequence[str] | None = None) -> xr.DataArray:
+        """Return the velocity ratio matrix Omega_0 of the papers, (link, input), complex, 1 at each input.
+
+        Angles are relative to the input's own axis. Parameters and errors as in `velocities`.
+
+        Parameters
+        ----------
+        inputs : sequence of link names, as many as there are degrees of freedom
+            None: the gearbox's reference.
+        """
         names = tuple(self._one_turn()) if inputs is None else tuple(inputs)
         columns = []
         for name in names:
-            vectors = self.vectors({other: Fraction(int(other == name)) for other in names})
-            if np.any(np.abs(vectors.sel(component="z")) > 1e-12):  # noqa: PLR2004
-                raise GearboxError("an axis leaves the x-y plane, so no complex number holds it; use vectors().")
-            columns.append(vectors.sel(component="x").to_numpy() + 1j * vectors.sel(component="y").to_numpy())
+            turning = self.velocities({other: Fraction(int(other == name)) for other in names})
+            columns.append(turning.to_numpy() / turning.sel(link=name).item())
         return xr.DataArray(
-            np.stack(columns, axis=1),
-            dims=("link", "input"),
-            coords={"link": list(self.links), "input": list(names)},
+            np.stack(columns, axis=1), dims=("link", "input"), coords={"link": list(self.links), "input": list(names)}
         )
+
+    # ---- the papers' matrix --------------------------------------------------------------------------------
+
+    @cached_property
+    def constraint_matrix(self) -> NDArray[np.complex128]:
+        """The kinematic constraint matrix M of Penaud, Alazard and Amiez 2012, 2.4: (1 + meshes + rigid, link).
+
+        First the frame at rest, then a row a mesh of two gears, then one for each second name of a body. Each
+        mesh has its gears' teeth, turned by ``pitch_angle_deg`` where declared, else by the axes' directions,
+        which gives the same row up to a unit factor.
+        """
+        self._refuse_space()
+        place = {link: column for column, link in enumerate(self.links)}
+        rows = [self._row(place, {self.gearbox.frame: 1.0})]
+        for contact in self.contacts:
+            if len(contact.gears) == 1:
+                continue
+            weights = self._mesh_weights(contact)
+            terms = {link: weight for (link, _), weight in zip(contact.gears, weights, strict=True)}
+            terms[contact.carrier] = terms.get(contact.carrier, 0) - sum(weights)
+            rows.append(self._row(place, terms))
+        rows += [self._row(place, {link: 1.0, body: -1.0}) for link, body in self.bodies.items() if link != body]
+        return np.array(rows)
+
+    @cached_property
+    def null_space(self) -> NDArray[np.complex128]:
+        """An orthonormal basis of the null space of `constraint_matrix`, (link, dof): the independent solver."""
+        from scipy.linalg import null_space  # noqa: PLC0415
+
+        return np.asarray(null_space(self.constraint_matrix))
+
+    def _mesh_weights(self, contact: Contact) -> list[complex]:
+        if contact.pitch_angle_deg is not None:
+            angles = np.radians(contact.pitch_angle_deg)
+            return [abs(teeth) * complex(np.exp(1j * a)) for (_, teeth), a in zip(contact.gears, angles, strict=True)]
+        weights = []
+        for link, teeth in contact.gears:
+            axis = self.mechanism.shared_axis(self.bodies[link], contact.carrier)
+            x, y, _ = self.mechanism.directions[axis or ""]
+            weights.append(teeth * complex(x, -y))
+        return weights
+
+    @staticmethod
+    def _row(place: Mapping[str, int], terms: Mapping[str, complex]) -> NDArray[np.complex128]:
+        row = np.zeros(len(place), dtype=np.complex128)
+        for link, weight in terms.items():
+            row[place[link]] += weight
+        return row
+
+    def _refuse_space(self) -> None:
+        for axis, (_, _, z) in self.mechanism.directions.items():
+            if abs(z) > _FLAT:
+                raise GearboxError(
+                    f'axis "{axis}" leaves the x-y plane, so no complex number holds its speeds; use vectors().'
+                )
+
+    # ---- pieces --------------------------------------------------------------------------------------------
 
     def _one_turn(self) -> dict[str, Fraction]:
         if self.gearbox.reference is None:
             raise GearboxError(
                 f'gearbox "{self.gearbox.name}" declares no reference; add reference = "LINK" or name the inputs.'
             )
-        return {self.gearbox.reference: Fraction(1)}
+        return {self.gearbox.reference: _ONE}
 
     def _body(self, link: str) -> str:
         if link not in self.bodies:
             raise GearboxError(f'gearbox "{self.gearbox.name}" has no link "{link}"{closest(link, list(self.bodies))}')
         return self.bodies[link]
 
-    def _axes_of(self, body: str) -> list[str]:
-        own = [self.joints[body].axis] if body in self.joints else []
-        return own + sorted({joint.axis for joint in self.joints.values() if joint.carried_by == body})
-
     def _on_axis(self, body: str, axis: str) -> Rates:
-        return {body: Fraction(1)} if body in self.joints and self.joints[body].axis == axis else {}
+        return {body: _ONE} if body in self.joints and self.joints[body].axis == axis else {}
+
+    def _along(self, body: str, other: str) -> int:
+        """Return +1 or -1 as the axes of two bodies point the same or the opposite way; refuse all else."""
+        one, two = (self.mechanism.directions[self.joints[name].axis] for name in (body, other))
+        along = sum(a * b for a, b in zip(one, two, strict=True))
+        if abs(abs(along) - 1) > _FLAT:
+            raise GearboxError(
+                f'"{body}" and "{other}" turn about axes in different directions, so one number cannot say how fast '
+                "the one turns seen from the other; name the speed relative to its carrier, or use vectors()."
+            )
+        return round(along)
 
     def _absolute(self, body: str) -> Rates:
-        if body not in self.joints:
-            return {}
-        own = _direction(self.gearbox, self.joints[body].axis)
-        form: Rates = {}
-        while body in self.joints:
-            along = float(own @ _direction(self.gearbox, self.joints[body].axis))
-            if abs(abs(along) - 1) > 1e-12:  # noqa: PLR2004
-                raise GearboxError(
-                    f'"{body}" carries an axis that turns with it in another direction, so one number cannot say '
-                    "how fast the link on it turns; name the speed relative to its carrier, or use vectors()."
-                )
-            form[body] = Fraction(round(along))
-            body = self.joints[body].carried_by
-        return form
+        """Return the turning of a body about its own axis as the frame sees it: the sum along its carriers."""
+        known = self._known_absolute
+        if body not in known:
+            joint = self.joints[body]
+            form = {body: _ONE}
+            if joint.carried_by != self.mechanism.frame:
+                along = self._along(body, joint.carried_by)
+                form |= {name: along * factor for name, factor in self._absolute(joint.carried_by).items()}
+            known[body] = form
+        return known[body]
 
-    def _vector(self, body: str, rates: Mapping[str, Fraction]) -> np.ndarray:
-        vector = np.zeros(3)
-        while body in self.joints:
-            vector += float(rates[body]) * _direction(self.gearbox, self.joints[body].axis)
-            body = self.joints[body].carried_by
-        return vector
+    @cached_property
+    def _known_absolute(self) -> dict[str, Rates]:
+        return {self.mechanism.frame: {}}
 
-    def _in_free(self, form: Rates) -> Row:
-        return _reduced(form, self.pivots)
+    def _refuse_contradiction(self, left: Rates, link: str, speed: Fraction, values: Mapping[str, Fraction]) -> None:
+        others = [name for name in values if name != link and _imposed(name) in left]
+        needed = -_value({key: f for key, f in left.items() if key != _imposed(link)}, _symbols(values))
+        implied = float(needed / left[_imposed(link)])
+        given = " and ".join(f'"{name}" = {float(values[name]):g}' for name in others) or "the mechanism"
+        raise GearboxError(
+            f'speeds contradict each other: {given} make "{link}" turn at {implied:g}, but it is given as '
+            f"{float(speed):g}. Leave out one of them, or correct it."
+        )
 
 
-def solve_kinematics(gearbox: Gearbox) -> Kinematics:
+def solve_kinematics(
+    gearbox: Gearbox,
+    *,
+    fixed: Iterable[str] = (),
+    constraints: Iterable[Mapping[str, float | Fraction]] = (),
+) -> Kinematics:
     """Solve a mechanism for the ratios of all its speeds.
 
     Parameters
     ----------
     gearbox : Gearbox
-        From `load_gearbox`.
+        From `load_gearbox` or `from_adjacency_table`.
+    fixed : links held at rest, besides the frame.
+    constraints : linear relations between speeds
+        Each a mapping of link to factor: the speeds along the links' own axes, so weighted, add up to zero.
 
     Returns
     -------
@@ -236,180 +329,151 @@ def solve_kinematics(gearbox: Gearbox) -> Kinematics:
     Raises
     ------
     GearboxError
-        A link that nothing holds, a mesh without a carrier or with two possible ones, a mechanism that
-        cannot move: the parts by name, and the cure.
+        A mechanism that is none (see `hums.mechanism`) or that cannot move: the parts by name, and the cure.
     """
-    bodies = _bodies(gearbox)
-    levels = _levels(gearbox, bodies)
-    joints = _joints(gearbox, bodies, levels)
-    contacts = tuple(
-        _contact(gearbox, mesh, number, bodies, levels)
-        for mesh in gearbox.meshes
-        for number in range(_multiplicity(gearbox, mesh))
-    )
-    unsolved = Kinematics(gearbox, bodies, joints, contacts, {})
-    pivots: dict[str, Row] = {}
-    for contact in contacts:
-        if len(contact.gears) == 1:
-            continue
-        row: Row = {}
-        for link, teeth in contact.gears:
-            for body, factor in unsolved.spin(link, seen_from=contact.carrier).items():
-                row[body] = row.get(body, Fraction(0)) + teeth * factor
+    unsolved = Kinematics(build_mechanism(gearbox), {})
+    rows = _equations(unsolved, fixed, constraints)
+    rank = {body: number for number, body in enumerate(unsolved.joints)}
+    pivots: dict[str, Rates] = {}
+    users: dict[str, set[str]] = {}
+    for _, row in rows:
         left = _reduced(row, pivots)
         if left:
             # the body declared last is expressed by the earlier ones, so inputs tend to stay free
-            _add_pivot(pivots, left, max(left, key=list(joints).index))
-    solved = Kinematics(gearbox, bodies, joints, contacts, pivots)
+            _add_pivot(pivots, left, max(left, key=rank.__getitem__), users=users)
+    solved = Kinematics(unsolved.mechanism, pivots)
     if solved.dof == 0:
         raise GearboxError(
-            f'gearbox "{gearbox.name}" cannot move: its {len(contacts)} meshes lock all {len(joints)} turning '
-            "bodies. Check the signs of the teeth (minus: internal gear) and which links are rigid."
+            f'gearbox "{gearbox.name}" cannot move: it is locked by {_who_locks(rows)}. Check the signs of the '
+            "teeth (minus: internal gear), which links are rigid, and what is fixed."
         )
     return solved
 
 
-def _bodies(gearbox: Gearbox) -> dict[str, str]:
-    """Map each link to its body: itself, or the first name of its rigid group, the frame's name first."""
-    body = {link: link for link in gearbox.links}
-    rank = [name for group in gearbox.rigid for link in group for name in gearbox.instances(link)]
-    for group in gearbox.rigid:
-        instances = [gearbox.instances(link) for link in group]
-        alike = len({len(names) for names in instances}) == 1
-        # copies that all come in the same number are joined one by one: a stepped planet
-        for names in zip(*instances, strict=True) if alike else [sum(instances, ())]:
-            roots = {body[name] for name in names}
-            root = gearbox.frame if gearbox.frame in roots else min(roots, key=rank.index)
-            for link, held in body.items():
-                if held in roots:
-                    body[link] = root
-    return body
+def _equations(
+    unsolved: Kinematics, fixed: Iterable[str], constraints: Iterable[Mapping[str, float | Fraction]]
+) -> list[tuple[str, Rates]]:
+    """Return every equation in the joint rates, with the name of what makes it."""
+    rows = []
+    for contact in unsolved.contacts:
+        if len(contact.gears) == 1:
+            continue
+        row: Rates = {}
+        for link, teeth in contact.gears:
+            for body, factor in unsolved.spin(link, seen_from=contact.carrier).items():
+                row[body] = row.get(body, _ZERO) + teeth * factor
+        rows.append((f'mesh "{contact.mesh}"', {body: factor for body, factor in row.items() if factor}))
+    rows += [(f'fixed "{link}"', unsolved.spin(link)) for link in fixed]
+    for number, constraint in enumerate(constraints):
+        row = {}
+        for link, weight in constraint.items():
+            for body, factor in unsolved.spin(link).items():
+                row[body] = row.get(body, _ZERO) + Fraction(weight) * factor
+        rows.append((f"constraint {number + 1}", {body: factor for body, factor in row.items() if factor}))
+    return rows
 
 
-def _levels(gearbox: Gearbox, bodies: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
-    """Expand the axes: name -> bodies on it, each body once; copies are named ``planet 1`` and so on."""
-    levels = {}
-    for axis in gearbox.axes:
-        for number, name in enumerate(axis.instances()):
-            members = [gearbox.instances(link) for link in axis.links]
-            levels[name] = tuple(dict.fromkeys(bodies[m[number] if len(m) > 1 else m[0]] for m in members))
-    return levels
+def _who_locks(rows: Sequence[tuple[str, Rates]]) -> str:
+    """Name the fewest equations that leave some body no rate but zero.
+
+    Every equation gets a slip of its own; once a body's rate is a combination of slips alone, those are the
+    ones that hold it.
+    """
+    pivots: dict[str, Rates] = {}
+    for number, (_, row) in enumerate(rows):
+        left = _reduced(row | {_imposed(str(number)): -_ONE}, pivots)
+        body = next((name for name in left if not _is_imposed(name)), None)
+        if body is not None:
+            _add_pivot(pivots, left, body)
+    held = [form for form in pivots.values() if all(map(_is_imposed, form))]
+    guilty = min(held, key=len)
+    names = dict.fromkeys(rows[int(key.removeprefix(_MARK))][0] for key in guilty)
+    return ", ".join(names)
 
 
-def _joints(gearbox: Gearbox, bodies: Mapping[str, str], levels: Mapping[str, tuple[str, ...]]) -> dict[str, Joint]:
-    """Walk outwards from the frame: the first axis that reaches a body holds it."""
-    frame = bodies[gearbox.frame]
-    joints: dict[str, Joint] = {}
-    reached, walked = [frame], set()
-    for body in reached:
-        for axis, members in levels.items():
-            if axis in walked or body not in members:
-                continue
-            walked.add(axis)
-            for other in members:
-                if other == body:
-                    continue
-                if other in reached:
-                    raise GearboxError(
-                        f'gearbox "{gearbox.name}": "{other}" is held twice, by axis "{axis}" and by another; '
-                        "list links that turn about one line on one axis."
-                    )
-                joints[other] = Joint(body=other, axis=axis, carried_by=body)
-                reached.append(other)
-    loose = [body for body in dict.fromkeys(bodies.values()) if body not in reached]
-    if loose:
-        raise GearboxError(
-            f'gearbox "{gearbox.name}": nothing holds "{loose[0]}"; put it on an axis that leads to the frame '
-            f'"{gearbox.frame}", or make it rigid with a link that is.'
-        )
-    order = {body: rank for rank, body in enumerate(dict.fromkeys(bodies.values()))}
-    return dict(sorted(joints.items(), key=lambda item: order[item[0]]))
+# ---- rational linear algebra: forms are sparse rows, pivots are variables solved for the others ------------------
+
+_MARK = "\0"  # sets a constant's name apart from every body's
 
 
-def _multiplicity(gearbox: Gearbox, mesh: Mesh) -> int:
-    return max(len(gearbox.instances(gear.link)) for gear in mesh.gears)
+def _imposed(name: str) -> str:
+    return _MARK + name
 
 
-def _contact(
-    gearbox: Gearbox,
-    mesh: Mesh,
-    number: int,
-    bodies: Mapping[str, str],
-    levels: Mapping[str, tuple[str, ...]],
-) -> Contact:
-    def pick(link: str) -> str:
-        names = gearbox.instances(link)
-        return names[number] if len(names) > 1 else names[0]
-
-    gears = tuple((pick(gear.link), gear.teeth) for gear in mesh.gears)
-    neighbours = [_neighbours(bodies[link], levels) for link, _ in gears]
-    common = set.intersection(*neighbours) - {bodies[link] for link, _ in gears}
-    if mesh.carrier is not None:
-        carrier = bodies[pick(mesh.carrier)]
-        for (link, _), near in zip(gears, neighbours, strict=True):
-            if carrier not in near:
-                raise GearboxError(
-                    f'mesh "{mesh.name}": the carrier "{mesh.carrier}" does not hold "{link}" '
-                    f"({link} turns on {_set(near)}). Name a carrier that shares an axis with each gear."
-                )
-    elif len(common) == 1:
-        carrier = common.pop()
-    else:
-        turns = ", ".join(f"{link} on {_set(near)}" for (link, _), near in zip(gears, neighbours, strict=True))
-        what = f"{_set(common)} each carry" if common else "no link carries"
-        raise GearboxError(
-            f'mesh "{mesh.name}": {what} both gears ({turns}). Add the axis that holds the gears, or name the '
-            'carrier with carrier = "...".'
-        )
-    return Contact(mesh=mesh.name, gears=gears, carrier=carrier)
+def _is_imposed(name: str) -> bool:
+    return name.startswith(_MARK)
 
 
-def _neighbours(body: str, levels: Mapping[str, tuple[str, ...]]) -> set[str]:
-    """Return S_i: the bodies that share an axis with this one (Penaud 2012, eq. 1)."""
-    return {other for members in levels.values() if body in members for other in members} - {body}
+def _symbols(values: Mapping[str, Fraction]) -> dict[str, Fraction]:
+    return {_imposed(link): speed for link, speed in values.items()}
 
 
-def _exact(link: str, speed: object) -> Fraction:
+def _fraction(link: str, speed: object) -> Fraction:
     if isinstance(speed, bool) or not isinstance(speed, Real) or not math.isfinite(speed):
         raise GearboxError(f'speeds: "{link}" = {speed!r} is not a finite number; give its speed as one.')
     return Fraction(speed) if isinstance(speed, int | Fraction) else Fraction(float(speed))
 
 
-def _set(names: set[str]) -> str:
-    return "{" + ", ".join(sorted(names)) + "}"
+def _agree(left: Rates, values: Mapping[str, Fraction], *, exact: bool) -> bool:
+    """Whether a combination of imposed speeds that must vanish does."""
+    terms = [factor * values[name.removeprefix(_MARK)] for name, factor in left.items()]
+    total = abs(sum(terms, _ZERO))
+    return total == 0 if exact else total <= Fraction(1, 10**9) * max((abs(term) for term in terms), default=_ZERO)
+
+
+def _difference(a: Rates, b: Rates) -> Rates:
+    total = dict(a)
+    for body, factor in b.items():
+        total[body] = total.get(body, _ZERO) - factor
+    return {body: factor for body, factor in total.items() if factor}
+
+
+def _value(form: Mapping[str, Fraction], rates: Mapping[str, Fraction]) -> Fraction:
+    return sum((factor * rates[body] for body, factor in form.items()), _ZERO)
+
+
+def _reduced(form: Mapping[str, Fraction], pivots: Mapping[str, Rates]) -> Rates:
+    """Replace every pivot variable of `form` by its expression in free ones."""
+    result: Rates = {}
+    for name, factor in form.items():
+        if name not in pivots:
+            result[name] = result.get(name, _ZERO) + factor
+            continue
+        for other, share in pivots[name].items():
+            result[other] = result.get(other, _ZERO) + factor * share
+    return {name: factor for name, factor in result.items() if factor}
+
+
+def _add_pivot(pivots: dict[str, Rates], row: Rates, name: str, *, users: dict[str, set[str]] | None = None) -> None:
+    """Solve ``row = 0`` for `name` and substitute it in the expressions that use it (`users`; None: look at all)."""
+    scale = -1 / row[name]
+    expression = {other: factor * scale for other, factor in row.items() if other != name}
+    used_by = pivots if users is None else users.pop(name, set())
+    for earlier in tuple(used_by):
+        terms = pivots[earlier]
+        if name in terms:
+            pivots[earlier] = _reduced(terms, {name: expression})
+            _note(users, earlier, expression)
+    pivots[name] = expression
+    _note(users, name, expression)
+
+
+def _note(users: dict[str, set[str]] | None, pivot: str, expression: Rates) -> None:
+    if users is not None:
+        for other in expression:
+            users.setdefault(other, set()).add(pivot)
+
+
+def _outwards(joints: Mapping[str, Joint], frame: str) -> list[str]:
+    """Bodies such that each comes after the one that carries it."""
+    held_by: dict[str, list[str]] = {}
+    for body, joint in joints.items():
+        held_by.setdefault(joint.carried_by, []).append(body)
+    order = [frame]
+    for body in order:
+        order += held_by.get(body, [])
+    return order[1:]
 
 
 def _count(number: int, thing: str) -> str:
     return f"{number} {thing}" + ("" if number == 1 else "s")
-
-
-def _direction(gearbox: Gearbox, expanded_axis: str) -> np.ndarray:
-    names = {axis.name for axis in gearbox.axes}
-    return np.array(gearbox.direction(expanded_axis if expanded_axis in names else expanded_axis.rsplit(" ", 1)[0]))
-
-
-def _difference(a: Rates, b: Rates) -> Rates:
-    total = {body: a.get(body, Fraction(0)) - b.get(body, Fraction(0)) for body in {**a, **b}}
-    return {body: factor for body, factor in total.items() if factor}
-
-
-def _value(form: Rates, rates: Mapping[str, Fraction]) -> Fraction:
-    return sum((factor * rates[body] for body, factor in form.items()), Fraction(0))
-
-
-def _reduced(form: Mapping[str, Fraction], pivots: Mapping[str, Row]) -> Row:
-    """Replace every pivot variable of `form` by its expression in free ones."""
-    result: Row = {}
-    for name, factor in form.items():
-        for other, share in pivots[name].items() if name in pivots else ((name, Fraction(1)),):
-            result[other] = result.get(other, Fraction(0)) + factor * share
-    return {name: factor for name, factor in result.items() if factor}
-
-
-def _add_pivot(pivots: dict[str, Row], row: Row, name: str) -> None:
-    """Solve ``row = 0`` for `name` and substitute it in all earlier expressions."""
-    expression = {other: -factor / row[name] for other, factor in row.items() if other != name}
-    for earlier, terms in pivots.items():
-        if name in terms:
-            pivots[earlier] = _reduced(terms, {name: expression})
-    pivots[name] = expression

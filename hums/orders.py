@@ -3,20 +3,25 @@
 An order counts cycles per revolution of the reference shaft. It is a `Fraction` while teeth alone define it.
 Bearing rates follow the rolling kinematics of Penaud and Alazard 2010, eq. 6 to 8, with the errata: the
 relative speed multiplies the whole bracket, and the factor D/d of the rolling element keeps the plain
-diameters (2 BSF as usually defined).
+diameters (2 BSF as usually defined) unless the paper's variant is asked for.
+
+Sidebands lie apart by the rate of what modulates a line: the turning of a damaged part through its load, and,
+where a contact is carried round, its passing of a sensor on the frame.
 """
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
-from hums.gearbox import Bearing, Gearbox, GearboxError
-from hums.kinematics import Contact, Kinematics, solve_kinematics
+from hums.gearbox import Bearing, Gearbox, GearboxError, closest
+from hums.kinematics import Kinematics, solve_kinematics
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from hums.mechanism import Contact
 
 KINDS = (
     "shaft",
@@ -32,11 +37,15 @@ KINDS = (
     "cage",
 )
 BEARING_KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
+ElementFormula = Literal["usual", "projected_diameter"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class DefectOrder:
-    """One row of the table: a component, a kind of defect, and the order at which it repeats."""
+    """One row of the table: a component, a kind of defect, and the order at which it repeats.
+
+    The spacings in `sidebands` are Fractions while teeth alone define them, like `exact`, and floats otherwise.
+    """
 
     component: str
     kind: str
@@ -44,7 +53,7 @@ class DefectOrder:
     order: float
     sources: int
     seen_from: str
-    sidebands: tuple[float, ...] = ()
+    sidebands: tuple[Fraction | float, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +61,8 @@ class BearingOrders:
     """Rates of one bearing in orders: of its rings against each other, its defects, and its elements.
 
     With rolling contact and `elements` Z: inner + outer = Z x relative, outer = Z x (cage against outer ring).
+    `inner_ring`, `outer_ring` and `cage` turn as the load zone sees them, which rests in the body that carries the
+    bearing's axis: the frame, or for a planet's bearing the planet carrier. `carried` is that body's own turning.
     """
 
     name: str
@@ -64,6 +75,7 @@ class BearingOrders:
     cage: float
     cage_to_outer: float
     elements: int
+    carried: float = 0.0
 
 
 def defect_orders(
@@ -71,6 +83,7 @@ def defect_orders(
     *,
     reference: str | None = None,
     speeds: Mapping[str, float | Fraction] | None = None,
+    element_formula: ElementFormula = "usual",
 ) -> "pd.DataFrame":
     """Tabulate every contact of a gearbox that repeats, and how often.
 
@@ -81,22 +94,27 @@ def defect_orders(
         The link whose revolutions orders count; by default the one the gearbox declares.
     speeds : mapping of link name to speed, optional
         Needed where the gearbox has several degrees of freedom; any unit, only ratios matter.
+    element_formula : {"usual", "projected_diameter"}
+        How often a spot of a rolling element is struck, where a bearing is given by its geometry; see
+        `bearing_multiples`.
 
     Returns
     -------
     pandas.DataFrame
         ``component``, ``kind`` (one of `KINDS`), ``order`` (float), ``exact`` (Fraction or None), ``sources``
         (how many physical places share the order), ``seen_from`` (the link the motion is relative to) and
-        ``sidebands`` (spacings of the modulation to expect, in orders). What stands still has no row.
+        ``sidebands`` (spacings of the modulation to expect, in orders: Fractions while exact, floats
+        otherwise). What stands still has no row.
 
     Raises
     ------
     GearboxError
-        No reference, a reference at rest, or speeds that do not settle every degree of freedom.
+        No reference, a reference at rest, speeds that do not settle every degree of freedom, or an unknown
+        `element_formula`.
     """
     import pandas as pd  # noqa: PLC0415
 
-    rows = defects(gearbox, reference=reference, speeds=speeds)
+    rows = defects(gearbox, reference=reference, speeds=speeds, element_formula=element_formula)
     return pd.DataFrame(
         [[row.component, row.kind, row.order, row.exact, row.sources, row.seen_from, row.sidebands] for row in rows],
         columns=["component", "kind", "order", "exact", "sources", "seen_from", "sidebands"],
@@ -108,10 +126,11 @@ def defects(
     *,
     reference: str | None = None,
     speeds: Mapping[str, float | Fraction] | None = None,
+    element_formula: ElementFormula = "usual",
 ) -> tuple[DefectOrder, ...]:
     """Return the rows of `defect_orders` as objects; parameters and errors as there."""
     motion = _Motion.of(gearbox, reference, speeds)
-    rows = (*_shafts(motion), *_meshes(motion), *_planets(motion), *_bearings(motion))
+    rows = (*_shafts(motion), *_meshes(motion), *_planets(motion), *_bearings(motion, element_formula))
     return tuple(row for row in rows if row.order > 0)
 
 
@@ -120,18 +139,25 @@ def bearing_orders(
     *,
     reference: str | None = None,
     speeds: Mapping[str, float | Fraction] | None = None,
+    element_formula: ElementFormula = "usual",
 ) -> tuple[BearingOrders, ...]:
     """Return the rates of every bearing, in orders; parameters as in `defect_orders`."""
     motion = _Motion.of(gearbox, reference, speeds)
-    return tuple(rates for bearing in motion.gearbox.bearings for rates in _rates_of(motion, bearing))
+    return tuple(rates for bearing in motion.gearbox.bearings for rates in _rates_of(motion, bearing, element_formula))
 
 
-def bearing_multiples(bearing: Bearing) -> tuple[float, float, float, float, int]:
+def bearing_multiples(
+    bearing: Bearing, *, element_formula: ElementFormula = "usual"
+) -> tuple[float, float, float, float, int]:
     """Return inner, outer, element-defect and cage rate per relative turn of the rings, and the elements.
 
     By geometry ``Z/2 (1 +- d/D cos a)``, ``D/d (1 - (d/D cos a)^2)`` and ``(1 - d/D cos a)/2`` (Penaud and
-    Alazard 2010, eq. 6 to 8, with errata); otherwise as printed.
+    Alazard 2010, eq. 6 to 8, with errata); otherwise as printed. The element formula ``"projected_diameter"``
+    is the paper's own, with ``d cos a`` for ``d`` also in the factor ``D/d``: ``D/(d cos a) (1 - (d/D cos a)^2)``.
     """
+    known = list(get_args(ElementFormula))
+    if element_formula not in known:
+        raise GearboxError(f'element_formula = "{element_formula}" is unknown{closest(str(element_formula), known)}')
     if bearing.multiples is not None:
         printed = bearing.multiples
         elements = bearing.elements or round(printed.inner + printed.outer)
@@ -141,7 +167,8 @@ def bearing_multiples(bearing: Bearing) -> tuple[float, float, float, float, int
     ratio = bearing.element_diameter_mm / bearing.pitch_diameter_mm
     along = ratio * math.cos(math.radians(bearing.contact_angle_deg))
     half = bearing.elements / 2
-    return half * (1 + along), half * (1 - along), (1 - along**2) / ratio, (1 - along) / 2, bearing.elements
+    defect = (1 - along**2) / (along if element_formula == "projected_diameter" else ratio)
+    return half * (1 + along), half * (1 - along), defect, (1 - along) / 2, bearing.elements
 
 
 @dataclass(frozen=True)
@@ -174,7 +201,9 @@ class _Motion:
         unit = abs(sum((factor * rates[body] for body, factor in form.items()), Fraction(0)))
         if unit == 0:
             raise GearboxError(f'the reference "{name}" does not turn, so orders cannot be counted by it.')
-        exact = speeds is None or all(isinstance(speed, int | Fraction) for speed in speeds.values())
+        # with one degree of freedom any speed cancels, so teeth alone define the ratios
+        given = () if speeds is None or kinematics.dof == 1 else speeds.values()
+        exact = all(isinstance(speed, int | Fraction) for speed in given)
         return cls(kinematics, rates, unit, exact)
 
     @property
@@ -185,6 +214,20 @@ class _Motion:
         form = self.kinematics.spin(link, seen_from=seen_from)
         return sum((factor * self.rates[body] for body, factor in form.items()), Fraction(0)) / self.unit
 
+    def turn(self, link: str) -> Fraction:
+        """Return a link's turning as the body that carries its axis sees it; 0 for the frame."""
+        return self.rates.get(self.kinematics.bodies[link], Fraction(0)) / self.unit
+
+    def holder(self, link: str) -> str:
+        """Return the body that carries a link's axis; the frame for the frame itself."""
+        joint = self.kinematics.joints.get(self.kinematics.bodies[link])
+        return self.kinematics.mechanism.frame if joint is None else joint.carried_by
+
+    def spacings(self, *turns: Fraction | float) -> tuple[Fraction | float, ...]:
+        """Return the sizes of some rates, each once: exact where possible, those at rest left out."""
+        moving = (turn if self.exact else float(turn) for turn in turns if turn)
+        return tuple(dict.fromkeys(-turn if turn < 0 else turn for turn in moving))
+
     def row(
         self,
         component: str,
@@ -193,7 +236,7 @@ class _Motion:
         *,
         sources: int,
         seen_from: str,
-        sidebands: tuple[Fraction, ...] = (),
+        sidebands: tuple[Fraction | float, ...] = (),
     ) -> DefectOrder:
         size = abs(order)
         return DefectOrder(
@@ -203,16 +246,16 @@ class _Motion:
             order=float(size),
             sources=sources,
             seen_from=seen_from,
-            sidebands=tuple(float(abs(spacing)) for spacing in dict.fromkeys(sidebands)),
+            sidebands=sidebands,
         )
 
 
 def _shafts(motion: _Motion) -> Iterator[DefectOrder]:
     """Links that turn about an axis fixed in the frame."""
-    kinematics, frame = motion.kinematics, motion.gearbox.frame
-    for body, joint in kinematics.joints.items():
-        if joint.carried_by == kinematics.bodies[frame]:
-            yield motion.row(body, "shaft", motion.speed(body, frame), sources=1, seen_from=frame)
+    frame = motion.kinematics.mechanism.frame
+    for body in motion.kinematics.joints:
+        if motion.holder(body) == frame:
+            yield motion.row(body, "shaft", motion.turn(body), sources=1, seen_from=frame)
 
 
 def _meshes(motion: _Motion) -> Iterator[DefectOrder]:
@@ -222,59 +265,70 @@ def _meshes(motion: _Motion) -> Iterator[DefectOrder]:
         contacts.setdefault(contact.mesh, []).append(contact)
     for name, alike in contacts.items():
         first, count = alike[0], len(alike)
+        seen_from, passing = first.carrier, motion.turn(first.carrier)
         teeth = [abs(number) for _, number in first.gears]
         turns = [motion.speed(link, first.carrier) for link, _ in first.gears]
         mesh = teeth[0] * turns[0]
-        yield motion.row(name, "gear_mesh", mesh, sources=count, seen_from=first.carrier, sidebands=tuple(turns))
+        beside = motion.spacings(*turns, count * passing)
+        yield motion.row(name, "gear_mesh", mesh, sources=count, seen_from=seen_from, sidebands=beside)
         for (link, number), turn in zip(first.gears, turns, strict=True):
             declared = _declared(motion.gearbox, link)
             copies = len(motion.gearbox.instances(declared))
-            # a gear that meets every planet has each of its teeth struck once a planet and turn
+            # a gear that meets every planet has each of its teeth struck once a planet and turn, wherever in the
+            # gear's own turn that happens; a planet's tooth is struck where the carrier has taken it
+            moving = motion.turn(link) if count > copies or motion.holder(link) != first.carrier else passing
             yield motion.row(
                 f"{name}/{declared}",
                 "tooth",
                 turn * count / copies,
                 sources=abs(number) * copies,
-                seen_from=first.carrier,
+                seen_from=seen_from,
+                sidebands=motion.spacings(moving),
             )
         if len(teeth) == 2:  # noqa: PLR2004
-            yield motion.row(name, "hunting_tooth", mesh / math.lcm(*teeth), sources=count, seen_from=first.carrier)
-            yield motion.row(name, "assembly_phase", mesh / math.gcd(*teeth), sources=count, seen_from=first.carrier)
+            yield motion.row(name, "hunting_tooth", mesh / math.lcm(*teeth), sources=count, seen_from=seen_from)
+            yield motion.row(name, "assembly_phase", mesh / math.gcd(*teeth), sources=count, seen_from=seen_from)
 
 
 def _planets(motion: _Motion) -> Iterator[DefectOrder]:
-    """Planets passing a sensor on the frame, and planet teeth, which meet one gear after the other."""
-    frame = motion.gearbox.frame
-    for link, copies in motion.gearbox.copied.items():
-        first = motion.gearbox.instances(link)[0]
-        met = [c for c in motion.kinematics.contacts if first in (name for name, _ in c.gears)]
-        carrier = motion.kinematics.joints[motion.kinematics.bodies[first]].carried_by
-        passing = copies * motion.speed(carrier, frame)
-        if first in motion.kinematics.joints:  # a planet, not a second gear on one
-            yield motion.row(f"{link} pass", "planet_pass", passing, sources=1, seen_from=frame)
+    """Planets passing a sensor, and planet teeth, which meet one gear after the other."""
+    kinematics = motion.kinematics
+    gears = [gear for contact in kinematics.contacts for gear in contact.gears]
+    toothed = {kinematics.bodies[link] for link, _ in gears}
+    for link in dict.fromkeys(_declared(motion.gearbox, name) for name in motion.gearbox.links):
+        first, copies = motion.gearbox.instances(link)[0], len(motion.gearbox.instances(link))
+        carrier = motion.holder(first)
+        if carrier == kinematics.mechanism.frame and copies == 1:
+            continue
+        met = [abs(number) for name, number in gears if name == first]
+        passing, body = motion.turn(carrier), kinematics.bodies[first]
+        if first == body and body in toothed:  # a planet, not a second gear on one
+            around = motion.holder(carrier)
+            yield motion.row(f"{link} pass", "planet_pass", copies * passing, sources=1, seen_from=around)
         if len(met) > 1:
-            number = max(abs(teeth) for contact in met for name, teeth in contact.gears if name == first)
             yield motion.row(
                 link,
                 "planet_tooth",
-                len(met) * motion.speed(first, carrier),
-                sources=number * copies,
+                len(met) * motion.turn(first),
+                sources=max(met) * copies,
                 seen_from=carrier,
+                sidebands=motion.spacings(passing),
             )
 
 
-def _bearings(motion: _Motion) -> Iterator[DefectOrder]:
+def _bearings(motion: _Motion, formula: ElementFormula) -> Iterator[DefectOrder]:
     for bearing in motion.gearbox.bearings:
         copies = _copies(motion.gearbox, bearing)
-        for rates in _rates_of(motion, bearing):
-            inner, outer = (rates.inner_ring,), (rates.outer_ring,)
-            for kind, order, sources, seen_from, sidebands in (
-                ("inner_race", rates.inner_race, copies, bearing.inner_ring, inner),
-                ("outer_race", rates.outer_race, copies, bearing.outer_ring, outer),
-                ("rolling_element", rates.rolling_element, copies * rates.elements, "cage", (rates.cage,)),
-                ("cage", rates.cage, copies, motion.gearbox.frame, ()),
+        held, inner, outer = _rings(motion, bearing)
+        carried = motion.turn(held)
+        for rates in _rates_of(motion, bearing, formula):
+            struck, cage = copies * rates.elements, f"{rates.name} cage"
+            for kind, order, sources, seen_from, turns in (
+                ("inner_race", rates.inner_race, copies, bearing.inner_ring, (inner, carried)),
+                ("outer_race", rates.outer_race, copies, bearing.outer_ring, (outer, carried)),
+                ("rolling_element", rates.rolling_element, struck, cage, (rates.cage, carried)),
+                ("cage", rates.cage, copies, held, ()),
             ):
-                spacings = tuple(abs(spacing) for spacing in sidebands if spacing)
                 yield DefectOrder(
                     component=rates.name,
                     kind=kind,
@@ -282,29 +336,38 @@ def _bearings(motion: _Motion) -> Iterator[DefectOrder]:
                     order=order,
                     sources=sources,
                     seen_from=seen_from,
-                    sidebands=spacings,
+                    sidebands=motion.spacings(*turns),
                 )
 
 
-def _rates_of(motion: _Motion, bearing: Bearing) -> Iterator[BearingOrders]:
-    inner_race, outer_race, defect, cage, elements = bearing_multiples(bearing)
-    inner, outer = (motion.gearbox.instances(ring)[0] for ring in (bearing.inner_ring, bearing.outer_ring))
-    frame = motion.gearbox.frame
-    relative = float(motion.speed(inner, outer))
-    ring_speeds = [float(motion.speed(ring, frame)) for ring in (inner, outer)]
+def _rates_of(motion: _Motion, bearing: Bearing, formula: ElementFormula) -> Iterator[BearingOrders]:
+    inner_race, outer_race, defect, cage, elements = bearing_multiples(bearing, element_formula=formula)
+    held, inner, outer = _rings(motion, bearing)
+    relative = float(inner - outer)
     for name in bearing.names:
         yield BearingOrders(
             name=name,
             relative=abs(relative),
-            inner_ring=ring_speeds[0],
-            outer_ring=ring_speeds[1],
+            inner_ring=float(inner),
+            outer_ring=float(outer),
             inner_race=inner_race * abs(relative),
             outer_race=outer_race * abs(relative),
             rolling_element=defect * abs(relative),
-            cage=abs(ring_speeds[1] + cage * relative),
+            cage=abs(float(outer) + cage * relative),
             cage_to_outer=cage * abs(relative),
             elements=elements,
+            carried=float(motion.turn(held)),
         )
+
+
+def _rings(motion: _Motion, bearing: Bearing) -> tuple[str, Fraction, Fraction]:
+    """Return the body that carries a bearing's axis, and how fast it sees the inner and the outer ring turn."""
+    rings = [motion.gearbox.instances(ring)[0] for ring in (bearing.inner_ring, bearing.outer_ring)]
+    bodies = [motion.kinematics.bodies[ring] for ring in rings]
+    # a planet's bearing sits on its carrier, which is one of the rings
+    held = next((motion.holder(body) for body in bodies if motion.holder(body) in bodies), motion.holder(bodies[0]))
+    inner, outer = (motion.speed(ring, held) for ring in rings)
+    return held, inner, outer
 
 
 def _declared(gearbox: Gearbox, instance: str) -> str:

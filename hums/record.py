@@ -487,13 +487,14 @@ def _found_pulses(
 
 
 def _with_truth(record: xr.Dataset, truth: Mapping[str, xr.DataArray]) -> xr.Dataset:
+    axes = set(record.xindexes)  # of time: those of the record hold
     for name, array in truth.items():
         _check_name(name, "truth")
         if not name.startswith("truth_") or not isinstance(array, xr.DataArray):
             raise RecordError(
                 f'truth: "{name}", a {type(array).__name__}: each is an xarray.DataArray, named truth_...'
             )
-        bare = array.drop_vars(set(array.coords) & set(record.xindexes)).to_dataset(name=name)
+        bare = array.drop_vars(axes & set(array.coords)).to_dataset(name=name)
         try:
             record = record.merge(bare, join="exact", compat="equals")
         except ValueError as error:

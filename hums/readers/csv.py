@@ -16,20 +16,22 @@ if TYPE_CHECKING:
 __all__ = ["read"]
 
 _ENCODING = "utf-8-sig"  # spreadsheets put a mark in front
-_SEPARATORS = ",;\t"
+_HEAD = 100  # lines that show how the file is written
 
 
 def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
     """Read the columns, (n,) each, under the names of the header or as "column 1", "column 2", ...
 
-    Separated by commas, semicolons or tabs. Between semicolons, a comma in a number is its decimal point.
+    Separated by semicolons, tabs or commas. Between the first two, a comma in a number is its decimal point.
     """
     import pandas as pd  # noqa: PLC0415
 
-    first, second = _first_lines(path)
-    separator = max(_SEPARATORS, key=first.count)
-    decimal = "," if separator == ";" and "," in (second or first) else "."
-    headless = all(_is_number(cell.replace(decimal, ".")) for cell in first.split(separator))
+    first, *others = _head(path) or [""]
+    separator = next((sign for sign in ";\t" if sign in first), ",")
+    cells = [cell.replace(",", ".") for cell in first.split(separator) if cell.strip()]  # a value may be blank
+    headless = bool(cells) and all(_is_number(cell) for cell in cells)
+    rows = [first, *others] if headless else others
+    decimal = "," if separator != "," and any("," in row for row in rows) else "."
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header: data lost
@@ -52,10 +54,9 @@ def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
     return {name: _column(table.iloc[:, place]) for place, name in enumerate(names)}
 
 
-def _first_lines(path: Path) -> tuple[str, str]:
+def _head(path: Path) -> list[str]:
     with path.open(encoding=_ENCODING, errors="replace") as stream:
-        lines = [line.strip("\r\n") for line in islice(filter(str.strip, stream), 2)]
-    return (*lines, "", "")[0], (*lines, "", "")[1]
+        return [line.strip("\r\n") for line in islice(filter(str.strip, stream), _HEAD)]
 
 
 def _is_number(cell: str) -> bool:

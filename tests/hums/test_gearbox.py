@@ -379,6 +379,7 @@ class TestFiles:
         with pytest.raises(GearboxError, match="is a directory"):
             load_gearbox(tmp_path)
 
+    @pytest.mark.filterwarnings("ignore::hums.gearbox.GearboxWarning")
     def test_catalogue(self):
         shipped = catalogue()
         assert {"two-stage", "planetary-27-36-99"} <= set(shipped)

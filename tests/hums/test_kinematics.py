@@ -173,6 +173,22 @@ class TestPlanetary:
         kinematics = solved(table, reference="ring" if held == "sun" else "sun")
         assert speed(kinematics, link) == expected
 
+    def test_a_body_that_is_part_of_the_frame_has_the_frames_name(self):
+        kinematics = solved(planetary(rigid=[["ring", "housing"]]))
+        assert kinematics.bodies["ring"] == "housing"
+        assert set(kinematics.joints) == {"sun", "carrier", "planet 1", "planet 2", "planet 3"}
+
+    def test_a_planet_axis_that_points_backwards(self):
+        # along the reversed axis the planet counts the other way, so both of its meshes change their signs
+        table = planetary(rigid=[["housing", "ring"]])
+        table["axes"]["planet"]["direction"] = [-1, 0, 0]
+        table["mesh"] = [{"teeth": {"sun": 27, "planet": -36}}, {"teeth": {"planet": 36, "ring": 99}}]
+        kinematics = solved(table)
+        assert speed(kinematics, "carrier") == F(3, 14)
+        assert speed(kinematics, "planet 1") == -(F(3, 14) - F(33, 56))
+        np.testing.assert_allclose(kinematics.vectors().sel(link="planet 1"), [3 / 14 - 33 / 56, 0, 0], atol=1e-15)
+
+    @pytest.mark.filterwarnings("ignore::hums.gearbox.GearboxWarning")
     @given(
         sun=st.integers(10, 200),
         planet=st.integers(10, 200),
@@ -293,7 +309,7 @@ class TestSpeeds:
     def test_contradictory(self):
         kinematics = solved(DIFFERENTIAL)
         speeds = {"left wheel": F(26), "right wheel": F(30), "drive shaft": F(-141)}
-        with pytest.raises(GearboxError, match='contradict each other at "drive shaft"'):
+        with pytest.raises(GearboxError, match='make "drive shaft" turn at -140, but it is given as -141'):
             kinematics.rates(speeds)
         # the third speed that follows from the two is welcome
         assert speed(kinematics, "cage", **(speeds | {"drive shaft": F(-140)})) == 28
@@ -338,7 +354,7 @@ class TestNoMechanism:
             solved(self.BASE, axes=axes)
         message = str(caught.value)
         assert 'mesh "sun-planet": no link carries both gears' in message
-        assert "sun on {carrier, housing}, planet on {arm}" in message
+        assert "sun turns on {carrier, housing}, planet on {arm}" in message
         assert 'carrier = "..."' in message
 
     def test_two_possible_carriers(self):
@@ -349,12 +365,8 @@ class TestNoMechanism:
             "axes": {"main": ["h", "arm", "a", "b"]},
             "mesh": [{"teeth": {"a": 20, "b": 41}}],
         }
-        with pytest.raises(GearboxError, match=r'mesh "a-b": \{arm, h\} each carry both gears') as caught:
+        with pytest.raises(GearboxError, match=r'mesh "a-b": both gears turn about one line .* each of \{arm, h\}'):
             solved(table)
-        assert 'name the carrier with carrier = "..."' in str(caught.value)
-        table["mesh"][0]["carrier"] = "arm"
-        kinematics = solved(table)
-        assert speed(kinematics, "b", a=F(1), arm=F(1, 2)) == F(1, 2) - F(20, 41) * F(1, 2)
 
     def test_a_carrier_that_does_not_hold_a_gear(self):
         meshes = [{"teeth": {"sun": 27, "planet": 36}, "carrier": "housing"}]
@@ -381,7 +393,7 @@ class TestNoMechanism:
             "axes": {name: ["h", name] for name in "abc"},
             "mesh": [{"teeth": {x: 20, y: 20}} for x, y in pairwise("abca")],
         }
-        with pytest.raises(GearboxError, match="cannot move: its 3 meshes lock all 3 turning bodies"):
+        with pytest.raises(GearboxError, match='cannot move: it is locked by mesh "b-c", mesh "a-b", mesh "c-a"'):
             solved(table)
         # with one internal mesh the ring turns
         table["mesh"][2]["teeth"]["a"] = -20

@@ -1,8 +1,11 @@
 """The table of defect orders against hand-worked trains, the papers' tables and published bearing figures."""
 
 import math
-from dataclasses import astuple
+import tomllib
+import warnings
+from dataclasses import astuple, replace
 from fractions import Fraction as F  # noqa: N817
+from typing import ClassVar
 
 import pytest
 from hypothesis import given
@@ -12,35 +15,60 @@ from hums.gearbox import Gearbox, GearboxError, GearboxWarning, load_gearbox
 from hums.kinematics import solve_kinematics
 from hums.orders import BEARING_KINDS, KINDS, bearing_multiples, bearing_orders, defect_orders, defects
 
-# Penaud and Alazard 2010, section 3 and table A; the sides of the bevel gears as in the 2012 paper.
-DIFFERENTIAL = {
-    "frame": "car",
-    "reference": "cage",
-    "axes": {
-        "wheels": {"direction": [1, 0, 0], "links": ["car", "left wheel", "right wheel", "cage"]},
-        "pinions": {"direction": [0, 1, 0], "links": ["cage", "upper pinion", "lower pinion"]},
-        "drive": {"direction": [1, 0, 0], "links": ["car", "drive shaft"]},
-    },
-    "mesh": [
-        {"teeth": {"drive shaft": 13, "cage": 65}},
-        {"teeth": {"left wheel": -14, "upper pinion": 10}},
-        {"teeth": {"left wheel": -14, "lower pinion": -10}},
-        {"teeth": {"right wheel": 14, "upper pinion": 10}},
-        {"teeth": {"right wheel": 14, "lower pinion": -10}},
-    ],
-    "bearing": [
-        {
-            "names": ["bearing 1", "bearing 2"],
-            "inner_ring": "cage",
-            "outer_ring": "car",
-            "elements": 25,
-            "element_diameter_mm": 5,
-            "pitch_diameter_mm": 54,
-            "contact_angle_deg": 15,
-        }
-    ],
-}
+# Penaud and Alazard 2010, section 3 and table A, link numbers in brackets: the car's frame (1), drive shaft (2),
+# wheels (3, 4), pinions (5, 6) each on its own radial axis, and the cage (7). Pinions face outwards, so the left
+# wheel alone lies on the negative side of the apex.
+DIFFERENTIAL_TOML = """
+frame = "car"
+reference = "cage"
+[axes]
+wheels = ["car", "left wheel", "right wheel", "cage"]
+drive = ["car", "drive shaft"]
+"upper pinion" = { direction = [0, 1, 0], links = ["cage", "upper pinion"] }
+"lower pinion" = { direction = [0, -1, 0], links = ["cage", "lower pinion"] }
+[[mesh]]
+teeth = { "drive shaft" = 13, cage = 65 }
+[[mesh]]
+teeth = { "left wheel" = -14, "upper pinion" = 10 }
+[[mesh]]
+teeth = { "left wheel" = -14, "lower pinion" = 10 }
+[[mesh]]
+teeth = { "right wheel" = 14, "upper pinion" = 10 }
+[[mesh]]
+teeth = { "right wheel" = 14, "lower pinion" = 10 }
+[[bearing]]
+names = ["bearing 1", "bearing 2"]
+inner_ring = "cage"
+outer_ring = "car"
+elements = 25
+element_diameter_mm = 5
+pitch_diameter_mm = 54
+contact_angle_deg = 15
+"""
+DIFFERENTIAL = tomllib.loads(DIFFERENTIAL_TOML)
+# the same paper, example 1, after Nelson and Cipra 2005: sun at rest, ring driven, planet's axis at pi/3
+BEVEL_PLANET_TOML = """
+frame = "sun"
+reference = "ring"
+[axes]
+main = ["sun", "ring", "carrier"]
+planet = { direction = [0.5, 0.8660254037844386, 0], links = ["carrier", "planet"] }
+[[mesh]]
+teeth = { sun = 15, planet = 10 }
+[[mesh]]
+teeth = { ring = -25, planet = 10 }
+"""
 TURNING = {"left wheel": F(26), "right wheel": F(30)}  # rad/s
+STEPPED = {
+    "frame": "housing",
+    "reference": "sun",
+    "rigid": [["housing", "ring"], ["big", "small"]],
+    "axes": {
+        "main": ["housing", "sun", "ring", "carrier"],
+        "planets": {"links": ["carrier", "big", "small"], "copies": 3},
+    },
+    "mesh": [{"teeth": {"sun": 20, "big": 40}}, {"teeth": {"small": 18, "ring": -78}}],
+}
 PAIR = {
     "frame": "h",
     "reference": "a",
@@ -51,6 +79,20 @@ PAIR = {
 
 def box(table, **changes):
     return Gearbox.from_mapping({"name": "box"} | table | changes)
+
+
+def planetary(*, sun=27, planet=36, copies=3, rest="ring"):
+    """Sun, planets and ring, with one link rigid with the housing."""
+    return {
+        "frame": "housing",
+        "reference": "sun",
+        "rigid": [["housing", rest]],
+        "axes": {
+            "main": ["housing", "sun", "ring", "carrier"],
+            "planet": {"links": ["carrier", "planet"], "copies": copies},
+        },
+        "mesh": [{"teeth": {"sun": sun, "planet": planet}}, {"teeth": {"planet": planet, "ring": -sun - 2 * planet}}],
+    }
 
 
 def single(**bearing):
@@ -64,6 +106,71 @@ def rows(table):
     found = {(row.component, row.kind): row for row in table.itertuples(index=False)}
     assert len(found) == len(table)
     return found
+
+
+class TestTableA:
+    """Penaud and Alazard 2010, table A: what a car's differential does in a right turn."""
+
+    CAGE = 28  # rad/s; orders count per turn of the cage, so order x 28 is in rad/s
+    SHAPES = tuple((wheel, pinion) for wheel in ("left wheel", "right wheel") for pinion in ("upper", "lower"))
+    GEARS = (
+        ("drive shaft-cage", "gear_mesh", 1820, 1),
+        ("drive shaft-cage/drive shaft", "tooth", 140, 13),
+        ("drive shaft-cage/cage", "tooth", 28, 65),
+        *((f"{wheel}-{pinion} pinion", "gear_mesh", 28, 1) for wheel, pinion in SHAPES),
+        *((f"{wheel}-{pinion} pinion/{wheel}", "tooth", 2, 14) for wheel, pinion in SHAPES),
+        *((f"{wheel}-{pinion} pinion/{pinion} pinion", "tooth", F(14, 5), 10) for wheel, pinion in SHAPES),
+    )
+
+    @pytest.mark.parametrize(
+        ("formula", "element"),
+        [("usual", 300.0), ("projected_diameter", 310.6)],  # errata: the paper prints the second
+    )
+    def test_all_of_it(self, formula, element):
+        table = rows(defect_orders(box(DIFFERENTIAL), speeds=TURNING, element_formula=formula))
+        for component, kind, printed, sources in self.GEARS:
+            row = table.pop((component, kind))
+            assert row.exact * self.CAGE == printed, component
+            assert row.sources == sources, component
+        for name in ("bearing 1", "bearing 2"):
+            for kind, printed, sources in [
+                ("inner_race", 381.3, 1),
+                ("outer_race", 318.7, 1),
+                ("rolling_element", element, 25),
+            ]:
+                row = table.pop((name, kind))
+                assert row.order * self.CAGE == pytest.approx(printed, abs=0.05)  # one decimal is printed
+                assert row.sources == sources
+        # what the paper does not list
+        assert {kind for _, kind in table} == {
+            "shaft",
+            "hunting_tooth",
+            "assembly_phase",
+            "planet_pass",
+            "planet_tooth",
+            "cage",
+        }
+
+    def test_the_catalogue_has_it_too(self):
+        # there both pinions turn on one axis, and the lower one on its negative side
+        shipped, own = (
+            sorted(row.order for row in defects(gearbox, speeds=TURNING))
+            for gearbox in (load_gearbox("car-differential"), box(DIFFERENTIAL))
+        )
+        assert shipped == own
+
+    def test_the_formula_touches_rolling_elements_alone(self):
+        usual, projected = (
+            bearing_orders(box(DIFFERENTIAL), speeds=TURNING, element_formula=formula)[0]
+            for formula in ("usual", "projected_diameter")
+        )
+        # the paper's variant divides by d cos a where the usual one divides by d
+        assert projected.rolling_element == pytest.approx(usual.rolling_element / math.cos(math.radians(15)), rel=1e-14)
+        assert replace(projected, rolling_element=usual.rolling_element) == usual
+
+    def test_an_unknown_formula(self):
+        with pytest.raises(GearboxError, match='did you mean "usual"'):
+            defect_orders(box(DIFFERENTIAL), speeds=TURNING, element_formula="usuall")
 
 
 class TestGears:
@@ -97,8 +204,6 @@ class TestGears:
         assert {key for key in table if key not in gears} == {
             (name, kind) for name in ("carrier front", "carrier rear") for kind in BEARING_KINDS
         }
-        # sidebands: what turns past the mesh, in the order of its gears
-        assert table["sun-planet", "gear_mesh"].sidebands == (float(sun), float(planet))
 
     def test_two_stage_by_hand(self):
         table = rows(defect_orders(load_gearbox("two-stage")))
@@ -111,7 +216,7 @@ class TestGears:
         assert table["stage 1", "hunting_tooth"].exact == F(1, 67)  # coprime: every tooth meets every other
         assert table["stage 1", "assembly_phase"].exact == 23
         assert table["output", "shaft"].exact == second * F(19, 61)
-        assert table["stage 2", "gear_mesh"].sidebands == (float(second), float(second * F(19, 61)))
+        assert table["stage 2", "gear_mesh"].sidebands == (second, second * F(19, 61))
 
     def test_common_factors(self):
         table = rows(defect_orders(box(PAIR)))
@@ -125,45 +230,40 @@ class TestGears:
         assert table["b-unknown/b", "tooth"].exact == F(20, 45)
         assert {kind for component, kind in table if component == "b-unknown"} == {"gear_mesh"}
 
-    def test_table_a_of_the_differential(self):
-        table = rows(defect_orders(box(DIFFERENTIAL), speeds=TURNING))
-        cage = 28  # rad/s; orders count per turn of the cage, so order x 28 is in rad/s
-        for component, kind, printed, sources in [
-            ("drive shaft-cage", "gear_mesh", 1820, 1),
-            ("drive shaft-cage/drive shaft", "tooth", 140, 13),
-            ("drive shaft-cage/cage", "tooth", 28, 65),
-            *[
-                (f"{wheel} wheel-{pinion} pinion{what}", kind, printed, sources)
-                for wheel in ("left", "right")
-                for pinion in ("upper", "lower")
-                for what, kind, printed, sources in [
-                    ("", "gear_mesh", 28, 1),
-                    (f"/{wheel} wheel", "tooth", 2, 14),
-                    (f"/{pinion} pinion", "tooth", F(14, 5), 10),
-                ]
-            ],
+    def test_bevel_planet_of_nelson(self):
+        table = rows(defect_orders(box(tomllib.loads(BEVEL_PLANET_TOML))))
+        ring_hz = 10
+        assert table["sun-planet", "gear_mesh"].exact * ring_hz == F("93.75")  # eq. 13
+        assert table["ring-planet", "gear_mesh"].exact * ring_hz == F("93.75")
+        # a planet declared once passes once a turn of its carrier (eq. 11: 0.625), and meets sun and ring
+        assert table["planet pass", "planet_pass"].exact == F(5, 8)
+        assert table["planet", "planet_tooth"].exact == 2 * F(15, 16)
+
+    @given(sun=st.integers(12, 60), planet=st.integers(12, 60), copies=st.integers(2, 6), ring_turns=st.booleans())
+    def test_planetary_formulas_of_the_literature(self, sun, planet, copies, ring_turns):
+        """With N planets: sun tooth N (w_s - w_c), ring tooth N |w_r - w_c|, planet tooth 2 (w_p - w_c)."""
+        ring = sun + 2 * planet
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", GearboxWarning)  # not every number of planets can be spaced evenly
+            gearbox = box(planetary(sun=sun, planet=planet, copies=copies, rest="carrier" if ring_turns else "ring"))
+        table = rows(defect_orders(gearbox))
+        w_c = F(0) if ring_turns else F(sun, sun + ring)
+        w_r = -F(sun, ring) if ring_turns else F(0)
+        mesh = sun * (1 - w_c)
+        assert mesh == ring * abs(w_r - w_c)
+        for component, kind, expected in [
+            ("sun-planet", "gear_mesh", mesh),
+            ("planet-ring", "gear_mesh", mesh),
+            ("sun-planet/sun", "tooth", copies * (1 - w_c)),
+            ("planet-ring/ring", "tooth", copies * abs(w_r - w_c)),
+            ("planet", "planet_tooth", 2 * mesh / planet),
         ]:
-            row = table[component, kind]
-            assert row.exact * cage == printed, component
-            assert row.sources == sources
+            assert table[component, kind].exact == expected, component
+        passing = {key: row.exact for key, row in table.items() if key[1] == "planet_pass"}
+        assert passing == ({} if ring_turns else {("planet pass", "planet_pass"): copies * w_c})
 
     def test_stepped_planets_pass_once(self):
-        table = rows(
-            defect_orders(
-                box(
-                    {
-                        "frame": "housing",
-                        "reference": "sun",
-                        "rigid": [["housing", "ring"], ["big", "small"]],
-                        "axes": {
-                            "main": ["housing", "sun", "ring", "carrier"],
-                            "planets": {"links": ["carrier", "big", "small"], "copies": 3},
-                        },
-                        "mesh": [{"teeth": {"sun": 20, "big": 40}}, {"teeth": {"small": 18, "ring": -78}}],
-                    }
-                )
-            )
-        )
+        table = rows(defect_orders(box(STEPPED)))
         carrier = 1 / (1 + F(40, 20) * F(78, 18))
         assert [row.exact for (_, kind), row in table.items() if kind == "planet_pass"] == [3 * carrier]
         assert table["sun-big", "gear_mesh"].exact == 20 * (1 - carrier)
@@ -178,17 +278,6 @@ class TestGears:
 
 
 class TestBearings:
-    def test_table_a_of_the_differential(self):
-        cage = 28  # rad/s
-        for name in ("bearing 1", "bearing 2"):
-            (rates,) = (rates for rates in bearing_orders(box(DIFFERENTIAL), speeds=TURNING) if rates.name == name)
-            # printed with one decimal; the last one with the usual D/d in front of the bracket (errata)
-            assert rates.inner_race * cage == pytest.approx(381.3, abs=0.05)
-            assert rates.outer_race * cage == pytest.approx(318.7, abs=0.05)
-            assert rates.rolling_element * cage == pytest.approx(300.0, abs=0.05)
-        sources = defect_orders(box(DIFFERENTIAL), speeds=TURNING).set_index(["component", "kind"])["sources"]
-        assert [sources["bearing 2", kind] for kind in BEARING_KINDS] == [1, 1, 25, 1]
-
     @pytest.mark.parametrize(
         ("geometry", "printed", "tolerance"),
         [
@@ -207,9 +296,6 @@ class TestBearings:
         assert found == pytest.approx(printed, abs=tolerance)
         table = rows(defect_orders(gearbox))
         assert tuple(table["x", kind].order for kind in BEARING_KINDS) == found
-        assert table["x", "inner_race"].sidebands == (1.0,)
-        assert table["x", "outer_race"].sidebands == ()  # the load stands still over it
-        assert table["x", "rolling_element"].sidebands == (rates.cage,)
 
     def test_printed_multiples(self):
         multiples = {"inner": 9.46, "outer": 6.72, "element_spin": 2.87, "cage": 0.42}
@@ -326,6 +412,93 @@ def spin_against_cage(speed, ratio, reach, *, on_outer):
     return abs(cage) * radius / ratio
 
 
+class TestSidebands:
+    """How far apart the sidebands of each kind lie: the rate of what modulates it."""
+
+    @staticmethod
+    def spacings(table, **settings):
+        return {
+            (row.component, row.kind): row.sidebands
+            for row in defect_orders(box(table), **settings).itertuples()
+            if row.sidebands
+        }
+
+    def test_parallel_shafts(self):
+        # both gears turn past the mesh; its place is at rest, so nothing else is modulated
+        assert self.spacings(PAIR) == {("a-b", "gear_mesh"): (1, F(4, 9))}
+
+    def test_planetary(self):
+        carrier = F(27, 126)
+        sun, planet, ring = 1 - carrier, (1 - carrier) * F(27, 36), carrier  # against the carrier
+        assert self.spacings(planetary()) == {
+            # both gears against the carrier, and planets passing a sensor on the housing
+            ("sun-planet", "gear_mesh"): (sun, planet, 3 * carrier),
+            ("planet-ring", "gear_mesh"): (planet, ring, 3 * carrier),
+            # a place on the sun turns with the sun, one on a planet with the carrier; the ring's rest
+            ("sun-planet/sun", "tooth"): (1,),
+            ("sun-planet/planet", "tooth"): (carrier,),
+            ("planet-ring/planet", "tooth"): (carrier,),
+            ("planet", "planet_tooth"): (carrier,),
+        }
+
+    def test_a_carrier_at_rest(self):
+        ring = F(27, 99)
+        assert self.spacings(planetary(rest="carrier")) == {
+            ("sun-planet", "gear_mesh"): (1, F(27, 36)),
+            ("planet-ring", "gear_mesh"): (F(27, 36), ring),
+            # planets stand about at different distances of a sensor
+            ("sun-planet/sun", "tooth"): (1,),
+            ("planet-ring/ring", "tooth"): (ring,),
+        }
+
+    SIZE: ClassVar = {"elements": 10, "element_diameter_mm": 10, "pitch_diameter_mm": 50}
+
+    @pytest.mark.parametrize(("inner", "outer"), [("a", "h"), ("h", "a"), ("b", "a")])
+    def test_bearings_whose_load_rests_in_the_frame(self, inner, outer):
+        speed = {"h": F(0), "a": F(1), "b": F(-3, 2)}
+        table = {
+            "frame": "h",
+            "reference": "a",
+            "axes": {"main": ["h", "a", "b"]},
+            "bearing": [{"name": "x", "inner_ring": inner, "outer_ring": outer} | self.SIZE],
+        }
+        found = self.spacings(table, speeds={"a": 1, "b": F(-3, 2)})
+        rings = {
+            ("x", kind): (abs(speed[ring]),)
+            for kind, ring in (("inner_race", inner), ("outer_race", outer))
+            if speed[ring]
+        }
+        # d/D = 1/5: the cage follows the inner ring by 2/5 and the outer one by 3/5
+        cage = abs(float(F(2, 5) * speed[inner] + F(3, 5) * speed[outer]))
+        assert found.pop(("x", "rolling_element")) == pytest.approx((cage,), rel=1e-14)
+        assert found == rings
+
+    def test_bearings_of_planets(self):
+        # the load rests in the carrier, on which the inner ring sits, and the carrier takes all of it past a sensor
+        bearing = {"name": "x", "inner_ring": "carrier", "outer_ring": "planet"} | self.SIZE
+        carrier, planet = F(3, 14), -F(33, 56)
+        found = self.spacings(planetary() | {"bearing": [bearing]})
+        assert found["x", "inner_race"] == (carrier,)
+        assert found["x", "outer_race"] == (-planet, carrier)
+        assert found["x", "rolling_element"] == pytest.approx((0.6 * 33 / 56, 3 / 14), rel=1e-14)
+        assert ("x", "cage") not in found
+        (rates,) = bearing_orders(box(planetary() | {"bearing": [bearing]}))
+        assert (rates.inner_ring, rates.outer_ring, rates.carried) == (0, float(planet), float(carrier))
+        assert rates.cage == pytest.approx(0.6 * 33 / 56, rel=1e-14)
+
+    def test_bearings_of_bevel_planets(self):
+        # the planet's axis tumbles, so only the carrier can say how fast its bearing turns
+        bearing = {"name": "x", "inner_ring": "carrier", "outer_ring": "planet"} | self.SIZE
+        found = self.spacings(tomllib.loads(BEVEL_PLANET_TOML) | {"bearing": [bearing]})
+        assert found["x", "outer_race"] == (F(15, 16), F(5, 8))
+
+    def test_measured_speeds_make_floats(self):
+        measured = {link: float(speed) for link, speed in TURNING.items()}
+        exact, floats = (self.spacings(DIFFERENTIAL, speeds=speeds) for speeds in (TURNING, measured))
+        assert {type(spacing) for row in floats.values() for spacing in row} == {float}
+        assert {key: tuple(map(float, row)) for key, row in exact.items()} == floats
+
+
 class TestReference:
     def test_another_reference_scales_every_order(self):
         gearbox = load_gearbox("two-stage")
@@ -351,6 +524,10 @@ class TestReference:
         )
         assert measured["exact"].isna().all()
         assert list(measured["order"]) == list(exact["order"])
+
+    def test_with_one_degree_of_freedom_any_speed_is_exact(self):
+        gearbox = load_gearbox("two-stage")
+        assert defect_orders(gearbox, speeds={"output": 103.7}).equals(defect_orders(gearbox))
 
     def test_two_degrees_of_freedom_need_speeds(self):
         with pytest.raises(GearboxError, match="2 degrees of freedom"):
@@ -393,10 +570,59 @@ class TestTable:
         ]
         assert table.equals(defect_orders(solve_kinematics(gearbox)))
 
-    def test_order_of_declaration_changes_nothing(self):
-        mixed = DIFFERENTIAL | {
-            "axes": dict(reversed(DIFFERENTIAL["axes"].items())),
-            "mesh": DIFFERENTIAL["mesh"][::-1],
-        }
-        before, after = (rows(defect_orders(box(table), speeds=TURNING)) for table in (DIFFERENTIAL, mixed))
-        assert before == after
+    @given(data=st.data())
+    def test_names_and_order_of_declaration_change_names_alone(self, data):
+        table, speeds = data.draw(st.sampled_from([(DIFFERENTIAL, TURNING), (planetary(), None), (STEPPED, None)]))
+        table = named(table)
+        old = sorted({link for axis in table["axes"].values() for link in axis["links"]} | {"x", "y"})
+        new = dict(zip(old, data.draw(st.permutations([f"link {rank}." for rank in range(len(old))])), strict=True))
+        before = defects(box(table), speeds=speeds)
+        after = defects(
+            box(shuffled(renamed(table, new), data)),
+            speeds=speeds and {new[link]: speed for link, speed in speeds.items()},
+        )
+        assert sorted(map(repr, after)) == sorted(repr(relabelled(row, new)) for row in before)
+
+
+def named(table):
+    """A gearbox with long forms of its axes, names for its meshes and two bearings."""
+    axes = {name: axis if isinstance(axis, dict) else {"links": axis} for name, axis in table["axes"].items()}
+    meshes = [{"name": f"mesh {number}", **mesh} for number, mesh in enumerate(table["mesh"])]
+    size = {"elements": 9, "element_diameter_mm": 5, "pitch_diameter_mm": 40}
+    frame, reference = table["frame"], table["reference"]
+    bearings = [{"name": name, "inner_ring": reference, "outer_ring": frame} | size for name in ("x", "y")]
+    return table | {"axes": axes, "mesh": meshes, "bearing": bearings}
+
+
+def renamed(table, new):
+    """The same gearbox with other names of its links and bearings."""
+    return table | {
+        "frame": new[table["frame"]],
+        "reference": new[table["reference"]],
+        "rigid": [[new[link] for link in group] for group in table.get("rigid", [])],
+        "axes": {name: axis | {"links": [new[link] for link in axis["links"]]} for name, axis in table["axes"].items()},
+        "mesh": [mesh | {"teeth": {new[link]: z for link, z in mesh["teeth"].items()}} for mesh in table["mesh"]],
+        "bearing": [
+            bearing | {key: new[bearing[key]] for key in ("name", "inner_ring", "outer_ring")}
+            for bearing in table["bearing"]
+        ],
+    }
+
+
+def shuffled(table, data):
+    """The same gearbox with its tables, and the links on each axis, in another order."""
+    axes = {name: axis | {"links": data.draw(st.permutations(axis["links"]))} for name, axis in table["axes"].items()}
+    return table | {
+        "axes": dict(data.draw(st.permutations(list(axes.items())))),
+        "mesh": data.draw(st.permutations(table["mesh"])),
+        "bearing": data.draw(st.permutations(table["bearing"])),
+    }
+
+
+def relabelled(row, new):
+    """A row with the new names of its component and of the link it is seen from."""
+    mesh, _, gear = row.component.rpartition("/")
+    link, passes, _ = gear.partition(" pass")
+    component = f"{mesh}/{new.get(gear, gear)}" if mesh else f"{new.get(link, link)}{passes}"
+    place = row.seen_from if row.kind != "rolling_element" else row.seen_from.removesuffix(" cage")
+    return replace(row, component=component, seen_from=row.seen_from.replace(place, new[place]))

@@ -52,6 +52,12 @@ class TestAverage:
         # the mean of 256 such, each known to 1 / sqrt(800)
         assert average.standard_error.mean() == pytest.approx(0.15, rel=4 / np.sqrt(800 * 256) + 1 / 400)
 
+    def test_two_revolutions_err_by_half_their_difference(self):
+        first, second = np.random.default_rng(9).standard_normal((2, PER_REV))
+        average = synchronous_average(over_angle(lambda _: np.append(first, second), revolutions=2))
+        np.testing.assert_allclose(average.values, (first + second) / 2, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(average.standard_error, np.abs(first - second) / 2, rtol=0, atol=1e-15)
+
     def test_one_revolution_has_no_standard_error(self):
         average = synchronous_average(over_angle(np.cos, revolutions=1))
         assert np.isnan(average.standard_error).all()

@@ -1,26 +1,15 @@
-"""Figures of an analysis: functions that draw on an Axes they are given."""
+"""Figures of an analysis: speed, spectra with their claimed lines, amplitude tracks."""
 
-from collections.abc import Callable, Hashable
-from io import StringIO
+from collections.abc import Hashable
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-INK, FAINT, LINE, MARK, DOUBT = "#1f2933", "#9aa5b1", "#2563a8", "#c2410c", "#b7791f"
-KIND_COLOURS = {
-    "shaft": "#4b5563",
-    "gear_mesh": "#2f855a",
-    "tooth": "#805ad5",
-    "inner_race": "#c2410c",
-    "outer_race": "#b7791f",
-    "rolling_element": "#b83280",
-    "cage": "#2c7a7b",
-}
-TRACK_COLOURS = ("#2563a8", "#c2410c", "#2f855a", "#805ad5", "#b7791f", "#2c7a7b")
+from hums.plots.labels import Board, points, settle
+from hums.plots.style import INK, KIND_COLOURS, LINE, TRACK_COLOURS
+
 _COLUMNS = 1600  # of a drawn spectrum; between them the highest point is kept
 _MOST_LABELS = 14
 
@@ -45,33 +34,19 @@ def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes) -> Axes:
     ax.plot(orders, amplitude, color=LINE, lw=0.7)
     lines = _lines(group, channel)
     top = float(amplitude.max()) or 1.0
-    labelled: list[tuple[float, float]] = []
     for line in lines:
         colour = KIND_COLOURS.get(line["kind"], INK)
-        if not line["claimed"]:
+        if line["claimed"]:
+            ax.plot(line["order_found"], line["line_amplitude"], "o", color=colour, ms=3.5, zorder=3)
+        else:
             ax.plot(line["line_order"], 0, "|", color=colour, ms=5, alpha=0.5, clip_on=False)
-            continue
-        ax.plot(line["order_found"], line["line_amplitude"], "o", color=colour, ms=3.5, zorder=3)
-        near = any(abs(line["order_found"] - x) < 0.035 * orders[-1] for x, _ in labelled)
-        if len(labelled) < _MOST_LABELS and not near:
-            labelled.append((line["order_found"], line["line_amplitude"]))
-            ax.annotate(
-                _label(line),
-                (line["order_found"], line["line_amplitude"]),
-                xytext=(0, 5),
-                textcoords="offset points",
-                rotation=90,
-                ha="center",
-                va="bottom",
-                fontsize=7,
-                color=colour,
-            )
     ax.set(
         xlabel="order, cycles per revolution of the reference",
         ylabel=f"peak amplitude, {spectrum['units'].item()}",
         xlim=(0, float(orders[-1])),
         ylim=(0, 1.7 * top),
     )
+    _name_lines([line for line in lines if line["claimed"]], ax=ax)
     return ax
 
 
@@ -96,28 +71,30 @@ def plot_tracks(tracks: xr.Dataset, *, channel: str, ax: Axes, most: int = 6) ->
     return ax
 
 
-def svg(draw: Callable[[Axes], object], *, width: float = 6.4, height: float = 3.4) -> str:
-    """Return an SVG figure, as text to stand inside a page, of what `draw` puts on its Axes."""
-    style: dict[str, Any] = {
-        "font.size": 9,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "svg.fonttype": "path",
-    }
-    style |= {
-        "svg.hashsalt": "hums",
-        "axes.edgecolor": FAINT,
-        "axes.labelcolor": INK,
-        "xtick.color": INK,
-        "ytick.color": INK,
-    }
-    with mpl.rc_context(style):  # type: ignore[arg-type]
-        figure = Figure(figsize=(width, height), layout="constrained")
-        draw(figure.add_subplot())
-        text = StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    page = text.getvalue()
-    return page[page.index("<svg") :]
+def _name_lines(lines: list[dict[Hashable, Any]], *, ax: Axes) -> None:
+    """Write the names of lines above their dots, the first ones first, and leave out those that would overlap."""
+    settle(ax)
+    board, left = Board(), _MOST_LABELS
+    for line in lines:
+        if not left:
+            break
+        label = ax.annotate(
+            _label(line),
+            (line["order_found"], line["line_amplitude"]),
+            xytext=(0, 5),
+            textcoords="offset points",
+            rotation=90,
+            ha="center",
+            va="bottom",
+            fontsize=7,
+            color=KIND_COLOURS.get(line["kind"], INK),
+        )
+        extent = label.get_window_extent().padded(0.5 * points(ax))
+        if board.free(extent):
+            board.take(extent)
+            left -= 1
+        else:
+            label.remove()
 
 
 def _highest(orders: np.ndarray, amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,284 @@
+"""The graph of a mechanism: bodies, the axes they turn about, and the contacts between their gears.
+
+A `hums.Gearbox` says what was drawn; here its copies are expanded, rigid links become one body, every body but
+the frame gets the one turning pair that holds it, and every mesh its carrier.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from hums.gearbox import Gearbox, GearboxError, Mesh, Vector
+
+_PARALLEL = 1e-9
+_MEET_MM = 1e-6  # of the distance scale of the declared points
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint:
+    """The turning pair that holds a body: the axis it turns about and the body that carries the axis."""
+
+    body: str
+    axis: str
+    carried_by: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """One mesh of the expanded mechanism, a planet's copies each counted: its gears and its carrier."""
+
+    mesh: str
+    gears: tuple[tuple[str, int], ...]
+    carrier: str
+    pitch_angle_deg: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Bodies, levels and contacts of a gearbox.
+
+    Attributes
+    ----------
+    bodies : link -> body; links that are rigid with each other are one body, called like the first of them.
+    levels : expanded axis -> the bodies that turn about it.
+    directions : expanded axis -> unit vector.
+    joints : body -> what holds it; every body but the frame, in the order of declaration.
+    contacts : every mesh, copies counted.
+    """
+
+    gearbox: Gearbox
+    bodies: Mapping[str, str]
+    levels: Mapping[str, tuple[str, ...]]
+    directions: Mapping[str, Vector]
+    joints: Mapping[str, Joint]
+    contacts: tuple[Contact, ...]
+
+    @property
+    def frame(self) -> str:
+        """The body at rest."""
+        return self.bodies[self.gearbox.frame]
+
+    @cached_property
+    def axes_of(self) -> Mapping[str, tuple[str, ...]]:
+        """The axes each body turns about or carries, its own joint's first."""
+        return _axes_of(self.levels, self.joints)
+
+    def shared_axis(self, body: str, other: str) -> str | None:
+        """Return the axis two bodies are both on, or None."""
+        beside = self.axes_of[other]
+        return next((axis for axis in self.axes_of[body] if axis in beside), None)
+
+
+def build_mechanism(gearbox: Gearbox) -> Mechanism:
+    """Expand a gearbox into its mechanism.
+
+    Raises
+    ------
+    GearboxError
+        A link that nothing holds or that two axes hold, a mesh without a carrier or with two possible ones,
+        gears whose axes cannot mesh, several mechanisms in one file: the parts by name, and the cure.
+    """
+    bodies = _bodies(gearbox)
+    levels, directions = _levels(gearbox, bodies)
+    joints = _joints(gearbox, bodies, levels)
+    axes_of = _axes_of(levels, joints)
+    contacts = tuple(
+        _contact(gearbox, mesh, number, bodies, levels, axes_of)
+        for mesh in gearbox.meshes
+        for number in range(max(len(gearbox.instances(gear.link)) for gear in mesh.gears))
+    )
+    mechanism = Mechanism(gearbox, bodies, levels, directions, joints, contacts)
+    _check_axes(mechanism)
+    _check_connected(mechanism)
+    return mechanism
+
+
+def _bodies(gearbox: Gearbox) -> dict[str, str]:
+    """Map each link to its body: itself, or the first name of its rigid group, the frame's name first."""
+    body = {link: link for link in gearbox.links}
+    rank = [name for group in gearbox.rigid for link in group for name in gearbox.instances(link)]
+    for group in gearbox.rigid:
+        instances = [gearbox.instances(link) for link in group]
+        alike = len({len(names) for names in instances}) == 1
+        # copies that all come in the same number are joined one by one: a stepped planet
+        for names in zip(*instances, strict=True) if alike else [sum(instances, ())]:
+            roots = {body[name] for name in names}
+            root = gearbox.frame if gearbox.frame in roots else min(roots, key=rank.index)
+            for link, held in body.items():
+                if held in roots:
+                    body[link] = root
+    return body
+
+
+def _levels(gearbox: Gearbox, bodies: Mapping[str, str]) -> tuple[dict[str, tuple[str, ...]], dict[str, Vector]]:
+    """Expand the axes: name -> bodies on it, each body once; copies are named ``planet 1`` and so on."""
+    levels, directions = {}, {}
+    for axis in gearbox.axes:
+        direction = gearbox.direction(axis.name)
+        members = [gearbox.instances(link) for link in axis.links]
+        for number, name in enumerate(axis.instances()):
+            levels[name] = tuple(dict.fromkeys(bodies[m[number] if len(m) > 1 else m[0]] for m in members))
+            directions[name] = direction
+    return levels, directions
+
+
+def _joints(gearbox: Gearbox, bodies: Mapping[str, str], levels: Mapping[str, tuple[str, ...]]) -> dict[str, Joint]:
+    """Walk outwards from the frame: the first axis that reaches a body holds it."""
+    touching: dict[str, list[str]] = {}
+    for axis, members in levels.items():
+        for body in members:
+            touching.setdefault(body, []).append(axis)
+    frame = bodies[gearbox.frame]
+    joints: dict[str, Joint] = {}
+    queue, walked = [frame], set()
+    for body in queue:
+        for axis in touching.get(body, ()):
+            if axis in walked:
+                continue
+            walked.add(axis)
+            for other in levels[axis]:
+                if other == body:
+                    continue
+                if other in joints or other == frame:
+                    held = joints[other].axis if other in joints else "the frame"
+                    raise GearboxError(
+                        f'gearbox "{gearbox.name}": "{other}" is held twice, by axis "{axis}" and by "{held}"; '
+                        "list links that turn about one line on one axis."
+                    )
+                joints[other] = Joint(body=other, axis=axis, carried_by=body)
+                queue.append(other)
+    order = dict.fromkeys(bodies.values())
+    loose = [body for body in order if body not in joints and body != frame]
+    if loose:
+        raise GearboxError(
+            f'gearbox "{gearbox.name}": nothing holds "{loose[0]}"; put it on an axis that leads to the frame '
+            f'"{gearbox.frame}", or make it rigid with a link that is.'
+        )
+    return {body: joints[body] for body in order if body != frame}
+
+
+def _axes_of(levels: Mapping[str, tuple[str, ...]], joints: Mapping[str, Joint]) -> dict[str, tuple[str, ...]]:
+    axes: dict[str, list[str]] = {}
+    for axis, members in levels.items():
+        for body in members:
+            own = body in joints and joints[body].axis == axis
+            axes.setdefault(body, []).insert(0 if own else len(axes[body]), axis)
+    return {body: tuple(names) for body, names in axes.items()}
+
+
+def _contact(
+    gearbox: Gearbox,
+    mesh: Mesh,
+    number: int,
+    bodies: Mapping[str, str],
+    levels: Mapping[str, tuple[str, ...]],
+    axes_of: Mapping[str, tuple[str, ...]],
+) -> Contact:
+    def pick(link: str) -> str:
+        names = gearbox.instances(link)
+        return names[number] if len(names) > 1 else names[0]
+
+    gears = tuple((pick(gear.link), gear.teeth) for gear in mesh.gears)
+    # S_i of Penaud 2012, eq. 1: the bodies that share an axis with gear i
+    near = [{x for axis in axes_of[bodies[link]] for x in levels[axis]} - {bodies[link]} for link, _ in gears]
+    places = [f"on {_set(around)}" for around in near]
+    turns = f"{gears[0][0]} turns {places[0]}" + "".join(
+        f", {gear[0]} {at}" for gear, at in zip(gears[1:], places[1:], strict=True)
+    )
+    if len(gears) == 2 and bodies[gears[1][0]] in near[0]:  # noqa: PLR2004
+        raise GearboxError(
+            f'mesh "{mesh.name}": both gears turn about one line ({turns}), so they cannot meet, and each of '
+            f"{_set(set.intersection(*near))} could be their carrier. Put the gears on two axes."
+        )
+    if mesh.carrier is not None:
+        carrier = bodies[pick(mesh.carrier)]
+        for (link, _), around in zip(gears, near, strict=True):
+            if carrier not in around:
+                raise GearboxError(
+                    f'mesh "{mesh.name}": the carrier "{mesh.carrier}" does not hold "{link}" '
+                    f"({link} turns on {_set(around)}). Name a carrier that shares an axis with each gear."
+                )
+    else:
+        # on two axes of a tree there is at most one
+        common = set.intersection(*near)
+        if not common:
+            raise GearboxError(
+                f'mesh "{mesh.name}": no link carries both gears ({turns}). Add the axis that holds the gears, or '
+                'name the carrier with carrier = "...".'
+            )
+        carrier = common.pop()
+    return Contact(mesh=mesh.name, gears=gears, carrier=carrier, pitch_angle_deg=mesh.pitch_angle_deg)
+
+
+def _check_axes(mechanism: Mechanism) -> None:
+    """Refuse gears whose axes cannot mesh as their kind needs: parallel, meeting, or neither."""
+    gearbox = mechanism.gearbox
+    kinds = {mesh.name: mesh.kind for mesh in gearbox.meshes}
+    through = {axis.name: axis.through for axis in gearbox.axes if axis.through is not None}
+    checked = set()
+    for contact in mechanism.contacts:
+        if contact.mesh in checked or len(contact.gears) == 1:
+            continue
+        checked.add(contact.mesh)
+        axes = [mechanism.shared_axis(mechanism.bodies[link], contact.carrier) or "" for link, _ in contact.gears]
+        one, two = (np.array(mechanism.directions[axis]) for axis in axes)
+        parallel = bool(np.linalg.norm(np.cross(one, two)) < _PARALLEL)
+        kind = kinds[contact.mesh]
+        if kind in {"worm", "crossed_helical"} and parallel:
+            problem = f'kind = "{kind}" needs axes that cross, but these are parallel'
+        elif kind in {"belt", "chain"} and not parallel:
+            problem = f'kind = "{kind}" needs parallel axes, but these are not'
+        elif kind is None and not parallel and all(axis in through for axis in axes):
+            gap = _distance(one, two, *(np.array(through[axis]) for axis in axes))
+            problem = f"its axes neither meet nor are parallel (they pass at {gap:.4g})" if gap > _MEET_MM else ""
+        else:
+            problem = ""
+        if problem:
+            raise GearboxError(
+                f'mesh "{contact.mesh}": {problem} (axes {" and ".join(axes)}). Correct direction or through, or '
+                'declare kind = "worm" or "crossed_helical" for axes that cross, "belt" or "chain" for parallel ones.'
+            )
+
+
+def _distance(one: np.ndarray, two: np.ndarray, at_one: np.ndarray, at_two: np.ndarray) -> float:
+    """Shortest distance between two lines that are not parallel."""
+    normal = np.cross(one, two)
+    return float(abs((at_two - at_one) @ normal) / np.linalg.norm(normal))
+
+
+def _check_connected(mechanism: Mechanism) -> None:
+    """Refuse a file of several mechanisms that share the frame and nothing else."""
+    group = {body: body for body in mechanism.joints}
+
+    def root(body: str) -> str:
+        while group[body] != body:
+            group[body] = group[group[body]]
+            body = group[body]
+        return body
+
+    pairs = [(joint.body, joint.carried_by) for joint in mechanism.joints.values()]
+    for contact in mechanism.contacts:
+        pairs += pairwise([*(mechanism.bodies[link] for link, _ in contact.gears), contact.carrier])
+        pairs += pairwise(mechanism.bodies[link] for link, _ in contact.gears)
+    moving = [(a, b) for a, b in pairs if a in group and b in group]
+    for a, b in moving:
+        group[root(a)] = root(b)
+    parts: dict[str, list[str]] = {}
+    for body in mechanism.joints:
+        parts.setdefault(root(body), []).append(body)
+    meshing = {mechanism.bodies[link] for contact in mechanism.contacts for link, _ in contact.gears}
+    parts = {name: bodies for name, bodies in parts.items() if meshing & set(bodies)}  # a plain shaft is no mechanism
+    if len(parts) > 1:
+        first, second = list(parts.values())[:2]
+        raise GearboxError(
+            f'gearbox "{mechanism.gearbox.name}" holds {len(parts)} mechanisms that share nothing but the frame '
+            f"({', '.join(first)}; and {', '.join(second)}). Put each in a file of its own, or add the mesh that "
+            "joins them."
+        )
+
+
+def _set(names: set[str]) -> str:
+    return "{" + ", ".join(sorted(names)) + "}"

@@ -1,0 +1,20 @@
+"""Figures: functions that draw on an Axes they are given, and what makes pages and files of them."""
+
+from hums.plots.chart import speed_order_chart
+from hums.plots.figures import save_figure, svg
+from hums.plots.graph import mechanism_graph
+from hums.plots.records import plot_spectrum, plot_speed, plot_tracks
+from hums.plots.style import KIND_COLOURS
+from hums.plots.velocities import velocity_diagram
+
+__all__ = [
+    "KIND_COLOURS",
+    "mechanism_graph",
+    "plot_spectrum",
+    "plot_speed",
+    "plot_tracks",
+    "save_figure",
+    "speed_order_chart",
+    "svg",
+    "velocity_diagram",
+]

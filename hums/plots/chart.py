@@ -1,0 +1,185 @@
+"""Defect lines over speed: at which frequency each one stands, and which ones stand together."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from hums.orders import BEARING_KINDS, KINDS
+from hums.plots.labels import points, settle, spread
+from hums.plots.style import FAINT, INK, KIND_COLOURS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_EQUAL = 1e-9
+_NAMED = 2  # components of a line, before they are only counted
+_WORDS = {"shaft": "", "gear_mesh": "mesh", "planet_pass": "", "planet_tooth": "tooth"}
+_FONTS = (7.5, 7.0, 6.5, 6.0, 5.5, 5.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Line:
+    """One order and all that repeats at it, as (component, kind); `alone` where the record can tell it apart."""
+
+    order: float
+    sources: tuple[tuple[str, str], ...]
+    alone: bool
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(kind for _, kind in self.sources))
+
+    @property
+    def label(self) -> str:
+        names = []
+        for number, (name, kind) in enumerate(self.sources):
+            word = _WORDS.get(kind, kind.replace("_", " "))
+            again = number > 0 and name == self.sources[number - 1][0]
+            names.append(word if again else f"{name} {word}".rstrip())
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        return f"{self.order:.4g}  {' = '.join(names[:_NAMED])}{more}{'' if self.alone else ' †'}"
+
+
+def speed_order_chart(
+    table: "pd.DataFrame", *, reference_rpm: tuple[float, float], ax: Axes, revolutions: float | None = None
+) -> Axes:
+    """Draw the frequency of every defect line against the speed of the reference shaft.
+
+    Lines are coloured by kind and named at their right end, with their order in front. Orders that coincide are
+    one line, dashed in the colours of both kinds, and named together with an equals sign.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Of `hums.defect_orders`.
+    reference_rpm : (low, high)
+        Range of the reference shaft's speed in rpm.
+    ax : Axes
+        Its height as it is now decides how many names fit.
+    revolutions : float, optional
+        Length of a record in revolutions of the reference. Lines less than 1/revolutions apart, which it cannot
+        separate, are marked with a dagger; what repeats less than once in it lies in the shaded part.
+
+    Raises
+    ------
+    ValueError
+        An empty table, a range that does not rise from above zero, or revolutions that are not positive.
+    """
+    low, high = reference_rpm
+    if not (0 < low < high < np.inf):
+        raise ValueError(f"reference_rpm = ({low:g}, {high:g}): give (low, high) in rpm with 0 < low < high.")
+    if revolutions is not None and not 0 < revolutions < np.inf:
+        raise ValueError(f"revolutions = {revolutions:g} is not positive; give the length of the record, or None.")
+    lines = _gathered(table, None if revolutions is None else 1 / revolutions)
+    if not lines:
+        raise ValueError("the table of defect orders is empty: nothing in this gearbox turns at these speeds.")
+    ax.set_yscale("log")
+    rpm = np.linspace(low, high, 64)
+    for line in lines:
+        first, *others = line.kinds
+        width = 1.6 if len(line.sources) > 1 else 1.0
+        ax.plot(rpm, line.order * rpm / 60, color=KIND_COLOURS[first], lw=width, ls="-" if others else _dashes(first))
+        if others:
+            second = (0, (4, 4))
+            ax.plot(rpm, line.order * rpm / 60, color=KIND_COLOURS[others[0]], lw=width, ls=second, label="_second")
+    bottom, top = lines[0].order * low / 60 / 1.4, lines[-1].order * high / 60 * 1.4
+    ax.set(xlim=(low, high), ylim=(bottom, top), xlabel="speed of the reference, rpm", ylabel="frequency, Hz")
+    ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    ax.grid(visible=True, color=FAINT, alpha=0.3, lw=0.5)
+    if revolutions is not None:
+        ax.fill_between(rpm, bottom, np.maximum(rpm / revolutions / 60, bottom), color=FAINT, alpha=0.25, lw=0)
+    _legend(lines, revolutions, ax=ax)
+    _name(lines, high, ax=ax)
+    return ax
+
+
+def _gathered(table: "pd.DataFrame", resolution: float | None) -> list[_Line]:
+    """Return the table's orders from the lowest up, those that coincide as one line."""
+    rows = sorted(
+        zip(table["order"], table["component"], table["kind"], strict=True),
+        key=lambda row: (row[0], KINDS.index(row[2])),
+    )
+    groups: list[list[Any]] = []
+    for row in rows:
+        if groups and row[0] - groups[-1][0][0] <= _EQUAL * row[0]:
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    orders = np.array([group[0][0] for group in groups])
+    near = np.diff(orders) < (resolution or 0)
+    alone = ~(np.append(near, False) | np.append(False, near))[: len(groups)]
+    return [
+        _Line(
+            order=float(group[0][0]),
+            sources=tuple((row[1], row[2]) for row in sorted(group, key=lambda row: KINDS.index(row[2]))),
+            alone=bool(one),
+        )
+        for group, one in zip(groups, alone, strict=True)
+    ]
+
+
+def _legend(lines: list[_Line], revolutions: float | None, *, ax: Axes) -> None:
+    present = {kind for line in lines for kind in line.kinds}
+    handles: list[Any] = [
+        Line2D(
+            [], [], color=KIND_COLOURS[kind], ls="-." if kind in BEARING_KINDS else "-", label=kind.replace("_", " ")
+        )
+        for kind in KINDS
+        if kind in present
+    ]
+    if any(len(line.sources) > 1 for line in lines):
+        handles.append(Line2D([], [], ls="", label="=  orders coincide"))
+    if revolutions is not None:
+        handles.append(Patch(color=FAINT, alpha=0.25, label=f"less than once in {revolutions:g} revolutions"))
+        if not all(line.alone for line in lines):
+            handles.append(Line2D([], [], ls="", label=f"†  not separable in {revolutions:g} revolutions"))
+    ax.legend(
+        handles=handles, fontsize=6.5, ncols=4, frameon=False, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0
+    )
+
+
+def _dashes(kind: str) -> str:
+    return "-." if kind in BEARING_KINDS else "-"
+
+
+def _name(lines: list[_Line], high: float, *, ax: Axes) -> None:
+    """Name the lines at their right end, moved apart; where not all fit, those of the later kinds go first."""
+    texts = [
+        ax.annotate(
+            line.label,
+            (high, line.order * high / 60),
+            xytext=(1.05, 0.5),
+            textcoords="axes fraction",
+            va="center",
+            fontsize=_FONTS[0],
+            color=KIND_COLOURS[line.kinds[0]],
+            arrowprops={"arrowstyle": "-", "relpos": (0.0, 0.5), "color": FAINT, "lw": 0.5, "shrinkA": 1, "shrinkB": 0},
+            annotation_clip=False,
+        )
+        for line in lines
+    ]
+    settle(ax)
+    height = float(ax.bbox.height)
+    for size in _FONTS:
+        gap = 1.22 * size * points(ax)
+        if gap * len(texts) <= height:
+            break
+    room = max(1, int(height / gap))
+    dropped = sorted(range(len(lines)), key=lambda n: KINDS.index(lines[n].kinds[0]), reverse=True)[
+        : max(0, len(lines) - room)
+    ]
+    for number in dropped:
+        texts[number].remove()
+    kept = [number for number in range(len(lines)) if number not in set(dropped)]
+    ends = np.array([ax.transData.transform((high, lines[number].order * high / 60))[1] for number in kept])
+    at = spread(ends, gap=gap, low=ax.bbox.y0 + gap / 2, high=ax.bbox.y1 - gap / 2)
+    for number, y in zip(kept, at, strict=True):
+        texts[number].set_fontsize(size)
+        texts[number].set_position((1.05, (y - ax.bbox.y0) / height))
+    if dropped:
+        note = f"{len(dropped)} more lines without a name; draw taller"
+        ax.annotate(note, (1.0, -0.01), xycoords="axes fraction", ha="left", va="top", fontsize=6.5, color=INK)

@@ -1,0 +1,200 @@
+"""Where the vertices of a graph go: a stress layout from many starts, then small moves towards readability.
+
+Edges join two vertices; a group of three and more is drawn as a polygon. Lengths are those of the drawing.
+The stress is that of Kamada and Kawai (1989), minimised by majorization (Gansner, Koren and North 2004); the
+random starts have a fixed seed, so a graph is always drawn the same way.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+_STARTS, _KEPT, _TURNS = 60, 4, 12
+_MAJORIZATIONS, _MOVES = 60, 500
+_SAMPLES = np.linspace(0, 1, 13)
+_BESIDE = 8.0  # an edge this close to a box seems to end there
+_GAP, _ROOM = 16.0, 58.0  # between boxes, and of an edge outside its boxes, which has to hold two numbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sketch:
+    """A graph to be placed: the sizes of its vertices' boxes (n, 2), edges, groups, and the room there is."""
+
+    sizes: np.ndarray
+    edges: tuple[tuple[int, int], ...]
+    groups: tuple[tuple[int, ...], ...]
+    room: tuple[float, float]
+
+    @property
+    def count(self) -> int:
+        """Number of vertices."""
+        return len(self.sizes)
+
+    @cached_property
+    def distances(self) -> np.ndarray:
+        """Ideal distances between vertices and, after them, the centres of the groups; edges are 1 long."""
+        total = self.count + len(self.groups)
+        length = np.full((total, total), np.inf)
+        np.fill_diagonal(length, 0)
+        for i, j in self.edges:
+            length[i, j] = length[j, i] = 1.0
+        for number, group in enumerate(self.groups):
+            hub = self.count + number
+            radius = max(0.6, 0.5 / np.sin(np.pi / len(group)))
+            for vertex in group:
+                length[hub, vertex] = length[vertex, hub] = radius
+        for middle in range(total):
+            length = np.minimum(length, length[:, [middle]] + length[[middle], :])
+        return np.where(np.isfinite(length), length, 1.0 + length[np.isfinite(length)].max())
+
+
+def place(sketch: Sketch) -> np.ndarray:
+    """Return the positions of the vertices, (n, 2), inside the room."""
+    if sketch.count == 1:
+        return np.array([sketch.room]) / 2
+    rng = np.random.default_rng(2012)
+    layouts = _stress_layouts(sketch, rng)
+    tangle = [_tangle(sketch, layout) for layout in layouts]
+    best, cost = layouts[0], np.inf
+    for start in np.argsort(tangle, kind="stable")[:_KEPT]:
+        turned = [_fit(sketch, layouts[start], angle) for angle in np.arange(_TURNS) * 2 * np.pi / _TURNS]
+        costs = [_cost(sketch, layout) for layout in turned]
+        layout, reached = _improve(sketch, turned[int(np.argmin(costs))], rng)
+        if reached < cost - 1e-9:
+            best, cost = layout, reached
+    return best
+
+
+def ring(positions: np.ndarray, group: tuple[int, ...]) -> list[int]:
+    """Return the vertices of a group in their order round its middle: the corners of its polygon."""
+    from_middle = positions[list(group)] - positions[list(group)].mean(axis=0)
+    return [group[k] for k in np.argsort(np.arctan2(from_middle[:, 1], from_middle[:, 0]), kind="stable")]
+
+
+def inside(where: np.ndarray, polygon: np.ndarray) -> np.ndarray:
+    """Whether points (n, 2) lie inside a polygon (m, 2), by the parity of the sides to their right."""
+    x, y = where[:, [0]], where[:, [1]]
+    a, b = polygon, np.roll(polygon, -1, axis=0)
+    rise = b[:, 1] - a[:, 1]
+    straddles = (a[:, 1] > y) != (b[:, 1] > y)
+    at = a[:, 0] + (y - a[:, 1]) * (b[:, 0] - a[:, 0]) / np.where(rise == 0, 1, rise)
+    result: np.ndarray = np.count_nonzero(straddles & (x < at), axis=1) % 2 == 1
+    return result
+
+
+def _stress_layouts(sketch: Sketch, rng: np.random.Generator) -> np.ndarray:
+    """Minimise sum (|x_i - x_j| / d_ij - 1)^2 from random starts; (starts, n, 2), group centres dropped."""
+    ideal = sketch.distances
+    total = len(ideal)
+    weight = 1 / np.where(ideal > 0, ideal, 1) ** 2
+    np.fill_diagonal(weight, 0)
+    solve = np.linalg.pinv(np.diag(weight.sum(axis=1)) - weight)
+    x = rng.normal(size=(_STARTS, total, 2))
+    for _ in range(_MAJORIZATIONS):
+        apart = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
+        pull = -weight * ideal / np.maximum(apart, 1e-9)
+        diagonal = np.arange(total)
+        pull[:, diagonal, diagonal] = 0
+        pull[:, diagonal, diagonal] = -pull.sum(axis=2)
+        x = solve @ (pull @ x)
+    return x[:, : sketch.count]
+
+
+def _fit(sketch: Sketch, layout: np.ndarray, angle: float) -> np.ndarray:
+    """Turn a layout and stretch it, not too unevenly, to the room its boxes leave."""
+    c, s = np.cos(angle), np.sin(angle)
+    turned = layout @ np.array([[c, s], [-s, c]])
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    room = np.array(sketch.room) - sketch.sizes.max(axis=0)
+    scale = np.maximum(room, 1) / np.maximum(high - low, 0.3)
+    scale = np.minimum(scale, 2.2 * scale.min())
+    return _clipped(sketch, (turned - (low + high) / 2) * scale + np.array(sketch.room) / 2)
+
+
+def _clipped(sketch: Sketch, layout: np.ndarray) -> np.ndarray:
+    return np.clip(layout, sketch.sizes / 2, np.maximum(np.array(sketch.room) - sketch.sizes / 2, sketch.sizes / 2))
+
+
+def _improve(sketch: Sketch, layout: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    """Move one vertex at a time, ever less far, and keep what reads better."""
+    cost = _cost(sketch, layout)
+    for reach in np.geomspace(0.35, 0.02, _MOVES):
+        moved = layout.copy()
+        moved[rng.integers(sketch.count)] += rng.normal(size=2) * reach * np.array(sketch.room)
+        moved = _clipped(sketch, moved)
+        new = _cost(sketch, moved)
+        if new < cost:
+            layout, cost = moved, new
+    return layout, cost
+
+
+def _tangle(sketch: Sketch, layout: np.ndarray) -> float:
+    """Count what no stretching mends: crossings, vertices inside a polygon they are no corner of, dents."""
+    rings = [ring(layout, group) for group in sketch.groups]
+    sides = [(corners[k - 1], corners[k]) for corners in rings for k in range(len(corners))]
+    return _crossings(layout, np.array([*sketch.edges, *sides], dtype=int).reshape(-1, 2)) + sum(
+        _intruders(layout, corners) + _dents(layout, corners) for corners in rings
+    )
+
+
+def _crossings(layout: np.ndarray, segments: np.ndarray) -> float:
+    start, end = layout[segments[:, 0]], layout[segments[:, 1]]
+
+    def side(point: np.ndarray) -> np.ndarray:
+        """Sign of each point (j) beside each segment (i)."""
+        along = (end - start)[:, None]
+        to = point[None] - start[:, None]
+        return np.sign(along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0])
+
+    apart = side(start) * side(end) < 0
+    shared = (segments[:, None, :, None] == segments[None, :, None, :]).any(axis=(2, 3))
+    return float(np.count_nonzero(apart & apart.T & ~shared)) / 2
+
+
+def _intruders(layout: np.ndarray, corners: list[int]) -> float:
+    others = np.setdiff1d(np.arange(len(layout)), corners)
+    return float(np.count_nonzero(inside(layout[others], layout[corners])))
+
+
+def _dents(layout: np.ndarray, corners: list[int]) -> float:
+    """Corners where a polygon turns inwards or hardly turns."""
+    polygon = layout[corners]
+    before, after = polygon - np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0) - polygon
+    turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    length = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+    return float(np.maximum(0.3 - turn / np.maximum(length, 1e-9), 0).sum())
+
+
+def _cost(sketch: Sketch, layout: np.ndarray) -> float:
+    """Weigh a layout in the room: tangle, boxes and edges too close to each other, uneven lengths."""
+    edges = np.array(sketch.edges, dtype=int).reshape(-1, 2)
+    apart = np.abs(layout[:, None] - layout[None]) - (sketch.sizes[:, None] + sketch.sizes[None]) / 2
+    gap = apart.max(axis=2)
+    close = np.maximum(_GAP - gap[np.triu_indices(sketch.count, 1)], 0) / _GAP
+    free = np.linalg.norm(np.maximum(apart[edges[:, 0], edges[:, 1]], 0), axis=1)
+    short = np.maximum(_ROOM - free, 0) / _ROOM
+    spans = np.linalg.norm(layout[:, None] - layout[None], axis=2)
+    ideal = sketch.distances[: sketch.count, : sketch.count] * np.sqrt(np.prod(sketch.room) / sketch.count)
+    pairs = np.triu_indices(sketch.count, 1)
+    stress = np.mean((spans[pairs] / ideal[pairs] - 1) ** 2)
+    flat = np.abs(np.diff(layout[edges], axis=1)[:, 0])
+    tilt = np.mean(np.minimum(flat.min(axis=1) / np.maximum(flat.max(axis=1), 1e-9), 0.3)) if len(edges) else 0.0
+    return float(
+        10 * _tangle(sketch, layout)
+        + 8 * (close**2).sum()
+        + 3 * (short**2).sum()
+        + 6 * _hidden(sketch, layout, edges)
+        + 2 * stress
+        + 2 * tilt
+    )
+
+
+def _hidden(sketch: Sketch, layout: np.ndarray, edges: np.ndarray) -> float:
+    """How much of the edges runs behind, or right beside, boxes they do not end at."""
+    along = layout[edges[:, 0], None] * (1 - _SAMPLES[:, None]) + layout[edges[:, 1], None] * _SAMPLES[:, None]
+    off = np.abs(along[:, :, None] - layout) - sketch.sizes / 2
+    near = np.clip((_BESIDE - off.max(axis=3)) / _BESIDE, 0, 1.5)
+    near[np.arange(len(edges)), :, edges[:, 0]] = 0
+    near[np.arange(len(edges)), :, edges[:, 1]] = 0
+    return float(near.sum()) / 2

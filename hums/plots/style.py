@@ -1,0 +1,22 @@
+"""Colours and words the figures share."""
+
+INK, FAINT, LINE, MARK, DOUBT = "#1f2933", "#9aa5b1", "#2563a8", "#c2410c", "#b7791f"
+KIND_COLOURS = {
+    "shaft": "#4b5563",
+    "gear_mesh": "#2f855a",
+    "tooth": "#805ad5",
+    "planet_pass": "#0369a1",
+    "planet_tooth": "#6366f1",
+    "hunting_tooth": "#92400e",
+    "assembly_phase": "#65a30d",
+    "inner_race": "#c2410c",
+    "outer_race": "#b7791f",
+    "rolling_element": "#b83280",
+    "cage": "#2c7a7b",
+}
+TRACK_COLOURS = ("#2563a8", "#c2410c", "#2f855a", "#805ad5", "#b7791f", "#2c7a7b")
+
+
+def minus(text: str) -> str:
+    """Return a number as printed, its hyphen a minus sign."""
+    return text.replace("-", "\N{MINUS SIGN}")

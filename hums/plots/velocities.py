@@ -1,0 +1,208 @@
+"""The angular velocities of a mechanism's links as arrows (Penaud, Alazard and Amiez 2012, figure 5)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.transforms import Bbox
+
+from hums.kinematics import Kinematics
+from hums.plots.labels import Board, points, settle
+from hums.plots.style import FAINT, INK, LINE, MARK, minus
+
+_SAME = 1e-9  # of the fastest link
+_LANE = 0.045  # between arrows on one line, of the longest
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Arrow:
+    """One arrow in the complex plane, for all links that turn alike; `line` is the one through 0 it lies on."""
+
+    names: tuple[str, ...]
+    start: complex
+    end: complex
+    seen_from: str | None = None
+    line: complex | None = None
+
+    @property
+    def vector(self) -> complex:
+        return self.end - self.start
+
+
+def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fraction] | None = None, *, ax: Axes) -> Axes:
+    """Draw the angular velocity vectors of all links in the plane of the axes.
+
+    Solid arrows are velocities as the frame sees them, dashed ones those of a planet as its carrier sees it. The
+    number at an arrow is its length, signed where all of them are parallel. Arrows on one line stand side by side,
+    links that turn alike share an arrow, and those at rest are named above.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        From `solve_kinematics`.
+    speeds : mapping of link name to speed, any unit
+        As `Kinematics.velocities` takes them. None: one turn of the gearbox's reference.
+    ax : Axes
+
+    Raises
+    ------
+    GearboxError
+        Where an axis leaves the x-y plane, so that no plane holds the vectors: use `Kinematics.vectors`.
+    """
+    table = kinematics.velocities(speeds)
+    velocity = dict(zip(kinematics.links, table.to_numpy().tolist(), strict=True))
+    arrows = _arrows(kinematics, velocity)
+    lines = {arrow.line for arrow in arrows}
+    unit = lines.pop() if len(lines) == 1 else None  # one line holds them all
+    turn = unit.conjugate() if unit else 1.0 + 0.0j
+    shifts = _rows(arrows) if unit else _lanes(arrows)
+    starts = [arrow.start * turn + shift for arrow, shift in zip(arrows, shifts, strict=True)]
+    ends = [arrow.end * turn + shift for arrow, shift in zip(arrows, shifts, strict=True)]
+    _prepare(ax, np.array([0j, *starts, *ends]), rows=len(arrows) if unit else 0)
+    of = f"turns per turn of {kinematics.gearbox.reference}" if speeds is None else "in the unit of the given speeds"
+    ax.set_xlabel(f"angular velocity along {_along(unit or 1.0)}, {of}")
+    if not unit:
+        ax.set_ylabel("angular velocity along y")
+    for arrow, start, end in zip(arrows, starts, ends, strict=True):
+        style = {
+            "arrowstyle": "-|>,head_width=0.22,head_length=0.5",
+            "linestyle": (0, (4, 2.5)) if arrow.seen_from else "-",
+            "color": MARK if arrow.seen_from else LINE,
+            "lw": 1.4,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        }
+        ax.annotate("", (end.real, end.imag), (start.real, start.imag), arrowprops=style, zorder=3)
+    fastest = max(map(abs, velocity.values()))
+    resting = ", ".join(link for link, value in velocity.items() if abs(value) <= _SAME * fastest)
+    ax.set_title(f"at rest: {resting}", loc="left", fontsize=8, color=INK)
+    settle(ax)
+    _name(arrows, starts, ends, unit=unit, ax=ax)
+    return ax
+
+
+def _arrows(kinematics: Kinematics, velocity: Mapping[str, complex]) -> list[_Arrow]:
+    """Return the arrows of all links that turn, each planet's followed by the one its carrier sees."""
+    small = _SAME * max(map(abs, velocity.values()))
+    carrier = {
+        link: kinematics.joints[body].carried_by
+        for link, body in kinematics.bodies.items()
+        if body in kinematics.joints
+    }
+    arrows: list[_Arrow] = []
+
+    def add(name: str, start: complex, end: complex, seen_from: str | None) -> None:
+        if abs(end - start) <= small:
+            return
+        for number, other in enumerate(arrows):
+            if abs(other.end - end) + abs(other.start - start) <= small and other.seen_from == seen_from:
+                arrows[number] = _Arrow(**{**vars(other), "names": (*other.names, name)})
+                return
+        direction = (end - start) / abs(end - start)
+        direction = -direction if (round(direction.real, 9), direction.imag) < (0, 0) else direction
+        through = abs((start * direction.conjugate()).imag) <= small
+        line = complex(round(direction.real, 9), round(direction.imag, 9)) if through else None
+        arrows.append(_Arrow(names=(name,), start=start, end=end, seen_from=seen_from, line=line))
+
+    for link, value in velocity.items():
+        add(link, 0j, value, None)
+        if link in carrier and abs(velocity[carrier[link]]) > small:
+            add(link, velocity[carrier[link]], value, carrier[link])
+    return arrows
+
+
+def _rows(arrows: list[_Arrow]) -> list[complex]:
+    """Return a row of its own for each arrow, from the top."""
+    return [-1j * number for number in range(len(arrows))]
+
+
+def _lanes(arrows: list[_Arrow]) -> list[complex]:
+    """Return shifts that set arrows on one line side by side, the longest in the middle.
+
+    An arrow from whose tip another one starts off the line stays on the line, where the two meet.
+    """
+    shifts = [0j] * len(arrows)
+    step = _LANE * max(abs(arrow.vector) for arrow in arrows)
+    met = [arrow.start for arrow in arrows if arrow.line is None]
+    for line in dict.fromkeys(arrow.line for arrow in arrows if arrow.line is not None):
+        mine = [number for number, arrow in enumerate(arrows) if arrow.line == line]
+        mine.sort(key=lambda number: (arrows[number].end not in met, -abs(arrows[number].end)))
+        for rank, number in enumerate(mine):
+            lane = (rank + 1) // 2 * (-1 if rank % 2 else 1)
+            shifts[number] = 1j * line * step * lane
+    return shifts
+
+
+def _prepare(ax: Axes, at: np.ndarray, *, rows: int) -> None:
+    """Set limits with room for names, and draw the lines through zero."""
+    ax.axvline(0, color=FAINT, lw=0.8, zorder=1)
+    low, high = at.real.min(), at.real.max()
+    if rows:
+        ax.set(xlim=(low - 0.35 * (high - low), high + 0.35 * (high - low)), ylim=(0.7 - rows, 0.7), yticks=[])
+        ax.spines["left"].set_visible(False)
+        return
+    ax.axhline(0, color=FAINT, lw=0.8, zorder=1)
+    bottom, top = at.imag.min(), at.imag.max()
+    margin = 0.16 * max(high - low, top - bottom)
+    ax.set(xlim=(low - 1.6 * margin, high + 1.6 * margin), ylim=(bottom - margin, top + margin))
+    ax.set_aspect("equal", adjustable="datalim")
+
+
+def _name(arrows: list[_Arrow], starts: list[complex], ends: list[complex], *, unit: complex | None, ax: Axes) -> None:
+    """Write names beside the tips of the arrows, and beside the middles of dashed ones off the lines."""
+    board = Board(inside=ax.bbox)
+    for start, end in zip(starts, ends, strict=True):
+        for share in np.linspace(0, 1, 25):
+            at = start + share * (end - start)
+            x, y = ax.transData.transform((at.real, at.imag))
+            board.take(_square(x, y, points(ax)))
+    for number in sorted(range(len(arrows)), key=lambda n: -abs(ends[n])):
+        arrow, start, end = arrows[number], starts[number], ends[number]
+        size = (arrow.vector * unit.conjugate()).real if unit else abs(arrow.vector)
+        seen = f" from {arrow.seen_from}" if arrow.seen_from else ""
+        at = end if arrow.line is not None else (start + end) / 2
+        text = ax.annotate(
+            f"{_joined(arrow.names)}{seen}  {minus(f'{size:.3g}')}",
+            (at.real, at.imag),
+            xytext=(0, 0),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=7.5,
+            color=MARK if arrow.seen_from else LINE,
+        )
+        extent = text.get_window_extent()
+        half = np.array([extent.width, extent.height]) / 2 / points(ax)
+        outwards = np.angle(end - start) if arrow.line is not None else np.angle(end - start) - np.pi / 2
+        turns = [0.0] if unit else [0, 0.5, -0.5, 1, -1, 1.57, -1.57, 2.2, -2.2, 3.14]
+        places = [_beside(half, outwards + turned, gap) for gap in (4.0, 9.0, 16.0, 26.0, 38.0) for turned in turns]
+        board.put(text, places)
+
+
+def _beside(half: np.ndarray, angle: float, gap: float) -> tuple[float, float]:
+    """Return where the middle of a text stands that touches a circle of radius `gap` in a direction."""
+    c, s = np.cos(angle), np.sin(angle)
+    return float(c * gap + np.round(c, 1) * half[0]), float(s * gap + np.round(s, 1) * half[1])
+
+
+def _square(x: float, y: float, half: float) -> Bbox:
+    return Bbox([[x - half, y - half], [x + half, y + half]])
+
+
+def _joined(names: tuple[str, ...]) -> str:
+    """Return names with those of numbered copies drawn together: planet 1, 2, 3."""
+    written: list[str] = []
+    last = ""
+    for name in names:
+        stem, _, number = name.rpartition(" ")
+        written.append(number if stem and stem == last and number.isdigit() else name)
+        last = stem
+    return ", ".join(written)
+
+
+def _along(unit: complex) -> str:
+    if abs(unit - 1) < _SAME:
+        return "x"
+    return "y" if abs(unit - 1j) < _SAME else f"({unit.real:.3g}, {unit.imag:.3g}, 0)"

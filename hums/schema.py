@@ -1,0 +1,39 @@
+"""JSON schema of the hand-written files, for editors that check while one types."""
+
+from typing import Any
+
+from hums.gearbox import Gearbox
+
+
+def gearbox_schema() -> dict[str, Any]:
+    """Return the JSON schema (2020-12) of a gearbox file as it is written by hand."""
+    schema: dict[str, Any] = Gearbox.model_json_schema(by_alias=True)
+    parts = schema["$defs"]
+    name = {"type": "string", "minLength": 1}
+    axis, mesh, bearing = parts["Axis"], parts["Mesh"], parts["Bearing"]
+    # an axis stands under its name; the short form is the list of its links
+    del axis["properties"]["name"]
+    axis["required"].remove("name")
+    links = axis["properties"]["links"]
+    schema["properties"]["axes"] = {
+        "type": "object",
+        "minProperties": 1,
+        "additionalProperties": {"anyOf": [links, {"$ref": "#/$defs/Axis"}]},
+    }
+    # a mesh names its gears in the table `teeth` and is called after them unless it says otherwise
+    del mesh["properties"]["gears"], parts["Gear"]
+    mesh["properties"]["teeth"] = {
+        "type": "object",
+        "minProperties": 1,
+        "maxProperties": 2,
+        "additionalProperties": {"type": "integer", "not": {"const": 0}},
+        "description": "Signed teeth of each gear: minus for an internal gear.",
+    }
+    mesh["required"] = ["teeth"]
+    bearing["properties"]["name"] = name
+    bearing["required"].remove("names")
+    bearing["oneOf"] = [{"required": ["names"]}, {"required": ["name"]}]
+    # a file without a name is called like the file
+    schema["required"].remove("name")
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    return schema
