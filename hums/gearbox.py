@@ -262,8 +262,7 @@ class Gearbox(Declared):
         for axis in self.axes:
             if axis.parallel_to is not None and axis.parallel_to not in axis_names - {axis.name}:
                 raise ValueError(f'axis "{axis.name}": parallel_to = "{axis.parallel_to}" is no other axis')
-        for axis in self.axes:
-            self.direction(axis.name)  # refuses a circle of parallel_to
+        self.directions()  # refuses a circle of parallel_to
         return self
 
     def _check_copies(self) -> None:
@@ -367,17 +366,24 @@ class Gearbox(Declared):
 
     def direction(self, axis_name: str) -> Vector:
         """Return the unit vector of an axis; x where nothing else is declared."""
-        axis = next(axis for axis in self.axes if axis.name == axis_name)
-        seen = {axis.name}
-        while axis.parallel_to is not None:
-            axis = next(other for other in self.axes if other.name == axis.parallel_to)
-            if axis.name in seen:
-                raise GearboxError(
-                    f'axis "{axis_name}": parallel_to leads round in a circle ({", ".join(sorted(seen))}); '
-                    "give one of them a direction."
-                )
-            seen.add(axis.name)
-        return _unit(axis.direction or X_AXIS)
+        return self.directions()[axis_name]
+
+    def directions(self) -> dict[str, Vector]:
+        """Return the unit vector of every axis."""
+        by_name = {axis.name: axis for axis in self.axes}
+        found: dict[str, Vector] = {}
+        for name in by_name:
+            chain = [name]
+            while (next_one := by_name[chain[-1]].parallel_to) is not None and chain[-1] not in found:
+                if next_one in chain:
+                    raise GearboxError(
+                        f'axis "{name}": parallel_to leads round in a circle ({", ".join(sorted(chain))}); '
+                        "give one of them a direction."
+                    )
+                chain.append(next_one)
+            vector = found.get(chain[-1]) or _unit(by_name[chain[-1]].direction or X_AXIS)
+            found |= dict.fromkeys(chain, vector)
+        return found
 
 
 def load_gearbox(name_or_path: str | Path) -> Gearbox:

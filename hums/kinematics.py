@@ -331,6 +331,7 @@ def solve_kinematics(
     GearboxError
         A mechanism that is none (see `hums.mechanism`) or that cannot move: the parts by name, and the cure.
     """
+    fixed, constraints = tuple(fixed), tuple(constraints)
     unsolved = Kinematics(build_mechanism(gearbox), {})
     rows = _equations(unsolved, fixed, constraints)
     rank = {body: number for number, body in enumerate(unsolved.joints)}
@@ -342,10 +343,14 @@ def solve_kinematics(
             # the body declared last is expressed by the earlier ones, so inputs tend to stay free
             _add_pivot(pivots, left, max(left, key=rank.__getitem__), users=users)
     solved = Kinematics(unsolved.mechanism, pivots)
-    if solved.dof == 0:
+    stuck = [
+        body for body, form in pivots.items() if not form and solved.joints[body].carried_by == solved.mechanism.frame
+    ]
+    if solved.dof == 0 or (stuck and not (fixed or constraints)):
+        what = f'gearbox "{gearbox.name}"' if solved.dof == 0 else f'gearbox "{gearbox.name}": "{stuck[0]}"'
         raise GearboxError(
-            f'gearbox "{gearbox.name}" cannot move: it is locked by {_who_locks(rows)}. Check the signs of the '
-            "teeth (minus: internal gear), which links are rigid, and what is fixed."
+            f"{what} cannot move: it is locked by {_who_locks(rows)}. Check the signs of the teeth (minus: internal "
+            "gear), which links are rigid, and what is fixed; make a link that is to rest rigid with the frame."
         )
     return solved
 

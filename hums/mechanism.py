@@ -115,13 +115,12 @@ def _bodies(gearbox: Gearbox) -> dict[str, str]:
 
 def _levels(gearbox: Gearbox, bodies: Mapping[str, str]) -> tuple[dict[str, tuple[str, ...]], dict[str, Vector]]:
     """Expand the axes: name -> bodies on it, each body once; copies are named ``planet 1`` and so on."""
-    levels, directions = {}, {}
+    levels, directions, drawn = {}, {}, gearbox.directions()
     for axis in gearbox.axes:
-        direction = gearbox.direction(axis.name)
         members = [gearbox.instances(link) for link in axis.links]
         for number, name in enumerate(axis.instances()):
             levels[name] = tuple(dict.fromkeys(bodies[m[number] if len(m) > 1 else m[0]] for m in members))
-            directions[name] = direction
+            directions[name] = drawn[axis.name]
     return levels, directions
 
 

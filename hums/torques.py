@@ -32,11 +32,9 @@ from hums.mechanism import Contact
 
 __all__ = ["Branch", "ExternalTorque", "ToothForces", "ToothLoad", "TorqueError", "Torques", "solve_torques"]
 
-Form = dict[
-    str, Fraction
-]  # a linear form in joint rates by body, or in unknown torques by link and tooth loads by `_load`
+Form = dict[str, Fraction]  # a linear form in named unknowns
 Drivers = tuple[int | None, ...]  # of each contact the gear that drives, 0 or 1; None: nothing is lost there
-_CONSTANT = ""  # the key of a form's constant term; no link has an empty name
+_CONSTANT = ""  # the name of a form's constant term; no link has an empty name
 _ZERO = Fraction(0)
 _ONE = Fraction(1)
 _ROUNDING = Fraction(1, 10**9)  # torques given as decimals balance to this part of the largest
@@ -236,9 +234,7 @@ def solve_torques(
         _efficiencies(kinematics, mesh_efficiency),
     )
     _check_balance(statics)
-    sharing = _sharing(statics)
-    drivers, values = _equilibrium(statics, sharing)
-    return _result(statics, drivers, values)
+    return _result(_equilibrium(statics, _sharing(statics)))
 
 
 @dataclass(frozen=True)
@@ -255,22 +251,17 @@ class _Statics:
         return _pairs(self.kinematics)
 
     @cached_property
-    def frame(self) -> str:
-        return self.kinematics.bodies[self.kinematics.gearbox.frame]
-
-    @cached_property
-    def directions(self) -> dict[str, Vector]:
-        gearbox = self.kinematics.gearbox
-        return {name: gearbox.direction(axis.name) for axis in gearbox.axes for name in axis.instances()}
-
-    @cached_property
     def turns(self) -> tuple[Fraction, ...]:
         """Speed of each contact's first gear relative to the carrier."""
         return tuple(self.speed(contact.gears[0][0], contact.carrier) for contact in self.contacts)
 
     @property
-    def largest(self) -> Fraction:
-        return max((abs(torque) for torque in self.torques.values() if torque is not None), default=_ZERO)
+    def undriven(self) -> Drivers:
+        return (None,) * len(self.contacts)
+
+    @property
+    def name(self) -> str:
+        return f'gearbox "{self.kinematics.gearbox.name}"'
 
     def speed(self, link: str, seen_from: str | None = None) -> Fraction:
         form = self.kinematics.spin(link, seen_from=seen_from)
@@ -281,228 +272,253 @@ class _Statics:
         driven = _ONE if driver is None else self.efficiencies[number]
         return (driven, _ONE) if driver == 1 else (_ONE, driven)
 
-    def row(self, number: int, driver: int | None) -> Form:
+    def row(self, number: int, driver: int | None = None) -> Form:
         """Torque on each turning pair by one unit of tooth load."""
         contact, row = self.contacts[number], Form()
         for (link, teeth), part in zip(contact.gears, self.passed_on(number, driver), strict=True):
-            for body, factor in self.kinematics.spin(link, seen_from=contact.carrier).items():
-                row[body] = row.get(body, _ZERO) + teeth * part * factor
+            spin = self.kinematics.spin(link, seen_from=contact.carrier)
+            _add(row, {body: teeth * part * factor for body, factor in spin.items()})
         return row
 
     def equations(self, drivers: Drivers) -> list[Form]:
-        """Equilibrium of every turning pair."""
+        """Equilibrium of every turning pair, in the unknown torques and tooth loads."""
         forms: dict[str, Form] = {body: {} for body in self.kinematics.joints}
         for link, torque in self.torques.items():
             for body, factor in self.kinematics.spin(link).items():
                 _add(forms[body], _term(link, torque, factor))
         for number, driver in enumerate(drivers):
             for body, factor in self.row(number, driver).items():
-                _add(forms[body], {number: factor})
+                _add(forms[body], {_load(number): factor})
         return list(forms.values())
 
-    def drivers(self, values: Mapping[str, Fraction]) -> Drivers:
-        """Find the gear that drives each contact that loses power."""
+    def is_zero(self, left_over: Fraction) -> bool:
+        largest = max((abs(torque) for torque in self.torques.values() if torque is not None), default=_ZERO)
+        return abs(left_over) <= _ROUNDING * largest
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """What equilibrium settles: unknown torques and tooth loads, with the gears that drive."""
+
+    statics: _Statics
+    drivers: Drivers
+    values: Mapping[str, Fraction]
+
+    def load(self, number: int) -> Fraction | None:
+        """Tooth load of a contact in N m a tooth, at the gear that drives; None where it is indeterminate."""
+        return self.values.get(_load(number))
+
+    def flow(self, number: int) -> Fraction | None:
+        """Power from the first to the second gear of a contact, relative to its carrier and at the driver."""
+        (_, teeth), _ = self.statics.contacts[number].gears
+        return _times(self.load(number), -teeth * self.statics.turns[number])
+
+    def driving(self, number: int) -> int | None:
+        flow = self.flow(number)
+        return int(flow < 0) if flow else None
+
+    def parts(self, number: int) -> tuple[Fraction, Fraction]:
+        return self.statics.passed_on(number, self.drivers[number])
+
+    def losing(self) -> Drivers:
+        """Of each contact that loses power, the gear that drives it."""
+        statics = self.statics
         found: list[int | None] = []
-        for number, contact in enumerate(self.contacts):
-            loses = self.efficiencies[number] < 1 and self.turns[number] != 0
-            if loses and number not in values:
+        for number, contact in enumerate(statics.contacts):
+            loses = statics.efficiencies[number] < 1 and statics.turns[number] != 0
+            if loses and self.load(number) is None:
                 raise TorqueError(
                     f'mesh "{contact.mesh}": its load is indeterminate, and so is its loss; declare meshes that share '
-                    'a load as copies of one axis, or give it mesh_efficiency={"' + contact.mesh + '": 1.0}.'
+                    f'a load as copies of one axis, or let it lose nothing, mesh_efficiency={{"{contact.mesh}": 1.0}}.'
                 )
-            flow = self.flow(number, values) if loses else None
-            found.append(_driver(flow))
+            found.append(self.driving(number) if loses else None)
         return tuple(found)
-
-    def flow(self, number: int, values: Mapping[str, Fraction]) -> Fraction | None:
-        """Power from the first to the second gear of a contact, relative to its carrier and at the driver."""
-        if number not in values:
-            return None
-        return -self.contacts[number].gears[0][1] * values[number] * self.turns[number]
 
 
 def _check_balance(statics: _Statics) -> None:
-    """Hold that each degree of freedom is balanced without losses, and that None says no more than that."""
-    kinematics, solved = statics.kinematics, dict[str, Form]()
-    moved = {link: _substituted(kinematics.spin(link), kinematics.pivots) for link in statics.torques}
-    for free in kinematics.free:
-        form = Form()
-        scale = _ZERO
+    """Hold that each degree of freedom is balanced without losses, and that None says no more than that.
+
+    Only meshes bind here: what holds a link at rest otherwise does it by a torque, which has to be named.
+    """
+    kinematics = statics.kinematics
+    meshes: dict[str, Form] = {}
+    for number in range(len(statics.contacts)):
+        _join(statics.row(number), meshes, last=list(kinematics.joints))
+    free = [body for body in kinematics.joints if body not in meshes]
+    moved = {link: _substituted(kinematics.spin(link), meshes) for link in statics.torques}
+    solved: dict[str, Form] = {}
+    for body in free:
+        form, scale = Form(), _ZERO
         for link, torque in statics.torques.items():
-            factor = moved[link].get(free, _ZERO)
+            factor = moved[link].get(body, _ZERO)
             _add(form, _term(link, torque, factor))
             scale = max(scale, abs((torque or _ZERO) * factor))
         if abs(_join(form, solved)) > _ROUNDING * scale:
-            _raise_unbalanced(statics, free)
-    values = _determined(solved)
-    unsettled = [link for link, torque in statics.torques.items() if torque is None and link not in values]
-    if unsettled:
+            moving = [name for name in kinematics.joints if body in _substituted({name: _ONE}, meshes)]
+            _raise_unbalanced(statics, moving, body, len(free))
+    settled = _determined(solved)
+    open_links = [link for link, torque in statics.torques.items() if torque is None and link not in settled]
+    if open_links:
         raise TorqueError(
-            f'gearbox "{kinematics.gearbox.name}": the torques of {_listed(unsettled)} cannot be told apart, because '
-            f"{kinematics.dof} degree(s) of freedom settle as many torques; give that of "
-            f'"{unsettled[-1]}" as a number, 0 where nothing loads it.'
+            f"{statics.name}: the torques of {_listed(open_links)} cannot be told apart; its meshes leave "
+            f"{_count(len(free), 'degree')} of freedom, and each settles one torque. Give the torque of "
+            f'"{open_links[-1]}" as a number, or leave it out where nothing loads it.'
         )
 
 
-def _raise_unbalanced(statics: _Statics, free: str) -> NoReturn:
-    """Say what unbalances the motion of the free body `free`, and which link could take it."""
+def _raise_unbalanced(statics: _Statics, moving: Sequence[str], free: str, dof: int) -> NoReturn:
+    """Say what unbalances the bodies that move with the free one, and which link could take it."""
     kinematics = statics.kinematics
-    moving = {
-        body: joint.carried_by
-        for body, joint in kinematics.joints.items()
-        if free in _substituted({body: _ONE}, kinematics.pivots)
-    }
-    loaded = {kinematics.bodies[link]: link for link, torque in statics.torques.items() if torque}
-    given = [f'"{link}" = {float(torque):g}' for link, torque in statics.torques.items() if torque]
-    named = {kinematics.bodies[link] for link, torque in statics.torques.items() if torque != 0}
-    at_rest = [body for body, carrier in moving.items() if carrier == statics.frame and body not in named]
-    culprits = [link for body, link in loaded.items() if body in moving]
-    start = f'gearbox "{kinematics.gearbox.name}": the torques {", ".join(given)} N m do not balance'
+    given = {link: torque for link, torque in statics.torques.items() if torque}
+    start = f"{statics.name}: the torques {_numbers(given)} N m do not balance"
+    culprits = [link for link in given if kinematics.bodies[link] in moving]
     if len(culprits) > 1:
         raise TorqueError(f'{start}; let one of them follow from the others, as in torques={{"{culprits[-1]}": None}}.')
-    if not at_rest:
+    named = {kinematics.bodies[link] for link, torque in statics.torques.items() if torque != 0}
+    frame = kinematics.mechanism.frame
+    able = [body for body in moving if kinematics.joints[body].carried_by == frame and body not in named]
+    if not able:
         raise TorqueError(
-            f"{start}, because that on {_listed(culprits)} has no path to another link; declare the mesh that carries "
-            "it, or leave it out."
+            f"{start}: that on {_listed(culprits)} has no path to another link. Declare the mesh that carries it, or "
+            "leave it out."
         )
-    other = free if free in at_rest else at_rest[-1]
     raise TorqueError(
-        f"{start}, and no link takes what is left of the {kinematics.dof} degree(s) of freedom; let one take it, as "
-        f'in torques={{"{other}": None}}.'
+        f"{start}, and nothing takes what is left. The meshes leave {_count(dof, 'degree')} of freedom, and each needs "
+        f'a link that takes the balance, as in torques={{"{free if free in able else able[-1]}": None}}.'
     )
 
 
 def _sharing(statics: _Statics) -> list[Form]:
     """Equations by which the copies of a mesh share equally, where equilibrium alone leaves their loads open."""
-    lossless = (None,) * len(statics.contacts)
-    values = _determined(_solve(statics.equations(lossless))[0])
+    equations = statics.equations(statics.undriven)
+    settled = _determined(_solve(equations)[0])
     first: dict[str, int] = {}
-    shared = []
+    shared: list[Form] = []
     for number, contact in enumerate(statics.contacts):
-        if number not in values:
-            one = first.setdefault(contact.mesh, number)
-            shared += [{number: _ONE, one: Fraction(-1)}] if one != number else []
-    left_over = _solve([*statics.equations(lossless), *shared])[1][len(statics.kinematics.joints) :]
-    if any(abs(rest) > _ROUNDING * statics.largest for rest in left_over):
-        copies = [link for link in statics.torques if link not in statics.kinematics.gearbox.copied]
+        if _load(number) in settled:
+            continue
+        one = first.setdefault(contact.mesh, number)
+        if one != number:
+            shared.append({_load(number): _ONE, _load(one): -_ONE})
+    left_over = _solve([*equations, *shared])[1][len(equations) :]
+    if not all(map(statics.is_zero, left_over)):
+        gearbox = statics.kinematics.gearbox
+        copies = {name for link in gearbox.copied for name in gearbox.instances(link)}
         raise TorqueError(
-            f"the torques on {_listed(copies)} load copies of one axis unequally, so they cannot share equally; "
-            "put the same torque on each copy, or declare the copies as axes of their own."
+            f"{statics.name}: the torques on {_listed(link for link in statics.torques if link in copies)} load copies "
+            "of one axis differently, so they cannot share equally. Put the same torque on each copy, or declare the "
+            "copies as axes of their own."
         )
     return shared
 
 
-def _equilibrium(statics: _Statics, sharing: Sequence[Form]) -> tuple[Drivers, dict[str, Fraction]]:
+def _equilibrium(statics: _Statics, sharing: Sequence[Form]) -> _Solution:
     """Solve for the loads until the gears that drive are those that were taken to drive."""
-    drivers: Drivers = (None,) * len(statics.contacts)
+    drivers = statics.undriven
     tried: list[Drivers] = []
     while drivers not in tried:
         tried.append(drivers)
         solved, left_over = _solve([*statics.equations(drivers), *sharing])
-        values = _determined(solved)
-        settled = all(link in values for link, torque in statics.torques.items() if torque is None)
-        lossy = any(driver is not None for driver in drivers)
-        if lossy and (not settled or any(abs(rest) > _ROUNDING * statics.largest for rest in left_over)):
+        solution = _Solution(statics, drivers, _determined(solved))
+        settled = all(link in solution.values for link, torque in statics.torques.items() if torque is None)
+        if drivers != statics.undriven and not (settled and all(map(statics.is_zero, left_over))):
             raise TorqueError(
-                "with the losses of the meshes no torques balance; write None for the links that take the balance "
-                f"({statics.kinematics.dof} can), or raise mesh_efficiency."
+                f"{statics.name}: with the losses of its meshes the torques do not balance. Let as many links take "
+                "the balance (None) as there are degrees of freedom, or raise mesh_efficiency."
             )
-        found = statics.drivers(values)
-        if found == drivers:
-            return drivers, values
-        drivers = found
-    names = [
-        statics.contacts[number].mesh for number, (a, b) in enumerate(zip(drivers, tried[-1], strict=True)) if a != b
+        drivers = solution.losing()
+        if drivers == solution.drivers:
+            return solution
+    undecided = [
+        contact.mesh for contact, *both in zip(statics.contacts, drivers, tried[-1], strict=True) if both[0] != both[1]
     ]
     raise TorqueError(
-        f"the gearbox locks itself: neither gear can drive the meshes {_listed(names)} at the speeds, torques and "
-        "mesh_efficiency given; raise the efficiency, or let the power flow the other way."
+        f"{statics.name} locks itself: whichever gear is taken to drive, the losses of the meshes {_listed(undecided)} "
+        "turn the flow of power round. Raise mesh_efficiency, or let power flow the other way."
     )
 
 
-def _result(statics: _Statics, drivers: Drivers, values: Mapping[str, Fraction]) -> Torques:
-    settled = {link: values[link] if torque is None else torque for link, torque in statics.torques.items()}
-    power = {link: torque * statics.speed(link) for link, torque in settled.items()}
-    external = tuple(
-        ExternalTorque(link=link, torque_nm=float(torque), power_w=_watts(power[link]))
-        for link, torque in settled.items()
-    )
-    vectors = [
-        (load.torque_nm, statics.directions[statics.kinematics.joints[statics.kinematics.bodies[load.link]].axis])
-        for load in external
-    ]
-    loads = tuple(_tooth_load(statics, number, drivers, values) for number in range(len(statics.contacts)))
-    branches = tuple(_branches(statics, drivers, values))
-    income = sum((p for p in power.values() if p > 0), _ZERO)
-    outgo = -sum((p for p in power.values() if p < 0), _ZERO)
+def _result(solution: _Solution) -> Torques:
+    statics = solution.statics
+    torques = {link: solution.values[link] if given is None else given for link, given in statics.torques.items()}
+    powers = {link: torque * statics.speed(link) for link, torque in torques.items()}
+    loads = tuple(_tooth_load(solution, number) for number in range(len(statics.contacts)))
+    branches = tuple(_branches(solution))
+    income = sum((power for power in powers.values() if power > 0), _ZERO)
+    outgo = -sum((power for power in powers.values() if power < 0), _ZERO)
     indeterminate = tuple(dict.fromkeys(load.mesh for load in loads if not load.determinate))
-    known = income > 0 and not indeterminate
     gearing: dict[str, float] = {}
     for load in loads:
         gearing[load.mesh] = gearing.get(load.mesh, 0.0) + abs(load.gearing_power_w)
+    known = income > 0 and not indeterminate
     return Torques(
-        external=external,
-        frame_torque_nm=_opposite(vectors),
+        external=tuple(
+            ExternalTorque(link=link, torque_nm=float(torque), power_w=_watts(powers[link]))
+            for link, torque in torques.items()
+        ),
+        frame_torque_nm=_reaction((float(torque), _own_axis(statics, link)) for link, torque in torques.items()),
         tooth_loads=loads,
         branches=branches,
         input_power_w=_watts(income),
         output_power_w=_watts(outgo),
         efficiency=float(outgo / income) if income > 0 else None,
-        circulating_ratio=max((abs(b.power_w) for b in branches), default=0.0) / _watts(income) if known else None,
+        circulating_ratio=max(abs(branch.power_w) for branch in branches) / _watts(income) if known else None,
         gearing_ratio=max(gearing.values(), default=0.0) / _watts(income) if known else None,
         indeterminate=indeterminate,
     )
 
 
-def _tooth_load(statics: _Statics, number: int, drivers: Drivers, values: Mapping[str, Fraction]) -> ToothLoad:
-    contact = statics.contacts[number]
-    load = values.get(number)
-    flow = statics.flow(number, values)
-    driver = _driver(flow)
-    (first, second), parts = contact.gears, statics.passed_on(number, drivers[number])
-    torques = tuple(_float(_times(load, teeth * part)) for (_, teeth), part in zip(contact.gears, parts, strict=True))
-    lost = drivers[number] is not None
-    axes = [_direction(statics, link, contact.carrier) for link, _ in contact.gears]
+def _tooth_load(solution: _Solution, number: int) -> ToothLoad:
+    statics, contact = solution.statics, solution.statics.contacts[number]
+    load, flow, driver = solution.load(number), solution.flow(number), solution.driving(number)
+    one, two = (
+        _float(_times(load, teeth * part))
+        for (_, teeth), part in zip(contact.gears, solution.parts(number), strict=True)
+    )
+    axes = [_axis_on(statics, link, contact.carrier) for link, _ in contact.gears]
+    loses = solution.drivers[number] is not None
     return ToothLoad(
         mesh=contact.mesh,
-        gears=(first[0], second[0]),
+        gears=(contact.gears[0][0], contact.gears[1][0]),
         carrier=contact.carrier,
         determinate=load is not None,
-        torques_nm=(torques[0], torques[1]),
-        carrier_torque_nm=_opposite(zip(torques, axes, strict=True)),
+        torques_nm=(one, two),
+        carrier_torque_nm=_reaction(zip((one, two), axes, strict=True)),
         gearing_power_w=_watts(flow),
-        absolute_power_w=_absolute_power(statics, number, drivers, values),
+        absolute_power_w=_absolute_power(solution, number),
         driver=None if driver is None else contact.gears[driver][0],
-        loss_w=_watts((1 - statics.efficiencies[number]) * abs(flow)) if lost and flow is not None else 0.0,
-        forces=_forces(statics, number, load, axes),
+        loss_w=abs(_watts(_times(flow, 1 - statics.efficiencies[number]))) if loses else 0.0,
+        forces=None if load is None else _forces(statics, number, float(load), axes),
     )
 
 
-def _absolute_power(statics: _Statics, number: int, drivers: Drivers, values: Mapping[str, Fraction]) -> float | None:
-    contact, joints = statics.contacts[number], statics.kinematics.joints
-    if contact.carrier == statics.frame:
-        return _watts(statics.flow(number, values))
+def _absolute_power(solution: _Solution, number: int) -> float | None:
+    """Power from the first to the second gear as the frame sees it, at a gear that turns about the carrier's axis."""
+    statics, contact = solution.statics, solution.statics.contacts[number]
+    joints, frame = statics.kinematics.joints, statics.kinematics.mechanism.frame
+    if contact.carrier == frame:
+        return _watts(solution.flow(number))
     holder = joints[contact.carrier]
-    if holder.carried_by != statics.frame:
+    if holder.carried_by != frame:
         return None
-    parts = statics.passed_on(number, drivers[number])
-    for place, (link, teeth) in enumerate(contact.gears):
+    for sign, (link, teeth), part in zip((-1, 1), contact.gears, solution.parts(number), strict=True):
         body = statics.kinematics.bodies[link]
-        if body == statics.frame or joints[body].axis == holder.axis:
-            leaving = _times(values.get(number), -teeth * parts[place] * statics.speed(link))
-            return _watts(_times(leaving, Fraction(1 if place == 0 else -1)))
+        if body == frame or joints[body].axis == holder.axis:
+            return _watts(_times(solution.load(number), sign * teeth * part * statics.speed(link)))
     return None
 
 
-def _branches(statics: _Statics, drivers: Drivers, values: Mapping[str, Fraction]) -> Iterator[Branch]:
+def _branches(solution: _Solution) -> Iterator[Branch]:
     """Sum what the meshes put on each body that turns about an axis at rest."""
-    for body, joint in statics.kinematics.joints.items():
-        if joint.carried_by != statics.frame:
+    statics, kinematics = solution.statics, solution.statics.kinematics
+    for body, joint in kinematics.joints.items():
+        if joint.carried_by != kinematics.mechanism.frame:
             continue
         for numbers in _places(statics, body):
-            rows = [statics.row(number, drivers[number]).get(body, _ZERO) for number in numbers]
-            loads = [_times(values.get(number), factor) for number, factor in zip(numbers, rows, strict=True)]
-            torque = None if None in loads else sum((load for load in loads if load is not None), _ZERO)
+            torque: Fraction | None = _ZERO
+            for number in numbers:
+                share = _times(solution.load(number), statics.row(number, solution.drivers[number])[body])
+                torque = None if torque is None or share is None else torque + share
             yield Branch(
                 link=body,
                 through=tuple(dict.fromkeys(statics.contacts[number].mesh for number in numbers)),
@@ -517,60 +533,62 @@ def _places(statics: _Statics, body: str) -> list[list[int]]:
     groups: list[tuple[set[str], list[int]]] = []
     for number, contact in enumerate(statics.contacts):
         gears = {bodies[link] for link, _ in contact.gears}
-        if body in gears:
-            marks = {f"mesh {contact.mesh}"}
-        elif contact.carrier == body:
-            planets = {gear for gear in gears if gear in joints and joints[gear].carried_by == body}
-            marks = {f"mesh {contact.mesh}", *(f"planet {planet}" for planet in planets)}
-        else:
+        if body not in (*gears, contact.carrier):
             continue
-        joined = [group for group in groups if group[0] & marks]
-        groups = [group for group in groups if group not in joined]
-        groups.append(
-            (marks.union(*(group[0] for group in joined)), [n for group in joined for n in group[1]] + [number])
-        )
+        marks, numbers = {f"mesh {contact.mesh}"}, [number]
+        if body not in gears:
+            marks |= {f"planet {gear}" for gear in gears if gear in joints and joints[gear].carried_by == body}
+        for group in [group for group in groups if group[0] & marks]:
+            groups.remove(group)
+            marks, numbers = marks | group[0], group[1] + numbers
+        groups.append((marks, numbers))
     return [numbers for _, numbers in groups]
 
 
-def _forces(statics: _Statics, number: int, load: Fraction | None, axes: Sequence[Vector]) -> ToothForces | None:
-    """Resolve a tooth load at the working pitch point of a pair with parallel axes (ISO 21771).
+def _forces(statics: _Statics, number: int, load_nm: float, axes: Sequence[Vector]) -> ToothForces | None:
+    """Resolve a tooth load at the working pitch point of a gear pair with parallel axes.
 
-    With ``d = m Z / cos b`` the transverse force at the base cylinder is ``2 Z L / (d cos a_t)``; the working
-    angle ``a_w`` splits it, ``inv a_w = inv a_t + 2 tan a_n sum(x) / sum(z)``, internal teeth counted negative.
+    With ``d = m Z / cos b`` the transverse force is ``2 Z L / (d cos a_t)`` along the line of action, which
+    stands at the working angle; `_working_angle`.
     """
     contact = statics.contacts[number]
     mesh = next(mesh for mesh in statics.kinematics.gearbox.meshes if mesh.name == contact.mesh)
     along = sum(a * b for a, b in zip(*axes, strict=True))
-    if mesh.module_mm is None or mesh.pressure_angle_deg is None or load is None or abs(abs(along) - 1) > _PARALLEL:
+    if mesh.module_mm is None or mesh.pressure_angle_deg is None or mesh.kind or abs(abs(along) - 1) > _PARALLEL:
         return None
-    (_, first), (_, second) = contact.gears
-    internal = first * second * along < 0
-    teeth = abs(first) + abs(second) if not internal else -abs(abs(first) - abs(second))
-    helix, normal = math.radians(mesh.helix_angle_deg or 0.0), math.radians(mesh.pressure_angle_deg)
-    transverse = math.atan(math.tan(normal) / math.cos(helix))
-    reference_n = 2e3 * abs(float(load)) * math.cos(helix) / mesh.module_mm  # tangential, at the reference cylinder
-    base_n = reference_n / math.cos(transverse)
-    working = _working_angle(mesh, transverse, normal, teeth)
+    (_, one), (_, two) = contact.gears
+    teeth = abs(one) + abs(two) if one * two * along > 0 else -abs(abs(one) - abs(two))  # of an internal pair
+    helix_rad = math.radians(mesh.helix_angle_deg or 0.0)
+    transverse_rad = math.atan(math.tan(math.radians(mesh.pressure_angle_deg)) / math.cos(helix_rad))
+    working_rad = _working_angle(mesh, transverse_rad, teeth)
+    at_reference_n = 2 * abs(load_nm) * math.cos(helix_rad) / (1e-3 * mesh.module_mm)
+    line_n = at_reference_n / math.cos(transverse_rad)
     return ToothForces(
-        tangential_n=base_n * math.cos(working),
-        radial_n=base_n * math.sin(working),
-        axial_n=reference_n * abs(math.tan(helix)),
+        tangential_n=line_n * math.cos(working_rad),
+        radial_n=line_n * math.sin(working_rad),
+        axial_n=at_reference_n * abs(math.tan(helix_rad)),
     )
 
 
-def _working_angle(mesh: Mesh, transverse_rad: float, normal_rad: float, teeth: int) -> float:
-    """Return the transverse working pressure angle in rad, by Newton's method on the involute function."""
+def _working_angle(mesh: Mesh, transverse_rad: float, teeth: int) -> float:
+    """Return the transverse working pressure angle in rad (ISO 21771).
+
+    ``inv a_w = inv a_t + 2 tan a_n sum(x) / sum(z)``, internal teeth counted negative, by Newton's method: the
+    involute function is convex, so that from the right all steps descend.
+    """
     shift = sum(mesh.profile_shift or (0.0,))
     if shift == 0:
         return transverse_rad
-    involute = math.tan(transverse_rad) - transverse_rad + 2 * math.tan(normal_rad) * shift / teeth if teeth else 0.0
+    normal_rad = math.radians(mesh.pressure_angle_deg or 0.0)
+    involute = math.tan(transverse_rad) - transverse_rad
+    involute += 2 * math.tan(normal_rad) * shift / teeth if teeth else -involute
     if involute <= 0:
         raise TorqueError(
-            f'mesh "{mesh.name}": with profile_shift = {list(mesh.profile_shift or ())} the gears have no common '
-            "pitch point; check the signs of the shifts (internal gears as in ISO 21771)."
+            f'mesh "{mesh.name}": with profile_shift = {list(mesh.profile_shift or ())} its gears have no common pitch '
+            "point; correct the shifts (signs as in ISO 21771)."
         )
-    angle = math.cbrt(3 * involute)  # the involute function is convex, so Newton's steps descend from the right
-    for _ in range(50):
+    angle = math.atan(math.cbrt(3 * involute) + involute)  # no less than the solution, as inv a > a^3 / 3
+    for _ in range(60):
         step = (math.tan(angle) - angle - involute) / math.tan(angle) ** 2
         angle -= step
         if abs(step) < 1e-15:  # noqa: PLR2004
@@ -584,7 +602,7 @@ def _checked(kinematics: Kinematics, link: str, torque: object) -> Fraction | No
         raise TorqueError(
             f'torques: gearbox "{gearbox.name}" has no link "{link}"{closest(link, list(kinematics.links))}'
         )
-    if kinematics.bodies[link] == kinematics.bodies[gearbox.frame]:
+    if kinematics.bodies[link] == kinematics.mechanism.frame:
         raise TorqueError(
             f'torques: "{link}" belongs to the frame "{gearbox.frame}", which always holds what is left; leave it out '
             "and read frame_torque_nm."
@@ -615,35 +633,29 @@ def _efficiencies(kinematics: Kinematics, given: float | Mapping[str, float]) ->
             raise TorqueError(f'mesh_efficiency: no mesh "{mesh}" of two gears{closest(mesh, meshes)}')
         if isinstance(part, bool) or not isinstance(part, Real) or not 0 < part <= 1:
             raise TorqueError(f'mesh_efficiency: "{mesh}" = {part!r} is not above 0 and at most 1; 1 loses nothing.')
-    return tuple(Fraction(named.get(contact.mesh, 1)) for contact in contacts)
+    return tuple(Fraction(float(named.get(contact.mesh, 1.0))) for contact in contacts)
 
 
 def _pairs(kinematics: Kinematics) -> tuple[Contact, ...]:
     return tuple(contact for contact in kinematics.contacts if len(contact.gears) == 2)  # noqa: PLR2004
 
 
-def _direction(statics: _Statics, link: str, carrier: str) -> Vector:
-    """Return the axis a gear shares with its carrier; the frame, which has none of its own, lends the carrier's."""
-    body, joints = statics.kinematics.bodies[link], statics.kinematics.joints
-    holder = joints.get(carrier)
-    held_by_gear = holder is not None and holder.carried_by == body
-    return statics.directions[holder.axis if holder is not None and held_by_gear else joints[body].axis]
+def _own_axis(statics: _Statics, link: str) -> Vector:
+    mechanism = statics.kinematics.mechanism
+    return mechanism.directions[mechanism.joints[mechanism.bodies[link]].axis]
 
 
-def _opposite(torques: Iterable[tuple[float, Vector]]) -> Vector:
-    """Return minus the sum of torques along their directions."""
+def _axis_on(statics: _Statics, link: str, carrier: str) -> Vector:
+    mechanism = statics.kinematics.mechanism
+    return mechanism.directions[mechanism.shared_axis(mechanism.bodies[link], carrier) or ""]
+
+
+def _reaction(torques: Iterable[tuple[float, Vector]]) -> Vector:
+    """Return minus the sum of torques about their directions."""
     x, y, z = 0.0, 0.0, 0.0
     for torque, direction in torques:
         x, y, z = x - torque * direction[0], y - torque * direction[1], z - torque * direction[2]
     return (x, y, z)
-
-
-def _driver(flow: Fraction | None) -> int | None:
-    return None if not flow else int(flow < 0)
-
-
-def _term(link: str, torque: Fraction | None, factor: Fraction) -> Form:
-    return {link: factor} if torque is None else {_CONSTANT: torque * factor}
 
 
 def _times(a: Fraction | None, b: Fraction) -> Fraction | None:
@@ -663,39 +675,63 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(f'"{name}"' for name in dict.fromkeys(names))
 
 
-def _add(form: Form, more: Mapping[str, Fraction]) -> None:
-    for key, factor in more.items():
-        form[key] = form.get(key, _ZERO) + factor
+def _numbers(given: Mapping[str, Fraction]) -> str:
+    return ", ".join(f'"{link}" = {float(torque):g}' for link, torque in given.items())
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
+# ---- rational linear algebra: forms are sparse rows, each solved for one of their names ---------------------------
+
+
+def _load(number: int) -> str:
+    """Name the unknown tooth load of a contact; no link is called so."""
+    return f"\0{number}"
+
+
+def _term(link: str, torque: Fraction | None, factor: Fraction) -> Form:
+    return {link: factor} if torque is None else {_CONSTANT: torque * factor}
+
+
+def _add(form: Form, more: Form) -> None:
+    for name, factor in more.items():
+        form[name] = form.get(name, _ZERO) + factor
 
 
 def _solve(equations: Iterable[Form]) -> tuple[dict[str, Form], list[Fraction]]:
-    """Solve ``form = 0`` for every form: unknowns by those left open, and what is left over of each equation."""
+    """Solve ``form = 0`` for all: unknowns by those left open, and what is left over of each equation."""
     solved: dict[str, Form] = {}
     left_over = [_join(form, solved) for form in equations]
     return solved, left_over
 
 
-def _join(form: Form, solved: dict[str, Form]) -> Fraction:
-    """Add the equation ``form = 0``; return its constant where no unknown is left to satisfy it."""
+def _join(form: Form, solved: dict[str, Form], *, last: Sequence[str] = ()) -> Fraction:
+    """Add the equation ``form = 0``, solved for an unknown that comes late in `last`.
+
+    Returns the constant of the form where no unknown is left to satisfy it, otherwise zero.
+    """
     left = _substituted(form, solved)
-    unknown = next((key for key in left if key != _CONSTANT), None)
-    if unknown is None:
+    unknowns = [name for name in left if name != _CONSTANT]
+    if not unknowns:
         return left.get(_CONSTANT, _ZERO)
-    expression = {key: -factor / left[unknown] for key, factor in left.items() if key != unknown}
-    for key, terms in solved.items():
+    unknown = max(unknowns, key=last.index) if last else unknowns[0]
+    expression = {name: -factor / left[unknown] for name, factor in left.items() if name != unknown}
+    for name, terms in solved.items():
         if unknown in terms:
-            solved[key] = _substituted(terms, {unknown: expression})
+            solved[name] = _substituted(terms, {unknown: expression})
     solved[unknown] = expression
     return _ZERO
 
 
-def _substituted(form: Mapping[str, Fraction], solved: Mapping[str, Form]) -> Form:
+def _substituted(form: Form, solved: Mapping[str, Form]) -> Form:
     result = Form()
-    for key, factor in form.items():
-        _add(result, {other: factor * share for other, share in solved.get(key, {key: _ONE}).items()})
-    return {key: factor for key, factor in result.items() if factor}
+    for name, factor in form.items():
+        _add(result, {other: factor * share for other, share in solved.get(name, {name: _ONE}).items()})
+    return {name: factor for name, factor in result.items() if factor}
 
 
 def _determined(solved: Mapping[str, Form]) -> dict[str, Fraction]:
     """Return the unknowns whose expression holds no other unknown."""
-    return {key: terms.get(_CONSTANT, _ZERO) for key, terms in solved.items() if set(terms) <= {_CONSTANT}}
+    return {name: terms.get(_CONSTANT, _ZERO) for name, terms in solved.items() if set(terms) <= {_CONSTANT}}

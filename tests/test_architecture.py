@@ -37,6 +37,7 @@ ORDER = {
         "kinematics",
         "torques",
         "orders",
+        "families",
         "catalogue",
         "record",
         "store",

@@ -53,6 +53,60 @@ def test_orders_json_and_csv(run):
     assert run("orders", "two-stage", "--csv")[1].startswith("component,kind,order,exact")
 
 
+def test_orders_json_and_csv_hold_sidebands(run):
+    mesh = json.loads(run("orders", "two-stage", "--json")[1])[3]
+    assert mesh["exact"] == "23"
+    assert mesh["sidebands"] == pytest.approx([1, 23 / 67], rel=1e-14)  # JSON keeps fifteen decimals
+    line = next(line for line in run("orders", "two-stage", "--csv")[1].splitlines() if "gear_mesh" in line)
+    assert line == "stage 1,gear_mesh,23.0,23,1,housing,1 23/67"
+
+
+def test_orders_of_several_degrees_of_freedom(run):
+    words = ("orders", "car-differential", "--json")
+    assert "Give the speed of" in run(*words)[2]
+    _, out, _ = run(*words, "--speed", "left wheel=26", "--speed", "right wheel=30")
+    rows = {(row["component"], row["kind"]): row["order"] for row in json.loads(out)}
+    assert rows["drive shaft-cage", "gear_mesh"] * 28 == pytest.approx(1820)  # table A, cage at 28
+
+
+@pytest.mark.parametrize(
+    ("words", "low_high"),
+    [
+        ((), (0, 3000)),
+        (("--speed", "output=100"), (0, pytest.approx(100 * 67 * 61 / (23 * 19)))),  # of the input, the reference
+        (("--reference", "output", "--speed", "output=100"), (0, 100)),
+        (("--rpm", 500, 600), (500, 600)),
+    ],
+)
+def test_speeds_of_an_orders_plot(run, tmp_path, monkeypatch, words, low_high):
+    drawn = []
+
+    def chart(table, *, reference_rpm, ax):
+        drawn.append((len(table), reference_rpm))
+        return ax.plot(reference_rpm, reference_rpm)
+
+    monkeypatch.setattr("hums.plots.speed_order_chart", chart)
+    target = tmp_path / "orders.svg"
+    code, out, err = run("orders", "two-stage", "--json", "--plot", target, *words)
+    assert (code, err) == (0, f"wrote {target}\n")
+    assert drawn == [(len(json.loads(out)), low_high)]
+    assert "<svg" in target.read_text()
+
+
+def test_orders_plot_draws_the_chart(run, tmp_path):
+    target = tmp_path / "orders.svg"
+    assert run("orders", "planetary-27-36-99", "--plot", target)[0] == 0
+    assert target.read_text().rstrip().endswith("</svg>")
+
+
+def test_schema(run):
+    code, out, _ = run("schema", "gearbox")
+    assert code == 0
+    schema = json.loads(out)
+    assert schema["$schema"].startswith("https://json-schema.org/")
+    assert {"frame", "axes", "mesh"} <= schema["properties"].keys()
+
+
 def test_orders_with_a_speed(run):
     _, out, _ = run("orders", "two-stage", "--reference", "output", "--json", "--speed", "output=100")
     assert json.loads(out)[2]["order"] == pytest.approx(1.0)
@@ -94,6 +148,10 @@ def test_no_source_of_angle_names_all_three(run, mat, tmp_path):
         (("info", "nowhere.h5"), "nowhere.h5"),
         (("orders", "two-stag"), 'did you mean "two-stage"?'),
         (("orders", "two-stage", "--speed", "fast"), "write LINK=RPM"),
+        (("orders", "two-stage", "--csv", "--json"), "keep one"),
+        (("orders", "two-stage", "--rpm", "0", "100"), "add --plot"),
+        (("orders", "two-stage", "--plot", "orders.txt"), "orders.txt"),
+        (("schema", "scenery"), "gearbox"),
         (("ordrs",), "ordrs"),
         (("synth", "no-such-scene", "-o", "x.h5"), "no-such-scene"),
     ],

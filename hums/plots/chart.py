@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _EQUAL = 1e-9
-_NAMED = 2  # components of a line, before they are only counted
+_NAMED = 2  # components of a line, before they are only counted; 1 where names would take most of the width
+_NARROW = 0.45
 _WORDS = {"shaft": "", "gear_mesh": "mesh", "planet_pass": "", "planet_tooth": "tooth"}
 _FONTS = (7.5, 7.0, 6.5, 6.0, 5.5, 5.0)
 
@@ -33,15 +34,17 @@ class _Line:
     def kinds(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(kind for _, kind in self.sources))
 
-    @property
-    def label(self) -> str:
+    def label(self, *, most: int) -> str:
+        """Return the order and at most so many of its sources; what is said once is not repeated."""
+        shown = self.sources[:most]
         names = []
-        for number, (name, kind) in enumerate(self.sources):
-            word = _WORDS.get(kind, kind.replace("_", " "))
-            again = number > 0 and name == self.sources[number - 1][0]
-            names.append(word if again else f"{name} {word}".rstrip())
-        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        return f"{self.order:.4g}  {' = '.join(names[:_NAMED])}{more}{'' if self.alone else ' †'}"
+        for number, (name, kind) in enumerate(shown):
+            said = number > 0 and name == shown[number - 1][0]
+            later = number + 1 < len(shown) and kind == shown[number + 1][1]
+            word = "" if later else _WORDS.get(kind, kind.replace("_", " "))
+            names.append(" ".join(part for part in ("" if said and word else name, word) if part))
+        more = f" and {len(self.sources) - most} more" if len(self.sources) > most else ""
+        return f"{self.order:.4g}  {' = '.join(names)}{more}{'' if self.alone else ' †'}"
 
 
 def speed_order_chart(
@@ -150,7 +153,7 @@ def _name(lines: list[_Line], high: float, *, ax: Axes) -> None:
     """Name the lines at their right end, moved apart; where not all fit, those of the later kinds go first."""
     texts = [
         ax.annotate(
-            line.label,
+            line.label(most=_NAMED),
             (high, line.order * high / 60),
             xytext=(1.05, 0.5),
             textcoords="axes fraction",
@@ -163,6 +166,10 @@ def _name(lines: list[_Line], high: float, *, ax: Axes) -> None:
         for line in lines
     ]
     settle(ax)
+    if ax.bbox.width < _NARROW * ax.figure.bbox.width:
+        for text, line in zip(texts, lines, strict=True):
+            text.set_text(line.label(most=1))
+        settle(ax)
     height = float(ax.bbox.height)
     for size in _FONTS:
         gap = 1.22 * size * points(ax)

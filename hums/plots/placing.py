@@ -11,9 +11,10 @@ from functools import cached_property
 import numpy as np
 
 _STARTS, _KEPT, _TURNS = 60, 4, 12
-_MAJORIZATIONS, _MOVES = 60, 500
+_MAJORIZATIONS, _MOVES, _SWAPS = 60, 700, 0.15
 _SAMPLES = np.linspace(0, 1, 13)
 _BESIDE = 8.0  # an edge this close to a box seems to end there
+_SHARP = 0.9  # cosine of an angle between edges that is hard to see
 _GAP, _ROOM = 16.0, 58.0  # between boxes, and of an edge outside its boxes, which has to hold two numbers
 
 
@@ -30,6 +31,11 @@ class Sketch:
     def count(self) -> int:
         """Number of vertices."""
         return len(self.sizes)
+
+    @property
+    def unit(self) -> float:
+        """Length of an edge where the vertices fill the room."""
+        return float(0.85 * np.sqrt(np.prod(self.room) / self.count))
 
     @cached_property
     def distances(self) -> np.ndarray:
@@ -63,7 +69,7 @@ def place(sketch: Sketch) -> np.ndarray:
         layout, reached = _improve(sketch, turned[int(np.argmin(costs))], rng)
         if reached < cost - 1e-9:
             best, cost = layout, reached
-    return best
+    return _filled(sketch, best)
 
 
 def ring(positions: np.ndarray, group: tuple[int, ...]) -> list[int]:
@@ -112,6 +118,14 @@ def _fit(sketch: Sketch, layout: np.ndarray, angle: float) -> np.ndarray:
     return _clipped(sketch, (turned - (low + high) / 2) * scale + np.array(sketch.room) / 2)
 
 
+def _filled(sketch: Sketch, layout: np.ndarray) -> np.ndarray:
+    """Stretch a layout to the room, neither way much more than the other."""
+    low, high = (layout - sketch.sizes / 2).min(axis=0), (layout + sketch.sizes / 2).max(axis=0)
+    scale = np.array(sketch.room) / (high - low)
+    scale = np.minimum(scale, 1.25 * scale.min())
+    return _clipped(sketch, (layout - (low + high) / 2) * scale + np.array(sketch.room) / 2)
+
+
 def _clipped(sketch: Sketch, layout: np.ndarray) -> np.ndarray:
     return np.clip(layout, sketch.sizes / 2, np.maximum(np.array(sketch.room) - sketch.sizes / 2, sketch.sizes / 2))
 
@@ -121,7 +135,11 @@ def _improve(sketch: Sketch, layout: np.ndarray, rng: np.random.Generator) -> tu
     cost = _cost(sketch, layout)
     for reach in np.geomspace(0.35, 0.02, _MOVES):
         moved = layout.copy()
-        moved[rng.integers(sketch.count)] += rng.normal(size=2) * reach * np.array(sketch.room)
+        one, other = rng.integers(sketch.count, size=2)
+        if rng.random() < _SWAPS:
+            moved[[one, other]] = moved[[other, one]]
+        else:
+            moved[one] += rng.normal(size=2) * reach * np.array(sketch.room)
         moved = _clipped(sketch, moved)
         new = _cost(sketch, moved)
         if new < cost:
@@ -132,22 +150,52 @@ def _improve(sketch: Sketch, layout: np.ndarray, rng: np.random.Generator) -> tu
 def _tangle(sketch: Sketch, layout: np.ndarray) -> float:
     """Count what no stretching mends: crossings, vertices inside a polygon they are no corner of, dents."""
     rings = [ring(layout, group) for group in sketch.groups]
-    sides = [(corners[k - 1], corners[k]) for corners in rings for k in range(len(corners))]
-    return _crossings(layout, np.array([*sketch.edges, *sides], dtype=int).reshape(-1, 2)) + sum(
+    count = _crossings(layout, _segments(sketch, rings))
+    return count + sum(_intruders(layout, corners) + _dents(layout, corners) for corners in rings)
+
+
+def _cost(sketch: Sketch, layout: np.ndarray) -> float:
+    """Weigh a layout in the room: tangle, what is too close or at too sharp an angle, uneven lengths and shapes."""
+    rings = [ring(layout, group) for group in sketch.groups]
+    segments = _segments(sketch, rings)
+    edges = segments[: len(sketch.edges)]
+    pairs = np.triu_indices(sketch.count, 1)
+    spans = np.abs(layout[:, None] - layout[None])
+    apart = spans - (sketch.sizes[:, None] + sketch.sizes[None]) / 2
+    close = np.maximum(_GAP - apart.max(axis=2)[pairs], 0) / _GAP
+    free = np.linalg.norm(np.maximum(apart[edges[:, 0], edges[:, 1]], 0), axis=1)
+    short = np.maximum(_ROOM - free, 0) / _ROOM
+    ideal = sketch.distances[pairs] * sketch.unit
+    stress = (np.linalg.norm(spans, axis=2)[pairs] / ideal - 1) ** 2
+    tangle = _crossings(layout, segments) + sum(
         _intruders(layout, corners) + _dents(layout, corners) for corners in rings
     )
+    return float(
+        10 * tangle
+        + 8 * (close**2).sum()
+        + 4 * (short**2).sum()
+        + 5 * _hidden(sketch, layout, segments)
+        + 5 * _sharp(layout, segments)
+        + 4 * sum(_squeezed(layout[corners]) for corners in rings)
+        + 2 * stress.mean()
+    )
+
+
+def _segments(sketch: Sketch, rings: list[list[int]]) -> np.ndarray:
+    """Return the edges and, after them, the sides of the polygons, (m, 2)."""
+    sides = [(corners[k - 1], corners[k]) for corners in rings for k in range(len(corners))]
+    return np.array([*sketch.edges, *sides], dtype=int).reshape(-1, 2)
 
 
 def _crossings(layout: np.ndarray, segments: np.ndarray) -> float:
     start, end = layout[segments[:, 0]], layout[segments[:, 1]]
+    along = end - start
 
     def side(point: np.ndarray) -> np.ndarray:
-        """Sign of each point (j) beside each segment (i)."""
-        along = (end - start)[:, None]
-        to = point[None] - start[:, None]
-        return np.sign(along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0])
+        """On which side of each segment (i) each point (j) lies."""
+        return along[:, [0]] * (point[:, 1] - start[:, [1]]) - along[:, [1]] * (point[:, 0] - start[:, [0]])
 
-    apart = side(start) * side(end) < 0
+    apart = side(start) * side(end) < -1e-9  # noqa: PLR2004
     shared = (segments[:, None, :, None] == segments[None, :, None, :]).any(axis=(2, 3))
     return float(np.count_nonzero(apart & apart.T & ~shared)) / 2
 
@@ -158,7 +206,7 @@ def _intruders(layout: np.ndarray, corners: list[int]) -> float:
 
 
 def _dents(layout: np.ndarray, corners: list[int]) -> float:
-    """Corners where a polygon turns inwards or hardly turns."""
+    """Sum over the corners where a polygon turns inwards or hardly turns."""
     polygon = layout[corners]
     before, after = polygon - np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0) - polygon
     turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
@@ -166,35 +214,32 @@ def _dents(layout: np.ndarray, corners: list[int]) -> float:
     return float(np.maximum(0.3 - turn / np.maximum(length, 1e-9), 0).sum())
 
 
-def _cost(sketch: Sketch, layout: np.ndarray) -> float:
-    """Weigh a layout in the room: tangle, boxes and edges too close to each other, uneven lengths."""
-    edges = np.array(sketch.edges, dtype=int).reshape(-1, 2)
-    apart = np.abs(layout[:, None] - layout[None]) - (sketch.sizes[:, None] + sketch.sizes[None]) / 2
-    gap = apart.max(axis=2)
-    close = np.maximum(_GAP - gap[np.triu_indices(sketch.count, 1)], 0) / _GAP
-    free = np.linalg.norm(np.maximum(apart[edges[:, 0], edges[:, 1]], 0), axis=1)
-    short = np.maximum(_ROOM - free, 0) / _ROOM
-    spans = np.linalg.norm(layout[:, None] - layout[None], axis=2)
-    ideal = sketch.distances[: sketch.count, : sketch.count] * np.sqrt(np.prod(sketch.room) / sketch.count)
-    pairs = np.triu_indices(sketch.count, 1)
-    stress = np.mean((spans[pairs] / ideal[pairs] - 1) ** 2)
-    flat = np.abs(np.diff(layout[edges], axis=1)[:, 0])
-    tilt = np.mean(np.minimum(flat.min(axis=1) / np.maximum(flat.max(axis=1), 1e-9), 0.3)) if len(edges) else 0.0
-    return float(
-        10 * _tangle(sketch, layout)
-        + 8 * (close**2).sum()
-        + 3 * (short**2).sum()
-        + 6 * _hidden(sketch, layout, edges)
-        + 2 * stress
-        + 2 * tilt
-    )
+def _squeezed(polygon: np.ndarray) -> float:
+    """How far a polygon is from the regular one: 0 for that, 1 for a line."""
+    following = np.roll(polygon, -1, axis=0)
+    area = abs((polygon[:, 0] * following[:, 1] - polygon[:, 1] * following[:, 0]).sum()) / 2
+    length = np.linalg.norm(following - polygon, axis=1).sum()
+    regular = 1 / (4 * len(polygon) * np.tan(np.pi / len(polygon)))
+    return float(1 - area / (regular * max(length, 1e-9) ** 2))
 
 
-def _hidden(sketch: Sketch, layout: np.ndarray, edges: np.ndarray) -> float:
-    """How much of the edges runs behind, or right beside, boxes they do not end at."""
-    along = layout[edges[:, 0], None] * (1 - _SAMPLES[:, None]) + layout[edges[:, 1], None] * _SAMPLES[:, None]
+def _hidden(sketch: Sketch, layout: np.ndarray, segments: np.ndarray) -> float:
+    """How much of the segments runs behind, or right beside, boxes they do not end at."""
+    start, end = layout[segments[:, 0], None], layout[segments[:, 1], None]
+    along = start + (end - start) * _SAMPLES[:, None]
     off = np.abs(along[:, :, None] - layout) - sketch.sizes / 2
     near = np.clip((_BESIDE - off.max(axis=3)) / _BESIDE, 0, 1.5)
-    near[np.arange(len(edges)), :, edges[:, 0]] = 0
-    near[np.arange(len(edges)), :, edges[:, 1]] = 0
+    for end_number in range(2):
+        near[np.arange(len(segments)), :, segments[:, end_number]] = 0
     return float(near.sum()) / 2
+
+
+def _sharp(layout: np.ndarray, segments: np.ndarray) -> float:
+    """Sum over the pairs of segments that leave a vertex at a small angle."""
+    at = np.concatenate([segments[:, 0], segments[:, 1]])
+    along = layout[segments[:, 1]] - layout[segments[:, 0]]
+    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    along = np.concatenate([along, -along])
+    cosine = (along @ along.T)[np.triu_indices(len(at), 1)]
+    together = (at[:, None] == at[None])[np.triu_indices(len(at), 1)]
+    return float(((np.maximum(cosine - _SHARP, 0) / (1 - _SHARP)) ** 2 * together).sum())

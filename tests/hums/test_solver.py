@@ -60,6 +60,13 @@ class TestFixedAndConstrained:
         with pytest.raises(GearboxError, match="contradict"):
             kinematics.rates({"sun": 1.0, "carrier": 27 / 126 * (1 + 1e-6)})
 
+    def test_a_loop_that_locks_part_of_a_gearbox(self):
+        # three gears in a ring hold the planetary's ring gear; sun and carrier still turn
+        table = {**PLANETARY, "axes": {**PLANETARY["axes"], "x": ["housing", "x"], "y": ["housing", "y"]}}
+        loop = [{"teeth": {a: 20, b: 20}} for a, b in (("ring", "x"), ("x", "y"), ("y", "ring"))]
+        with pytest.raises(GearboxError, match=r'"[xy]|ring" cannot move: .*"ring-x".*"x-y".*"y-ring"'):
+            solved({**table, "mesh": [*PLANETARY["mesh"], *loop]})
+
     def test_all_fixed_says_what_locks(self):
         with pytest.raises(GearboxError, match=r'locked by .*fixed "sun"'):
             solved(fixed=["sun", "ring"])
