@@ -26,6 +26,11 @@ LINKS = (10, 30, 100, 300, 1000)
 DENSE_UP_TO = 1000
 REPEATS = 5
 
+NOTE = """\
+Made by `python benchmarks/kinematics.py`. Compound trains of n links. Time as a multiple of the exact solver at 10
+links, in one run; relative error of the last shaft's speed, 1 where no figure is right. The exact solver's time holds
+the graph, the carriers and the elimination; the other two start from the finished matrix."""
+
 
 def train(links: int) -> tuple[Gearbox, Fraction]:
     """Return a compound train with seeded teeth, and the exact speed of its last shaft for one turn of the first."""
@@ -91,9 +96,7 @@ def main(folder: Path) -> int:
     lines = [
         "# Kinematics: speed against error",
         "",
-        "Made by `python benchmarks/kinematics.py`. Compound trains of n links. Time as a multiple of the exact solver "
-        "at 10 links, in one run; relative error of the last shaft's speed, 1 where no figure is right. The exact "
-        "solver's time holds the graph, the carriers and the elimination; the other two start from the finished matrix.",
+        NOTE,
         "",
         "| links | method | time | error |",
         "|---|---|---|---|",

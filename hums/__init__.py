@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hums.adjacency import from_adjacency_table as from_adjacency_table
     from hums.analysis import AnalysisSettings as AnalysisSettings
     from hums.analysis import analyze as analyze
     from hums.families import collisions as collisions
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
     from hums.tables import findings_table as findings_table
     from hums.tables import line_table as line_table
     from hums.tables import summary as summary
+    from hums.torques import TorqueError as TorqueError
+    from hums.torques import Torques as Torques
+    from hums.torques import solve_torques as solve_torques
 
 _HOME = {
     "Analysis": "hums.layout",
@@ -49,11 +53,14 @@ _HOME = {
     "RecordError": "hums.record",
     "Score": "hums.scoring",
     "TachometerWaveform": "hums.record",
+    "TorqueError": "hums.torques",
+    "Torques": "hums.torques",
     "analyze": "hums.analysis",
     "collisions": "hums.families",
     "convert": "hums.readers",
     "defect_orders": "hums.orders",
     "findings_table": "hums.tables",
+    "from_adjacency_table": "hums.adjacency",
     "line_table": "hums.tables",
     "load_gearbox": "hums.gearbox",
     "make_record": "hums.record",
@@ -64,6 +71,7 @@ _HOME = {
     "save_record": "hums.store",
     "score": "hums.scoring",
     "solve_kinematics": "hums.kinematics",
+    "solve_torques": "hums.torques",
     "summary": "hums.tables",
     "write_report": "hums.report",
 }

@@ -8,20 +8,21 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, ValidationError, model_validator
 
-from hums.declared import Declared, closest
+from hums.declared import Declared, closest, sentences
 from hums.findings import Judge, JudgedLine, Locality, findings
 from hums.gearbox import Gearbox
 from hums.kinematics import Kinematics, solve_kinematics
 from hums.layout import SCHEMA, Analysis, AnalysisError, check_analysis, findings_dataset, spectrum_dataset
-from hums.orders import BearingOrders, bearing_orders
+from hums.orders import BearingOrders, bearing_orders, defects
 from hums.record import (
     channel_values,
     check_record,
@@ -48,7 +49,12 @@ from signals.resampling import PASSBAND, AngularSignal, angular_resample
 from signals.spectra import AmplitudeSpectrum, order_spectrum
 from signals.tachometer import shaft_phase
 
+_ENVELOPE_SHARE = 0.5
 _LEAST_ORDERS = 20.0  # a spectrum shows at least this many
+_FEWEST_PULSES = 8
+_BLUR_RAD = 0.3  # phase error that takes 4 % off a line
+_MOST_OF = 0.9  # of a record: less than this analysed is worth a note
+_SPIKE = 100.0  # crest factor; Gaussian noise of a million samples reaches 5, bearing impacts some 30
 _MARGIN = 1.1  # of order beyond the last line looked for, plus one, so that its surroundings fit
 
 
@@ -70,7 +76,7 @@ class AnalysisSettings(Declared):
     most_tracks : how many lines of a channel are tracked, the strongest first; 0 for none.
     """
 
-    channels: tuple[str, ...] | None = None
+    channels: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
     envelope_band_hz: tuple[float, float] | None = None
     false_alarm_probability: Annotated[float, Field(gt=0, lt=1)] = 0.01
     harmonics: Annotated[int, Field(ge=1, le=20)] = 3
@@ -80,6 +86,18 @@ class AnalysisSettings(Declared):
     max_order: Annotated[float, Field(gt=0)] | None = None
     track_bandwidth_orders: Annotated[float, Field(gt=0)] | None = None
     most_tracks: Annotated[int, Field(ge=0)] = 24
+
+    def __init__(self, **values: Any) -> None:  # noqa: ANN401
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise AnalysisError(f"settings: {sentences(error)}") from None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.envelope_band_hz is not None and not 0 <= self.envelope_band_hz[0] < self.envelope_band_hz[1]:
+            raise ValueError(f"envelope_band_hz = {self.envelope_band_hz} must rise from 0 or more; give (low, high)")
+        return self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +109,7 @@ class _Machine:
     bearings: tuple[BearingOrders, ...]
     phase: ShaftPhase
     tachometer_shaft: str
+    jitter_s: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,6 +122,9 @@ class _Channel:
     spectra: Mapping[str, AmplitudeSpectrum]
     lines: tuple[FoundLine, ...]
     beyond: tuple[Wanted, ...]
+    duration_s: float
+    rate_hz: float
+    crest: float
 
 
 def analyze(record: xr.Dataset, gearbox: Gearbox, *, settings: AnalysisSettings | None = None) -> Analysis:
@@ -128,6 +150,8 @@ def analyze(record: xr.Dataset, gearbox: Gearbox, *, settings: AnalysisSettings 
         than one revolution: with the name, the value, and what to do.
     """
     settings = settings or AnalysisSettings()
+    if not isinstance(settings, AnalysisSettings):
+        raise AnalysisError(f"settings is a {type(settings).__name__}; pass hums.AnalysisSettings(...).")
     check_record(record)
     machine = _machine(record, gearbox)
     plan = SearchPlan(
@@ -139,7 +163,11 @@ def analyze(record: xr.Dataset, gearbox: Gearbox, *, settings: AnalysisSettings 
     )
     wanted = wanted_lines(machine.kinematics, plan)
     channels = [_channel(record, name, machine, wanted, settings) for name in _chosen(record, settings)]
-    judge = Judge({b.name: b for b in machine.bearings}, settings.false_alarm_probability)
+    judge = Judge(
+        {bearing.name: bearing for bearing in machine.bearings},
+        settings.false_alarm_probability,
+        _natural_spacings(machine.kinematics),
+    )
     judged = judge.judge([line for channel in channels for line in channel.lines])
     found = findings(judged, locality=_localities(record, machine, judged, settings))
     tree = xr.DataTree.from_dict(
@@ -156,7 +184,22 @@ def analyze(record: xr.Dataset, gearbox: Gearbox, *, settings: AnalysisSettings 
     return tree
 
 
+def _natural_spacings(kinematics: Kinematics) -> dict[str, tuple[float, ...]]:
+    """Sideband spacings that a healthy planetary stage shows a sensor on the frame, by gear of its meshes."""
+    rows = defects(kinematics)
+    passing = tuple(row.order for row in rows if row.kind == "planet_pass")
+    turns = {row.component: row.order for row in rows if row.kind == "shaft"}
+    frame = kinematics.gearbox.frame
+    return {
+        row.component: (*passing, *([turns[row.seen_from]] if row.seen_from in turns else []))
+        for row in rows
+        if row.kind == "tooth" and row.seen_from != frame
+    }
+
+
 def _machine(record: xr.Dataset, gearbox: Gearbox) -> _Machine:
+    if not isinstance(gearbox, Gearbox):
+        raise AnalysisError(f"gearbox is a {type(gearbox).__name__}; load it first, as hums.load_gearbox(...) does.")
     kinematics = solve_kinematics(gearbox)
     if kinematics.dof != 1:
         raise AnalysisError(
@@ -173,12 +216,25 @@ def _machine(record: xr.Dataset, gearbox: Gearbox) -> _Machine:
         )
     turns = kinematics.rates({shaft: 1})
     ratio = sum(float(factor * turns[body]) for body, factor in kinematics.spin(gearbox.reference).items())
+    if ratio == 0:
+        raise AnalysisError(
+            f'the shaft "{shaft}" turns, but the reference "{gearbox.reference}" does not; name another.'
+        )
+    jitter = _jitter_s(phase)
+    phase = phase if abs(ratio) == 1 else phase.scaled(abs(ratio))
+    turned = float(phase.revolutions[-1] - phase.revolutions[0])
+    if turned < 1:
+        raise AnalysisError(
+            f'the record holds no whole revolution of the reference "{gearbox.reference}" ({turned:.3g} of one in '
+            f"{phase.stop_s - phase.start_s:.3g} s); record longer, or choose a faster reference."
+        )
     return _Machine(
         kinematics=kinematics,
         reference=gearbox.reference,
         bearings=bearing_orders(kinematics),
-        phase=phase if abs(ratio) == 1 else phase.scaled(abs(ratio)),
+        phase=phase,
         tachometer_shaft=shaft,
+        jitter_s=jitter,
     )
 
 
@@ -200,27 +256,41 @@ def _tachometer_phase(record: xr.Dataset) -> tuple[str, ShaftPhase]:
     return declared.attrs["shaft"], constant_speed(float(declared), start_s=when.start_s, stop_s=stop)
 
 
+def _jitter_s(phase: ShaftPhase) -> float:
+    """Return the standard deviation of pulse times about a smooth motion, from third differences of one stripe.
+
+    Independent errors of variance s^2 give third differences of variance 20 s^2; a quadratic in time gives none.
+    """
+    once = phase.times_s[:: phase.stripe_positions_rev.size]
+    return float(np.std(np.diff(once, 3)) / math.sqrt(20)) if once.size > _FEWEST_PULSES else 0.0
+
+
 def _chosen(record: xr.Dataset, settings: AnalysisSettings) -> tuple[str, ...]:
     there = vibration_channels(record)
     for name in settings.channels or ():
         if name not in there:
             raise AnalysisError(f'the record has no vibration channel "{name}"{closest(name, there)}')
-    return settings.channels or tuple(there)
+    return tuple(there) if settings.channels is None else tuple(dict.fromkeys(settings.channels))
 
 
 def _channel(
     record: xr.Dataset, name: str, machine: _Machine, wanted: Sequence[Wanted], settings: AnalysisSettings
 ) -> _Channel:
     values = _finite_values(record, name)
+    crest = float(np.abs(values - values.mean()).max() / values.std())
     when = sampling(record, name)
-    reach = PASSBAND / 2 * when.rate_hz / float(machine.phase.mean_speed_per_revolution_hz().max())
+    top_speed = float(machine.phase.mean_speed_per_revolution_hz().max())
+    reach = PASSBAND / 2 * when.rate_hz / top_speed
     angular, spectra, lines, beyond = {}, {}, [], []
     for spectrum in (ORDER_SPECTRUM, ENVELOPE):
         mine = [line for line in wanted if line.spectrum == spectrum]
         if spectrum == ENVELOPE:
             if settings.envelope_band_hz is None:
                 continue
-            values = _demodulated(values, when.rate_hz, settings.envelope_band_hz, name)
+            low, high = settings.envelope_band_hz
+            values = _demodulated(values, when.rate_hz, (low, high), name)
+            # the envelope of noise in a band of width B thins out towards B: up to half of it the floor is near level
+            reach = _ENVELOPE_SHARE * (high - low) / top_speed
         last = _last_order(mine, settings.max_order if spectrum == ORDER_SPECTRUM else None, reach)
         signal = _over_angle(values, record, name, machine.phase, last)
         angular[spectrum] = signal
@@ -238,11 +308,19 @@ def _channel(
         spectra=spectra,
         lines=tuple(lines),
         beyond=tuple(beyond),
+        duration_s=when.count / when.rate_hz,
+        rate_hz=when.rate_hz,
+        crest=crest,
     )
 
 
 def _finite_values(record: xr.Dataset, name: str) -> NDArray[np.float64]:
     values = np.asarray(channel_values(record, name), dtype=np.float64)
+    if values.size and values.min() == values.max():
+        raise AnalysisError(
+            f'channel "{name}" has the same value {values[0]:g} throughout: a dead sensor or a wrong channel. Leave it '
+            "out with channels=(...), on the command line --channel NAME."
+        )
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         raise AnalysisError(
@@ -259,7 +337,10 @@ def _demodulated(
     try:
         return envelope(values, rate_hz=rate_hz, band_hz=band_hz)
     except ValueError as error:
-        raise AnalysisError(f'envelope of channel "{name}": {error}') from None
+        raise AnalysisError(
+            f'envelope of channel "{name}": {error} Or leave the channel out with channels=(...), on the command line '
+            "--channel NAME."
+        ) from None
 
 
 def _last_order(wanted: Iterable[Wanted], stated: float | None, reach: float) -> float:
@@ -277,7 +358,7 @@ def _over_angle(
             values,
             rate_hz=when.rate_hz,
             phase=phase,
-            samples_per_rev=2 * math.ceil(last_order / PASSBAND),
+            samples_per_rev=8 * math.ceil(last_order / (4 * PASSBAND)),
             start_s=when.start_s,
         )
     except ValueError as error:
@@ -299,7 +380,8 @@ def _with_sidebands(
             "outer_race": bearing.outer_ring,
             "rolling_element": bearing.cage,
         }.get(line.wanted.kind, 0.0)
-        wanted = envelope_sidebands(line, [abs(spacing)] if spacing else [])
+        spacings = dict.fromkeys(abs(x) for x in (spacing, bearing.carried) if x)
+        wanted = envelope_sidebands(line, spacings)
         beside += search(spectrum, wanted, channel=line.channel, units=line.units)[0]
     return beside
 
@@ -352,7 +434,19 @@ def _root_attrs(
 ) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
-        "record": Path(str(record.encoding.get("source", ""))).name or "record in memory",
+        "record": Path(str(record.encoding.get("source", ""))).name,
+        "version": version("hums-toolkit"),
+        "channels_json": json.dumps(
+            [
+                {"name": c.name, "units": c.units, "rate_hz": c.rate_hz, "duration_s": c.duration_s}
+                | {
+                    key: str(record[c.name].attrs[key])
+                    for key in ("sensor", "direction")
+                    if key in record[c.name].attrs
+                }
+                for c in channels
+            ]
+        ),
         "machine": record.attrs.get("machine", ""),
         "recorded_at": record.attrs.get("recorded_at", ""),
         "gearbox": gearbox.name,
@@ -376,14 +470,45 @@ def _notes(machine: _Machine, settings: AnalysisSettings, channels: Sequence[_Ch
             "No envelope band was given, so no bearing line was searched. Choose a band with a resonance that the "
             "bearing excites (envelope_band_hz, on the command line --envelope-band LOW HIGH)."
         )
+    blurred = _BLUR_RAD / (2 * math.pi * machine.jitter_s * _mean_speed_hz(machine)) if machine.jitter_s else math.inf
+    if any(blurred < channel.spectra[ORDER_SPECTRUM].axis[-1] for channel in channels):
+        notes.append(
+            f"The tachometer's pulses jitter by {machine.jitter_s * 1e6:.3g} us: lines above {blurred:.3g} orders are "
+            "blurred and read low."
+        )
+    for channel in channels:
+        analysed = _analysed_s(channel, machine.phase)
+        if analysed < _MOST_OF * channel.duration_s:
+            notes.append(
+                f'Channel "{channel.name}": {analysed:.3g} of {channel.duration_s:.3g} s are analysed, the whole '
+                "revolutions that the tachometer covers; the rest says nothing here."
+            )
+        if channel.crest > _SPIKE:
+            notes.append(
+                f'Channel "{channel.name}": one sample stands {channel.crest:.0f} times above the RMS, as a spike of '
+                "the electronics does; it can hide everything else."
+            )
     for channel in channels:
         if channel.beyond:
             names = sorted({f"{w.component} {w.kind}" for w in channel.beyond})
             notes.append(
                 f'Channel "{channel.name}": {len(channel.beyond)} lines are out of reach, above what the sampling rate '
-                f"carries or in too short a record to judge: {', '.join(names)}."
+                f"or the envelope's band carries or in too short a record to judge: {', '.join(names)}."
             )
     return notes
+
+
+def _mean_speed_hz(machine: _Machine) -> float:
+    """Mean speed of the reference."""
+    phase = machine.phase
+    return float(phase.revolutions[-1] - phase.revolutions[0]) / (phase.stop_s - phase.start_s)
+
+
+def _analysed_s(channel: _Channel, phase: ShaftPhase) -> float:
+    """Time that the whole revolutions of a channel last."""
+    signal = channel.signal
+    ends = phase.times_at(np.array([signal.start_rev, signal.start_rev + signal.revolutions]))
+    return float(ends[1] - ends[0])
 
 
 def _speed_dataset(machine: _Machine) -> xr.Dataset:
@@ -419,4 +544,7 @@ def _tracks_dataset(
             tracks.append(track_lines(channel.signal, spectrum, machine.phase, lines, bandwidth_orders=bandwidth))
     if not tracks:
         return xr.Dataset()
-    return xr.concat(tracks, dim="track", data_vars="minimal", coords="minimal", compat="override", join="override")
+    # channels at other rates may end a revolution sooner; what they share is kept
+    shared = min(track.sizes["output"] for track in tracks)
+    alike = [track.isel(output=slice(shared)) for track in tracks]
+    return xr.concat(alike, dim="track", data_vars="minimal", coords="minimal", compat="override", join="override")

@@ -28,6 +28,23 @@ Band = Annotated[
 ]
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version  # noqa: PLC0415
+
+        typer.echo(f"hums {version('hums-toolkit')}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """Order tracking for gearboxes: kinematics, records, analyses, reports, synthetic data."""
+
+
 @app.command()
 def orders(
     gearbox: Annotated[str, typer.Argument(help="A .toml file or a catalogue name.")],
@@ -38,7 +55,7 @@ def orders(
     plot: Annotated[Path | None, typer.Option(help="Draw the lines against speed: .svg, .png or .pdf.")] = None,
     rpm: Annotated[
         Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
-        typer.Option(metavar="LOW HIGH", help="Speeds of the reference to draw; else 0 to the speed given or 3000."),
+        typer.Option(metavar="LOW HIGH", help="Speeds of the reference to draw, up to the given one or 3000."),
     ] = None,
 ) -> None:
     """Print the defect orders of a gearbox."""
@@ -54,8 +71,8 @@ def orders(
     kinematics = solve_kinematics(load_gearbox(gearbox))
     table = defect_orders(kinematics, reference=reference, speeds=speeds)
     if plot:
-        low_high = rpm or (0.0, _reference_rpm(kinematics, reference, speeds))
-        _plot_orders(table, low_high, plot)
+        top = _reference_rpm(kinematics, reference, speeds)
+        _plot_orders(table, rpm or (top / 10, top), plot)
     _print_orders(table, csv=csv, json=json)
 
 
@@ -91,6 +108,8 @@ def convert(
     from hums.readers import convert as read  # noqa: PLC0415
     from hums.store import save_record  # noqa: PLC0415
 
+    if source.exists() and target.exists() and source.samefile(target):
+        raise ValueError(f"{target}: the record would overwrite its own source, {source}; name another target.")
     record = read(
         source,
         channels=channel,
@@ -133,9 +152,8 @@ def analyze(
     """Analyse a record and write the report."""
     from hums.analysis import AnalysisSettings  # noqa: PLC0415
     from hums.analysis import analyze as run  # noqa: PLC0415
-    from hums.declared import validated  # noqa: PLC0415
     from hums.gearbox import load_gearbox  # noqa: PLC0415
-    from hums.report import write_report  # noqa: PLC0415
+    from hums.report import prepare_folder, write_report  # noqa: PLC0415
     from hums.store import open_record  # noqa: PLC0415
     from hums.tables import summary  # noqa: PLC0415
 
@@ -147,8 +165,9 @@ def analyze(
         "track_bandwidth_orders": track_bandwidth,
     }
     stated = {name: value for name, value in chosen.items() if value is not None}
-    settings = validated(AnalysisSettings, stated, where="settings", error=ValueError)
+    settings = AnalysisSettings(**stated)
     with open_record(record) as opened:
+        prepare_folder(out)
         analysis = run(opened, load_gearbox(gearbox), settings=settings)
     page = write_report(analysis, out)
     facts = summary(analysis)
@@ -188,13 +207,13 @@ def demo(
     from hums.analysis import AnalysisSettings  # noqa: PLC0415
     from hums.analysis import analyze as run  # noqa: PLC0415
     from hums.gearbox import load_gearbox  # noqa: PLC0415
-    from hums.report import write_report  # noqa: PLC0415
+    from hums.report import prepare_folder, write_report  # noqa: PLC0415
     from hums.scoring import score  # noqa: PLC0415
     from hums.store import open_record, save_record  # noqa: PLC0415
     from hums.tables import findings_table  # noqa: PLC0415
 
     scene = load_scene("demo")
-    out.mkdir(parents=True, exist_ok=True)
+    prepare_folder(out)
     save_record(simulate(scene, seed=seed), out / "record.h5")
     with open_record(out / "record.h5") as record:
         analysis = run(record, load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=DEMO_BAND_HZ))
@@ -269,7 +288,7 @@ def _print_orders(table: "pd.DataFrame", *, csv: bool, json: bool) -> None:
 def _plot_orders(table: "pd.DataFrame", reference_rpm: tuple[float, float], path: Path) -> None:
     from hums.plots import save_figure, speed_order_chart  # noqa: PLC0415
 
-    save_figure(lambda ax: speed_order_chart(table, reference_rpm=reference_rpm, ax=ax), path, width=9.0, height=5.5)
+    save_figure(lambda ax: speed_order_chart(table, reference_rpm=reference_rpm, ax=ax), path, width=10.0, height=7.0)
     typer.echo(f"wrote {path}", err=True)  # standard output stays what --csv and --json promise
 
 

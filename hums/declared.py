@@ -26,7 +26,7 @@ class Declared(BaseModel):
         for key in table:
             if key not in valid:
                 raise ValueError(f'unknown key "{key}"{closest(str(key), valid)}')
-        return table
+        return frozen(table)
 
     def changed(self, **values: object) -> Self:
         """Return a validated copy with `values` in place of the fields they name."""
@@ -54,10 +54,15 @@ def frozen(value: Any) -> Any:  # noqa: ANN401
 def validated(model: type[M], table: dict[str, Any], *, where: str, error: type[ValueError]) -> M:
     """Validate a parsed table; on failure raise `error` with one sentence for each thing that is wrong."""
     try:
-        return model.model_validate(frozen(table))
+        return model.model_validate(table)
     except ValidationError as caught:
-        text = "; ".join(dict.fromkeys(_sentence(details) for details in _causes(caught.errors())))
-        raise error(f"{where}: {text}" + ("" if text.endswith("?") else ".")) from None
+        raise error(f"{where}: {sentences(caught)}") from None
+
+
+def sentences(caught: ValidationError) -> str:
+    """Say in words what a validation found wrong."""
+    text = "; ".join(dict.fromkeys(_sentence(details) for details in _causes(caught.errors())))
+    return text if text.endswith("?") else f"{text}."
 
 
 def named_file(name_or_path: str | Path, *, shipped: dict[str, Path], thing: str, error: type[ValueError]) -> Path:

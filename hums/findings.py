@@ -4,12 +4,15 @@ The rule, fixed on the wind turbine and CWRU records:
 
 1. A line is *significant* when noise alone would reach it, anywhere among all the lines of the record that
    can raise a finding, with less than the false-alarm probability of the settings.
-2. From the strongest (by level above its surroundings) downwards, a significant line is *claimed* unless it
-   lies within the main lobe (two bins) of a harmonic of a stronger claimed line, of its sideband by a ring's
-   rotation or the cage, or of a multiple of the cage rate which that line implies. The one race's rate is
-   itself such a multiple when the other's is known; there the weaker line is taken for a shadow only below a
-   third of the stronger, for comparable lines on both races mean something.
-3. Harmonics and sidebands of a bearing line are claimed with it, at the right spacing, and never alone.
+2. From the strongest (by level above its surroundings) downwards, a significant line is *claimed* unless a taller
+   line spreads half as much or more to its place through the window (a flank or side lobe), or it lies within the
+   main lobe (two bins) of a harmonic of a stronger claimed line, of its sideband by a ring's rotation or the cage,
+   or of a multiple of the cage rate which that line implies. The one race's rate is itself such a multiple when
+   the other's is known; there the weaker line is taken for a shadow only below a third of the stronger, for
+   comparable lines on both races mean something.
+   Sidebands that the planets' passing makes in health, too, are taken for that.
+3. Harmonics and sidebands of a bearing line are claimed with it, at the right spacing, and never alone. A line that
+   would be a harmonic of two claimed fundamentals supports neither.
 4. A claimed fundamental raises a finding. The finding is *diagnosed* when the line stands at least six times
    above its surroundings, a harmonic or sideband at the right spacing supports it, and no other kind of
    defect of the same bearing is within a factor of three; for a gear, when the residual of the synchronous
@@ -18,7 +21,7 @@ The rule, fixed on the wind turbine and CWRU records:
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from hums.orders import BEARING_KINDS, BearingOrders
 from hums.search import ENVELOPE, FoundLine
@@ -29,6 +32,7 @@ STRONG_SNR = 6.0
 RIVAL_FACTOR = 3.0
 SUPPORT_PROBABILITY = 0.01
 LOBE_BINS = 2.0
+LEAKAGE_SHARE = 0.5
 _SHADOW_HARMONICS = 3
 _SHADOW_SIDEBANDS = 3
 
@@ -69,10 +73,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class Judge:
-    """Applies the rule to the lines of one record."""
+    """Applies the rule to the lines of one record.
+
+    `natural_spacings` names, for each gear of a planetary stage, the sideband spacings that a healthy one shows.
+    """
 
     bearings: Mapping[str, BearingOrders]
     false_alarm_probability: float
+    natural_spacings: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def judge(self, lines: Sequence[FoundLine]) -> list[JudgedLine]:
         """Mark each line as claimed, explained by a stronger one, or neither; order as given."""
@@ -87,14 +95,37 @@ class Judge:
         # a bearing's harmonics and sidebands come after all lines that can stand alone
         for i in sorted(significant, key=lambda i: (_is_support(lines[i]), -lines[i].line.snr)):
             line = lines[i]
-            if _is_support(line) and any(_supports(line, other) for other in claimed):
+            parents = [other for other in claimed if _supports(line, other)] if _is_support(line) else []
+            if parents and not self._is_anothers(line, claimed):
                 verdict[i] = replace(verdict[i], claimed=True)
                 continue
-            shadow = next((text for other in claimed if (text := self._shadow(line, other))), "")
+            shadow = self._nature(line)
+            shadow = shadow or next((text for other in claimed if (text := self._shadow(line, other))), "")
             verdict[i] = replace(verdict[i], claimed=not shadow and not _is_support(line), explained_by=shadow)
             if verdict[i].claimed:
                 claimed.append(line)
         return verdict
+
+    def _nature(self, line: FoundLine) -> str:
+        """Say what makes this line without any fault, or return an empty string."""
+        if line.line.leakage > LEAKAGE_SHARE * line.line.amplitude:
+            return "the flank of a stronger line beside it"
+        if line.wanted.kind == "tooth":
+            centre = line.wanted.order - line.wanted.sideband * line.wanted.spacing
+            for spacing in self.natural_spacings.get(line.wanted.component, ()):
+                side = round((line.line.found - centre) / spacing)
+                if side and _near(line, centre + side * spacing):
+                    return f"sideband {side:+d} x {spacing:.4g} of the mesh, which the planets' passing makes in health"
+        return ""
+
+    def _is_anothers(self, line: FoundLine, claimed: Iterable[FoundLine]) -> bool:
+        """Whether a bearing harmonic is one of another claimed defect of the same bearing as well."""
+        return not line.wanted.sideband and any(
+            _near(line, harmonic * other.line.found)
+            for other in claimed
+            if other.wanted.fundamental and other.wanted.kind in BEARING_KINDS and other.family != line.family
+            for harmonic in range(1, 2 * _SHADOW_HARMONICS + 1)
+        )
 
     def _shadow(self, weaker: FoundLine, stronger: FoundLine) -> str:
         """Say how `stronger` makes a line where `weaker` stands, or return an empty string."""
@@ -104,7 +135,7 @@ class Judge:
         base = stronger.line.found
         name = f"{stronger.wanted.component} {stronger.wanted.kind.replace('_', ' ')}"
         if weaker.wanted.kind in {"gear_mesh", "shaft"}:
-            return ""
+            return f"not to be told from {name}" if _near(weaker, base, bins=1.0) else ""
         if stronger.wanted.kind == "shaft":
             base /= stronger.wanted.harmonic
             multiple = round(weaker.line.found / base)
@@ -156,8 +187,8 @@ def _supports(line: FoundLine, fundamental: FoundLine) -> bool:
     )
 
 
-def _near(line: FoundLine, order: float) -> bool:
-    return abs(line.line.found - order) <= LOBE_BINS * line.bin_width
+def _near(line: FoundLine, order: float, *, bins: float = LOBE_BINS) -> bool:
+    return abs(line.line.found - order) <= bins * line.bin_width
 
 
 def implied_cage(bearing: BearingOrders, kind: str, order: float) -> float:
@@ -205,11 +236,11 @@ def _bearing_finding(lines: Sequence[JudgedLine], raised: Mapping[tuple[str, str
     channel = [line for line in lines if line.found.channel == main.found.channel]
     support = _support(main, channel)
     strength = _strength(channel)
-    rivals = [
-        other_kind
+    rivals = {
+        other_kind: _strength(other_lines)
         for (other, other_kind), other_lines in raised.items()
         if other == component and other_kind != kind and _strength(other_lines) * RIVAL_FACTOR > strength
-    ]
+    }
     doubts = []
     if main.found.line.snr < STRONG_SNR:
         doubts.append(
@@ -218,12 +249,17 @@ def _bearing_finding(lines: Sequence[JudgedLine], raised: Mapping[tuple[str, str
         )
     if not support:
         doubts.append("no harmonic or sideband supports it")
-    if rivals:
-        doubts.append(
-            f"{' and '.join(_words(rival) for rival in rivals)} of the same bearing is as strong, "
-            "which one local defect would not make"
-        )
+    doubts += [
+        f"a line of {_words(rival)} of the same bearing is {_comparison(size, strength)}"
+        for rival, size in rivals.items()
+    ]
     return _finding(main, support, doubts)
+
+
+def _comparison(rival: float, own: float) -> str:
+    if rival > RIVAL_FACTOR * own:
+        return f"{rival / own:.0f} times as large, of which this may be a trace"
+    return "of similar size, which one local defect would not make"
 
 
 def _support(main: JudgedLine, lines: Iterable[JudgedLine]) -> list[str]:
@@ -231,7 +267,7 @@ def _support(main: JudgedLine, lines: Iterable[JudgedLine]) -> list[str]:
     support = []
     for line in lines:
         wanted, found = line.found.wanted, line.found.line
-        if not _is_support(line.found) or not _supports(line.found, main.found):
+        if not _is_support(line.found) or not _supports(line.found, main.found) or line.explained_by:
             continue
         if found.false_alarm_probability <= SUPPORT_PROBABILITY:
             name = f"sideband {wanted.sideband:+d}" if wanted.sideband else f"harmonic {wanted.harmonic}"

@@ -45,6 +45,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1)]
 X_AXIS: Vector = (1.0, 0.0, 0.0)
 _WHOLE = 0.0101  # a data sheet prints two decimals: inner + outer should be whole within the rounding of both
+_ROUNDED = 0.05  # of the number of elements: more than this no data sheet rounds
 
 
 class GearboxError(ValueError):
@@ -167,6 +168,11 @@ class Multiples(Declared):
                 f"inner {self.inner:g} + outer {self.outer:g} is the number of elements, at least 2; "
                 "give both per turn of one ring against the other"
             )
+        if self.inner <= self.outer:
+            raise ValueError(
+                f"inner = {self.inner:g} is not above outer = {self.outer:g}; the inner race is struck more often, "
+                "so see whether the two are exchanged"
+            )
         return self
 
     @property
@@ -209,7 +215,27 @@ class Bearing(Declared):
         diameter, pitch = geometry
         if diameter is not None and pitch is not None and diameter >= pitch:
             raise ValueError(f"element_diameter_mm = {diameter} is not below pitch_diameter_mm = {pitch}")
+        self._check_elements()
         return self
+
+    def _check_elements(self) -> None:
+        """Refuse a number of elements that the multiples contradict, or that does not fit on the pitch circle."""
+        if self.elements is None:
+            return
+        if self.multiples is not None:
+            total = self.multiples.inner + self.multiples.outer
+            if abs(total / self.elements - 1) > _ROUNDED:
+                raise ValueError(
+                    f"multiples inner {self.multiples.inner:g} + outer {self.multiples.outer:g} = {total:g} is not "
+                    f"the number of elements, {self.elements}; correct one of them, or leave elements out"
+                )
+        elif self.element_diameter_mm is not None and self.pitch_diameter_mm is not None:
+            room = math.pi * self.pitch_diameter_mm
+            if self.elements * self.element_diameter_mm > room:
+                raise ValueError(
+                    f"{self.elements} elements of element_diameter_mm = {self.element_diameter_mm:g} do not fit on the "
+                    f"pitch circle, which is {room:.4g} mm round; correct elements or a diameter"
+                )
 
 
 class Gearbox(Declared):

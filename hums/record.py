@@ -333,12 +333,14 @@ def attach_time(dataset: xr.Dataset) -> xr.Dataset:
         variable = dataset.variables[name]
         if variable.ndim != 1:
             raise RecordError(f'channel "{name}": shape {variable.shape}; a channel has one dimension.')
+        if variable.size == 0:
+            raise RecordError(f'channel "{name}": empty; at least one sample is needed.')
         dim = str(variable.dims[0])
         if isinstance(dataset.xindexes.get(dim), RangeIndex):
             continue
         rate = _positive(_rate_hz(dataset, variable), f'channel "{name}": rate_hz', _RATE_REMEDY)
         if dim in dataset.coords:  # written by other hands, as numbers: a slice then starts where they say
-            start = float(dataset[dim][0])
+            start = _stored_start(dataset[dim], name=name, rate_hz=rate)
             dataset = dataset.drop_vars(dim)
         else:
             start = _finite(_described(dataset, variable).get("start_s"), f'channel "{name}": start_s')
@@ -346,6 +348,19 @@ def attach_time(dataset: xr.Dataset) -> xr.Dataset:
         index = RangeIndex.linspace(start, start + count / rate, num=count, endpoint=False, dim=dim)
         dataset = dataset.assign_coords(xr.Coordinates.from_xindex(index))
     return dataset
+
+
+def _stored_start(axis: xr.DataArray, *, name: str, rate_hz: float) -> float:
+    """Return where an axis of numbers starts, if its ends agree with the rate."""
+    if axis.dtype.kind not in "iuf":
+        raise RecordError(f'channel "{name}": its axis "{axis.name}" is of type {axis.dtype}; seconds are needed.')
+    first, last = float(axis[0]), float(axis[-1])
+    if not abs((last - first) * rate_hz - (axis.size - 1)) <= 0.5:  # noqa: PLR2004 - as in `sampling`, and for NaN
+        raise RecordError(
+            f'channel "{name}": its axis "{axis.name}", {axis.size} samples from {first:g} s to {last:g} s, does not '
+            f"run evenly at rate_hz={rate_hz:g}. Correct the rate; a record that was thinned is to be filtered first."
+        )
+    return first
 
 
 def detach_time(record: xr.Dataset) -> xr.Dataset:
@@ -396,6 +411,10 @@ def _declared_channels(
     channels: Mapping[str, Channel | ArrayLike], units: str | Mapping[str, str] | None
 ) -> dict[str, Channel]:
     """Turn bare arrays into channels; refuse units for a channel that is not there."""
+    if not isinstance(channels, Mapping):
+        raise RecordError(
+            f'channels: a {type(channels).__name__}, which has no names; give {{"name": values}} or a Channel by name.'
+        )
     per_channel = units if isinstance(units, Mapping) else {}
     for name in per_channel:
         if name not in channels:
@@ -665,6 +684,26 @@ def _check_angle(record: xr.Dataset) -> None:
                 f'tachometer "{name}": its pulses, {times_s[0]:g} s to {times_s[-1]:g} s, lie outside of the '
                 f"record, {first_s:g} s to {last_s:g} s. Pulse times are seconds (not sample numbers) on the "
                 "record's clock, which shows start_s at the first sample."
+            )
+    _check_speeds(record)
+
+
+def _check_speeds(record: xr.Dataset) -> None:
+    """Refuse a shaft that turns, or pulses that come, faster than the fastest channel can show."""
+    rate_hz = max(sampling(record, name).rate_hz for name in _names(record, "vibration", "waveform"))
+    nominal = nominal_speed(record)
+    if nominal is not None and float(nominal) >= rate_hz / 2:
+        raise RecordError(
+            f"nominal speed: {float(nominal) * 60:g} rpm is {float(nominal):g} revolutions a second, which samples at "
+            f"{rate_hz:g} Hz cannot show; below {rate_hz / 2:g} is needed. Correct the speed (rpm) or the rate."
+        )
+    for name in tachometers(record):
+        times_s = record[name].values
+        spacing_s = (times_s[-1] - times_s[0]) / (times_s.size - 1)
+        if spacing_s * rate_hz < 1:
+            raise RecordError(
+                f'tachometer "{name}": its pulses are {spacing_s:.3g} s apart on average, less than a sample of '
+                f"{1 / rate_hz:.3g} s at {rate_hz:g} Hz. Correct the rate, or the times: they are seconds."
             )
 
 

@@ -9,15 +9,18 @@ from signals.lines import Line, find_line
 from signals.spectra import AmplitudeSpectrum
 
 ORDER_SPECTRUM, ENVELOPE = "order_spectrum", "envelope"
+# Jitter of a once-per-revolution tachometer spreads a mesh line over half an order on either side; its sidebands are
+# weighed against what is that close to them, too.
+_CLOSE_ORDERS = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
     """A line to look for.
 
-    `fundamental` lines raise a finding when claimed: the first harmonic of a bearing defect in the envelope,
-    and the sidebands of a mesh, spaced by one of its gears. All others identify the machine or support a
-    finding.
+    `fundamental` lines raise a finding when claimed: the first harmonic of a bearing defect in the envelope, and the
+    sidebands of a mesh, `spacing` apart for the turn of one of its gears. All others identify the machine or support
+    a finding.
     """
 
     component: str
@@ -27,6 +30,7 @@ class Wanted:
     order: float
     tolerance: float
     spectrum: str
+    spacing: float = 0.0
     fundamental: bool = False
 
 
@@ -112,6 +116,7 @@ def _mesh_lines(kinematics: Kinematics, rows: Iterable[DefectOrder], plan: Searc
                         order=centre + sideband * spacing,
                         tolerance=min(tolerance, spacing / 4),
                         spectrum=ORDER_SPECTRUM,
+                        spacing=spacing,
                         fundamental=True,
                     )
 
@@ -160,7 +165,8 @@ def search(
     found, beyond = [], []
     for line in wanted:
         try:
-            result = find_line(spectrum, expected=line.order, tolerance=line.tolerance)
+            closer = _CLOSE_ORDERS if line.kind == "tooth" else None
+            result = find_line(spectrum, expected=line.order, tolerance=line.tolerance, closer=closer)
         except ValueError:
             beyond.append(line)
             continue

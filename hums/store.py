@@ -58,11 +58,12 @@ def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
     ------
     RecordError
         If it is not a record, or holds what HDF5 cannot.
+    OSError
+        If the disk does not take it.
     """
     check_record(record)
     plain = _writable(detach_time(record), where="record")
-    with written_beside(path) as part:
-        plain.to_netcdf(part, engine=_ENGINE, encoding=_encodings(plain))
+    _write(plain, path, _encodings(plain))
 
 
 def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -93,8 +94,7 @@ def write_tree(tree: xr.DataTree, path: str | os.PathLike[str]) -> None:
     """Write a tree of datasets as groups of one file, with the same care as a record."""
     nodes = {node.path: _writable(node.to_dataset(inherit=False), where=f"group {node.path}") for node in tree.subtree}
     encoding = {where: _encodings(dataset) for where, dataset in nodes.items()}
-    with written_beside(path) as part:
-        xr.DataTree.from_dict(nodes).to_netcdf(part, engine=_ENGINE, encoding=encoding)
+    _write(xr.DataTree.from_dict(nodes), path, encoding)
 
 
 def open_tree(path: str | os.PathLike[str]) -> xr.DataTree:
@@ -176,7 +176,7 @@ def _check_schema(file: Path) -> None:
             schema = contents.attrs.get("schema")
     except (OSError, RuntimeError, LookupError) as error:
         raise _damaged(file, error) from error
-    if schema == SCHEMA:
+    if isinstance(schema, str) and schema == SCHEMA:  # other hands may have put an array there
         return
     if schema is None:
         raise RecordError(
@@ -193,6 +193,14 @@ def _damaged(file: Path, why: object) -> RecordError:
 
 
 # ---- writing -----------------------------------------------------------------------------------------------
+
+
+def _write(contents: xr.Dataset | xr.DataTree, path: str | os.PathLike[str], encoding: dict[Any, Any]) -> None:
+    with written_beside(path) as part:
+        try:
+            contents.to_netcdf(part, engine=_ENGINE, encoding=encoding)
+        except RuntimeError as error:  # what HDF5 makes of a full disk when it closes a file
+            raise OSError(f"{path} could not be written ({error}); check the space on its disk.") from error
 
 
 @contextmanager

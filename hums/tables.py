@@ -58,6 +58,8 @@ def summary(analysis: Analysis) -> dict[str, Any]:
         "recorded_at": attrs["recorded_at"],
         "gearbox": attrs["gearbox"],
         "reference": attrs["reference"],
+        "version": attrs["version"],
+        "channels": json.loads(attrs["channels_json"]),
         "settings": json.loads(attrs["settings_json"]),
         "notes": json.loads(attrs["notes_json"]),
         "speed_hz": {

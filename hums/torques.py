@@ -144,7 +144,7 @@ class Torques:
     input_power_w, output_power_w : float, W
         What flows in by all links together, and what flows out.
     efficiency : float or None
-        Output over input; None where no power flows in.
+        Output over input; None where no power flows in, 0 where every link has to drive (a box that locks itself).
     circulating_ratio : float or None
         Power of the largest branch over the input: 1 where one stream runs through, below 1 where it divides,
         above 1 where power circulates. None without input or where a load is indeterminate.
@@ -517,7 +517,8 @@ def _branches(solution: _Solution) -> Iterator[Branch]:
         for numbers in _places(statics, body):
             torque: Fraction | None = _ZERO
             for number in numbers:
-                share = _times(solution.load(number), statics.row(number, solution.drivers[number])[body])
+                factor = statics.row(number, solution.drivers[number]).get(body)  # none of a mesh between planets
+                share = _ZERO if factor is None else _times(solution.load(number), factor)
                 torque = None if torque is None or share is None else torque + share
             yield Branch(
                 link=body,

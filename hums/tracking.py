@@ -1,5 +1,6 @@
 """Amplitude and phase, revolution by revolution, of the lines that are locked to a shaft."""
 
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -15,7 +16,8 @@ from signals.phase import ShaftPhase
 from signals.resampling import AngularSignal
 from signals.spectra import AmplitudeSpectrum
 
-_OUTPUTS_PER_BANDWIDTH = 8
+_MOST_OUTPUTS = 200
+_STEPS_REV = (0.125, 0.25, 0.5)
 _LARGEST_BANDWIDTH = 0.1  # orders; the most likely one is looked for below this
 
 
@@ -73,7 +75,7 @@ def track_lines(
         orders=orders,
         bandwidth_orders=bandwidth,
         samples_per_rev=per_rev,
-        output_every=max(1, round(per_rev / (_OUTPUTS_PER_BANDWIDTH * float(np.max(bandwidth))))),
+        output_every=_output_every(signal),
     )
     # the tracker's own uncertainty rests on the mean noise over all orders; each line has its own surroundings
     std = tracks.std * np.sqrt(noise / tracks.noise_variance)[:, None]
@@ -101,6 +103,13 @@ def track_lines(
         },
         attrs={"method": tracks.method, "poles": tracks.poles},
     )
+
+
+def _output_every(signal: AngularSignal) -> int:
+    """Return the samples between outputs: a step in revolutions that all channels share, an eighth at the least."""
+    enough = signal.revolutions / _MOST_OUTPUTS
+    step = next((step for step in _STEPS_REV if step >= enough), math.ceil(enough))
+    return round(step * signal.samples_per_rev)
 
 
 def _local_noise(signal: AngularSignal, spectrum: AmplitudeSpectrum, lines: Sequence[FoundLine]) -> NDArray[np.float64]:

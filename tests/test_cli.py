@@ -12,6 +12,7 @@ from hums.cli import main
 from hums.store import open_record
 
 RATE_HZ, SPEED_HZ, SECONDS = 5000, 20.0, 4.0
+RATIO = 67 / 23 * 61 / 19  # of the two-stage gearbox: turns of its input for one of its output
 
 
 @pytest.fixture
@@ -72,9 +73,9 @@ def test_orders_of_several_degrees_of_freedom(run):
 @pytest.mark.parametrize(
     ("words", "low_high"),
     [
-        ((), (0, 3000)),
-        (("--speed", "output=100"), (0, pytest.approx(100 * 67 * 61 / (23 * 19)))),  # of the input, the reference
-        (("--reference", "output", "--speed", "output=100"), (0, 100)),
+        ((), (300, 3000)),
+        (("--speed", "output=100"), pytest.approx((10 * RATIO, 100 * RATIO))),
+        (("--reference", "output", "--speed", "output=100"), (10, 100)),
         (("--rpm", 500, 600), (500, 600)),
     ],
 )
@@ -133,6 +134,20 @@ def test_convert_info_analyze(run, mat, tmp_path, angle):
     mesh = next(row for row in facts["orders"] if row["component"] == "stage 1" and row["harmonic"] == 1)
     assert mesh["claimed"]
     assert mesh["amplitude"] == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("way", ["name", "path", "symlink", "hardlink"])
+def test_convert_does_not_overwrite_its_source(run, mat, way):
+    before, link = mat.read_bytes(), mat.with_name("link.h5")
+    if way == "symlink":
+        link.symlink_to(mat)
+    elif way == "hardlink":
+        link.hardlink_to(mat)
+    target = {"name": mat, "path": mat.parent / ".." / mat.parent.name / mat.name}.get(way, link)
+    code, _, err = run(*convert_words(mat, target, "--shaft-rpm", 1200, "--shaft", "input"))
+    assert code == 2
+    assert "the record would overwrite its own source" in err
+    assert mat.read_bytes() == before
 
 
 def test_no_source_of_angle_names_all_three(run, mat, tmp_path):

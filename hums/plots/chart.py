@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _EQUAL = 1e-9
-_NAMED = 2  # components of a line, before they are only counted; 1 where names would take most of the width
-_NARROW = 0.45
+_LONGEST = 48  # letters of a name, before the rest of its components is only counted
 _WORDS = {"shaft": "", "gear_mesh": "mesh", "planet_pass": "", "planet_tooth": "tooth"}
 _FONTS = (7.5, 7.0, 6.5, 6.0, 5.5, 5.0)
 
@@ -34,8 +33,14 @@ class _Line:
     def kinds(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(kind for _, kind in self.sources))
 
-    def label(self, *, most: int) -> str:
-        """Return the order and at most so many of its sources; what is said once is not repeated."""
+    @property
+    def label(self) -> str:
+        """The order and as many of its sources as stand in a line that is not too long."""
+        many = range(len(self.sources), 0, -1)
+        return next((label for most in many if len(label := self._naming(most)) <= _LONGEST), self._naming(1))
+
+    def _naming(self, most: int) -> str:
+        """Return the order and `most` of its sources; what is said once is not repeated."""
         shown = self.sources[:most]
         names = []
         for number, (name, kind) in enumerate(shown):
@@ -88,7 +93,7 @@ def speed_order_chart(
         ax.plot(rpm, line.order * rpm / 60, color=KIND_COLOURS[first], lw=width, ls="-" if others else _dashes(first))
         if others:
             second = (0, (4, 4))
-            ax.plot(rpm, line.order * rpm / 60, color=KIND_COLOURS[others[0]], lw=width, ls=second, label="_second")
+            ax.plot(rpm, line.order * rpm / 60, color=KIND_COLOURS[others[0]], lw=width, ls=second)
     bottom, top = lines[0].order * low / 60 / 1.4, lines[-1].order * high / 60 * 1.4
     ax.set(xlim=(low, high), ylim=(bottom, top), xlabel="speed of the reference, rpm", ylabel="frequency, Hz")
     ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -135,7 +140,7 @@ def _legend(lines: list[_Line], revolutions: float | None, *, ax: Axes) -> None:
         if kind in present
     ]
     if any(len(line.sources) > 1 for line in lines):
-        handles.append(Line2D([], [], ls="", label="=  orders coincide"))
+        handles.append(Line2D([], [], ls="", label="=, and more: orders coincide"))
     if revolutions is not None:
         handles.append(Patch(color=FAINT, alpha=0.25, label=f"less than once in {revolutions:g} revolutions"))
         if not all(line.alone for line in lines):
@@ -153,7 +158,7 @@ def _name(lines: list[_Line], high: float, *, ax: Axes) -> None:
     """Name the lines at their right end, moved apart; where not all fit, those of the later kinds go first."""
     texts = [
         ax.annotate(
-            line.label(most=_NAMED),
+            line.label,
             (high, line.order * high / 60),
             xytext=(1.05, 0.5),
             textcoords="axes fraction",
@@ -166,10 +171,6 @@ def _name(lines: list[_Line], high: float, *, ax: Axes) -> None:
         for line in lines
     ]
     settle(ax)
-    if ax.bbox.width < _NARROW * ax.figure.bbox.width:
-        for text, line in zip(texts, lines, strict=True):
-            text.set_text(line.label(most=1))
-        settle(ax)
     height = float(ax.bbox.height)
     for size in _FONTS:
         gap = 1.22 * size * points(ax)

@@ -29,7 +29,7 @@ _METADATA: dict[str, dict[str, Any]] = {
     "png": {"Software": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
-_PNG_DPI = 160
+_DPI = 160  # of PNG; the others are drawn in lines
 
 
 def svg(draw: Callable[[Axes], object], *, width: float = 6.4, height: float = 3.4) -> str:
@@ -75,4 +75,4 @@ def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: fl
     with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
         figure = Figure(figsize=(width, height), layout="constrained")
         draw(figure.add_subplot())
-        figure.savefig(file, format=kind, metadata=_METADATA[kind], **({"dpi": _PNG_DPI} if kind == "png" else {}))
+        figure.savefig(file, format=kind, metadata=_METADATA[kind], dpi=_DPI)

@@ -19,6 +19,7 @@ from hums.plots.placing import Sketch, inside, place, ring
 from hums.plots.style import FAINT, INK, TRACK_COLOURS, minus
 
 _SHADE = "#64748b"
+_SIZE = 8.0  # of names in boxes, in points
 _PAD = 0.45  # between a name and its box, of the font's size
 _BENDS = (0.0, 0.12, -0.12, 0.22, -0.22, 0.35, -0.35, 0.5, -0.5)
 _ALONG = np.linspace(0, 1, 41)
@@ -96,7 +97,7 @@ def mechanism_graph(kinematics: Kinematics, *, ax: Axes, copies: bool = False) -
     at = place(Sketch(sizes=sizes, edges=edges, groups=groups, room=(width, height)))
     for text, position in zip(texts, at, strict=True):
         text.set_position((float(position[0]), float(position[1])))
-    board = Board([_extent(text, unit) for text in texts], inside=ax.bbox.padded(2 * unit))
+    board = Board([_extent(text, unit).padded(2 * unit) for text in texts], inside=ax.bbox.padded(2 * unit))
     corners = [at[ring(at, members)] for members in groups]
     for polygon in corners:
         ax.add_patch(Polygon(polygon, fc=(*_rgb(_SHADE), 0.18), ec=_SHADE, lw=1.0, joinstyle="round", zorder=1))
@@ -215,13 +216,13 @@ def _boxes(graph: _Graph, colours: dict[int, str], *, ax: Axes) -> list[Text]:
             "lw": 2.2 if vertex in colours else 0.9,
         }
         ink = "white" if vertex == graph.frame else INK
-        texts.append(ax.text(0, 0, label, ha="center", va="center", fontsize=8, color=ink, bbox=box, zorder=4))
+        texts.append(ax.text(0, 0, label, ha="center", va="center", fontsize=_SIZE, color=ink, bbox=box, zorder=4))
     return texts
 
 
 def _extent(text: Text, unit: float) -> Bbox:
     """Extent of a text with the box round it; the box itself is only brought up to date when it is drawn."""
-    return text.get_window_extent().padded(_PAD * text.get_fontsize() * unit)
+    return text.get_window_extent().padded(_PAD * _SIZE * unit)
 
 
 def _curves(

@@ -74,10 +74,11 @@ def spread(wanted: np.ndarray, *, gap: float, low: float, high: float) -> np.nda
             mean, count = pools.pop()
             pools[-1] = [(pools[-1][0] * pools[-1][1] + mean * count) / (pools[-1][1] + count), pools[-1][1] + count]
     flat = np.repeat([mean for mean, _ in pools], [int(count) for _, count in pools])
-    return np.clip(flat, low, max(low, high - gap * (wanted.size - 1))) + steps
+    moved: np.ndarray = np.clip(flat, low, max(low, high - gap * (wanted.size - 1))) + steps
+    return moved
 
 
 def _overlap(one: Bbox, other: Bbox) -> float:
     wide = min(one.x1, other.x1) - max(one.x0, other.x0)
     high = min(one.y1, other.y1) - max(one.y0, other.y0)
-    return max(wide, 0.0) * max(high, 0.0)
+    return float(max(wide, 0.0) * max(high, 0.0))

@@ -14,6 +14,7 @@ _STARTS, _KEPT, _TURNS = 60, 4, 12
 _MAJORIZATIONS, _MOVES, _SWAPS = 60, 700, 0.15
 _SAMPLES = np.linspace(0, 1, 13)
 _BESIDE = 8.0  # an edge this close to a box seems to end there
+_STRAY = 3.0  # crossings that a vertex inside a foreign polygon, which looks like a corner of it, is as bad as
 _SHARP = 0.9  # cosine of an angle between edges that is hard to see
 _GAP, _ROOM = 16.0, 58.0  # between boxes, and of an edge outside its boxes, which has to hold two numbers
 
@@ -52,7 +53,9 @@ class Sketch:
                 length[hub, vertex] = length[vertex, hub] = radius
         for middle in range(total):
             length = np.minimum(length, length[:, [middle]] + length[[middle], :])
-        return np.where(np.isfinite(length), length, 1.0 + length[np.isfinite(length)].max())
+        reached = np.isfinite(length)
+        far: np.ndarray = np.where(reached, length, 1.0 + length[reached].max())
+        return far
 
 
 def place(sketch: Sketch) -> np.ndarray:
@@ -104,7 +107,8 @@ def _stress_layouts(sketch: Sketch, rng: np.random.Generator) -> np.ndarray:
         pull[:, diagonal, diagonal] = 0
         pull[:, diagonal, diagonal] = -pull.sum(axis=2)
         x = solve @ (pull @ x)
-    return x[:, : sketch.count]
+    layouts: np.ndarray = x[:, : sketch.count]
+    return layouts
 
 
 def _fit(sketch: Sketch, layout: np.ndarray, angle: float) -> np.ndarray:
@@ -127,7 +131,9 @@ def _filled(sketch: Sketch, layout: np.ndarray) -> np.ndarray:
 
 
 def _clipped(sketch: Sketch, layout: np.ndarray) -> np.ndarray:
-    return np.clip(layout, sketch.sizes / 2, np.maximum(np.array(sketch.room) - sketch.sizes / 2, sketch.sizes / 2))
+    low = sketch.sizes / 2
+    kept: np.ndarray = np.clip(layout, low, np.maximum(np.array(sketch.room) - low, low))
+    return kept
 
 
 def _improve(sketch: Sketch, layout: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
@@ -150,8 +156,8 @@ def _improve(sketch: Sketch, layout: np.ndarray, rng: np.random.Generator) -> tu
 def _tangle(sketch: Sketch, layout: np.ndarray) -> float:
     """Count what no stretching mends: crossings, vertices inside a polygon they are no corner of, dents."""
     rings = [ring(layout, group) for group in sketch.groups]
-    count = _crossings(layout, _segments(sketch, rings))
-    return count + sum(_intruders(layout, corners) + _dents(layout, corners) for corners in rings)
+    strays = sum(_STRAY * _intruders(layout, corners) + _dents(layout, corners) for corners in rings)
+    return _crossings(layout, _segments(sketch, rings)) + strays
 
 
 def _cost(sketch: Sketch, layout: np.ndarray) -> float:
@@ -167,11 +173,8 @@ def _cost(sketch: Sketch, layout: np.ndarray) -> float:
     short = np.maximum(_ROOM - free, 0) / _ROOM
     ideal = sketch.distances[pairs] * sketch.unit
     stress = (np.linalg.norm(spans, axis=2)[pairs] / ideal - 1) ** 2
-    tangle = _crossings(layout, segments) + sum(
-        _intruders(layout, corners) + _dents(layout, corners) for corners in rings
-    )
     return float(
-        10 * tangle
+        10 * _tangle(sketch, layout)
         + 8 * (close**2).sum()
         + 4 * (short**2).sum()
         + 5 * _hidden(sketch, layout, segments)
@@ -184,7 +187,8 @@ def _cost(sketch: Sketch, layout: np.ndarray) -> float:
 def _segments(sketch: Sketch, rings: list[list[int]]) -> np.ndarray:
     """Return the edges and, after them, the sides of the polygons, (m, 2)."""
     sides = [(corners[k - 1], corners[k]) for corners in rings for k in range(len(corners))]
-    return np.array([*sketch.edges, *sides], dtype=int).reshape(-1, 2)
+    segments: np.ndarray = np.array([*sketch.edges, *sides], dtype=int).reshape(-1, 2)
+    return segments
 
 
 def _crossings(layout: np.ndarray, segments: np.ndarray) -> float:
@@ -193,7 +197,10 @@ def _crossings(layout: np.ndarray, segments: np.ndarray) -> float:
 
     def side(point: np.ndarray) -> np.ndarray:
         """On which side of each segment (i) each point (j) lies."""
-        return along[:, [0]] * (point[:, 1] - start[:, [1]]) - along[:, [1]] * (point[:, 0] - start[:, [0]])
+        cross: np.ndarray = along[:, [0]] * (point[:, 1] - start[:, [1]]) - along[:, [1]] * (
+            point[:, 0] - start[:, [0]]
+        )
+        return cross
 
     apart = side(start) * side(end) < -1e-9  # noqa: PLR2004
     shared = (segments[:, None, :, None] == segments[None, :, None, :]).any(axis=(2, 3))

@@ -24,27 +24,30 @@ def plot_speed(speed: xr.Dataset, *, ax: Axes) -> Axes:
     return ax
 
 
-def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes) -> Axes:
+def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes, logarithmic: bool = False) -> Axes:
     """Draw one channel's spectrum over orders with the claimed lines marked and named.
 
-    Lines that were looked for and not claimed are ticks on the axis; `group` is `/order_spectrum` or `/envelope`.
+    Lines that were looked for and not claimed are ticks on the axis; `group` is `/order_spectrum` or `/envelope`. On a
+    logarithmic axis the sidebands of a strong mesh are seen beside it.
     """
     spectrum = group.sel(channel=channel)
     orders, amplitude = _highest(spectrum["order"].to_numpy(), spectrum["amplitude"].to_numpy())
     ax.plot(orders, amplitude, color=LINE, lw=0.7)
     lines = _lines(group, channel)
     top = float(amplitude.max()) or 1.0
+    bottom = float(np.median(amplitude)) / 2 if logarithmic else 0.0
     for line in lines:
         colour = KIND_COLOURS.get(line["kind"], INK)
         if line["claimed"]:
             ax.plot(line["order_found"], line["line_amplitude"], "o", color=colour, ms=3.5, zorder=3)
         else:
-            ax.plot(line["line_order"], 0, "|", color=colour, ms=5, alpha=0.5, clip_on=False)
+            ax.plot(line["line_order"], bottom, "|", color=colour, ms=5, alpha=0.5, clip_on=False)
     ax.set(
         xlabel="order, cycles per revolution of the reference",
         ylabel=f"peak amplitude, {spectrum['units'].item()}",
         xlim=(0, float(orders[-1])),
-        ylim=(0, 1.7 * top),
+        yscale="log" if logarithmic else "linear",
+        ylim=(bottom, top * (top / bottom) ** 0.6 if logarithmic else 1.7 * top),
     )
     _name_lines([line for line in lines if line["claimed"]], ax=ax)
     return ax

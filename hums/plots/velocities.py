@@ -3,9 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Annotation
 from matplotlib.transforms import Bbox
 
 from hums.kinematics import Kinematics
@@ -13,7 +16,7 @@ from hums.plots.labels import Board, points, settle
 from hums.plots.style import FAINT, INK, LINE, MARK, minus
 
 _SAME = 1e-9  # of the fastest link
-_LANE = 0.045  # between arrows on one line, of the longest
+_LANE = 0.05  # between arrows on one line, of the longest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +63,7 @@ def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fracti
     shifts = _rows(arrows) if unit else _lanes(arrows)
     starts = [arrow.start * turn + shift for arrow, shift in zip(arrows, shifts, strict=True)]
     ends = [arrow.end * turn + shift for arrow, shift in zip(arrows, shifts, strict=True)]
-    _prepare(ax, np.array([0j, *starts, *ends]), rows=len(arrows) if unit else 0)
+    (_prepare_rows if unit else _prepare_plane)(ax, np.array([0j, *starts, *ends]))
     of = f"turns per turn of {kinematics.gearbox.reference}" if speeds is None else "in the unit of the given speeds"
     ax.set_xlabel(f"angular velocity along {_along(unit or 1.0)}, {of}")
     if not unit:
@@ -74,12 +77,15 @@ def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fracti
             "shrinkA": 0,
             "shrinkB": 0,
         }
-        ax.annotate("", (end.real, end.imag), (start.real, start.imag), arrowprops=style, zorder=3)
+        tail = (start.real, start.imag)
+        ax.annotate("", (end.real, end.imag), tail, arrowprops=style, zorder=3, annotation_clip=False)
     fastest = max(map(abs, velocity.values()))
     resting = ", ".join(link for link, value in velocity.items() if abs(value) <= _SAME * fastest)
     ax.set_title(f"at rest: {resting}", loc="left", fontsize=8, color=INK)
-    settle(ax)
-    _name(arrows, starts, ends, unit=unit, ax=ax)
+    if unit:
+        _name_rows(arrows, starts, ends, unit=unit, ax=ax)
+    else:
+        _name_tips(arrows, starts, ends, ax=ax)
     return ax
 
 
@@ -124,7 +130,7 @@ def _lanes(arrows: list[_Arrow]) -> list[complex]:
     An arrow from whose tip another one starts off the line stays on the line, where the two meet.
     """
     shifts = [0j] * len(arrows)
-    step = _LANE * max(abs(arrow.vector) for arrow in arrows)
+    step = _LANE * max((abs(arrow.vector) for arrow in arrows), default=0.0)
     met = [arrow.start for arrow in arrows if arrow.line is None]
     for line in dict.fromkeys(arrow.line for arrow in arrows if arrow.line is not None):
         mine = [number for number, arrow in enumerate(arrows) if arrow.line == line]
@@ -135,60 +141,83 @@ def _lanes(arrows: list[_Arrow]) -> list[complex]:
     return shifts
 
 
-def _prepare(ax: Axes, at: np.ndarray, *, rows: int) -> None:
-    """Set limits with room for names, and draw the lines through zero."""
+def _prepare_rows(ax: Axes, at: np.ndarray) -> None:
     ax.axvline(0, color=FAINT, lw=0.8, zorder=1)
-    low, high = at.real.min(), at.real.max()
-    if rows:
-        ax.set(xlim=(low - 0.35 * (high - low), high + 0.35 * (high - low)), ylim=(0.7 - rows, 0.7), yticks=[])
-        ax.spines["left"].set_visible(False)
-        return
+    ax.set(xlim=(at.real.min(), at.real.max()), ylim=(at.imag.min() - 0.7, 0.7), yticks=[])
+    ax.spines["left"].set_visible(False)
+
+
+def _prepare_plane(ax: Axes, at: np.ndarray) -> None:
+    """Set limits of one scale both ways that fill the Axes, with room for names."""
+    ax.axvline(0, color=FAINT, lw=0.8, zorder=1)
     ax.axhline(0, color=FAINT, lw=0.8, zorder=1)
-    bottom, top = at.imag.min(), at.imag.max()
-    margin = 0.16 * max(high - low, top - bottom)
-    ax.set(xlim=(low - 1.6 * margin, high + 1.6 * margin), ylim=(bottom - margin, top + margin))
-    ax.set_aspect("equal", adjustable="datalim")
+    low = np.array([at.real.min(), at.imag.min()])
+    high = np.array([at.real.max(), at.imag.max()])
+    middle, half = (low + high) / 2, (high - low) / 2 + np.array([0.3, 0.16]) * ((high - low).max() or 1.0)
+    ax.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
+    settle(ax)
+    shape = ax.bbox.width / ax.bbox.height
+    half = np.maximum(half, [half[1] * shape, half[0] / shape])
+    ax.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
+    ax.set_aspect("equal", adjustable="box")
 
 
-def _name(arrows: list[_Arrow], starts: list[complex], ends: list[complex], *, unit: complex | None, ax: Axes) -> None:
-    """Write names beside the tips of the arrows, and beside the middles of dashed ones off the lines."""
-    board = Board(inside=ax.bbox)
+def _name_rows(arrows: list[_Arrow], starts: list[complex], ends: list[complex], *, unit: complex, ax: Axes) -> None:
+    """Write names beyond the tips, and make the Axes as wide as they need."""
+    texts = []
+    for arrow, start, end in zip(arrows, starts, ends, strict=True):
+        forward = end.real > start.real
+        side = {"xytext": (5.0 if forward else -5.0, 0.0), "ha": "left" if forward else "right"}
+        texts.append(_write(arrow, (arrow.vector * unit.conjugate()).real, end, side, ax=ax))
+    for _ in range(4):  # wider limits make names wider in turn
+        settle(ax)
+        boxes = [ax.transData.inverted().transform(text.get_window_extent()) for text in texts]
+        low, high = ax.get_xlim()
+        ax.set_xlim(min(low, *(box[0, 0] for box in boxes)), max(high, *(box[1, 0] for box in boxes)))
+
+
+def _name_tips(arrows: list[_Arrow], starts: list[complex], ends: list[complex], *, ax: Axes) -> None:
+    """Write names where there is room beside the tips of arrows, or the middles of those that start elsewhere."""
+    settle(ax)
+    board, unit = Board(inside=ax.bbox), points(ax)
     for start, end in zip(starts, ends, strict=True):
-        for share in np.linspace(0, 1, 25):
-            at = start + share * (end - start)
-            x, y = ax.transData.transform((at.real, at.imag))
-            board.take(_square(x, y, points(ax)))
+        (x0, y0), (x1, y1) = ax.transData.transform([(z.real, z.imag) for z in (start, end)])
+        for share in np.linspace(0, 1, max(2, int(np.hypot(x1 - x0, y1 - y0) / (2 * unit)))):
+            half = (4 if share > 1 - 8 * unit / max(np.hypot(x1 - x0, y1 - y0), 1) else 1.5) * unit
+            x, y = x0 + share * (x1 - x0), y0 + share * (y1 - y0)
+            board.take(Bbox([[x - half, y - half], [x + half, y + half]]))
     for number in sorted(range(len(arrows)), key=lambda n: -abs(ends[n])):
         arrow, start, end = arrows[number], starts[number], ends[number]
-        size = (arrow.vector * unit.conjugate()).real if unit else abs(arrow.vector)
-        seen = f" from {arrow.seen_from}" if arrow.seen_from else ""
-        at = end if arrow.line is not None else (start + end) / 2
-        text = ax.annotate(
-            f"{_joined(arrow.names)}{seen}  {minus(f'{size:.3g}')}",
-            (at.real, at.imag),
-            xytext=(0, 0),
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=7.5,
-            color=MARK if arrow.seen_from else LINE,
-        )
+        tip = arrow.line is not None
+        middle = {"xytext": (0.0, 0.0), "ha": "center"}
+        text = _write(arrow, abs(arrow.vector), end if tip else (start + end) / 2, middle, ax=ax)
         extent = text.get_window_extent()
-        half = np.array([extent.width, extent.height]) / 2 / points(ax)
-        outwards = np.angle(end - start) if arrow.line is not None else np.angle(end - start) - np.pi / 2
-        turns = [0.0] if unit else [0, 0.5, -0.5, 1, -1, 1.57, -1.57, 2.2, -2.2, 3.14]
-        places = [_beside(half, outwards + turned, gap) for gap in (4.0, 9.0, 16.0, 26.0, 38.0) for turned in turns]
-        board.put(text, places)
+        size = np.array([extent.width, extent.height]) / 2 / unit
+        outwards = np.angle(end - start) - (0 if tip else np.pi / 2)
+        turns = np.array([0, 0.5, -0.5, 1, -1, 1.3, -1.3, 1.57, -1.57, 1.9, -1.9, 2.2, -2.2, 3.14])
+        board.put(text, [_beside(size, outwards + turned, gap) for gap in (6, 10, 16, 26, 38, 52) for turned in turns])
+
+
+def _write(arrow: _Arrow, size: float, at: complex, style: dict[str, Any], *, ax: Axes) -> Annotation:
+    separator = "\n" if style["ha"] == "center" else " "  # beside a tip a short name finds a place sooner
+    seen = f"{separator}from {arrow.seen_from}" if arrow.seen_from else ""
+    return ax.annotate(
+        f"{_joined(arrow.names)}{seen}  {minus(f'{size:.3g}')}",
+        (at.real, at.imag),
+        textcoords="offset points",
+        va="center",
+        fontsize=7.5,
+        color=MARK if arrow.seen_from else LINE,
+        annotation_clip=False,
+        path_effects=[withStroke(linewidth=2.0, foreground="white")],  # the lines through zero stay behind it
+        **style,
+    )
 
 
 def _beside(half: np.ndarray, angle: float, gap: float) -> tuple[float, float]:
     """Return where the middle of a text stands that touches a circle of radius `gap` in a direction."""
     c, s = np.cos(angle), np.sin(angle)
     return float(c * gap + np.round(c, 1) * half[0]), float(s * gap + np.round(s, 1) * half[1])
-
-
-def _square(x: float, y: float, half: float) -> Bbox:
-    return Bbox([[x - half, y - half], [x + half, y + half]])
 
 
 def _joined(names: tuple[str, ...]) -> str:

@@ -6,9 +6,11 @@ does not state (units, rate, shaft) the caller declares; nothing is guessed.
 
 import difflib
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 __all__ = ["ForeignFile", "convert", "read_file"]
 
 _SUFFIXES = (".mat", ".wav", ".csv")
+_CLOCKS = {"t", "time", "t_s", "time_s", "t_sec", "time_sec", "time_seconds"}  # also "Time [s]" and "time (s)"
+_SAME_RATE = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,9 +153,12 @@ def convert(
     if not channels:
         raise RecordError(f"channels: none named (--channel). {file.path.name}: {file.contents()}")
     factor = _scale(scale)
+    values = {name: _scaled(file.vector(name), factor) for name in channels}
+    rate = _rate_hz(file, rate_hz)
+    _refuse_other_clock(file, rate, count=values[channels[0]].size, other_than=(*channels, tach_times, tach_waveform))
     return make_record(
-        {name: _scaled(file.vector(name), factor) for name in channels},
-        rate_hz=_rate_hz(file, rate_hz),
+        values,
+        rate_hz=rate,
         units=units,
         angle=_angle(
             file,
@@ -207,12 +214,38 @@ def _rate_hz(file: ForeignFile, declared: float | None) -> float:
                 f"{file.path.name} does not state its samples per second: rate_hz=... (--rate-hz) is needed."
             )
         return file.rate_hz
-    if file.rate_hz is not None and abs(declared - file.rate_hz) >= 1:
+    if file.rate_hz is not None and isinstance(declared, Real) and abs(declared - file.rate_hz) >= 1:
         raise RecordError(
             f"rate_hz={declared:g} contradicts {file.path.name}, which states {file.rate_hz:g} Hz; leave "
             "--rate-hz out, or correct the file."
         )
     return declared
+
+
+def _refuse_other_clock(file: ForeignFile, rate_hz: float, *, count: int, other_than: Sequence[str | None]) -> None:
+    """Hold the rate against a column of evenly spaced times, one for each of `count` samples, if there is one."""
+    for name, field in file.fields.items():
+        plain = re.sub(r"[\W_]+", "_", name.rpartition(".")[2].lower()).strip("_")
+        if name in other_than or plain not in _CLOCKS or isinstance(field, str) or max(field.shape, default=1) != count:
+            continue
+        step_s = _even_step(field.reshape(-1)) if field.size == count else None
+        if step_s and isinstance(rate_hz, Real) and abs(step_s * rate_hz - 1) > _SAME_RATE:
+            raise RecordError(
+                f'rate_hz={rate_hz:g} contradicts {file.path.name}, whose "{name}" goes in steps of {step_s:.6g} s, '
+                f"{1 / step_s:.6g} Hz. Correct --rate-hz; if that column is not in seconds, give it another name."
+            )
+
+
+def _even_step(times: NDArray[np.generic]) -> float | None:
+    """Return the step of times that rise evenly, however coarsely they are printed, else None."""
+    if times.size < 2 or times.dtype.kind not in "iuf":  # noqa: PLR2004
+        return None
+    numbers = times.astype(np.float64)
+    span = numbers[-1] - numbers[0]
+    if not (span > 0 and np.isfinite(numbers).all()):
+        return None
+    even = np.linspace(numbers[0], numbers[-1], numbers.size)
+    return float(span / (numbers.size - 1)) if np.max(np.abs(numbers - even)) < _SAME_RATE * span else None
 
 
 def _scale(scale: float) -> float:

@@ -1,6 +1,7 @@
 """CSV files: columns named by a header line, or counted where there is none."""
 
 import warnings
+from collections import Counter
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -51,6 +52,8 @@ def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
             f"{path} does not read as a table ({error}). Every row needs the columns of the first."
         ) from error
     names = [f"column {number}" if headless else str(name).strip() for number, name in enumerate(table, 1)]
+    if repeated := [name for name, times in Counter(names).items() if times > 1]:
+        raise RecordError(f'{path}: two columns are named "{repeated[0]}"; give each a name of its own.')
     return {name: _column(table.iloc[:, place]) for place, name in enumerate(names)}
 
 
@@ -70,7 +73,13 @@ def _is_number(cell: str) -> bool:
 def _column(column: "pd.Series") -> NDArray[np.generic] | str:
     import pandas as pd  # noqa: PLC0415
 
-    if pd.api.types.is_numeric_dtype(column):
+    if column.empty:
+        return "empty"
+    if column.dtype.kind in "iuf":
         return column.to_numpy()
-    wrong = column[pd.to_numeric(column, errors="coerce").isna() & column.notna()]
+    numbers = pd.to_numeric(column, errors="coerce")
+    truths = column.map(lambda cell: isinstance(cell, bool | np.bool))
+    wrong = column[column.notna() & (numbers.isna() | truths)]
+    if wrong.empty:  # whole numbers of more than 64 bits
+        return numbers.to_numpy(dtype=np.float64)
     return f'text, "{wrong.iloc[0]}" in row {wrong.index[0] + 1}'

@@ -14,7 +14,14 @@ __all__ = ["read"]
 
 Field = NDArray[np.generic] | str
 
-_CLASSES = {"char": "text", "cell": "a cell array", "function_handle": "a function", "struct": "a struct array"}
+_CLASSES = {
+    "char": "text",
+    "cell": "a cell array",
+    "function_handle": "a function",
+    "struct": "a struct array",
+    "string": "a string object",
+}
+_NUMBERS = ("", "double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
 def read(path: Path) -> dict[str, Field]:
@@ -77,7 +84,9 @@ def _hdf5_fields(prefix: str, group: Any) -> Iterator[tuple[str, Field]]:  # noq
         if key.startswith("#"):  # where MATLAB keeps what cells refer to
             continue
         name = f"{prefix}{key}"
-        if hasattr(item, "items"):
+        if "MATLAB_sparse" in item.attrs:
+            yield name, "a sparse matrix"
+        elif hasattr(item, "items"):
             yield from _hdf5_fields(f"{name}.", item)
         else:
             yield name, _hdf5_field(item)
@@ -90,7 +99,7 @@ def _hdf5_field(item: Any) -> Field:  # noqa: ANN401
         return "empty"
     if item.dtype.names:
         return "complex numbers"
-    if matlab_class in _CLASSES or item.dtype.kind not in "biuf":
+    if matlab_class not in _NUMBERS or item.dtype.kind not in "biuf":
         return _CLASSES.get(matlab_class, "a struct array" if not matlab_class else f"a {matlab_class}")
     values: NDArray[np.generic] = item[()]
     return values.T  # MATLAB counts the first axis fastest

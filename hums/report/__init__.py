@@ -2,8 +2,10 @@
 
 import json
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any
 
 import xarray as xr
@@ -17,15 +19,32 @@ from hums.store import written_beside
 from hums.tables import line_table, summary
 
 
+def prepare_folder(folder: str | Path) -> Path:
+    """Make sure that a folder can be written into, before the work and not after it.
+
+    Raises
+    ------
+    ValueError
+        A file of that name, or a folder that cannot be made or written.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is a file; name a folder for the report.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with NamedTemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ValueError(f"{folder} cannot be written ({error.strerror}); name a folder of yours.") from None
+    return folder
+
+
 def write_report(analysis: Analysis, folder: str | Path) -> Path:
     """Write ``report.html``, ``analysis.h5``, ``orders.csv`` and ``summary.json`` into a folder.
 
     Each file is written beside and renamed. Returns the path of the page.
     """
-    folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"{folder} is a file; name a folder for the report.")
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = prepare_folder(folder)
     save_analysis(analysis, folder / "analysis.h5")
     _write_text(folder / "summary.json", json.dumps(summary(analysis), indent=1, allow_nan=False) + "\n")
     tables = [line_table(analysis, name).assign(spectrum=name) for name in (ORDER_SPECTRUM, ENVELOPE)]
@@ -57,7 +76,7 @@ def render(analysis: Analysis) -> str:
 def _figures(analysis: Analysis) -> Iterator[dict[str, str]]:
     """Title, caption and SVG of every figure."""
     speed = group(analysis, "speed")
-    yield _figure("Speed", "Mean over each revolution.", lambda ax: plot_speed(speed, ax=ax), height=2.4)
+    yield _figure("Speed", "Mean over each revolution.", partial(plot_speed, speed), height=2.4)
     for name, title in ((ORDER_SPECTRUM, "Order spectrum"), (ENVELOPE, "Envelope order spectrum")):
         dataset = group(analysis, name)
         for channel in _channels(dataset):
@@ -65,7 +84,7 @@ def _figures(analysis: Analysis) -> Iterator[dict[str, str]]:
                 f"{title}, {channel}",
                 f"{dataset.attrs['window'].capitalize()} window, resolution {dataset.attrs['resolution_orders']:.2g} "
                 "orders. Dots: claimed lines. Ticks: lines looked for and not claimed.",
-                lambda ax, dataset=dataset, channel=channel: plot_spectrum(dataset, channel=channel, ax=ax),
+                partial(plot_spectrum, dataset, channel=channel, logarithmic=name == ORDER_SPECTRUM),
             )
     tracks = group(analysis, "tracks")
     for channel in dict.fromkeys(tracks["track_channel"].to_numpy().tolist()) if "track" in tracks.sizes else []:
@@ -73,12 +92,12 @@ def _figures(analysis: Analysis) -> Iterator[dict[str, str]]:
             f"Amplitude tracks, {channel}",
             f"The largest lines by Kalman smoother, bandwidths {float(tracks['bandwidth_orders'].min()):.2g} to "
             f"{float(tracks['bandwidth_orders'].max()):.2g} orders; bands are two standard deviations.",
-            lambda ax, channel=channel: plot_tracks(tracks, channel=channel, ax=ax),
+            partial(plot_tracks, tracks, channel=channel),
         )
 
 
 def _figure(title: str, caption: str, draw: Callable[..., object], **size: float) -> dict[str, str]:
-    return {"title": title, "caption": caption, "svg": svg(draw, **size)}
+    return {"title": title, "caption": caption, "svg": svg(lambda ax: draw(ax=ax), **size)}
 
 
 def _channels(dataset: xr.Dataset) -> list[str]:
@@ -88,7 +107,9 @@ def _channels(dataset: xr.Dataset) -> list[str]:
 def _components(facts: dict[str, Any]) -> list[dict[str, Any]]:
     """One row a component, kind and channel: its strongest line as it was looked for."""
     best: dict[tuple[str, str, str], dict[str, Any]] = {}
-    for row in [*facts["orders"], *(row for row in facts["envelope"] if row["kind"] != "shaft")]:
+    rows = [row | {"spectrum": "order"} for row in facts["orders"]]
+    rows += [row | {"spectrum": "envelope"} for row in facts["envelope"] if row["kind"] != "shaft"]
+    for row in rows:
         key = (row["component"], row["kind"], row["channel"])
         if key not in best or _weight(row) > _weight(best[key]):
             best[key] = row
@@ -96,8 +117,9 @@ def _components(facts: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _weight(row: dict[str, Any]) -> tuple[bool, bool, float]:
-    """Claimed lines first, then the fundamental, then the strongest."""
-    return row["claimed"], row["harmonic"] == 1 and row["sideband"] == 0, row["snr"]
+    """Claimed lines first, of these the largest; among unclaimed ones the fundamental."""
+    fundamental = not row["claimed"] and row["harmonic"] == 1 and row["sideband"] == 0
+    return row["claimed"], fundamental, row["amplitude"]
 
 
 def _faint(facts: dict[str, Any]) -> list[dict[str, Any]]:

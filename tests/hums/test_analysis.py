@@ -118,6 +118,119 @@ def test_two_channels_stay_apart():
     assert dict(zip(mesh["channel"], mesh["units"], strict=True)) == {"a": "g", "b": "m s-2"}
 
 
+# ---- healthy machines and what passes for a fault in them --------------------------------------------------------
+
+
+def healthy(rng, *, seconds=10.0, rate_hz=5000.0, jitter_s=0.0, covered=None, more=()):
+    """A strong mesh line at 23 orders of 20 rev/s in little noise; `more` are further (order, amplitude)."""
+    time = np.arange(round(seconds * rate_hz)) / rate_hz
+    values = np.cos(2 * np.pi * 23 * SPEED_HZ * time) + 0.05 * rng.standard_normal(time.size)
+    for order, amplitude in more:
+        values = values + amplitude * np.cos(2 * np.pi * order * SPEED_HZ * time)
+    pulses = np.arange(0.0131, covered or seconds, 1 / SPEED_HZ)
+    pulses = pulses + jitter_s * rng.standard_normal(pulses.size)
+    angle = PulseTimes(times_s=pulses, shaft="input", pulses_per_rev=1)
+    return make_record({"housing": Channel(values=values, units="g")}, rate_hz=rate_hz, angle=angle)
+
+
+NO_TRACKS = AnalysisSettings(most_tracks=0)
+
+
+@pytest.mark.parametrize("jitter_s", [5e-6, 50e-6])
+def test_jitter_of_the_tachometer_raises_no_finding(jitter_s):
+    # the mesh line's phase noise fills half an order on either side; its sidebands are weighed against that
+    rng = np.random.default_rng(1)
+    found = [analyze(healthy(rng, jitter_s=jitter_s), load_gearbox("two-stage"), settings=NO_TRACKS) for _ in range(5)]
+    assert all(group(one, "findings").sizes["finding"] == 0 for one in found)
+
+
+def test_jitter_that_blurs_the_mesh_is_noted():
+    # 0.2 ms of 50 ms a turn is 0.58 rad at order 23: the line shrinks, and the reader must know
+    analysis = analyze(healthy(np.random.default_rng(1), jitter_s=2e-4), load_gearbox("two-stage"), settings=NO_TRACKS)
+    (note,) = [note for note in summary(analysis)["notes"] if "jitter" in note]
+    stated_us = float(note.split(" us")[0].rsplit(" ", 1)[1])
+    assert stated_us == pytest.approx(200, rel=0.2)  # 200 pulses tell a standard deviation within 5 %, four times that
+    calm = analyze(healthy(np.random.default_rng(1), jitter_s=5e-6), load_gearbox("two-stage"), settings=NO_TRACKS)
+    assert not [note for note in summary(calm)["notes"] if "jitter" in note]
+
+
+@pytest.mark.parametrize("covered", [0.4, 0.6, 1.0, 3.0])
+def test_the_flank_of_a_strong_line_is_not_claimed(covered):
+    # so short that the window spreads the mesh line over its neighbours, 0.34 orders away
+    record = healthy(np.random.default_rng(2), covered=covered, more=[(1, 0.2)])
+    analysis = analyze(record, load_gearbox("two-stage"), settings=NO_TRACKS)
+    table = line_table(analysis, "order_spectrum")
+    claimed = table[table["claimed"]]
+    assert set(zip(claimed["component"], claimed["harmonic"], strict=True)) <= {("stage 1", 1), ("input", 1)}
+    assert any("are analysed" in note for note in summary(analysis)["notes"])
+
+
+def test_channels_with_different_bandwidths_share_their_outputs():
+    rng = np.random.default_rng(3)
+    time = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
+    steady = np.cos(2 * np.pi * 23 * SPEED_HZ * time)
+    wandering = steady * (1 + 0.5 * np.sin(2 * np.pi * 1.5 * time))
+    slow = np.cos(2 * np.pi * 23 * SPEED_HZ * np.arange(round(SECONDS * 1500)) / 1500)
+    record = tone_record(
+        channels={
+            "a": Channel(values=steady + 0.05 * rng.standard_normal(time.size), units="g"),
+            "b": Channel(values=wandering + 0.05 * rng.standard_normal(time.size), units="g"),
+            "c": Channel(values=slow + 0.05 * rng.standard_normal(slow.size), units="g", rate_hz=1500.0),
+        }
+    )
+    tracks = group(analyze(record, load_gearbox("two-stage")), "tracks")
+    assert set(tracks["track_channel"].to_numpy()) == {"a", "b", "c"}
+    assert np.isfinite(tracks["complex_amplitude"].to_numpy()).all()
+
+
+@pytest.mark.parametrize("value", [0.0, 5.0])
+def test_a_dead_sensor(value):
+    record = tone_record(channels={"dead": Channel(values=np.full(20000, value), units="g")})
+    with pytest.raises(AnalysisError, match=r'channel "dead" has the same value . throughout'):
+        analyze(record, load_gearbox("two-stage"))
+
+
+def test_a_spike_is_noted():
+    values = np.random.default_rng(4).normal(size=20000)
+    values[777] = 1e5
+    record = tone_record(channels={"a": Channel(values=values, units="g")})
+    assert any("as a spike" in note for note in summary(analyze(record, load_gearbox("two-stage")))["notes"])
+
+
+@pytest.mark.parametrize("width_hz", [1.0, 30.0, 100.0])
+def test_lines_beyond_a_narrow_envelope_band_are_out_of_reach(width_hz):
+    settings = AnalysisSettings(envelope_band_hz=(1500.0, 1500.0 + width_hz), most_tracks=0)
+    analysis = analyze(healthy(np.random.default_rng(5)), load_gearbox("two-stage"), settings=settings)
+    assert group(analysis, "findings").sizes["finding"] == 0
+    assert any("the envelope's band carries" in note for note in summary(analysis)["notes"])
+
+
+def test_the_passing_of_planets_is_no_ring_tooth():
+    # a healthy planetary: the mesh at 99 per turn of the carrier, modulated as the three planets pass the sensor
+    rate_hz, carrier_hz = 4000.0, 5.0
+    time = np.arange(round(20 * rate_hz)) / rate_hz
+    passing = 1 + 0.5 * np.cos(2 * np.pi * 3 * carrier_hz * time)
+    values = passing * np.cos(2 * np.pi * 99 * carrier_hz * time)
+    values += 0.05 * np.random.default_rng(6).standard_normal(time.size)
+    pulses = PulseTimes(times_s=np.arange(0.01, 20, 1 / carrier_hz), shaft="carrier", pulses_per_rev=1)
+    record = make_record({"ring": Channel(values=values, units="g")}, rate_hz=rate_hz, angle=pulses)
+    analysis = analyze(record, load_gearbox("planetary-27-36-99"), settings=NO_TRACKS)
+    table = line_table(analysis, "order_spectrum")
+    ring = table[(table["component"] == "planet-ring/ring") & (table["harmonic"] == 1)].set_index("sideband")
+    assert ring.loc[3, "explained_by"].endswith("which the planets' passing makes in health")
+    assert group(analysis, "findings").sizes["finding"] == 0
+
+
+def test_scale_does_not_matter():
+    record = healthy(np.random.default_rng(7))
+    loud = record.assign(housing=record["housing"] * 1e120).assign_attrs(record.attrs)
+    loud["housing"].attrs.update(record["housing"].attrs)
+    one, two = (analyze(r, load_gearbox("two-stage"), settings=NO_TRACKS) for r in (record, loud))
+    np.testing.assert_allclose(
+        line_table(one, "order_spectrum")["snr"], line_table(two, "order_spectrum")["snr"], rtol=1e-9
+    )
+
+
 def test_nan_in_the_signal():
     values = np.random.default_rng(0).normal(size=20000)
     values[[700, 900]] = np.nan
@@ -137,7 +250,7 @@ def test_a_record_shorter_than_one_revolution():
     time = np.arange(200) / RATE_HZ
     pulses = PulseTimes(times_s=[0.0, 0.05], shaft="input", pulses_per_rev=1)
     record = tone_record(channels={"a": Channel(values=np.sin(time), units="g")}, angle=pulses)
-    with pytest.raises(AnalysisError, match="holds no whole revolution of the shaft"):
+    with pytest.raises(AnalysisError, match="holds no whole revolution of the"):
         analyze(record, load_gearbox("two-stage"))
 
 
@@ -171,10 +284,24 @@ def test_a_gearbox_of_two_degrees_of_freedom():
         analyze(tone_record(), Gearbox.from_mapping(table))
 
 
-@pytest.mark.parametrize("band", [(2000.0, 1000.0), (1000.0, 9000.0)])
-def test_a_band_that_is_none(band):
-    with pytest.raises(AnalysisError, match=r"band_hz = .* must rise and lie between 0 and 2500 Hz"):
-        analyze(tone_record(), load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=band))
+def test_a_band_that_falls():
+    with pytest.raises(AnalysisError, match=r"settings: envelope_band_hz = .* must rise"):
+        AnalysisSettings(envelope_band_hz=(2000.0, 1000.0))
+
+
+def test_a_band_beyond_the_sampling_rate():
+    with pytest.raises(AnalysisError, match=r"between 0 and 2500 Hz.*leave the channel out"):
+        analyze(tone_record(), load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=(1000.0, 9000.0)))
+
+
+def test_settings_that_are_none():
+    with pytest.raises(AnalysisError, match=r'unknown key "chanels"; did you mean "channels"'):
+        AnalysisSettings(chanels=("a",))
+    assert AnalysisSettings(channels=["a"]).channels == ("a",)
+    for wrong in ({"settings": {"harmonics": 3}}, {}):
+        gearbox = load_gearbox("two-stage") if wrong else "two-stage"
+        with pytest.raises(AnalysisError, match=r"settings is a dict|gearbox is a str"):
+            analyze(tone_record(), gearbox, **wrong)
 
 
 def test_opening_what_is_no_analysis(tmp_path):

@@ -1,6 +1,7 @@
 """The rule on hand-made lines: what is claimed, what is a shadow, what is certain."""
 
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -26,7 +27,20 @@ BEARING = BearingOrders(
 JUDGE = Judge({"b": BEARING}, 0.01)
 
 
-def line(kind, found, snr, *, component="b", harmonic=1, sideband=0, spectrum=ENVELOPE, fundamental=True, p=None):
+def line(
+    kind,
+    found,
+    snr,
+    *,
+    component="b",
+    harmonic=1,
+    sideband=0,
+    spectrum=ENVELOPE,
+    fundamental=True,
+    p=None,
+    leakage=0.0,
+    spacing=0.0,
+):
     chance = (1e-9 if snr > 4 else 0.5) if p is None else p
     return FoundLine(
         wanted=Wanted(
@@ -37,6 +51,7 @@ def line(kind, found, snr, *, component="b", harmonic=1, sideband=0, spectrum=EN
             order=found,
             tolerance=0.1,
             spectrum=spectrum,
+            spacing=spacing,
             fundamental=fundamental,
         ),
         channel="x",
@@ -48,6 +63,7 @@ def line(kind, found, snr, *, component="b", harmonic=1, sideband=0, spectrum=EN
             amplitude=snr,
             amplitude_std=0.5,
             background=1.0,
+            leakage=leakage,
             false_alarm_probability=chance,
         ),
     )
@@ -100,7 +116,7 @@ def test_comparable_lines_on_both_races_are_rivals_and_not_certain():
     )
     found = findings(judged, locality={})
     assert [(f.kind, f.verdict) for f in found] == [("inner_race", "indicated"), ("outer_race", "indicated")]
-    assert "as strong" in found[0].evidence
+    assert "of similar size" in found[0].evidence
 
 
 def test_a_supported_strong_line_is_diagnosed():
@@ -167,3 +183,34 @@ def test_a_sideband_on_a_shaft_harmonic_still_counts_but_low_ones_do_not():
 def test_implied_cage():
     assert implied_cage(BEARING, "outer_race", 3.6) == pytest.approx(0.4)
     assert implied_cage(BEARING, "inner_race", 5.4) == pytest.approx(0.4)
+
+
+def test_a_trace_of_a_much_larger_line_is_called_that():
+    # two channels: the shadow rule looks at one, the comparison at both
+    other = replace(line("inner_race", 5.4, 90.0), channel="y")
+    judged = JUDGE.judge([other, line("rolling_element", 4.75, 9.0)])
+    found = {finding.kind: finding for finding in findings(judged, locality={})}
+    assert "10 times as large, of which this may be a trace" in found["rolling_element"].evidence
+    assert "times as large" not in found["inner_race"].evidence
+
+
+def test_the_flank_of_a_stronger_line_is_explained():
+    (judged,) = JUDGE.judge([line("inner_race", 5.4, 9.0, leakage=5.0)])
+    assert (judged.claimed, judged.explained_by) == (False, "the flank of a stronger line beside it")
+    (judged,) = JUDGE.judge([line("inner_race", 5.4, 9.0, leakage=4.0)])
+    assert judged.claimed
+
+
+def test_a_line_that_two_fundamentals_would_make_supports_neither():
+    # 10.8 is twice the inner and three times the outer race
+    shared = line("inner_race", 10.8, 8.0, harmonic=2, fundamental=False)
+    judged = JUDGE.judge([line("inner_race", 5.4, 10.0), line("outer_race", 3.6, 9.0), shared])
+    assert [entry.claimed for entry in judged] == [True, True, False]
+    assert all("no harmonic or sideband supports it" in f.evidence for f in findings(judged, locality={}))
+
+
+def test_natural_sidebands_of_a_planetary_stage():
+    judge = Judge({}, 0.01, {"m/g": (3.0,)})
+    spaced = line("tooth", 96.0, 50.0, component="m/g", sideband=-1, spacing=3.0, spectrum=ORDER_SPECTRUM)
+    off = line("tooth", 97.0, 50.0, component="m/g", sideband=-1, spacing=2.0, spectrum=ORDER_SPECTRUM)
+    assert [entry.claimed for entry in judge.judge([spaced, off])] == [False, True]

@@ -129,6 +129,15 @@ class TestWhatAFileMeans:
         with pytest.warns(GearboxWarning, match=r'"x": inner 9\.46 \+ outer 6\.72 = 16\.18'):
             Gearbox.from_mapping(sheet(inner=9.46, outer=6.72))
 
+    def test_elements_that_the_multiples_round_to(self):
+        table = sheet(inner=9.46, outer=6.72)
+        table["bearing"][0]["elements"] = 16
+        with pytest.warns(GearboxWarning, match=r"= 16\.18, not a whole number"):
+            assert Gearbox.from_mapping(table).bearings[0].elements == 16
+
+    def test_as_many_elements_as_fit(self):
+        assert Gearbox.from_mapping(bearing(elements=31)).bearings[0].elements == 31
+
     @pytest.mark.parametrize(("inner", "outer"), [(5.415, 3.585), (5.42, 3.58), (5.42, 3.59)])
     def test_multiples_within_their_last_digit_are_silent(self, inner, outer):
         # two decimals each: the sum may miss a whole number by 0.01. A warning would fail this test.
@@ -320,6 +329,16 @@ class TestRefusals:
             (sheet(inner=-9.5), "inner = -9.5: input should be greater than 0"),
             (sheet(inner=0.7, outer=0.4), "number of elements, at least 2"),
             (sheet(cage=None), "cage is missing"),
+            (sheet(inner=6.5, outer=9.5), "inner = 6.5 is not above outer = 9.5"),
+            (sheet(inner=8, outer=8), "inner = 8 is not above outer = 8"),
+            (
+                pair(bearing=[{"name": "x", "inner_ring": "a", "outer_ring": "h", "elements": 9, "multiples": SHEET}]),
+                "multiples inner 9.5 + outer 6.5 = 16 is not the number of elements, 9",
+            ),
+            (
+                bearing(elements=32),
+                "32 elements of element_diameter_mm = 5 do not fit on the pitch circle, which is 157.1",
+            ),
             (bearing(multiples=SHEET), "both multiples and diameters are given"),
             (bearing(elements=None), "give elements, element_diameter_mm and pitch_diameter_mm, or multiples"),
             (bearing(element_diameter_mm=50), "element_diameter_mm = 50.0 is not below pitch_diameter_mm = 50.0"),

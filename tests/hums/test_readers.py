@@ -176,6 +176,41 @@ def test_an_array_of_structs_in_version_7_3(modern):
     assert '"many.a" is ' in refusal(modern, channels=["many.a"])
 
 
+@pytest.mark.parametrize(
+    ("matlab_class", "what"),
+    [("string", "a string object"), ("datetime", "a datetime"), ("function_handle", "a function")],
+)
+def test_objects_of_version_7_3_are_not_taken_for_their_keys(modern, matlab_class, what):
+    with h5py.File(modern, mode="r+") as file:
+        file["thing"] = np.array([[0xDD000000, 2, 1, 1, 1, 1]], dtype=np.uint32)  # what MATLAB writes for an object
+        file["thing"].attrs["MATLAB_class"] = np.bytes_(matlab_class)
+        file["thing"].attrs["MATLAB_object_decode"] = np.int32(3)
+    assert f'"thing" is {what}, not numbers' in refusal(modern, channels=["thing"])
+
+
+def test_a_sparse_matrix_of_version_7_3(modern):
+    with h5py.File(modern, mode="r+") as file:
+        group = file.create_group("thin")
+        group.attrs["MATLAB_class"] = np.bytes_("double")
+        group.attrs["MATLAB_sparse"] = np.uint64(4)
+        group["data"], group["ir"], group["jc"] = np.ones(4), np.arange(4), np.arange(5)
+    assert '"thin" is a sparse matrix' in refusal(modern, channels=["thin"])
+
+
+def test_truth_values_are_numbers_in_either_version(classic, modern):
+    pulses = (np.arange(2000) % 100 < 10)[:, None]
+    savemat(classic, {"wave": pulses, "vibration": NOISE})
+    first = read(classic, tach_waveform="wave", pulses_per_rev=1, shaft="input")
+    with h5py.File(modern, mode="w") as file:
+        file["wave"], file["vibration"] = pulses.T.astype(np.uint8), NOISE[None, :]
+        file["wave"].attrs["MATLAB_class"] = np.bytes_("logical")
+        file["wave"].attrs["MATLAB_int_decode"] = np.int32(1)
+    second = read(modern, tach_waveform="wave", pulses_per_rev=1, shaft="input")
+    rises_s = np.arange(100, 2000, 100) / RATE_HZ - 0.5 / RATE_HZ  # half-way between low and high
+    for record in (first, second):
+        assert_allclose(record["tachometer"], rises_s, rtol=1e-12)
+
+
 def test_references_of_cells_are_not_offered(modern):
     assert not any(name.startswith("#") for name in read_file(modern).fields)
 
@@ -272,6 +307,13 @@ def test_a_rate_that_contradicts_the_wav(tmp_path):
     assert sampling(read(tmp_path / "a.wav", channels=["channel 1"], rate_hz=97656.25), "channel 1").rate_hz == 97656.25
 
 
+@pytest.mark.parametrize("rate_hz", ["48000", 0, -48000, np.nan, True])
+def test_a_rate_that_is_none(mat, tmp_path, rate_hz):
+    wavfile.write(tmp_path / "a.wav", 48000, np.zeros(100, dtype=np.int16))
+    assert "rate_hz=" in refusal(tmp_path / "a.wav", channels=["channel 1"], rate_hz=rate_hz)
+    assert f"rate_hz={rate_hz!r}: a positive, finite number" in refusal(mat, rate_hz=rate_hz)
+
+
 def test_chunks_that_are_not_sound_are_passed_over(tmp_path):
     wavfile.write(tmp_path / "a.wav", 8000, np.arange(100, dtype=np.int16))
     sound = (tmp_path / "a.wav").read_bytes()
@@ -345,6 +387,63 @@ def test_a_column_of_text(tmp_path):
     assert '"state" is text, "ok" in row 1, not numbers' in refusal(path, channels=["state"])
     path = write(tmp_path, "acc\n1\n2\nOVLD\n")
     assert '"acc" is text, "OVLD" in row 3' in refusal(path, channels=["acc"])
+
+
+def test_truth_values_are_text(tmp_path):
+    for cells in ("True\nFalse", "True\n"):  # alone, and with a blank
+        path = write(tmp_path, f"state,acc\n{cells.replace(chr(10), ',1' + chr(10))},2\n")
+        assert '"state" is text, "True" in row 1' in refusal(path, channels=["state"], scale=2.0)
+
+
+def test_a_header_and_nothing_else(tmp_path):
+    assert '"acc" is empty, not numbers' in refusal(write(tmp_path, "acc,b\n"), channels=["acc"])
+
+
+def test_whole_numbers_of_more_than_64_bits(tmp_path):
+    path = write(tmp_path, "acc\n100000000000000000000\n1\n")
+    assert_array_equal(read(path, channels=["acc"])["acc"], [1e20, 1])
+
+
+def test_two_columns_of_one_name(tmp_path):
+    assert 'two columns are named "acc"' in refusal(write(tmp_path, "acc,acc \n1,2\n"), channels=["acc"])
+
+
+@pytest.mark.parametrize("name", ["time", "t", "time_s", "Time [s]", "Time (s)", "T"])
+def test_a_column_of_times_that_contradicts_the_rate(tmp_path, name):
+    rows = "".join(f"{0.5 + k / 512:.3f},{k}\n" for k in range(1000))  # printed to half a step
+    path = write(tmp_path, f"{name},acc\n{rows}")
+    text = refusal(path, channels=["acc"], rate_hz=5120)
+    assert f'rate_hz=5120 contradicts a.csv, whose "{name}" goes in steps of 0.00195' in text
+    assert "s, 512.0" in text
+    assert read(path, channels=["acc"], rate_hz=512)["acc"].size == 1000
+    assert read(path, channels=["acc"], rate_hz=515)["acc"].size == 1000  # 0.6 %: a clock, not a mistake
+
+
+def test_times_in_a_mat_file_that_contradict_the_rate(tmp_path):
+    savemat(tmp_path / "a.mat", {"test": {"time": np.arange(100.0) / 50, "acc": np.arange(100.0)}})
+    assert 'whose "test.time" goes in steps of 0.02 s, 50 Hz' in refusal(tmp_path / "a.mat", channels=["test.acc"])
+
+
+@pytest.mark.parametrize(
+    ("name", "times"),
+    [
+        ("time", [0, 1, 4, 9, 16, 25]),  # not even
+        ("time", [0, 0, 0, 0, 0, 0]),
+        ("time", ["", 1, 2, 3, 4, 5]),
+        ("time", ["a", "b", "c", "d", "e", "f"]),
+        ("time [ms]", range(6)),
+        ("timer", range(6)),
+    ],
+)
+def test_columns_that_are_no_clock(tmp_path, name, times):
+    path = write(tmp_path, f"{name},acc\n" + "".join(f"{time},{k}\n" for k, time in enumerate(times)))
+    assert_array_equal(read(path, channels=["acc"])["acc"], range(6))
+
+
+def test_pulse_times_are_no_clock(tmp_path):
+    path = write(tmp_path, "t,acc\n" + "".join(f"{k / 10},{k}\n" for k in range(100)))
+    record = read(path, channels=["acc"], rate_hz=100, tach_times="t", pulses_per_rev=1, shaft="input")
+    assert record["tachometer"].size == 100
 
 
 @pytest.mark.parametrize("text", ["acc,b\n1,2,3\n4,5,6\n", "acc,b\n1,2\n4,5,6\n", "\n\n"])

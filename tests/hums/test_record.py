@@ -33,6 +33,7 @@ RATE_HZ = 1000.0
 NOISE = np.random.default_rng(7).normal(size=2000)
 PULSES = PulseTimes(times_s=np.arange(0.05, 2, 0.1), shaft="input", pulses_per_rev=2)
 NOMINAL = NominalSpeed(rpm=1500, shaft="input")
+SLOW = NominalSpeed(rpm=6, shaft="output")
 
 
 def build(channels=None, **changes):
@@ -188,7 +189,7 @@ def test_the_arguments_are_not_changed():
 def test_the_time_axis_is_computed_and_exact():
     # At these rates arange(0, n / rate, 1 / rate) has one element too many.
     for rate_hz, count in ((97656.0, 292968), (49.0, 49), (3.0, 7)):
-        record = build({"case": np.zeros(count)}, rate_hz=rate_hz, angle=NOMINAL)
+        record = build({"case": np.zeros(count)}, rate_hz=rate_hz, angle=SLOW)
         assert record.sizes["time"] == count
         assert isinstance(record.xindexes["time"], RangeIndex)
         assert_allclose(record["time"], np.arange(count) / rate_hz, rtol=1e-14)
@@ -202,6 +203,34 @@ def test_a_slice_is_a_record_that_knows_its_clock(start, length):
     assert when.start_s == pytest.approx(5 + start / RATE_HZ, rel=1e-14)
     assert when.rate_hz == RATE_HZ
     assert when.count == min(length, 2000 - start)
+
+
+@given(
+    rate_hz=st.sampled_from([97656.25, 1 / 3, 44100.0, 1e6]),
+    count=st.integers(1, 5000),
+    start_s=st.sampled_from([0.0, 0.1, -2.0, 1.7e9]),
+    part=st.integers(0, 100),
+)
+def test_the_length_is_exact_at_any_rate(rate_hz, count, start_s, part):
+    record = build({"case": np.zeros(count)}, rate_hz=rate_hz, angle=SLOW, start_s=start_s)
+    first = part * (count - 1) // 100
+    for piece, skipped in ((record, 0), (record.isel(time=slice(first, None)), first)):
+        back = attach_time(detach_time(piece))
+        assert back["time"].to_numpy().shape == back["case"].shape == (count - skipped,)
+        assert sampling(back, "case").rate_hz == rate_hz
+        assert sampling(back, "case").start_s == pytest.approx(start_s + skipped / rate_hz, rel=1e-14)
+
+
+def test_a_slice_of_a_slice():
+    piece = (
+        build(angle=NOMINAL, start_s=5.0)
+        .isel(time=slice(100, None))
+        .isel(time=slice(10, 20))
+        .isel(time=slice(-4, None))
+    )
+    check_record(piece)
+    assert sampling(piece, "case").start_s == pytest.approx(5.116, rel=1e-14)
+    assert_array_equal(piece["case"], NOISE[116:120])
 
 
 def test_a_slice_by_time():
@@ -293,6 +322,23 @@ def test_channels_at_one_rate_have_one_length():
 def test_a_waveform_at_the_rate_of_the_record_has_its_length():
     wave = TachometerWaveform(values=np.sin(np.arange(500.0)), shaft="input", pulses_per_rev=1)
     assert '"tachometer_waveform" has 500' in refusal(angle=wave)
+
+
+def test_a_waveform_cut_short_of_a_second_pulse():
+    once = TachometerWaveform(values=np.arange(2000) // 1000, shaft="input", pulses_per_rev=1)
+    assert "upwards 1 times; at least 2 pulses are needed" in refusal(angle=once)
+
+
+def test_pulse_times_in_place_of_a_waveform():
+    times = TachometerWaveform(values=np.linspace(0, 2, 2000), shaft="input", pulses_per_rev=1)
+    text = refusal(angle=times)
+    assert "looks like a list of pulse times, not a waveform" in text
+    assert "--tach-times" in text
+
+
+@pytest.mark.parametrize(("channels", "kind"), [(NOISE, "ndarray"), ([NOISE], "list")])
+def test_channels_without_names(channels, kind):
+    assert f"channels: a {kind}, which has no names" in refusal(channels)
 
 
 def test_no_channels():
@@ -391,6 +437,21 @@ def test_pulses_per_rev_is_a_positive_whole_number(count):
 @pytest.mark.parametrize("source", [pulses([0.1, 0.2], shaft=""), NominalSpeed(rpm=1500, shaft="")])
 def test_a_shaft_has_a_name(source):
     assert "name the shaft" in refusal(angle=source)
+
+
+@pytest.mark.parametrize("rpm", [1e9, 30000])
+def test_a_declared_speed_that_the_samples_cannot_show(rpm):
+    text = refusal(angle=NominalSpeed(rpm=rpm, shaft="input"))
+    assert f"nominal speed: {rpm:g} rpm is {rpm / 60:g} revolutions a second" in text
+    assert "samples at 1000 Hz cannot show; below 500 is needed" in text
+    assert nominal_speed(build(angle=NominalSpeed(rpm=29999, shaft="input"))) is not None
+
+
+def test_pulses_closer_than_samples():
+    text = refusal(angle=pulses(np.arange(5000) / 2500))
+    assert "its pulses are 0.0004 s apart on average, less than a sample of 0.001 s at 1000 Hz" in text
+    fast = Channel(values=np.zeros(20000), units="g", rate_hz=10000)  # one channel that shows them is enough
+    assert tachometers(build({"case": NOISE, "fast": fast}, angle=pulses(np.arange(5000) / 2500)))
 
 
 @pytest.mark.parametrize("rpm", [0, -1500, np.nan, np.inf, True, "1500"])
@@ -494,6 +555,31 @@ def with_an_alias_for_units(record):
 def test_what_is_no_record(spoil, sentence):
     with pytest.raises(RecordError) as caught:
         check_record(spoil(build()))
+    assert sentence in str(caught.value)
+
+
+def stored_axis(record, times_s):
+    return record.drop_vars("time").assign_coords(time=times_s)
+
+
+def test_an_axis_of_numbers_becomes_a_range():
+    plain = stored_axis(build(angle=NOMINAL), 7 + np.arange(2000) / RATE_HZ)
+    assert sampling(attach_time(plain), "case").start_s == 7.0
+
+
+@pytest.mark.parametrize(
+    ("times_s", "sentence"),
+    [
+        (np.arange(2000) * 2 / RATE_HZ, "2000 samples from 0 s to 3.998 s, does not run evenly at rate_hz=1000"),
+        (-np.arange(2000) / RATE_HZ, "does not run evenly"),
+        (np.full(2000, np.nan), "does not run evenly"),
+        (np.arange(2000).astype("datetime64[s]"), "is of type datetime64[s]; seconds are needed"),
+    ],
+)
+def test_an_axis_of_numbers_that_contradicts_the_rate(times_s, sentence):
+    with pytest.raises(RecordError) as caught:
+        attach_time(stored_axis(build(angle=NOMINAL), times_s))
+    assert str(caught.value).startswith('channel "case": its axis "time"')
     assert sentence in str(caught.value)
 
 

@@ -4,6 +4,10 @@ import errno
 import os
 import shutil
 import stat
+import subprocess
+import sys
+import time
+import tracemalloc
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -20,6 +24,7 @@ from hums.record import (
     NominalSpeed,
     PulseTimes,
     RecordError,
+    TachometerWaveform,
     channel_values,
     make_record,
     sampling,
@@ -133,6 +138,27 @@ def test_samples_are_read_only_when_used(written):
         assert not opened["case"].variable._in_memory
 
 
+def test_opening_costs_no_memory_for_samples(tmp_path):
+    count = 2_000_000
+    large = make_record(
+        {"case": np.broadcast_to(1.0, count)},
+        rate_hz=50_000.0,
+        units="g",
+        angle=NominalSpeed(rpm=1000, shaft="input"),
+    )
+    save_record(large, tmp_path / "large.h5")
+    del large
+    open_record(tmp_path / "large.h5").close()  # what the first opening imports is not counted
+    tracemalloc.start()
+    try:
+        with open_record(tmp_path / "large.h5") as opened:
+            assert opened["case"].isel(time=slice(-10, None)).to_numpy().tolist() == [1.0] * 10
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 8 * count / 10  # a tenth of the samples, and of the time axis
+
+
 def test_closing_closes(written):
     opened = open_record(written)
     opened.close()
@@ -164,6 +190,34 @@ def test_a_time_axis_stored_by_other_hands_is_understood(record, tmp_path):
     with open_record(tmp_path / "record.h5") as opened:
         assert isinstance(opened.xindexes["time"], RangeIndex)
         assert sampling(opened, "case").start_s == pytest.approx(0.5e-3 + 500 / 50_000)
+
+
+def test_a_slice_of_an_opened_record_is_one(record, written, tmp_path):
+    with open_record(written) as opened:
+        piece = opened.isel(time=slice(10, 100_000)).sel(time=slice(1.0, 1.001), method="nearest")
+        save_record(piece, tmp_path / "piece.h5")
+    first = round((1.0 - 0.5e-3) * 50_000)
+    with open_record(tmp_path / "piece.h5") as opened:
+        np.testing.assert_array_equal(opened["case"], record["case"][first : first + opened.sizes["time"]])
+        np.testing.assert_allclose(opened["time"], record["time"][first : first + opened.sizes["time"]], rtol=1e-14)
+        assert opened.sizes["time"] in (50, 51)  # by xarray's choice at the end of the slice
+
+
+def test_a_waveform_comes_back_with_its_pulses(tmp_path):
+    wave = np.sin(2 * np.pi * 20 * np.arange(COUNT) / 50_000)
+    angle = TachometerWaveform(values=wave, shaft="input", pulses_per_rev=1)
+    kept = build(angle=angle)
+    save_record(kept, tmp_path / "record.h5")
+    with open_record(tmp_path / "record.h5") as opened:
+        np.testing.assert_array_equal(opened["tachometer_waveform"], wave)
+        xr.testing.assert_identical(opened.load(), kept)
+
+
+def test_a_stored_axis_that_was_thinned_is_refused(record, tmp_path):
+    record.isel(time=slice(None, None, 2)).to_netcdf(tmp_path / "record.h5", engine="h5netcdf")
+    text = refusal(open_record, tmp_path / "record.h5")
+    assert text.startswith(f"{tmp_path / 'record.h5'}: channel")
+    assert "does not run evenly at rate_hz=50000" in text
 
 
 @given(
@@ -260,6 +314,66 @@ def test_a_source_that_cannot_be_read_leaves_the_old_file_whole(path, tmp_path):
     assert sorted(path.parent.iterdir()) == [path, target]
 
 
+FULL_DISK = """
+import os, resource, sys
+import numpy as np
+from hums.record import NominalSpeed, make_record
+from hums.store import save_record
+record = make_record({"a": np.ones(400_000)}, rate_hz=1000, units="g", angle=NominalSpeed(rpm=1, shaft="s"))
+save_record(record.isel(time=slice(10)), "record.h5")
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
+try:
+    save_record(record, "record.h5")
+except OSError as error:
+    print(os.listdir(), flush=True)
+os._exit(0)  # what HDF5 makes of its unfinished file when the program ends is not our matter
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files as Linux does")
+@pytest.mark.parametrize("limit", [5_000, 1_000_000, 3_210_000])  # in the header, the samples, the last flush
+def test_a_disk_that_is_full_leaves_the_old_file_whole(tmp_path, limit):
+    pytest.importorskip("resource")
+    words = [sys.executable, "-c", FULL_DISK, str(limit)]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+    assert done.stdout == "['record.h5']\n", done.stderr
+    with open_record(tmp_path / "record.h5") as opened:
+        assert opened["a"].to_numpy().tolist() == [1.0] * 10
+
+
+KILLED = """
+import itertools
+import numpy as np
+from hums.record import NominalSpeed, make_record
+from hums.store import save_record
+for run in itertools.count(1):
+    values = np.full(300_000, float(run))
+    angle = NominalSpeed(rpm=run, shaft="input")
+    save_record(make_record({"a": values}, rate_hz=1000, units="g", angle=angle, attrs={"run": run}), "record.h5")
+    print(run, flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills a process the way of POSIX")
+@pytest.mark.parametrize("wait_s", np.random.default_rng(5).uniform(0, 0.1, size=3))
+def test_a_killed_program_leaves_a_whole_file(tmp_path, wait_s):
+    words = [sys.executable, "-c", KILLED]
+    with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as program:
+        try:
+            told = program.stdout.readline()
+            time.sleep(wait_s)
+        finally:
+            program.kill()
+        told += program.stdout.read()
+    assert program.returncode == -9
+    *_, finished = map(int, told.split())
+    with open_record(tmp_path / "record.h5") as opened:
+        run = int(opened.attrs["run"])
+        assert run in (finished, finished + 1)  # the next may have come into place and not been told
+        np.testing.assert_array_equal(opened["a"], np.full(300_000, float(run)))
+        save_record(opened, tmp_path / "record.h5")  # what the killed program left behind is in nobody's way
+
+
 def test_what_is_no_record_is_not_written(record, tmp_path):
     assert "schema" in refusal(save_record, record.drop_attrs(), tmp_path / "record.h5")
     assert list(tmp_path.iterdir()) == []
@@ -303,6 +417,19 @@ def test_what_is_not_hdf5(action, tmp_path):
     assert "is not an HDF5 file" in text
     assert "hums convert data.mat record.h5" in text
     assert not is_hdf5(tmp_path / "data.mat")
+
+
+@pytest.mark.parametrize("schema", [1.0, [1, 2, 3], ["hums-record/1", "x"], "hums-record/9"])
+def test_a_schema_by_other_hands(tmp_path, schema):
+    with h5py.File(tmp_path / "other.h5", mode="w") as file:
+        file.attrs["schema"] = schema
+    assert "where a record holds hums-record/1" in refusal(open_record, tmp_path / "other.h5")
+
+
+def test_a_record_without_samples(path):
+    with xr.open_dataset(path, engine="h5netcdf") as plain:
+        plain.isel(time=slice(0, 0)).to_netcdf(path.with_name("none.h5"), engine="h5netcdf")
+    assert 'channel "case": empty' in refusal(open_record, path.with_name("none.h5"))
 
 
 def test_hdf5_that_is_not_ours(tmp_path):
@@ -355,6 +482,25 @@ def test_a_turned_bit_among_the_samples_is_found(path):
         np.testing.assert_array_equal(channel_values(opened, "fast"), NOISE)  # the rest is as it was
     with xr.open_dataset(path, engine="h5netcdf") as plain, pytest.raises(OSError, match="read"):
         plain["case"].load()
+
+
+def test_a_turned_bit_anywhere_never_gives_other_samples(record, tmp_path):
+    """A place among the values is refused when read; among the names, it loses what is named or changes nothing."""
+    piece = record[["case", "single", "fast", "tachometer"]].isel(time=slice(2000), time_fast=slice(2000))
+    save_record(piece, tmp_path / "record.h5")
+    whole = (tmp_path / "record.h5").read_bytes()
+    refused = 0
+    for place in range(0, len(whole), len(whole) // 60):
+        (tmp_path / "record.h5").write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
+        try:
+            with open_record(tmp_path / "record.h5") as opened:
+                for name in ("case", "single", "fast"):
+                    if name in opened:
+                        np.testing.assert_array_equal(channel_values(opened, name), piece[name], err_msg=f"at {place}")
+        except RecordError:
+            refused += 1
+    samples = sum(piece[name].nbytes for name in ("case", "single", "fast"))
+    assert refused > 0.8 * 60 * samples / len(whole)
 
 
 def test_a_turned_bit_among_the_pulses_is_found(path):

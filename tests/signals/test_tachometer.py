@@ -2,12 +2,22 @@
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 from signals.phase import ShaftPhase
 from signals.tachometer import pulse_times, shaft_phase
 
 RATE_HZ = 51200.0
 SECONDS = 4.0
+STRIPES = [[0], [0, 0.53], [0, 0.2], [0, 0.8], [0, 0.32, 0.655]]
+# the inverse of the angle in closed form, and how many revolutions it lasts
+SPEED_LAWS = {
+    "run-up, 10 to 40 Hz in 5 s": (lambda revs: (-10 + np.sqrt(100 + 12 * revs)) / 6, 125),
+    "run-up from rest": (lambda revs: np.sqrt(revs / 5), 50),
+    "run-down to 0.02 Hz in 10 s": (lambda revs: (30 - np.sqrt(900 - 4 * 1.499 * revs)) / (2 * 1.499), 150),
+    "coasting with a time constant of 10 s": (lambda revs: -10 * np.log1p(-revs / 300.0002), 300),
+    "stopping within a second": (lambda revs: -0.3 * np.log1p(-revs / 9.001), 9),
+}
 
 
 def revolutions(t):
@@ -69,6 +79,20 @@ class TestWaveforms:
         # noise over the slope at 20 Hz, four standard deviations
         slope = 2 * np.pi * 20 * np.cos(np.pi / 6)
         assert np.max(np.abs(train.times_s - expected)) < 4 * noise / slope
+
+    @pytest.mark.parametrize("noise", [0.05, 0.1])
+    def test_noise_on_a_slow_edge_moves_it_neither_way(self, noise):
+        speed_hz, pulses = 20.0, 600
+        t = np.arange(round(pulses / speed_hz * RATE_HZ)) / RATE_HZ
+        wave = np.sin(2 * np.pi * (speed_hz * t - 0.25)) + noise * np.random.default_rng(6).standard_normal(t.size)
+        train = pulse_times(wave, rate_hz=RATE_HZ)
+        expected = (np.arange(pulses) + 0.25 + np.arcsin(train.threshold) / (2 * np.pi)) / speed_hz
+        error = (train.times_s - expected) * RATE_HZ
+        # The time below a straight rise is the sum of independent samples, each below with probability p, and the
+        # integral of p (1 - p) over a normal distribution is sigma / sqrt(pi)
+        deviation = np.sqrt(noise / (2 * np.pi * speed_hz) * RATE_HZ / np.sqrt(np.pi))
+        assert abs(error.mean()) < 4 * deviation / np.sqrt(pulses)
+        assert error.std() == pytest.approx(deviation, rel=4 / np.sqrt(2 * pulses))
 
     def test_narrow_pulses_hide_from_the_percentiles(self, turn):
         wave = np.where(turn < 0.004, 5.0, 0.0)
@@ -142,7 +166,7 @@ class TestPulses:
             shaft_phase(swinging.times_at(true), pulses_per_rev=2).stripe_positions_rev, [0, 0.5]
         )
 
-    @pytest.mark.parametrize(("missing", "gaps"), [([40], 1), ([40, 41], 1), ([40, 90], 2)])
+    @pytest.mark.parametrize(("missing", "gaps"), [([40], 1), ([40, 41], 1), ([40, 90], 2), ([40, 42], 2)])
     def test_a_missing_pulse(self, swinging, missing, gaps):
         times = np.delete(swinging.times_at(np.arange(120)), missing)
         with pytest.raises(
@@ -151,9 +175,78 @@ class TestPulses:
             shaft_phase(times)
         assert f"({gaps} such gaps)" in str(caught.value)
 
-    def test_a_quick_run_up_misses_nothing(self):
-        # from rest the second revolution takes 0.41 of the first
-        assert shaft_phase(np.sqrt(np.arange(50.0))).revolutions[-1] == 49
+    def test_every_other_pulse_missing_five_times(self, swinging):
+        times = np.delete(swinging.times_at(np.arange(120)), [40, 42, 44, 46, 48])
+        with pytest.raises(ValueError, match="pulse is missing: the interval after pulse 41 at "):
+            shaft_phase(times)
+
+    @pytest.mark.parametrize(("missing", "place"), [([1], 0), ([118], 117), ([116, 118], 116), ([1, 3], 0)])
+    def test_a_missing_pulse_at_either_end(self, swinging, missing, place):
+        times = np.delete(swinging.times_at(np.arange(120)), missing)
+        with pytest.raises(ValueError, match=f"pulse is missing: the interval after pulse {place} at "):
+            shaft_phase(times)
+
+    @pytest.mark.parametrize("positions", STRIPES)
+    def test_every_missing_pulse_is_seen(self, swinging, positions):
+        times = swinging.times_at((np.arange(20)[:, None] + positions).ravel())
+        n = len(positions)
+        for missing in range(n + 1, times.size - n - 1):  # the ends, where one side is missing, are above
+            with pytest.raises(ValueError, match="a tachometer pulse is missing") as caught:
+                shaft_phase(np.delete(times, missing), pulses_per_rev=n)
+            if 5 * n < missing < times.size - 5 * n:
+                assert f"the interval after pulse {missing - 1} at " in str(caught.value)
+
+    @pytest.mark.parametrize("share", [0.003, 0.3, 0.5, 0.8, 0.997])
+    @pytest.mark.parametrize("positions", STRIPES)
+    def test_every_extra_pulse_is_seen(self, swinging, positions, share):
+        times = swinging.times_at((np.arange(20)[:, None] + positions).ravel())
+        n = len(positions)
+        for place in range(n, times.size - 1 - n):
+            extra = (1 - share) * times[place] + share * times[place + 1]
+            with pytest.raises(ValueError, match="tachometer pulse") as caught:
+                shaft_phase(np.insert(times, place + 1, extra), pulses_per_rev=n)
+            if 5 * n < place < times.size - 5 * n:
+                assert "there is an extra tachometer pulse" in str(caught.value)
+
+    @pytest.mark.parametrize(
+        ("shares", "place", "size", "count"),
+        [([0.5], 40, 0.5, 1), ([0.01], 40, 0.01, 1), ([0.9], 41, 0.1, 1), ([0.1, 0.3, 0.6], 40, 0.1, 1)],
+    )
+    def test_what_is_said_of_extra_pulses(self, shares, place, size, count):
+        times = np.insert(np.arange(100) / 25, 41, (40 + np.array(shares)) / 25)
+        with pytest.raises(ValueError, match="an extra tachometer pulse") as caught:
+            shaft_phase(times)
+        words = str(caught.value)
+        assert f"pulse {place + 1} at {times[place + 1]:g} s follows pulse {place} after {size / 25:.3g} s" in words
+        assert f"{size:.2f} of the usual time ({count} such places). Take false and double pulses out" in words
+
+    @pytest.mark.parametrize("wrong", ["missing", "extra"])
+    def test_a_few_pulses_of_an_encoder_are_held_against_their_neighbours(self, wrong):
+        times = np.arange(100) / 1500  # a revolution and two thirds
+        times = np.delete(times, 50) if wrong == "missing" else np.insert(times, 51, times[50] + 2e-4)
+        with pytest.raises(ValueError, match=wrong):
+            shaft_phase(times, pulses_per_rev=60)
+
+    @pytest.mark.parametrize("law", SPEED_LAWS)
+    @pytest.mark.parametrize("positions", STRIPES)
+    @pytest.mark.parametrize("offset", [0.0, 0.31, 0.62, 0.93])
+    def test_sound_pulses_are_accepted(self, law, positions, offset):
+        times_at, turns = SPEED_LAWS[law]
+        marks = (np.arange(turns)[:, None] + np.array(positions) + offset).ravel()
+        times = times_at(marks[marks < turns])
+        assert shaft_phase(times, pulses_per_rev=len(positions)).times_s.size == times.size
+
+    @pytest.mark.parametrize(("pulses_per_rev", "pulses"), [(1, 500), (60, 6000), (60, 150)])
+    def test_jitter_is_accepted(self, pulses_per_rev, pulses):
+        rng = np.random.default_rng(8)
+        for _ in range(20):
+            times = (np.arange(pulses) + 0.05 * rng.standard_normal(pulses)) / (25 * pulses_per_rev)
+            assert shaft_phase(times, pulses_per_rev=pulses_per_rev).times_s.size == pulses
+
+    def test_a_wind_turbine_is_accepted(self, real_data):
+        for path in sorted((real_data / "wt_hss_bearing").glob("*.mat")):
+            times = loadmat(path)["tach"].ravel()
+            assert shaft_phase(times, pulses_per_rev=2).times_s.size == times.size
 
     @pytest.mark.parametrize(
         ("times", "words"),
