@@ -94,7 +94,11 @@ class Gear(Declared):
 
 
 class Mesh(Declared):
-    """Two gears in contact, or one gear whose mate is unknown."""
+    """Two gears in contact, or one gear whose mate is unknown.
+
+    ``position_mm`` is where the middle of the face lies along the first gear's axis, from that axis' ``through``;
+    ``hand`` is the sense of the first gear's helix.
+    """
 
     name: Name
     gears: Annotated[tuple[Gear, ...], Field(min_length=1, max_length=2)]
@@ -104,8 +108,10 @@ class Mesh(Declared):
     face_width_mm: Positive | None = None
     pressure_angle_deg: Positive | None = None
     helix_angle_deg: float | None = None
+    hand: Literal["left", "right"] | None = None
     profile_shift: tuple[float, ...] | None = None
     pitch_angle_deg: tuple[float, ...] | None = None
+    position_mm: float | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -134,6 +140,11 @@ class Mesh(Declared):
             raise ValueError(
                 f'mesh "{self.name}" has one gear, so its carrier cannot be found; add carrier = "..." '
                 "(the link in which the contact point rests)"
+            )
+        if self.hand is not None and (self.helix_angle_deg is None or self.helix_angle_deg < 0):
+            given = "no helix_angle_deg" if self.helix_angle_deg is None else f"{self.helix_angle_deg:g} degrees"
+            raise ValueError(
+                f'mesh "{self.name}": hand = "{self.hand}" goes with {given}; give helix_angle_deg without a sign'
             )
         return self
 
@@ -182,7 +193,11 @@ class Multiples(Declared):
 
 
 class Bearing(Declared):
-    """A rolling bearing between two links, by geometry or by a data sheet's multiples."""
+    """A rolling bearing between two links, by geometry or by a data sheet's multiples.
+
+    ``position_mm`` is where each one supports the shaft, along the shaft's axis from the axis' ``through``, in the
+    order of ``names``; ``takes_axial`` lists those of the names that hold the shaft along its axis.
+    """
 
     names: Annotated[tuple[Name, ...], Field(min_length=1)]
     inner_ring: Name
@@ -192,6 +207,8 @@ class Bearing(Declared):
     pitch_diameter_mm: Positive | None = None
     contact_angle_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0
     multiples: Multiples | None = None
+    position_mm: tuple[float, ...] | None = None
+    takes_axial: tuple[Name, ...] = ()
 
     @model_validator(mode="before")
     @classmethod
@@ -216,7 +233,18 @@ class Bearing(Declared):
         if diameter is not None and pitch is not None and diameter >= pitch:
             raise ValueError(f"element_diameter_mm = {diameter} is not below pitch_diameter_mm = {pitch}")
         self._check_elements()
+        self._check_places()
         return self
+
+    def _check_places(self) -> None:
+        if self.position_mm is not None and len(self.position_mm) != len(self.names):
+            raise ValueError(
+                f"position_mm = {list(self.position_mm)} does not fit the names {', '.join(self.names)}; "
+                "give one position for each"
+            )
+        for name in self.takes_axial:
+            if name not in self.names:
+                raise ValueError(f'takes_axial names "{name}", which is not here{closest(name, list(self.names))}')
 
     def _check_elements(self) -> None:
         """Refuse a number of elements that the multiples contradict, or that does not fit on the pitch circle."""
@@ -458,10 +486,8 @@ def _planets_that_do_not_fit(gearbox: Gearbox) -> Iterator[str]:
             suns = {other.teeth for own, other in pairs if other.teeth > 0 and other.link not in gearbox.copied}
             rings = {-other.teeth for own, other in pairs if other.teeth < 0}
             own = {own.teeth for own, _ in pairs}
-            flat = (
-                all(mesh.kind is None for mesh in meshes)
-                and len({_spins_like(gearbox, axis, p[1]) for p in pairs}) == 1
-            )
+            parallel = {_spins_like(gearbox, axis, other) for _, other in pairs} == {True}
+            flat = parallel and all(mesh.kind is None for mesh in meshes)
             if len(pairs) == 2 and len(suns) == len(rings) == len(own) == 1 and flat and min(own) > 0:  # noqa: PLR2004
                 angles = stations(axis.copies or 1, axis.spacing_deg)
                 for sentence in assembly_warnings(suns.pop(), own.pop(), rings.pop(), angles):

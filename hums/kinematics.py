@@ -120,8 +120,8 @@ class Kinematics:
                 f'Give the speed of "{missing[0]}" too, as in speeds={{"{missing[0]}": 1.0}}.'
             )
         symbols = {_imposed(link): speed for link, speed in values.items()}
-        free = {body: _value(found[body], symbols) for body in self.free}
-        return {body: free[body] if body in free else _value(self.pivots[body], free) for body in self.joints}
+        free = {body: evaluate(found[body], symbols) for body in self.free}
+        return {body: free[body] if body in free else evaluate(self.pivots[body], free) for body in self.joints}
 
     def spin(self, link: str, *, seen_from: str | None = None) -> Rates:
         """Return a link's turning about its own axis, as a linear form in the joint rates.
@@ -146,7 +146,7 @@ class Kinematics:
 
     def relative_speed(self, link: str, *, seen_from: str, speeds: Speeds | None = None) -> Fraction:
         """Return the speed of `link` about its axis as `seen_from` sees it, signed, exact for exact `speeds`."""
-        return _value(self.spin(link, seen_from=seen_from), self.rates(speeds))
+        return evaluate(self.spin(link, seen_from=seen_from), self.rates(speeds))
 
     def vectors(self, speeds: Speeds | None = None) -> xr.DataArray:
         """Return the angular velocity vector of every link at the declared configuration, (link, 3)."""
@@ -297,7 +297,7 @@ class Kinematics:
 
     def _refuse_contradiction(self, left: Rates, link: str, speed: Fraction, values: Mapping[str, Fraction]) -> None:
         others = [name for name in values if name != link and _imposed(name) in left]
-        needed = -_value({key: f for key, f in left.items() if key != _imposed(link)}, _symbols(values))
+        needed = -evaluate({key: f for key, f in left.items() if key != _imposed(link)}, _symbols(values))
         implied = float(needed / left[_imposed(link)])
         given = " and ".join(f'"{name}" = {float(values[name]):g}' for name in others) or "the mechanism"
         raise GearboxError(
@@ -433,8 +433,10 @@ def _difference(a: Rates, b: Rates) -> Rates:
     return {body: factor for body, factor in total.items() if factor}
 
 
-def _value(form: Mapping[str, Fraction], rates: Mapping[str, Fraction]) -> Fraction:
-    return sum((factor * rates[body] for body, factor in form.items()), _ZERO)
+def evaluate(form: Mapping[str, Fraction], rates: Mapping[str, Fraction]) -> Fraction:
+    """Return the value of a linear form in the joint rates."""
+    terms = [rates[body] if factor == 1 else factor * rates[body] for body, factor in form.items()]
+    return terms[0] if len(terms) == 1 else sum(terms, _ZERO)
 
 
 def _reduced(form: Mapping[str, Fraction], pivots: Mapping[str, Rates]) -> Rates:

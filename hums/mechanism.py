@@ -4,12 +4,11 @@ A `hums.Gearbox` says what was drawn; here its copies are expanded, rigid links 
 the frame gets the one turning pair that holds it, and every mesh its carrier.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-
-import numpy as np
 
 from hums.gearbox import Gearbox, GearboxError, Mesh, Vector
 
@@ -223,15 +222,17 @@ def _check_axes(mechanism: Mechanism) -> None:
             continue
         checked.add(contact.mesh)
         axes = [mechanism.shared_axis(mechanism.bodies[link], contact.carrier) or "" for link, _ in contact.gears]
-        one, two = (np.array(mechanism.directions[axis]) for axis in axes)
-        parallel = bool(np.linalg.norm(np.cross(one, two)) < _PARALLEL)
+        one, two = (mechanism.directions[axis] for axis in axes)
+        normal = _cross(one, two)
+        parallel = math.hypot(*normal) < _PARALLEL
         kind = kinds[contact.mesh]
         if kind in {"worm", "crossed_helical"} and parallel:
             problem = f'kind = "{kind}" needs axes that cross, but these are parallel'
         elif kind in {"belt", "chain"} and not parallel:
             problem = f'kind = "{kind}" needs parallel axes, but these are not'
         elif kind is None and not parallel and all(axis in through for axis in axes):
-            gap = _distance(one, two, *(np.array(through[axis]) for axis in axes))
+            between = [b - a for a, b in zip(*(through[axis] for axis in axes), strict=True)]
+            gap = abs(sum(n * x for n, x in zip(normal, between, strict=True))) / math.hypot(*normal)
             problem = f"its axes neither meet nor are parallel (they pass at {gap:.4g})" if gap > _MEET_MM else ""
         else:
             problem = ""
@@ -242,10 +243,8 @@ def _check_axes(mechanism: Mechanism) -> None:
             )
 
 
-def _distance(one: np.ndarray, two: np.ndarray, at_one: np.ndarray, at_two: np.ndarray) -> float:
-    """Shortest distance between two lines that are not parallel."""
-    normal = np.cross(one, two)
-    return float(abs((at_two - at_one) @ normal) / np.linalg.norm(normal))
+def _cross(a: Vector, b: Vector) -> Vector:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def _check_connected(mechanism: Mechanism) -> None:

@@ -15,6 +15,8 @@ A. Nelson and R. J. Cipra, Simplified kinematic analysis of bevel epicyclic gear
 power-flow and efficiency analyses, Journal of Mechanical Design 127 (2005), 278-286.
 H. W. Mueller, Epicyclic Drive Trains, Wayne State University Press (1982): efficiency by the power relative to
 the carrier, circulating power.
+ISO 21771 (2007): working pressure angle. Decker, Maschinenelemente, and any other text on gears: the three
+components of a tooth force and the statics of a shaft in two bearings.
 """
 
 import math
@@ -25,12 +27,24 @@ from functools import cached_property
 from numbers import Real
 from typing import NoReturn
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hums.declared import closest
-from hums.gearbox import GearboxError, Mesh, Vector
+from hums.gearbox import Axis, Bearing, GearboxError, Mesh, Vector
 from hums.kinematics import Kinematics
 from hums.mechanism import Contact
 
-__all__ = ["Branch", "ExternalTorque", "ToothForces", "ToothLoad", "TorqueError", "Torques", "solve_torques"]
+__all__ = [
+    "BearingLoad",
+    "Branch",
+    "ExternalTorque",
+    "ToothForces",
+    "ToothLoad",
+    "TorqueError",
+    "Torques",
+    "solve_torques",
+]
 
 Form = dict[str, Fraction]  # a linear form in named unknowns
 Drivers = tuple[int | None, ...]  # of each contact the gear that drives, 0 or 1; None: nothing is lost there
@@ -39,10 +53,17 @@ _ZERO = Fraction(0)
 _ONE = Fraction(1)
 _ROUNDING = Fraction(1, 10**9)  # torques given as decimals balance to this part of the largest
 _PARALLEL = 1e-12
+_APART = 1e-3  # of the centre distance: rounded positions and profile shifts differ by less
+_NO_THRUST = 1e-12  # of the axial forces of a shaft: helices whose thrusts cancel leave their rounding
+_UNKNOWN: Vector = (math.nan, math.nan, math.nan)
 
 
 class TorqueError(ValueError):
     """Torques that do not balance, that nothing can take, or that cannot be told apart."""
+
+
+class _OpenError(Exception):
+    """Why a bearing load is not settled, in words; it ends as a `BearingLoad.status`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +152,25 @@ class Branch:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BearingLoad:
+    """The reaction of the frame on a shaft at one bearing. NaN where it is not settled.
+
+    Attributes
+    ----------
+    radial_n : (3,) N, in the declared coordinates, across the shaft
+    axial_n : float, N, positive along the direction of the shaft's axis
+    status : str
+        ``"solved"``, or what stands in the way, in words. Where only the share in the axial force is open, the
+        radial reaction stands.
+    """
+
+    bearing: str
+    radial_n: Vector
+    axial_n: float
+    status: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Torques:
     """Static equilibrium of a gearbox under load, and the flow of power through it.
 
@@ -141,6 +181,7 @@ class Torques:
         What holds the frame: the reaction to all external torques, in the declared coordinates.
     tooth_loads : one for each contact of two gears
     branches : what the meshes put on each link that turns about an axis at rest
+    bearing_loads : one for each declared bearing, in the order of declaration
     input_power_w, output_power_w : float, W
         What flows in by all links together, and what flows out.
     efficiency : float or None
@@ -157,6 +198,7 @@ class Torques:
     frame_torque_nm: Vector
     tooth_loads: tuple[ToothLoad, ...]
     branches: tuple[Branch, ...]
+    bearing_loads: tuple[BearingLoad, ...]
     input_power_w: float
     output_power_w: float
     efficiency: float | None
@@ -198,8 +240,14 @@ def solve_torques(
     Planets of one ``copies`` group share equally where statics leaves it open. Loads that distinct meshes can
     share in any proportion are reported as indeterminate. A mesh whose mate is unknown carries no load: put the
     mate's torque on its gear. Tooth forces need ``module_mm`` (of the normal section) and ``pressure_angle_deg`` of
-    a mesh; without ``helix_angle_deg`` its teeth are straight. Bearing loads would also need where along its axis
-    each mesh and each bearing sits, which a gearbox file does not say.
+    a mesh; without ``helix_angle_deg`` its teeth are straight.
+
+    Bearing loads follow by statics for a shaft on an axis at rest that runs in exactly two bearings to the frame.
+    Needed are ``through`` (mm) of its axis and those of its mates, ``position_mm`` of its bearings and meshes, what
+    tooth forces need, and for helical teeth ``hand`` and the bearing in ``takes_axial``. External torques count as
+    pure couples; weights, and the axial force that a slanted contact makes out of a radial load, are left out.
+    Shafts that planets load or that carry other shafts are not covered. What keeps a bearing load from being
+    settled is said in its ``status``.
 
     Parameters
     ----------
@@ -459,6 +507,7 @@ def _result(solution: _Solution) -> Torques:
         frame_torque_nm=_reaction((float(torque), _own_axis(statics, link)) for link, torque in torques.items()),
         tooth_loads=loads,
         branches=branches,
+        bearing_loads=tuple(_bearing_loads(solution)),
         input_power_w=_watts(income),
         output_power_w=_watts(outgo),
         efficiency=float(outgo / income) if income > 0 else None,
@@ -550,25 +599,47 @@ def _forces(statics: _Statics, number: int, load_nm: float, axes: Sequence[Vecto
     """Resolve a tooth load at the working pitch point of a gear pair with parallel axes.
 
     With ``d = m Z / cos b`` the transverse force is ``2 Z L / (d cos a_t)`` along the line of action, which
-    stands at the working angle; `_working_angle`.
+    stands at the working angle; `_angles`.
     """
-    contact = statics.contacts[number]
-    mesh = next(mesh for mesh in statics.kinematics.gearbox.meshes if mesh.name == contact.mesh)
-    along = sum(a * b for a, b in zip(*axes, strict=True))
-    if mesh.module_mm is None or mesh.pressure_angle_deg is None or mesh.kind or abs(abs(along) - 1) > _PARALLEL:
+    mesh = _mesh(statics, number)
+    angles = _angles(statics, number, axes)
+    if mesh.module_mm is None or angles is None:
         return None
-    (_, one), (_, two) = contact.gears
-    teeth = abs(one) + abs(two) if one * two * along > 0 else -abs(abs(one) - abs(two))  # of an internal pair
-    helix_rad = math.radians(mesh.helix_angle_deg or 0.0)
-    transverse_rad = math.atan(math.tan(math.radians(mesh.pressure_angle_deg)) / math.cos(helix_rad))
-    working_rad = _working_angle(mesh, transverse_rad, teeth)
-    at_reference_n = 2 * abs(load_nm) * math.cos(helix_rad) / (1e-3 * mesh.module_mm)
-    line_n = at_reference_n / math.cos(transverse_rad)
+    at_reference_n = 2 * abs(load_nm) * math.cos(angles.helix_rad) / (1e-3 * mesh.module_mm)
+    line_n = at_reference_n / math.cos(angles.transverse_rad)
     return ToothForces(
-        tangential_n=line_n * math.cos(working_rad),
-        radial_n=line_n * math.sin(working_rad),
-        axial_n=at_reference_n * abs(math.tan(helix_rad)),
+        tangential_n=line_n * math.cos(angles.working_rad),
+        radial_n=line_n * math.sin(angles.working_rad),
+        axial_n=at_reference_n * math.tan(angles.helix_rad),
     )
+
+
+@dataclass(frozen=True)
+class _Angles:
+    """Helix, transverse and working transverse pressure angle of a pair; its sum of teeth, internal negative."""
+
+    helix_rad: float
+    transverse_rad: float
+    working_rad: float
+    teeth: int
+
+
+def _angles(statics: _Statics, number: int, axes: Sequence[Vector]) -> _Angles | None:
+    """Return the angles of a gear pair; None without a pressure angle, or where its axes are not parallel."""
+    mesh = _mesh(statics, number)
+    along = sum(a * b for a, b in zip(*axes, strict=True))
+    if mesh.pressure_angle_deg is None or mesh.kind or abs(abs(along) - 1) > _PARALLEL:
+        return None
+    (_, one), (_, two) = statics.contacts[number].gears
+    teeth = abs(one) + abs(two) if one * two * along > 0 else -abs(abs(one) - abs(two))
+    helix_rad = math.radians(abs(mesh.helix_angle_deg or 0.0))
+    transverse_rad = math.atan(math.tan(math.radians(mesh.pressure_angle_deg)) / math.cos(helix_rad))
+    return _Angles(helix_rad, transverse_rad, _working_angle(mesh, transverse_rad, teeth), teeth)
+
+
+def _mesh(statics: _Statics, number: int) -> Mesh:
+    name = statics.contacts[number].mesh
+    return next(mesh for mesh in statics.kinematics.gearbox.meshes if mesh.name == name)
 
 
 def _working_angle(mesh: Mesh, transverse_rad: float, teeth: int) -> float:
@@ -595,6 +666,185 @@ def _working_angle(mesh: Mesh, transverse_rad: float, teeth: int) -> float:
         if abs(step) < 1e-15:  # noqa: PLR2004
             break
     return angle
+
+
+# ---- bearing loads: forces of the teeth in space, and a shaft in two bearings ---------------------------------------
+
+
+def _bearing_loads(solution: _Solution) -> Iterator[BearingLoad]:
+    for bearing in solution.statics.kinematics.gearbox.bearings:
+        try:
+            loads = {load.bearing: load for load in _reactions(solution, _borne(solution.statics, bearing))}
+        except _OpenError as caught:
+            status = str(caught)
+            loads = {
+                name: BearingLoad(bearing=name, radial_n=_UNKNOWN, axial_n=math.nan, status=status)
+                for name in bearing.names
+            }
+        yield from (loads[name] for name in bearing.names)
+
+
+def _rings(statics: _Statics, bearing: Bearing) -> set[str]:
+    """Return the bodies a bearing stands between, all copies of a copied link."""
+    kinematics = statics.kinematics
+    links = (bearing.inner_ring, bearing.outer_ring)
+    return {kinematics.bodies[name] for link in links for name in kinematics.gearbox.instances(link)}
+
+
+def _borne(statics: _Statics, bearing: Bearing) -> str:
+    """Return the body that a bearing holds in the frame, one that statics covers."""
+    kinematics = statics.kinematics
+    frame, copied = kinematics.mechanism.frame, kinematics.gearbox.copied
+    for link in (bearing.inner_ring, bearing.outer_ring):
+        if link in copied:
+            raise _OpenError(f'"{link}" stands for {copied[link]} copies, whose places are not declared: not covered')
+    rings = _rings(statics, bearing)
+    if frame not in rings or len(rings) == 1:
+        raise _OpenError(
+            f"neither of its rings ({_listed(sorted(rings))}) is at rest while the other turns: not covered"
+        )
+    (body,) = rings - {frame}
+    carried = [name for name, joint in kinematics.joints.items() if joint.carried_by == body]
+    if carried:
+        raise _OpenError(f'"{body}" carries {_listed(carried)}, whose loads it passes on: not covered')
+    return body
+
+
+def _reactions(solution: _Solution, body: str) -> tuple[BearingLoad, BearingLoad]:
+    """Balance the tooth forces on a body in its two bearings.
+
+    With force ``F`` and moment ``M`` of the teeth about the first bearing, the second one, ``l`` further along the
+    axis ``d``, reacts across the axis with ``d x M / l``, and the first one with what is left of ``-F``.
+    """
+    statics = solution.statics
+    (one, first_mm), (two, second_mm) = _supports(statics, body)
+    points, forces = _acting(solution, body)
+    axis, direction = _fixed_axis(statics, statics.kinematics.joints[body].axis)
+    at_first = np.array(axis.through) + first_mm * direction
+    second = np.cross(direction, np.cross(points - at_first, forces).sum(axis=0)) / (second_mm - first_mm)
+    thrusts = forces @ direction
+    first = thrusts.sum() * direction - forces.sum(axis=0) - second
+    axial, status = _axial(statics, (one, two), thrusts)
+    return (
+        BearingLoad(bearing=one, radial_n=_vector(first), axial_n=axial[0], status=status),
+        BearingLoad(bearing=two, radial_n=_vector(second), axial_n=axial[1], status=status),
+    )
+
+
+def _supports(statics: _Statics, body: str) -> tuple[tuple[str, float], tuple[str, float]]:
+    """Return the names and positions in mm of the two bearings that hold a body."""
+    holding = [bearing for bearing in statics.kinematics.gearbox.bearings if body in _rings(statics, bearing)]
+    names = [name for bearing in holding for name in bearing.names]
+    if len(names) != 2:  # noqa: PLR2004
+        raise _OpenError(
+            f'"{body}" runs in {_count(len(names), "bearing")} ({_listed(names)}); statics settles exactly two: '
+            "indeterminate"
+        )
+    others = set[str]().union(*(_rings(statics, bearing) for bearing in holding)) - {body}
+    if others != {statics.kinematics.mechanism.frame}:
+        raise _OpenError(f'"{body}" also runs in a bearing on a shaft that turns ({_listed(names)}): indeterminate')
+    places = [place for bearing in holding for place in bearing.position_mm or ()]
+    if len(places) < len(names):
+        without = [name for bearing in holding if bearing.position_mm is None for name in bearing.names]
+        raise _OpenError(f"position_mm of {_listed(without)} is not declared; add it")
+    if places[0] == places[1]:
+        raise _OpenError(f"{_listed(names)} sit in one place, position_mm = {places[0]:g}: indeterminate")
+    return (names[0], places[0]), (names[1], places[1])
+
+
+def _acting(solution: _Solution, body: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where the meshes act on a body, (n, 3) mm, and with which forces, (n, 3) N."""
+    statics, kinematics = solution.statics, solution.statics.kinematics
+    for contact in kinematics.contacts:
+        if len(contact.gears) == 1 and kinematics.bodies[contact.gears[0][0]] == body:
+            raise _OpenError(f'mesh "{contact.mesh}" has a mate that is not declared, so its force has no direction')
+    points, forces = [], []
+    for number, contact in enumerate(statics.contacts):
+        gears = [kinematics.bodies[link] for link, _ in contact.gears]
+        if body in gears:
+            point, force = _force(solution, number)
+            points.append(point)
+            forces.append(force if gears[0] == body else -force)
+    return np.array(points).reshape(-1, 3), np.array(forces).reshape(-1, 3)
+
+
+def _force(solution: _Solution, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the pitch point of a contact in mm, and the force there on its first gear in N.
+
+    With ``u`` the unit vector to the second axis, the pitch point lies ``a Z_1 / (Z_1 + Z_2)`` along it: beyond the
+    pinion of an internal pair. The tangential force turns the first gear about its axis ``d``, the radial one
+    parts the gears, and along ``d`` a right-handed helix adds ``-tan b`` times the force round ``d``.
+    """
+    statics, contact = solution.statics, solution.statics.contacts[number]
+    name, mesh, load = f'mesh "{contact.mesh}"', _mesh(statics, number), solution.load(number)
+    if contact.carrier != statics.kinematics.mechanism.frame:
+        raise _OpenError(f'{name} is held by "{contact.carrier}", not by the frame: loads of planets are not covered')
+    if load is None:
+        raise _OpenError(f"the load of {name} is indeterminate")
+    shared = [
+        statics.kinematics.mechanism.shared_axis(statics.kinematics.bodies[link], contact.carrier) or ""
+        for link, _ in contact.gears
+    ]
+    (axis, along), (other, along_other) = (_fixed_axis(statics, at) for at in shared)
+    angles = _angles(statics, number, (_vector(along), _vector(along_other)))
+    if angles is None or mesh.module_mm is None:
+        raise _OpenError(f"{name}: a force needs module_mm, pressure_angle_deg and gears on parallel axes")
+    if mesh.position_mm is None:
+        raise _OpenError(f"{name}: position_mm is not declared; add it")
+    if angles.helix_rad and mesh.hand is None:
+        raise _OpenError(f"{name}: the hand of its helix is not declared; add that of its first gear")
+    start = np.array(axis.through) + mesh.position_mm * along
+    across = np.array(other.through) - start
+    across -= across @ along * along
+    apart_mm = _distance_mm(mesh, angles, float(np.linalg.norm(across)), (axis.name, other.name))
+    unit = across / apart_mm
+    teeth, teeth_other = (count for _, count in contact.gears)
+    arm_mm = apart_mm * teeth / (teeth + teeth_other * round(float(along @ along_other)))
+    round_n = 1e3 * float(load) * teeth / arm_mm  # along d x u, which turns about d where the arm points along u
+    radial_n = math.copysign(abs(round_n) * math.tan(angles.working_rad), -angles.teeth)
+    slant = math.tan(angles.helix_rad) * math.cos(angles.transverse_rad) / math.cos(angles.working_rad)
+    thrust_n = math.copysign(1.0, arm_mm) * round_n * slant * (-1 if mesh.hand == "right" else 1)
+    return start + arm_mm * unit, round_n * np.cross(along, unit) + radial_n * unit + thrust_n * along
+
+
+def _fixed_axis(statics: _Statics, name: str) -> tuple[Axis, NDArray[np.float64]]:
+    """Return an axis whose place is declared, and its direction."""
+    axis = next(axis for axis in statics.kinematics.gearbox.axes if name in axis.instances())
+    if axis.copies is not None:
+        raise _OpenError(f'axis "{axis.name}" stands for {axis.copies} copies, whose places are not declared')
+    if axis.through is None:
+        raise _OpenError(f'axis "{name}": through is not declared; add a point of it in mm')
+    return axis, np.array(statics.kinematics.mechanism.directions[name])
+
+
+def _distance_mm(mesh: Mesh, angles: _Angles, apart_mm: float, axes: tuple[str, str]) -> float:
+    """Return the distance of two axes, which has to be that of the gears: ``a = m Z cos a_t / (2 cos b cos a_w)``."""
+    reference_mm = (mesh.module_mm or 0.0) * abs(angles.teeth) / (2 * math.cos(angles.helix_rad))
+    working_mm = reference_mm * math.cos(angles.transverse_rad) / math.cos(angles.working_rad)
+    if not working_mm or abs(apart_mm / working_mm - 1) > _APART:
+        raise _OpenError(
+            f'mesh "{mesh.name}": axes {_listed(axes)} lie {apart_mm:.6g} mm apart, but its teeth need '
+            f"{working_mm:.6g} mm; correct through, module_mm or profile_shift"
+        )
+    return apart_mm
+
+
+def _axial(statics: _Statics, names: tuple[str, str], thrusts: NDArray[np.float64]) -> tuple[tuple[float, float], str]:
+    """Give the axial reaction to the one bearing that takes it."""
+    reaction = -float(thrusts.sum())
+    if abs(reaction) <= _NO_THRUST * np.abs(thrusts).sum():
+        return (0.0, 0.0), "solved"
+    able = {name for bearing in statics.kinematics.gearbox.bearings for name in bearing.takes_axial}
+    taking = [name in able for name in names]
+    if sum(taking) == 1:
+        return (reaction * taking[0], reaction * taking[1]), "solved"
+    problem = "both take it: indeterminate" if all(taking) else "takes_axial names neither; add the one that does"
+    return (math.nan, math.nan), f"of {_listed(names)} one has to take {abs(reaction):.4g} N along the axis; {problem}"
+
+
+def _vector(values: NDArray[np.float64]) -> Vector:
+    x, y, z = (float(value) + 0.0 for value in values)  # no minus zero
+    return (x, y, z)
 
 
 def _checked(kinematics: Kinematics, link: str, torque: object) -> Fraction | None:

@@ -25,8 +25,12 @@ def test_alouette_with_its_orders_costs_less_than_forty_null_spaces():
     gearbox = load_gearbox("alouette-iii")
     matrix = solve_kinematics(gearbox).constraint_matrix
     defect_orders(gearbox)  # pandas is imported
-    unit = median_time(lambda: scipy.linalg.null_space(matrix), 101)
-    assert median_time(lambda: defect_orders(gearbox), 31) < 40 * unit
+    # what else the machine does can only disturb a round: the quietest of several counts
+    rounds = [
+        median_time(lambda: defect_orders(gearbox), 15) / median_time(lambda: scipy.linalg.null_space(matrix), 51)
+        for _ in range(5)
+    ]
+    assert min(rounds) < 40
 
 
 @pytest.mark.slow
