@@ -245,7 +245,7 @@ class _Motion:
         seen_from: str,
         sidebands: tuple[Fraction | float, ...] = (),
     ) -> DefectOrder:
-        size = abs(order)
+        size = -order if order < 0 else order
         return DefectOrder(
             component=component,
             kind=kind,
@@ -287,7 +287,7 @@ def _meshes(motion: _Motion) -> Iterator[DefectOrder]:
             yield motion.row(
                 f"{name}/{declared}",
                 "tooth",
-                turn * count / copies,
+                turn if count == copies else turn * count / copies,
                 sources=abs(number) * copies,
                 seen_from=seen_from,
                 sidebands=motion.spacings(moving),
