@@ -187,7 +187,8 @@ def test_nominal_speed_is_marked(rig_analyses):
     [("InnerRaceFault_vload_1", "inner_race"), ("OuterRaceFault_vload_1", "outer_race")],
 )
 def test_records_the_rule_was_not_made_on(real_data, data, name, kind):
-    # the rule of hums.findings was fixed on the wind turbine and CWRU records before these were opened
+    # the rule of hums.findings was fixed on the wind turbine and CWRU records before these were opened; what it has
+    # learnt since (flanks, jitter, planets passing, shared harmonics) came from synthetic records
     record = convert(
         real_data / "mfpt" / f"{name}.mat",
         channels=["bearing.gs"],
