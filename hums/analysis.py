@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -110,6 +111,11 @@ class _Machine:
     phase: ShaftPhase
     tachometer_shaft: str
     jitter_s: float
+
+    @cached_property
+    def top_speed_hz(self) -> float:
+        """Highest mean speed of the reference over a revolution."""
+        return float(self.phase.mean_speed_per_revolution_hz().max())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,8 +285,7 @@ def _channel(
     values = _finite_values(record, name)
     crest = float(np.abs(values - values.mean()).max() / values.std())
     when = sampling(record, name)
-    top_speed = float(machine.phase.mean_speed_per_revolution_hz().max())
-    reach = PASSBAND / 2 * when.rate_hz / top_speed
+    reach = PASSBAND / 2 * when.rate_hz / machine.top_speed_hz
     angular, spectra, lines, beyond = {}, {}, [], []
     for spectrum in (ORDER_SPECTRUM, ENVELOPE):
         mine = [line for line in wanted if line.spectrum == spectrum]
@@ -290,7 +295,7 @@ def _channel(
             low, high = settings.envelope_band_hz
             values = _demodulated(values, when.rate_hz, (low, high), name)
             # the envelope of noise in a band of width B thins out towards B: up to half of it the floor is near level
-            reach = _ENVELOPE_SHARE * (high - low) / top_speed
+            reach = _ENVELOPE_SHARE * (high - low) / machine.top_speed_hz
         last = _last_order(mine, settings.max_order if spectrum == ORDER_SPECTRUM else None, reach)
         signal = _over_angle(values, record, name, machine.phase, last)
         angular[spectrum] = signal
@@ -414,7 +419,7 @@ def _locality(record: xr.Dataset, channel: str, machine: _Machine, link: str, te
     ratio = abs(float(machine.kinematics.relative_speed(link, seen_from=machine.kinematics.gearbox.frame)))
     when = sampling(record, channel)
     phase = machine.phase.scaled(ratio)
-    reach = PASSBAND / 2 * when.rate_hz / float(machine.phase.mean_speed_per_revolution_hz().max()) / ratio
+    reach = PASSBAND / 2 * when.rate_hz / (machine.top_speed_hz * ratio)
     last = int(min((harmonics + 0.5) * teeth, reach))
     average = synchronous_average(_over_angle(_finite_values(record, channel), record, channel, phase, last))
     regular = [harmonic * teeth + side for harmonic in range(1, harmonics + 1) for side in (-1, 0, 1)]

@@ -34,6 +34,11 @@ class Declared(BaseModel):
         return type(self).model_validate(fields | values)
 
 
+def count(number: int, thing: str) -> str:
+    """Return ``1 thing`` or ``n things``."""
+    return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
 def closest(word: str, valid: set[str] | list[str]) -> str:
     """Return ``; did you mean "x"?`` or, where nothing is near, the list of what is valid."""
     near = difflib.get_close_matches(word, sorted(valid), n=1)

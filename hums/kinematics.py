@@ -22,11 +22,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.declared import closest
+from hums._forms import Form, add_pivot, difference, evaluate, reduced
+from hums.declared import closest, count
 from hums.gearbox import Gearbox, GearboxError
 from hums.mechanism import Contact, Joint, Mechanism, build_mechanism
 
-Rates = dict[str, Fraction]  # a linear form in the joint rates, by body
+Rates = Form  # in the joint rates, by body
 Speeds = Mapping[str, float | Fraction]
 _ONE = Fraction(1)
 _ZERO = Fraction(0)
@@ -105,18 +106,18 @@ class Kinematics:
         values = {link: _fraction(link, speed) for link, speed in imposed.items()}
         found: dict[str, Rates] = {}  # free body -> combination of the imposed speeds
         for link, speed in values.items():
-            form = _reduced(self.spin(link), self.pivots) | {_imposed(link): -_ONE}
-            left = _reduced(form, found)
+            form = reduced(self.spin(link), self.pivots) | {_imposed(link): -_ONE}
+            left = reduced(form, found)
             unknown = next((body for body in left if not _is_imposed(body)), None)
             if unknown is not None:
-                _add_pivot(found, left, unknown)
+                add_pivot(found, left, unknown)
             elif not _agree(left, values, exact=all(isinstance(x, int | Fraction) for x in imposed.values())):
                 self._refuse_contradiction(left, link, speed, values)
         missing = [body for body in self.free if body not in found]
         if missing:
             raise GearboxError(
-                f'gearbox "{self.gearbox.name}" has {_count(self.dof, "degree")} of freedom; the speeds given '
-                f"({', '.join(imposed) or 'none'}) leave {_count(len(missing), 'degree')} open. "
+                f'gearbox "{self.gearbox.name}" has {count(self.dof, "degree")} of freedom; the speeds given '
+                f"({', '.join(imposed) or 'none'}) leave {count(len(missing), 'degree')} open. "
                 f'Give the speed of "{missing[0]}" too, as in speeds={{"{missing[0]}": 1.0}}.'
             )
         symbols = {_imposed(link): speed for link, speed in values.items()}
@@ -137,12 +138,12 @@ class Kinematics:
             return {}
         axis = self.mechanism.shared_axis(body, other)
         if axis is not None:
-            return _difference(self._on_axis(body, axis), self._on_axis(other, axis))
+            return difference(self._on_axis(body, axis), self._on_axis(other, axis))
         if other == self.mechanism.frame:
             return dict(self._absolute(body))
         along = self._along(body, other)
         seen = {name: along * factor for name, factor in self._absolute(other).items()}
-        return _difference(self._absolute(body), seen)
+        return difference(self._absolute(body), seen)
 
     def relative_speed(self, link: str, *, seen_from: str, speeds: Speeds | None = None) -> Fraction:
         """Return the speed of `link` about its axis as `seen_from` sees it, signed, exact for exact `speeds`."""
@@ -338,10 +339,10 @@ def solve_kinematics(
     pivots: dict[str, Rates] = {}
     users: dict[str, set[str]] = {}
     for _, row in rows:
-        left = _reduced(row, pivots)
+        left = reduced(row, pivots)
         if left:
             # the body declared last is expressed by the earlier ones, so inputs tend to stay free
-            _add_pivot(pivots, left, max(left, key=rank.__getitem__), users=users)
+            add_pivot(pivots, left, max(left, key=rank.__getitem__), users=users)
     solved = Kinematics(unsolved.mechanism, pivots)
     stuck = [
         body for body, form in pivots.items() if not form and solved.joints[body].carried_by == solved.mechanism.frame
@@ -386,10 +387,10 @@ def _who_locks(rows: Sequence[tuple[str, Rates]]) -> str:
     """
     pivots: dict[str, Rates] = {}
     for number, (_, row) in enumerate(rows):
-        left = _reduced(row | {_imposed(str(number)): -_ONE}, pivots)
+        left = reduced(row | {_imposed(str(number)): -_ONE}, pivots)
         body = next((name for name in left if not _is_imposed(name)), None)
         if body is not None:
-            _add_pivot(pivots, left, body)
+            add_pivot(pivots, left, body)
     held = [form for form in pivots.values() if all(map(_is_imposed, form))]
     guilty = min(held, key=len)
     names = dict.fromkeys(rows[int(key.removeprefix(_MARK))][0] for key in guilty)
@@ -426,51 +427,6 @@ def _agree(left: Rates, values: Mapping[str, Fraction], *, exact: bool) -> bool:
     return total == 0 if exact else total <= Fraction(1, 10**9) * max((abs(term) for term in terms), default=_ZERO)
 
 
-def _difference(a: Rates, b: Rates) -> Rates:
-    total = dict(a)
-    for body, factor in b.items():
-        total[body] = total.get(body, _ZERO) - factor
-    return {body: factor for body, factor in total.items() if factor}
-
-
-def evaluate(form: Mapping[str, Fraction], rates: Mapping[str, Fraction]) -> Fraction:
-    """Return the value of a linear form in the joint rates."""
-    terms = [rates[body] if factor == 1 else factor * rates[body] for body, factor in form.items()]
-    return terms[0] if len(terms) == 1 else sum(terms, _ZERO)
-
-
-def _reduced(form: Mapping[str, Fraction], pivots: Mapping[str, Rates]) -> Rates:
-    """Replace every pivot variable of `form` by its expression in free ones."""
-    result: Rates = {}
-    for name, factor in form.items():
-        if name not in pivots:
-            result[name] = result.get(name, _ZERO) + factor
-            continue
-        for other, share in pivots[name].items():
-            result[other] = result.get(other, _ZERO) + factor * share
-    return {name: factor for name, factor in result.items() if factor}
-
-
-def _add_pivot(pivots: dict[str, Rates], row: Rates, name: str, *, users: dict[str, set[str]] | None = None) -> None:
-    """Solve ``row = 0`` for `name` and substitute it in the expressions that use it (`users`; None: look at all)."""
-    scale = -1 / row[name]
-    expression = {other: factor * scale for other, factor in row.items() if other != name}
-    used_by = pivots if users is None else users.pop(name, set())
-    for earlier in tuple(used_by):
-        terms = pivots[earlier]
-        if name in terms:
-            pivots[earlier] = _reduced(terms, {name: expression})
-            _note(users, earlier, expression)
-    pivots[name] = expression
-    _note(users, name, expression)
-
-
-def _note(users: dict[str, set[str]] | None, pivot: str, expression: Rates) -> None:
-    if users is not None:
-        for other in expression:
-            users.setdefault(other, set()).add(pivot)
-
-
 def _outwards(joints: Mapping[str, Joint], frame: str) -> list[str]:
     """Bodies such that each comes after the one that carries it."""
     held_by: dict[str, list[str]] = {}
@@ -480,7 +436,3 @@ def _outwards(joints: Mapping[str, Joint], frame: str) -> list[str]:
     for body in order:
         order += held_by.get(body, [])
     return order[1:]
-
-
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}" + ("" if number == 1 else "s")

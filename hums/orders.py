@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
+from hums._forms import evaluate
 from hums.gearbox import Bearing, Gearbox, GearboxError, closest
-from hums.kinematics import Kinematics, evaluate, solve_kinematics
+from hums.kinematics import Kinematics, solve_kinematics
 
 if TYPE_CHECKING:
     import pandas as pd

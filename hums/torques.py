@@ -30,7 +30,8 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.declared import closest
+from hums._forms import Form, add_pivot, reduced
+from hums.declared import closest, count
 from hums.gearbox import Axis, Bearing, GearboxError, Mesh, Vector
 from hums.kinematics import Kinematics
 from hums.mechanism import Contact
@@ -46,7 +47,6 @@ __all__ = [
     "solve_torques",
 ]
 
-Form = dict[str, Fraction]  # a linear form in named unknowns
 Drivers = tuple[int | None, ...]  # of each contact the gear that drives, 0 or 1; None: nothing is lost there
 _CONSTANT = ""  # the name of a form's constant term; no link has an empty name
 _ZERO = Fraction(0)
@@ -393,7 +393,7 @@ def _check_balance(statics: _Statics) -> None:
     for number in range(len(statics.contacts)):
         _join(statics.row(number), meshes, last=list(kinematics.joints))
     free = [body for body in kinematics.joints if body not in meshes]
-    moved = {link: _substituted(kinematics.spin(link), meshes) for link in statics.torques}
+    moved = {link: reduced(kinematics.spin(link), meshes) for link in statics.torques}
     solved: dict[str, Form] = {}
     for body in free:
         form, scale = Form(), _ZERO
@@ -402,14 +402,14 @@ def _check_balance(statics: _Statics) -> None:
             _add(form, _term(link, torque, factor))
             scale = max(scale, abs((torque or _ZERO) * factor))
         if abs(_join(form, solved)) > _ROUNDING * scale:
-            moving = [name for name in kinematics.joints if body in _substituted({name: _ONE}, meshes)]
+            moving = [name for name in kinematics.joints if body in reduced({name: _ONE}, meshes)]
             _raise_unbalanced(statics, moving, body, len(free))
     settled = _determined(solved)
     open_links = [link for link, torque in statics.torques.items() if torque is None and link not in settled]
     if open_links:
         raise TorqueError(
             f"{statics.name}: the torques of {_listed(open_links)} cannot be told apart; its meshes leave "
-            f"{_count(len(free), 'degree')} of freedom, and each settles one torque. Give the torque of "
+            f"{count(len(free), 'degree')} of freedom, and each settles one torque. Give the torque of "
             f'"{open_links[-1]}" as a number, or leave it out where nothing loads it.'
         )
 
@@ -431,7 +431,7 @@ def _raise_unbalanced(statics: _Statics, moving: Sequence[str], free: str, dof: 
             "leave it out."
         )
     raise TorqueError(
-        f"{start}, and nothing takes what is left. The meshes leave {_count(dof, 'degree')} of freedom, and each needs "
+        f"{start}, and nothing takes what is left. The meshes leave {count(dof, 'degree')} of freedom, and each needs "
         f'a link that takes the balance, as in torques={{"{free if free in able else able[-1]}": None}}.'
     )
 
@@ -737,7 +737,7 @@ def _supports(statics: _Statics, body: str) -> tuple[tuple[str, float], tuple[st
     names = [name for bearing in holding for name in bearing.names]
     if len(names) != 2:  # noqa: PLR2004
         raise _OpenError(
-            f'"{body}" runs in {_count(len(names), "bearing")} ({_listed(names)}); statics settles exactly two: '
+            f'"{body}" runs in {count(len(names), "bearing")} ({_listed(names)}); statics settles exactly two: '
             "indeterminate"
         )
     others = set[str]().union(*(_rings(statics, bearing) for bearing in holding)) - {body}
@@ -930,10 +930,6 @@ def _numbers(given: Mapping[str, Fraction]) -> str:
     return ", ".join(f'"{link}" = {float(torque):g}' for link, torque in given.items())
 
 
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}" + ("" if number == 1 else "s")
-
-
 # ---- rational linear algebra: forms are sparse rows, each solved for one of their names ---------------------------
 
 
@@ -963,24 +959,13 @@ def _join(form: Form, solved: dict[str, Form], *, last: Sequence[str] = ()) -> F
 
     Returns the constant of the form where no unknown is left to satisfy it, otherwise zero.
     """
-    left = _substituted(form, solved)
+    left = reduced(form, solved)
     unknowns = [name for name in left if name != _CONSTANT]
     if not unknowns:
         return left.get(_CONSTANT, _ZERO)
     unknown = max(unknowns, key=last.index) if last else unknowns[0]
-    expression = {name: -factor / left[unknown] for name, factor in left.items() if name != unknown}
-    for name, terms in solved.items():
-        if unknown in terms:
-            solved[name] = _substituted(terms, {unknown: expression})
-    solved[unknown] = expression
+    add_pivot(solved, left, unknown)
     return _ZERO
-
-
-def _substituted(form: Form, solved: Mapping[str, Form]) -> Form:
-    result = Form()
-    for name, factor in form.items():
-        _add(result, {other: factor * share for other, share in solved.get(name, {name: _ONE}).items()})
-    return {name: factor for name, factor in result.items() if factor}
 
 
 def _determined(solved: Mapping[str, Form]) -> dict[str, Fraction]:

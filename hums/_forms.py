@@ -1,0 +1,56 @@
+"""Sparse linear forms in named unknowns, in rational arithmetic: what the solvers of speeds and of torques share.
+
+Equations are solved one by one: `pivots` holds each unknown that has been expressed by those still open.
+"""
+
+from collections.abc import Mapping
+from fractions import Fraction
+
+Form = dict[str, Fraction]  # unknown -> factor, none of them zero
+_ZERO = Fraction(0)
+
+
+def difference(a: Form, b: Form) -> Form:
+    """Return one form less another, terms that cancel left out."""
+    total = dict(a)
+    for body, factor in b.items():
+        total[body] = total.get(body, _ZERO) - factor
+    return {body: factor for body, factor in total.items() if factor}
+
+
+def evaluate(form: Mapping[str, Fraction], rates: Mapping[str, Fraction]) -> Fraction:
+    """Return the value of a linear form in the joint rates."""
+    terms = [rates[body] if factor == 1 else factor * rates[body] for body, factor in form.items()]
+    return terms[0] if len(terms) == 1 else sum(terms, _ZERO)
+
+
+def reduced(form: Mapping[str, Fraction], pivots: Mapping[str, Form]) -> Form:
+    """Replace every pivot variable of `form` by its expression in free ones."""
+    result: Form = {}
+    for name, factor in form.items():
+        if name not in pivots:
+            result[name] = result.get(name, _ZERO) + factor
+            continue
+        for other, share in pivots[name].items():
+            result[other] = result.get(other, _ZERO) + factor * share
+    return {name: factor for name, factor in result.items() if factor}
+
+
+def add_pivot(pivots: dict[str, Form], row: Form, name: str, *, users: dict[str, set[str]] | None = None) -> None:
+    """Solve ``row = 0`` for `name` and substitute it in the expressions that use it (`users`; None: look at all)."""
+    scale = -1 / row[name]
+    expression = {other: factor * scale for other, factor in row.items() if other != name}
+    used_by = pivots if users is None else users.pop(name, set())
+    for earlier in tuple(used_by):
+        terms = pivots[earlier]
+        if name in terms:
+            pivots[earlier] = reduced(terms, {name: expression})
+            _note(users, earlier, expression)
+    pivots[name] = expression
+    _note(users, name, expression)
+
+
+def _note(users: dict[str, set[str]] | None, pivot: str, expression: Form) -> None:
+    if users is not None:
+        for other in expression:
+            users.setdefault(other, set()).add(pivot)
