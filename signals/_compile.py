@@ -12,6 +12,22 @@ R = TypeVar("R")
 def compiled(kernel: Callable[P, R]) -> Callable[P, R]:
     """Compile `kernel` to machine code at its first call and keep the result on disk.
 
-    Kernels take contiguous arrays and plain numbers, raise nothing, and release the interpreter lock.
+    Kernels take contiguous arrays and plain numbers, raise nothing, and release the interpreter lock. A product
+    and the sum that takes it may become one instruction, rounded once.
     """
-    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, error_model="numpy")(kernel))
+    return _compile(kernel, {"contract"})
+
+
+def compiled_sums(kernel: Callable[P, R]) -> Callable[P, R]:
+    """Compile `kernel` as `compiled` does, free to add up in any order, so that sums use vector registers."""
+    return _compile(kernel, {"contract", "reassoc"})
+
+
+def compiled_exactly(kernel: Callable[P, R]) -> Callable[P, R]:
+    """Compile `kernel` as `compiled` does, each operation rounded as written: for what rounding errors leave over."""
+    return _compile(kernel, set())
+
+
+def _compile(kernel: Callable[P, R], freedoms: set[str]) -> Callable[P, R]:
+    build = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=freedoms or False)
+    return cast("Callable[P, R]", build(kernel))

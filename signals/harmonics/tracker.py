@@ -1,33 +1,36 @@
 """The door to the trackers: checks what comes in, picks the method, scales what comes out."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import ceil
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import choice, positive, whole
-from signals.harmonics.kalman import block_length, exact, fast
+from signals.harmonics.bandwidth import MOST_POLES
+from signals.harmonics.blocks import block_length, fast
+from signals.harmonics.exact import exact
+from signals.harmonics.inputs import check_bandwidth, check_orders, check_phase_std, check_record
 from signals.harmonics.model import (
-    MOST_POLES,
     PRIOR_STD,
     Estimate,
     Estimator,
     Floats,
     HarmonicModel,
+    Indices,
     Method,
     Order,
     OrderTracks,
-    check_bandwidth,
-    check_orders,
-    check_samples,
 )
+from signals.harmonics.separability import flag_outputs
 
 # With fewer samples a block, condensing them gains nothing.
 SHORTEST_BLOCK = 12
 # Multiplications, about a third of a nanosecond each, that the exact method may take where "auto" chooses.
-EXACT_WORK = 3e9
+EXACT_WORK = 3e8
+LARGEST_RTOL = 0.1
 
 
 def track_orders(
@@ -43,8 +46,11 @@ def track_orders(
     estimator: Estimator = "smoother",
     method: Method | Literal["auto"] = "auto",
     output_every: int = 1,
+    coupled: bool = True,
+    rtol: float = 1e-3,
     noise_variance: float | None = None,
     initial_std: float | None = None,
+    phase_std_rad: ArrayLike | Mapping[str, ArrayLike] | None = None,
 ) -> OrderTracks:
     """Estimate the complex amplitudes of all orders together, each output with its standard deviation.
 
@@ -53,27 +59,32 @@ def track_orders(
 
     Parameters
     ----------
-    x : (sample,) array, the record in any unit; NaN marks a missing sample.
+    x : (sample,) array, the record in any unit, or (channel, sample) for several with the same phase; NaN marks a
+        missing sample.
     phase_rad : (sample,) array, shaft angle in rad, or a mapping from shaft name to such an array.
     orders : cycles per revolution, one number an order; with a mapping, (shaft, order) pairs. 0 is the mean.
-    bandwidth_hz : full -3 dB width of the smoother in Hz, one for all orders or one each; with `rate_hz`.
-    bandwidth_orders : the same in cycles per revolution; with `samples_per_rev`.
+    bandwidth_hz : full -3 dB width of the smoother in Hz, with `rate_hz`: one for all orders, one each, or, where it
+        varies, (order, sample); (1, sample) for all orders alike.
+    bandwidth_orders : the same in cycles per revolution of the order's own shaft, with `samples_per_rev`, or with
+        `rate_hz`: then it follows the shaft's speed.
     rate_hz : samples per second.
     samples_per_rev : samples per revolution, for a record sampled in angle.
     poles : 1 to 4, how many times the amplitudes' random walk is integrated: more make a flatter passband
         with steeper sides.
     estimator : "smoother" uses all samples for each output; "filter" this one and those before it, and at the
         same `bandwidth` is wider.
-    method : "exact" takes every sample in turn. "fast", smoother only, condenses blocks of a 200th of
-        1 / (widest bandwidth) and interpolates linearly between their centres; in noise it differs from exact by
-        about a hundredth of `std`, and for an envelope at the edge of the bandwidth by 1/400 of it at worst,
-        by some 1e-4 in most records. "reference" is exact, on filterpy, hundreds of times slower. "auto" takes
-        exact where that lasts about a second or blocks would be too short, else fast. The result says which.
-    output_every : samples from one output to the next. An exact output costs as much as five samples.
-    noise_variance : variance R of the white noise in `x`; estimated from the innovations unless given.
+    method : "exact" takes every sample in turn. "fast", smoother only, condenses short blocks of samples.
+        "reference" is exact, on filterpy, hundreds of times slower. "auto" takes exact where that is quick or blocks
+        would be too short, else fast. The result says which.
+    output_every : samples from one output to the next.
+    coupled : False estimates every order on its own, as if there were no others.
+    rtol : error that "fast" may make, as a part of the amplitude, for an envelope at the edge of the bandwidth.
+    noise_variance : variance R of the white noise in `x`; estimated from the record unless given.
     initial_std : standard deviation of each part of an amplitude about zero before the first sample, in the unit
         of `x`; needs `noise_variance`. Of the i-th difference it is `initial_std (2 pi bandwidth / rate)^i`.
         Default 1000 standard deviations of the noise: it no longer matters a few samples on.
+    phase_std_rad : standard deviation of the shaft angle, one number or (sample,), or a mapping as `phase_rad`, of
+        errors slow against 1 / bandwidth: carried into `std`, which gains (order phase_std |Z|)^2 / 2 in square.
 
     Returns
     -------
@@ -86,44 +97,96 @@ def track_orders(
     FloatingPointError
         The covariance lost its digits.
     """
-    record = check_samples(x)
-    order_numbers, shafts, phases = check_orders(orders, phase_rad, samples=record.size)
-    bandwidth, rate, units = check_bandwidth(
+    record = check_record(x)
+    samples = record.shape[1]
+    order_numbers, shafts, shaft, phases = check_orders(orders, phase_rad, samples=samples)
+    bandwidth = check_bandwidth(
         bandwidth_hz=bandwidth_hz,
         bandwidth_orders=bandwidth_orders,
         rate_hz=rate_hz,
         samples_per_rev=samples_per_rev,
-        orders=order_numbers.size,
+        shaft=shaft,
+        phases=phases,
     )
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     choice(method, name="method", choices=("auto", "exact", "fast", "reference"))
     model = HarmonicModel(
         orders=order_numbers,
+        shaft=shaft,
         phases=phases,
-        bandwidth=bandwidth / rate,
+        bandwidth=bandwidth.cycles,
         poles=whole(poles, name="poles", least=1, most=MOST_POLES),
         prior_std=_prior_std(initial_std, noise_variance),
     )
-    every = whole(output_every, name="output_every", least=1)
-    startup = _startup(model, record, estimate_noise=noise_variance is None)
-    chosen = _choose(method, model, record.size, estimator=estimator, output_every=every)
-    estimate = _run(chosen, model, record, estimator=estimator, output_every=every, startup=startup)
-    noise = estimate.innovation_mean_square if noise_variance is None else float(noise_variance)
+    task = _Task(
+        model=model,
+        estimator=estimator,
+        output_every=whole(output_every, name="output_every", least=1),
+        coupled=coupled,
+        rtol=_rtol(rtol),
+        noise_given=noise_variance is not None,
+    )
+    phase_std = check_phase_std(phase_std_rad, shafts=shafts, shaft=shaft, samples=samples)
+    chosen = _choose(method, task)
+    patterns, pattern = _missing_patterns(record)
+    estimates = [
+        _run(chosen, task, record[pattern == number] if len(patterns) > 1 else record, seen)
+        for number, seen in enumerate(patterns)
+    ]
+    estimate = estimates[0] if len(patterns) == 1 else _merge(estimates, pattern)
+    every = task.output_every
+    flags, pairs = flag_outputs(model, np.logical_and.reduce(patterns), every=every, estimator=estimator)
+    noise = estimate.innovation_mean_square if noise_variance is None else np.full(len(record), float(noise_variance))
+    std = _std(estimate.variance, noise)
+    if phase_std is not None:
+        turn = order_numbers[:, None] * phase_std[:, :: every if phase_std.shape[1] > 1 else 1]
+        np.sqrt(std**2 + (turn * np.abs(estimate.amplitude)) ** 2 / 2, out=std)
+    one = np.ndim(x) == 1
     return OrderTracks(
-        complex_amplitude=model.amplitude(estimate.levels),
-        std=model.std(estimate.variances) * np.sqrt(noise),
-        sample_index=np.arange(0, record.size, every),
+        complex_amplitude=_squeeze(estimate.amplitude, one),
+        std=_squeeze(std, one),
+        flags=flags,
+        unresolved=pairs,
+        sample_index=np.arange(0, samples, every),
         orders=order_numbers,
         shafts=shafts,
-        bandwidth=bandwidth,
-        bandwidth_units=units,
+        bandwidth=bandwidth.given,
+        bandwidth_units=bandwidth.units,
         poles=model.poles,
         estimator=estimator,
         method=chosen,
-        noise_variance=noise,
-        innovation_variance=noise * float(np.exp(estimate.innovation_log_variance)),
-        innovation_mean_square=1.0 if noise_variance is None else estimate.innovation_mean_square / noise,
+        error_bound=estimate.error_bound,
+        noise_variance=_scalar(noise, one),
+        innovation_variance=_scalar(noise * np.exp(estimate.innovation_log_variance), one),
+        innovation_mean_square=_scalar(
+            np.ones(len(record)) if noise_variance is None else estimate.innovation_mean_square / noise, one
+        ),
+        innovation_autocorrelation=_squeeze(estimate.innovation_autocorrelation, one),
+        whiteness=_scalar(np.mean(estimate.innovation_autocorrelation**2, axis=1) * estimate.innovation_samples, one),
+        samples=samples,
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Task:
+    """What is asked of a method."""
+
+    model: HarmonicModel
+    estimator: Estimator
+    output_every: int
+    coupled: bool
+    rtol: float
+    noise_given: bool
+
+
+def _rtol(rtol: float) -> float:
+    value = positive(rtol, name="rtol")
+    if value > LARGEST_RTOL:
+        raise ValueError(
+            f"rtol={value:g} is above {LARGEST_RTOL:g}, where the bound on the error of blocks no longer holds; "
+            "choose a smaller one."
+        )
+    return value
 
 
 def _prior_std(initial_std: float | None, noise_variance: float | None) -> float:
@@ -140,55 +203,87 @@ def _prior_std(initial_std: float | None, noise_variance: float | None) -> float
     return float(std / np.sqrt(noise))
 
 
-def _startup(model: HarmonicModel, x: Floats, *, estimate_noise: bool) -> int:
+def _missing_patterns(record: Floats) -> tuple[list[NDArray[np.bool_]], Indices]:
+    """Return the distinct patterns of observed samples, and which each channel has.
+
+    Channels that miss the same samples share all but their data.
+    """
+    patterns: dict[bytes, int] = {}
+    masks: list[NDArray[np.bool_]] = []
+    pattern = np.empty(len(record), dtype=np.int64)
+    for channel, values in enumerate(record):
+        seen = ~np.isnan(values)
+        key = b"" if seen.all() else seen.tobytes()
+        if key not in patterns:
+            patterns[key] = len(masks)
+            masks.append(seen)
+        pattern[channel] = patterns[key]
+    return masks, pattern
+
+
+def _startup(task: _Task, seen: NDArray[np.bool_]) -> int:
     """First sample whose innovation counts: after the smoother's memory, or halfway in a short record."""
-    observed = np.flatnonzero(~np.isnan(x))
+    model = task.model
+    observed = int(np.count_nonzero(seen))
     needed = 2 * model.state_size
-    if estimate_noise and observed.size < needed:
+    if not task.noise_given and observed < needed:
         raise ValueError(
-            f"x has {observed.size} observed samples; to estimate the noise beside {model.orders.size} orders "
-            f"with poles={model.poles}, {needed} are needed: pass noise_variance, or more samples."
+            f"x has {observed} observed samples of {seen.size}; to estimate the noise beside {model.orders.size} "
+            f"orders with poles={model.poles}, {needed} are needed: pass noise_variance, or more samples."
         )
-    memory = ceil(1 / model.bandwidth.min()) + model.state_size
-    return int(observed[min(memory, observed.size // 2)])
+    widest = model.bandwidth.max(axis=1)
+    memory = min(ceil(1 / widest.min()) + model.state_size, observed // 2)
+    return memory if observed in (0, seen.size) else int(np.flatnonzero(seen)[memory])
 
 
-def _choose(
-    method: Method | Literal["auto"],
-    model: HarmonicModel,
-    samples: int,
-    *,
-    estimator: Estimator,
-    output_every: int,
-) -> Method:
-    if method == "fast" and estimator == "filter":
+def _choose(method: Method | Literal["auto"], task: _Task) -> Method:
+    model, samples = task.model, task.model.phases[0].size
+    if not task.coupled and (task.estimator == "filter" or method in ("exact", "reference")):
+        raise ValueError(
+            f"coupled=False with estimator={task.estimator!r} and method={method!r}: orders are estimated one by one "
+            "by the fast smoother only; leave coupled out, or track one order a call."
+        )
+    if method == "fast" and task.estimator == "filter":
         raise ValueError(
             'method="fast" with estimator="filter": a block holds samples after the output, so its estimate '
             'is not causal; use method="exact" or estimator="smoother".'
         )
     if method != "auto":
         return method
+    if not task.coupled:
+        return "fast"
+    if task.estimator == "filter":
+        return "exact"
     # Measured: an output costs what five samples do, and every sample its share of the trigonometry.
-    work = (samples + 5 * samples / output_every) * (1000 + model.order_of_column.size * model.state_size**2)
-    short = block_length(model, samples) < SHORTEST_BLOCK
-    return "exact" if estimator == "filter" or work <= EXACT_WORK or short else "fast"
+    work = (samples + 5 * samples / task.output_every) * (1000 + model.order_of_column.size * model.state_size**2)
+    short = block_length(model, samples, task.rtol) < SHORTEST_BLOCK
+    return "exact" if work <= EXACT_WORK or short else "fast"
 
 
-def _run(
-    method: Method, model: HarmonicModel, x: Floats, *, estimator: Estimator, output_every: int, startup: int
-) -> Estimate:
+def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_]) -> Estimate:
+    model, every = task.model, task.output_every
+    startup = _startup(task, seen)
     try:
         if method == "fast":
-            estimate = fast(model, x, output_every=output_every, startup=startup)
-        elif method == "exact":
-            estimate = exact(model, x, estimator=estimator, output_every=output_every, startup=startup)
+            return fast(
+                model,
+                x,
+                seen,
+                length=block_length(model, seen.size, task.rtol),
+                output_every=every,
+                startup=startup,
+                coupled=task.coupled,
+                tolerance=task.rtol,
+            )
+        if method == "exact":
+            estimate = exact(model, x, estimator=task.estimator, output_every=every, startup=startup)
         else:
             from signals.harmonics import reference  # noqa: PLC0415  (filterpy is for the oracle alone)
 
-            estimate = reference.track(model, x, estimator=estimator, output_every=output_every, startup=startup)
+            estimate = reference.track(model, x, estimator=task.estimator, output_every=every, startup=startup)
     except np.linalg.LinAlgError as error:
         raise _lost(method, model) from error
-    if not np.all(estimate.variances > 0):
+    if not estimate.variance.min() > 0:
         raise _lost(method, model)
     return estimate
 
@@ -196,7 +291,41 @@ def _run(
 def _lost(method: Method, model: HarmonicModel) -> FloatingPointError:
     return FloatingPointError(
         f"method={method!r}: the covariance is not positive definite in double precision, with poles={model.poles}, "
-        f"a narrowest bandwidth of {model.bandwidth.min():.3g} cycles a sample and a prior of {model.prior_std:.3g} "
-        "standard deviations of the noise; take fewer poles, a lower rate, a wider bandwidth or a smaller "
-        "initial_std."
+        f"a narrowest bandwidth of {model.bandwidth.max(axis=1).min():.3g} cycles a sample and a prior of "
+        f"{model.prior_std:.3g} standard deviations of the noise; take fewer poles, a lower rate, a wider bandwidth or "
+        "a smaller initial_std."
     )
+
+
+def _merge(estimates: list[Estimate], pattern: Indices) -> Estimate:
+    """Put channels with different gaps together again: the variance then is one a channel."""
+    place = np.argsort(np.argsort(pattern, kind="stable"))
+
+    def of_channels(name: str) -> Any:  # noqa: ANN401
+        return np.concatenate([getattr(estimate, name) for estimate in estimates])[place]
+
+    return Estimate(
+        amplitude=of_channels("amplitude"),
+        variance=np.stack([estimates[number].variance for number in pattern]),
+        innovation_mean_square=of_channels("innovation_mean_square"),
+        innovation_log_variance=np.array([estimates[number].innovation_log_variance for number in pattern]),
+        innovation_autocorrelation=of_channels("innovation_autocorrelation"),
+        innovation_samples=min(estimate.innovation_samples for estimate in estimates),
+        error_bound=max(estimate.error_bound for estimate in estimates),
+    )
+
+
+def _std(variance: Floats, noise: Floats) -> Floats:
+    """(channel, order, output) standard deviations in the record's units; a single channel's in place."""
+    own = variance if variance.ndim == 3 else variance[None]  # noqa: PLR2004
+    # In place: at an output a sample, these are the largest arrays there are.
+    std = np.multiply(own, noise[:, None, None], out=own if len(own) == noise.size else None)
+    return np.sqrt(std, out=std)
+
+
+def _squeeze(values: Any, one: bool) -> Any:  # noqa: ANN401
+    return values[0] if one else values
+
+
+def _scalar(values: Floats, one: bool) -> Any:  # noqa: ANN401
+    return float(values[0]) if one else values

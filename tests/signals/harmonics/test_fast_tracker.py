@@ -25,45 +25,44 @@ def run_up(samples, *, noise, gap=0):
 @pytest.mark.parametrize("gap", [0, 700])
 def test_fast_is_close_to_exact(poles, gap):
     x, settings = run_up(40_000, noise=0.1, gap=gap)
-    settings |= {"bandwidth_hz": 4.0, "poles": poles, "output_every": 13}
+    settings |= {"bandwidth_hz": 4.0, "poles": poles, "output_every": 13, "noise_variance": 0.01}
     exact = track_orders(x, method="exact", **settings)
     fast = track_orders(x, method="fast", **settings)
     difference = np.abs(fast.complex_amplitude - exact.complex_amplitude)
-    # Blocks of 12 samples, a 200th of rate / bandwidth: bandwidth edge times block is pi / 200, and what leaks
-    # of the changes within a block is less than that of the noise in an amplitude, in the mean a hundredth.
-    assert np.sqrt(np.mean(difference**2)) < 1.5e-2 * exact.std.mean()
-    assert difference.max() < 1e-3
-    assert_allclose(fast.std, exact.std, rtol=2e-3)
-    assert_allclose(fast.noise_variance, exact.noise_variance, rtol=1e-3)
+    # Blocks of 12 (one pole) and 87 samples, 1/200 and 1/29 of rate / bandwidth: what moves within a block counts
+    # for some per cent of std, most where a gap or an end cuts a hat, whose data then lie off its knot.
+    assert np.sqrt(np.mean(difference**2)) < 5e-2 * exact.std.mean()
+    assert difference.max() < 0.5 * exact.std.max()
+    assert_allclose(fast.std, exact.std, rtol=1.5e-2)
     assert_allclose(fast.innovation_variance, exact.innovation_variance, rtol=1e-3)
 
 
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+def test_fast_tells_the_noise(poles):
+    x, settings = run_up(40_000, noise=0.1)
+    fast = track_orders(x, method="fast", bandwidth_hz=4.0, poles=poles, **settings)
+    # 37,500 residuals: a standard deviation of sqrt(2 / 37,500) = 0.7 %.
+    assert_allclose(fast.noise_variance, 0.01, rtol=0.022)
+    # A chi-squared of 20 over 20; one pole follows these envelopes so late that the residuals keep some of them.
+    assert 0.2 < fast.whiteness < (3 if poles == 1 else 2)
+
+
 @pytest.mark.parametrize("poles", [1, 2])
-def test_error_of_fast_where_it_is_largest(poles):
-    """The order's image turns once a block, so that every block leaks alike, and the envelope is at -3 dB."""
-    block, bandwidth = 12, 1 / 2400
+def test_error_of_fast_at_the_edge_of_the_band(poles):
+    """The order's image turns once a block, where a sum over a block would let the envelope's slope leak."""
+    bandwidth = 1 / 2400
+    block = {1: 12, 2: 83}[poles]
     n = np.arange(48_000)
     phase = np.pi * n / block
     envelope = np.exp(1j * np.pi * bandwidth * n)
     settings = {"phase_rad": phase, "orders": [1], "bandwidth_hz": bandwidth, "rate_hz": 1.0, "poles": poles}
     x = (envelope * np.exp(1j * phase)).real
-    exact, fast = (track_orders(x, method=m, **settings).complex_amplitude[0] for m in ("exact", "fast"))
-    error = np.abs(fast - exact)[9600:-9600].max()
-    # A slope s leaks s block / (2 pi) into the conjugate; s = pi bandwidth. The smoother takes off the usual 3 dB.
-    leak = bandwidth * block / 2
-    assert 0.5 * leak < error < leak
-
-
-def test_error_of_fast_elsewhere_is_second_order():
-    """With images far from multiples of the block rate there is the droop of a block's mean, (w block)^2 / 24."""
-    block, bandwidth = 12, 1 / 2400
-    n = np.arange(48_000)
-    phase = 2 * np.pi * n * (0.2 + 0.05 * n / n.size)
-    x = (np.exp(1j * np.pi * bandwidth * n) * np.exp(1j * phase)).real
-    settings = {"phase_rad": phase, "orders": [1], "bandwidth_hz": bandwidth, "rate_hz": 1.0}
-    exact, fast = (track_orders(x, method=m, **settings).complex_amplitude[0] for m in ("exact", "fast"))
-    # Droop, interpolation and the walk's coarser step: each about (pi bandwidth block)^2 / 10.
-    assert np.abs(fast - exact)[9600:-9600].max() < (np.pi * bandwidth * block) ** 2
+    exact, fast = (track_orders(x, method=m, **settings) for m in ("exact", "fast"))
+    error = np.abs(fast.complex_amplitude - exact.complex_amplitude)[0, 9600:-9600].max()
+    # Hats take off (pi bandwidth block)^2 / 12 and lines between knots half as much again; cubics do not.
+    droop = (np.pi * bandwidth * block) ** 2 / 12
+    assert 0.2 * droop < error < {1: 2.5, 2: 1.1}[poles] * droop
+    assert fast.error_bound >= droop * 0.98
 
 
 def test_fast_takes_blocks_too_short_to_tell_orders_apart():
@@ -82,7 +81,10 @@ def test_fast_takes_blocks_too_short_to_tell_orders_apart():
     exact = track_orders(
         x, phase_rad=phase, orders=[1, 2, 3, 4], bandwidth_hz=4e-4, rate_hz=1.0, method="exact", output_every=500
     )
-    assert np.all(np.abs(tracks.complex_amplitude - exact.complex_amplitude) < 0.05 * exact.std)
+    # Half a hat's data lie a third of a block off its knot: most of the difference is at the ends.
+    difference = np.abs(tracks.complex_amplitude - exact.complex_amplitude) / exact.std
+    assert difference.max() < 0.08
+    assert np.median(difference) < 0.01
 
 
 def test_auto_says_what_it_picked(monkeypatch):

@@ -27,8 +27,9 @@ def test_pure_tone_comes_back(poles, method):
     x, phase = tone(4000)
     tracks = track_orders(x, phase_rad=phase, orders=[3], bandwidth_hz=0.002, rate_hz=1.0, poles=poles, method=method)
     # What is left is the prior: 2 / (1e6 samples) of the amplitude, at the ends and for four poles some ten times it.
-    assert_allclose(tracks.complex_amplitude, np.full((1, 4000), AMPLITUDE), rtol=1e-6)
-    assert tracks.noise_variance < 1e-9
+    # Fast promises 1e-3 unless asked for less.
+    assert_allclose(tracks.complex_amplitude, np.full((1, 4000), AMPLITUDE), rtol=1e-6 if method == "exact" else 1e-3)
+    assert tracks.noise_variance < (1e-9 if method == "exact" else 1e-6)
 
 
 def test_error_of_a_pure_tone_is_the_prior_alone():
@@ -58,7 +59,7 @@ def test_std_is_honest(method, poles):
     x += np.sqrt(noise) * rng.standard_normal(n)
     tracks = track_orders(
         x, phase_rad=phase, orders=orders, bandwidth_hz=bandwidth, rate_hz=rate, poles=poles, method=method,
-        output_every=600,
+        output_every=600, rtol=1e-4,
     )  # fmt: skip
     # Outputs 1.5 / bandwidth apart are nearly independent: 600 trials, so 95 % +- 3 x 0.9 %.
     error = (tracks.complex_amplitude - envelope[:, tracks.sample_index]) / tracks.std
@@ -204,11 +205,11 @@ def test_silence_is_silence():
 def test_fields_are_labelled():
     x, phase = tone(900)
     tracks = track_orders(x, phase_rad=phase, orders=[3, 1], bandwidth_hz=0.01, rate_hz=1.0, output_every=100)
-    sizes = {"order": 2, "output": 9}
+    sizes = {"order": 2, "output": 9, "lag": 20}
     for field in fields(OrderTracks):
         value = getattr(tracks, field.name)
         if isinstance(value, np.ndarray):
-            assert value.shape == tuple(sizes[dim] for dim in field.metadata["dims"])
+            assert value.shape == tuple(sizes[dim] for dim in field.metadata["dims"] if dim != "channel")
             assert "units" in field.metadata
     assert tracks.sample_index.tolist() == list(range(0, 900, 100))
     assert (tracks.estimator, tracks.method, tracks.poles) == ("smoother", "exact", 1)

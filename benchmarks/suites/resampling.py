@@ -1,0 +1,39 @@
+"""From time to angle: the tachometer's pulses, the phase through them, the record over it."""
+
+import numpy as np
+
+from signals import angular_resample, pulse_times, shaft_phase
+
+SAMPLES = 200_000
+RATE_HZ = 51_200.0
+
+
+class _Shaft:
+    """A shaft at 50 Hz whose speed swings by a tenth, one pulse a revolution."""
+
+    def setup(self, *_: object) -> None:
+        """Make SAMPLES of noise and of the tachometer."""
+        t = np.arange(SAMPLES) / RATE_HZ
+        turns = 50 * (t + 0.1 * (1 - np.cos(np.pi * t)) / np.pi)
+        self.x = np.random.default_rng(0).standard_normal(SAMPLES)
+        self.waveform = np.where(turns % 1 < 0.1, 5.0, 0.0)  # noqa: PLR2004
+        self.phase = shaft_phase(pulse_times(self.waveform, rate_hz=RATE_HZ).times_s)
+
+
+class Resampling(_Shaft):
+    """By samples a revolution."""
+
+    params = (256, 1024)
+    param_names = ("samples_per_rev",)
+
+    def time_resample(self, samples_per_rev: int) -> None:
+        """Time the anti-aliased change of grid."""
+        angular_resample(self.x, rate_hz=RATE_HZ, phase=self.phase, samples_per_rev=samples_per_rev)
+
+
+class Tachometer(_Shaft):
+    """What comes before."""
+
+    def time_pulses(self) -> None:
+        """Time finding the pulses in the waveform, and the phase through them."""
+        shaft_phase(pulse_times(self.waveform, rate_hz=RATE_HZ).times_s)

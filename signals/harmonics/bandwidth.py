@@ -1,0 +1,228 @@
+"""Bandwidth, process noise and the Vold-Kalman weight: one thing under three names, and what follows from it.
+
+A quadrature whose `poles`-th difference is white with variance q, seen in white noise N, is passed by the
+steady-state smoother with `H(w) = 1 / (1 + (N / q) x^poles)`, where `x = (2 sin(w / 2))^2`, w in rad a sample [1]_.
+The bandwidth is the full width, from one side of the line to the other, between the points `w = pi bandwidth`
+(bandwidth in cycles a sample) where H has fallen to 1 / sqrt(2).
+
+The poles of H lie where x is one of the roots c of `c^poles = -q / N`, each at a pair z, 1 / z of
+`(1 - z)^2 = -c z`. With the z inside the unit circle the spectrum of the record factors, and the causal
+steady-state filter passes `1 - prod z (e^jw - 1) / (e^jw - z)` [2]_. For narrow bandwidths this is
+`1 - s^p / B_p(s)`, B_p the Butterworth polynomial of degree p. Its innovations have variance N / prod z, its error
+N (1 - prod z), that of the smoother N times the mean of H over w.
+
+N is 2 R for an order above 0 in noise of variance R, whose two quadratures share every sample, and R for order 0.
+
+References
+----------
+.. [1] H. Vold, J. Leuridan, "High resolution order tracking at extreme slew rates, using Kalman tracking
+   filters", SAE 931288, 1993.
+.. [2] T. Kailath, A. H. Sayed, B. Hassibi, *Linear Estimation*, Prentice Hall 2000, chapters 6 and 8.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from signals._checks import choice, positive, whole
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+HALF_POWER = np.sqrt(2) - 1
+MOST_POLES = 4
+
+
+def process_variance(
+    *, orders: ArrayLike, bandwidth: ArrayLike, rate: float, poles: int, noise_variance: float
+) -> Floats:
+    """Variance of the white `poles`-th difference that gives the smoother a bandwidth.
+
+    Parameters
+    ----------
+    orders : (order,) array; only whether an order is zero matters.
+    bandwidth : (order,) array or number, full -3 dB width of the smoother, in Hz or in orders.
+    rate : samples per second (bandwidth in Hz) or per revolution (bandwidth in orders).
+    poles : how many times the random walk is integrated.
+    noise_variance : variance R of the white noise in the record, signal units squared.
+
+    Returns
+    -------
+    (order,) array, q of each quadrature in signal units squared per sample.
+    """
+    return np.asarray(_noise_seen(orders, noise_variance) * _ratio(np.asarray(bandwidth) / rate, poles))
+
+
+def smoother_bandwidth(
+    *, orders: ArrayLike, process_variance: ArrayLike, rate: float, poles: int, noise_variance: float
+) -> Floats:
+    """Full -3 dB width of the smoother that a white `poles`-th difference of this variance gives.
+
+    The inverse of the function `process_variance`, where the parameters are explained.
+
+    Returns
+    -------
+    (order,) array in the units of `rate`; NaN where even half of the rate is passed with less than 3 dB.
+    """
+    return _width(np.asarray(process_variance) / _noise_seen(orders, noise_variance), poles) * rate
+
+
+def isolated_std(
+    *,
+    orders: ArrayLike,
+    bandwidth: ArrayLike,
+    rate: float,
+    poles: int,
+    noise_variance: float,
+    estimator: Literal["smoother", "filter"] = "smoother",
+) -> Floats:
+    """Steady-state standard deviation of the amplitude of an order that no other comes near.
+
+    Far from the ends, with no sample missing, once averaged over the order's own turns: the level to which
+    `OrderTracks.std` settles.
+
+    Parameters
+    ----------
+    orders, bandwidth, rate, poles, noise_variance : as for `process_variance`.
+    estimator : "smoother" uses all samples, "filter" this one and those before it.
+
+    Returns
+    -------
+    (order,) array, of the real part, equally of the imaginary part, in signal units.
+    """
+    choice(estimator, name="estimator", choices=("smoother", "filter"))
+    c, u = _factors(np.asarray(bandwidth, dtype=np.float64) / rate, poles)
+    if estimator == "filter":
+        share = -np.expm1(np.log1p(-u).sum(axis=-1).real)
+    else:
+        share = np.mean(c / (c - 2 * u), axis=-1).real
+    return np.asarray(np.sqrt(_noise_seen(orders, noise_variance) * share))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bandwidth:
+    """How fast an amplitude may change, and what the estimators of that bandwidth do.
+
+    Attributes
+    ----------
+    width : full -3 dB width of the steady-state smoother for one isolated non-zero order, cycles a sample.
+    poles : how many times the amplitude's random walk is integrated.
+    """
+
+    width: float
+    poles: int
+
+    def __post_init__(self) -> None:
+        whole(self.poles, name="poles", least=1, most=MOST_POLES)
+        if positive(self.width, name="width") > 1:
+            raise ValueError(
+                f"width={self.width:g} cycles a sample is above 1: half of the rate, on either side of the line; "
+                "a width in Hz is to be divided by the rate."
+            )
+
+    @classmethod
+    def from_weight(cls, weight: float, *, poles: int) -> "Bandwidth":
+        """Return the bandwidth of the Vold-Kalman filter that weighs differences by `weight`.
+
+        Its envelopes minimise `sum |weight difference^poles Z|^2 + sum |2 x exp(-j phase) - Z|^2`, so
+        weight^2 = N / q.
+        """
+        whole(poles, name="poles", least=1, most=MOST_POLES)
+        root = positive(weight, name="weight") ** (-1 / poles)
+        width = float(_width(np.asarray(root ** (2 * poles)), poles))
+        if not np.isfinite(width):
+            least = Bandwidth(width=1.0, poles=poles).weight
+            raise ValueError(
+                f"weight={weight:g} with poles={poles} passes even half of the rate with less than 3 dB, so it has "
+                f"no bandwidth; choose a weight above {least:.3g}."
+            )
+        return cls(width=width, poles=poles)
+
+    @property
+    def weight(self) -> float:
+        """The weight r of the Vold-Kalman filter of this bandwidth: `r^2 = N / q`."""
+        return float(_ratio(self.width, self.poles) ** -0.5)
+
+    def hz(self, rate_hz: float) -> float:
+        """Return the width in Hz."""
+        return self.width * positive(rate_hz, name="rate_hz")
+
+    def orders(self, samples_per_rev: float) -> float:
+        """Return the width in cycles per revolution."""
+        return self.width * positive(samples_per_rev, name="samples_per_rev")
+
+    def smoother_gain(self, offset: ArrayLike) -> Floats:
+        """Gain of the smoother for an envelope that turns by `offset` cycles a sample: real, no phase."""
+        x = (2 * np.sin(np.pi * np.asarray(offset, dtype=np.float64))) ** 2
+        return np.asarray(1 / (1 + x**self.poles / _ratio(self.width, self.poles)))
+
+    def filter_gain(self, offset: ArrayLike) -> Complexes:
+        """Complex gain of the causal steady-state filter at the same process noise; `offset` in cycles a sample."""
+        _, u = _factors(self.width, self.poles)
+        ahead = np.expm1(2j * np.pi * np.asarray(offset, dtype=np.float64))[..., None]
+        return np.asarray(1 - np.prod((1 - u) * ahead / (ahead + u), axis=-1))
+
+    @property
+    def filter_width_ratio(self) -> float:
+        """Full -3 dB width of the causal filter over that of the smoother; NaN where it passes half of the rate."""
+        from scipy.optimize import brentq  # noqa: PLC0415  (optimizers are slow to import)
+
+        def above(share: float) -> float:
+            return float(np.abs(self.filter_gain(0.5 * share * self.width)) ** 2) - 0.5
+
+        start, end = self._peak_share, 1 / self.width
+        if above(end) > 0:
+            return float("nan")
+        return float(brentq(above, start, end, xtol=1e-12))
+
+    @property
+    def filter_peak_db(self) -> float:
+        """Largest gain of the causal filter, in dB above the gain 1 of a steady amplitude."""
+        return float(20 * np.log10(np.abs(self.filter_gain(0.5 * self._peak_share * self.width))))
+
+    @property
+    def _peak_share(self) -> float:
+        """Where the causal filter's gain is largest, in half widths of the smoother."""
+        from scipy.optimize import minimize_scalar  # noqa: PLC0415
+
+        if self.poles == 1:
+            return 0.0  # one real pole: falls from the start
+
+        def loss(share: float) -> float:
+            return -float(np.abs(self.filter_gain(0.5 * share * self.width)))
+
+        end = min(2.0, 1 / self.width)  # above twice the width the numerator's slope has won
+        return float(minimize_scalar(loss, bounds=(0.0, end), method="bounded", options={"xatol": 1e-9}).x)
+
+
+def _noise_seen(orders: ArrayLike, noise_variance: float) -> Floats:
+    return np.where(np.asarray(orders, dtype=np.float64) == 0.0, 1.0, 2.0) * noise_variance
+
+
+def _ratio(width: ArrayLike, poles: int) -> Floats:
+    """Return q / N for a width in cycles a sample."""
+    sine = np.sin(0.5 * np.pi * np.asarray(width, dtype=np.float64))
+    return np.asarray((2 * sine) ** (2 * poles) / HALF_POWER)
+
+
+def _width(ratio: Floats, poles: int) -> Floats:
+    """Return the width in cycles a sample for q / N, NaN where there is none."""
+    sine = 0.5 * (HALF_POWER * ratio) ** (0.5 / poles)
+    return np.where(sine <= 1.0, np.arcsin(np.minimum(sine, 1.0)) * (2 / np.pi), np.nan)
+
+
+def _factors(width: ArrayLike, poles: int) -> tuple[Complexes, Complexes]:
+    """Return the roots c of `c^poles = -q / N` and, to full relative precision, 1 - z of the z inside the circle.
+
+    `u = 1 - z` solves `u^2 - c u + c = 0`; both have a last axis of `poles`.
+    """
+    corner = (2 * np.sin(0.5 * np.pi * np.asarray(width, dtype=np.float64)[..., None])) ** 2
+    turn = np.exp(1j * np.pi * (2 * np.arange(poles) + 1) / poles)
+    c = corner * HALF_POWER ** (-1 / poles) * turn
+    root = np.sqrt(c * (c - 4))
+    pair = np.stack([(c - root) / 2, (c + root) / 2])
+    # |1 - u| < 1, without the cancellation near 1
+    inside = 2 * pair.real > np.abs(pair) ** 2
+    return c, np.where(inside[1], pair[1], pair[0])

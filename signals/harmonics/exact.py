@@ -1,0 +1,136 @@
+"""Complex amplitudes of shaft harmonics by Kalman filter and smoother, every sample in turn.
+
+The filter goes from angles to amplitudes in one sweep. For the smoother a covariance filter goes forward, an
+information filter backward, and they meet at the outputs, stretch by stretch, so that memory beyond the outputs
+grows with the square root of the record.
+"""
+
+import numpy as np
+
+from signals.harmonics import _kernels
+from signals.harmonics._chain import Chain, Flags, Floats, State, Tally, look_interval, padded, smooth_chain
+from signals.harmonics.model import Complexes, Estimate, Estimator, HarmonicModel, Indices
+
+# Samples whose angles are gathered at a time.
+SAMPLES_AT_ONCE = 1 << 15
+
+
+def exact(model: HarmonicModel, x: Floats, *, estimator: Estimator, output_every: int, startup: int) -> Estimate:
+    """Filter or smooth sample by sample.
+
+    A sample costs (poles columns)^2 operations forward and columns times that backward.
+
+    Parameters
+    ----------
+    model : what is estimated.
+    x : (channel, sample) array, NaN where missing: in all channels at once.
+    estimator : "smoother" or "filter".
+    output_every : samples between outputs.
+    startup : first sample whose innovation counts in the statistics.
+    """
+    track = _smooth if estimator == "smoother" else _filter
+    return track(model, x, output_every=output_every, startup=startup)
+
+
+def memory(model: HarmonicModel) -> float:
+    """Return the samples in which the widest order is forgotten."""
+    return 1 / float(model.bandwidth.max())
+
+
+def _places(model: HarmonicModel) -> Indices:
+    """Where `filter_samples` finds each order's phasor and the columns of its parts."""
+    found = np.full((3, model.orders.size), -1)
+    found[0] = model.plan.row
+    found[1] = np.arange(model.orders.size)
+    found[2, model.turning] = model.orders.size + np.arange(model.turning.size)
+    return found
+
+
+def _filter(model: HarmonicModel, x: Floats, *, output_every: int, startup: int) -> Estimate:
+    state, tally = start(model, channels=len(x)), Tally.empty(channels=len(x))
+    amplitude, variance = filter_on(model, x, state, tally, first=0, output_every=output_every, startup=startup)
+    return _estimate(amplitude, variance, tally)
+
+
+def start(model: HarmonicModel, *, channels: int) -> State:
+    """State before the first sample."""
+    return State.prior(padded(model.prior_variance()), channels=channels)
+
+
+def filter_on(
+    model: HarmonicModel, x: Floats, state: State, tally: Tally, *, first: int, output_every: int, startup: int
+) -> tuple[Complexes, Floats]:
+    """Filter on from a state: carry it over these samples and count their innovations.
+
+    Parameters
+    ----------
+    model : what is estimated, with the angles of these samples.
+    x : (channel, sample) array, NaN where missing: in all channels at once.
+    state, tally : updated.
+    first : number of the first of these samples in the whole record.
+    output_every : samples between outputs, of the whole record.
+    startup : number of the first sample whose innovation counts.
+
+    Returns
+    -------
+    amplitude : (channel, order, output) array.
+    variance : (order, output) array, mean over the quadratures.
+    """
+    channels, samples = x.shape
+    outputs = len(range(-first % output_every, samples, output_every))
+    amplitude = np.empty((channels, model.orders.size, outputs), dtype=np.complex128)
+    variance = np.empty((model.orders.size, outputs))
+    done = 0
+    for begin in range(0, samples, SAMPLES_AT_ONCE):
+        span = slice(begin, min(begin + SAMPLES_AT_ONCE, samples))
+        size = span.stop - begin
+        innovations, roots = np.empty((size, 1, channels)), np.empty((size, 1))
+        wanted = np.zeros(size, dtype=np.bool_)
+        wanted[-(first + begin) % output_every :: output_every] = True
+        _kernels.filter_samples(
+            model.plan.recipe, _places(model), model.phase(span), np.array(x[:, span]), _walk(model, span),
+            look_interval(memory(model)), state.status, state.vector, state.matrix, innovations, roots, wanted, done,
+            amplitude, variance,
+        )  # fmt: skip
+        done += int(np.count_nonzero(wanted))
+        tally.add(innovations, roots, skip=startup - first - begin)
+    return amplitude, variance
+
+
+def chain_of(model: HarmonicModel, x: Floats, wanted: Flags) -> Chain:
+    """Return the samples as a chain, with outputs where wanted."""
+    return Chain(
+        measurements=lambda span: (model.regressors(span)[:, None, :], x[:, span].T[:, None, :]),
+        walk_variance=model.walk_variance,
+        prior_variance=model.prior_variance(),
+        wanted=wanted,
+        channels=len(x),
+        memory=memory(model),
+    )
+
+
+def parts(model: HarmonicModel, levels: Floats, variances: Floats) -> tuple[Complexes, Floats]:
+    """(channel, order, output) amplitudes and (order, output) variances of a chain's levels."""
+    return np.stack([model.amplitude(own) for own in levels]), model.variance(variances)
+
+
+def _walk(model: HarmonicModel, span: slice) -> Floats:
+    return np.ascontiguousarray(padded(model.walk_variance(span)))
+
+
+def _smooth(model: HarmonicModel, x: Floats, *, output_every: int, startup: int) -> Estimate:
+    wanted = np.zeros(x.shape[1], dtype=np.bool_)
+    wanted[::output_every] = True
+    levels, variances, tally = smooth_chain(chain_of(model, x, wanted), startup)
+    return _estimate(*parts(model, levels, variances), tally)
+
+
+def _estimate(amplitude: Complexes, variance: Floats, tally: Tally) -> Estimate:
+    return Estimate(
+        amplitude=amplitude,
+        variance=variance,
+        innovation_mean_square=tally.mean_square,
+        innovation_log_variance=tally.log_variance / max(tally.count, 1),
+        innovation_autocorrelation=tally.autocorrelation,
+        innovation_samples=tally.count,
+    )

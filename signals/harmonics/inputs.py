@@ -1,0 +1,277 @@
+"""What the trackers accept: records, phases, orders, bandwidths, and the sentence for everything else."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from signals._checks import nearest, number, positive
+from signals.harmonics.model import BandwidthUnits, Floats, Indices, Order
+
+SAMPLES_AT_ONCE = 1 << 15  # whose passing arrays stay in the cache
+
+
+def check_record(x: ArrayLike) -> Floats:
+    """Return the record as a (channel, sample) array of floats, NaN where a sample is missing, or refuse it."""
+    values = np.atleast_2d(_real_array("x", x, dims=(1, 2)))
+    if not np.isfinite(values).all():
+        infinite = np.argwhere(np.isinf(values))
+        if len(infinite):
+            channel, sample = infinite[0]
+            place = f"{sample}" if np.ndim(x) == 1 else f"{channel}, {sample}"
+            raise ValueError(
+                f"x[{place}]={values[channel, sample]} (and {len(infinite) - 1} more) is infinite; "
+                "samples must be finite, or NaN where missing: mark bad samples as NaN."
+            )
+    return values
+
+
+def check_orders(
+    orders: Sequence[Order] | NDArray[np.float64],
+    phase_rad: ArrayLike | Mapping[str, ArrayLike],
+    *,
+    samples: int,
+) -> tuple[Floats, tuple[str, ...], Indices, tuple[Floats, ...]]:
+    """Check orders and phases.
+
+    Returns
+    -------
+    orders : (order,) array.
+    shafts : name of each order's shaft; none for a single phase.
+    shaft : (order,) array, the place of its phase.
+    phases : (sample,) arrays, one for each shaft that has an order.
+    """
+    if isinstance(orders, str | bytes | Mapping) or not np.iterable(orders):
+        raise ValueError(f"orders={orders!r}: needed a sequence of orders, such as [1, 2, 36].")
+    if len(orders) == 0:
+        raise ValueError("orders is empty; name at least one order to track, such as orders=[1].")
+    if isinstance(phase_rad, Mapping):
+        pairs = [_shaft_and_order(item, phase_rad) for item in orders]
+        angles = {name: _phase(f"phase_rad[{name!r}]", phase_rad[name], samples) for name, _ in pairs}
+    else:
+        pairs = [("", _order(item)) for item in orders]
+        angles = {"": _phase("phase_rad", phase_rad, samples)}
+    _check_below_half_rate(pairs, angles)
+    names = tuple(name for name, _ in pairs) if isinstance(phase_rad, Mapping) else ()
+    place = {name: number for number, name in enumerate(angles)}
+    shaft = np.array([place[name] for name, _ in pairs])
+    return np.array([order for _, order in pairs]), names, shaft, tuple(angles.values())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CheckedBandwidth:
+    """A bandwidth as given, and what the estimators make of it.
+
+    Attributes
+    ----------
+    given : (order,) array in `units`, the mean over time where it varies.
+    units : "hz" or "orders".
+    cycles : (order, 1) array, or (order, sample) where it varies, in cycles a sample.
+    """
+
+    given: Floats
+    units: BandwidthUnits
+    cycles: Floats
+
+
+def check_bandwidth(
+    *,
+    bandwidth_hz: ArrayLike | None,
+    bandwidth_orders: ArrayLike | None,
+    rate_hz: float | None,
+    samples_per_rev: float | None,
+    shaft: Indices,
+    phases: tuple[Floats, ...],
+) -> CheckedBandwidth:
+    """Return the bandwidth of each order, or refuse it; `shaft` and `phases` as `check_orders` returns them."""
+    given = {
+        "bandwidth_hz": bandwidth_hz,
+        "bandwidth_orders": bandwidth_orders,
+        "rate_hz": rate_hz,
+        "samples_per_rev": samples_per_rev,
+    }
+    names = [name for name, value in given.items() if value is not None]
+    if names == ["bandwidth_hz", "samples_per_rev"]:
+        raise ValueError(
+            "bandwidth_hz with samples_per_rev: a record over angle does not tell its speed; pass bandwidth_orders, "
+            "which is bandwidth_hz / shaft speed in Hz, a (1, n) array where the speed varies."
+        )
+    if names not in (
+        ["bandwidth_hz", "rate_hz"],
+        ["bandwidth_orders", "samples_per_rev"],
+        ["bandwidth_orders", "rate_hz"],
+    ):
+        raise ValueError(
+            f"bandwidth and rate: {', '.join(names) or 'none'} given; needed bandwidth_hz with rate_hz, or "
+            "bandwidth_orders with samples_per_rev or rate_hz: pass one of these pairs and leave the others out."
+        )
+    bandwidth, rate = names
+    per_sample = positive(given[rate], name=rate)
+    width = _width(given[bandwidth], bandwidth, orders=shaft.size, samples=phases[0].size)
+    by_speed = names == ["bandwidth_orders", "rate_hz"]
+    cycles = width * np.stack([_turns_a_sample(phase) for phase in phases])[shaft] if by_speed else width / per_sample
+    _check_range(width, cycles, names=(bandwidth, rate), rate=None if by_speed else per_sample)
+    units: BandwidthUnits = "hz" if bandwidth == "bandwidth_hz" else "orders"
+    return CheckedBandwidth(given=width.mean(axis=1), units=units, cycles=cycles)
+
+
+def _width(value: ArrayLike | None, name: str, *, orders: int, samples: int) -> Floats:
+    """(order, 1 or sample) array."""
+    width = _real_array(name, value, dims=(0, 1, 2))
+    if width.ndim < 2:  # noqa: PLR2004
+        if width.size not in (1, orders):
+            raise ValueError(
+                f"{name} has {width.size} values for {orders} orders; pass one number for all, or one each."
+            )
+        width = width.reshape(-1, 1)
+    elif width.shape not in ((1, samples), (orders, samples)):
+        raise ValueError(
+            f"{name} has shape {width.shape} for {orders} orders and {samples} samples; a bandwidth that varies in "
+            f"time needs the shape (1, {samples}) for all orders alike, or ({orders}, {samples})."
+        )
+    return np.repeat(width, orders, axis=0) if len(width) != orders else width
+
+
+def _turns_a_sample(phase: Floats) -> Floats:
+    speed = np.gradient(phase) if phase.size > 1 else np.zeros(1)
+    return np.asarray(np.abs(speed) / (2 * np.pi))
+
+
+def _check_range(width: Floats, cycles: Floats, *, names: tuple[str, str], rate: float | None) -> None:
+    constant = width.shape[1] == 1
+    good = (width > 0 if constant else width >= 0) & (cycles < 0.5)  # noqa: PLR2004
+    if not good.all():
+        order, sample = np.argwhere(~good)[0]
+        value = width[order, min(sample, width.shape[1] - 1)]
+        below = (
+            f"{rate / 2:g}, half of {names[1]}={rate:g}"
+            if rate is not None
+            else f"{0.5 / cycles[order, sample] * value:g}, half of the rate at the speed of sample {sample}"
+            if value > 0
+            else "half of the rate"
+        )
+        raise ValueError(f"{names[0]}={value:g} must be above 0 and below {below}; choose one in between.")
+    if not cycles.any(axis=1).all():
+        raise ValueError(
+            f"{names[0]} is 0 cycles a sample throughout for order number {int(np.argmin(cycles.any(axis=1)))}; the "
+            "bandwidth must be above 0 somewhere: is its shaft at rest?"
+        )
+
+
+def check_phase_std(
+    phase_std_rad: ArrayLike | Mapping[str, ArrayLike] | None,
+    *,
+    shafts: tuple[str, ...],
+    shaft: Indices,
+    samples: int,
+) -> Floats | None:
+    """(order, 1 or sample) array: the standard deviation in rad of the angle each order counts."""
+    if phase_std_rad is None:
+        return None
+    if isinstance(phase_std_rad, Mapping):
+        lacking = [name for name in shafts if name not in phase_std_rad]
+        if lacking or not shafts:
+            raise ValueError(
+                f"phase_std_rad names {', '.join(map(str, phase_std_rad)) or 'no shaft'}, but the orders count "
+                f"{', '.join(map(repr, lacking)) or 'one unnamed phase'}; give one value for every shaft."
+            )
+        given = [_angle_std(f"phase_std_rad[{name!r}]", phase_std_rad[name], samples) for name in shafts]
+    else:
+        given = [_angle_std("phase_std_rad", phase_std_rad, samples)] * shaft.size
+    return np.stack(np.broadcast_arrays(*given))
+
+
+def _angle_std(name: str, value: ArrayLike, samples: int) -> Floats:
+    std = np.atleast_1d(_real_array(name, value, dims=(0, 1)))
+    if std.size not in (1, samples):
+        raise ValueError(f"{name} has {std.size} values for {samples} samples; pass one number, or one a sample.")
+    bad = np.flatnonzero(~(np.isfinite(std) & (std >= 0)))
+    if bad.size:
+        raise ValueError(f"{name}={std[bad[0]]:g} must be zero or more, and finite.")
+    return std
+
+
+def _real_array(name: str, value: ArrayLike | None, *, dims: tuple[int, ...] = (1,)) -> Floats:
+    array = np.asarray(value)
+    if array.dtype == object:
+        # Fractions arrive as objects; anything else that is not a number is caught here by name.
+        array = np.array([number(item, name=name) for item in array.flat]).reshape(array.shape)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} holds {array.dtype} values; real numbers are needed.")
+    if array.ndim not in dims:
+        raise ValueError(
+            f"{name} has shape {array.shape}; needed {'a number or ' if 0 in dims else ''}"
+            f"{'one or two dimensions' if 2 in dims else 'one dimension'}: pass {name} as a plain sequence of numbers"  # noqa: PLR2004
+            f"{', or one row a channel' if dims == (1, 2) else ''}."
+        )
+    if array.size == 0:
+        raise ValueError(f"{name} is empty; at least one value is needed.")
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def _phase(name: str, value: ArrayLike, samples: int) -> Floats:
+    phase = _real_array(name, value)
+    if phase.size != samples:
+        raise ValueError(f"{name} has {phase.size} values for {samples} samples of x; give one angle per sample.")
+    if not np.isfinite(phase).all():
+        bad = np.flatnonzero(~np.isfinite(phase))
+        raise ValueError(
+            f"{name}[{bad[0]}]={phase[bad[0]]} (and {bad.size - 1} more) is not finite; the angle must be known "
+            "at every sample, missing samples included: interpolate it."
+        )
+    return phase
+
+
+def _order(item: object) -> float:
+    if isinstance(item, tuple):
+        raise ValueError(  # noqa: TRY004
+            f"order {item!r} names a shaft, but phase_rad is one array; pass a mapping from shaft to phase."
+        )
+    order = number(item, name="order")
+    if order < 0:
+        raise ValueError(
+            f"order={order:g} is negative; a real record has the same line at {-order:g}, conjugated: track that one."
+        )
+    return order
+
+
+def _shaft_and_order(item: object, phases: Mapping[str, ArrayLike]) -> tuple[str, float]:
+    if not (isinstance(item, tuple | list) and len(item) == 2 and isinstance(item[0], str)):  # noqa: PLR2004
+        raise ValueError(
+            f"order {item!r} names no shaft, but phase_rad is a mapping; give (shaft, order) pairs, such as "
+            f"({next(iter(phases), 'shaft')!r}, 1)."
+        )
+    if item[0] not in phases:
+        raise ValueError(
+            f"order {item!r}: no phase for shaft {item[0]!r}; phase_rad has {', '.join(map(str, phases)) or 'none'}."
+            f"{nearest(item[0], [str(name) for name in phases])}"
+        )
+    return item[0], _order(item[1])
+
+
+def _label(shaft: str, order: float) -> str:
+    return f"order {order:g} of {shaft!r}" if shaft else f"order {order:g}"
+
+
+def _check_below_half_rate(pairs: list[tuple[str, float]], phases: Mapping[str, Floats]) -> None:
+    advance = {shaft: _fastest(phase) for shaft, phase in phases.items()}
+    for shaft, order in pairs:
+        step, at = advance[shaft]
+        # Half the rate itself is legal; angles of exactly that round to either side.
+        if order * step > np.pi * (1 + 1e-9):
+            raise ValueError(
+                f"{_label(shaft, order)} turns by {order * step:.4g} rad between samples {at} and {at + 1}; more "
+                "than pi is above half of the rate: drop the order, raise the rate, or mend the phase there."
+            )
+
+
+def _fastest(phase: Floats) -> tuple[float, int]:
+    """Return the largest turn between neighbouring samples and where it starts."""
+    largest, place = 0.0, 0
+    for first in range(0, phase.size - 1, SAMPLES_AT_ONCE):
+        step = np.abs(np.diff(phase[first : first + SAMPLES_AT_ONCE + 1]))
+        at = int(step.argmax())
+        if step[at] > largest:
+            largest, place = float(step[at]), first + at
+    return largest, place

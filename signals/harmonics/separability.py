@@ -1,0 +1,162 @@
+"""Which orders come so close that they disturb one another, and which outputs say less for that or for gaps."""
+
+from collections.abc import Callable
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from signals.harmonics.bandwidth import Bandwidth
+from signals.harmonics.model import Estimator, Floats, HarmonicModel, Indices, OutputFlag, UnresolvedPair
+
+# Stretches of the record over which speeds are averaged when lines are compared.
+STRETCHES = 512
+
+
+class Closeness:
+    """How far every order is from the others and from its own image, stretch by stretch.
+
+    A line of a real record has an image at minus its frequency, and both come again at every multiple of the rate:
+    the distance is that to the nearest of these.
+
+    Attributes
+    ----------
+    edges : (stretch + 1,) array of samples.
+    frequency : (order, stretch) array, cycles a sample.
+    bandwidth : (order, stretch) array, cycles a sample.
+    """
+
+    def __init__(self, model: HarmonicModel, samples: int) -> None:
+        self.model = model
+        self.edges = np.unique(np.linspace(0, samples - 1, STRETCHES + 1).astype(np.int64))
+        if self.edges.size == 1:
+            self.edges = np.array([0, 1])
+            speed = np.zeros((len(model.phases), 1))
+        else:
+            speed = np.diff(model.phase(self.edges)) / (2 * np.pi * np.diff(self.edges))
+        self.frequency = model.orders[:, None] * speed[model.shaft]
+        middle = (self.edges[:-1] + self.edges[1:]) // 2
+        width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, middle]
+        self.bandwidth = np.broadcast_to(width, self.frequency.shape)
+
+    def to_others(self, order: int) -> Floats:
+        """(order, stretch) array of distances in cycles a sample, infinite to itself; 0 where two lines cross."""
+        mine = self.frequency[order]
+        nearest = np.full(self.frequency.shape, np.inf)
+        for apart in (self.frequency - mine, self.frequency + mine):
+            folded = apart - np.round(apart)
+            distance = np.abs(folded)
+            near = np.maximum(distance[:, 1:], distance[:, :-1]) < 0.25  # noqa: PLR2004  (else it is the fold)
+            crossing = near & (folded[:, 1:] * folded[:, :-1] < 0)
+            distance[:, 1:][crossing] = distance[:, :-1][crossing] = 0.0
+            np.minimum(nearest, distance, out=nearest)
+        nearest[order] = np.inf
+        return nearest
+
+    def to_image(self, order: int) -> Floats:
+        """(stretch,) array of distances to the order's own image: small at rest, and at half the rate."""
+        if self.model.orders[order] == 0:
+            return np.full(self.frequency.shape[1], np.inf)
+        twice = 2 * self.frequency[order]
+        return np.asarray(np.abs(twice - np.round(twice)))
+
+    def coupled(
+        self, gain: Callable[[Bandwidth, Floats], Floats], amplitude: Floats, tolerance: float
+    ) -> list[Indices]:
+        """Return the groups of orders to be estimated together, single ones among them if their image disturbs them.
+
+        Parameters
+        ----------
+        gain : how much of a line at some distances, (line,) array in cycles a sample, gets into an estimate of a
+            bandwidth.
+        amplitude : (order,) array, how large each is.
+        tolerance : part of an order's amplitude that another may leak into it.
+        """
+        count = len(self.frequency)
+        friends = np.zeros((count, count), dtype=np.bool_)
+        for k in range(count):
+            bandwidth = Bandwidth(width=float(self.bandwidth[k].max()), poles=self.model.poles)
+            distance = self.to_others(k).min(axis=1)
+            distance[k] = self.to_image(k).min()
+            # The largest distance there is is that of half the rate.
+            friends[k] = gain(bandwidth, np.minimum(distance, 0.5)) * amplitude > tolerance * amplitude[k]
+        mean = np.flatnonzero(self.model.orders == 0)
+        friends[mean, mean] = False
+        return components(friends | friends.T)
+
+    def unresolved(self) -> tuple[list[UnresolvedPair], NDArray[np.uint8]]:
+        """Compare distances with bandwidths.
+
+        Returns
+        -------
+        pairs : those closer than half a bandwidth, or than one turn in the whole record.
+        flags : (order, stretch) array of `OutputFlag`.
+        """
+        flags = np.zeros(self.frequency.shape, dtype=np.uint8)
+        pairs = []
+        lengths = np.diff(self.edges)
+        for k in range(len(flags)):
+            distance = self.to_others(k)
+            close = distance < np.maximum(self.bandwidth, self.bandwidth[k]) / 2
+            close |= (distance @ lengths < 1)[:, None]
+            flags[k] |= np.uint8(OutputFlag.NOT_SEPARABLE) * close.any(axis=0)
+            flags[k] |= np.uint8(OutputFlag.ONE_QUADRATURE) * (self.to_image(k) < self.bandwidth[k] / 2)
+            shares = close @ lengths / lengths.sum()
+            pairs += [
+                UnresolvedPair(k, int(other), float(shares[other])) for other in np.flatnonzero(shares) if other > k
+            ]
+        return pairs, flags
+
+    def at_outputs(self, flags: NDArray[np.uint8], outputs: Indices) -> NDArray[np.uint8]:
+        """(order, output) flags from those of the stretches."""
+        if not flags.any():
+            return np.zeros((len(flags), outputs.size), dtype=np.uint8)
+        stretch = np.searchsorted(self.edges[1:-1], outputs, side="right")
+        return np.repeat(flags, np.bincount(stretch, minlength=flags.shape[1]), axis=1)
+
+
+def flag_outputs(
+    model: HarmonicModel, seen: NDArray[np.bool_], *, every: int, estimator: Estimator
+) -> tuple[NDArray[np.uint8], tuple[UnresolvedPair, ...]]:
+    """Return the (order, output) flags of a record's outputs, and the pairs of orders that are not separable.
+
+    Parameters
+    ----------
+    model : what is estimated.
+    seen : (sample,) array, whether the sample is there.
+    every : samples between outputs.
+    estimator : "smoother" or "filter", which knows no later samples.
+    """
+    outputs = np.arange(0, seen.size, every)
+    closeness = Closeness(model, seen.size)
+    pairs, flags = closeness.unresolved()
+    found = closeness.at_outputs(flags, outputs)
+    half = [np.maximum(0.5 / np.maximum(row, 0.5 / seen.size), 1.0) for row in model.bandwidth]
+    observed = np.flatnonzero(seen)
+    first, last = (int(observed[0]), int(observed[-1])) if observed.size else (seen.size, -1)
+    for k, reach in enumerate(half):
+        found[k, : max(0, ceil((first + reach[0]) / every))] |= np.uint8(OutputFlag.NEAR_END)
+        if estimator == "smoother":
+            found[k, max(0, ceil((last - reach[-1]) / every)) :] |= np.uint8(OutputFlag.NEAR_END)
+    if observed.size < seen.size:
+        before = np.concatenate([[0], np.cumsum(seen)])
+        for k, reach in enumerate(half):
+            span = (reach if reach.size == 1 else reach[::every]).astype(np.int64)
+            start = np.maximum(outputs - span, 0)
+            stop = np.minimum(outputs + (span if estimator == "smoother" else 0) + 1, seen.size)
+            there = before[stop] - before[start]
+            found[k] |= np.uint8(OutputFlag.NEAR_GAP) * (there <= 0.75 * (stop - start))
+    return found, tuple(pairs)
+
+
+def components(friends: NDArray[np.bool_]) -> list[Indices]:
+    """Return the groups of places linked, directly or not, to another or to themselves."""
+    groups, left = [], set(np.flatnonzero(friends.any(axis=1)).tolist())
+    while left:
+        group, edge = set[int](), {left.pop()}
+        while edge:
+            group |= edge
+            edge = {int(other) for one in edge for other in np.flatnonzero(friends[one])} - group
+        left -= group
+        groups.append(np.array(sorted(group)))
+    return groups

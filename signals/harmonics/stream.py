@@ -1,0 +1,341 @@
+"""Shaft harmonics tracked while the record comes in, block by block, in memory that does not grow.
+
+Without a lag this is the causal Kalman filter of `track_orders(..., estimator="filter", method="exact")`. With one,
+outputs come late and smoothed: samples are gathered in segments of `lag`; as soon as a segment is followed by a whole
+second one, an information filter runs back through that, and the first is smoothed with what it knows [1]_. An output
+then knows `lag` to `2 lag` later samples. What the smoother of the whole record knows beyond them moves it by some
+`std exp(-decay lag)`, with the slowest decay in the smoother's response, `decay = sin(pi / (2 poles))
+(sqrt(2) - 1)^(-1 / (2 poles)) pi bandwidth / rate`: for one pole 4.9 bandwidth / rate, for four 1.3.
+
+References
+----------
+.. [1] D. C. Fraser, J. E. Potter, "The optimum linear smoother as a combination of two optimum linear filters",
+   IEEE Trans. Automatic Control 14, 1969.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import ceil
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from signals._checks import positive, whole
+from signals.harmonics._chain import Chain, Knowledge, State, Tally, advance, look_back, nothing_known, smooth_on
+from signals.harmonics.bandwidth import MOST_POLES
+from signals.harmonics.exact import chain_of, filter_on, parts, start
+from signals.harmonics.inputs import check_bandwidth, check_orders, check_record
+from signals.harmonics.model import (
+    PRIOR_STD,
+    BandwidthUnits,
+    Complexes,
+    Floats,
+    HarmonicModel,
+    Order,
+    OrderTracks,
+    OutputFlag,
+)
+
+_TALLY = ("square", "products", "pairs", "recent", "recent_seen", "log_variance", "count")
+_STATE = ("vector", "matrix", "status")
+
+
+class OrderTracker:
+    """Complex amplitudes of shaft harmonics from a record that comes in block by block.
+
+    Parameters
+    ----------
+    orders : cycles per revolution, one number an order, or (shaft, order) pairs. 0 is the mean.
+    noise_variance : variance R of the white noise in the record, signal units squared.
+    bandwidth_hz : full -3 dB width of the smoother in Hz, one for all orders or one each; with `rate_hz`.
+    bandwidth_orders : the same in cycles per revolution; with `samples_per_rev`.
+    rate_hz : samples per second.
+    samples_per_rev : samples per revolution, for a record sampled in angle.
+    poles : 1 to 4, how many times the amplitudes' random walk is integrated.
+    initial_std : standard deviation of each part of an amplitude before the first sample, in the unit of the record.
+        Default 1000 standard deviations of the noise.
+    lag : None for a causal filter; else samples that each output waits for at least, to be smoothed with them.
+    output_every : samples from one output to the next.
+
+    Raises
+    ------
+    ValueError
+        An input makes no sense; the sentence says which and what to do.
+    """
+
+    def __init__(
+        self,
+        *,
+        orders: Sequence[Order] | NDArray[np.float64],
+        noise_variance: float,
+        bandwidth_hz: ArrayLike | None = None,
+        bandwidth_orders: ArrayLike | None = None,
+        rate_hz: float | None = None,
+        samples_per_rev: float | None = None,
+        poles: int = 1,
+        initial_std: float | None = None,
+        lag: int | None = None,
+        output_every: int = 1,
+    ) -> None:
+        self._noise = positive(noise_variance, name="noise_variance")
+        std = PRIOR_STD * np.sqrt(self._noise) if initial_std is None else positive(initial_std, name="initial_std")
+        numbers, self._names, shaft, _ = check_orders(orders, _at_rest(orders), samples=1)
+        if bandwidth_orders is not None and rate_hz is not None and bandwidth_hz is None:
+            raise ValueError(
+                "bandwidth_orders with rate_hz: the speed of samples to come is not known; pass bandwidth_hz, or "
+                "samples_per_rev for a record sampled in angle."
+            )
+        given = np.asarray(bandwidth_hz if bandwidth_orders is None else bandwidth_orders)
+        if given.ndim > 1:
+            raise ValueError(
+                f"bandwidth of shape {given.shape}: a stream's does not vary in time; pass one number, or one an order."
+            )
+        self._width = check_bandwidth(
+            bandwidth_hz=bandwidth_hz,
+            bandwidth_orders=bandwidth_orders,
+            rate_hz=rate_hz,
+            samples_per_rev=samples_per_rev,
+            shaft=shaft,
+            phases=(np.zeros(2),),
+        )
+        self._model = HarmonicModel(
+            orders=numbers,
+            shaft=shaft,
+            phases=(),
+            bandwidth=self._width.cycles,
+            poles=whole(poles, name="poles", least=1, most=MOST_POLES),
+            prior_std=float(std / np.sqrt(self._noise)),
+        )
+        self._lag = None if lag is None else whole(lag, name="lag", least=1)
+        self._every = whole(output_every, name="output_every", least=1)
+        self._settings: dict[str, Any] = {
+            "orders": numbers,
+            "shafts": np.array(self._names, dtype=np.str_),
+            "noise_variance": self._noise,
+            _BANDWIDTH[self._width.units][0]: self._width.given,
+            _BANDWIDTH[self._width.units][1]: rate_hz if self._width.units == "hz" else samples_per_rev,
+            "poles": self._model.poles,
+            "initial_std": float(std),
+            "lag": 0 if self._lag is None else self._lag,
+            "output_every": self._every,
+        }
+        self._one = True
+        self._state: State | None = None
+        self._tally = Tally.empty(channels=1)
+        # Samples given out, and those that wait for later ones, with their angles.
+        self._done = 0
+        self._x = np.empty((1, 0))
+        self._phase = np.empty((self._shafts(), 0))
+        self._last_phase = np.full(self._shafts(), np.nan)
+
+    def update(self, x: ArrayLike, *, phase_rad: ArrayLike | Mapping[str, ArrayLike]) -> OrderTracks:
+        """Take the next samples in and return the outputs that are due.
+
+        Parameters
+        ----------
+        x : (sample,) array, or (channel, sample); as many channels in every block. NaN marks a missing sample, in all
+            channels at once.
+        phase_rad : (sample,) array, shaft angle in rad, going on from the last block, or a mapping from shaft name to
+            such an array.
+
+        Returns
+        -------
+        OrderTracks
+            `sample_index` counts from the start of the stream; the innovations are those of all samples so far. Of the
+            flags only NEAR_END is set, at the start: to tell the others takes the whole record.
+        """
+        block = self._check_block(x)
+        names = self._names or ("",) * self._model.orders.size
+        orders = [(s, o) if s else o for s, o in zip(names, self._model.orders.tolist(), strict=True)]
+        *_, angles = check_orders(orders, phase_rad, samples=block.shape[1])
+        phase = np.stack(angles)
+        self._check_continuity(phase)
+        self._last_phase = phase[:, -1].copy()
+        if self._state is None:
+            self._one = np.ndim(x) == 1
+            self._state = start(self._model, channels=len(block))
+            self._tally = Tally.empty(channels=len(block))
+            self._x = np.empty((len(block), 0))
+        if self._lag is None:
+            return self._filter(block, phase)
+        return self._gather(block, phase)
+
+    def finish(self) -> OrderTracks:
+        """Return the outputs that a lag still keeps back: the stream has ended."""
+        if self._state is None:
+            raise ValueError("finish() before any update(): the stream is empty; pass its samples to update() first.")
+        first, waiting = self._done, self._x.shape[1]
+        found = [self._smooth(waiting, nothing_known(self._state))] if waiting else []
+        return self._tracks(found, first)
+
+    def state(self) -> dict[str, Any]:
+        """Return all there is to know to go on later: numbers, strings and arrays under plain names.
+
+        `numpy.savez(path, **tracker.state())` keeps it; `OrderTracker.from_state(numpy.load(path))` goes on from there.
+        """
+        kept = {f"setting_{name}": value for name, value in self._settings.items()}
+        kept |= {"one_channel": self._one, "started": self._state is not None, "done": self._done}
+        kept |= {"x": self._x.copy(), "phase": self._phase.copy(), "last_phase": self._last_phase.copy()}
+        if self._state is not None:
+            kept |= {f"state_{name}": getattr(self._state, name).copy() for name in _STATE}
+        kept |= {f"tally_{name}": np.copy(getattr(self._tally, name)) for name in _TALLY}
+        return kept
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any]) -> "OrderTracker":
+        """Return the tracker whose `state()` this was."""
+        missing = {"setting_orders", "started", "x"} - set(state)
+        if missing:
+            raise ValueError(
+                f"state lacks {', '.join(sorted(missing))}: pass what OrderTracker.state() returned, or what "
+                "numpy.load returns of it."
+            )
+        settings = {key[8:]: np.asarray(state[key]) for key in state if key.startswith("setting_")}
+        shafts, orders = settings.pop("shafts").tolist(), settings.pop("orders").tolist()
+        plain: dict[str, Any] = {key: value if value.ndim else value.item() for key, value in settings.items()}
+        plain["lag"] = plain["lag"] or None
+        tracker = cls(orders=list(zip(shafts, orders, strict=True)) if shafts else orders, **plain)
+        tracker._one, tracker._done = bool(state["one_channel"]), int(state["done"])
+        tracker._x, tracker._phase = np.array(state["x"]), np.array(state["phase"])
+        tracker._last_phase = np.array(state["last_phase"])
+        if state["started"]:
+            tracker._state = State(*(np.array(state[f"state_{name}"]) for name in _STATE))
+        for name in _TALLY:
+            value = np.array(state[f"tally_{name}"])
+            setattr(tracker._tally, name, value if value.ndim else value.item())
+        return tracker
+
+    def _shaft_names(self) -> list[str]:
+        """Names of the shafts in the order in which the model counts them."""
+        return list(dict.fromkeys(self._names)) or [""]
+
+    def _shafts(self) -> int:
+        return len(self._shaft_names())
+
+    def _check_block(self, x: ArrayLike) -> Floats:
+        block = check_record(x)
+        if self._state is not None and (len(block) != len(self._x) or (np.ndim(x) == 1) != self._one):
+            raise ValueError(
+                f"x has shape {np.shape(x)}, but the stream began with "
+                f"{'one plain channel' if self._one else f'{len(self._x)} channels'}; pass blocks of the same channels."
+            )
+        missing = np.isnan(block)
+        if not (missing == missing[0]).all():
+            raise ValueError(
+                "x misses different samples in different channels; a stream's channels share one covariance: mark a "
+                "sample missing in all of them, or use one OrderTracker for each."
+            )
+        return block
+
+    def _check_continuity(self, phase: Floats) -> None:
+        for name, before, after in zip(self._shaft_names(), self._last_phase, phase[:, 0], strict=True):
+            own = [
+                o for o, s in zip(self._model.orders, self._model.shaft, strict=True) if self._shaft_names()[s] == name
+            ]
+            if max(own) * abs(after - before) > np.pi:
+                raise ValueError(
+                    f"phase_rad{f'[{name!r}]' if name else ''} jumps by {after - before:.4g} rad from the last "
+                    f"block to this one, order {max(own):g} by more than pi; go on from the last block's angle, "
+                    f"{before:.6g} rad."
+                )
+
+    def _part(self, phase: Floats) -> HarmonicModel:
+        return replace(self._model, phases=tuple(phase))
+
+    def _startup(self) -> int:
+        return ceil(1 / float(self._model.bandwidth.min())) + self._model.state_size
+
+    def _filter(self, block: Floats, phase: Floats) -> OrderTracks:
+        first = self._done
+        self._done += block.shape[1]
+        found = filter_on(
+            self._part(phase), block, self._begun(), self._tally,
+            first=first, output_every=self._every, startup=self._startup(),
+        )  # fmt: skip
+        return self._tracks([found], first)
+
+    def _gather(self, block: Floats, phase: Floats) -> OrderTracks:
+        lag, first, found = self._lag or 1, self._done, []
+        for begin in range(0, block.shape[1], lag):
+            # No more than a segment at a time, so that what waits stays below three.
+            span = slice(begin, begin + lag)
+            self._x = np.concatenate([self._x, block[:, span]], axis=1)
+            self._phase = np.concatenate([self._phase, phase[:, span]], axis=1)
+            if self._x.shape[1] >= 2 * lag:
+                ahead = self._begun().copy()
+                advance(self._waiting(slice(0, lag)), ahead)
+                found.append(self._smooth(lag, look_back(self._waiting(slice(lag, 2 * lag)), ahead)))
+        return self._tracks(found, first)
+
+    def _smooth(self, samples: int, later: Knowledge) -> tuple[Complexes, Floats]:
+        """Smooth the first of the waiting samples, and let them go."""
+        chain = self._waiting(slice(0, samples))
+        levels, variances = smooth_on(chain, self._begun(), later, self._tally, self._startup() - self._done)
+        self._done += samples
+        self._x, self._phase = self._x[:, samples:].copy(), self._phase[:, samples:].copy()
+        return parts(self._model, levels, variances)
+
+    def _waiting(self, span: slice) -> Chain:
+        """Return some of the waiting samples as a chain."""
+        x, phase = self._x[:, span], self._phase[:, span]
+        wanted = np.zeros(x.shape[1], dtype=np.bool_)
+        wanted[-(self._done + span.start) % self._every :: self._every] = True
+        return chain_of(self._part(phase), x, wanted)
+
+    def _begun(self) -> State:
+        if self._state is None:
+            self._state = start(self._model, channels=len(self._x))
+        return self._state
+
+    def _tracks(self, found: list[tuple[Complexes, Floats]], first: int) -> OrderTracks:
+        """Return the tracks of the samples from `first` up to those done."""
+        orders, channels = self._model.orders.size, len(self._x)
+        index = np.arange(first + -first % self._every, self._done, self._every)
+        nothing = np.empty((channels, orders, 0), dtype=np.complex128), np.empty((orders, 0))
+        amplitude, variance = (np.concatenate(part, axis=-1) for part in zip(nothing, *found, strict=True))
+        std = np.sqrt(variance * self._noise) * np.ones((channels, 1, 1))
+        near = index < 0.5 / self._model.bandwidth
+        tally, counted = self._tally, self._tally.count > 0
+        mean_square = tally.mean_square if counted else np.full(channels, np.nan)
+        correlation = tally.autocorrelation if counted else np.zeros_like(tally.products)
+        growth = np.exp(tally.log_variance / tally.count) if counted else np.nan
+        one = self._one
+        return OrderTracks(
+            complex_amplitude=amplitude[0] if one else amplitude,
+            std=std[0] if one else std,
+            flags=np.where(near, OutputFlag.NEAR_END, OutputFlag.NONE).astype(np.uint8),
+            unresolved=(),
+            sample_index=index,
+            orders=self._model.orders,
+            shafts=self._names,
+            bandwidth=self._width.given,
+            bandwidth_units=self._width.units,
+            poles=self._model.poles,
+            estimator="filter" if self._lag is None else "smoother",
+            method="exact",
+            error_bound=0.0,
+            noise_variance=self._noise if one else np.full(channels, self._noise),
+            innovation_variance=self._noise * growth if one else np.full(channels, self._noise * growth),
+            innovation_mean_square=_own(mean_square / self._noise, one=one),
+            innovation_autocorrelation=correlation[0] if one else correlation,
+            whiteness=_own(np.mean(correlation**2, axis=1) * tally.count, one=one),
+            samples=self._done,
+        )
+
+
+_BANDWIDTH: dict[BandwidthUnits, tuple[str, str]] = {
+    "hz": ("bandwidth_hz", "rate_hz"),
+    "orders": ("bandwidth_orders", "samples_per_rev"),
+}
+
+
+def _own(values: Floats, *, one: bool) -> float | Floats:
+    return float(values[0]) if one else values
+
+
+def _at_rest(orders: object) -> ArrayLike | Mapping[str, ArrayLike]:
+    """Return an angle for every shaft that the orders name, so that they can be checked before there is any."""
+    pairs = orders if np.iterable(orders) and not isinstance(orders, str | bytes | Mapping) else []
+    names = [pair[0] for pair in pairs if isinstance(pair, tuple | list) and pair and isinstance(pair[0], str)]
+    return {name: [0.0] for name in names} or [0.0]

@@ -1,0 +1,78 @@
+"""From amplitudes back to the record: the waveform of some orders, and what is left when they are taken off."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from signals.harmonics import _block_kernels
+from signals.harmonics._phasors import PhasorPlan
+from signals.harmonics.blocks import pieces_between
+from signals.harmonics.inputs import check_orders, check_record
+from signals.harmonics.model import Floats, OrderTracks
+
+
+def order_waveform(
+    tracks: OrderTracks,
+    *,
+    phase_rad: ArrayLike | Mapping[str, ArrayLike],
+    places: Sequence[int] | None = None,
+) -> Floats:
+    """Return the waveform `sum_k Re{ Z_k exp(j order_k phase) }` of some of the tracked orders.
+
+    Parameters
+    ----------
+    tracks : what `track_orders` found; between its outputs amplitudes are cubic, linear for one pole.
+    phase_rad : as it was given there.
+    places : which of `tracks.orders`, by place; all of them unless given.
+
+    Returns
+    -------
+    (sample,) array, or (channel, sample) for tracks of several channels, in the record's units.
+
+    Raises
+    ------
+    ValueError
+        A place or a phase does not belong to these tracks.
+    """
+    chosen = np.arange(tracks.orders.size) if places is None else np.asarray(places, dtype=np.int64)
+    if chosen.size and not (chosen.min() >= 0 and chosen.max() < tracks.orders.size):
+        raise ValueError(
+            f"places={chosen.tolist()} must lie between 0 and {tracks.orders.size - 1}; they count the tracked orders."
+        )
+    own = list(zip(tracks.shafts, tracks.orders.tolist(), strict=True)) if tracks.shafts else tracks.orders
+    orders, _, shaft, phases = check_orders(own, phase_rad, samples=tracks.samples)
+    every = int(tracks.sample_index[1]) if tracks.sample_index.size > 1 else tracks.samples
+    amplitude = tracks.complex_amplitude
+    amplitude = (amplitude if amplitude.ndim == 3 else amplitude[None])[:, chosen]  # noqa: PLR2004
+    waves = np.zeros((len(amplitude), tracks.samples))
+    if chosen.size:
+        if amplitude.shape[-1] == 1:
+            amplitude = np.repeat(amplitude, 2, axis=-1)
+        pieces = pieces_between(amplitude, cubic=tracks.poles > 1)
+        plan = PhasorPlan.of(orders[chosen], shaft[chosen])
+        for pieces_of_channel, wave in zip(pieces, waves, strict=True):
+            _block_kernels.remodulate(pieces_of_channel, every, np.stack(phases), plan.recipe, plan.row, 0, wave)
+    return waves if tracks.complex_amplitude.ndim == 3 else waves[0]  # noqa: PLR2004
+
+
+def residual_record(
+    x: ArrayLike,
+    tracks: OrderTracks,
+    *,
+    phase_rad: ArrayLike | Mapping[str, ArrayLike],
+    places: Sequence[int] | None = None,
+) -> Floats:
+    """Return the record less the waveform of some of its orders; parameters as for `order_waveform`.
+
+    Returns
+    -------
+    array of the shape of x, NaN where x is.
+    """
+    record = check_record(x)
+    if record.shape[1] != tracks.samples:
+        raise ValueError(
+            f"x has {record.shape[1]} samples, but the tracks were made from {tracks.samples}; pass the same record."
+        )
+    rest = record - order_waveform(tracks, phase_rad=phase_rad, places=places)
+    return rest[0] if np.ndim(x) == 1 else rest

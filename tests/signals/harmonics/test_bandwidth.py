@@ -1,0 +1,143 @@
+"""What a bandwidth implies: the causal filter beside the smoother, the weight, the steady uncertainty."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.linalg import solve_discrete_are
+
+from signals.harmonics.bandwidth import Bandwidth, isolated_std, process_variance
+
+POLES = [1, 2, 3, 4]
+# Widths of the causal filter over the smoother's, and its peaks in dB, for narrow bandwidths: the standard jobs.
+WIDTH_RATIO = {1: 1.554, 2: 2.565, 3: 3.279, 4: 4.080}
+PEAK_DB = {1: 0.0, 2: 2.1, 3: 4.0, 4: 5.2}
+
+
+def steady_filter(width, poles):
+    """Predicted covariance and gain of the filter of one quadrature in noise of unit variance, by scipy.
+
+    The walk counts its differences backwards: the level takes all of them along, and the noise enters everywhere.
+    """
+    q = process_variance(orders=[1], bandwidth=width, rate=1.0, poles=poles, noise_variance=0.5)[0]
+    move = np.triu(np.ones((poles, poles)))
+    see = np.eye(poles)[:1]
+    predicted = solve_discrete_are(move.T, see.T, q * np.ones((poles, poles)), np.eye(1))
+    gain = predicted @ see.T / (predicted[0, 0] + 1)
+    return move, see, predicted, gain
+
+
+@pytest.mark.parametrize("poles", POLES)
+def test_narrow_causal_filter_is_the_known_one(poles):
+    narrow = Bandwidth(width=1e-7, poles=poles)
+    assert narrow.filter_width_ratio == pytest.approx(WIDTH_RATIO[poles], abs=6e-4)  # printed to three digits
+    assert narrow.filter_peak_db == pytest.approx(PEAK_DB[poles], abs=0.06)  # printed to one
+
+
+def test_the_theory_page_prints_the_same_figures():
+    page = Path(__file__).parents[3].joinpath("docs", "trackers.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line[:2] == "| " and line[2:3].isdigit()]
+    assert {int(p): (float(ratio), float(peak)) for p, ratio, peak in rows} == {
+        p: (WIDTH_RATIO[p], PEAK_DB[p]) for p in POLES
+    }
+
+
+@pytest.mark.parametrize("poles", POLES)
+@pytest.mark.parametrize("width", [0.01, 0.1, 0.4])
+def test_filter_gain_is_that_of_the_steady_kalman_filter(poles, width):
+    move, see, _, gain = steady_filter(width, poles)
+    offset = np.linspace(0, 0.5, 31)
+    z = np.exp(2j * np.pi * offset)
+    # filtered[n] = (I - K H) F filtered[n - 1] + K y[n]
+    step = (np.eye(poles) - gain @ see) @ move
+    expected = [(see @ np.linalg.solve(np.eye(poles) - step / a, gain)).item() for a in z]
+    # The Riccati solution of four poles at 0.01 is good to some 1e-10 only.
+    assert_allclose(Bandwidth(width=width, poles=poles).filter_gain(offset), expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("poles", POLES)
+def test_width_and_peak_are_those_of_the_gain(poles):
+    bandwidth = Bandwidth(width=0.05, poles=poles)
+    offset = np.linspace(0, 0.5, 200_001)
+    gain = np.abs(bandwidth.filter_gain(offset))
+    edge = offset[np.flatnonzero(gain > np.sqrt(0.5))[-1]]
+    assert bandwidth.filter_width_ratio == pytest.approx(2 * edge / 0.05, abs=2 * 2.5e-6 / 0.05)
+    assert bandwidth.filter_peak_db == pytest.approx(20 * np.log10(gain.max()), abs=1e-6)
+
+
+def test_filter_that_passes_half_of_the_rate_has_no_width():
+    assert np.isnan(Bandwidth(width=0.45, poles=1).filter_width_ratio)
+
+
+@pytest.mark.parametrize("poles", POLES)
+def test_smoother_gain_has_its_width(poles):
+    bandwidth = Bandwidth(width=0.03, poles=poles)
+    assert_allclose(bandwidth.smoother_gain([0.0, 0.015, -0.015]), [1, np.sqrt(0.5), np.sqrt(0.5)], rtol=1e-12)
+
+
+@pytest.mark.parametrize("poles", POLES)
+@pytest.mark.parametrize("width", [0.01, 0.1, 0.6])
+def test_filter_std_solves_the_riccati_equation(poles, width):
+    predicted = steady_filter(width, poles)[2][0, 0]
+    std = isolated_std(orders=[2, 0], bandwidth=width, rate=1.0, poles=poles, noise_variance=0.5, estimator="filter")
+    expected = np.sqrt(predicted / (predicted + 1))
+    assert_allclose(std, [expected, expected / np.sqrt(2)], rtol=1e-9)  # the mean sees R, not 2 R
+
+
+@pytest.mark.parametrize("poles", POLES)
+def test_smoother_std_is_that_of_a_dense_problem(poles):
+    width, samples, noise = 0.08, 600, 3.0
+    q = process_variance(orders=[0], bandwidth=width, rate=1.0, poles=poles, noise_variance=noise)[0]
+    difference = np.diff(np.eye(samples), poles, axis=0)
+    covariance = np.linalg.inv(np.eye(samples) / noise + difference.T @ difference / q)
+    std = isolated_std(orders=[0, 1], bandwidth=width, rate=1.0, poles=poles, noise_variance=noise)
+    # The ends, 24 bandwidths away, are forgotten at exp(-2 pi 24 sin(pi / 8)) or faster; rounding: condition 4^p N / q.
+    expected = np.sqrt(covariance[samples // 2, samples // 2])
+    assert_allclose(std, [expected, expected * np.sqrt(2)], rtol=1e-8)
+
+
+@pytest.mark.parametrize(("estimator", "share"), [("smoother", 0.5), ("filter", 1.0)])
+def test_std_of_a_narrow_single_pole_is_the_continuous_limit(estimator, share):
+    # The continuous Riccati equation gives the filter sqrt(N q) = N a; past and future together have half of that.
+    corner = np.pi * 1e-6 / np.sqrt(np.sqrt(2) - 1)
+    std = isolated_std(orders=[1], bandwidth=1e-6, rate=1.0, poles=1, noise_variance=1.0, estimator=estimator)
+    assert_allclose(std**2, share * 2 * corner, rtol=1e-5)  # discrete: relative a / 2
+
+
+def test_units_of_rate_do_not_matter():
+    settings = {"orders": [1, 0], "poles": 2, "noise_variance": 2.0}
+    hz = isolated_std(bandwidth=[5.0, 7.0], rate=1000.0, **settings)
+    assert_allclose(hz, isolated_std(bandwidth=[0.005, 0.007], rate=1.0, **settings), rtol=1e-12)
+
+
+@given(width=st.floats(1e-6, 1.0), poles=st.integers(1, 4))
+def test_weight_and_width_are_inverse(width, poles):
+    weight = Bandwidth(width=width, poles=poles).weight
+    # At half of the rate the sine is flat: there its argument has half the digits.
+    assert_allclose(Bandwidth.from_weight(weight * (1 + 1e-12), poles=poles).width, width, rtol=1e-5)
+
+
+def test_weight_squared_is_noise_over_process_variance():
+    for order, seen in ((0, 1.0), (1, 2.0)):
+        q = process_variance(orders=[order], bandwidth=0.02, rate=1.0, poles=3, noise_variance=0.7)[0]
+        assert Bandwidth(width=0.02, poles=3).weight == pytest.approx(np.sqrt(seen * 0.7 / q), rel=1e-12)
+
+
+def test_widths_in_units():
+    bandwidth = Bandwidth(width=2e-4, poles=2)
+    assert (bandwidth.hz(50e3), bandwidth.orders(512)) == pytest.approx((10.0, 0.1024))
+
+
+def test_what_makes_no_bandwidth_is_refused():
+    with pytest.raises(ValueError, match=r"width=10 cycles a sample is above 1"):
+        Bandwidth(width=10, poles=1)
+    with pytest.raises(ValueError, match=r"poles=5 must be a whole number from 1 to 4"):
+        Bandwidth(width=0.1, poles=5)
+    least = Bandwidth(width=1.0, poles=2).weight
+    with pytest.raises(ValueError, match=rf"weight=0.1 with poles=2 .* above {least:.3g}\."):
+        Bandwidth.from_weight(0.1, poles=2)
+    with pytest.raises(ValueError, match=r"estimator='smother' is unknown"):
+        isolated_std(orders=[1], bandwidth=0.1, rate=1.0, poles=1, noise_variance=1.0, estimator="smother")

@@ -1,0 +1,223 @@
+"""A record that comes in block by block: the same tracks, however it is cut, and no more memory however long."""
+
+import json
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from signals.harmonics import process_variance, track_orders
+from signals.harmonics.stream import OrderTracker
+
+SAMPLES = 3000
+COMMON = {"orders": [0, 1, 2.5], "bandwidth_hz": 0.004, "rate_hz": 1.0, "noise_variance": 0.09}
+
+
+def record(channels=None):
+    n = np.arange(SAMPLES)
+    phase = 2 * np.pi * (0.02 * n + 1e-6 * n**2)
+    shape = (SAMPLES,) if channels is None else (channels, SAMPLES)
+    x = 0.3 + np.cos(phase) + 0.4 * np.sin(2.5 * phase) + 0.3 * np.random.default_rng(0).standard_normal(shape)
+    x[..., 1000:1100] = np.nan
+    return x, phase
+
+
+def stream(tracker, x, phase, sizes, *, between=lambda tracker: tracker):
+    """Feed the record in blocks of these sizes, the last again and again."""
+    tracks, at, number = [], 0, 0
+    while at < SAMPLES:
+        stop = at + sizes[min(number, len(sizes) - 1)]
+        tracks.append(tracker.update(x[..., at:stop], phase_rad=phase[at:stop]))
+        tracker, at, number = between(tracker), stop, number + 1
+    return [*tracks, tracker.finish()]
+
+
+def joined(tracks, name):
+    return np.concatenate([getattr(part, name) for part in tracks], axis=-1)
+
+
+@settings(deadline=None, max_examples=15)
+@given(sizes=st.lists(st.integers(1, 900), min_size=1, max_size=12), poles=st.integers(1, 3))
+def test_however_it_is_cut_the_filter_is_that_of_the_whole_record(sizes, poles):
+    x, phase = record()
+    sizes = [*sizes, 700]
+    tracks = stream(OrderTracker(poles=poles, **COMMON), x, phase, sizes)
+    whole = track_orders(x, phase_rad=phase, estimator="filter", method="exact", poles=poles, **COMMON)
+    # The gain is weighed anew at the start of a block: rounding, amplified by little.
+    assert_allclose(joined(tracks, "complex_amplitude"), whole.complex_amplitude, rtol=0, atol=1e-12)
+    assert_allclose(joined(tracks, "std"), whole.std, rtol=1e-12)
+    assert_array_equal(joined(tracks, "sample_index"), whole.sample_index)
+    assert_allclose(tracks[-1].innovation_mean_square, whole.innovation_mean_square, rtol=1e-10)
+    assert_allclose(tracks[-1].innovation_autocorrelation, whole.innovation_autocorrelation, atol=1e-12)
+
+
+@pytest.mark.parametrize("lag", [None, 250])
+@pytest.mark.parametrize("channels", [None, 2])
+def test_a_tracker_goes_on_from_its_state(lag, channels, tmp_path):
+    x, phase = record(channels)
+
+    def kept(tracker):
+        np.savez(tmp_path / "state.npz", **tracker.state())
+        with np.load(tmp_path / "state.npz") as state:
+            return OrderTracker.from_state(state)
+
+    def written(tracker):
+        text = json.dumps({key: np.asarray(value).tolist() for key, value in tracker.state().items()})
+        shapes = {key: np.asarray(value) for key, value in tracker.state().items()}
+        read = {
+            key: np.array(value, shapes[key].dtype).reshape(shapes[key].shape)
+            for key, value in json.loads(text).items()
+        }
+        return OrderTracker.from_state(read)
+
+    settings = COMMON | {"lag": lag, "output_every": 3, "poles": 2}
+    straight = stream(OrderTracker(**settings), x, phase, [700])
+    for between in (kept, written):
+        stopped = stream(OrderTracker(**settings), x, phase, [700], between=between)
+        for name in ("complex_amplitude", "std", "sample_index"):
+            assert_array_equal(joined(stopped, name), joined(straight, name))
+        assert stopped[-1].innovation_mean_square == pytest.approx(straight[-1].innovation_mean_square, rel=1e-15)
+
+
+@pytest.mark.parametrize(("poles", "lags"), [(1, (100, 250, 500, 900)), (2, (250, 500, 900)), (4, (500, 900))])
+def test_a_fixed_lag_smoother_nears_the_smoother(poles, lags):
+    x, phase = record()
+    full = track_orders(x, phase_rad=phase, method="exact", poles=poles, **COMMON)
+    # The slowest pole of 1 / (1 + (sqrt(2) - 1) (w / (pi bandwidth))^(2 poles)).
+    decay = np.sin(np.pi / (2 * poles)) * (np.sqrt(2) - 1) ** (-1 / (2 * poles)) * np.pi * 0.004
+    for lag in lags:
+        tracks = stream(OrderTracker(poles=poles, lag=lag, **COMMON), x, phase, [333])
+        assert_array_equal(joined(tracks, "sample_index"), full.sample_index)
+        error = np.abs(joined(tracks, "complex_amplitude") - full.complex_amplitude) / full.std
+        assert error.max() < 10 * np.exp(-decay * lag) + 1e-9
+        assert (joined(tracks, "std") / full.std - 1).max() < 10 * np.exp(-decay * lag) + 1e-9
+        # Later data can only help.
+        assert (joined(tracks, "std") / full.std - 1).min() > -1e-9
+
+
+def test_a_fixed_lag_smoother_is_the_smoother_of_what_it_has_seen():
+    """An output waits for one to two lags: the last of a segment for just one."""
+    x, phase = record()
+    tracks = stream(OrderTracker(lag=200, **COMMON), x, phase, [77])
+    amplitude = joined(tracks, "complex_amplitude")
+    for last in (199, 599, 1999):
+        seen = slice(0, last + 201)
+        part = track_orders(x[seen], phase_rad=phase[seen], method="exact", **COMMON)
+        assert_allclose(amplitude[:, last], part.complex_amplitude[:, last], atol=1e-10)
+
+
+def test_outputs_come_as_soon_as_they_can():
+    x, phase = record()
+    tracker = OrderTracker(lag=200, **COMMON)
+    counts = [
+        tracker.update(x[at : at + 100], phase_rad=phase[at : at + 100]).sample_index.size for at in range(0, 800, 100)
+    ]
+    assert counts == [0, 0, 0, 200, 0, 200, 0, 200]
+    assert tracker.finish().sample_index.tolist() == list(range(600, 800))
+
+
+def test_shafts_by_name_and_channels():
+    x, phase = record(2)
+    settings = COMMON | {"orders": [("fan", 0), ("sun", 1), ("fan", 1.25)]}
+    phases = {"unused": phase, "fan": 2 * phase, "sun": phase}
+    tracker = OrderTracker(**settings)
+    tracks = [
+        tracker.update(x[:, at : at + 500], phase_rad={name: angle[at : at + 500] for name, angle in phases.items()})
+        for at in range(0, SAMPLES, 500)
+    ]
+    whole = track_orders(x, phase_rad=phases, estimator="filter", method="exact", **settings)
+    assert_allclose(joined(tracks, "complex_amplitude"), whole.complex_amplitude, rtol=0, atol=1e-12)
+    assert tracks[-1].shafts == ("fan", "sun", "fan")
+    assert tracks[-1].innovation_mean_square.shape == (2,)
+
+
+@pytest.mark.parametrize("lag", [None, 500])
+def test_memory_does_not_grow(lag):
+    tracker = OrderTracker(lag=lag, output_every=100, **COMMON)
+
+    def feed(first):
+        for at in range(first, first + SAMPLES, 500):
+            phase = 0.2 * np.arange(at, at + 500)
+            tracker.update(np.cos(phase), phase_rad=phase)
+        return sum(np.asarray(value).nbytes for value in tracker.state().values())
+
+    early = feed(0)
+    tracemalloc.start()
+    feed(SAMPLES)
+    before = tracemalloc.get_traced_memory()[0]
+    late = [feed(number * SAMPLES) for number in range(2, 8)]
+    growth = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert set(late) == {early}
+    # The samples themselves are 144,000 bytes.
+    assert growth < 30_000
+
+
+def refused(sentence, **change):
+    with pytest.raises(ValueError, match=sentence):
+        OrderTracker(**{key: value for key, value in (COMMON | change).items() if value is not None})
+
+
+def test_refusals():
+    refused("noise_variance=0 must be above zero", noise_variance=0)
+    refused("orders is empty", orders=[])
+    refused("orders='12': needed a sequence", orders="12")
+    refused("order=-1 is negative", orders=[-1])
+    refused("lag=0 must be a whole number of at least 1", lag=0)
+    refused("poles=5 must be a whole number from 1 to 4", poles=5)
+    refused("bandwidth_orders with rate_hz: the speed of samples to come", bandwidth_hz=None, bandwidth_orders=0.1)
+    refused(r"bandwidth of shape \(1, 2\): a stream's does not vary", bandwidth_hz=[[0.1, 0.2]])
+    refused("initial_std=-1 must be above zero", initial_std=-1)
+
+
+def test_refused_blocks():
+    x, phase = record()
+    tracker = OrderTracker(**COMMON)
+    with pytest.raises(ValueError, match=r"finish\(\) before any update"):
+        tracker.finish()
+    tracker.update(x[:100], phase_rad=phase[:100])
+    with pytest.raises(ValueError, match=r"x has shape \(2, 10\), but the stream began with one plain channel"):
+        tracker.update(np.zeros((2, 10)), phase_rad=phase[100:110])
+    with pytest.raises(ValueError, match=r"phase_rad jumps by .* from the last block to this one, order 2\.5 by more"):
+        tracker.update(x[100:110], phase_rad=phase[:10])
+    with pytest.raises(ValueError, match="phase_rad has 9 values for 10 samples"):
+        tracker.update(x[100:110], phase_rad=phase[100:109])
+    with pytest.raises(ValueError, match=r"x\[3\]=inf"):
+        tracker.update(np.where(np.arange(10) == 3, np.inf, 0.0), phase_rad=phase[100:110])
+    with pytest.raises(ValueError, match="x misses different samples in different channels"):
+        OrderTracker(**COMMON).update([[1.0, np.nan], [1.0, 2.0]], phase_rad=[0.0, 0.1])
+    with pytest.raises(ValueError, match="state lacks setting_orders, started, x"):
+        OrderTracker.from_state({})
+    # A refused block leaves the tracker as it was.
+    tracker.update(x[100:110], phase_rad=phase[100:110])
+
+
+@pytest.mark.slow
+def test_a_hundred_million_samples_do_not_drift():
+    """One order at a twentieth of the rate, constant: amplitude and std at the end, after 2,000 s at 50 kHz."""
+    block, blocks = 1_000_000, 100
+    noise, bandwidth = 0.25, 1e-5
+    n = np.arange(block)
+    # A block is a whole number of turns.
+    phase = 2 * np.pi * n / 20
+    clean = (0.8 * np.exp(1j * (phase + 0.5))).real
+    rng = np.random.default_rng(0)
+    noises = np.sqrt(noise) * rng.standard_normal(3 * block)
+    tracker = OrderTracker(orders=[1], bandwidth_hz=bandwidth, rate_hz=1.0, noise_variance=noise, output_every=1000)
+    for number in range(blocks):
+        start = int(rng.integers(0, 2 * block))
+        tracks = tracker.update(
+            clean + noises[start : start + block], phase_rad=phase + 2 * np.pi * (block // 20) * number
+        )
+    # Each quadrature sees noise 2 R: steady state P^2 / (P + 2 R) = q of the prediction, P - q of the filter.
+    q = process_variance(orders=[1], bandwidth=bandwidth, rate=1.0, poles=1, noise_variance=noise)[0]
+    predicted = (q + np.sqrt(q**2 + 8 * q * noise)) / 2
+    # The formula averages over a turn; within it the variance moves by the gain, 2e-4 of itself.
+    assert_allclose(tracks.std[0] ** 2, predicted - q, rtol=1e-3)
+    error = (tracks.complex_amplitude[0] - 0.8 * np.exp(0.5j)) / tracks.std[0]
+    assert np.abs(error).max() < 5
+    assert_allclose(tracks.innovation_mean_square, 1.0, rtol=2e-3)
+    assert tracks.sample_index[-1] == blocks * block - 1000

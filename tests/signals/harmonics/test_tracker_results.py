@@ -1,0 +1,218 @@
+"""What comes with the amplitudes: channels, bandwidths that vary, flags, pairs too close, phase errors, waveforms."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from signals.harmonics import OutputFlag, order_waveform, residual_record, track_orders
+from signals.harmonics._phasors import PhasorPlan, fill_phasors, fill_rows
+
+RATE = 1000.0
+N = 20_000
+PHASE = 2 * np.pi * (0.02 * np.arange(N) + 5e-7 * np.arange(N) ** 2)
+SETTINGS = {"phase_rad": PHASE, "orders": [1, 2.3, 4], "bandwidth_hz": 1.0, "rate_hz": RATE, "poles": 2}
+METHODS = pytest.mark.parametrize("method", ["exact", "fast"])
+
+
+def record(seed, *, noise=0.1):
+    rng = np.random.default_rng(seed)
+    amplitude = rng.standard_normal(3) + 1j * rng.standard_normal(3)
+    waves = (amplitude[:, None] * np.exp(1j * np.array([1, 2.3, 4])[:, None] * PHASE)).real
+    return waves.sum(axis=0) + noise * rng.standard_normal(N), amplitude, waves
+
+
+def test_phasors_are_those_of_the_library():
+    rng = np.random.default_rng(0)
+    angle = np.concatenate([rng.uniform(-1e5, 1e5, 5000), np.arange(-20, 21) * np.pi / 2, [0.0]])
+    cosine, sine = np.empty_like(angle), np.empty_like(angle)
+    fill_phasors(1.0, angle, cosine, sine)
+    assert_allclose(cosine, np.cos(angle), rtol=0, atol=5e-16)
+    assert_allclose(sine, np.sin(angle), rtol=0, atol=5e-16)
+
+
+def test_products_of_phasors_are_phasors():
+    orders = np.array([1.0, 2.0, 3.0, 12.5, 24.0, 25.0, 26.0, 48.0, 1.0])
+    shaft = np.array([0, 0, 0, 0, 0, 0, 0, 0, 1])
+    plan = PhasorPlan.of(orders, shaft)
+    assert np.count_nonzero(plan.recipe[1 + 1] < 0) == 4  # sines for 1, 12.5 and 24 of the first shaft, 1 of the other
+    phases = np.stack([PHASE[:300], np.linspace(0, 9, 300)])
+    cosine, sine = np.empty((2, plan.recipe[0].size, 200))
+    fill_rows(plan.recipe, phases, 100, 300, cosine, sine)
+    expected = np.exp(1j * orders[:, None] * phases[shaft, 100:300])
+    # A product rounds some 2e-16, and chains are short; angles of 1e3 rad are themselves good to 1e-13.
+    assert_allclose(cosine[plan.row] + 1j * sine[plan.row], expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("method", "estimator"), [("exact", "smoother"), ("fast", "smoother"), ("exact", "filter")])
+def test_channels_are_those_tracked_one_by_one(method, estimator):
+    x = np.stack([record(seed)[0] for seed in range(3)])
+    x[1, 5000:5400] = np.nan  # another pattern of missing samples
+    settings = SETTINGS | {"method": method, "estimator": estimator, "output_every": 100}
+    together = track_orders(x, **settings)
+    assert together.complex_amplitude.shape == (3, 3, 200)
+    assert together.noise_variance.shape == (3,)
+    for channel in range(3):
+        alone = track_orders(x[channel], **settings)
+        # Which orders disturb one another, and so are smoothed together, is judged from all channels at once.
+        assert_allclose(together.complex_amplitude[channel], alone.complex_amplitude, rtol=0, atol=1e-6)
+        assert_allclose(together.std[channel], alone.std, rtol=1e-6)
+        assert_allclose(together.noise_variance[channel], alone.noise_variance, rtol=1e-6)
+
+
+@METHODS
+def test_a_bandwidth_that_varies_is_each_of_its_values_where_it_lasts(method):
+    x, _, _ = record(0)
+    varying = np.where(np.arange(N) < N // 2, 0.5, 2.0)[None]
+    settings = SETTINGS | {"method": method, "output_every": 100, "noise_variance": 0.01}
+    both = track_orders(x, **settings | {"bandwidth_hz": varying})
+    for bandwidth, part in ((0.5, slice(40, 60)), (2.0, slice(140, 160))):
+        # 4 s from the step and 4 s from the end: 2 and 8 times 1 / bandwidth.
+        alone = track_orders(x, **settings | {"bandwidth_hz": bandwidth})
+        assert_allclose(both.std[:, part], alone.std[:, part], rtol=0.03)
+    assert_allclose(both.bandwidth, 1.25)
+
+
+@METHODS
+def test_bandwidth_in_orders_follows_the_speed_of_a_record_in_time(method):
+    x, _, _ = record(0)
+    settings = {key: value for key, value in SETTINGS.items() if key != "bandwidth_hz"}
+    settings |= {"method": method, "output_every": 50}
+    by_orders = track_orders(x, bandwidth_orders=0.05, **settings)
+    speed = np.gradient(PHASE) / (2 * np.pi) * RATE
+    by_hz = track_orders(x, bandwidth_hz=0.05 * speed[None], **settings)
+    assert_allclose(by_orders.complex_amplitude, by_hz.complex_amplitude, rtol=1e-9)
+    assert by_orders.bandwidth_units == "orders"
+
+
+def test_phase_error_goes_into_std():
+    x, _, _ = record(0)
+    settings = SETTINGS | {"output_every": 100}
+    sure = track_orders(x, **settings)
+    for error in (0.02, np.full(N, 0.02)):
+        unsure = track_orders(x, phase_std_rad=error, **settings)
+        turn = np.array([1, 2.3, 4])[:, None] * 0.02 * np.abs(sure.complex_amplitude)
+        assert_allclose(unsure.std**2 - sure.std**2, turn**2 / 2, rtol=1e-9)
+
+
+def test_phase_error_is_what_wrong_phases_do():
+    """Records tracked with a phase off by a constant draw: the spread of the error over many draws is std."""
+    rng = np.random.default_rng(1)
+    n, order, sigma = 4000, 5.0, 0.03
+    phase = 2 * np.pi * 0.013 * np.arange(n)
+    x = np.cos(order * phase) + 0.01 * rng.standard_normal(n)
+    settings = {"orders": [order], "bandwidth_hz": 2e-3, "rate_hz": 1.0, "output_every": 2000, "noise_variance": 1e-4}
+    draws = sigma * rng.standard_normal(400)
+    errors = [track_orders(x, phase_rad=phase + d, **settings).complex_amplitude[0, 1] - 1 for d in draws]
+    std = track_orders(x, phase_rad=phase, phase_std_rad=sigma, **settings).std[0, 1]
+    # 400 draws: 3.5 % of standard deviation.
+    assert_allclose(np.sqrt(np.mean(np.abs(errors) ** 2) / 2), std, rtol=0.11)
+
+
+def test_flags_tell_ends_and_gaps():
+    x, _, _ = record(0)
+    x[10_000:10_800] = np.nan
+    tracks = track_orders(x, output_every=100, **SETTINGS)
+    end = (tracks.flags[0] & OutputFlag.NEAR_END) > 0
+    # Half of 1 / bandwidth is 500 samples, five outputs.
+    assert_array_equal(np.flatnonzero(end), [0, 1, 2, 3, 4, *range(195, 200)])
+    gap = np.flatnonzero(tracks.flags[0] & OutputFlag.NEAR_GAP)
+    assert gap.min() in range(96, 101)
+    assert gap.max() in range(108, 113)
+    causal = track_orders(x, output_every=100, estimator="filter", **SETTINGS)
+    assert not np.any(causal.flags[:, -10:] & OutputFlag.NEAR_END)
+
+
+def test_pairs_too_close_are_named_and_std_shows_it():
+    n = np.arange(N)
+    phases = {"a": PHASE, "b": 2 * np.pi * 0.03 * n}
+    x = np.cos(PHASE) + np.cos(3 * PHASE) + np.cos(phases["b"]) + 0.1 * np.random.default_rng(0).standard_normal(N)
+    # "a" turns 0.02 to 0.04 times a sample and passes "b" half way.
+    tracks = track_orders(
+        x, phase_rad=phases, orders=[("a", 1), ("b", 1), ("a", 3)], bandwidth_hz=1.0, rate_hz=RATE, output_every=100
+    )
+    (pair,) = tracks.unresolved
+    assert (pair.first, pair.second) == (0, 1)
+    # Half a bandwidth, 5e-4 cycles a sample, on either side, at 1e-6 a sample: 1000 of 20,000 samples.
+    assert pair.share == pytest.approx(0.05, abs=0.005)
+    near = (tracks.flags[0] & OutputFlag.NOT_SEPARABLE) > 0
+    assert set(np.flatnonzero(near)) <= set(range(94, 107))
+    assert tracks.std[0, 100] > 1.3 * tracks.std[0, 50]
+    assert tracks.std[2, 100] == pytest.approx(tracks.std[2, 50], rel=0.02)
+
+
+@METHODS
+def test_two_orders_in_one_place_share_one_amplitude(method):
+    x = np.cos(PHASE + 0.5) + 0.1 * np.random.default_rng(0).standard_normal(N)
+    settings = SETTINGS | {"output_every": 200, "noise_variance": 0.01, "method": method}
+    twice = track_orders(x, **settings | {"orders": [1, 1]})
+    once = track_orders(x, **settings | {"orders": [1]})
+    # Twice the process noise is a bandwidth 2^(1/4) wider: the sums differ by a little of the noise.
+    difference = twice.complex_amplitude.sum(axis=0) - once.complex_amplitude[0]
+    assert np.abs(difference).max() < 2 * once.std.max()
+    assert (twice.unresolved[0].first, twice.unresolved[0].second, twice.unresolved[0].share) == (0, 1, 1.0)
+    # Their difference is known no better than before the record: 1000 times the noise.
+    assert twice.std.min() > 10
+
+
+def test_half_the_rate_and_rest_leave_one_quadrature():
+    phase = np.concatenate([np.zeros(3000), np.pi * np.arange(3000)])
+    tracks = track_orders(
+        np.cos(phase), phase_rad=phase, orders=[1], bandwidth_hz=0.01, rate_hz=1.0, output_every=100, noise_variance=1.0
+    )
+    # All but the stretch in which the shaft starts.
+    assert np.count_nonzero(tracks.flags & OutputFlag.ONE_QUADRATURE) >= tracks.flags.size - 1
+    assert_allclose(tracks.complex_amplitude[0, 5:-5].real, 1.0, atol=1e-3)
+    # The other quadrature keeps its prior of 1000; the mean of the two squares is half of that.
+    assert np.all(tracks.std > 600)
+
+
+def test_uncoupled_orders_take_each_others_energy():
+    n = np.arange(N)
+    phase = 2 * np.pi * 0.02 * n
+    x = np.cos(phase) + np.cos(1.05 * phase)
+    settings = {"phase_rad": phase, "orders": [1, 1.05], "bandwidth_hz": 1.0, "rate_hz": RATE, "output_every": 100}
+    together = track_orders(x, method="fast", **settings)
+    apart = track_orders(x, coupled=False, **settings)
+    middle = slice(50, 150)
+    assert np.abs(together.complex_amplitude[:, middle] - 1).max() < 1e-3
+    # One pole lets the neighbour through, one bandwidth off: 1 / (1 + 4 (sqrt(2) - 1)) = 0.38.
+    assert np.abs(apart.complex_amplitude[:, middle] - 1).max() == pytest.approx(0.38, abs=0.02)
+
+
+@METHODS
+def test_waveforms_add_up_to_the_record(method):
+    x, _, waves = record(3)
+    x[4000:4100] = np.nan
+    tracks = track_orders(x, output_every=50, method=method, **SETTINGS)
+    clean = slice(2000, N - 2000)
+    for place in range(3):
+        wave = order_waveform(tracks, phase_rad=PHASE, places=[place])
+        # std of an amplitude is 0.005 and less; over 16,000 samples 5 of it.
+        assert np.abs(wave - waves[place])[clean].max() < 5 * tracks.std[place].max()
+    rest = residual_record(x, tracks, phase_rad=PHASE)
+    assert_array_equal(np.isnan(rest), np.isnan(x))
+    assert_allclose(np.nanstd(rest), 0.1, rtol=0.03)
+    assert_allclose(rest, x - order_waveform(tracks, phase_rad=PHASE), rtol=1e-12)
+    with pytest.raises(ValueError, match=r"places=\[3\] must lie between 0 and 2"):
+        order_waveform(tracks, phase_rad=PHASE, places=[3])
+
+
+@METHODS
+def test_white_noise_is_white_and_a_forgotten_line_is_not(method):
+    x, _, _ = record(4)
+    white = track_orders(x, method=method, output_every=100, **SETTINGS)
+    # Twenty squared autocorrelations: a chi-squared of 20 over 20, 0.2 to 2.3 but once in 1e4.
+    assert 0.2 < white.whiteness < 2.3
+    assert white.innovation_autocorrelation.shape == (20,)
+    forgotten = track_orders(x, method=method, output_every=100, **SETTINGS | {"orders": [1, 4]})
+    assert forgotten.whiteness > 100
+
+
+def test_all_samples_missing_leaves_the_prior():
+    tracks = track_orders(
+        np.full(500, np.nan), phase_rad=PHASE[:500], orders=[1], bandwidth_hz=1.0, rate_hz=RATE,
+        noise_variance=1.0, initial_std=2.0, method="exact",
+    )  # fmt: skip
+    assert_array_equal(tracks.complex_amplitude, 0)
+    assert_allclose(tracks.std[0, 0], 2.0, rtol=1e-9)
+    assert np.all(np.diff(tracks.std[0]) > 0)

@@ -1,0 +1,114 @@
+"""The smoother against the least-squares problem that defines the Vold-Kalman filter, solved by scipy."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.sparse import block_array, block_diag, diags_array, eye_array
+from scipy.sparse.linalg import spsolve
+
+from signals.harmonics.bandwidth import Bandwidth
+from signals.harmonics.tracker import track_orders
+from signals.harmonics.vold_kalman import vold_kalman_filter
+
+SAMPLES = 700
+N = np.arange(SAMPLES)
+PHASE = 2 * np.pi * (0.05 * N + 4e-5 * N**2)
+ORDERS = [1, 1.4, 3]
+
+
+def record():
+    rng = np.random.default_rng(8)
+    x = 2 * np.cos(PHASE + np.sin(N / 100)) + np.cos(1.4 * PHASE) + (1 + N / SAMPLES) * np.cos(3 * PHASE + 1)
+    return x + 0.2 * rng.standard_normal(SAMPLES)
+
+
+def differences(poles):
+    """`poles`-th differences of SAMPLES numbers."""
+    matrix = eye_array(SAMPLES, format="csr")
+    for _ in range(poles):
+        matrix = matrix[1:] - matrix[:-1]
+    return matrix
+
+
+def real_problem(x, weights, poles, means=()):
+    """Minimise `sum (r^2 / 2) |D Z|^2 + sum (x - sum Re{Z exp(j order phase)})^2` over real and imaginary parts.
+
+    The half: a quadrature has half of each sample's cosine squared, while a mean (order 0) has all of it.
+    """
+    columns = [diags_array(np.ones(SAMPLES)) for _ in means]
+    penalties = [r**2 for r in means]
+    for order, r in zip(ORDERS, weights, strict=True):
+        columns += [diags_array(np.cos(order * PHASE)), diags_array(-np.sin(order * PHASE))]
+        penalties += [r**2 / 2] * 2
+    A = block_array([columns], format="csr")
+    D = differences(poles)
+    matrix = block_diag([penalty * (D.T @ D) for penalty in penalties]) + A.T @ A
+    levels = spsolve(matrix.tocsc(), A.T @ x).reshape(-1, SAMPLES)
+    return levels[: len(means)], levels[len(means) :: 2] + 1j * levels[len(means) + 1 :: 2]
+
+
+def complex_problem(x, weights, poles):
+    """Minimise `sum |r D Z|^2 + sum |2 x - sum Z exp(j order phase)|^2`, the two-sided form of the literature."""
+    C = block_array([[diags_array(np.exp(1j * order * PHASE)) for order in ORDERS]], format="csr")
+    D = differences(poles)
+    matrix = block_diag([r**2 * (D.T @ D) for r in weights]) + C.conj().T @ C
+    return spsolve(matrix.tocsc(), C.conj().T @ (2 * x)).reshape(-1, SAMPLES)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+def test_smoother_is_the_least_squares_solution(poles):
+    weights = np.array([Bandwidth(width=width, poles=poles).weight for width in (0.03, 0.04, 0.05)])
+    tracks = vold_kalman_filter(
+        record(), phase_rad=PHASE, orders=ORDERS, weight=weights, poles=poles, rate_hz=1.0, method="exact"
+    )
+    error = np.abs(tracks.complex_amplitude - real_problem(record(), weights, poles)[1])
+    # Scipy's matrix has a condition of 4^4 r^2 = 2e10 at most, so six digits. It has no prior, the smoother one of 1000
+    # standard deviations of the noise for levels and differences: a few 1e-6 of amplitudes ten times the noise, and
+    # some ten times that at the ends for every pole that extrapolates.
+    assert error[:, 100:-100].max() < 1e-5
+    assert error.max() < 1e-3
+
+
+def test_the_mean_takes_the_weight_as_it_is():
+    weight = Bandwidth(width=0.01, poles=2).weight
+    x = record() + 3
+    tracks = vold_kalman_filter(
+        x, phase_rad=PHASE, orders=[0, *ORDERS], weight=weight, poles=2, rate_hz=1.0, method="exact"
+    )
+    (mean,), others = real_problem(x, [weight] * 3, 2, means=[weight])
+    assert_allclose(tracks.complex_amplitude[0], mean, atol=1e-4)  # the prior, as above
+    assert_allclose(tracks.complex_amplitude[1:], others, atol=1e-4)
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+def test_away_from_the_ends_it_is_the_complex_form_too(poles):
+    width = 0.03
+    weight = Bandwidth(width=width, poles=poles).weight
+    tracks = vold_kalman_filter(
+        record(), phase_rad=PHASE, orders=ORDERS, weight=weight, poles=poles, rate_hz=1.0, method="exact"
+    )
+    expected = complex_problem(record(), [weight] * 3, poles)
+    middle = slice(150, -150)
+    # The complex form takes images for noise: what leaks of one, 0.1 and more cycles a sample away, is the smoother's
+    # gain there, at most 1 / (1 + 0.41 (0.1 / 0.005)^(2 poles)), times an amplitude of 2.
+    leak = 2 / (1 + 0.41 * (0.1 / (width / 2)) ** (2 * poles))
+    assert np.abs(tracks.complex_amplitude - expected)[:, middle].max() < 3 * leak
+
+
+def test_result_tells_the_bandwidth_of_the_weights():
+    bandwidths = np.array([2.0, 3.0, 5.0])
+    weights = [Bandwidth(width=b / 500, poles=2).weight for b in bandwidths]
+    tracks = vold_kalman_filter(
+        record(), phase_rad=PHASE, orders=ORDERS, weight=weights, poles=2, rate_hz=500.0, output_every=50
+    )
+    assert_allclose(tracks.bandwidth, bandwidths, rtol=1e-9)
+    same = track_orders(
+        record(), phase_rad=PHASE, orders=ORDERS, bandwidth_hz=tracks.bandwidth, rate_hz=500.0, poles=2, output_every=50
+    )
+    assert_array_equal(tracks.complex_amplitude, same.complex_amplitude)
+    assert (tracks.bandwidth_units, tracks.poles, tracks.estimator) == ("hz", 2, "smoother")
+
+
+def test_weight_without_a_bandwidth_is_refused():
+    with pytest.raises(ValueError, match=r"weight=0.1 with poles=2 passes even half of the rate"):
+        vold_kalman_filter(record(), phase_rad=PHASE, orders=ORDERS, weight=0.1, poles=2, rate_hz=1.0)

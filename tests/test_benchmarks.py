@@ -1,0 +1,190 @@
+"""The benchmarks run: the report on jobs cut short, every asv suite once; and the jobs are what they say."""
+
+import dataclasses
+import importlib
+import inspect
+import itertools
+import pkgutil
+import subprocess
+import sys
+
+import numpy as np
+import peers
+import pytest
+import suites
+import trackers
+from jobs import standard_job
+
+from signals.harmonics import track_orders
+
+JOBS = ("J1 run-up", "J2 crossing", "J3 angle")
+
+
+@pytest.mark.parametrize("name", JOBS)
+def test_a_job_is_its_amplitudes_in_unit_noise(name):
+    job = standard_job(name, samples=100_000)
+    at = np.arange(job.samples)
+    harmonics = np.zeros(job.samples)
+    for place, amplitude in enumerate(job.amplitude(at)):
+        harmonics += np.abs(amplitude) * np.cos(job.angle_rad(place) + np.angle(amplitude))
+    noise = job.x - harmonics
+    assert abs(noise.mean()) < 0.02  # six standard deviations of the mean of 100,000
+    assert abs(noise.std() - 1) < 0.014  # six of their standard deviation
+    # White: six standard deviations of a correlation of 100,000.
+    assert abs(np.mean(noise[1:] * noise[:-1])) < 0.02
+
+
+def test_a_job_draws_in_the_documented_order():
+    rng = np.random.default_rng(2)
+    level, ripples, swing = rng.uniform(0.3, 1, 3), rng.uniform(2, 6, 3), rng.uniform(1, 4, 3)
+    start = rng.uniform(0, 2 * np.pi, (3, 3))
+    job = standard_job("J2 crossing", samples=1000)
+    u = 999 / 1_000_000
+    turn = start[1] + 0.5 * swing * np.sin(2 * np.pi * 1.3 * u + start[2])
+    truth = level * (1 + 0.35 * np.sin(2 * np.pi * ripples * u + start[0])) * np.exp(1j * turn)
+    np.testing.assert_allclose(job.amplitude(np.array([999]))[:, 0], truth, rtol=1e-14)
+    t = 999 / 50_000
+    run_up = 2 * np.pi * (10 * t + 0.75 * t**2)
+    angles = np.array([20 * run_up, 20.2 * run_up, 2 * np.pi * 300 * t])
+    sample = np.sum(truth * np.exp(1j * angles)).real + rng.standard_normal(1000)[999]
+    assert job.x[999] == pytest.approx(sample, abs=1e-11)  # angles of some 100 rad
+
+
+def test_a_cut_job_is_the_beginning_of_a_longer_one():
+    short, longer = (standard_job("J3 angle", samples=samples) for samples in (500, 2000))
+    np.testing.assert_array_equal(short.x, longer.x[:500])
+
+
+def test_error_counts_the_middle_of_the_outputs_alone():
+    job = standard_job("J2 crossing", samples=2000)
+    at = np.arange(0, 2000, 10)
+    wrong = job.amplitude(at) * 1.25
+    assert job.error(wrong, at) == pytest.approx(0.25, rel=1e-12)
+    edges = job.amplitude(at)
+    edges[:, :10] = edges[:, -10:] = 1e3
+    assert job.error(edges, at) == 0
+
+
+@pytest.mark.parametrize("peer", [peers.filterpy_filter, peers.compiled_filter])
+@pytest.mark.parametrize("name", JOBS[1:])
+def test_causal_peers_run_the_model_of_the_trackers(name, peer):
+    job = standard_job(name, samples=1500)
+    bandwidth = 0.04 if job.per_revolution else 4.0
+    amplitude, at = peer(job, bandwidth)
+    tracks = track_orders(**job.tracking(bandwidth), estimator="filter", method="exact", noise_variance=1.0)
+    np.testing.assert_array_equal(at, tracks.sample_index)
+    # The first turn leaves orders open; after it, what rounding a prior of 1e6 costs is forgotten.
+    np.testing.assert_allclose(amplitude[:, 1000:], tracks.complex_amplitude[:, 1000:], atol=1e-4)
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+def test_vold_kalman_on_sums_tends_to_the_smoother(poles):
+    job = standard_job("J3 angle", samples=512 * 40)
+    tracks = track_orders(**job.tracking(0.05), poles=poles, method="exact")
+
+    def apart(block):
+        amplitude, at = peers.vold_kalman_coupled(job, 0.05, poles=poles, block=block)
+        exact = np.stack([np.interp(at, tracks.sample_index, z) for z in tracks.complex_amplitude])
+        middle = slice(at.size // 8, -at.size // 8)
+        return np.abs(amplitude - exact)[:, middle].max() / tracks.std.max()
+
+    # What amplitudes do within a block falls at least with its length; at a 640th of 1 / bandwidth little is left.
+    assert apart(32) < apart(128) / 3
+    assert apart(32) < 0.03
+
+
+def test_vold_kalman_alone_is_the_coupled_one_for_a_single_order():
+    # Whole turns of cosine and sine are orthogonal, so blocks of a turn leave nothing to couple.
+    job = dataclasses.replace(standard_job("J3 angle", samples=512 * 40), orders=(3.0,))
+    alone, at = peers.vold_kalman_alone(job, 0.02, poles=1, block=512)
+    coupled, _ = peers.vold_kalman_coupled(job, 0.02, poles=1, block=512)
+    np.testing.assert_allclose(alone, coupled, atol=1e-9)  # of order 1, conditions of some 1e4
+    assert at[0] == 255.5
+
+
+def test_the_report_is_written(tmp_path, capsys):
+    effort = trackers.Effort(
+        samples=5000,
+        excerpt=1000,
+        repeats=1,
+        slow_repeats=1,
+        search=2,
+        with_peers=False,
+        lengths=(2000, 4000),
+        separable=(1, 2),
+        coupled=(2, 3),
+    )
+    assert trackers.main(tmp_path, effort=effort) == 0
+    report = (tmp_path / "trackers.md").read_text(encoding="utf-8")
+    assert capsys.readouterr().out.strip() == report.strip()
+    rows = [line for line in report.splitlines() if line.startswith(("| smoother |", "| filter |"))]
+    assert {row.split(" | ")[1] for row in rows} >= {"exact", "fast"}
+    assert all(f"## {name}" in report for name in JOBS)
+    assert "J1 smoother, outputs every 200" in report
+    assert (tmp_path / "trackers.svg").read_text(encoding="utf-8").count("<svg") == 1
+
+
+def test_a_smoother_that_passes_for_a_filter_is_left_out():
+    true = trackers.ours("filter", "exact", poles=1)
+    smoother = trackers.ours("smoother", "exact", poles=1)
+    false = dataclasses.replace(true, run=smoother.run)
+    effort = trackers.Effort(samples=3000, excerpt=3000, repeats=1, slow_repeats=1, search=2)
+    rows, refusals = trackers.measure(["J2 crossing"], [true, false], effort)
+    assert [row.setting for row in rows] == [true]
+    assert len(refusals) == 1
+    assert "samples that come after" in refusals[0]
+
+
+def test_regressors_given_are_those_of_the_record():
+    run = next(s.run for s in trackers.peer_settings() if "given" in s.label)
+    for samples in (300, 200, 300):
+        job = standard_job("J2 crossing", samples=samples)
+        np.testing.assert_allclose(run(job, 4.0)[0], peers.compiled_filter(job, 4.0)[0], atol=1e-6)
+
+
+def test_a_target_missed_is_not_reached():
+    job = standard_job("J1 run-up", samples=100)
+    setting = trackers.ours("smoother", "fast", poles=2, every=200)
+
+    def reached(error, time):
+        row = trackers.Row(job=job, setting=setting, bandwidth=1.0, time=time, error=error, memory=0.0)
+        return [target.passed for target in trackers.targets([row])]
+
+    assert reached(0.0155, 4.0) == [True]
+    assert reached(0.0157, 4.0) == [False]
+    assert reached(0.0155, 4.1) == [False]
+
+
+KINDS = ("time_", "timeraw_", "peakmem_", "track_")
+
+
+def _suites():
+    for found in pkgutil.iter_modules(suites.__path__, "suites."):
+        yield importlib.import_module(found.name)
+
+
+def _benchmarks():
+    for module in _suites():
+        for name, suite in inspect.getmembers(module, inspect.isclass):
+            if suite.__module__ == module.__name__ and not name.startswith("_"):
+                methods = [method for method in dir(suite) if method.startswith(KINDS)]
+                yield from (pytest.param(module, suite, m, id=f"{module.__name__}.{name}.{m}") for m in methods)
+
+
+@pytest.mark.parametrize("module", list(_suites()), ids=lambda module: module.__name__)
+def test_asv_takes_no_imported_function_for_a_benchmark(module):
+    assert [name for name, _ in inspect.getmembers(module, inspect.isfunction) if name.startswith(KINDS)] == []
+
+
+@pytest.mark.parametrize(("module", "suite", "method"), list(_benchmarks()))
+def test_suite(module, suite, method, monkeypatch):
+    monkeypatch.setattr(module, "SAMPLES", 20_000, raising=False)
+    params = getattr(suite, "params", ())
+    lists = params if params and isinstance(params[0], tuple) else [params] if params else []
+    case = next(itertools.product(*lists))
+    instance = suite()
+    if hasattr(instance, "setup"):
+        instance.setup(*case)
+    code = getattr(instance, method)(*case)
+    if method.startswith("timeraw_"):
+        subprocess.run([sys.executable, "-c", code], check=True)
