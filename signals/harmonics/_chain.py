@@ -251,10 +251,11 @@ def _correlate(innovations: Floats, seen: Floats, products: Floats, pairs: Float
             values = innovations[k, row]
             for first in range(LAGS, steps, _PIECE):
                 last = min(first + _PIECE, steps)
+                late = values[first:last]
                 for lag in range(1, LAGS + 1):
-                    total = 0.0
-                    for i in range(first, last):
-                        total += values[i] * values[i - lag]
+                    early, total = values[first - lag : last - lag], 0.0
+                    for i in range(late.size):
+                        total += late[i] * early[i]
                     products[k, lag - 1] += total
 
 

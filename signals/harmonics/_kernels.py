@@ -27,7 +27,7 @@ Flags = NDArray[np.bool_]
 Complexes = NDArray[np.complex128]
 
 # Samples whose rows and outputs are held at a time: they stay in the nearest caches.
-PIECE = 128
+PIECE = 256
 # Entries of a filter's status.
 TWOFOLD, COUNTDOWN = 0, 1
 # Plain covariances may be open to this variance, and their correlations singular to this pivot: products of
@@ -220,7 +220,9 @@ def _filter_levels(
         for c in range(0, double, 2 * LANES):
             left, right = load(scaled, c), load(scaled, c + LANES)
             left_gain, right_gain = spread(0.0), spread(0.0)
-            for a in range(n):
+            left_odd, right_odd = spread(0.0), spread(0.0)
+            # Even rows and odd: two short sums instead of a long one, in which each would wait for the one before.
+            for a in range(0, n, 2):
                 k = a * n + c
                 old, weight = repeat(gain, a), repeat(rows, row + a)
                 one = multiply_add(old, left, load(covariance, k))
@@ -229,6 +231,15 @@ def _filter_levels(
                 store(covariance, k + LANES, other)
                 left_gain = multiply_add(weight, one, left_gain)
                 right_gain = multiply_add(weight, other, right_gain)
+                k += n
+                old, weight = repeat(gain, a + 1), repeat(rows, row + a + 1)
+                one = multiply_add(old, left, load(covariance, k))
+                other = multiply_add(old, right, load(covariance, k + LANES))
+                store(covariance, k, one)
+                store(covariance, k + LANES, other)
+                left_odd = multiply_add(weight, one, left_odd)
+                right_odd = multiply_add(weight, other, right_odd)
+            left_gain, right_gain = plus(left_gain, left_odd), plus(right_gain, right_odd)
             left, right = load(rows, row + c), load(rows, row + c + LANES)
             left_gain = multiply_add(left, load(walk, q + c), left_gain)
             right_gain = multiply_add(right, load(walk, q + c + LANES), right_gain)
@@ -237,12 +248,17 @@ def _filter_levels(
             store(gain, n + c, left_gain)
             store(gain, n + c + LANES, right_gain)
         for c in range(double, n, LANES):
-            left, left_gain = load(scaled, c), spread(0.0)
-            for a in range(n):
+            left, left_gain, left_odd = load(scaled, c), spread(0.0), spread(0.0)
+            for a in range(0, n, 2):
                 k = a * n + c
                 one = multiply_add(repeat(gain, a), left, load(covariance, k))
                 store(covariance, k, one)
                 left_gain = multiply_add(repeat(rows, row + a), one, left_gain)
+                k += n
+                one = multiply_add(repeat(gain, a + 1), left, load(covariance, k))
+                store(covariance, k, one)
+                left_odd = multiply_add(repeat(rows, row + a + 1), one, left_odd)
+            left_gain = plus(left_gain, left_odd)
             left = load(rows, row + c)
             left_gain = multiply_add(left, load(walk, q + c), left_gain)
             spreads = multiply_add(left, left_gain, spreads)

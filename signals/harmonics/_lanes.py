@@ -6,7 +6,7 @@ after it, which for rows of twenty numbers cost more than the loop. Kernels writ
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 from llvmlite import ir
 from numba import types
@@ -29,7 +29,7 @@ class LanesType(types.Type):
 
 
 Lanes = Any
-_LANES = LanesType()
+_LANES = cast("Any", LanesType)()
 
 
 @register_model(LanesType)
@@ -92,7 +92,9 @@ def _multiply_add(_: object, a: Any, b: object, c: object) -> Any:  # noqa: ANN4
     )
 
     def build(_: object, builder: Any, __: object, values: Any) -> Any:  # noqa: ANN401
-        function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(value, [value] * 3), name)
+        function = cast("Any", cgutils).get_or_insert_function(
+            builder.module, ir.FunctionType(value, [value] * 3), name
+        )
         return builder.call(function, values)
 
     return kind(kind, kind, kind), build

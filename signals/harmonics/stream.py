@@ -229,15 +229,15 @@ class OrderTracker:
         return block
 
     def _check_continuity(self, phase: Floats) -> None:
-        for name, before, after in zip(self._shaft_names(), self._last_phase, phase[:, 0], strict=True):
-            own = [
-                o for o, s in zip(self._model.orders, self._model.shaft, strict=True) if self._shaft_names()[s] == name
-            ]
-            if max(own) * abs(after - before) > np.pi:
+        for number, name in enumerate(self._shaft_names()):
+            highest = self._model.orders[self._model.shaft == number].max()
+            jump = phase[number, 0] - self._last_phase[number]
+            if highest * abs(jump) > np.pi:
+                label = f"phase_rad[{name!r}]" if name else "phase_rad"
                 raise ValueError(
-                    f"phase_rad{f'[{name!r}]' if name else ''} jumps by {after - before:.4g} rad from the last "
-                    f"block to this one, order {max(own):g} by more than pi; go on from the last block's angle, "
-                    f"{before:.6g} rad."
+                    f"{label} jumps by {jump:.4g} rad from the last block to this one, "
+                    f"order {highest:g} by more than pi; go on from the last block's angle, "
+                    f"{self._last_phase[number]:.6g} rad."
                 )
 
     def _part(self, phase: Floats) -> HarmonicModel:
