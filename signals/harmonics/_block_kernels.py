@@ -34,13 +34,12 @@ def _add_moments(x: Floats, cosine: Floats, sine: Floats, u: Floats, sums: Float
 
 
 @compiled_sums
-def _product_moments(a: Floats, b: Floats, u: Floats) -> tuple[float, float]:
-    """Return the sums of `a b` and `u a b`."""
+def _product_moments(a: Floats, b: Floats, late_b: Floats) -> tuple[float, float]:
+    """Return the sums of `a b` and `a late_b`."""
     plain, late = 0.0, 0.0
     for n in range(a.size):
-        product = a[n] * b[n]
-        plain += product
-        late += u[n] * product
+        plain += a[n] * b[n]
+        late += a[n] * late_b[n]
     return plain, late
 
 
@@ -81,6 +80,15 @@ def project(x: Floats, phase: Floats, recipe: Recipe, row: Indices, length: int,
 
 
 @compiled
+def _observed(seen: Floats, values: Floats, sign: float, u: Floats, column: Floats, late_column: Floats) -> None:
+    """Fill in the values, with their sign, where the sample is there, and u times these."""
+    for n in range(seen.size):
+        value = sign * seen[n] * values[n]
+        column[n] = value
+        late_column[n] = u[n] * value
+
+
+@compiled
 def correlate(seen: Floats, phase: Floats, recipe: Recipe, row: Indices, length: int, sums: Floats) -> None:
     """Fill the moments of every two columns of the model, block by block.
 
@@ -92,7 +100,8 @@ def correlate(seen: Floats, phase: Floats, recipe: Recipe, row: Indices, length:
         and of u times these.
     """
     cosine, sine = np.empty((recipe[0].size, PIECE)), np.empty((recipe[0].size, PIECE))
-    columns, places = np.empty((2 * row.size, PIECE)), np.empty(PIECE)
+    columns, late_columns = np.empty((2 * row.size, PIECE)), np.empty((2 * row.size, PIECE))
+    places = np.empty(PIECE)
     sums[:] = 0.0
     for block in range(sums.shape[0]):
         stop = min((block + 1) * length, seen.size)
@@ -102,13 +111,12 @@ def correlate(seen: Floats, phase: Floats, recipe: Recipe, row: Indices, length:
             u = places[: last - first]
             _fill_places(first, block, length, u)
             for k in range(row.size):
-                for n in range(last - first):
-                    columns[k, n] = seen[first + n] * cosine[row[k], n]
-                    columns[row.size + k, n] = -seen[first + n] * sine[row[k], n]
+                _observed(seen[first:last], cosine[row[k]], 1.0, u, columns[k], late_columns[k])
+                _observed(seen[first:last], sine[row[k]], -1.0, u, columns[row.size + k], late_columns[row.size + k])
             for a in range(2 * row.size):
+                one = columns[a][: last - first]
                 for b in range(a + 1):
-                    one, other = columns[a][: last - first], columns[b][: last - first]
-                    plain, late = _product_moments(one, other, u)
+                    plain, late = _product_moments(one, columns[b], late_columns[b])
                     sums[block, 0, a, b] += plain
                     sums[block, 1, a, b] += late
         for a in range(2 * row.size):
@@ -117,29 +125,57 @@ def correlate(seen: Floats, phase: Floats, recipe: Recipe, row: Indices, length:
 
 
 @compiled
+def _outputs_of(block: int, blocks: int, length: int, every: int, outputs: int) -> tuple[int, int]:
+    """Return the first output that lies in a block and the one after its last; the last block takes all that follow."""
+    first = -((-block * length) // every)
+    return first, (outputs if block == blocks - 1 else min(-((-(block + 1) * length) // every), outputs))
+
+
+@compiled
 def evaluate(pieces: Floats, length: int, every: int, values: Floats) -> None:
     """Fill the values of piecewise cubics at every so-manieth sample.
 
     Parameters
     ----------
-    pieces : (line, block, part, 4) array, coefficients of 1, u, u^2, u^3 in each block.
+    pieces : (line, block, 4) array, coefficients of 1, u, u^2, u^3 in each block.
     length : samples in a block.
     every : samples between values.
-    values : (line, output, part) array, filled.
+    values : (line, output) array, filled.
     """
-    lines, blocks, parts, _ = pieces.shape
+    lines, blocks, _ = pieces.shape
     for line in range(lines):
         for block in range(blocks):
-            first = -((-block * length) // every)
-            last = min(-((-(block + 1) * length) // every), values.shape[1])
-            if block == blocks - 1:
-                last = values.shape[1]
+            first, last = _outputs_of(block, blocks, length, every, values.shape[1])
             start, step = first * every / length - block, every / length
-            for part in range(parts):
-                p0, p1, p2, p3 = pieces[line, block, part]
-                for n in range(last - first):
-                    u = start + step * n
-                    values[line, first + n, part] = p0 + u * (p1 + u * (p2 + u * p3))
+            p0, p1, p2, p3 = pieces[line, block]
+            row = values[line][first:last]
+            for n in range(row.size):
+                u = start + step * n
+                row[n] = p0 + u * (p1 + u * (p2 + u * p3))
+
+
+@compiled
+def evaluate_complex(pieces: Floats, length: int, every: int, values: Floats) -> None:
+    """Fill the values of complex piecewise cubics at every so-manieth sample.
+
+    Parameters
+    ----------
+    pieces : (line, block, 2, 4) array, as for `evaluate`: of the real and the imaginary parts.
+    length, every : as there.
+    values : (line, 2 output) array, filled: real and imaginary parts in turn.
+    """
+    lines, blocks, _, _ = pieces.shape
+    for line in range(lines):
+        for block in range(blocks):
+            first, last = _outputs_of(block, blocks, length, every, values.shape[1] // 2)
+            start, step = first * every / length - block, every / length
+            a0, a1, a2, a3 = pieces[line, block, 0]
+            b0, b1, b2, b3 = pieces[line, block, 1]
+            row = values[line][2 * first : 2 * last]
+            for n in range(row.size // 2):
+                u = start + step * n
+                row[2 * n] = a0 + u * (a1 + u * (a2 + u * a3))
+                row[2 * n + 1] = b0 + u * (b1 + u * (b2 + u * b3))
 
 
 @compiled

@@ -15,7 +15,7 @@ SAMPLES_AT_ONCE = 1 << 15  # whose passing arrays stay in the cache
 def check_record(x: ArrayLike) -> Floats:
     """Return the record as a (channel, sample) array of floats, NaN where a sample is missing, or refuse it."""
     values = np.atleast_2d(_real_array("x", x, dims=(1, 2)))
-    if not np.isfinite(values).all():
+    if not all_finite(values):
         infinite = np.argwhere(np.isinf(values))
         if len(infinite):
             channel, sample = infinite[0]
@@ -25,6 +25,12 @@ def check_record(x: ArrayLike) -> Floats:
                 "samples must be finite, or NaN where missing: mark bad samples as NaN."
             )
     return values
+
+
+def all_finite(values: Floats) -> bool:
+    """Say whether all values are finite; one pass over them where they are."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(values.sum()) or np.isfinite(values).all())
 
 
 def check_orders(
@@ -214,7 +220,7 @@ def _phase(name: str, value: ArrayLike, samples: int) -> Floats:
     phase = _real_array(name, value)
     if phase.size != samples:
         raise ValueError(f"{name} has {phase.size} values for {samples} samples of x; give one angle per sample.")
-    if not np.isfinite(phase).all():
+    if not all_finite(phase):
         bad = np.flatnonzero(~np.isfinite(phase))
         raise ValueError(
             f"{name}[{bad[0]}]={phase[bad[0]]} (and {bad.size - 1} more) is not finite; the angle must be known "
@@ -270,8 +276,8 @@ def _fastest(phase: Floats) -> tuple[float, int]:
     """Return the largest turn between neighbouring samples and where it starts."""
     largest, place = 0.0, 0
     for first in range(0, phase.size - 1, SAMPLES_AT_ONCE):
-        step = np.abs(np.diff(phase[first : first + SAMPLES_AT_ONCE + 1]))
-        at = int(step.argmax())
-        if step[at] > largest:
-            largest, place = float(step[at]), first + at
+        step = np.diff(phase[first : first + SAMPLES_AT_ONCE + 1])
+        if max(step.max(), -step.min()) > largest:
+            at = int(np.abs(step).argmax())
+            largest, place = abs(float(step[at])), first + at
     return largest, place

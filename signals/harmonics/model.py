@@ -213,9 +213,9 @@ class Estimate:
     Attributes
     ----------
     amplitude : (channel, order, output) array.
-    variance : (order, output) array, mean over the quadratures; (channel, order, output) where gaps differ.
+    variance : (order, output) array, mean over the quadratures.
     innovation_mean_square : (channel,) array, mean of the squared innovations over their variances, after start-up.
-    innovation_log_variance : mean of the logarithm of these variances; (channel,) where their gaps differ.
+    innovation_log_variance : mean of the logarithm of these variances.
     innovation_autocorrelation : (channel, lag) array.
     innovation_samples : how many samples it was taken from.
     error_bound : part of an amplitude by which the estimate may be off.
@@ -224,7 +224,16 @@ class Estimate:
     amplitude: Complexes
     variance: Floats
     innovation_mean_square: Floats
-    innovation_log_variance: float | Floats
+    innovation_log_variance: float
     innovation_autocorrelation: Floats
     innovation_samples: int
     error_bound: float = 0.0
+
+    def std(self, noise: Floats) -> Floats:
+        """(channel, order, output) standard deviations for noise of these variances, (channel,).
+
+        With one channel, in place of `variance`: at an output a sample these are the largest arrays there are.
+        """
+        own = self.variance[None]
+        std = np.multiply(own, noise[:, None, None], out=own if noise.size == 1 else None)
+        return np.sqrt(std, out=std)

@@ -1,6 +1,7 @@
 """Which orders come so close that they disturb one another, and which outputs say less for that or for gaps."""
 
 from collections.abc import Callable
+from copy import copy
 from math import ceil
 
 import numpy as np
@@ -38,6 +39,15 @@ class Closeness:
         middle = (self.edges[:-1] + self.edges[1:]) // 2
         width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, middle]
         self.bandwidth = np.broadcast_to(width, self.frequency.shape)
+
+    def within(self, samples: slice) -> "Closeness":
+        """Return the same for the stretches that a range of samples touches."""
+        first, last = np.searchsorted(self.edges, [samples.start, samples.stop - 1], side="right") - 1
+        stretches = slice(min(int(first), self.edges.size - 2), min(int(last), self.edges.size - 2) + 1)
+        part = copy(self)
+        part.edges = self.edges[stretches.start : stretches.stop + 1]
+        part.frequency, part.bandwidth = self.frequency[:, stretches], self.bandwidth[:, stretches]
+        return part
 
     def to_others(self, order: int) -> Floats:
         """(order, stretch) array of distances in cycles a sample, infinite to itself; 0 where two lines cross."""
@@ -132,13 +142,14 @@ def flag_outputs(
     pairs, flags = closeness.unresolved()
     found = closeness.at_outputs(flags, outputs)
     half = [np.maximum(0.5 / np.maximum(row, 0.5 / seen.size), 1.0) for row in model.bandwidth]
-    observed = np.flatnonzero(seen)
+    whole = bool(seen.all())
+    observed = np.array([0, seen.size - 1]) if whole else np.flatnonzero(seen)
     first, last = (int(observed[0]), int(observed[-1])) if observed.size else (seen.size, -1)
     for k, reach in enumerate(half):
         found[k, : max(0, ceil((first + reach[0]) / every))] |= np.uint8(OutputFlag.NEAR_END)
         if estimator == "smoother":
             found[k, max(0, ceil((last - reach[-1]) / every)) :] |= np.uint8(OutputFlag.NEAR_END)
-    if observed.size < seen.size:
+    if not whole:
         before = np.concatenate([[0], np.cumsum(seen)])
         for k, reach in enumerate(half):
             span = (reach if reach.size == 1 else reach[::every]).astype(np.int64)

@@ -12,7 +12,7 @@ from signals._checks import choice, positive, whole
 from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.blocks import block_length, fast
 from signals.harmonics.exact import exact
-from signals.harmonics.inputs import check_bandwidth, check_orders, check_phase_std, check_record
+from signals.harmonics.inputs import all_finite, check_bandwidth, check_orders, check_phase_std, check_record
 from signals.harmonics.model import (
     PRIOR_STD,
     Estimate,
@@ -133,17 +133,30 @@ def track_orders(
         _run(chosen, task, record[pattern == number] if len(patterns) > 1 else record, seen)
         for number, seen in enumerate(patterns)
     ]
-    estimate = estimates[0] if len(patterns) == 1 else _merge(estimates, pattern)
+    place = np.argsort(np.argsort(pattern, kind="stable"))
+
+    def of_channels(parts: list[NDArray[Any]]) -> NDArray[Any]:
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)[place]
+
+    noises = [
+        estimate.innovation_mean_square if noise_variance is None else np.full(len(estimate.amplitude), noise_variance)
+        for estimate in estimates
+    ]
+    logs = [np.full(noise.size, e.innovation_log_variance) for e, noise in zip(estimates, noises, strict=True)]
+    amplitude = of_channels([estimate.amplitude for estimate in estimates])
+    std = of_channels([estimate.std(noise) for estimate, noise in zip(estimates, noises, strict=True)])
+    noise = of_channels(noises).astype(np.float64)
+    mean_square = of_channels([estimate.innovation_mean_square for estimate in estimates])
+    autocorrelation = of_channels([estimate.innovation_autocorrelation for estimate in estimates])
+    counted = min(estimate.innovation_samples for estimate in estimates)
     every = task.output_every
     flags, pairs = flag_outputs(model, np.logical_and.reduce(patterns), every=every, estimator=estimator)
-    noise = estimate.innovation_mean_square if noise_variance is None else np.full(len(record), float(noise_variance))
-    std = _std(estimate.variance, noise)
     if phase_std is not None:
         turn = order_numbers[:, None] * phase_std[:, :: every if phase_std.shape[1] > 1 else 1]
-        np.sqrt(std**2 + (turn * np.abs(estimate.amplitude)) ** 2 / 2, out=std)
+        np.sqrt(std**2 + (turn * np.abs(amplitude)) ** 2 / 2, out=std)
     one = np.ndim(x) == 1
     return OrderTracks(
-        complex_amplitude=_squeeze(estimate.amplitude, one),
+        complex_amplitude=_squeeze(amplitude, one),
         std=_squeeze(std, one),
         flags=flags,
         unresolved=pairs,
@@ -155,14 +168,12 @@ def track_orders(
         poles=model.poles,
         estimator=estimator,
         method=chosen,
-        error_bound=estimate.error_bound,
+        error_bound=max(estimate.error_bound for estimate in estimates),
         noise_variance=_scalar(noise, one),
-        innovation_variance=_scalar(noise * np.exp(estimate.innovation_log_variance), one),
-        innovation_mean_square=_scalar(
-            np.ones(len(record)) if noise_variance is None else estimate.innovation_mean_square / noise, one
-        ),
-        innovation_autocorrelation=_squeeze(estimate.innovation_autocorrelation, one),
-        whiteness=_scalar(np.mean(estimate.innovation_autocorrelation**2, axis=1) * estimate.innovation_samples, one),
+        innovation_variance=_scalar(noise * np.exp(of_channels(logs)), one),
+        innovation_mean_square=_scalar(np.ones(len(record)) if noise_variance is None else mean_square / noise, one),
+        innovation_autocorrelation=_squeeze(autocorrelation, one),
+        whiteness=_scalar(np.mean(autocorrelation**2, axis=1) * counted, one),
         samples=samples,
     )
 
@@ -212,8 +223,9 @@ def _missing_patterns(record: Floats) -> tuple[list[NDArray[np.bool_]], Indices]
     masks: list[NDArray[np.bool_]] = []
     pattern = np.empty(len(record), dtype=np.int64)
     for channel, values in enumerate(record):
-        seen = ~np.isnan(values)
-        key = b"" if seen.all() else seen.tobytes()
+        whole = all_finite(values)
+        seen = np.ones(values.size, dtype=np.bool_) if whole else ~np.isnan(values)
+        key = b"" if whole else seen.tobytes()
         if key not in patterns:
             patterns[key] = len(masks)
             masks.append(seen)
@@ -295,32 +307,6 @@ def _lost(method: Method, model: HarmonicModel) -> FloatingPointError:
         f"{model.prior_std:.3g} standard deviations of the noise; take fewer poles, a lower rate, a wider bandwidth or "
         "a smaller initial_std."
     )
-
-
-def _merge(estimates: list[Estimate], pattern: Indices) -> Estimate:
-    """Put channels with different gaps together again: the variance then is one a channel."""
-    place = np.argsort(np.argsort(pattern, kind="stable"))
-
-    def of_channels(name: str) -> Any:  # noqa: ANN401
-        return np.concatenate([getattr(estimate, name) for estimate in estimates])[place]
-
-    return Estimate(
-        amplitude=of_channels("amplitude"),
-        variance=np.stack([estimates[number].variance for number in pattern]),
-        innovation_mean_square=of_channels("innovation_mean_square"),
-        innovation_log_variance=np.array([estimates[number].innovation_log_variance for number in pattern]),
-        innovation_autocorrelation=of_channels("innovation_autocorrelation"),
-        innovation_samples=min(estimate.innovation_samples for estimate in estimates),
-        error_bound=max(estimate.error_bound for estimate in estimates),
-    )
-
-
-def _std(variance: Floats, noise: Floats) -> Floats:
-    """(channel, order, output) standard deviations in the record's units; a single channel's in place."""
-    own = variance if variance.ndim == 3 else variance[None]  # noqa: PLR2004
-    # In place: at an output a sample, these are the largest arrays there are.
-    std = np.multiply(own, noise[:, None, None], out=own if len(own) == noise.size else None)
-    return np.sqrt(std, out=std)
 
 
 def _squeeze(values: Any, one: bool) -> Any:  # noqa: ANN401

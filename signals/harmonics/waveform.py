@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from signals.harmonics import _block_kernels
 from signals.harmonics._phasors import PhasorPlan
-from signals.harmonics.blocks import pieces_between
+from signals.harmonics.grid import pieces_between
 from signals.harmonics.inputs import check_orders, check_record
 from signals.harmonics.model import Floats, OrderTracks
 

@@ -1,0 +1,253 @@
+"""Orders smoothed at the knots of a grid: each on its own first, then together what disturbs one another.
+
+In the midst of a record, a smoother leaves of its neighbours what its response lets through. Where the record ends
+or has a gap it leaves more, as much as the causal filter would of what whole hats let through; and a hat cut short
+lets through nearly anything. So there more orders are smoothed together, and what the others of the first round
+explain is taken out under the hats that are cut.
+"""
+
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from signals.harmonics import _block_kernels
+from signals.harmonics._information import KnotChain, smooth_knots
+from signals.harmonics.bandwidth import Bandwidth
+from signals.harmonics.grid import Grid, at_knots, pieces_between
+from signals.harmonics.model import Floats, HarmonicModel, Indices
+from signals.harmonics.separability import Closeness
+
+Levels = NDArray[np.complex128]
+
+# A hat of which less than this is there tells nothing of an order on its own.
+SMALLEST_SHARE = 0.6
+# Orders smoothed together near ends and gaps, at most, where nearly all disturb one another a little.
+MOST_AT_ENDS = 12
+
+
+def smooth_apart(grid: Grid, first: int) -> tuple[Levels, Floats, Floats]:
+    """Smooth every order of a record as if it were alone.
+
+    Parameters
+    ----------
+    grid : the record.
+    first : the knot whose innovations count first.
+
+    Returns
+    -------
+    levels : (channel, order, knot) array.
+    variances : (order, knot) array.
+    log_variances : (order,) array, sums of the log variances of the innovations from knot `first` on.
+    """
+    orders = grid.model.orders.size
+    weight, _ = grid.weights
+    weight = np.where(weight < SMALLEST_SHARE * grid.length, 0.0, weight)
+    weight[0] = weight[grid.samples // grid.length :] = 0.0
+    data = grid.data * (weight > 0)[:, None, None]
+    levels = np.zeros((len(grid.x), orders, grid.knots), dtype=np.complex128)
+    variances, log_variances = np.empty((orders, grid.knots)), np.empty(orders)
+    for group in _alike(grid.model, np.arange(orders)):
+        levels[:, group], variances[group], log_variances[group] = _alone(
+            grid, group, data[group], weight, slice(0, grid.knots), first
+        )
+    return levels, variances, log_variances
+
+
+def _alike(model: HarmonicModel, orders: Indices) -> list[Indices]:
+    """Return groups of some orders that share a walk: the same bandwidth, and all or none of them the mean."""
+    if not orders.size:
+        return []
+    keys = np.column_stack([model.orders[orders] != 0, model.bandwidth[orders]])
+    _, member = np.unique(keys, axis=0, return_inverse=True)
+    return [orders[member.ravel() == number] for number in range(member.max() + 1)]
+
+
+def _alone(
+    grid: Grid, group: Indices, data: Floats, weight: Floats, knots: slice, first: int
+) -> tuple[Levels, Floats, float]:
+    """Smooth orders that share a walk, each as if alone, over a range of knots.
+
+    Parameters
+    ----------
+    data : (order, knot, channel, 2) array, sums under the hats, zero where `weight` is.
+    weight : (knot,) array, samples under the hats.
+
+    Returns
+    -------
+    levels : (channel, order, knot) array.
+    variance : (knot,) array, of each of them.
+    log_variance : as in `smooth_apart`.
+    """
+    turning = bool(grid.model.orders[group[0]])
+    parts = 2 if turning else 1
+    channels = len(grid.x)
+    lanes = data[..., :parts].transpose(1, 0, 2, 3).reshape(len(weight), 1, -1)
+    walk = grid.walk_variance(group[:1])[:, :1]
+    chain = KnotChain(
+        gram=(weight / parts)[:, None, None],
+        data=np.ascontiguousarray(lanes),
+        offset=np.ascontiguousarray(grid.weights[1][knots]),
+        walk_variance=(walk if len(walk) == 1 else walk[knots]).copy(),
+        prior_variance=grid.prior_variance(group[:1])[:, :1].copy(),
+    )
+    found, variance, log_variance = smooth_knots(chain, first=first)
+    found = found.reshape(len(weight), group.size, channels, parts).transpose(2, 1, 0, 3)
+    return found[..., 0] + (1j * found[..., 1] if turning else 0.0), variance[:, 0], parts * log_variance
+
+
+def couple(grid: Grid, first: int, levels: Levels, variances: Floats, log_variances: Floats) -> None:
+    """Smooth together, in place, what the estimates of `smooth_apart` show to disturb one another.
+
+    Parameters
+    ----------
+    grid, first : as for `smooth_apart`.
+    levels, variances, log_variances : as it returns them.
+    """
+    amplitude = np.sqrt(np.mean(np.abs(levels) ** 2, axis=(0, 2)))
+    closeness = Closeness(grid.model, grid.samples)
+
+    def inside(bandwidth: Bandwidth, distance: Floats) -> Floats:
+        return bandwidth.smoother_gain(distance)
+
+    def near_ends(bandwidth: Bandwidth, distance: Floats) -> Floats:
+        hat = 1.0 / np.maximum(1.0, (pi * grid.length * distance) ** 2)
+        folded = np.minimum(distance, 0.5 / grid.length)
+        return np.maximum(inside(bandwidth, distance), hat * np.abs(bandwidth.filter_gain(folded)))
+
+    everywhere = slice(0, grid.knots)
+    for group in closeness.coupled(inside, amplitude, grid.tolerance):
+        levels[:, group], variances[group], log_variances[group] = _together(grid, group, everywhere, first)
+        if group.size == grid.model.orders.size:
+            return
+    mended, spread = levels.copy(), variances.copy()
+    cut = _Cut(grid, levels)
+    for run in _disturbed_runs(grid):
+        nearby = closeness.within(slice(run[0].start * grid.length, min(run[0].stop * grid.length, grid.samples)))
+        friends = nearby.coupled(near_ends, amplitude, grid.tolerance)
+        for group in friends:
+            by_frequency = group[np.argsort(np.abs(nearby.frequency[group]).mean(axis=1))]
+            for start in range(0, group.size, MOST_AT_ENDS):
+                _mend(cut, np.sort(by_frequency[start : start + MOST_AT_ENDS]), run, mended, spread)
+        alone = np.setdiff1d(np.arange(grid.model.orders.size), np.concatenate([[], *friends]).astype(np.int64))
+        for group in _alike(grid.model, alone):
+            _mend_apart(cut, group, run, mended, spread)
+    levels[:], variances[:] = mended, spread
+
+
+def _disturbed_runs(grid: Grid) -> list[tuple[slice, slice]]:
+    """Ranges of knots where ends of the record, or samples missing, are felt, and ranges as far again about them."""
+    missing = grid.length - grid.weights[0]
+    missing[0] = missing[grid.samples // grid.length :] = grid.length
+    reach = grid.reach
+    before = np.concatenate([[0.0], np.cumsum(missing)])
+    place = np.arange(grid.knots)
+    near = before[np.minimum(place + reach + 1, grid.knots)] - before[np.maximum(place - reach, 0)]
+    edges = np.diff(near > grid.tolerance * reach * grid.length, prepend=False, append=False)
+    runs: list[slice] = []
+    for start, stop in np.flatnonzero(edges).reshape(-1, 2).tolist():
+        if runs and start - runs[-1].stop <= 2 * reach:
+            runs[-1] = slice(runs[-1].start, stop)
+        else:
+            runs.append(slice(start, stop))
+    return [(run, slice(max(run.start - reach, 0), min(run.stop + reach, grid.knots))) for run in runs]
+
+
+class _Cut:
+    """Hats cut short, and what they say once all that the first round explains is taken out.
+
+    Attributes
+    ----------
+    knots : of such hats.
+    left : (order, cut knot, channel, 2) array, sums under them as `Grid.data`, of what the first round leaves.
+    levels : (order, cut knot, channel, 2) array, its amplitudes there.
+    """
+
+    def __init__(self, grid: Grid, levels: Levels) -> None:
+        self.grid = grid
+        weight, offset = grid.weights
+        self.knots = np.flatnonzero(weight < (1 - grid.tolerance) * grid.length)
+        pieces = pieces_between(levels, cubic=grid.model.poles > 1)
+        blocks = np.unique(np.concatenate([self.knots - 1, self.knots]).clip(0, grid.blocks - 1))
+        sums = np.zeros((len(grid.data), grid.blocks, len(grid.x), 4))
+        for run in np.split(blocks, np.flatnonzero(np.diff(blocks) > 1) + 1):
+            self._project_rest(pieces, slice(int(run[0]), int(run[-1]) + 1), sums)
+        hats = at_knots(sums.reshape(*sums.shape[:3], 2, 2).transpose(4, 1, 0, 2, 3))
+        self.left = hats[self.knots].swapaxes(0, 1)
+        place = (self.knots + offset[self.knots]).clip(0, grid.blocks)
+        block = np.minimum(place.astype(np.int64), grid.blocks - 1)
+        powers = (place - block)[:, None, None] ** np.arange(4)
+        at_hats = np.sum(pieces[:, :, block] * powers, axis=-1)
+        self.levels = at_hats.transpose(1, 2, 0, 3)
+
+    def _project_rest(self, pieces: Floats, blocks: slice, sums: Floats) -> None:
+        grid = self.grid
+        plan = grid.model.plan
+        for samples, some in grid.spans(blocks.start, blocks.stop):
+            phase = grid.model.phase(samples)
+            rest = np.nan_to_num(grid.x[:, samples])
+            for channel, values in enumerate(rest):
+                wave = np.zeros(values.size)
+                start = samples.start
+                _block_kernels.remodulate(pieces[channel], grid.length, phase, plan.recipe, plan.row, start, wave)
+                np.subtract(values, wave, out=values)
+            rest[:, ~grid.seen[samples]] = 0.0
+            part = np.empty((len(sums), some.stop - some.start, *sums.shape[2:]))
+            _block_kernels.project(rest, phase, plan.recipe, plan.row, grid.length, part)
+            sums[:, some] = part
+
+    def inside(self, knots: slice) -> tuple[NDArray[np.bool_], Indices]:
+        """Return which cut hats lie in a range of knots, and where in it."""
+        there = (self.knots >= knots.start) & (self.knots < knots.stop)
+        return there, self.knots[there] - knots.start
+
+
+def _mend(cut: _Cut, group: Indices, run: tuple[slice, slice], levels: Levels, variances: Floats) -> None:
+    """Smooth a group together, in place, over a run of knots; the cut through the record lies as far again away."""
+    kept, knots = run
+    found, variance, _ = _together(cut.grid, group, knots, 0, cut)
+    inner = slice(kept.start - knots.start, kept.stop - knots.start)
+    levels[:, group, kept] = found[..., inner]
+    variances[group, kept] = variance[:, inner]
+
+
+def _mend_apart(cut: _Cut, group: Indices, run: tuple[slice, slice], levels: Levels, variances: Floats) -> None:
+    """Smooth orders of equal walks, each alone, in place, over a run of knots: with cut hats now."""
+    kept, knots = run
+    grid = cut.grid
+    weight, _ = grid.weights
+    data = grid.data[group, knots].copy()
+    there, place = cut.inside(knots)
+    parts = 2 if grid.model.orders[group[0]] else 1
+    own = cut.levels[group][:, there] * (weight[knots][place] / parts)[:, None, None]
+    data[:, place] = cut.left[group][:, there] + own
+    found, variance, _ = _alone(grid, group, data, weight[knots], knots, 0)
+    inner = slice(kept.start - knots.start, kept.stop - knots.start)
+    levels[:, group, kept] = found[..., inner]
+    variances[group, kept] = variance[inner]
+
+
+def _together(
+    grid: Grid, group: Indices, knots: slice, first: int, cut: _Cut | None = None
+) -> tuple[Levels, Floats, Floats]:
+    """Smooth a group of orders jointly over a range of knots: as `smooth_apart`, its log variance shared out evenly."""
+    model = grid.model.subset(group)
+    sums = grid.data[group, knots].transpose(1, 3, 0, 2)  # knot, part, order, channel
+    data = np.concatenate([sums[:, 0], sums[:, 1, model.turning]], axis=1)
+    gram = grid.gram(group, knots)
+    if cut is not None:
+        there, place = cut.inside(knots)
+        rest, own = (part[group][:, there].transpose(1, 3, 0, 2) for part in (cut.left, cut.levels))
+        rest, own = (np.concatenate([part[:, 0], part[:, 1, model.turning]], axis=1) for part in (rest, own))
+        data[place] = rest + gram[place] @ own
+    walk = grid.walk_variance(group)
+    chain = KnotChain(
+        gram=gram,
+        data=data,
+        offset=grid.weights[1][knots],
+        walk_variance=walk if len(walk) == 1 else walk[knots],
+        prior_variance=grid.prior_variance(group),
+    )
+    found, variance, log_variance = smooth_knots(chain, first=first)
+    levels = np.stack([model.amplitude(found[:, :, channel]) for channel in range(data.shape[2])])
+    return levels, model.variance(variance), np.full(group.size, log_variance / group.size)
