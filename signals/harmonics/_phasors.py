@@ -5,9 +5,6 @@ parts (Cody and Waite [1]_), and both functions are their Taylor polynomials the
 below 1e-17. Multiples up to 2^19 pi are exact in the first two parts, so an angle of up to a million radians keeps
 all its digits; beyond, the error grows as that of the angle itself does.
 
-Where a shaft turns nearly evenly over a few hundred samples, as shafts do, no sine a sample is needed: phasors of
-even steps follow from one another, and the little that is left is a short polynomial.
-
 References
 ----------
 .. [1] W. J. Cody, W. Waite, "Software manual for the elementary functions", Prentice-Hall, 1980.
@@ -20,14 +17,12 @@ from math import factorial, frexp, ldexp, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled, compiled_sums
+from signals._compile import compiled
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Recipe = tuple[Floats, Indices, Indices, Indices, Floats]
 
-# Most that angles may stray from even steps, in rad, to be made from these.
-MOST_BEND = 1 / 64
 # Adding and subtracting this rounds to whole numbers.
 _ROUND = 1.5 * 2.0**52
 
@@ -65,53 +60,6 @@ def fill_phasors(order: float, phase: Floats, cosine: Floats, sine: Floats) -> N
         even = 1.0 + s * (_C2 + s * (_C4 + s * (_C6 + s * (_C8 + s * even))))
         cosine[n] = sign * even
         sine[n] = sign * rest * odd
-
-
-@compiled_sums
-def bend(phase: Floats) -> float:
-    """Return a bound, in rad, on how far a stretch of angles strays from the line through its first and last."""
-    size = phase.size
-    start, step = phase[0], (phase[size - 1] - phase[0]) / max(size - 1, 1)
-    fourth = 0.0
-    for n in range(size):
-        square = (phase[n] - start - step * n) ** 2
-        fourth += square * square
-    return float(np.sqrt(np.sqrt(fourth)))
-
-
-@compiled
-def fill_nearly_even(order: float, phase: Floats, cosine: Floats, sine: Floats) -> None:
-    """Fill `cosine` and `sine` where `order` times the `bend` of the angles is at most `MOST_BEND`.
-
-    Those of the even steps double in number with each complex product; what the angles stray from these turns them
-    on, by Taylor polynomials whose first terms left out are below 5e-17.
-    """
-    size = phase.size
-    start, step = phase[0], (phase[size - 1] - phase[0]) / max(size - 1, 1)
-    cosine[0], sine[0] = np.cos(order * start), np.sin(order * start)
-    real, imaginary = np.cos(order * step), np.sin(order * step)
-    done = 1
-    while done < size:
-        more = min(done, size - done)
-        _turn(cosine[:more], sine[:more], real, imaginary, cosine[done : done + more], sine[done : done + more])
-        real, imaginary = real * real - imaginary * imaginary, 2.0 * real * imaginary
-        done += more
-    for n in range(size):
-        u = order * (phase[n] - start - step * n)
-        s = u * u
-        c = 1.0 + s * (_C2 + s * (_C4 + s * _C6))
-        d = u * (1.0 + s * (_S3 + s * _S5))
-        a, b = cosine[n], sine[n]
-        cosine[n] = a * c - b * d
-        sine[n] = b * c + a * d
-
-
-@compiled
-def _turn(a: Floats, b: Floats, c: float, d: float, real: Floats, imaginary: Floats) -> None:
-    """Fill `(a + j b) (c + j d)`."""
-    for n in range(real.size):
-        real[n] = a[n] * c - b[n] * d
-        imaginary[n] = b[n] * c + a[n] * d
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,17 +117,10 @@ def fill_rows(recipe: Recipe, phase: Floats, first: int, last: int, cosine: Floa
     """
     order, shaft, one, other, sign = recipe
     size = last - first
-    known, stray = -1, 0.0
     for row in range(order.size):
         c, s = cosine[row][:size], sine[row][:size]
         if one[row] < 0:
-            angle = phase[shaft[row]][first:last]
-            if shaft[row] != known:
-                known, stray = shaft[row], bend(angle)
-            if order[row] * stray <= MOST_BEND:
-                fill_nearly_even(order[row], angle, c, s)
-            else:
-                fill_phasors(order[row], angle, c, s)
+            fill_phasors(order[row], phase[shaft[row]][first:last], c, s)
         else:
             a, b = cosine[one[row]][:size], sine[one[row]][:size]
             _multiply(a, b, cosine[other[row]][:size], sine[other[row]][:size], sign[row], c, s)
@@ -192,3 +133,14 @@ def _multiply(a: Floats, b: Floats, c: Floats, d: Floats, sign: float, real: Flo
         turned = sign * d[n]
         real[n] = a[n] * c[n] - b[n] * turned
         imaginary[n] = b[n] * c[n] + a[n] * turned
+
+
+@compiled
+def largest_step(phase: Floats) -> tuple[float, int]:
+    """Return the largest turn between neighbouring samples, either way, and where it starts."""
+    largest, place = 0.0, 0
+    for n in range(phase.size - 1):
+        step = abs(phase[n + 1] - phase[n])
+        if step > largest:
+            largest, place = step, n
+    return largest, place

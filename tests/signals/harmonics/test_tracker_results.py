@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from signals.harmonics import OutputFlag, order_waveform, residual_record, track_orders
-from signals.harmonics._phasors import MOST_BEND, PhasorPlan, bend, fill_nearly_even, fill_phasors, fill_rows
+from signals.harmonics._phasors import PhasorPlan, fill_phasors, fill_rows
 
 RATE = 1000.0
 N = 20_000
@@ -28,26 +28,6 @@ def test_phasors_are_those_of_the_library():
     fill_phasors(1.0, angle, cosine, sine)
     assert_allclose(cosine, np.cos(angle), rtol=0, atol=5e-16)
     assert_allclose(sine, np.sin(angle), rtol=0, atol=5e-16)
-
-
-@pytest.mark.parametrize("size", [1, 2, 255, 256])
-def test_phasors_of_nearly_even_steps_are_those_of_the_library(size):
-    place = np.arange(size)
-    wobble = np.sin(place * 0.7) + (place / size) ** 2
-    angle = 3.0 + 0.3 * place + wobble * MOST_BEND / max(bend(wobble), 1e-300) / 54
-    assert size < 3 or 54 * bend(angle) == pytest.approx(MOST_BEND)  # the largest that is let in
-    cosine, sine = np.empty(size), np.empty(size)
-    fill_nearly_even(54.0, angle, cosine, sine)
-    # Angles of up to 4e3 rad are good to 9e-13 themselves, and eight doublings add that of their step each.
-    assert_allclose(cosine + 1j * sine, np.exp(54j * angle), rtol=0, atol=5e-12)
-
-
-def test_bend_bounds_how_far_angles_stray():
-    rng = np.random.default_rng(1)
-    angle = 0.3 * np.arange(256) + 0.1 * rng.standard_normal(256)
-    line = np.linspace(angle[0], angle[-1], 256)
-    assert np.abs(angle - line).max() <= bend(angle) <= 4 * np.abs(angle - line).max()  # 256 ** (1 / 4) = 4
-    assert bend(line) < 1e-12
 
 
 def test_products_of_phasors_are_phasors():
