@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from hums.adjacency import from_adjacency_table as from_adjacency_table
     from hums.analysis import AnalysisSettings as AnalysisSettings
     from hums.analysis import analyze as analyze
+    from hums.calibration import calibrated as calibrated
     from hums.families import collisions as collisions
     from hums.families import order_families as order_families
     from hums.gearbox import Gearbox as Gearbox
@@ -56,6 +57,7 @@ _HOME = {
     "TorqueError": "hums.torques",
     "Torques": "hums.torques",
     "analyze": "hums.analysis",
+    "calibrated": "hums.calibration",
     "collisions": "hums.families",
     "convert": "hums.readers",
     "defect_orders": "hums.orders",

@@ -43,16 +43,16 @@ from hums.search import (
     wanted_lines,
 )
 from hums.tracking import track_lines, tracked_lines
-from signals.averaging import residual_signal, synchronous_average
+from signals.averaging import synchronous_average
 from signals.envelope import envelope
 from signals.phase import ShaftPhase, constant_speed
 from signals.resampling import PASSBAND, AngularSignal, angular_resample
+from signals.residues import difference_signal
 from signals.spectra import AmplitudeSpectrum, order_spectrum
 from signals.tachometer import shaft_phase
 
 _ENVELOPE_SHARE = 0.5
 _LEAST_ORDERS = 20.0  # a spectrum shows at least this many
-_FEWEST_PULSES = 8
 _BLUR_RAD = 0.3  # phase error that takes 4 % off a line
 _MOST_OF = 0.9  # of a record: less than this analysed is worth a note
 _SPIKE = 100.0  # crest factor; Gaussian noise of a million samples reaches 5, bearing impacts some 30
@@ -226,7 +226,7 @@ def _machine(record: xr.Dataset, gearbox: Gearbox) -> _Machine:
         raise AnalysisError(
             f'the shaft "{shaft}" turns, but the reference "{gearbox.reference}" does not; name another.'
         )
-    jitter = _jitter_s(phase)
+    jitter = 0.0 if math.isnan(phase.jitter_s) else phase.jitter_s
     phase = phase if abs(ratio) == 1 else phase.scaled(abs(ratio))
     turned = float(phase.revolutions[-1] - phase.revolutions[0])
     if turned < 1:
@@ -260,15 +260,6 @@ def _tachometer_phase(record: xr.Dataset) -> tuple[str, ShaftPhase]:
     when = sampling(record, vibration_channels(record)[0])
     stop = when.start_s + (when.count - 1) / when.rate_hz
     return declared.attrs["shaft"], constant_speed(float(declared), start_s=when.start_s, stop_s=stop)
-
-
-def _jitter_s(phase: ShaftPhase) -> float:
-    """Return the standard deviation of pulse times about a smooth motion, from third differences of one stripe.
-
-    Independent errors of variance s^2 give third differences of variance 20 s^2; a quadratic in time gives none.
-    """
-    once = phase.times_s[:: phase.stripe_positions_rev.size]
-    return float(np.std(np.diff(once, 3)) / math.sqrt(20)) if once.size > _FEWEST_PULSES else 0.0
 
 
 def _chosen(record: xr.Dataset, settings: AnalysisSettings) -> tuple[str, ...]:
@@ -422,10 +413,9 @@ def _locality(record: xr.Dataset, channel: str, machine: _Machine, link: str, te
     reach = PASSBAND / 2 * when.rate_hz / (machine.top_speed_hz * ratio)
     last = int(min((harmonics + 0.5) * teeth, reach))
     average = synchronous_average(_over_angle(_finite_values(record, channel), record, channel, phase, last))
-    regular = [harmonic * teeth + side for harmonic in range(1, harmonics + 1) for side in (-1, 0, 1)]
-    residual = residual_signal(average, removed_orders=[1, 2, *regular], max_order=last)
-    power = float(np.mean(residual**2))
-    kurtosis = float(np.mean(residual**4)) / power**2 if power > 0 else 0.0
+    left = difference_signal(average, teeth=teeth, harmonics=harmonics, shaft_orders=(1, 2), max_order=last).values
+    power = float(np.mean(left**2))
+    kurtosis = float(np.mean(left**4)) / power**2 if power > 0 else 0.0
     # 2 last independent values a turn; kurtosis of n Gaussian values: 3 +- sqrt(24 / n), four times that allowed
     return Locality(kurtosis=kurtosis, limit=3 + 4 * math.sqrt(24 / (2 * last)))
 
@@ -470,6 +460,7 @@ def _notes(machine: _Machine, settings: AnalysisSettings, channels: Sequence[_Ch
             f"The speed is nominal: declared for {machine.tachometer_shaft}, not measured. Lines are searched within "
             f"{settings.nominal_speed_tolerance:.1%} of their nominal order and smear if the speed changed."
         )
+    notes += _tachometer_notes(machine.phase)
     if settings.envelope_band_hz is None and machine.bearings:
         notes.append(
             "No envelope band was given, so no bearing line was searched. Choose a band with a resonance that the "
@@ -500,6 +491,24 @@ def _notes(machine: _Machine, settings: AnalysisSettings, channels: Sequence[_Ch
                 f'Channel "{channel.name}": {len(channel.beyond)} lines are out of reach, above what the sampling rate '
                 f"or the envelope's band carries or in too short a record to judge: {', '.join(names)}."
             )
+    return notes
+
+
+def _tachometer_notes(phase: ShaftPhase) -> list[str]:
+    """Say what was wrong with the pulses."""
+    notes = []
+    repairs = phase.repairs
+    if repairs.total:
+        notes.append(
+            f"The tachometer's pulses were repaired: {repairs.missing} were missing and counted, {repairs.double} "
+            f"double and {repairs.spurious} spurious ones left out, of {phase.times_s.size} that remain."
+        )
+    if phase.direction_unknown:
+        begin, end = phase.stops_s[0]
+        notes.append(
+            f"The shaft may have stopped ({len(phase.stops_s)} times, first from {begin:.4g} to {end:.4g} s), and the "
+            "pulses do not tell which way it turned after: the angle is counted as if it went on."
+        )
     return notes
 
 

@@ -47,7 +47,7 @@ UNITS: Mapping[str, tuple[str, ...]] = {
     "m": (),
     "mm": (),
     "µm": ("um", "\N{GREEK SMALL LETTER MU}m"),
-    "V": ("volt", "volts"),
+    "V": ("volt", "volts", "Volt", "Volts"),
     "mV": (),
     "Pa": (),
     "N": (),
@@ -89,6 +89,15 @@ class Channel:
         Sensitive axis, in the gearbox's coordinates or in words.
     rate_hz : float or None
         Samples per second where they differ from the record's.
+    sensitivity : float or None
+        `units` for one of `measures`, as 0.1 V for one g; negative where the sensor is mounted the other way round.
+        Noted, not applied: see `hums.calibrated`.
+    measures : str or None
+        Units of what the sensor senses; needed with `sensitivity`.
+    calibration_factor : float or None
+        What the last calibration found the true value to be, over that by the sensitivity.
+    delay_s : float or None
+        How much later than the machine the channel shows it.
     """
 
     values: ArrayLike
@@ -96,6 +105,10 @@ class Channel:
     sensor: str = ""
     direction: tuple[float, float, float] | str | None = None
     rate_hz: float | None = None
+    sensitivity: float | None = None
+    measures: str | None = None
+    calibration_factor: float | None = None
+    delay_s: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -442,12 +455,34 @@ def _channel_variable(
         attrs["sensor"] = channel.sensor
     if channel.direction is not None:
         attrs["direction"] = _direction(channel.direction, what)
+    attrs |= _calibration(channel, what)
     own_rate = rate_hz
     if channel.rate_hz is not None:
         own_rate = _positive(channel.rate_hz, f"{what}: rate_hz", _RATE_REMEDY)
     if own_rate == rate_hz:
         return xr.Variable("time", values, attrs)
     return xr.Variable(f"time_{name}", values, {**attrs, "rate_hz": own_rate, "start_s": start_s})
+
+
+def _calibration(channel: Channel, what: str) -> dict[str, float | str]:
+    """Return what is known of the chain from sensor to file, as attributes that `hums.calibrated` applies."""
+    attrs: dict[str, float | str] = {}
+    if (channel.sensitivity is None) != (channel.measures is None):
+        raise RecordError(
+            f"{what}: sensitivity={channel.sensitivity!r} and measures={channel.measures!r} belong together: "
+            f'sensitivity=0.1, measures="g" is 0.1 {channel.units} for one g.'
+        )
+    if channel.measures is not None:
+        attrs["measures"] = _units(channel.measures, f"{what}: measures")
+    for name in ("sensitivity", "calibration_factor"):
+        value = getattr(channel, name)
+        if value is not None:
+            attrs[name] = _finite(value, f"{what}: {name}", "number other than zero")
+            if value == 0:
+                raise RecordError(f"{what}: {name}=0: a finite number other than zero is needed.")
+    if channel.delay_s is not None:
+        attrs["delay_s"] = _finite(channel.delay_s, f"{what}: delay_s")
+    return attrs
 
 
 def _angle_variables(
@@ -588,10 +623,10 @@ def _positive(value: object, what: str, remedy: str) -> float:
     raise RecordError(f"{what}={_shown(value)}: a positive, finite number is needed; {remedy}.")
 
 
-def _finite(value: object, what: str) -> float:
+def _finite(value: object, what: str, kind: str = "number of seconds") -> float:
     if isinstance(value, Real) and not isinstance(value, bool | np.bool) and math.isfinite(value):
         return float(value)
-    raise RecordError(f"{what}={_shown(value)}: a finite number of seconds is needed.")
+    raise RecordError(f"{what}={_shown(value)}: a finite {kind} is needed.")
 
 
 def _shown(value: object) -> str:

@@ -1,40 +1,187 @@
-"""The compiled inner loop of angular resampling."""
+"""The compiled inner loops of angular resampling."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled
+from signals._compile import compiled, compiled_sums
 
 Array = NDArray[np.float64]
 
+_TOGETHER = 4  # neighbouring outputs share the reading of the weights
+_HALVINGS = 60  # down to rounding
+
 
 @compiled
-def convolve_at(x: Array, positions: Array, cutoffs: Array, table: Array, half_width: int, per_unit: int) -> Array:
-    """Windowed-sinc interpolation of `x` at fractional `positions`, each with its own cut-off.
+def hermite(values: Array, slopes: Array, step: int, skip: int, out: Array, out_slopes: Array) -> None:
+    """Cubics through `values` with `slopes` (a sample), `step` samples apart, at every sample from `skip` on."""
+    h = float(step)
+    for cell in range(skip // step, (skip + out.size - 1) // step + 1):
+        begin = cell * step - skip
+        value = values[cell]
+        rise = values[cell + 1] - value
+        early, late = h * slopes[cell] - rise, rise - h * slopes[cell + 1]
+        for i in range(max(begin, 0), min(begin + step, out.size)):
+            u = (i - begin) / h
+            bend = early + u * (late - early)
+            out[i] = value + u * rise + u * (1 - u) * bend
+            out_slopes[i] = (rise + (1 - 2 * u) * bend + u * (1 - u) * (late - early)) / h
 
-    ``y[m] = sum_n x[n] a g(a (p_m - n))`` with `a` the cut-off over half the sampling rate and `g` the
-    windowed sinc in `table`, `per_unit` entries a zero crossing, read by linear interpolation. Beyond its
-    ends the record is mirrored.
+
+@compiled
+def places_of(q: Array, slopes: Array, first: float, out: Array, out_slopes: Array) -> None:
+    """Find where the rising `q`, known at whole places with its `slopes`, reaches first, first + 1, ...
+
+    Solved on the cubic between two places: ``u rise + u (1 - u) bend(u) = target``. Where the bend is below 1e-4 of
+    the rise, as almost everywhere, two rounds of ``u = (target - u (1 - u) bend(u)) / rise`` leave 3e-13; elsewhere
+    Newton's method, halving where a step leaves the bracket. Beyond the ends it is the end. `out_slopes` is the slope
+    of `q` there.
     """
-    out = np.empty(positions.size)
-    last = x.size - 1
-    for m in range(positions.size):
-        scale = cutoffs[m]
-        reach = half_width / scale
-        start = int(np.ceil(positions[m] - reach))
-        stop = int(np.floor(positions[m] + reach))
-        total = 0.0
-        weights = 0.0
-        for n in range(start, stop + 1):
-            u = abs(positions[m] - n) * scale * per_unit
-            cell = int(u)
-            part = u - cell
-            weight = table[cell] + part * (table[cell + 1] - table[cell])
-            i = n
-            if i < 0 or i > last:
-                i = abs(i) % (2 * last)
-                i = min(i, 2 * last - i)
-            total += weight * x[i]
-            weights += weight
-        out[m] = total / weights
-    return out
+    n = -1
+    early = late = rise = reciprocal = 0.0
+    gentle = False
+    for m in range(out.size):
+        wanted = first + m
+        if n < 0 or (n < q.size - 2 and q[n + 1] <= wanted):
+            n = max(n, 0)
+            while n < q.size - 2 and q[n + 1] <= wanted:
+                n += 1
+            rise = q[n + 1] - q[n]
+            early, late = slopes[n] - rise, rise - slopes[n + 1]
+            gentle = abs(early) + abs(late) < 1e-4 * rise
+            reciprocal = 1 / rise if gentle else 0.0
+        target = min(max(wanted - q[n], 0.0), max(rise, 0.0))
+        if gentle:
+            start = target * reciprocal
+            u = start - start * (1 - start) * (early + start * (late - early)) * reciprocal
+            u = start - u * (1 - u) * (early + u * (late - early)) * reciprocal
+        else:
+            u = _solved(rise, early, late, target)
+        bend = early + u * (late - early)
+        out[m] = n + u
+        out_slopes[m] = max(rise + (1 - 2 * u) * bend + u * (1 - u) * (late - early), 0.0)
+
+
+@compiled
+def _solved(rise: float, early: float, late: float, target: float) -> float:
+    """Root of ``u rise + u (1 - u) (early + u (late - early)) = target`` between 0 and 1."""
+    low, high = 0.0, 1.0
+    u = target / rise if rise > 0 else 0.0
+    for _ in range(_HALVINGS):
+        bend = early + u * (late - early)
+        beyond = u * rise + u * (1 - u) * bend - target
+        slope = rise + (1 - 2 * u) * bend + u * (1 - u) * (late - early)
+        if beyond > 0:
+            high = u
+        else:
+            low = u
+        following = u - beyond / slope if slope > 0 else -1.0
+        if not low <= following <= high:
+            following = low + (high - low) / 2
+        moved = abs(following - u)
+        u = following
+        if moved < 1e-13:  # noqa: PLR2004
+            break
+    return u
+
+
+@compiled_sums
+def interpolate(x: Array, places: Array, cuts: Array, rows: Array, out: Array) -> None:
+    """Weigh the samples about each place whose cut-off is that of `x` itself; 0 for the others.
+
+    ``out[m] = sum_n x[n] g(places[m] - n)``, with the weights taken linearly between two of `rows`. `x` must reach
+    half a row beyond every place.
+    """
+    taps, fractions = rows.shape[1], rows.shape[0] - 2
+    for m in range(places.size):
+        if cuts[m] < 1:
+            out[m] = 0.0
+            continue
+        whole = int(np.floor(places[m]))
+        fraction = (places[m] - whole) * fractions
+        row = int(fraction)
+        part = fraction - row
+        begin = whole - taps // 2 + 1
+        samples = x[begin : begin + taps]
+        before, after = rows[row], rows[row + 1]
+        early = 0.0
+        late = 0.0
+        for i in range(taps):
+            early += before[i] * samples[i]
+            late += after[i] * samples[i]
+        out[m] = early + part * (late - early)
+
+
+@compiled
+def gather(x: Array, q: Array, slopes: Array, first: int, moments: Array) -> None:
+    """Add each sample, times its share of `q`, to the moments of the step of `q` that it lies in.
+
+    ``moments[c - first, k] += x[n] slopes[n] v_n^k``, where v goes from -1 to 1 across step c. Steps that `moments`
+    (steps, powers) does not hold are left out.
+    """
+    powers = moments.shape[1]
+    for n in range(x.size):
+        floor = np.floor(q[n])
+        step = int(floor) - first
+        if step < 0 or step >= moments.shape[0]:
+            continue
+        v = 2 * (q[n] - floor) - 1
+        term = x[n] * slopes[n]
+        row = moments[step]
+        for k in range(powers):
+            row[k] += term
+            term *= v
+
+
+@compiled_sums
+def weigh(moments: Array, weights: Array, cuts: Array, out: Array) -> None:
+    """Weigh the moments of the steps about each output whose cut-off lies below that of the record.
+
+    ``out[m] = sum over steps i and powers k of weights[i, k] moments[m + i, k]``, both flattened; other outputs are
+    left as they are. `moments` must hold three steps more than the last output needs.
+    """
+    powers, reach = weights.shape[1], weights.size
+    flat, every = moments.ravel(), weights.ravel()
+    for group in range(0, out.size, _TOGETHER):
+        m = max(min(group, out.size - _TOGETHER), 0)  # the last four may overlap the four before
+        alone = min(_TOGETHER, out.size)
+        lowest = 1.0
+        for i in range(alone):
+            lowest = min(lowest, cuts[m + i])
+        if lowest >= 1:
+            continue
+        begin = m * powers
+        one = flat[begin : begin + reach]
+        two = flat[begin + powers : begin + powers + reach]
+        three = flat[begin + 2 * powers : begin + 2 * powers + reach]
+        four = flat[begin + 3 * powers : begin + 3 * powers + reach]
+        first = second = third = fourth = 0.0
+        for i in range(reach):
+            weight = every[i]
+            first += one[i] * weight
+            second += two[i] * weight
+            third += three[i] * weight
+            fourth += four[i] * weight
+        for i, total in enumerate((first, second, third, fourth)):
+            if i < alone and cuts[m + i] < 1:
+                out[m + i] = total
+
+
+@compiled
+def linear(x: Array, places: Array, least: int, most: int, out: Array) -> None:
+    """Straight lines between the samples from `least` to `most`."""
+    for m in range(places.size):
+        n = min(max(int(np.floor(places[m])), least), most - 1)
+        u = places[m] - n
+        out[m] = x[n] + u * (x[n + 1] - x[n]) if u > 0 else x[n]
+
+
+@compiled
+def cubic(x: Array, places: Array, least: int, most: int, out: Array) -> None:
+    """Cubics through the four samples about each place (Lagrange), the outer four at the ends."""
+    for m in range(places.size):
+        n = min(max(int(np.floor(places[m])), least + 1), most - 2)
+        u = places[m] - n
+        a, b, c, d = x[n - 1], x[n], x[n + 1], x[n + 2]
+        inner = (1 - u) * b + u * c
+        left, right = 2 * b - a - c, 2 * c - b - d
+        out[m] = inner + u * (1 - u) * ((2 - u) * left + (1 + u) * right) / 6

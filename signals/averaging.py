@@ -1,23 +1,52 @@
-"""The time synchronous average of a shaft, and what is left when its regular part is taken out."""
+"""The time synchronous average of a shaft: what repeats with it stays, the rest falls.
 
-from collections.abc import Iterable
+Averaging N revolutions is a comb filter (McFadden 1987, "A revised model for the extraction of periodic waveforms
+by time domain averaging", Mech. Syst. Signal Process. 1(1), 83-95). It passes whole orders of the shaft, lets
+through ``|sin(pi N f) / (N sin(pi f))|`` of any other order f, and has nulls where N f is whole: so the number of
+revolutions decides what of the neighbours is left, and `quietest_revolutions` says which one to take.
+"""
+
+import math
 from dataclasses import dataclass, field
+from fractions import Fraction
+from numbers import Rational
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from signals._checks import Array, real_vector
-from signals.resampling import AngularSignal
+from signals._checks import Array, number, real_vector, whole
+from signals.phase import ShaftPhase
+from signals.resampling import AngularSignal, angular_resample
+
+_REACH = 32  # samples the interpolator of signals.resampling takes in on either side, more on a coarser grid
 
 
 @dataclass(frozen=True, kw_only=True)
 class SynchronousAverage:
-    """One revolution, averaged over many: what repeats with the shaft stays, the rest falls as 1/sqrt(N)."""
+    """One revolution of a shaft, averaged over many.
+
+    ``standard_error`` is that of each angle's mean, from the scatter between revolutions taken as independent; NaN
+    where there was one revolution only. ``ratio`` is revolutions of this shaft to one of the reference,
+    ``start_rev`` the reference revolution at which the first averaged one began: its angle zero.
+    """
 
     values: Array = field(metadata={"dims": ("angle",), "units": "as the record"})
     standard_error: Array = field(metadata={"dims": ("angle",), "units": "as the record"})
     revolutions: int
+    ratio: Fraction = Fraction(1)
+    start_rev: float = 0.0
+    passband_orders: float = math.inf
+
+    @property
+    def samples_per_rev(self) -> int:
+        """How many angles there are to a revolution."""
+        return int(self.values.size)
+
+    @property
+    def removed_orders(self) -> tuple[int, ...]:
+        """Orders taken out of it: none."""
+        return ()
 
     @property
     def complex_amplitude(self) -> NDArray[np.complex128]:
@@ -27,37 +56,192 @@ class SynchronousAverage:
         return lines
 
 
-def synchronous_average(signal: AngularSignal) -> SynchronousAverage:
-    """Average an angular signal over its revolutions (Braun 1975; McFadden 1987).
+def synchronous_average(
+    signal: AngularSignal,
+    *,
+    ratio: Fraction | int = 1,
+    revolutions: int | None = None,
+    samples_per_rev: int | None = None,
+    datum_rev: float | None = None,
+) -> SynchronousAverage:
+    """Average an angular signal over the revolutions of a shaft (Braun 1975; McFadden 1987).
+
+    Where a revolution of the shaft is a whole number of samples, those samples are averaged as they are. Else the
+    signal is resampled over the shaft's own angle first, and revolutions too close to the ends of the record for
+    the interpolation are left out: 32 samples on either side.
 
     Parameters
     ----------
     signal : AngularSignal
-        Whole revolutions of the shaft to average over.
+        Over the angle of the reference shaft.
+    ratio : Fraction
+        Revolutions of the averaged shaft to one of the reference, exact.
+    revolutions : int, optional
+        How many revolutions of the averaged shaft, from the first on; default all. `quietest_revolutions` advises.
+    samples_per_rev : int, optional
+        Angles of the average; default as many as the signal has to a revolution of this shaft, rounded up.
+    datum_rev : float, optional
+        A reference revolution at which the shaft's angle is zero; default the first sample. Parts of one
+        record share their angle zero where they share this.
 
     Returns
     -------
     SynchronousAverage
         `values` (samples_per_rev,) and their standard error.
+
+    Raises
+    ------
+    ValueError
+        A ratio that is not exact, or fewer revolutions in the signal than wanted.
     """
-    turns = signal.values.reshape(signal.revolutions, signal.samples_per_rev)
-    spread = turns.std(axis=0, ddof=1) if signal.revolutions > 1 else np.full(signal.samples_per_rev, np.nan)
+    values = real_vector(signal.values, name="the angular signal")
+    ratio = exact_ratio(ratio)
+    per_turn = signal.samples_per_rev / ratio
+    wanted = math.ceil(per_turn) if samples_per_rev is None else samples_per_rev
+    per_rev = whole(wanted, name="samples_per_rev", least=2)
+    datum = Fraction(0 if datum_rev is None else number(datum_rev, name="datum_rev") - signal.start_rev)
+    offset = (datum * signal.samples_per_rev) % per_turn
+    direct = per_turn == per_rev and offset.denominator == 1
+    margin = 0 if direct else math.ceil(_REACH * max(1.0, float(per_turn / per_rev)))
+    first = offset + per_turn * max(0, math.ceil((margin - offset) / per_turn))
+    available = max(0, math.floor((values.size - margin - first) / per_turn))
+    count = _count(revolutions, available, values.size, per_turn)
+    if direct:
+        turns, passband = values[int(first) : int(first) + count * per_rev].reshape(count, per_rev), math.inf
+    else:
+        turns, passband = _over_shaft(values, float(first), float(per_turn), count, per_rev)
+    spread = turns.std(axis=0, ddof=1) if count > 1 else np.full(per_rev, np.nan)
     return SynchronousAverage(
         values=turns.mean(axis=0),
-        standard_error=spread / np.sqrt(signal.revolutions),
-        revolutions=signal.revolutions,
+        standard_error=spread / math.sqrt(count),
+        revolutions=count,
+        ratio=ratio,
+        start_rev=signal.start_rev + float(first / signal.samples_per_rev),
+        passband_orders=min(signal.passband_orders / float(ratio), passband),
     )
 
 
-def residual_signal(average: SynchronousAverage, *, removed_orders: Iterable[int], max_order: int) -> Array:
-    """Return the average without its mean, the `removed_orders`, and everything above `max_order`.
+def exact_ratio(ratio: object) -> Fraction:
+    """Return a ratio of shaft speeds above zero as a Fraction, or raise ValueError."""
+    if isinstance(ratio, bool) or not isinstance(ratio, Rational):
+        raise ValueError(  # noqa: TRY004
+            f"ratio={ratio!r} is not exact, and its error would add up over the revolutions; "
+            "give the teeth, as Fraction(21, 41)."
+        )
+    if ratio <= 0:
+        raise ValueError(f"ratio={ratio} must be above zero; the sense of rotation changes no average.")
+    return Fraction(ratio)
 
-    What a local tooth fault does to one part of the revolution remains (Stewart 1977).
+
+def _count(revolutions: int | None, available: int, samples: int, per_turn: Fraction) -> int:
+    needed = 1 if revolutions is None else whole(revolutions, name="revolutions", least=1)
+    if available < needed:
+        raise ValueError(
+            f"the signal of {samples} samples holds {available} whole revolutions of the shaft at "
+            f"{float(per_turn):g} samples each, but {needed} are needed; record longer or average fewer."
+        )
+    return available if revolutions is None else needed
+
+
+def _over_shaft(values: Array, first: float, per_turn: float, count: int, per_rev: int) -> tuple[Array, float]:
+    """Resample over the shaft's own angle: the samples are the clock, the shaft turns at a constant speed in it."""
+    phase = ShaftPhase(
+        times_s=np.array([first, first + count * per_turn]), revolutions=np.array([0.0, count]), nominal=True
+    )
+    found = angular_resample(values, rate_hz=1.0, phase=phase, samples_per_rev=per_rev, revolutions=count)
+    return found.values.reshape(count, per_rev), found.passband_orders
+
+
+class RunningAverage:
+    """The synchronous average of a record that comes in piece by piece, in constant memory.
+
+    Mean and sum of squared deviations are carried on from piece to piece, and from average to average, by the
+    update of Chan, Golub & LeVeque (1983, "Algorithms for computing the sample variance", Am. Stat. 37(3)), which
+    for single revolutions is that of Welford (1962). Where the pieces are cut changes nothing but rounding.
+
+    Parameters
+    ----------
+    samples_per_rev : int
+        Samples to a revolution of the averaged shaft.
+    ratio : Fraction
+        Revolutions of the averaged shaft to one of the reference, for the result.
+    passband_orders : float
+        Up to which order of the averaged shaft the record passes unchanged, for the result.
     """
-    lines = np.asarray(fft.rfft(real_vector(average.values, name="the average")))
-    lines[0] = 0
-    lines[max_order + 1 :] = 0
-    for order in removed_orders:
-        if 0 <= order < lines.size:
-            lines[order] = 0
-    return np.asarray(fft.irfft(lines, average.values.size), dtype=np.float64)
+
+    def __init__(self, *, samples_per_rev: int, ratio: Fraction | int = 1, passband_orders: float = math.inf) -> None:
+        self.samples_per_rev = whole(samples_per_rev, name="samples_per_rev", least=2)
+        self.ratio = exact_ratio(ratio)
+        self.passband_orders = passband_orders
+        self.revolutions = 0
+        self._mean: Array = np.zeros(self.samples_per_rev)
+        self._squares: Array = np.zeros(self.samples_per_rev)
+        self._rest: Array = np.zeros(0)
+
+    @property
+    def waiting(self) -> int:
+        """Samples of a revolution that is not complete yet, and counts for nothing until it is."""
+        return int(self._rest.size)
+
+    def update(self, values: ArrayLike) -> None:
+        """Take in the next samples (n,), any number of them, over the angle of the averaged shaft."""
+        piece = np.append(self._rest, real_vector(values, name="the piece", minimum=0))
+        turns, rest = np.split(piece, [piece.size - piece.size % self.samples_per_rev])
+        self._rest = rest
+        if turns.size:
+            rows = turns.reshape(-1, self.samples_per_rev)
+            mean = rows.mean(axis=0)
+            self._combine(rows.shape[0], mean, np.sum((rows - mean) ** 2, axis=0))
+
+    def merge(self, other: "RunningAverage") -> None:
+        """Take in all that another average of the same shaft has seen.
+
+        Raises
+        ------
+        ValueError
+            Averages of unlike grids or shafts, or with part of a revolution waiting.
+        """
+        if (other.samples_per_rev, other.ratio) != (self.samples_per_rev, self.ratio):
+            raise ValueError(
+                f"an average over {other.samples_per_rev} samples a revolution at ratio {other.ratio} cannot join one "
+                f"over {self.samples_per_rev} at ratio {self.ratio}; resample both over the same shaft and grid."
+            )
+        if self.waiting or other.waiting:
+            raise ValueError(
+                f"{self.waiting} and {other.waiting} samples wait for the rest of their revolution, which merging "
+                "would lose; give both averages whole revolutions."
+            )
+        self.passband_orders = min(self.passband_orders, other.passband_orders)
+        self._combine(other.revolutions, other._mean, other._squares)  # noqa: SLF001
+
+    def average(self) -> SynchronousAverage:
+        """Return the average so far; more may follow.
+
+        Raises
+        ------
+        ValueError
+            Before the first whole revolution.
+        """
+        if not self.revolutions:
+            raise ValueError(
+                f"only {self.waiting} of the {self.samples_per_rev} samples of a first revolution have come in; "
+                "there is no average yet."
+            )
+        freedom = self.revolutions - 1
+        variance = self._squares / freedom if freedom else np.full(self.samples_per_rev, np.nan)
+        return SynchronousAverage(
+            values=self._mean.copy(),
+            standard_error=np.sqrt(variance / self.revolutions),
+            revolutions=self.revolutions,
+            ratio=self.ratio,
+            passband_orders=self.passband_orders,
+        )
+
+    def _combine(self, count: int, mean: Array, squares: Array) -> None:
+        if not count:
+            return
+        total = self.revolutions + count
+        apart = mean - self._mean
+        self._mean = self._mean + apart * (count / total)
+        self._squares = self._squares + squares + apart**2 * (self.revolutions * count / total)
+        self.revolutions = total

@@ -1,215 +1,308 @@
-"""Tachometer waveform to pulse times, and pulse times to shaft phase."""
+"""Pulse times of a tachometer to the phase of its shaft, with a count of every repair."""
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import pairwise
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from signals._checks import Array, positive, real_vector, whole
+from signals._checks import Array, choice, number, positive, real_vector, whole
 from signals.phase import ShaftPhase
+from signals.pulses import PulseTrain, pulse_times
+from signals.repairs import Counts, PulseRepairs, all_repairs, number_pulses, possible_stops, refuse_faults, repairs_of
+from signals.smoothing import PhaseSmoothing, joined, smooth_phase, with_rest
 
-_HYSTERESIS = 0.25  # of the swing, either side of the middle
-_SWING_PERCENTILES = (1.0, 99.0)
-_LAPS = 5  # intervals on either side that an interval is judged by, each a revolution further
-_GAP = 1.7  # a missing pulse makes one interval of two: this many times those around it,
-_GAP_BESIDE = 1.2  # and longer than either side alone, which slowing down is not
-_PAIR = 1.4  # an extra pulse makes two intervals of one: together below this, where two sound ones are about 2
-_SHORT = 0.6
+__all__ = ["PulseTrain", "pulse_times", "shaft_phase"]
+
 _CALIBRATION_REVOLUTIONS = 8
+_WAVEFORM = 16  # values that a waveform has at least, and
+_WAVEFORM_STEPS = 0.1  # how many of its steps do not rise
+_JITTER_ORDER = 6  # differences of this order leave nothing of a motion that pulses show well
+_JITTER_FEWEST = 6  # of such differences
 
 
 @dataclass(frozen=True, kw_only=True)
-class PulseTrain:
-    """Times at which a tachometer waveform rises through its threshold."""
+class _Stretch:
+    """Pulses between two stops: those kept, and their numbers."""
 
-    times_s: Array = field(metadata={"dims": ("pulse",), "units": "s"})
-    threshold: float
-    hysteresis: float
-
-
-def pulse_times(waveform: ArrayLike, *, rate_hz: float, start_s: float = 0.0) -> PulseTrain:
-    """Find the rising edges of a tachometer waveform, between samples by linear interpolation.
-
-    The threshold is half-way between the 1st and 99th percentile; an edge counts once the waveform has been
-    a quarter of the swing below it, and is to rise a quarter above, so noise on an edge makes one pulse. Where
-    noise carries an edge through the threshold several times, its place is the sum of the rises less the sum of
-    the falls: that of one clean rise with as much time below. Measured on a sine of
-    20 Hz at 51.2 kHz with noise of 5 % of its amplitude: bias 0.1 samples and standard deviation 3.2, where the
-    first rise comes 31 samples early, with 11.
-
-    Parameters
-    ----------
-    waveform : (n,) array, any unit
-    rate_hz : float
-    start_s : float
-        Time of the first sample.
-
-    Raises
-    ------
-    ValueError
-        Fewer than two edges, or a waveform that looks like a list of times.
-    """
-    wave = real_vector(waveform, name="the tachometer waveform", minimum=3)
-    rate = positive(rate_hz, name="rate_hz")
-    if np.all(np.diff(wave) > 0):
-        raise ValueError(
-            "the tachometer waveform only ever rises: it looks like a list of pulse times, not a waveform; "
-            "hand it over as pulse times (on the command line: --tach-times)."
-        )
-    low, high = np.percentile(wave, _SWING_PERCENTILES)
-    if high <= low:  # narrow pulses can hide from the percentiles
-        low, high = float(wave.min()), float(wave.max())
-    middle, margin = (low + high) / 2, _HYSTERESIS * (high - low)
-    state = np.where(wave > middle + margin, 1, np.where(wave < middle - margin, -1, 0))
-    decided = np.flatnonzero(state)
-    rises = np.flatnonzero((state[decided][:-1] == -1) & (state[decided][1:] == 1))
-    last_low, first_high = decided[rises], decided[rises + 1]
-    times = np.array([_crossing(wave, a, b, middle) for a, b in zip(last_low, first_high, strict=True)])
-    if times.size < 2:  # noqa: PLR2004
-        raise ValueError(
-            f"the tachometer waveform crosses {middle:.4g} upwards {times.size} times; at least 2 pulses are needed. "
-            "Check the channel."
-        )
-    return PulseTrain(times_s=start_s + times / rate, threshold=float(middle), hysteresis=float(margin))
+    times: Array
+    counts: Counts
+    repairs: PulseRepairs
 
 
-def _crossing(wave: Array, low: int, high: int, level: float) -> float:
-    """Position in samples of the one rise through `level` that leaves as much time below it as there is."""
-    height = wave[low : high + 1] - level
-    above = height >= 0
-    before = np.flatnonzero(above[1:] != above[:-1])
-    crossings = before + height[before] / (height[before] - height[before + 1])  # a rise, a fall, ... a rise
-    return float(low + crossings[::2].sum() - crossings[1::2].sum())
-
-
-def shaft_phase(times_s: ArrayLike, *, pulses_per_rev: int = 1) -> ShaftPhase:
+def shaft_phase(
+    times_s: ArrayLike,
+    *,
+    pulses_per_rev: float | Fraction = 1,
+    on_fault: Literal["repair", "refuse"] = "repair",
+    direction: int | ArrayLike | None = None,
+    delay_s: float = 0.0,
+    bandwidth_hz: float | None = None,
+    bandwidth_orders: float | None = None,
+    standstill_s: float | None = None,
+) -> ShaftPhase:
     """Turn the pulse times of one tachometer into the shaft's phase; revolution zero is the first pulse.
 
-    With several stripes a revolution their positions are found from the data (the median place of each
-    between passes of the first), since no stripe sits exactly where it should; below eight revolutions they
-    are taken as even.
+    Stripes. With several a revolution (a whole number) their positions are found from the data (the median place
+    of each between passes of the first), since no stripe sits exactly where it should; below eight revolutions they
+    are taken as even. A swing of the speed that repeats every revolution cannot be told from uneven stripes, and is
+    taken for them. Pulses of another shaft through gears (a `Fraction` or float) are even.
 
-    Pulses are refused, not repaired. Each interval is held against those of the same stripe in the five
-    revolutions before and the five after (below five revolutions, against its neighbours). In the first and last
-    revolution the one side is carried on at its acceleration; among very unequal stripes a wrong pulse may pass
-    there. More than five wrong intervals on end cannot be told from a change of speed.
+    Faults. Each interval is held against those of the same stripe in the five revolutions before and the five after
+    (below five revolutions, against its neighbours). What shows a missing or extra pulse is refused, or repaired:
+    extra pulses left out, missing ones counted, and all of it told in `ShaftPhase.repairs`. No pulse is made up:
+    the curve passes on between the true ones. In the first and last revolution the one side is carried on at its
+    acceleration; among very unequal stripes a wrong pulse may pass there.
+
+    Stops. Where pulses slow down into an interval and gather speed after it the shaft may have stopped, and may have
+    turned back: that interval stands in `stops_s` and the phase says `direction_unknown` unless the direction is
+    declared. `standstill_s` declares that in any longer interval the shaft stood, half-way between two stripes.
+
+    Smoothing. Without a bandwidth the curve passes through every pulse. With one, jitter is smoothed out; the gain
+    is 0.707 at the bandwidth (see `PhaseSmoothing`).
 
     Parameters
     ----------
     times_s : (n,) array, s
         Strictly increasing.
-    pulses_per_rev : int
+    pulses_per_rev : int, Fraction or float
+    on_fault : {"repair", "refuse"}
+    direction : +1, -1 or (n,) array of them, optional
+        The way the shaft turns, or turned at each pulse, as `quadrature_direction` tells. With an array every pulse is
+        counted as it is, nothing is repaired, and angles may fall.
+    delay_s : float
+        How much later the tachometer's chain shows an event than the accelerometer's; taken off the times.
+    bandwidth_hz, bandwidth_orders : float, optional
+        Fastest swing of the angle that smoothing is to leave, in Hz or in cycles a revolution. At most one of them.
+    standstill_s : float, optional
 
     Raises
     ------
     ValueError
-        Pulses that run backwards, that are missing or that are extra: with place, size and number.
+        Pulses that run backwards or are a waveform; missing or extra ones that are to be refused, or too many to
+        repair: with place, size and number.
     """
+    choice(on_fault, name="on_fault", choices=("repair", "refuse"))
+    times = _pulse_list(times_s) - number(delay_s, name="delay_s")
+    per_rev = _per_rev(pulses_per_rev)
+    smoothing = _Bandwidth.of(bandwidth_hz, bandwidth_orders)
+    ways = _ways(direction, times.size)
+    if ways is not None and ways.size > 1:
+        return _counted(times, ways, per_rev, smoothing)
+    stripes = per_rev if isinstance(per_rev, int) else 1
+    stops, declared = _stops(times, stripes, standstill_s)
+    stretches = _stretches(times, stops, stripes, repair=on_fault == "repair")
+    kept = np.concatenate([stretch.times for stretch in stretches])
+    counts = np.concatenate([stretch.counts for stretch in stretches])
+    positions = _stripe_positions(kept, counts, stripes)
+    whole_stripes = counts // stripes + positions[counts % stripes]
+    phase = ShaftPhase(
+        times_s=kept,
+        revolutions=whole_stripes if isinstance(per_rev, int) else counts / float(per_rev),
+        stripe_positions_rev=positions,
+        jitter_s=_jitter(stretches, stripes),
+        repairs=all_repairs([stretch.repairs for stretch in stretches]),
+        stops_s=np.stack([times[stops], times[stops + 1]], axis=1),
+        direction_declared=ways is not None,
+    )
+    if smoothing is not None:
+        phase = _smoothed(phase, stretches, smoothing)
+    for begin, end in phase.stops_s[declared]:
+        phase = _at_rest(phase, begin, end)
+    return phase.scaled(-1) if ways is not None and ways[0] < 0 else phase
+
+
+def _pulse_list(times_s: ArrayLike) -> Array:
     times = real_vector(times_s, name="pulse times", minimum=2)
-    stripes = whole(pulses_per_rev, name="pulses_per_rev", least=1)
-    intervals = np.diff(times)
-    back = np.flatnonzero(intervals <= 0)
+    back = np.flatnonzero(np.diff(times) <= 0)
+    if times.size >= _WAVEFORM and back.size > _WAVEFORM_STEPS * times.size:
+        raise ValueError(
+            f"these {times.size} values are no pulse times: {back.size} of them do not rise above the one before. They "
+            "look like a waveform; find its pulses with pulse_times(waveform, rate_hz=...) first (on the command line: "
+            "--tach-waveform)."
+        )
     if back.size:
         i = int(back[0])
         raise ValueError(
             f"pulse times run backwards: pulse {i + 1} at {times[i + 1]:g} s is not after pulse {i} at {times[i]:g} s "
             f"({back.size} such places). Sort out the tachometer, or hand a waveform over as a waveform."
         )
-    _refuse_missing_and_extra(times, intervals, lap=stripes if intervals.size >= _LAPS * stripes else 1)
-    positions = _stripe_positions(times, stripes)
-    count = np.arange(times.size)
-    return ShaftPhase(
-        times_s=times,
-        revolutions=count // stripes + positions[count % stripes],
-        stripe_positions_rev=positions,
-    )
+    return times
 
 
-def _refuse_missing_and_extra(times: Array, intervals: Array, *, lap: int) -> None:
-    """Refuse pulses that the intervals, each against those whole laps before and after it, show to be wrong.
+def _per_rev(pulses_per_rev: float | Fraction) -> int | Fraction | float:
+    """Return the stripes of this shaft as an int, the pulses of another one as a fraction."""
+    positive(pulses_per_rev, name="pulses_per_rev")
+    if isinstance(pulses_per_rev, int | np.integer):
+        return whole(pulses_per_rev, name="pulses_per_rev", least=1)
+    return pulses_per_rev
 
-    A wrong pulse moves every later one on by a stripe. So a gap is the stripe's interval as it was before plus
-    the one that stands in its place after, however uneven the stripes; and two parts of one interval add up to
-    what stood in place of the first part before, and of the second after.
-    """
-    least, most = _usual_intervals(intervals, lap=lap)
-    gaps = np.flatnonzero((intervals > _GAP * most.mean(axis=0)) & (intervals > _GAP_BESIDE * most.max(axis=0)))
-    if gaps.size:
-        i = int(gaps[0])
+
+def _ways(direction: int | ArrayLike | None, pulses: int) -> NDArray[np.int64] | None:
+    if direction is None:
+        return None
+    ways = np.atleast_1d(np.asarray(direction))
+    fits = ways.ndim == 1 and ways.size in (1, pulses) and ways.dtype.kind in "if"
+    if not fits or not np.all(np.abs(ways) == 1):
         raise ValueError(
-            f"a tachometer pulse is missing: the interval after pulse {i} at {times[i]:g} s lasts "
-            f"{intervals[i]:.3g} s, {intervals[i] / most[:, i].mean():.2f} times its neighbours "
-            f"({gaps.size} such gaps). Repair the pulse list, or use the part of the record without the gap."
+            f"direction={direction!r} must be +1, -1, or one of them for each of the {pulses} pulses "
+            "(see quadrature_direction)."
         )
-    short = intervals < _SHORT * least.min(axis=0)
-    halves = np.flatnonzero(intervals[:-1] + intervals[1:] < _PAIR * np.minimum(least[0, :-1], least[1, 1:]))
-    short[np.where(intervals[halves] <= intervals[halves + 1], halves, halves + 1)] = True
-    if short.any():
-        i = int(np.argmax(short))
-        places = np.count_nonzero(np.diff(short, prepend=False) & short)  # a run is one place
-        raise ValueError(
-            f"there is an extra tachometer pulse: pulse {i + 1} at {times[i + 1]:g} s follows pulse {i} after "
-            f"{intervals[i]:.3g} s, {intervals[i] / least[:, i].max():.2f} of the usual time "
-            f"({places} such places). Take false and double pulses out of the "
-            "list, or use the part of the record without them."
+    return ways.astype(np.int64)
+
+
+def _stops(times: Array, stripes: int, standstill_s: float | None) -> tuple[Counts, NDArray[np.bool_]]:
+    """Return the intervals in which the shaft stood or may have, and whether that was declared."""
+    found = possible_stops(times, stripes=stripes)
+    if standstill_s is None:
+        return found, np.zeros(found.size, dtype=np.bool_)
+    longest = positive(standstill_s, name="standstill_s")
+    stood = np.flatnonzero(np.diff(times) > longest)
+    stops = np.union1d(found, stood)
+    return stops, np.isin(stops, stood)
+
+
+def _stretches(times: Array, stops: Counts, stripes: int, *, repair: bool) -> list[_Stretch]:
+    """Return the pulses between stops with their numbers; across a stop the count goes on by one."""
+    stretches, number_of_next = [], 0
+    bounds = [0, *(stops + 1).tolist(), times.size]
+    for begin, end in pairwise(bounds):
+        part = times[begin:end]
+        if repair:
+            kept, counts = number_pulses(part, stripes=stripes)
+        else:
+            refuse_faults(part, stripes=stripes, offset=begin)
+            kept = counts = np.arange(part.size)
+        stretches.append(
+            _Stretch(
+                times=part[kept],
+                counts=counts + number_of_next,
+                repairs=repairs_of(part, kept, counts, offset=begin),
+            )
         )
+        number_of_next += int(counts[-1]) + 1
+    return stretches
 
 
-def _usual_intervals(intervals: Array, *, lap: int) -> tuple[Array, Array]:
-    """Least and most that each interval is to be by those before (row 0) and after it (row 1), (2, n) each.
-
-    The two differ where only one side is there, which then stands for both: its median, and its value carried on.
-    """
-    n = intervals.size
-    sides = [_laps_away(intervals, lap=-lap), _laps_away(intervals, lap=lap)]
-    usual = np.stack([_median(side) for side in sides])
-    least, most = usual.copy(), usual.copy()
-    for here, bare in ((1, slice(0, lap)), (0, slice(n - lap, n))):
-        carried = _carried_on(sides[here][bare])
-        least[:, bare] = np.minimum(usual[here, bare], carried)
-        most[:, bare] = np.maximum(usual[here, bare], carried)
-    return least, most
-
-
-def _laps_away(intervals: Array, *, lap: int) -> Array:
-    """Return the intervals 1, 2, ... laps away from each, (n, _LAPS), NaN beyond the ends."""
-    places = np.arange(intervals.size)[:, None] + lap * np.arange(1, _LAPS + 1)
-    inside = (places >= 0) & (places < intervals.size)
-    return np.where(inside, intervals[np.where(inside, places, 0)], np.nan)
-
-
-def _carried_on(away: Array) -> Array:
-    """Length of the intervals (m,) from those 1, 2, ... laps away (m, _LAPS), NaN for fewer than three.
-
-    At a constant acceleration the square of the speed changes evenly with the angle; where it would fall below
-    zero the shaft may stop, and no interval is too long.
-    """
-    squared_speed = away**-2
-    change = _median(np.diff(squared_speed, axis=1))
-    laps = np.count_nonzero(np.isfinite(away), axis=1)
-    carried = _median(squared_speed) - change * (1 + laps) / 2
-    with np.errstate(divide="ignore"):
-        length = np.maximum(carried, 0.0) ** -0.5
-    return np.where(laps >= 3, length, np.nan)  # noqa: PLR2004
-
-
-def _median(rows: Array) -> Array:
-    """Median of each row without its NaN; NaN for a row of nothing else."""
-    ordered = np.sort(rows, axis=1)  # NaN last
-    filled = np.count_nonzero(np.isfinite(rows), axis=1)
-    middle = np.stack([(filled - 1) // 2, filled // 2], axis=1)
-    return np.asarray(np.take_along_axis(ordered, middle, axis=1).mean(axis=1))
-
-
-def _stripe_positions(times: Array, stripes: int) -> Array:
+def _stripe_positions(times: Array, counts: Counts, stripes: int) -> Array:
     """Place of each stripe in its revolution, (stripes,), the first at zero."""
     even = np.arange(stripes) / stripes
     if stripes == 1 or times.size < _CALIBRATION_REVOLUTIONS * stripes:
         return even
-    first = times[::stripes]
-    reference = ShaftPhase(times_s=first, revolutions=np.arange(first.size, dtype=np.float64))
-    inside = times[times <= first[-1]]
-    fraction = reference.revolutions_at(inside) - np.arange(inside.size) // stripes
-    found = np.array([np.median(fraction[stripe::stripes]) for stripe in range(stripes)])
+    first = counts % stripes == 0
+    reference = ShaftPhase(times_s=times[first], revolutions=(counts[first] // stripes).astype(np.float64))
+    inside = (times >= reference.start_s) & (times <= reference.stop_s)
+    fraction = reference.revolutions_at(times[inside]) - counts[inside] // stripes
+    stripe = counts[inside] % stripes
+    found = np.array([np.median(fraction[stripe == s]) if np.any(stripe == s) else even[s] for s in range(stripes)])
     found[0] = 0.0
     return found
+
+
+def _jitter(stretches: list[_Stretch], stripes: int) -> float:
+    """Return the standard deviation of pulse times about a smooth motion, from sixth differences of each stripe.
+
+    Independent errors of variance s^2 give sixth differences of variance 924 s^2; a quintic in time gives none.
+    Windows with a missing pulse are left out. Noted as the variate difference method (Anderson 1971, section 3.4).
+    """
+    found = []
+    for stretch in stretches:
+        full = np.full(int(stretch.counts[-1] - stretch.counts[0]) + 1, np.nan)
+        full[stretch.counts - stretch.counts[0]] = stretch.times
+        for _ in range(_JITTER_ORDER):
+            full = full[stripes:] - full[:-stripes]
+        found.append(full[np.isfinite(full)])
+    differences = np.concatenate(found)
+    if differences.size < _JITTER_FEWEST:
+        return math.nan
+    return float(np.sqrt(np.mean(differences**2) / math.comb(2 * _JITTER_ORDER, _JITTER_ORDER)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Bandwidth:
+    """What smoothing is to leave: so many Hz, or so many cycles a revolution."""
+
+    value: float
+    in_orders: bool
+
+    @classmethod
+    def of(cls, hertz: float | None, orders: float | None) -> "_Bandwidth | None":
+        """Check the two ways to state it."""
+        if hertz is not None and orders is not None:
+            raise ValueError(f"bandwidth_hz={hertz} and bandwidth_orders={orders} are both given; state one of them.")
+        if hertz is None and orders is None:
+            return None
+        in_orders = hertz is None
+        name = "bandwidth_orders" if in_orders else "bandwidth_hz"
+        return cls(value=positive(orders if in_orders else hertz, name=name), in_orders=in_orders)
+
+    def at(self, times: Array, revolutions: Array) -> Array:
+        """Bandwidth in Hz at each knot."""
+        speed = np.abs(np.gradient(revolutions, times)) if self.in_orders else np.ones(times.size)
+        return self.value * speed
+
+
+def _smoothed(phase: ShaftPhase, stretches: list[_Stretch], bandwidth: _Bandwidth) -> ShaftPhase:
+    """Smooth every stretch by itself."""
+    angles: list[Array] = []
+    parts: list[PhaseSmoothing] = []
+    squares = weight = 0.0
+    begin = 0
+    for stretch in stretches:
+        part = slice(begin, begin + stretch.times.size)
+        revolutions = phase.revolutions[part]
+        angle, smoothing, jitter = smooth_phase(
+            stretch.times,
+            revolutions,
+            counts=stretch.counts,
+            bandwidth_hz=bandwidth.at(stretch.times, revolutions),
+            jitter_s=phase.jitter_s,
+        )
+        angles.append(angle)
+        parts.append(smoothing)
+        squares, weight = squares + jitter**2 * angle.size, weight + angle.size
+        begin = part.stop
+    return replace(
+        phase, revolutions=np.concatenate(angles), smoothing=joined(parts), jitter_s=math.sqrt(squares / weight)
+    )
+
+
+def _at_rest(phase: ShaftPhase, begin: float, end: float) -> ShaftPhase:
+    """Let the shaft stand, from braking evenly after the pulse at `begin` to gathering speed before that at `end`.
+
+    It stands half-way between the two stripes; it may stand anywhere, so that the angle is sure to half a stripe.
+    """
+    times, turns = phase.times_s, phase.revolutions
+    here = int(np.searchsorted(times, begin))
+    half = (turns[here + 1] - turns[here]) / 2
+    span = end - begin
+    before = span / 3 if here == 0 else 2 * half / abs(turns[here] - turns[here - 1]) * (begin - times[here - 1])
+    last = here + 2 >= times.size
+    after = span / 3 if last else 2 * half / abs(turns[here + 2] - turns[here + 1]) * (times[here + 2] - end)
+    marks = [begin + min(before, span / 3), end - min(after, span / 3)]
+    return replace(
+        phase,
+        times_s=np.insert(times, here + 1, marks),
+        revolutions=np.insert(turns, here + 1, [turns[here] + half] * 2),
+        smoothing=None if phase.smoothing is None else with_rest(phase.smoothing, here, float(half)),
+    )
+
+
+def _counted(
+    times: Array, ways: NDArray[np.int64], per_rev: float | Fraction, smoothing: _Bandwidth | None
+) -> ShaftPhase:
+    """Count pulses up and down: one that comes back after a reversal is the same place as the one before it."""
+    if smoothing is not None:
+        raise ValueError(
+            "smoothing needs a shaft that keeps its direction; leave out the bandwidth, or take the parts apart."
+        )
+    after = np.cumsum(ways)
+    place = np.maximum(after, after - ways)
+    return ShaftPhase(
+        times_s=times,
+        revolutions=(place - place[0]) / float(per_rev),
+        direction_declared=True,
+    )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from signals import angular_resample, pulse_times, shaft_phase
+from signals import angular_blocks, angular_resample, pulse_times, shaft_phase, time_resample
 
 SAMPLES = 200_000
 RATE_HZ = 51_200.0
@@ -21,14 +21,33 @@ class _Shaft:
 
 
 class Resampling(_Shaft):
-    """By samples a revolution."""
+    """By samples a revolution: 256 are coarser than the record, 1,024 both coarser and finer."""
 
     params = (256, 1024)
     param_names = ("samples_per_rev",)
 
-    def time_resample(self, samples_per_rev: int) -> None:
+    def setup(self, samples_per_rev: int) -> None:
+        """Make the record over angle too."""
+        super().setup()
+        self.settings = {"rate_hz": RATE_HZ, "phase": self.phase, "samples_per_rev": samples_per_rev}
+        self.over_angle = angular_resample(self.x, **self.settings)
+
+    def time_resample(self, samples_per_rev: int) -> None:  # noqa: ARG002
         """Time the anti-aliased change of grid."""
-        angular_resample(self.x, rate_hz=RATE_HZ, phase=self.phase, samples_per_rev=samples_per_rev)
+        angular_resample(self.x, **self.settings)
+
+    def time_resample_linear(self, samples_per_rev: int) -> None:  # noqa: ARG002
+        """Time finding the angles, and straight lines."""
+        angular_resample(self.x, method="linear", **self.settings)
+
+    def time_blocks(self, samples_per_rev: int) -> None:  # noqa: ARG002
+        """Time the same in blocks of 4,096 samples."""
+        for _ in angular_blocks(np.split(self.x, range(4096, SAMPLES, 4096)), **self.settings):
+            pass
+
+    def time_back(self, samples_per_rev: int) -> None:  # noqa: ARG002
+        """Time the way back to an even grid of time."""
+        time_resample(self.over_angle, phase=self.phase, rate_hz=RATE_HZ)
 
 
 class Tachometer(_Shaft):

@@ -1,5 +1,7 @@
 """CSV files: columns named by a header line, or counted where there is none."""
 
+import codecs
+import csv
 import warnings
 from collections import Counter
 from itertools import islice
@@ -23,11 +25,14 @@ _HEAD = 100  # lines that show how the file is written
 def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
     """Read the columns, (n,) each, under the names of the header or as "column 1", "column 2", ...
 
-    Separated by semicolons, tabs or commas. Between the first two, a comma in a number is its decimal point.
+    Separated by semicolons, tabs or commas. Between the first two, a comma in a number is its decimal point. Text is
+    UTF-8, or UTF-16 as some spreadsheets and loggers write it. Blank cells are NaN; rows with fewer cells than the
+    first are refused.
     """
     import pandas as pd  # noqa: PLC0415
 
-    first, *others = _head(path) or [""]
+    encoding = _encoding(path)
+    first, *others = _head(path, encoding) or [""]
     separator = next((sign for sign in ";\t" if sign in first), ",")
     cells = [cell.replace(",", ".") for cell in first.split(separator) if cell.strip()]  # a value may be blank
     headless = bool(cells) and all(_is_number(cell) for cell in cells)
@@ -44,22 +49,52 @@ def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
                 index_col=False,
                 skipinitialspace=True,
                 low_memory=False,
-                encoding=_ENCODING,
+                encoding=encoding,
                 encoding_errors="replace",
             )
     except (ValueError, pd.errors.ParserWarning) as error:
         raise RecordError(
             f"{path} does not read as a table ({error}). Every row needs the columns of the first."
         ) from error
+    if table.shape[1] > 1 and table.iloc[:, -1].isna().any():  # a short row leaves its last cells blank
+        _refuse_short_rows(path, encoding, separator)
     names = [f"column {number}" if headless else str(name).strip() for number, name in enumerate(table, 1)]
     if repeated := [name for name, times in Counter(names).items() if times > 1]:
         raise RecordError(f'{path}: two columns are named "{repeated[0]}"; give each a name of its own.')
     return {name: _column(table.iloc[:, place]) for place, name in enumerate(names)}
 
 
-def _head(path: Path) -> list[str]:
-    with path.open(encoding=_ENCODING, errors="replace") as stream:
+def _encoding(path: Path) -> str:
+    """Tell UTF-16 by its mark, or by every other byte being zero, as it is in plain text without one."""
+    with path.open("rb") as stream:
+        start = stream.read(2 * _HEAD)
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    even, odd = start[::2].count(0), start[1::2].count(0)
+    if max(even, odd) > 0.9 * len(start) / 2:  # nearly all of one half
+        return "utf-16-le" if odd > even else "utf-16-be"
+    return _ENCODING
+
+
+def _head(path: Path, encoding: str) -> list[str]:
+    with path.open(encoding=encoding, errors="replace") as stream:
         return [line.strip("\r\n") for line in islice(filter(str.strip, stream), _HEAD)]
+
+
+def _refuse_short_rows(path: Path, encoding: str, separator: str) -> None:
+    """Go through the rows once more, now that one may be short: blank cells at its end would show nothing of it."""
+    with path.open(encoding=encoding, errors="replace", newline="") as stream:
+        rows = csv.reader(stream, delimiter=separator, skipinitialspace=True)
+        wanted = 0
+        for row in rows:
+            if len(row) <= 1 and not "".join(row).strip():
+                continue
+            wanted = wanted or len(row)
+            if len(row) < wanted:
+                raise RecordError(
+                    f"{path}: the row in line {rows.line_num} has {len(row)} of {wanted} cells. Every row needs the "
+                    f'columns of the first; end a blank one with its separator, "{separator}".'
+                )
 
 
 def _is_number(cell: str) -> bool:

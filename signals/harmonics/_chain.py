@@ -25,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled_sums
-from signals.harmonics import _kernels
+from signals.harmonics import _filter_kernels, _settling_kernels, _smoother_kernels
 from signals.harmonics._lanes import LANES
+from signals.harmonics._tally import Tally as Tally  # noqa: PLC0414  (chains are read with their tallies)
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -36,11 +36,6 @@ Integers = NDArray[np.int64]
 # Steps in a stretch at least, and numbers in the matrices of a stretch at most.
 SHORTEST_STRETCH = 256
 STRETCH_NUMBERS = 1 << 20
-LAGS = 20
-# Factors whose product is taken before its logarithm.
-_FACTORS = 8
-# Steps correlated at a time: they stay in the nearest cache.
-_PIECE = 1024
 
 
 class Knowledge(NamedTuple):
@@ -138,125 +133,7 @@ class Chain:
 
 def look_interval(memory: float) -> int:
     """Return the steps between looks at a plain covariance: in a quarter of its memory it cannot open far."""
-    return int(np.clip(memory / 4, 16, _kernels.LOOK_PLAIN))
-
-
-@dataclass
-class Tally:
-    """Sums over the innovations that count.
-
-    Attributes
-    ----------
-    square : (channel,) array, of their squares over their variances.
-    log_variance : of the logarithms of their variances.
-    count : how many.
-    products : (channel, lag) array, of the products of two that lie 1, 2, ... steps apart.
-    pairs : (lag,) array, how many of these.
-    recent, recent_seen : (LAGS, row, channel) and (LAGS, row) arrays, the last innovations and 1.0 where there is one.
-    kept : all of them, (step, row, channel) arrays in order, where asked for.
-    """
-
-    square: Floats
-    products: Floats
-    pairs: Floats
-    recent: Floats
-    recent_seen: Floats
-    log_variance: float = 0.0
-    count: int = 0
-    kept: list[Floats] | None = None
-
-    @classmethod
-    def empty(cls, *, channels: int, keep: bool = False) -> "Tally":
-        """Return a tally of nothing."""
-        return cls(
-            square=np.zeros(channels),
-            products=np.zeros((channels, LAGS)),
-            pairs=np.zeros(LAGS),
-            recent=np.zeros((LAGS, 1, channels)),
-            recent_seen=np.zeros((LAGS, 1)),
-            kept=[] if keep else None,
-        )
-
-    @property
-    def mean_square(self) -> Floats:
-        """(channel,) array."""
-        return self.square / max(self.count, 1)
-
-    @property
-    def autocorrelation(self) -> Floats:
-        """(channel, lag) array; 0 where there is none."""
-        mean = self.mean_square[:, None]
-        scale = np.maximum(self.pairs, 1.0) * np.where(mean > 0.0, mean, 1.0)
-        return np.asarray(self.products / scale)
-
-    def add(self, innovations: Floats, roots: Floats, *, skip: int) -> None:
-        """Count a stretch but for its first `skip` steps, as `forward` left it."""
-        if self.kept is not None:
-            self.kept.append(innovations.copy())
-        innovations, roots = innovations[max(skip, 0) :], roots[max(skip, 0) :]
-        if len(innovations) == 0:
-            return
-        if self.count == 0:
-            self.recent = np.zeros((LAGS, *innovations.shape[1:]))
-            self.recent_seen = np.zeros((LAGS, innovations.shape[1]))
-        joined = np.concatenate([self.recent, innovations])
-        seen = np.concatenate([self.recent_seen, (roots != 0.0).astype(np.float64)])
-        logarithm, count = _count(innovations, roots, self.square)
-        self.log_variance += logarithm
-        self.count += count
-        _correlate(
-            np.ascontiguousarray(joined.transpose(2, 1, 0)), np.ascontiguousarray(seen.T), self.products, self.pairs
-        )
-        self.recent, self.recent_seen = joined[-LAGS:].copy(), seen[-LAGS:].copy()
-
-
-@compiled_sums
-def _count(innovations: Floats, roots: Floats, square: Floats) -> tuple[float, int]:
-    """Add the squares to `square`; return the sum of log variances and the number of innovations."""
-    logarithm, missing = 0.0, 0
-    flat = roots.reshape(roots.size)
-    values = innovations.reshape(roots.size, square.size)
-    for start in range(0, flat.size, _FACTORS):
-        product = 1.0
-        for i in range(start, min(start + _FACTORS, flat.size)):
-            if flat[i] == 0.0:
-                missing += 1
-            else:
-                product *= flat[i]
-        logarithm -= 2.0 * np.log(product)
-    for k in range(square.size):
-        total = 0.0
-        for i in range(flat.size):
-            total += values[i, k] * values[i, k]
-        square[k] += total
-    return logarithm, flat.size - missing
-
-
-@compiled_sums
-def _correlate(innovations: Floats, seen: Floats, products: Floats, pairs: Floats) -> None:
-    """Add products at each lag of (channel, row, step) innovations, the first LAGS steps being counted."""
-    channels, rows, steps = innovations.shape
-    for row in range(rows):
-        missing = 0.0
-        for i in range(steps):
-            missing += 1.0 - seen[row, i]
-        for lag in range(1, LAGS + 1):
-            number = float(steps - LAGS)
-            if missing > 0.0:
-                number = 0.0
-                for i in range(LAGS, steps):
-                    number += seen[row, i] * seen[row, i - lag]
-            pairs[lag - 1] += number
-        for k in range(channels):
-            values = innovations[k, row]
-            for first in range(LAGS, steps, _PIECE):
-                last = min(first + _PIECE, steps)
-                late = values[first:last]
-                for lag in range(1, LAGS + 1):
-                    early, total = values[first - lag : last - lag], 0.0
-                    for i in range(late.size):
-                        total += late[i] * early[i]
-                    products[k, lag - 1] += total
+    return int(np.clip(memory / 4, 16, _settling_kernels.LOOK_PLAIN))
 
 
 class Filtered(NamedTuple):
@@ -324,9 +201,9 @@ def look_back(chain: Chain, state: State) -> Knowledge:
     """Return what all steps say of the state before them, and carry that state to the step after the last."""
     later, opened = nothing_known(state), []
     for stretch in chain.stretches():
-        before = bool(state.status[_kernels.TWOFOLD])
+        before = bool(state.status[_settling_kernels.TWOFOLD])
         _forward(chain, stretch, chain.steps(stretch), state, _none(chain, stretch), full=False)
-        opened.append((stretch, before or bool(state.status[_kernels.TWOFOLD])))
+        opened.append((stretch, before or bool(state.status[_settling_kernels.TWOFOLD])))
     for stretch, open_ in reversed(opened):
         _gather(chain, stretch, open_, later, _none(chain, stretch))
     return later
@@ -346,7 +223,7 @@ def _gather(chain: Chain, stretch: slice, open_: bool, later: Knowledge, wanted:
     """Carry later knowledge to before a stretch; return it where wanted. `open_`: as for the kernel."""
     outputs = int(np.count_nonzero(wanted))
     ahead = Knowledge(*(np.empty((outputs, *part.shape)) for part in later))
-    _kernels.backward(*chain.steps(stretch), chain.walk(stretch), open_, *later, wanted, *ahead)
+    _smoother_kernels.backward(*chain.steps(stretch), chain.walk(stretch), open_, *later, wanted, *ahead)
     return ahead
 
 
@@ -361,13 +238,13 @@ def _smooth_stretch(chain: Chain, stretch: slice, start: State, later: Knowledge
     The state at its start is carried to its end, what is known from later data to its start.
     """
     wanted = chain.wanted[stretch]
-    open_ = bool(start.status[_kernels.TWOFOLD])
+    open_ = bool(start.status[_settling_kernels.TWOFOLD])
     filtered = _forward(chain, stretch, chain.steps(stretch), start, wanted, full=True)
-    open_ |= bool(filtered.twofold.any()) or bool(start.status[_kernels.TWOFOLD])
+    open_ |= bool(filtered.twofold.any()) or bool(start.status[_settling_kernels.TWOFOLD])
     ahead = _gather(chain, stretch, open_, later, wanted)
     outputs, width = filtered.variances.shape
     levels, variances = np.empty((outputs, chain.channels, width)), np.empty((outputs, width))
-    _kernels.meet(filtered.means, filtered.covariances, filtered.twofold, *ahead, levels, variances)
+    _smoother_kernels.meet(filtered.means, filtered.covariances, filtered.twofold, *ahead, levels, variances)
     return levels, variances
 
 
@@ -386,7 +263,7 @@ def _forward(
         innovations=np.empty(data.shape),
         roots=np.empty(data.shape[:2]),
     )
-    _kernels.forward(
+    _filter_kernels.forward(
         rows, data, chain.walk(stretch), chain.reach, chain.interval, state.status, state.vector, state.matrix,
         filtered.innovations, filtered.roots, wanted, filtered.means, filtered.variances, filtered.covariances,
         filtered.twofold,

@@ -1,8 +1,9 @@
-"""Four numbers side by side, as a processor's vector register holds them, for use inside compiled kernels.
+"""Four or eight numbers side by side, as a processor's vector register holds them, for use inside compiled kernels.
 
 The compiler vectorises a plain loop as it sees fit: with checks for overlapping arrays before it and single numbers
 after it, which for rows of twenty numbers cost more than the loop. Kernels written in lanes say what they want.
-`multiply_add` rounds once, on every machine, and takes single numbers too.
+`multiply_add` rounds once, on every machine, and takes single numbers too. Lanes are four numbers of a row, `WIDE`
+ones eight samples; a processor whose registers hold fewer takes several for them.
 """
 
 from collections.abc import Callable
@@ -13,69 +14,85 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
-LANES = 4
+LANES, WIDE = 4, 8
 
 _DOUBLE = ir.DoubleType()
-_VECTOR = ir.VectorType(_DOUBLE, LANES)
 _INDEX = ir.IntType(32)
-_UNDEFINED = ir.Constant(_VECTOR, ir.Undefined)
 
 
 class LanesType(types.Type):
-    """The type kernels give to four numbers side by side."""
+    """The type kernels give to some numbers side by side."""
 
-    def __init__(self) -> None:
-        super().__init__(name="Lanes")  # type: ignore[no-untyped-call]
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.vector = ir.VectorType(_DOUBLE, count)
+        super().__init__(name=f"Lanes({count})")  # type: ignore[no-untyped-call]
 
 
 Lanes = Any
-_LANES = cast("Any", LanesType)()
+_LANES = cast("Any", LanesType)(LANES)
+_WIDE = cast("Any", LanesType)(WIDE)
 
 
 @register_model(LanesType)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager: object, kernel_type: LanesType) -> None:
-        super().__init__(manager, kernel_type, _VECTOR)
+        super().__init__(manager, kernel_type, kernel_type.vector)
 
 
 def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:  # noqa: ANN401
-    data = context.make_array(array_type)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), _VECTOR.as_pointer())
+    return builder.gep(context.make_array(array_type)(context, builder, array).data, [index])
 
 
-def _load(_: object, array: Any, index: object) -> Any:  # noqa: ANN401, ARG001
+def _shuffled(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:  # noqa: ANN401
+    """Lanes of two vectors, those of the second counted on from those of the first."""
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_INDEX, len(lanes)), lanes))
+
+
+def _spread_value(builder: Any, value: Any, kind: Any) -> Any:  # noqa: ANN401
+    undefined = ir.Constant(kind.vector, ir.Undefined)
+    return _shuffled(builder, builder.insert_element(undefined, value, _INDEX(0)), undefined, [0] * kind.count)
+
+
+def _load(kind: Any) -> Callable[..., Any]:  # noqa: ANN401
+    def typed(_: object, array: Any, index: object) -> Any:  # noqa: ANN401, ARG001
+        def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+            place = _pointer(context, builder, signature.args[0], *values)
+            return builder.load(builder.bitcast(place, kind.vector.as_pointer()), align=8)
+
+        return kind(array, types.intp), build
+
+    return typed
+
+
+def _repeat(kind: Any) -> Callable[..., Any]:  # noqa: ANN401
+    def typed(_: object, array: Any, index: object) -> Any:  # noqa: ANN401, ARG001
+        def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+            value = builder.load(_pointer(context, builder, signature.args[0], *values))
+            return _spread_value(builder, value, kind)
+
+        return kind(array, types.intp), build
+
+    return typed
+
+
+def _spread(kind: Any) -> Callable[..., Any]:  # noqa: ANN401
+    def typed(_: object, value: object) -> Any:  # noqa: ANN401, ARG001
+        def build(_: object, builder: Any, __: object, values: Any) -> Any:  # noqa: ANN401
+            return _spread_value(builder, values[0], kind)
+
+        return kind(types.float64), build
+
+    return typed
+
+
+def _store(_: object, array: Any, index: object, lanes: Any) -> Any:  # noqa: ANN401, ARG001
     def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
-        return builder.load(_pointer(context, builder, signature.args[0], *values), align=8)
-
-    return _LANES(array, types.intp), build
-
-
-def _repeat(_: object, array: Any, index: object) -> Any:  # noqa: ANN401, ARG001
-    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
-        data = context.make_array(signature.args[0])(context, builder, values[0]).data
-        return _spread_value(builder, builder.load(builder.gep(data, [values[1]])))
-
-    return _LANES(array, types.intp), build
-
-
-def _store(_: object, array: Any, index: object, lanes: object) -> Any:  # noqa: ANN401, ARG001
-    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
-        builder.store(values[2], _pointer(context, builder, signature.args[0], *values[:2]), align=8)
+        place = _pointer(context, builder, signature.args[0], *values[:2])
+        builder.store(values[2], builder.bitcast(place, lanes.vector.as_pointer()), align=8)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, _LANES), build
-
-
-def _spread(_: object, value: object) -> Any:  # noqa: ANN401, ARG001
-    def build(_: object, builder: Any, __: object, values: Any) -> Any:  # noqa: ANN401
-        return _spread_value(builder, values[0])
-
-    return _LANES(types.float64), build
-
-
-def _spread_value(builder: Any, value: Any) -> Any:  # noqa: ANN401
-    first = builder.insert_element(_UNDEFINED, value, _INDEX(0))
-    return builder.shuffle_vector(first, _UNDEFINED, ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES))
+    return types.void(array, types.intp, lanes), build
 
 
 def _total(_: object, lanes: object) -> Any:  # noqa: ANN401, ARG001
@@ -86,10 +103,71 @@ def _total(_: object, lanes: object) -> Any:  # noqa: ANN401, ARG001
     return types.float64(_LANES), build
 
 
+def _running_sums(_: object, lanes: Any) -> Any:  # noqa: ANN401
+    def build(_: object, builder: Any, __: object, values: Any) -> Any:  # noqa: ANN401
+        sums, zeros, shift = values[0], ir.Constant(lanes.vector, None), 1
+        while shift < lanes.count:
+            # Zeros come in from the left.
+            window = [lanes.count - shift + lane for lane in range(lanes.count)]
+            sums = builder.fadd(sums, _shuffled(builder, zeros, sums, window))
+            shift *= 2
+        return sums
+
+    return lanes(lanes), build
+
+
+def _interleave(_: object, even: Any, odd: object, target: Any, at: object) -> Any:  # noqa: ANN401, ARG001
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+        count = even.count
+        for half in range(2):
+            first = half * count // 2
+            lanes = [lane + part * count for lane in range(first, first + count // 2) for part in range(2)]
+            index = builder.add(values[3], ir.Constant(values[3].type, half * count))
+            place = builder.bitcast(
+                _pointer(context, builder, signature.args[2], values[2], index), even.vector.as_pointer()
+            )
+            builder.store(_shuffled(builder, values[0], values[1], lanes), place, align=8)
+        return context.get_dummy_value()
+
+    return types.void(even, even, target, types.intp), build
+
+
+def _transpose(
+    _: object,
+    source: Any,  # noqa: ANN401
+    start: object,  # noqa: ARG001
+    stride: object,  # noqa: ARG001
+    target: Any,  # noqa: ANN401
+    at: object,  # noqa: ARG001
+    apart: object,  # noqa: ARG001
+) -> Any:  # noqa: ANN401
+    """From rows at `start`, `stride` apart, to rows at `at`, `apart`."""
+
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+        def place(array: int, row: int) -> Any:  # noqa: ANN401
+            first, step = values[array + 1], values[array + 2]
+            index = builder.add(first, builder.mul(step, ir.Constant(step.type, row)))
+            pointer = _pointer(context, builder, signature.args[array], values[array], index)
+            return builder.bitcast(pointer, _LANES.vector.as_pointer())
+
+        rows = [builder.load(place(0, row), align=8) for row in range(LANES)]
+        pairs = [
+            _shuffled(builder, rows[i], rows[i + 1], lanes)
+            for i in range(0, LANES, 2)
+            for lanes in ([0, 4, 2, 6], [1, 5, 3, 7])
+        ]
+        for row in range(LANES):
+            lanes = [0, 1, 4, 5] if row < LANES // 2 else [2, 3, 6, 7]
+            column = _shuffled(builder, pairs[row % 2], pairs[row % 2 + 2], lanes)
+            builder.store(column, place(3, row), align=8)
+        return context.get_dummy_value()
+
+    return types.void(source, types.intp, types.intp, target, types.intp, types.intp), build
+
+
 def _multiply_add(_: object, a: Any, b: object, c: object) -> Any:  # noqa: ANN401, ARG001
-    kind, name, value = (
-        (_LANES, f"llvm.fma.v{LANES}f64", _VECTOR) if a == _LANES else (types.float64, "llvm.fma.f64", _DOUBLE)
-    )
+    wide = isinstance(a, LanesType)
+    kind, name, value = (a, f"llvm.fma.v{a.count}f64", a.vector) if wide else (types.float64, "llvm.fma.f64", _DOUBLE)
 
     def build(_: object, builder: Any, __: object, values: Any) -> Any:  # noqa: ANN401
         function = cast("Any", cgutils).get_or_insert_function(
@@ -102,7 +180,7 @@ def _multiply_add(_: object, a: Any, b: object, c: object) -> Any:  # noqa: ANN4
 
 def _pairwise(operation: str) -> Callable[..., Any]:
     def typed(_: object, a: Any, b: object) -> Any:  # noqa: ANN401, ARG001
-        kind = _LANES if a == _LANES else types.float64
+        kind = a if isinstance(a, LanesType) else types.float64
 
         def build(_: object, builder: Any, __: object, values: Any) -> Any:  # noqa: ANN401
             return getattr(builder, operation)(*values)
@@ -113,7 +191,7 @@ def _pairwise(operation: str) -> Callable[..., Any]:
 
 
 def _negative(_: object, a: Any) -> Any:  # noqa: ANN401
-    kind = _LANES if a == _LANES else types.float64
+    kind = a if isinstance(a, LanesType) else types.float64
 
     def build(_: object, builder: Any, __: object, values: Any) -> Any:  # noqa: ANN401
         return builder.fneg(*values)
@@ -121,11 +199,17 @@ def _negative(_: object, a: Any) -> Any:  # noqa: ANN401
     return kind(kind), build
 
 
-load: Callable[..., Lanes] = intrinsic(_load)
+load: Callable[..., Lanes] = intrinsic(_load(_LANES))
+load_wide: Callable[..., Lanes] = intrinsic(_load(_WIDE))
+repeat: Callable[..., Lanes] = intrinsic(_repeat(_LANES))
+repeat_wide: Callable[..., Lanes] = intrinsic(_repeat(_WIDE))
+spread: Callable[..., Lanes] = intrinsic(_spread(_LANES))
+spread_wide: Callable[..., Lanes] = intrinsic(_spread(_WIDE))
 store: Callable[..., None] = intrinsic(_store)
-repeat: Callable[..., Lanes] = intrinsic(_repeat)
-spread: Callable[..., Lanes] = intrinsic(_spread)
 total: Callable[..., Any] = intrinsic(_total)
+running_sums: Callable[..., Lanes] = intrinsic(_running_sums)
+interleave: Callable[..., None] = intrinsic(_interleave)
+transpose: Callable[..., None] = intrinsic(_transpose)
 multiply_add: Callable[..., Any] = intrinsic(_multiply_add)
 plus: Callable[..., Any] = intrinsic(_pairwise("fadd"))
 minus: Callable[..., Any] = intrinsic(_pairwise("fsub"))

@@ -17,7 +17,7 @@ from math import factorial, frexp, ldexp, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled
+from signals._compile import compiled, compiled_sums
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -135,12 +135,15 @@ def _multiply(a: Floats, b: Floats, c: Floats, d: Floats, sign: float, real: Flo
         imaginary[n] = b[n] * c[n] + a[n] * turned
 
 
-@compiled
-def largest_step(phase: Floats) -> tuple[float, int]:
-    """Return the largest turn between neighbouring samples, either way, and where it starts."""
-    largest, place = 0.0, 0
-    for n in range(phase.size - 1):
-        step = abs(phase[n + 1] - phase[n])
-        if step > largest:
-            largest, place = step, n
-    return largest, place
+@compiled_sums
+def kinks(phase: Floats, length: int, largest: Floats) -> None:
+    """Fill, (block,), a bound on how far one step differs from the next in each block of so many samples.
+
+    The fourth root of a sum of fourth powers: at most the fourth root of `length` above the largest.
+    """
+    for block in range(largest.size):
+        fourth = 0.0
+        for n in range(max(block * length, 1), min((block + 1) * length, phase.size - 1)):
+            square = (phase[n + 1] - 2.0 * phase[n] + phase[n - 1]) ** 2
+            fourth += square * square
+        largest[block] = np.sqrt(np.sqrt(fourth))

@@ -21,6 +21,7 @@ References
 """
 
 from dataclasses import dataclass
+from math import comb
 from typing import Literal
 
 import numpy as np
@@ -163,6 +164,27 @@ class Bandwidth:
         _, u = _factors(self.width, self.poles)
         ahead = np.expm1(2j * np.pi * np.asarray(offset, dtype=np.float64))[..., None]
         return np.asarray(1 - np.prod((1 - u) * ahead / (ahead + u), axis=-1))
+
+    @property
+    def filter_shares(self) -> Floats:
+        """(pole,) shares of an innovation that the settled causal filter gives to the level and its differences.
+
+        With `u_i = 1 - z_i` of its closed-loop poles and `e_j` their elementary symmetric polynomials, they solve
+        `sum_(i >= j) C(i - 1, i - j) k_i = e_j`: the coefficients of the characteristic polynomial in z - 1.
+        """
+        _, u = _factors(self.width, self.poles)
+        symmetric = np.poly(-u)[1:].real
+        shares = np.zeros(self.poles)
+        for j in range(self.poles - 1, -1, -1):
+            above = sum(comb(i, i - j) * shares[i] for i in range(j + 1, self.poles))
+            shares[j] = symmetric[j] - above
+        return shares
+
+    @property
+    def filter_decay(self) -> float:
+        """What the slowest closed-loop pole of the causal filter loses a sample: 1 over its memory in samples."""
+        _, u = _factors(self.width, self.poles)
+        return float(-np.log1p(-u).real.max())
 
     @property
     def filter_width_ratio(self) -> float:

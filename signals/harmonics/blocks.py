@@ -84,7 +84,7 @@ def fast(
         length=length,
         every=output_every,
         innovation_mean_square=mean_square,
-        innovation_log_variance=float(log_variances.sum()) / np.count_nonzero(grid.seen[startup:]),
+        innovation_log_variance=float(log_variances.sum()) / max(int(np.count_nonzero(grid.seen[startup:])), 1),
         innovation_autocorrelation=autocorrelation,
         innovation_samples=min(RESIDUAL_SAMPLES, grid.samples - startup),
         error_bound=max(droop(model, length), tolerance) if coupled else droop(model, length),
@@ -149,4 +149,4 @@ def _residuals(grid: Grid, pieces: Floats, explained: Floats, startup: int) -> t
                 products[channel, lag] += rest[lag:] @ rest[: length - lag]
     power = products[:, :1]
     autocorrelation = np.divide(products[:, 1:], power, out=np.zeros((channels, LAGS)), where=power > 0)
-    return power[:, 0] / left, autocorrelation
+    return power[:, 0] / max(left, 1.0), autocorrelation

@@ -6,7 +6,7 @@ lets through nearly anything. So there more orders are smoothed together, and wh
 explain is taken out under the hats that are cut.
 """
 
-from math import pi
+from math import log, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,12 @@ Levels = NDArray[np.complex128]
 
 # A hat of which less than this is there tells nothing of an order on its own.
 SMALLEST_SHARE = 0.6
+# A cut is forgotten to a few per cent in so many memories: of what the hat over it tells, that is little.
+FEWEST_MEMORIES = 3.0
+# Where a round moves lone amplitudes at cut hats by more than this part of themselves, what it took out under these
+# hats was wrong by so much, and another follows, for them.
+MOST_MOVED = 0.03
+MOST_ROUNDS = 3
 # Orders smoothed together near ends and gaps, at most, where nearly all disturb one another a little.
 MOST_AT_ENDS = 12
 
@@ -89,11 +95,14 @@ def _alone(
         data=np.ascontiguousarray(lanes),
         offset=np.ascontiguousarray(grid.weights[1][knots]),
         walk_variance=(walk if len(walk) == 1 else walk[knots]).copy(),
-        prior_variance=grid.prior_variance(group[:1])[:, :1].copy(),
+        prior_variance=grid.prior_variance(group[:1], knots.start)[:, :1].copy(),
     )
     found, variance, log_variance = smooth_knots(chain, first=first)
     found = found.reshape(len(weight), group.size, channels, parts).transpose(2, 1, 0, 3)
-    return found[..., 0] + (1j * found[..., 1] if turning else 0.0), variance[:, 0], parts * log_variance
+    levels = found[..., 0].astype(np.complex128)
+    if turning:
+        levels.imag = found[..., 1]
+    return levels, variance[:, 0], parts * log_variance
 
 
 def couple(grid: Grid, first: int, levels: Levels, variances: Floats, log_variances: Floats) -> None:
@@ -120,26 +129,55 @@ def couple(grid: Grid, first: int, levels: Levels, variances: Floats, log_varian
         levels[:, group], variances[group], log_variances[group] = _together(grid, group, everywhere, first)
         if group.size == grid.model.orders.size:
             return
-    mended, spread = levels.copy(), variances.copy()
-    cut = _Cut(grid, levels)
-    for run in _disturbed_runs(grid):
-        nearby = closeness.within(slice(run[0].start * grid.length, min(run[0].stop * grid.length, grid.samples)))
-        friends = nearby.coupled(near_ends, amplitude, grid.tolerance)
-        for group in friends:
-            by_frequency = group[np.argsort(np.abs(nearby.frequency[group]).mean(axis=1))]
-            for start in range(0, group.size, MOST_AT_ENDS):
-                _mend(cut, np.sort(by_frequency[start : start + MOST_AT_ENDS]), run, mended, spread)
-        alone = np.setdiff1d(np.arange(grid.model.orders.size), np.concatenate([[], *friends]).astype(np.int64))
-        for group in _alike(grid.model, alone):
-            _mend_apart(cut, group, run, mended, spread)
-    levels[:], variances[:] = mended, spread
+    leaks = closeness.leaks(near_ends, amplitude)
+    worst = float(leaks[np.isfinite(leaks)].max()) / grid.tolerance
+    runs = _disturbed_runs(grid, memories=max(FEWEST_MEMORIES, log(max(worst, 1.0))))
+    for number in range(MOST_ROUNDS):
+        cut = _Cut(grid, levels)
+        mended, change = levels.copy(), np.zeros(levels.shape[:2])
+        for run in runs:
+            nearby = closeness.within(slice(run[0].start * grid.length, min(run[0].stop * grid.length, grid.samples)))
+            friends = nearby.coupled(near_ends, amplitude, grid.tolerance)
+            if number == 0:
+                _mend_friends(cut, friends, nearby, run, mended, variances)
+            alone = np.setdiff1d(np.arange(len(amplitude)), np.concatenate([[], *friends]).astype(np.int64))
+            for group in _alike(grid.model, alone):
+                _mend_apart(cut, group, run, mended, variances)
+            change[:, alone] = np.maximum(change[:, alone], _moved(levels, mended, cut.knots)[:, alone])
+        levels[:] = mended
+        if np.all(change <= MOST_MOVED * amplitude):
+            return
 
 
-def _disturbed_runs(grid: Grid) -> list[tuple[slice, slice]]:
-    """Ranges of knots where ends of the record, or samples missing, are felt, and ranges as far again about them."""
+def _mend_friends(
+    cut: "_Cut",
+    friends: list[Indices],
+    nearby: Closeness,
+    run: tuple[slice, slice],
+    levels: Levels,
+    variances: Floats,
+) -> None:
+    """Smooth friends together, in place, over a run of knots; by frequency in parts, where they are many."""
+    for group in friends:
+        by_frequency = group[np.argsort(np.abs(nearby.frequency[group]).mean(axis=1))]
+        for start in range(0, group.size, MOST_AT_ENDS):
+            _mend(cut, np.sort(by_frequency[start : start + MOST_AT_ENDS]), run, levels, variances)
+
+
+def _moved(before: Levels, after: Levels, knots: Indices) -> Floats:
+    """(channel, order) array, how far amplitudes moved at some knots, at most."""
+    return np.asarray(np.abs(after[..., knots] - before[..., knots]).max(axis=2, initial=0.0))
+
+
+def _disturbed_runs(grid: Grid, *, memories: float) -> list[tuple[slice, slice]]:
+    """Ranges of knots where ends of the record, samples missing or jumps of a speed are felt, and wider ones.
+
+    These reach as far again about them: a cut through the record is forgotten by a factor e in a memory.
+    """
     missing = grid.length - grid.weights[0]
     missing[0] = missing[grid.samples // grid.length :] = grid.length
-    reach = grid.reach
+    missing[grid.kinked] = grid.length
+    reach = grid.reach(memories)
     before = np.concatenate([[0.0], np.cumsum(missing)])
     place = np.arange(grid.knots)
     near = before[np.minimum(place + reach + 1, grid.knots)] - before[np.maximum(place - reach, 0)]
@@ -154,47 +192,59 @@ def _disturbed_runs(grid: Grid) -> list[tuple[slice, slice]]:
 
 
 class _Cut:
-    """Hats cut short, and what they say once all that the first round explains is taken out.
+    """Hats cut short, and what they say once what the last round explains is taken out.
 
     Attributes
     ----------
     knots : of such hats.
-    left : (order, cut knot, channel, 2) array, sums under them as `Grid.data`, of what the first round leaves.
-    levels : (order, cut knot, channel, 2) array, its amplitudes there.
+    left : (order, cut knot, channel, 2) array, sums under them as `Grid.data`, of what all amplitudes leave.
+    levels : (order, cut knot, channel, 2) array, amplitudes there.
     """
 
     def __init__(self, grid: Grid, levels: Levels) -> None:
         self.grid = grid
         weight, offset = grid.weights
-        self.knots = np.flatnonzero(weight < (1 - grid.tolerance) * grid.length)
-        pieces = pieces_between(levels, cubic=grid.model.poles > 1)
-        blocks = np.unique(np.concatenate([self.knots - 1, self.knots]).clip(0, grid.blocks - 1))
-        sums = np.zeros((len(grid.data), grid.blocks, len(grid.x), 4))
-        for run in np.split(blocks, np.flatnonzero(np.diff(blocks) > 1) + 1):
-            self._project_rest(pieces, slice(int(run[0]), int(run[-1]) + 1), sums)
-        hats = at_knots(sums.reshape(*sums.shape[:3], 2, 2).transpose(4, 1, 0, 2, 3))
-        self.left = hats[self.knots].swapaxes(0, 1)
+        self.knots = np.flatnonzero((weight < (1 - grid.tolerance) * grid.length) | grid.kinked)
+        self._pieces = pieces_between(levels, cubic=grid.model.poles > 1)
+        orders = np.arange(len(grid.data))
+        self.left = self._rest(orders, onto=orders)
         place = (self.knots + offset[self.knots]).clip(0, grid.blocks)
         block = np.minimum(place.astype(np.int64), grid.blocks - 1)
         powers = (place - block)[:, None, None] ** np.arange(4)
-        at_hats = np.sum(pieces[:, :, block] * powers, axis=-1)
+        at_hats = np.sum(self._pieces[:, :, block] * powers, axis=-1)
         self.levels = at_hats.transpose(1, 2, 0, 3)
 
-    def _project_rest(self, pieces: Floats, blocks: slice, sums: Floats) -> None:
+    def without_others(self, group: Indices) -> Floats:
+        """(order, cut knot, channel, 2) array, sums for a group with the waveforms of all other orders taken out."""
+        return self._rest(np.setdiff1d(np.arange(len(self.left)), group), onto=group)
+
+    def _rest(self, removed: Indices, *, onto: Indices) -> Floats:
+        """Sum under the cut hats, for some orders, what the waveforms of some leave of the record."""
         grid = self.grid
-        plan = grid.model.plan
-        for samples, some in grid.spans(blocks.start, blocks.stop):
-            phase = grid.model.phase(samples)
-            rest = np.nan_to_num(grid.x[:, samples])
+        blocks = np.unique(np.concatenate([self.knots - 1, self.knots]).clip(0, grid.blocks - 1))
+        sums = np.zeros((onto.size, grid.blocks, len(grid.x), 4))
+        for run in np.split(blocks, np.flatnonzero(np.diff(blocks) > 1) + 1):
+            for samples, some in grid.spans(int(run[0]), int(run[-1]) + 1):
+                sums[:, some] = self._project_rest(removed, onto, samples, some.stop - some.start)
+        hats = at_knots(sums.reshape(*sums.shape[:3], 2, 2).transpose(4, 1, 0, 2, 3))
+        return hats[self.knots].swapaxes(0, 1)
+
+    def _project_rest(self, removed: Indices, onto: Indices, samples: slice, blocks: int) -> Floats:
+        grid = self.grid
+        length, phase = grid.length, grid.model.phase(samples)
+        rest = np.nan_to_num(grid.x[:, samples])
+        if removed.size:
+            plan = grid.model.subset(removed).plan
             for channel, values in enumerate(rest):
                 wave = np.zeros(values.size)
-                start = samples.start
-                _block_kernels.remodulate(pieces[channel], grid.length, phase, plan.recipe, plan.row, start, wave)
+                pieces = np.ascontiguousarray(self._pieces[channel][removed])
+                _block_kernels.remodulate(pieces, length, phase, plan.recipe, plan.row, samples.start, wave)
                 np.subtract(values, wave, out=values)
-            rest[:, ~grid.seen[samples]] = 0.0
-            part = np.empty((len(sums), some.stop - some.start, *sums.shape[2:]))
-            _block_kernels.project(rest, phase, plan.recipe, plan.row, grid.length, part)
-            sums[:, some] = part
+        rest[:, ~grid.seen[samples]] = 0.0
+        part = np.empty((onto.size, blocks, len(rest), 4))
+        plan = grid.model.subset(onto).plan
+        _block_kernels.project(rest, phase, plan.recipe, plan.row, length, part)
+        return part
 
     def inside(self, knots: slice) -> tuple[NDArray[np.bool_], Indices]:
         """Return which cut hats lie in a range of knots, and where in it."""
@@ -205,7 +255,10 @@ class _Cut:
 def _mend(cut: _Cut, group: Indices, run: tuple[slice, slice], levels: Levels, variances: Floats) -> None:
     """Smooth a group together, in place, over a run of knots; the cut through the record lies as far again away."""
     kept, knots = run
-    found, variance, _ = _together(cut.grid, group, knots, 0, cut)
+    data = cut.grid.data[group, knots].copy()
+    there, place = cut.inside(knots)
+    data[:, place] = cut.without_others(group)[:, there]
+    found, variance, _ = _together(cut.grid, group, knots, 0, data)
     inner = slice(kept.start - knots.start, kept.stop - knots.start)
     levels[:, group, kept] = found[..., inner]
     variances[group, kept] = variance[:, inner]
@@ -228,26 +281,20 @@ def _mend_apart(cut: _Cut, group: Indices, run: tuple[slice, slice], levels: Lev
 
 
 def _together(
-    grid: Grid, group: Indices, knots: slice, first: int, cut: _Cut | None = None
+    grid: Grid, group: Indices, knots: slice, first: int, data: Floats | None = None
 ) -> tuple[Levels, Floats, Floats]:
     """Smooth a group of orders jointly over a range of knots: as `smooth_apart`, its log variance shared out evenly."""
     model = grid.model.subset(group)
-    sums = grid.data[group, knots].transpose(1, 3, 0, 2)  # knot, part, order, channel
-    data = np.concatenate([sums[:, 0], sums[:, 1, model.turning]], axis=1)
-    gram = grid.gram(group, knots)
-    if cut is not None:
-        there, place = cut.inside(knots)
-        rest, own = (part[group][:, there].transpose(1, 3, 0, 2) for part in (cut.left, cut.levels))
-        rest, own = (np.concatenate([part[:, 0], part[:, 1, model.turning]], axis=1) for part in (rest, own))
-        data[place] = rest + gram[place] @ own
+    sums = (grid.data[group, knots] if data is None else data).transpose(1, 3, 0, 2)  # knot, part, order, channel
+    columns = np.concatenate([sums[:, 0], sums[:, 1, model.turning]], axis=1)
     walk = grid.walk_variance(group)
     chain = KnotChain(
-        gram=gram,
-        data=data,
+        gram=grid.gram(group, knots),
+        data=columns,
         offset=grid.weights[1][knots],
         walk_variance=walk if len(walk) == 1 else walk[knots],
-        prior_variance=grid.prior_variance(group),
+        prior_variance=grid.prior_variance(group, knots.start),
     )
     found, variance, log_variance = smooth_knots(chain, first=first)
-    levels = np.stack([model.amplitude(found[:, :, channel]) for channel in range(data.shape[2])])
+    levels = np.stack([model.amplitude(found[:, :, channel]) for channel in range(columns.shape[2])])
     return levels, model.variance(variance), np.full(group.size, log_variance / group.size)

@@ -7,7 +7,7 @@ grows with the square root of the record.
 
 import numpy as np
 
-from signals.harmonics import _kernels
+from signals.harmonics import _sample_kernels
 from signals.harmonics._chain import Chain, Flags, Floats, State, Tally, look_interval, padded, smooth_chain
 from signals.harmonics.model import Complexes, Estimate, Estimator, HarmonicModel, Indices
 
@@ -87,10 +87,10 @@ def filter_on(
         innovations, roots = np.empty((size, 1, channels)), np.empty((size, 1))
         wanted = np.zeros(size, dtype=np.bool_)
         wanted[-(first + begin) % output_every :: output_every] = True
-        _kernels.filter_samples(
+        _sample_kernels.filter_samples(
             model.plan.recipe, _places(model), model.phase(span), np.array(x[:, span]), _walk(model, span),
             look_interval(memory(model)), state.status, state.vector, state.matrix, innovations, roots, wanted, done,
-            amplitude, variance,
+            amplitude.view(np.float64), variance,
         )  # fmt: skip
         done += int(np.count_nonzero(wanted))
         tally.add(innovations, roots, skip=startup - first - begin)

@@ -3,19 +3,19 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from math import log, pi, sin
+from math import comb, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics import _block_kernels
+from signals.harmonics._phasors import kinks
 from signals.harmonics.bandwidth import HALF_POWER
 from signals.harmonics.model import Floats, HarmonicModel, Indices
 
-# A cut through the record is forgotten by a factor e in a memory: to a few per cent in so many. Of what leaks in
-# at an end, which is little, that is enough for a tolerance of 1e-3; a smaller one takes more.
-MEMORIES = 3
 SAMPLES_AT_ONCE = 1 << 16
+# Angle by which a jump of the speed may lead the highest order astray within a block.
+LARGEST_KINK_RAD = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,13 +52,11 @@ class Grid:
         """How many: one more than blocks."""
         return self.blocks + 1
 
-    @property
-    def reach(self) -> int:
-        """Knots over which ends and gaps are felt: the slowest root of the smoother's response tells how far."""
+    def reach(self, memories: float) -> int:
+        """Knots in so many memories: the slowest root of the smoother's response tells how long one is."""
         poles, narrowest = self.model.poles, float(self.model.bandwidth.max(axis=1).min())
         decay = pi * narrowest * HALF_POWER ** (-0.5 / poles) * sin(0.5 * pi / poles)
-        memories = MEMORIES + max(0.0, log(1e-3 / self.tolerance))
-        return max(1, int(memories / (decay * self.length)) + 1)
+        return int(np.clip(memories / (decay * self.length) + 1, 1, self.knots))
 
     def spans(self, first_block: int, last_block: int) -> Iterator[tuple[slice, slice]]:
         """Ranges of samples, and the ranges of blocks they fill."""
@@ -85,13 +83,29 @@ class Grid:
         moment[1:] -= first - second
         return weight, np.divide(moment, weight, out=np.zeros_like(moment), where=weight > 0)
 
+    @cached_property
+    def kinked(self) -> NDArray[np.bool_]:
+        """(knot,) array: whether a speed jumps under the hat, so that it no longer is one for the orders."""
+        jumps = np.zeros(self.blocks)
+        for number, phase in enumerate(self.model.phases):
+            highest = float(self.model.orders[self.model.shaft == number].max(initial=0.0))
+            own = np.zeros(self.blocks)
+            kinks(phase, self.length, own)
+            jumps = np.maximum(jumps, highest * own)
+        kinked = jumps * self.length > LARGEST_KINK_RAD
+        return np.asarray(np.concatenate([kinked[:1], kinked]) | np.concatenate([kinked, kinked[-1:]]))
+
     def walk_variance(self, orders: Indices) -> Floats:
         """(knot or 1, column) array for some orders: the walk takes one step a knot."""
         return self.model.subset(orders).walk_variance(slice(0, None, self.length), step=self.length)
 
-    def prior_variance(self, orders: Indices) -> Floats:
-        """(pole, column) array for some orders, of what is assumed at the first knot."""
-        return self.model.subset(orders).prior_variance(step=self.length)
+    def prior_variance(self, orders: Indices, knot: int = 0) -> Floats:
+        """(pole, column) array for some orders: what is assumed at the first knot, grown as the walk goes on to one."""
+        variance = self.model.subset(orders).prior_variance(step=self.length)
+        grown = [
+            sum(comb(knot, i - j) ** 2 * variance[i] for i in range(j, len(variance))) for j in range(len(variance))
+        ]
+        return np.stack(grown)
 
     @cached_property
     def data(self) -> Floats:

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import nearest, number, positive
-from signals.harmonics._phasors import largest_step
 from signals.harmonics.model import BandwidthUnits, Floats, Indices, Order
+
+SAMPLES_AT_ONCE = 1 << 15  # whose passing arrays stay in the cache
 
 
 def check_record(x: ArrayLike) -> Floats:
@@ -260,7 +261,7 @@ def _label(shaft: str, order: float) -> str:
 
 
 def _check_below_half_rate(pairs: list[tuple[str, float]], phases: Mapping[str, Floats]) -> None:
-    advance = {shaft: largest_step(phase) for shaft, phase in phases.items()}
+    advance = {shaft: _largest_step(phase) for shaft, phase in phases.items()}
     for shaft, order in pairs:
         step, at = advance[shaft]
         # Half the rate itself is legal; angles of exactly that round to either side.
@@ -269,3 +270,14 @@ def _check_below_half_rate(pairs: list[tuple[str, float]], phases: Mapping[str, 
                 f"{_label(shaft, order)} turns by {order * step:.4g} rad between samples {at} and {at + 1}; more "
                 "than pi is above half of the rate: drop the order, raise the rate, or mend the phase there."
             )
+
+
+def _largest_step(phase: Floats) -> tuple[float, int]:
+    """Return the largest turn between neighbouring samples, either way, and where it starts."""
+    largest, place = 0.0, 0
+    for first in range(0, phase.size - 1, SAMPLES_AT_ONCE):
+        step = np.diff(phase[first : first + SAMPLES_AT_ONCE + 1])
+        if max(step.max(), -step.min()) > largest:
+            at = int(np.abs(step).argmax())
+            largest, place = abs(float(step[at])), first + at
+    return largest, place

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.model import Estimator, Floats, HarmonicModel, Indices, OutputFlag, UnresolvedPair
 
+Gain = Callable[[Bandwidth, Floats], Floats]
+
 # Stretches of the record over which speeds are averaged when lines are compared.
 STRETCHES = 512
 
@@ -70,28 +72,31 @@ class Closeness:
         twice = 2 * self.frequency[order]
         return np.asarray(np.abs(twice - np.round(twice)))
 
-    def coupled(
-        self, gain: Callable[[Bandwidth, Floats], Floats], amplitude: Floats, tolerance: float
-    ) -> list[Indices]:
-        """Return the groups of orders to be estimated together, single ones among them if their image disturbs them.
+    def leaks(self, gain: Gain, amplitude: Floats) -> Floats:
+        """(order, order) array: what an order gets of another, and on the diagonal of its image, as a part of itself.
 
         Parameters
         ----------
         gain : how much of a line at some distances, (line,) array in cycles a sample, gets into an estimate of a
             bandwidth.
         amplitude : (order,) array, how large each is.
-        tolerance : part of an order's amplitude that another may leak into it.
         """
         count = len(self.frequency)
-        friends = np.zeros((count, count), dtype=np.bool_)
+        leaks = np.zeros((count, count))
         for k in range(count):
             bandwidth = Bandwidth(width=float(self.bandwidth[k].max()), poles=self.model.poles)
             distance = self.to_others(k).min(axis=1)
             distance[k] = self.to_image(k).min()
             # The largest distance there is is that of half the rate.
-            friends[k] = gain(bandwidth, np.minimum(distance, 0.5)) * amplitude > tolerance * amplitude[k]
+            part = gain(bandwidth, np.minimum(distance, 0.5)) * amplitude
+            leaks[k] = np.divide(part, amplitude[k], out=np.where(part > 0, np.inf, 0.0), where=amplitude[k] > 0)
         mean = np.flatnonzero(self.model.orders == 0)
-        friends[mean, mean] = False
+        leaks[mean, mean] = 0.0
+        return leaks
+
+    def coupled(self, gain: Gain, amplitude: Floats, tolerance: float) -> list[Indices]:
+        """Return the groups of orders that leak more than `tolerance`, single ones among them for their image."""
+        friends = self.leaks(gain, amplitude) > tolerance
         return components(friends | friends.T)
 
     def unresolved(self) -> tuple[list[UnresolvedPair], NDArray[np.uint8]]:

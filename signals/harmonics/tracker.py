@@ -25,12 +25,15 @@ from signals.harmonics.model import (
     OrderTracks,
 )
 from signals.harmonics.separability import flag_outputs
+from signals.harmonics.settled import ripple, settled
 
 # With fewer samples a block, condensing them gains nothing.
 SHORTEST_BLOCK = 12
 # Multiplications, about a third of a nanosecond each, that the exact method may take where "auto" chooses.
 EXACT_WORK = 3e8
 LARGEST_RTOL = 0.1
+# Part of itself that a settled gain may leave out.
+LARGEST_RIPPLE = 0.3
 
 
 def track_orders(
@@ -73,7 +76,8 @@ def track_orders(
         with steeper sides.
     estimator : "smoother" uses all samples for each output; "filter" this one and those before it, and at the
         same `bandwidth` is wider.
-    method : "exact" takes every sample in turn. "fast", smoother only, condenses short blocks of samples.
+    method : "exact" takes every sample in turn. "fast" condenses short blocks of samples for the smoother; the
+        filter's gains it fixes once they have settled, which needs a record without gaps and a constant bandwidth.
         "reference" is exact, on filterpy, hundreds of times slower. "auto" takes exact where that is quick or blocks
         would be too short, else fast. The result says which.
     output_every : samples from one output to the next.
@@ -127,8 +131,8 @@ def track_orders(
         noise_given=noise_variance is not None,
     )
     phase_std = check_phase_std(phase_std_rad, shafts=shafts, shaft=shaft, samples=samples)
-    chosen = _choose(method, task)
     patterns, pattern = _missing_patterns(record)
+    chosen = _choose(method, task, whole=len(patterns) == 1 and bool(patterns[0].all()))
     estimates = [
         _run(chosen, task, record[pattern == number] if len(patterns) > 1 else record, seen)
         for number, seen in enumerate(patterns)
@@ -248,34 +252,50 @@ def _startup(task: _Task, seen: NDArray[np.bool_]) -> int:
     return memory if observed in (0, seen.size) else int(np.flatnonzero(seen)[memory])
 
 
-def _choose(method: Method | Literal["auto"], task: _Task) -> Method:
+def _choose(method: Method | Literal["auto"], task: _Task, *, whole: bool) -> Method:
     model, samples = task.model, task.model.phases[0].size
     if not task.coupled and (task.estimator == "filter" or method in ("exact", "reference")):
         raise ValueError(
             f"coupled=False with estimator={task.estimator!r} and method={method!r}: orders are estimated one by one "
             "by the fast smoother only; leave coupled out, or track one order a call."
         )
-    if method == "fast" and task.estimator == "filter":
-        raise ValueError(
-            'method="fast" with estimator="filter": a block holds samples after the output, so its estimate '
-            'is not causal; use method="exact" or estimator="smoother".'
-        )
+    unsettled = _never_settles(task, whole=whole) if task.estimator == "filter" else ""
+    if method == "fast" and unsettled:
+        raise ValueError(f'method="fast" with estimator="filter": {unsettled}; use method="exact".')
     if method != "auto":
         return method
     if not task.coupled:
         return "fast"
     if task.estimator == "filter":
-        return "exact"
+        return "exact" if unsettled or ripple(model, samples) > task.rtol else "fast"
     # Measured: an output costs what five samples do, and every sample its share of the trigonometry.
     work = (samples + 5 * samples / task.output_every) * (1000 + model.order_of_column.size * model.state_size**2)
     short = block_length(model, samples, task.rtol) < SHORTEST_BLOCK
     return "exact" if work <= EXACT_WORK or short else "fast"
 
 
+def _never_settles(task: _Task, *, whole: bool) -> str:
+    """Say why the filter's gains never settle, if so."""
+    model = task.model
+    if not whole:
+        return "samples are missing, which opens the covariance again"
+    if model.bandwidth.shape[1] > 1:
+        return "the bandwidth varies, and the gains with it"
+    moved = ripple(model, model.phases[0].size)
+    if moved > LARGEST_RIPPLE:
+        return (
+            f"orders come so close, to one another, to zero or to half of the rate, that gains vary by {moved:.2g} of "
+            f"themselves, above {LARGEST_RIPPLE:g}"
+        )
+    return ""
+
+
 def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_]) -> Estimate:
     model, every = task.model, task.output_every
     startup = _startup(task, seen)
     try:
+        if method == "fast" and task.estimator == "filter":
+            return settled(model, x, output_every=every, startup=startup)
         if method == "fast":
             return fast(
                 model,

@@ -446,6 +446,26 @@ def test_pulse_times_are_no_clock(tmp_path):
     assert record["tachometer"].size == 100
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_utf_16(tmp_path, encoding):
+    text = "time;Beschleunigung (µm)\r\n0;1,5\r\n1;-2\r\n2;1e3\r\n"
+    fields = read_file(write(tmp_path, text, encoding)).fields
+    assert list(fields) == ["time", "Beschleunigung (µm)"]
+    assert_array_equal(fields["Beschleunigung (µm)"], [1.5, -2, 1000])
+
+
+@pytest.mark.parametrize("text", ["acc,b\n1,2\n3\n4,5\n", "acc;b\n1;2\n\n3\n4;5\n", '"acc","b"\n"1","2"\n"3"\n'])
+def test_short_rows_are_refused(tmp_path, text):
+    line = text.replace('"', "").split("\n").index("3") + 1
+    text = refusal(write(tmp_path, text), channels=["acc"])
+    assert f"the row in line {line} has 1 of 2 cells" in text
+
+
+def test_blank_cells_are_no_short_rows(tmp_path):
+    path = write(tmp_path, 'acc,"a, b"\n1,\n\n  \n2,3\n4,""\n')
+    assert_array_equal(read_file(path).fields["a, b"], [np.nan, 3, np.nan])
+
+
 @pytest.mark.parametrize("text", ["acc,b\n1,2,3\n4,5,6\n", "acc,b\n1,2\n4,5,6\n", "\n\n"])
 def test_what_is_no_table(tmp_path, text):
     assert "does not read as a table" in refusal(write(tmp_path, text), channels=["acc"])
@@ -460,8 +480,8 @@ def test_a_header_in_another_encoding(tmp_path):
 
 
 def test_unknown_suffixes(tmp_path):
-    (tmp_path / "data.tdms").write_bytes(b"TDSm")
-    assert 'no reader for the suffix ".tdms"; known are .mat, .wav, .csv' in refusal(tmp_path / "data.tdms")
+    (tmp_path / "data.xls").write_bytes(b"xls")
+    assert 'no reader for the suffix ".xls"; known are .mat, .wav, .csv' in refusal(tmp_path / "data.xls")
     (tmp_path / "data").write_bytes(b"x")
     assert 'no reader for the suffix ""' in refusal(tmp_path / "data")
 

@@ -1,9 +1,13 @@
-"""The synchronous average against its known comb response, and what is left of it."""
+"""The synchronous average against its known comb response, of any shaft, and piece by piece."""
 
+from fractions import Fraction
+
+import hypothesis
 import numpy as np
 import pytest
+from hypothesis import strategies as st
 
-from signals.averaging import SynchronousAverage, residual_signal, synchronous_average
+from signals.averaging import RunningAverage, synchronous_average
 from signals.resampling import AngularSignal
 
 PER_REV = 256
@@ -64,31 +68,155 @@ class TestAverage:
         np.testing.assert_allclose(average.values, np.cos(2 * np.pi * np.arange(PER_REV) / PER_REV), atol=1e-15)
 
 
-class TestResidual:
-    ANGLE = 2 * np.pi * np.arange(PER_REV) / PER_REV
+def pieces(values, cuts):
+    return np.split(values, sorted(cuts))
 
-    def average(self, values):
-        return SynchronousAverage(values=values, standard_error=np.zeros(values.size), revolutions=1)
 
-    def test_what_is_removed(self):
-        parts = {k: np.cos(k * self.ANGLE + k) for k in (1, 2, 27, 28, 54, 100)}
-        average = self.average(5 + sum(parts.values()))
-        residual = residual_signal(average, removed_orders=[1, 27, 54, 999], max_order=60)
-        np.testing.assert_allclose(residual, parts[2] + parts[28], rtol=0, atol=1e-13)
+class TestOtherShafts:
+    def test_a_shaft_whose_revolution_is_whole_samples_is_averaged_as_it_is(self):
+        # 256 samples to the reference, 8/3 turns to one of it: 96 to the shaft
+        rng = np.random.default_rng(3)
+        values = rng.standard_normal(30 * PER_REV)
+        signal = AngularSignal(values=values, samples_per_rev=PER_REV, start_rev=0.0, passband_orders=112.0)
+        average = synchronous_average(signal, ratio=Fraction(8, 3))
+        np.testing.assert_allclose(average.values, values.reshape(80, 96).mean(axis=0), rtol=0, atol=1e-15)
+        assert (average.revolutions, average.samples_per_rev, average.ratio) == (80, 96, Fraction(8, 3))
+        assert average.passband_orders == pytest.approx(112 * 3 / 8)
 
-    def test_nothing_removed_but_the_mean(self):
-        values = np.random.default_rng(1).standard_normal(PER_REV)
-        residual = residual_signal(self.average(values), removed_orders=[], max_order=PER_REV // 2)
-        np.testing.assert_allclose(residual, values - values.mean(), rtol=0, atol=1e-14)
+    @pytest.mark.parametrize("ratio", [Fraction(21, 41), Fraction(41, 20), Fraction(1009, 997)])
+    @pytest.mark.parametrize("mean", [0.0, 1e6])
+    def test_any_exact_ratio_keeps_its_own_orders(self, ratio, mean):
+        lines = {1: 1.5 - 0.5j, 17: 0.2 + 0.7j}
 
-    def test_a_short_impact_outlives_the_removal_of_the_mesh(self):
-        mesh = 2.0 * np.cos(27 * self.ANGLE)
-        impact = np.exp(-0.5 * ((self.ANGLE - 3) / 0.05) ** 2)
-        residual = residual_signal(self.average(mesh + impact), removed_orders=[27, 54, 81], max_order=110)
-        assert abs(self.ANGLE[np.argmax(residual)] - 3) < 2 * np.pi / PER_REV
-        # three orders of about a hundred, and the mean, are gone from the impact itself
-        assert np.abs(residual).max() == pytest.approx(1, abs=0.1)
+        def over(angle):
+            return mean + sum((z * np.exp(1j * k * float(ratio) * angle)).real for k, z in lines.items())
 
-    def test_no_number_passes_silently(self):
+        average = synchronous_average(over_angle(over, revolutions=120), ratio=ratio, datum_rev=0.0)
+        expected = np.zeros(average.samples_per_rev // 2 + 1, dtype=complex)
+        expected[[0, *lines]] = [mean, *lines.values()]
+        # the interpolator is within 2e-6 of one in its passband; 1e6 is known to 1e-10
+        np.testing.assert_allclose(average.complex_amplitude, expected, rtol=0, atol=5e-6)
+        # every revolution is the same, so the scatter is what interpolation and rounding leave
+        assert average.standard_error.max() < 1e-5
+
+    def test_ends_of_the_record_stay_out_of_an_interpolated_average(self):
+        def noisy(angle):
+            values = np.cos(3 * 21 / 41 * angle)
+            values[0], values[-1] = 1e9, -1e9
+            return values
+
+        average = synchronous_average(over_angle(noisy, revolutions=50), ratio=Fraction(21, 41))
+        assert np.abs(average.values).max() < 1.01
+
+    def test_parts_of_one_record_share_their_angle_zero(self):
+        ratio = Fraction(8, 3)
+        first = over_angle(lambda angle: np.cos(5 * float(ratio) * angle + 1), revolutions=7)
+        values = over_angle(lambda angle: np.cos(5 * float(ratio) * angle + 1), revolutions=20).values
+        second = AngularSignal(
+            values=values[7 * PER_REV :], samples_per_rev=PER_REV, start_rev=7.0, passband_orders=112.0
+        )
+        parts = [synchronous_average(part, ratio=ratio, datum_rev=0.0) for part in (first, second)]
+        np.testing.assert_allclose(parts[0].values, parts[1].values, rtol=0, atol=1e-12)
+        # 7 reference revolutions are 18 2/3 of the shaft's, so the next one begins at 19 x 3/8 of the reference
+        assert parts[1].start_rev == pytest.approx(19 * 3 / 8, abs=1e-12)
+
+    def test_exact_number_of_revolutions_puts_a_null_on_a_neighbour(self):
+        signal = over_angle(lambda angle: np.cos(32.05 * angle), revolutions=33)
+        assert np.abs(synchronous_average(signal, revolutions=20).values).max() < 1e-12
+        decibels = -20 * np.log10(np.abs(synchronous_average(signal, revolutions=10).values).max())
+        assert decibels == pytest.approx(3.89, abs=0.005)
+
+    @pytest.mark.parametrize("ratio", [0.5, True, "1/2", None])
+    def test_a_ratio_must_be_exact(self, ratio):
+        with pytest.raises(ValueError, match=r"is not exact.*give the teeth"):
+            synchronous_average(over_angle(np.cos, revolutions=3), ratio=ratio)
+
+    @pytest.mark.parametrize("ratio", [0, -1, Fraction(-1, 2)])
+    def test_a_ratio_is_above_zero(self, ratio):
+        with pytest.raises(ValueError, match="must be above zero"):
+            synchronous_average(over_angle(np.cos, revolutions=3), ratio=ratio)
+
+    @pytest.mark.parametrize(("ratio", "revolutions"), [(1, 4), (Fraction(1, 5), None), (Fraction(21, 41), 2)])
+    def test_too_few_revolutions_are_counted(self, ratio, revolutions):
+        with pytest.raises(ValueError, match=r"holds \d whole revolutions of the shaft.*are needed; record longer"):
+            synchronous_average(over_angle(np.cos, revolutions=3), ratio=ratio, revolutions=revolutions)
+
+    @pytest.mark.parametrize("revolutions", [0, 1.5, "2", True])
+    def test_a_count_is_a_whole_number(self, revolutions):
+        with pytest.raises(ValueError, match="must be a whole number of at least 1"):
+            synchronous_average(over_angle(np.cos, revolutions=3), revolutions=revolutions)
+
+    def test_nan_does_not_pass(self):
         with pytest.raises(ValueError, match="not finite"):
-            residual_signal(self.average(np.array([1.0, np.nan, 2, 3])), removed_orders=[1], max_order=2)
+            synchronous_average(over_angle(lambda angle: np.where(angle > 9, np.nan, 1.0), revolutions=3))
+
+
+class TestRunningAverage:
+    @hypothesis.given(
+        cuts=st.lists(st.integers(0, 640), max_size=12), mean=st.sampled_from([0.0, 1e6]), seed=st.integers(0, 9)
+    )
+    def test_where_the_record_is_cut_changes_nothing(self, cuts, mean, seed):
+        values = mean + np.random.default_rng(seed).standard_normal(640)
+        running = RunningAverage(samples_per_rev=16)
+        for piece in pieces(values, cuts):
+            running.update(piece)
+        found = running.average()
+        rows = values.reshape(40, 16)
+        assert found.revolutions == 40
+        # a few roundings of the largest value
+        np.testing.assert_allclose(found.values, rows.mean(axis=0), rtol=1e-15 * 4, atol=1e-12 if mean == 0 else 0)
+        expected = rows.std(axis=0, ddof=1) / np.sqrt(40)
+        np.testing.assert_allclose(found.standard_error, expected, rtol=1e-12 if mean == 0 else 1e-8)
+
+    def test_averages_of_parts_join(self):
+        values = np.random.default_rng(5).standard_normal(50 * 16)
+        left = RunningAverage(samples_per_rev=16, passband_orders=7.5)
+        right = RunningAverage(samples_per_rev=16, passband_orders=7.0)
+        left.update(values[: 13 * 16])
+        right.update(values[13 * 16 :])
+        left.merge(right)
+        left.merge(RunningAverage(samples_per_rev=16))  # one that has seen nothing adds nothing
+        whole = synchronous_average(
+            AngularSignal(values=values, samples_per_rev=16, start_rev=0.0, passband_orders=7.0)
+        )
+        np.testing.assert_allclose(left.average().values, whole.values, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(left.average().standard_error, whole.standard_error, rtol=1e-12)
+        assert left.average().passband_orders == 7.0  # of both
+
+    def test_an_average_given_out_does_not_change(self):
+        running = RunningAverage(samples_per_rev=4)
+        running.update([1.0, 2, 3, 4])
+        first = running.average()
+        assert np.isnan(first.standard_error).all()
+        running.update([3.0, 4, 5, 6])
+        np.testing.assert_array_equal(first.values, [1, 2, 3, 4])
+        np.testing.assert_array_equal(running.average().values, [2, 3, 4, 5])
+        np.testing.assert_allclose(running.average().standard_error, 1)  # |1 - 3| / 2
+
+    def test_memory_does_not_grow(self):
+        running = RunningAverage(samples_per_rev=64)
+        for _ in range(50):
+            running.update(np.ones(1000))
+        held = sum(part.nbytes for part in vars(running).values() if isinstance(part, np.ndarray))
+        assert held <= 3 * 64 * 8
+        assert (running.revolutions, running.waiting) == (50_000 // 64, 50_000 % 64)
+
+    def test_no_average_before_a_revolution(self):
+        running = RunningAverage(samples_per_rev=4)
+        running.update([1.0, 2, 3])
+        with pytest.raises(ValueError, match="only 3 of the 4 samples"):
+            running.average()
+
+    def test_unlike_averages_do_not_join(self):
+        with pytest.raises(ValueError, match="cannot join"):
+            RunningAverage(samples_per_rev=4).merge(RunningAverage(samples_per_rev=4, ratio=Fraction(1, 2)))
+
+    def test_parts_of_revolutions_are_not_lost_in_joining(self):
+        waiting = RunningAverage(samples_per_rev=4)
+        waiting.update([1.0])
+        with pytest.raises(ValueError, match="0 and 1 samples wait"):
+            RunningAverage(samples_per_rev=4).merge(waiting)
+
+    def test_nan_does_not_pass(self):
+        with pytest.raises(ValueError, match="not finite"):
+            RunningAverage(samples_per_rev=4).update([1.0, np.nan])

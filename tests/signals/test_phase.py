@@ -1,5 +1,7 @@
 """Shaft angle against time: closed forms, polynomials a spline must reproduce, and shafts that stop."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -73,7 +75,7 @@ class TestPolynomials:
         law = np.polynomial.Polynomial([-3.0, 8, 0.9, -0.5, 0.4, 0.2][: degree + 1])  # rises throughout
         phase = through(times, law(times))
         between = np.linspace(times[0], times[-1], 999)
-        assert not phase.monotone_cubic
+        assert phase.monotone_spans_s.size == 0
         # the spline's equations are conditioned like the fifth power of a few
         np.testing.assert_allclose(phase.revolutions_at(between), law(between), rtol=0, atol=1e-11)
         np.testing.assert_allclose(phase.speed_hz(between), law.deriv()(between), rtol=0, atol=1e-10)
@@ -86,7 +88,7 @@ class TestShaftsThatStop:
         times = np.concatenate([np.arange(51) / 50, 1 + 5.0 * np.arange(1, 5)])
         phase = through(times)
         grid = fine_grid(phase, 200)
-        assert phase.monotone_cubic
+        assert phase.monotone_spans_s.size
         assert np.all(np.diff(phase.revolutions_at(grid)) >= 0)
         assert np.all(phase.speed_hz(grid) >= 0)
         np.testing.assert_array_equal(phase.revolutions_at(times), np.arange(55))
@@ -119,8 +121,37 @@ class TestShaftsThatStop:
     def test_a_shaft_at_rest_has_no_inverse(self):
         phase = through([0.0, 1, 2, 3], np.array([0.0, 1, 1, 2]))
         assert np.all(np.diff(phase.revolutions_at(fine_grid(phase, 50))) >= 0)
-        with pytest.raises(ValueError, match="stands still"):
-            phase.times_at([0.5])
+        with pytest.raises(ValueError, match=r"stands still from 1 s on \(1 such places\)"):
+            phase.times_at([0.5, 1.5])
+        assert phase.times_at([1.0], at_rest="arrival") == 1
+        assert phase.times_at([1.0], at_rest="departure") == 2
+        with pytest.raises(ValueError, match="at_rest='never' is unknown"):
+            phase.times_at([1.0], at_rest="never")
+
+    def test_a_stop_is_felt_nowhere_else(self, swinging):
+        # the swinging shaft stops dead between two pulses, stands for a second, and goes on as if it never had
+        first, second = np.arange(500.0), np.arange(500.0, 1001.0)
+        times = np.concatenate([swinging.times_at(first), swinging.times_at(second) + 1.0])
+        phase = through(times, np.concatenate([first, second]))
+        assert phase.monotone_spans_s.tolist() == [[times[499], times[500]]]
+        grid = np.linspace(times[0], times[-1], 40_001)
+        assert np.all(np.diff(phase.revolutions_at(grid)) >= -1e-12)
+        assert phase.speed_hz(grid).min() >= 0
+        for later, early in ((grid < times[479], 0.0), (grid > times[520], 1.0)):
+            at = grid[later]
+            error = phase.revolutions_at(at) - swinging.revolutions(at - early).astype(float)
+            # at order 400, as without the stop; 2,000 points a second, so that the ends are half a second away
+            assert np.sqrt(np.mean((2 * np.pi * 400 * error[1000:-1000]) ** 2)) < 3e-8
+
+    def test_a_standstill_is_constant(self):
+        times = np.array([0.0, 1, 2, 3, 4, 5, 15, 16, 17, 18, 19, 20])
+        phase = through(times, np.array([0.0, 1, 2, 3, 4, 5, 5, 6, 7, 8, 9, 10]))
+        rest = np.linspace(5, 15, 101)
+        np.testing.assert_array_equal(phase.revolutions_at(rest), np.full(101, 5.0))
+        np.testing.assert_array_equal(phase.speed_hz(rest[:-1]), np.zeros(100))
+        # the mean speed of the revolution that holds the standstill counts it
+        speeds = phase.mean_speed_per_revolution_hz()
+        np.testing.assert_allclose(np.sort(speeds), np.sort([1 / 11] + [1.0] * 9), rtol=1e-12)
 
 
 class TestOtherShafts:
@@ -135,6 +166,40 @@ class TestOtherShafts:
         np.testing.assert_allclose(geared.times_at([1.0, 40.0]), phase.times_at([41 / 20, 82.0]), rtol=1e-13)
         assert geared.mean_speed_per_revolution_hz().size == 48  # 100 x 20 / 41 is 48.8
 
+    @pytest.mark.parametrize("ratio", [-1.0, -2.5])
+    def test_a_shaft_that_turns_the_other_way(self, swinging, ratio):
+        phase = through(swinging.times_at(np.arange(101)))
+        other = phase.scaled(ratio)
+        times = np.linspace(phase.start_s, phase.stop_s, 777)
+        np.testing.assert_allclose(other.revolutions_at(times), ratio * phase.revolutions_at(times), atol=1e-11)
+        np.testing.assert_allclose(other.speed_hz(times), ratio * phase.speed_hz(times), rtol=1e-10)
+        np.testing.assert_allclose(
+            other.times_at(ratio * np.array([3.3, 77.0])), phase.times_at([3.3, 77.0]), rtol=1e-13
+        )
+        assert np.all(other.mean_speed_per_revolution_hz() < 0)
+        np.testing.assert_allclose(
+            other.scaled(1 / ratio).revolutions_at(times), phase.revolutions_at(times), rtol=1e-13, atol=1e-12
+        )
+        with pytest.raises(ValueError, match="outside the known -"):
+            other.times_at([1.0])
+
+    def test_a_shaft_that_turns_back_has_no_inverse(self):
+        # up to 1.5 at 1.5 s and down again: the angle is a parabola, which a quintic reproduces
+        law = np.polynomial.Polynomial([0, 2, -2 / 3])
+        times = np.sort(np.concatenate([(law - r).roots() for r in np.arange(0, 1.5, 0.125)]))
+        phase = through(times, np.round(law(times) * 8) / 8)
+        grid = np.linspace(times[0], times[-1], 1001)
+        np.testing.assert_allclose(phase.revolutions_at(grid), law(grid), atol=1e-11)
+        np.testing.assert_allclose(phase.speed_hz(grid), law.deriv()(grid), atol=1e-9)
+        with pytest.raises(ValueError, match=r"turns back at 1\.\d+ s, so an angle has several times"):
+            phase.times_at([0.5])
+
+    def test_standard_deviation_scales_with_the_ratio(self, swinging):
+        phase = replace(through(swinging.times_at(np.arange(101))), jitter_s=1e-6)
+        at = np.linspace(0.1, 1.9, 7)
+        np.testing.assert_allclose(phase.std_rad(at), 2 * np.pi * 1e-6 * swinging.speed_hz(at), rtol=1e-6)
+        np.testing.assert_allclose(phase.scaled(-3.5).std_rad(at), 3.5 * phase.std_rad(at), rtol=1e-9)
+
     def test_constant_speed(self):
         phase = constant_speed(29.95, start_s=1.5, stop_s=11.5)
         times = np.array([1.5, 2.5, 11.5])
@@ -143,13 +208,18 @@ class TestOtherShafts:
         np.testing.assert_allclose(phase.times_at([0, 29.95, 299.5]), times, rtol=1e-15)
         assert phase.nominal
         assert phase.scaled(3.0).nominal
-        assert not phase.monotone_cubic
+        assert phase.monotone_spans_s.size == 0
         assert phase.mean_speed_per_revolution_hz().size == 299
+        with pytest.raises(ValueError, match="jitter of this phase is unknown: its speed is declared, not measured"):
+            phase.std_rad([2.0])
 
-    @pytest.mark.parametrize("ratio", [0, -1.0, float("nan"), float("inf"), True, "2"])
-    def test_ratios_and_speeds_that_are_none(self, ratio):
+    @pytest.mark.parametrize("ratio", [0, float("nan"), float("inf"), True, "2"])
+    def test_ratios_that_are_none(self, ratio):
         with pytest.raises(ValueError, match="ratio"):
             constant_speed(10.0, start_s=0, stop_s=1).scaled(ratio)
+
+    @pytest.mark.parametrize("ratio", [0, -1.0, float("nan"), float("inf"), True, "2"])
+    def test_speeds_that_are_none(self, ratio):
         with pytest.raises(ValueError, match="speed_hz"):
             constant_speed(ratio, start_s=0, stop_s=1)
 

@@ -4,9 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
+from signals._resampling_kernel import places_of
 from signals.phase import ShaftPhase, constant_speed
-from signals.resampling import AngularSignal, angular_resample, whole_revolutions
+from signals.resampling import AngularSignal, angle_map, angular_resample, time_resample, whole_revolutions
 
 RATE_HZ = 51200.0
 COUNT = 1_000_000
@@ -256,3 +258,237 @@ def test_angle_of_each_sample():
     signal = AngularSignal(values=np.zeros(12), samples_per_rev=4, start_rev=2.0, passband_orders=1.76)
     np.testing.assert_allclose(signal.angle_rad, 2 * np.pi * (2 + np.arange(12) / 4), rtol=1e-15)
     assert signal.revolutions == 3
+
+
+class TestBack:
+    def test_to_time(self, swinging, pulsed_phase, record_revolutions, middle):
+        record = np.cos(2 * np.pi * 200 * record_revolutions)
+        signal = angular_resample(record, rate_hz=RATE_HZ, phase=pulsed_phase, samples_per_rev=1024)
+        back = time_resample(signal, phase=pulsed_phase, rate_hz=RATE_HZ)
+        truth = np.cos(2 * np.pi * 200 * swinging.revolutions(back.times_s).astype(float))
+        # 2e-6 on the way there and 2e-6 on the way back
+        assert rms(middle(back.values - truth)) * np.sqrt(2) < 4e-6
+        assert back.times_s[-1] == pytest.approx(float(swinging.times_at(977 - 1 / 1024)), abs=1 / RATE_HZ)
+        assert back.passband_hz == pytest.approx(0.44 * 1024 * 45, rel=1e-6)  # carried at 45 Hz
+
+    def test_of_an_exact_angular_signal_onto_coarse_times(self, swinging, pulsed_phase):
+        """Order 7 passes at 385 Hz at most; order 90, at 4 to 5 kHz, is above 1.12 of half the rate."""
+        rate_hz = 3000.0
+        angle = 2 * np.pi * np.arange(500 * 256) / 256
+        low, high = (
+            time_resample(
+                AngularSignal(values=np.cos(order * angle), samples_per_rev=256, start_rev=0.0, passband_orders=112.0),
+                phase=pulsed_phase,
+                rate_hz=rate_hz,
+                start_s=0.5,
+            )
+            for order in (7, 90)
+        )
+        truth = np.cos(2 * np.pi * 7 * swinging.revolutions(low.times_s).astype(float))
+        inside = slice(100, -100)
+        assert low.start_s == 0.5
+        assert np.abs(low.values - truth)[inside].max() < 4e-6  # of single values; 2e-6 is the claim for a tone
+        assert 20 * np.log10(np.abs(high.values[inside]).max()) < -100
+
+    @pytest.mark.parametrize("method", ["sinc", "cubic", "linear"])
+    def test_of_a_run_up_from_rest(self, method):
+        phase = ShaftPhase(times_s=np.sqrt(np.arange(60.0)), revolutions=np.arange(60.0))
+        signal = AngularSignal(
+            values=np.sin(2 * np.pi * np.arange(59 * 64) / 64), samples_per_rev=64, start_rev=0.0, passband_orders=28.0
+        )
+        back = time_resample(signal, phase=phase, rate_hz=1000.0, method=method)
+        late = back.times_s > 2  # 64 samples a cycle: linear errs by 9e-4, cubic by 1.6e-6
+        truth = np.sin(2 * np.pi * phase.revolutions_at(back.times_s))
+        limit = {"sinc": 4e-6, "cubic": 3e-6, "linear": 1.3e-3}[method]
+        assert np.abs(back.values - truth)[late & (back.times_s < 7)].max() < limit
+
+    def test_refusals(self, pulsed_phase):
+        signal = AngularSignal(values=np.zeros(640), samples_per_rev=64, start_rev=3.0, passband_orders=28.0)
+        with pytest.raises(ValueError, match=r"start_s=0 s lies outside the signal"):
+            time_resample(signal, phase=pulsed_phase, rate_hz=1000.0, start_s=0.0)
+        late = AngularSignal(values=np.zeros(640), samples_per_rev=64, start_rev=995.0, passband_orders=28.0)
+        with pytest.raises(ValueError, match="outside the known"):
+            time_resample(late, phase=pulsed_phase, rate_hz=1000.0)
+        with pytest.raises(ValueError, match="rate_hz"):
+            time_resample(signal, phase=pulsed_phase, rate_hz=-1.0)
+
+
+class TestMethods:
+    @pytest.mark.parametrize(("method", "factor", "power"), [("linear", 1 / np.sqrt(120), 2), ("cubic", 0.016848, 4)])
+    def test_stated_errors(self, method, factor, power):
+        # over fractions u the mean square of u (1 - u) / 2, and of (1 + u) u (1 - u) (2 - u) / 24
+        rate_hz, speed_hz, order = 10_000.0, 9.7, 13.3
+        phase = constant_speed(speed_hz, start_s=0.0, stop_s=10.0)
+        signal = np.sin(2 * np.pi * order * speed_hz * np.arange(100_000) / rate_hz)
+        found = angular_resample(signal, rate_hz=rate_hz, phase=phase, samples_per_rev=997, method=method)
+        error = rms(found.values - np.sin(order * found.angle_rad)) * np.sqrt(2)
+        w = 2 * np.pi * order * speed_hz / rate_hz
+        assert error == pytest.approx(factor * w**power, rel=0.01)  # the next term is w^2 = 0.7 % of it
+
+    def test_linear_is_what_numpy_does(self, pulsed_phase):
+        signal = np.random.default_rng(3).standard_normal(20_000)
+        found = angular_resample(signal, rate_hz=RATE_HZ, phase=pulsed_phase, samples_per_rev=77, method="linear")
+        times = pulsed_phase.times_at(found.angle_rad / (2 * np.pi))
+        expected = np.interp(times, np.arange(20_000) / RATE_HZ, signal)
+        np.testing.assert_allclose(found.values, expected, atol=1e-8)  # places to 1e-8 of a step
+        assert found.unsettled == (0, 0)
+
+    def test_a_cubic_is_reproduced_to_the_ends(self):
+        phase = constant_speed(5.0, start_s=0.0, stop_s=1.0)
+        t = np.arange(101) / 100
+        found = angular_resample(t**3 - t, rate_hz=100.0, phase=phase, samples_per_rev=37, method="cubic")
+        turned = found.angle_rad / (2 * np.pi * 5)
+        np.testing.assert_allclose(found.values, turned**3 - turned, atol=1e-9)
+
+    def test_unknown(self, pulsed_phase):
+        with pytest.raises(ValueError, match="Did you mean 'sinc'"):
+            angular_resample(np.ones(9999), rate_hz=RATE_HZ, phase=pulsed_phase, samples_per_rev=64, method="sync")
+
+
+class TestHardRecords:
+    def test_run_up_from_rest_does_not_alias(self):
+        """From rest to 40 Hz: 2 kHz is order 50 at the end, and far above what 32 a revolution carry all the way."""
+        rate_hz, top_hz, seconds = 20_000.0, 40.0, 8.0
+        marks = np.arange(0, int(top_hz * seconds / 2) + 1)
+        phase = ShaftPhase(times_s=np.sqrt(marks * 2 * seconds / top_hz), revolutions=marks.astype(float))
+        t = np.arange(int(rate_hz * seconds)) / rate_hz
+        folding = angular_resample(np.cos(2 * np.pi * 2000 * t), rate_hz=rate_hz, phase=phase, samples_per_rev=32)
+        inside = slice(folding.unsettled[0], folding.values.size - folding.unsettled[1])
+        assert folding.unsettled[0] == 32  # one revolution: 32 steps before and after
+        # what is above the passband at every speed is down by far more than 80 dB, from the first settled value on
+        assert 20 * np.log10(np.abs(folding.values[inside]).max()) < -100
+        # and an order below passes; single values of a tone, to half as much again as its RMS
+        revolutions = top_hz / (2 * seconds) * t**2
+        passing = angular_resample(
+            np.cos(2 * np.pi * 9 * revolutions), rate_hz=rate_hz, phase=phase, samples_per_rev=32
+        )
+        late = inside.start + 64
+        error = passing.values - np.cos(9 * 2 * np.pi * (passing.start_rev + np.arange(passing.values.size) / 32))
+        assert np.abs(error[late : inside.stop]).max() < 3e-6
+
+    def test_one_revolution_and_a_half(self):
+        phase = constant_speed(2.0, start_s=0.0, stop_s=0.75)
+        t = np.arange(7500) / 10_000
+        found = angular_resample(np.cos(2 * np.pi * 6 * t), rate_hz=10_000.0, phase=phase, samples_per_rev=256)
+        assert found.revolutions == 1
+        assert found.unsettled == (32, 0)
+        error = np.abs(found.values - np.cos(3 * found.angle_rad))
+        assert error[32:].max() < 2e-6
+        assert error[:32].max() < 5e-3  # half a filter, made to add up to one
+
+    @pytest.mark.parametrize("samples_per_rev", [64, 1024])
+    def test_a_large_offset_costs_nothing(self, pulsed_phase, record_revolutions, middle, samples_per_rev):
+        tone = np.cos(2 * np.pi * 7 * record_revolutions[:200_000])
+        settings = {"rate_hz": RATE_HZ, "phase": pulsed_phase, "samples_per_rev": samples_per_rev}
+        plain = angular_resample(tone, **settings)
+        lifted = angular_resample(tone + 1e6, **settings)
+        # of the tone, not of the offset: 1e6 is stored to 1e-10, and what is first taken off differs by as little
+        np.testing.assert_allclose(lifted.values - 1e6, plain.values, rtol=0, atol=2e-9)
+        assert rms(middle(lifted.values - 1e6 - np.cos(7 * lifted.angle_rad))) * np.sqrt(2) < 2e-6
+
+    @pytest.mark.parametrize("samples_per_rev", [100, 1024])
+    def test_integers(self, pulsed_phase, samples_per_rev):
+        counts = np.random.default_rng(5).integers(-30_000, 30_000, 30_000).astype(np.int16)
+        settings = {"rate_hz": RATE_HZ, "phase": pulsed_phase, "samples_per_rev": samples_per_rev}
+        np.testing.assert_array_equal(
+            angular_resample(counts, **settings).values, angular_resample(counts.astype(float), **settings).values
+        )
+
+    def test_a_gap_is_refused_with_its_place(self, pulsed_phase):
+        signal = np.ones(20_000)
+        signal[5120:5130] = np.nan
+        with pytest.raises(ValueError, match=r"10 values that are not finite, the first at index 5120 \(0\.1 s\)"):
+            angular_resample(signal, rate_hz=RATE_HZ, phase=pulsed_phase, samples_per_rev=64)
+
+    @pytest.mark.parametrize(
+        ("method", "samples_per_rev"), [("sinc", 64), ("sinc", 700), ("sinc", 1500), ("cubic", 300), ("linear", 300)]
+    )
+    def test_a_gap_is_marked_as_far_as_it_reaches(self, pulsed_phase, method, samples_per_rev):
+        signal = np.random.default_rng(6).standard_normal(60_000)
+        holed = signal.copy()
+        holed[30_000:30_010] = [np.nan, np.inf] * 5
+        settings = {"rate_hz": RATE_HZ, "phase": pulsed_phase, "samples_per_rev": samples_per_rev, "method": method}
+        whole = angular_resample(signal, **settings)
+        marked = angular_resample(holed, missing="mark", **settings)
+        lost = np.flatnonzero(np.isnan(marked.values))
+        known = ~np.isnan(marked.values)
+        np.testing.assert_array_equal(marked.values[known], whole.values[known])
+        assert np.all(np.diff(lost) == 1)
+        places = pulsed_phase.times_at(marked.angle_rad / (2 * np.pi)) * RATE_HZ
+        slope = samples_per_rev * pulsed_phase.speed_hz(places[lost] / RATE_HZ).mean() / RATE_HZ
+        reach = {"sinc": 32 / min(slope, 1), "cubic": 2, "linear": 1}[method]
+        step = 1 / min(slope, 1)  # places and steps are whole: up to one more on either side
+        assert places[lost[0]] == pytest.approx(30_000 - reach, abs=step)
+        assert places[lost[-1]] == pytest.approx(30_009 + reach, abs=step)
+
+    def test_a_record_of_nothing_but_gaps(self, pulsed_phase):
+        found = angular_resample(
+            np.full(20_000, np.nan), rate_hz=RATE_HZ, phase=pulsed_phase, samples_per_rev=64, missing="mark"
+        )
+        assert np.isnan(found.values).all()
+
+
+class TestEnds:
+    """Beyond the record's ends the filter is cut and made to add up to one; the values concerned are counted."""
+
+    @pytest.mark.parametrize("samples_per_rev", [40, 500])
+    def test_unsettled_values_depend_on_the_ends_and_no_other(self, samples_per_rev):
+        phase = constant_speed(10.0, start_s=0.0, stop_s=4.0)
+        record = np.random.default_rng(8).standard_normal(8_000)
+        settings = {"rate_hz": 2000.0, "phase": phase, "samples_per_rev": samples_per_rev}
+        # a record that goes on before and after; on the same clock
+        shorter = angular_resample(record[2000:6001], start_s=1.0, **settings)
+        longer = angular_resample(record, **settings)
+        start = round((shorter.start_rev - longer.start_rev) * samples_per_rev)
+        same = longer.values[start : start + shorter.values.size]
+        apart = np.abs(shorter.values - same)
+        head, tail = shorter.unsettled
+        assert head == 32 if samples_per_rev == 40 else head == pytest.approx(32 * 2.5, abs=3)
+        assert 0 < tail <= head
+        # filters that lie on the record see the same samples; 1e-6 of the offset that was taken off
+        assert apart[head:-tail].max() < 1e-5
+        assert apart[:head].max() > 1e-2
+
+    @pytest.mark.parametrize("samples_per_rev", [40, 500])
+    def test_a_slope_bends_by_little(self, samples_per_rev):
+        phase = constant_speed(10.0, start_s=0.0, stop_s=4.0)
+        t = np.arange(8000) / 2000
+        found = angular_resample(t, rate_hz=2000.0, phase=phase, samples_per_rev=samples_per_rev)
+        error = np.abs(found.values - found.angle_rad / (20 * np.pi)) * 10 * min(samples_per_rev, 200)
+        assert error.max() < 0.5  # of a step of the coarser grid: half a sinc about its edge
+
+
+class TestAngleToTime:
+    """Places of angles among the samples, against a root finder on the phase itself."""
+
+    @pytest.mark.parametrize("kind", ["smooth", "from rest", "monotone cubic"])
+    def test_against_brent(self, swinging, kind):
+        if kind == "smooth":
+            phase = ShaftPhase(times_s=swinging.times_at(np.arange(80)), revolutions=np.arange(80.0))
+        elif kind == "from rest":
+            phase = ShaftPhase(times_s=np.sqrt(np.arange(60.0)), revolutions=np.arange(60.0))
+        else:
+            times = np.concatenate([np.arange(50) / 50, 1 + np.array([0.1, 1.0, 4.0])])
+            phase = ShaftPhase(times_s=times, revolutions=np.arange(times.size, dtype=float))
+        rate_hz, per_rev = 5000.0, 16
+        grid = angle_map(
+            phase,
+            rate_hz=rate_hz,
+            start_s=0.0,
+            samples_per_rev=per_rev,
+            first=0.0,
+            revolutions=int(phase.revolutions[-1]),
+        )
+        q, slopes = grid.outward.at(0, int(phase.stop_s * rate_hz) + 2)
+        found = np.empty(int(phase.revolutions[-1]) * per_rev)
+        places_of(q, slopes, 0.0, found, np.empty(found.size))
+        pick = np.random.default_rng(1).integers(1, found.size, 40)
+        for m in pick:
+            exact = brentq(
+                lambda t, m=m: phase.revolutions_at(np.array([t]))[0] - m / per_rev,
+                phase.start_s,
+                phase.stop_s,
+                xtol=1e-15,
+            )
+            miss = (found[m] / rate_hz - exact) * phase.speed_hz(np.array([exact]))[0] * per_rev
+            assert abs(miss) < 2e-8  # steps; cubics between exact values are taken where they come within 1e-8

@@ -81,7 +81,6 @@ REFUSED = [
         "estimator='smother' is unknown; it must be one of smoother, filter. Did you mean 'smoother'",
     ),
     ({"method": "best"}, "method='best' is unknown; it must be one of auto, exact, fast, reference."),
-    ({"method": "fast", "estimator": "filter"}, 'method="fast" with .* not causal; use method="exact"'),
     ({"noise_variance": 0.0}, "noise_variance=0.0 must be above zero"),
     ({"noise_variance": True}, "noise_variance=True must be a number, not bool"),
     ({"initial_std": 1.0}, "initial_std=1 weighs against the noise.*pass noise_variance too, or neither"),

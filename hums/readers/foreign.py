@@ -1,0 +1,112 @@
+"""What another program's file holds and states, before anything is declared about it."""
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hums.record import RecordError
+
+__all__ = ["Field", "ForeignFile", "Stated", "rate_of_step"]
+
+Field = NDArray[np.generic] | str
+"""An array of numbers, or the words that say what stands there instead."""
+
+_WHOLE = 1e-9  # one over a step of ten microseconds is 99999.99999999999 Hz
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stated:
+    """What a file itself says of one of its channels; None where it says nothing.
+
+    Attributes
+    ----------
+    units : str or None
+        In the words of the file.
+    rate_hz : float or None
+        Samples per second.
+    start_s : float or None
+        Time of the first sample, in s after `began`.
+    began : datetime or None
+        The moment from which its times count, with its offset from UTC.
+    """
+
+    units: str | None = None
+    rate_hz: float | None = None
+    start_s: float | None = None
+    began: datetime | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForeignFile:
+    """What another program's file holds.
+
+    Attributes
+    ----------
+    path : Path
+        Where it is.
+    fields : mapping of str to array or str
+        By name, an array of numbers, or what stands there instead, such as "text". Parts of a name are joined by
+        dots, as in "bearing.gs", also where the file has slashes.
+    rate_hz : float or None
+        Samples per second, where the file states them for all it holds.
+    stated : mapping of str to Stated
+        What the file says of single fields.
+    """
+
+    path: Path
+    fields: Mapping[str, Field]
+    rate_hz: float | None = None
+    stated: Mapping[str, Stated] = field(default_factory=lambda: MappingProxyType({}))
+
+    def name(self, name: str) -> str:
+        """Return the field's name as it stands in `fields`, if `name` has slashes for dots."""
+        return name if name in self.fields else name.strip("/").replace("/", ".")
+
+    def says(self, name: str) -> Stated:
+        """Return what the file says of the field `name`, its rate also where it holds for all fields."""
+        own = self.stated.get(self.name(name), Stated())
+        return own if own.rate_hz is not None else replace(own, rate_hz=self.rate_hz)
+
+    def vector(self, name: str) -> NDArray[np.generic]:
+        """Return the array `name` as one row of numbers, (n,), whether it was a row or a column."""
+        values = self.fields.get(self.name(name))
+        if values is None:
+            raise RecordError(f'{self.path.name} has no "{name}"{_closest(name, self.fields)} {self.contents()}')
+        if isinstance(values, str):
+            raise RecordError(f'{self.path.name}: "{name}" is {values}, not numbers. {self.contents()}')
+        if values.size != max(values.shape, default=1):
+            raise RecordError(
+                f'{self.path.name}: "{name}" is a table of {_shape(values)} values; a channel is one row or one '
+                "column: save each under a name of its own."
+            )
+        return values.reshape(-1)
+
+    def contents(self) -> str:
+        """Say what the file holds, one sentence for arrays and one for the rest."""
+        arrays = [f"{name} ({_shape(held)})" for name, held in self.fields.items() if not isinstance(held, str)]
+        others = [f"{name} ({held})" for name, held in self.fields.items() if isinstance(held, str)]
+        rest = f" Not numbers: {', '.join(others)}." if others else ""
+        return f"It holds {', '.join(arrays) or 'no array of numbers'}.{rest}"
+
+
+def rate_of_step(step_s: object) -> float | None:
+    """Return samples per second from the step between two, whole where rounding alone keeps it from that."""
+    if isinstance(step_s, bool) or not isinstance(step_s, int | float | np.number) or not 0 < float(step_s) < np.inf:
+        return None
+    rate_hz = 1 / float(step_s)
+    return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) <= _WHOLE * rate_hz else rate_hz
+
+
+def _shape(values: NDArray[np.generic]) -> str:
+    return " x ".join(map(str, values.shape)) or "1"
+
+
+def _closest(name: str, names: Mapping[str, object]) -> str:
+    near = difflib.get_close_matches(name, list(names), n=1)
+    return f'; did you mean "{near[0]}"?' if near else "."

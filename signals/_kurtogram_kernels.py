@@ -1,0 +1,104 @@
+"""Compiled loops of the kurtogram: one node of the filter tree, and the moments of a band."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from signals._compile import compiled_sums
+
+Array = NDArray[np.float64]
+
+_BLOCK = 512  # outputs at a time: the sums stay in the first cache
+
+
+@compiled_sums
+def split_band(re: Array, im: Array, taps: Array, factor: int, out_re: Array, out_im: Array) -> None:
+    """Split an analytic band into `factor` equal ones, each at 1 / `factor` of the rate.
+
+    Band b is filtered by ``h[m] exp(j pi m (2 b + 1) / (2 factor))``. That factor changes sign when m grows by
+    ``2 factor``, in every band alike, so the taps are first added up by their remainder r = m mod ``2 factor``,
+
+        R_r[n] = sum_q (-1)^q h[2 factor q + r] c[factor n + last - 2 factor q - r],
+
+    and each band is a sum of the R_r: every band together cost one filter. Odd bands come out reversed in frequency,
+    and (-1)^n turns them round. `out_re`, `out_im`: (factor, outputs), each output on samples that all exist. There
+    must be a multiple of ``8 factor`` taps.
+    """
+    residues = 2 * factor
+    count = out_re.shape[1]
+    last = taps.size - 1
+    reach = _BLOCK + last // factor
+    phases_re = np.empty((factor, reach))
+    phases_im = np.empty((factor, reach))
+    sums_re = np.empty((residues, _BLOCK))
+    sums_im = np.empty((residues, _BLOCK))
+    for start in range(0, count, _BLOCK):
+        width = min(_BLOCK, count - start)
+        for p in range(factor):
+            row_re = phases_re[p]
+            row_im = phases_im[p]
+            first = factor * start + p
+            for n in range(min(reach, (re.size - first + factor - 1) // factor)):
+                row_re[n] = re[first + factor * n]
+                row_im[n] = im[first + factor * n]
+        for r in range(residues):
+            total_re = sums_re[r][:width]
+            total_im = sums_im[r][:width]
+            total_re[:] = 0.0
+            total_im[:] = 0.0
+            row_re = phases_re[(last - r) % factor]
+            row_im = phases_im[(last - r) % factor]
+            # four taps at a time, so that the sums are fetched and stored a quarter as often
+            for m in range(r, taps.size, 4 * residues):
+                at = (last - m) // factor
+                a = taps[m]
+                b = -taps[m + residues]
+                c = taps[m + 2 * residues]
+                d = -taps[m + 3 * residues]
+                a_re = row_re[at : at + width]
+                a_im = row_im[at : at + width]
+                b_re = row_re[at - 2 : at - 2 + width]
+                b_im = row_im[at - 2 : at - 2 + width]
+                c_re = row_re[at - 4 : at - 4 + width]
+                c_im = row_im[at - 4 : at - 4 + width]
+                d_re = row_re[at - 6 : at - 6 + width]
+                d_im = row_im[at - 6 : at - 6 + width]
+                for n in range(width):
+                    total_re[n] += a * a_re[n] + b * b_re[n] + c * c_re[n] + d * d_re[n]
+                    total_im[n] += a * a_im[n] + b * b_im[n] + c * c_im[n] + d * d_im[n]
+        for band in range(factor):
+            band_re = out_re[band][start : start + width]
+            band_im = out_im[band][start : start + width]
+            band_re[:] = 0.0
+            band_im[:] = 0.0
+            for r in range(residues):
+                turn = np.pi * r * (2 * band + 1) / residues
+                cosine = np.cos(turn)
+                sine = np.sin(turn)
+                total_re = sums_re[r][:width]
+                total_im = sums_im[r][:width]
+                for n in range(width):
+                    band_re[n] += cosine * total_re[n] - sine * total_im[n]
+                    band_im[n] += cosine * total_im[n] + sine * total_re[n]
+            if band % 2 == 1:
+                for n in range((start + 1) % 2, width, 2):
+                    band_re[n] = -band_re[n]
+                    band_im[n] = -band_im[n]
+
+
+@compiled_sums
+def part_moments(re: Array, im: Array, parts: int) -> tuple[Array, Array]:
+    """Return the sums of ``|c|^2`` and of ``|c|^4`` over each of `parts` equal stretches."""
+    seconds = np.zeros(parts)
+    fourths = np.zeros(parts)
+    for p in range(parts):
+        first = p * re.size // parts
+        stop = (p + 1) * re.size // parts
+        second = 0.0
+        fourth = 0.0
+        for n in range(first, stop):
+            power = re[n] * re[n] + im[n] * im[n]
+            second += power
+            fourth += power * power
+        seconds[p] = second
+        fourths[p] = fourth
+    return seconds, fourths

@@ -1,0 +1,66 @@
+"""The low-pass filter that angular resampling interpolates with: a sinc under a Kaiser window.
+
+Its argument counts zero crossings, that is steps of the coarser of the two grids. With 32 of them on either side
+and a window of beta 12 its response is within 1.4e-6 of one up to 0.88 of half the coarser rate, one half at half
+the rate, and below -117 dB from 1.12 of it on (the tables below add errors of 1e-6, and -115 dB).
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from signals._checks import Array
+
+HALF_WIDTH = 32  # zero crossings on either side
+KAISER_BETA = 12.0
+ROWS = 1024  # fractions of a step between which weights are interpolated, to (pi / 1024)^2 / 8 = 1e-6 of the largest
+MOMENTS = 8  # of the samples in a step: polynomials of degree 7 follow the filter to 4e-7 of its largest value
+_FINE = 64
+
+
+def windowed_sinc(u: Array) -> Array:
+    """Return the filter at `u` zero crossings from its centre, any shape; nothing beyond `HALF_WIDTH`."""
+    inside = np.clip(1 - (u / HALF_WIDTH) ** 2, 0, None)
+    taper = np.i0(KAISER_BETA * np.sqrt(inside)) / np.i0(KAISER_BETA)
+    return np.where(np.abs(u) < HALF_WIDTH, np.sinc(u) * taper, 0.0)
+
+
+@lru_cache(maxsize=1)
+def weight_rows() -> Array:
+    """Weights of the samples from ``HALF_WIDTH - 1`` before to `HALF_WIDTH` after a place, (ROWS + 2, 2 HALF_WIDTH).
+
+    Row r is for a place r / ROWS of a step after a sample. Each row adds up to one, so a constant stays what it is.
+    """
+    fraction = np.arange(ROWS + 2)[:, None] / ROWS
+    weights = windowed_sinc(fraction - np.arange(1 - HALF_WIDTH, HALF_WIDTH + 1))
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+@lru_cache(maxsize=1)
+def step_polynomials() -> Array:
+    """Return the filter as one polynomial a step, (2 HALF_WIDTH, MOMENTS) coefficients of rising powers of v.
+
+    A sample at v = -1 .. 1 across a step, with the output a whole number d of steps after the start of that step, has
+    the weight ``windowed_sinc(d - (1 + v) / 2)``. Row i is for ``d = HALF_WIDTH - i``. Fitted at Chebyshev points.
+    """
+    v = chebyshev.chebpts1(4 * MOMENTS)
+    d = np.arange(HALF_WIDTH, -HALF_WIDTH, -1)
+    series = chebyshev.chebfit(v, windowed_sinc(d - (1 + v[:, None]) / 2), MOMENTS - 1)
+    return np.ascontiguousarray([chebyshev.cheb2poly(column) for column in series.T])
+
+
+@lru_cache(maxsize=1)
+def _summed() -> tuple[Array, Array]:
+    u = np.arange(-HALF_WIDTH * _FINE, HALF_WIDTH * _FINE + 1) / _FINE
+    middles = windowed_sinc((u[1:] + u[:-1]) / 2)
+    ends = windowed_sinc(u)
+    pieces = (ends[1:] + 4 * middles + ends[:-1]) / (6 * _FINE)  # Simpson's rule
+    total = np.concatenate([[0.0], np.cumsum(pieces)])
+    return u, total / total[-1]
+
+
+def step_response(u: Array) -> Array:
+    """Return the integral of the filter from minus infinity to `u`: from 0 to 1, and 1/2 at 0."""
+    places, total = _summed()
+    return np.asarray(np.interp(u, places, total))

@@ -1,0 +1,63 @@
+"""Window functions with the figures that scale what is seen through them."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window:
+    """A window's weights (n,) and its figures of merit (Harris 1978)."""
+
+    name: str
+    weights: Array
+
+    @property
+    def coherent_gain(self) -> float:
+        """Mean weight: the height at which a tone of amplitude 1 arrives."""
+        return float(self.weights.mean())
+
+    @property
+    def noise_bandwidth_bins(self) -> float:
+        """Equivalent noise bandwidth in bins, ``n sum(w^2) / sum(w)^2``."""
+        return float(self.weights.size * np.sum(self.weights**2) / self.weights.sum() ** 2)
+
+    @property
+    def width_bins(self) -> float:
+        """Full -3 dB width of the main lobe in bins."""
+        return _width(self.name)
+
+    @property
+    def spread(self) -> float:
+        """Second moment of the squared window about its middle, over its length squared."""
+        count = self.weights.size
+        place = (np.arange(count) - (count - 1) / 2) / count
+        return float(np.sum(place**2 * self.weights**2) / np.sum(self.weights**2))
+
+    def overlap_correlation(self, hop: int) -> Array:
+        """Correlation of the amplitudes of white noise in segments 1, 2, ... hops apart, while they overlap."""
+        weights = self.weights
+        shifts = range(hop, weights.size, hop)
+        return np.array([weights[shift:] @ weights[:-shift] for shift in shifts]) / (weights @ weights)
+
+
+def window_of(name: str, count: int) -> Window:
+    """Return a periodic window of `scipy.signal`; ValueError names one it does not know."""
+    from scipy.signal import get_window  # noqa: PLC0415
+
+    return Window(name=name, weights=np.asarray(get_window(name, count), dtype=np.float64))
+
+
+@lru_cache(maxsize=16)
+def _width(name: str) -> float:
+    """Full -3 dB width of a window's main lobe in bins, measured on its own transform."""
+    length, fine = 512, 64
+    lobe = np.abs(np.fft.rfft(window_of(name, length).weights, length * fine))
+    half_power = lobe[0] / np.sqrt(2)
+    below = int(np.argmax(lobe < half_power))
+    part = (lobe[below - 1] - half_power) / (lobe[below - 1] - lobe[below])
+    return float(2 * (below - 1 + part) / fine)

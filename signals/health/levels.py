@@ -1,0 +1,66 @@
+"""Faults that the level shows from one part of the record to the next: a sensor that comes loose jumps."""
+
+import numpy as np
+
+from signals._checks import Array
+from signals.health.faults import SensorFault, graded
+
+_PARTS = 64
+_SIDE = 8  # parts on either side of a jump
+_FEWEST_IN_PART = 64
+_JUMP = 2.0
+_SICK_JUMP = 8.0
+_CALM = 0.4  # how far the levels on either side may scatter, of the jump
+_OFFSET = 3.0  # times the RMS about the mean
+_SICK_OFFSET = 30.0
+
+
+def jumps(x: Array, *, rate_hz: float, units: str) -> tuple[list[SensorFault], str | None]:
+    """Find a sudden, lasting change of RMS or mean, or say why that cannot be judged.
+
+    The record is cut into 64 parts. A run-up changes its level from part to part; a jump leaves eight parts on either
+    side calm.
+    """
+    if x.size < _PARTS * _FEWEST_IN_PART:
+        return [], f"jumps of level need {_PARTS * _FEWEST_IN_PART} samples; the record has {x.size}"
+    parts = x[: x.size // _PARTS * _PARTS].reshape(_PARTS, -1)
+    part_s = parts.shape[1] / rate_hz
+    level = parts.std(axis=1)
+    mean = parts.mean(axis=1)
+    found = []
+    if level.min() > 0:
+        at, jump = _largest_jump(np.log(level))
+        if jump > np.log(_JUMP):
+            before, after = (float(np.exp(np.median(np.log(side)))) for side in _sides(level, at))
+            factor = float(np.exp(jump))
+            sentence = (
+                f"its level jumps from {before:.4g} to {after:.4g} {units} RMS, {factor:.3g} times, about "
+                f"{at * part_s:.4g} s. Check mount and cable, or whether the load changed then."
+            )
+            found.append(graded("level jump", sick=factor > _SICK_JUMP, size=factor, sentence=sentence))
+    at, jump = _largest_jump(mean)
+    typical = float(np.median(level))
+    if typical > 0 and jump > _OFFSET * typical:
+        size = jump / typical
+        sentence = (
+            f"its mean jumps by {jump:.4g} {units}, {size:.3g} times its RMS, about {at * part_s:.4g} s. Check "
+            "connector and supply."
+        )
+        found.append(graded("offset jump", sick=size > _SICK_OFFSET, size=size, sentence=sentence))
+    return found, None
+
+
+def _sides(values: Array, at: int) -> tuple[Array, Array]:
+    return values[max(at - _SIDE, 0) : at], values[at : at + _SIDE]
+
+
+def _largest_jump(values: Array) -> tuple[int, float]:
+    """Return the part that the largest calm jump comes before, and its height; 0 where none is calm."""
+    best = (0, 0.0)
+    for at in range(_SIDE, values.size - _SIDE + 1):
+        before, after = _sides(values, at)
+        before, after = before[:-1], after[1:]  # the parts that the jump itself may lie in
+        height = abs(float(np.median(after) - np.median(before)))
+        if height > best[1] and max(np.ptp(before), np.ptp(after)) < _CALM * height:
+            best = (at, height)
+    return best

@@ -1,0 +1,121 @@
+"""Faults that the spectrum shows: hum of the mains, and the ski slope of a loose or overloaded sensor."""
+
+from itertools import pairwise
+
+import numpy as np
+from scipy import fft
+
+from signals._checks import Array
+from signals.health.faults import SensorFault, graded
+
+_MAINS_HZ = (50.0, 60.0)
+_STRAY_HZ = 0.1  # how far the grid's frequency strays in ordinary days
+_HARMONICS = (1, 2, 3, 5, 7)
+_FEWEST_HARMONICS = 3
+_ABOVE = 5.0  # amplitudes over the median beside; noise alone fills a lobe to 2.6
+_REACH_HZ = 10.0
+_LOBE_BINS = 2.5  # of a Hann line
+_HUM_SHARE = 0.1  # RMS of the hum over that of the record
+_SICK_HUM = 0.5
+_SHORTEST_HUM_S = 1.0
+_SLOPE_TOP_HZ = 16.0
+_OCTAVES = 4
+_FEWEST_BINS = 4
+_SHORTEST_SLOPE = 2  # octaves
+_FLOOR = 4.0  # times the record's median density, below which there is no slope any more
+_STEEPEST = 2.0  # times the density of the octave above
+_RISE = 100.0  # lowest octave over the record's median density
+_SLOPE_SHARE = 0.05
+_SICK_SLOPE = 0.5
+
+
+def hum(x: Array, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
+    """Find lines at a mains frequency and its harmonics, or say why that cannot be judged.
+
+    A machine that turns at a divisor of the mains has the same lines; but it has others in between too. Lines at
+    multiples of half or a third of the frequency therefore speak against hum.
+    """
+    if x.size / rate_hz < _SHORTEST_HUM_S or rate_hz < 2 * (_FEWEST_HARMONICS * 60 + _REACH_HZ):
+        return [], (
+            f"mains hum needs {_SHORTEST_HUM_S:g} s and lines up to the third harmonic; the record lasts "
+            f"{x.size / rate_hz:.3g} s at {rate_hz:g} Hz"
+        )
+    amplitude = _amplitudes(x)
+    step = rate_hz / x.size
+    level = float(np.std(x))
+    for mains in _MAINS_HZ:
+        base = _strongest(amplitude, step, mains)
+        harmonics = [k for k in _HARMONICS if k * (mains + _STRAY_HZ) + _REACH_HZ < rate_hz / 2]
+        heights = {k: _line(amplitude, step, k * base) for k in harmonics}
+        standing = {k: line for k, (line, beside) in heights.items() if line > _ABOVE * beside}
+        between = [base * part for part in (1 / 2, 3 / 2, 1 / 3, 2 / 3, 4 / 3)]
+        others = sum(line > _ABOVE * beside for line, beside in (_line(amplitude, step, f) for f in between))
+        share = float(np.sqrt(sum(line**2 for line in standing.values()) / 2)) / level
+        if 1 in standing and len(standing) >= _FEWEST_HARMONICS and others == 0 and share > _HUM_SHARE:
+            sentence = (
+                f"the mains hum in it: lines at {base:.2f} Hz and {len(standing) - 1} of its harmonics hold "
+                f"{share:.1%} of its RMS. Check shield and ground loops; a machine that turns at this very frequency "
+                "does the same."
+            )
+            return [graded("mains hum", sick=share > _SICK_HUM, size=share, sentence=sentence)], None
+    return [], None
+
+
+def _amplitudes(x: Array) -> Array:
+    """Return peak amplitudes over frequency, Hann-windowed, in steps of one over the record."""
+    weights = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(x.size) / x.size)
+    return np.asarray(np.abs(fft.rfft((x - x.mean()) * weights)) * (4 / x.size))
+
+
+def _strongest(amplitude: Array, step: float, mains: float) -> float:
+    """Return where the highest point near a mains frequency lies, refined between the steps."""
+    low, high = int((mains - _STRAY_HZ) / step), int(np.ceil((mains + _STRAY_HZ) / step)) + 1
+    top = low + int(np.argmax(amplitude[low:high]))
+    left, middle, right = np.maximum(amplitude[top - 1 : top + 2], np.finfo(np.float64).tiny)
+    side, sign = (right, 1) if right > left else (left, -1)
+    shift = (2 * side / middle - 1) / (side / middle + 1)  # of a Hann line between two steps, exactly
+    found = (top + sign * float(np.clip(shift, 0, 1))) * step
+    return float(np.clip(found, mains - _STRAY_HZ, mains + _STRAY_HZ))
+
+
+def _line(amplitude: Array, step: float, at: float) -> tuple[float, float]:
+    """Return the amplitude of a line from the power of its lobe, and the median amplitude beside it."""
+    lobe = int(np.ceil(_LOBE_BINS))
+    centre, reach = round(at / step), max(int(_REACH_HZ / step), 4 * lobe)
+    inside = amplitude[max(centre - lobe, 0) : centre + lobe + 1]
+    beside = np.concatenate(
+        (amplitude[max(centre - reach, lobe) : max(centre - lobe, lobe)], amplitude[centre + lobe + 1 : centre + reach])
+    )
+    return float(np.sqrt(np.sum(inside**2) / 1.5)), float(np.median(beside))
+
+
+def ski_slope(x: Array, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
+    """Find a density that falls from the lowest octave on, or say why that cannot be judged.
+
+    A loose mount, thermal drift and the recovery of an overloaded amplifier give it. The median of each octave is
+    taken, so that a shaft's line there is none.
+    """
+    edges = _SLOPE_TOP_HZ / 2.0 ** np.arange(_OCTAVES, -1, -1)
+    step = rate_hz / x.size
+    if edges[1] - edges[0] < _FEWEST_BINS * step or rate_hz < 8 * _SLOPE_TOP_HZ:
+        return [], (
+            f"a ski slope shows from {edges[0]:g} to {_SLOPE_TOP_HZ:g} Hz; the record, {x.size / rate_hz:.3g} s at "
+            f"{rate_hz:g} Hz, does not resolve that"
+        )
+    power = _amplitudes(x) ** 2
+    frequency = np.arange(power.size) * step
+    octaves = [power[(frequency >= low) & (frequency < high)] for low, high in pairwise(edges)]
+    density = np.array([np.median(octave) for octave in octaves])
+    share = float(power[(frequency > 0) & (frequency < _SLOPE_TOP_HZ)].sum() / power[1:].sum())
+    floor = float(np.median(power[1:]))
+    end = int(np.argmax(np.append(density < _FLOOR * floor, True)))  # where the slope ends in the rest
+    if end < _SHORTEST_SLOPE or density[0] < _RISE * floor or share < _SLOPE_SHARE:
+        return [], None
+    if np.any(density[: end - 1] < _STEEPEST * density[1:end]):
+        return [], None
+    decibels = 10 * np.log10(density[0] / density[end - 1]) / (end - 1)
+    sentence = (
+        f"it has a ski slope: below {_SLOPE_TOP_HZ:g} Hz its density falls by {decibels:.1f} dB an octave and holds "
+        f"{share:.1%} of its power. Check the mount; look for shocks that overload the amplifier."
+    )
+    return [graded("ski slope", sick=share > _SICK_SLOPE, size=share, sentence=sentence)], None

@@ -1,0 +1,19 @@
+"""Which signal an indicator is defined on, held against what it was given."""
+
+_MADE_BY = {
+    "SynchronousAverage": "synchronous_average",
+    "ResidualSignal": "residual_signal",
+    "DifferenceSignal": "difference_signal",
+    "RegularSignal": "regular_signal",
+    "MeshBand": "mesh_band",
+    "AmplitudeSpectrum": "envelope_order_spectrum",
+}
+
+
+def expect(signal: object, kind: type, *, indicator: str) -> None:
+    """Raise TypeError where `signal` is not of the one `kind` that `indicator` is defined on."""
+    if not isinstance(signal, kind):
+        raise TypeError(
+            f"{indicator} takes a {kind.__name__}, not a {type(signal).__name__}: its meaning rests on what was taken "
+            f"out before. Make one with signals.{_MADE_BY[kind.__name__]}."
+        )

@@ -1,0 +1,110 @@
+"""Indicators of one mesh harmonic with its sidebands: how it is modulated round the revolution.
+
+McFadden (1986), "Detecting fatigue cracks in gears by amplitude and phase demodulation of the meshing vibration",
+J. Vib. Acoust. 108(2), 165-170: a crack makes the mesh lag and weaken while its tooth is in. Bechhoefer & Kingsley
+(2009), "A review of time synchronous average algorithms", Annual Conference of the PHM Society.
+"""
+
+import numpy as np
+from scipy import fft
+
+from signals._checks import Array
+from signals.indicators._kinds import expect
+from signals.indicators.gear import over_history
+from signals.indicators.history import VarianceHistory
+from signals.indicators.statistics import normalized_moment
+from signals.residues import MeshBand
+
+
+def narrowband_kurtosis(band: MeshBand) -> float:
+    """Return the kurtosis of the band as a real signal: 1.5 for an unmodulated mesh (Bechhoefer & Kingsley 2009)."""
+    expect(band, MeshBand, indicator="the narrowband kurtosis")
+    return normalized_moment(band.values, order=4, name="the narrowband kurtosis")
+
+
+def nb4(band: MeshBand, *, history: VarianceHistory) -> float:
+    """Return the fourth moment of the band's envelope over the squared mean variance of its history.
+
+    Zakrajsek, Handschuh & Decker (1994), "Application of fault detection techniques to spiral bevel gear fatigue data",
+    NASA TM-106467. Damage of few teeth makes the load, and so the envelope, drop there.
+
+    Parameters
+    ----------
+    band : MeshBand
+    history : VarianceHistory
+        With this record in it: ``history = history.update(band)`` first. Frozen, this is NB4*.
+    """
+    expect(band, MeshBand, indicator="NB4")
+    return over_history(band.amplitude, history, band, name="NB4")
+
+
+def amplitude_modulation(band: MeshBand) -> float:
+    """Return the depth of the amplitude modulation: m for a mesh of ``1 + m cos`` (McFadden 1986).
+
+    It is sqrt 2 times the RMS of the envelope over its mean, so what modulates need not be one sine.
+    """
+    expect(band, MeshBand, indicator="the amplitude modulation")
+    amplitude = band.amplitude
+    return float(np.sqrt(2) * np.std(amplitude) / _mean(amplitude))
+
+
+def amplitude_modulation_kurtosis(band: MeshBand) -> float:
+    """Return the kurtosis of the envelope: 1.5 for a sine, high for one tooth (Bechhoefer & Kingsley 2009)."""
+    expect(band, MeshBand, indicator="the kurtosis of the amplitude modulation")
+    return normalized_moment(band.amplitude, order=4, name="the kurtosis of the amplitude modulation")
+
+
+def phase_modulation(band: MeshBand) -> float:
+    """Return the index of the phase modulation in rad: b for a mesh of phase ``b sin`` (McFadden 1986).
+
+    Sqrt 2 times the RMS of the phase. In angle of the shaft it is that over the order of the harmonic.
+    """
+    expect(band, MeshBand, indicator="the phase modulation")
+    return float(np.sqrt(2) * np.std(_phase(band)))
+
+
+def frequency_modulation(band: MeshBand) -> float:
+    """Return the deviation of the mesh's order over that order: ``b k / order`` for a phase ``b sin(k angle)``.
+
+    Sqrt 2 times the RMS of the phase's rate round the revolution, over the mesh order.
+    """
+    expect(band, MeshBand, indicator="the frequency modulation")
+    return float(np.sqrt(2) * np.std(_rate(band)) / band.mesh_order)
+
+
+def frequency_modulation_kurtosis(band: MeshBand) -> float:
+    """Return the kurtosis of the phase's rate round the revolution (Bechhoefer & Kingsley 2009)."""
+    expect(band, MeshBand, indicator="the kurtosis of the frequency modulation")
+    return normalized_moment(_rate(band), order=4, name="the kurtosis of the frequency modulation")
+
+
+def _phase(band: MeshBand) -> Array:
+    phase = band.phase_rad
+    turns = round((phase[-1] - phase[0]) / (2 * np.pi))
+    if turns:
+        raise ValueError(
+            f"the phase of mesh order {band.mesh_order} slips by {turns} turns in a revolution: a sideband is stronger "
+            "than the mesh, so there is no carrier to demodulate. Take another harmonic."
+        )
+    return phase
+
+
+def _rate(band: MeshBand) -> Array:
+    """Rate of the phase against the shaft's angle, in orders beside the mesh order, from the analytic signal."""
+    _phase(band)
+    weight = band.amplitude**2
+    if np.min(weight) <= np.finfo(np.float64).tiny:
+        raise ValueError(
+            f"the amplitude of mesh order {band.mesh_order} passes through zero, where it has no phase; take another "
+            "harmonic."
+        )
+    orders = fft.fftfreq(band.analytic.size, 1 / band.analytic.size)
+    slope = fft.ifft(1j * orders * fft.fft(band.analytic))
+    return np.asarray((np.conj(band.analytic) * slope).imag / weight - band.mesh_order)
+
+
+def _mean(amplitude: Array) -> float:
+    mean = float(amplitude.mean())
+    if mean == 0:
+        raise ValueError("the band holds nothing, so nothing modulates it; check the teeth and the sensor.")
+    return mean

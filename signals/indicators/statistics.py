@@ -1,0 +1,75 @@
+"""Indicators of any waveform: level, peaks, weight of the tails. Raw RMS is what every other is held against."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from signals._checks import Array, real_vector
+from signals.averaging import SynchronousAverage
+
+Waveform = ArrayLike | SynchronousAverage
+
+
+def rms(x: Waveform) -> float:
+    """Return the root mean square about the mean, in the unit of `x`.
+
+    The mean of an accelerometer is its own offset and tells nothing of the machine.
+
+    Parameters
+    ----------
+    x : (n,) array or SynchronousAverage
+        The raw signal, or its average.
+    """
+    return float(np.sqrt(np.mean(_deviations(x) ** 2)))
+
+
+def peak(x: Waveform) -> float:
+    """Return the largest distance from the mean, in the unit of `x`; of the raw signal or its average."""
+    return float(np.max(np.abs(_deviations(x))))
+
+
+def crest_factor(x: Waveform) -> float:
+    """Return peak over RMS: sqrt 2 for a sine (Lebold et al. 2000, MFPG 54); of the raw signal or its average."""
+    scaled = _scaled(_deviations(x), "the crest factor")
+    return float(1 / np.sqrt(np.mean(scaled**2)))
+
+
+def kurtosis(x: Waveform) -> float:
+    """Return the fourth moment about the mean over the variance squared: 3 for Gaussian noise, 1.5 for a sine.
+
+    For the raw signal or its average; of bearing signals since Dyer & Stewart (1978, J. Mech. Des. 100(2), 229-235).
+    """
+    return normalized_moment(_deviations(x), order=4, name="the kurtosis")
+
+
+def normalized_moment(x: Array, *, order: int, name: str) -> float:
+    """Return the central moment of even `order` over the variance to the power of half of it, of an array (n,)."""
+    scaled = _scaled(x - x.mean(), name)
+    return float(np.mean(scaled**order) / np.mean(scaled**2) ** (order // 2))
+
+
+def teager_energy(x: Array) -> Array:
+    """Return ``x[i]^2 - x[i-1] x[i+1]`` round one revolution, (n,): ``A^2 sin(w)^2`` for a sine of w rad a sample.
+
+    Source: Kaiser (1990), "On a simple algorithm to calculate the 'energy' of a signal", ICASSP.
+    """
+    return np.asarray(x**2 - np.roll(x, 1) * np.roll(x, -1))
+
+
+def _deviations(x: Waveform) -> Array:
+    if isinstance(x, SynchronousAverage):
+        x = x.values
+    elif hasattr(x, "removed_orders"):
+        raise TypeError(
+            f"this indicator takes the raw signal, an array, or a SynchronousAverage, not a {type(x).__name__}; what "
+            "was cut out of an average has indicators of its own."
+        )
+    values = real_vector(x, name="the signal", minimum=2)
+    return np.asarray(values - values.mean())
+
+
+def _scaled(deviations: Array, name: str) -> Array:
+    """Return deviations over the largest of them, so that their powers neither over- nor underflow."""
+    largest = float(np.max(np.abs(deviations)))
+    if largest == 0:
+        raise ValueError(f"{name} of a constant signal is not defined; look at the sensor.")
+    return deviations / largest

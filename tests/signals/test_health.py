@@ -1,0 +1,344 @@
+"""Sensor health: every fault made at several sizes, and sound records of many kinds that must pass."""
+
+import numpy as np
+import pytest
+from scipy import signal as dsp
+
+from signals.health import sensor_health
+
+RATE_HZ = 10_000.0
+N = 60_000
+TIME = np.arange(N) / RATE_HZ
+
+
+def judge(x, rate_hz=RATE_HZ):
+    return sensor_health(x, rate_hz=rate_hz, units="g")
+
+
+def kinds(x, rate_hz=RATE_HZ):
+    return [fault.kind for fault in judge(x, rate_hz).faults]
+
+
+def noise(seed, n=N):
+    return np.random.default_rng(seed).normal(size=n)
+
+
+def gear(seed):
+    """A gear on a shaft of some speed, its mesh modulated once a revolution, in noise through a resonance."""
+    rng = np.random.default_rng(seed)
+    speed, teeth = rng.uniform(12, 45), int(rng.integers(17, 60))
+    wander = 0.002 * np.cumsum(rng.normal(size=N)) / np.sqrt(RATE_HZ)
+    turns = speed * TIME + wander
+    x = sum(rng.uniform(0.1, 0.5) * np.cos(2 * np.pi * k * turns + rng.uniform(0, 6)) for k in (1, 2, 3))
+    for k in (1, 2, 3):
+        depth = 1 + rng.uniform(0, 0.5) * np.cos(2 * np.pi * turns)
+        x = x + rng.uniform(0.2, 1) / k * depth * np.cos(2 * np.pi * k * teeth * turns)
+    return x + dsp.lfilter([1], _resonance(rng.uniform(1500, 4000), 0.97), rng.normal(size=N)) * 0.1
+
+
+def bearing(seed):
+    """Impacts of a spall through a resonance, slipping, in noise."""
+    rng = np.random.default_rng(seed)
+    gaps = RATE_HZ / rng.uniform(60, 180) * (1 + 0.01 * rng.normal(size=2000))
+    places = np.cumsum(gaps).astype(int)
+    strikes = np.zeros(N)
+    strikes[places[places < N]] = rng.normal(1, 0.2, size=np.count_nonzero(places < N))
+    rung = dsp.lfilter([1], _resonance(rng.uniform(1500, 4000), 0.95), strikes)
+    return rung * rng.uniform(1, 10) + rng.normal(size=N)
+
+
+def runup(seed):
+    """A speed that doubles, and a level that grows with its square."""
+    rng = np.random.default_rng(seed)
+    speed = np.linspace(1, 2, N)
+    turns = 25 * np.cumsum(speed) / RATE_HZ
+    return speed**2 * (np.cos(2 * np.pi * 23 * turns) + np.cos(2 * np.pi * turns) + 0.5 * rng.normal(size=N))
+
+
+def _resonance(frequency_hz, radius):
+    return [1, -2 * radius * np.cos(2 * np.pi * frequency_hz / RATE_HZ), radius**2]
+
+
+def quantized(x, bits, of_range=2.5):
+    step = of_range * np.abs(x).max() / 2 ** (bits - 1)
+    return np.round(x / step) * step
+
+
+# ---- sound records -----------------------------------------------------------------------------------------
+
+SOUND = {
+    "white noise": noise,
+    "12 bits": lambda seed: quantized(noise(seed), 12),
+    "8 bits": lambda seed: quantized(noise(seed), 8),
+    "single precision": lambda seed: noise(seed).astype(np.float32),
+    "coloured noise": lambda seed: dsp.lfilter([1], [1, -0.98], noise(seed)),
+    "gear": gear,
+    "gear, 16 bits": lambda seed: quantized(gear(seed), 16),
+    "bearing": bearing,
+    "bearing, 12 bits": lambda seed: quantized(bearing(seed), 12),
+    "run-up": runup,
+}
+
+
+@pytest.mark.parametrize("kind", SOUND)
+def test_twenty_sound_records_of_each_kind_pass(kind):
+    # no alarm in the 200 of all kinds: with 95 % confidence fewer than 1.5 % of such records (rule of three)
+    alarms = {seed: verdict.reasons for seed in range(20) if (verdict := judge(SOUND[kind](seed))).status != "ok"}
+    assert not alarms
+
+
+@pytest.mark.parametrize("bits", [6, 8, 12, 16])
+@pytest.mark.parametrize("frequency_hz", [3.1, 10.0, 333.3])
+def test_a_slow_sine_on_a_coarse_converter_passes(frequency_hz, bits):
+    verdict = judge(quantized(np.sin(2 * np.pi * frequency_hz * TIME) + 1e-3 * noise(1), bits))
+    assert verdict.status == "ok", verdict.reasons
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16])
+def test_crests_of_a_slow_swing_are_no_dropouts(bits):
+    swing = (1 + 0.5 * np.cos(2 * np.pi * 0.4 * TIME)) * np.sin(2 * np.pi * 3.1 * TIME)
+    assert judge(quantized(swing, bits)).status == "ok"
+
+
+def test_the_verdict_of_a_sound_record():
+    verdict = judge(noise(1))
+    assert (verdict.status, verdict.reasons, verdict.not_judged) == ("ok", (), ())
+    assert not verdict.missing.any()
+
+
+# ---- clipping ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [noise, lambda seed: quantized(noise(seed), 16), gear, bearing])
+@pytest.mark.parametrize(("share", "status"), [(2e-4, "suspect"), (2e-3, "suspect"), (3e-2, "sick")])
+def test_clipping(make, share, status):
+    x = make(3)
+    limit = np.quantile(np.abs(x), 1 - share)
+    cut = np.clip(x, -limit, limit)
+    verdict = judge(cut)
+    assert [fault.kind for fault in verdict.faults] == ["clipping"]
+    assert verdict.status == status
+    # a side with fewer than five flat samples passes for an ordinary extreme
+    np.testing.assert_allclose(verdict.clipped.mean(), share, rtol=0.3)
+    assert np.array_equal(verdict.clipped, np.abs(cut) == limit) or share < 1e-3
+    assert f"{limit:.6g} g" in verdict.reasons[0]
+
+
+def test_clipping_on_one_side():
+    verdict = judge(np.minimum(noise(4), 1.5))
+    assert [fault.kind for fault in verdict.faults] == ["clipping"]
+    assert "-" not in verdict.reasons[0].split("reaches")[1].split("times")[0]
+
+
+@pytest.mark.parametrize("bits", [8, 12])
+def test_clipping_of_a_coarse_converter(bits):
+    verdict = judge(np.clip(quantized(noise(5), bits), -1.5, 1.5))
+    assert verdict.status == "sick"
+    assert "clipped" in verdict.reasons[0]
+
+
+# ---- what is lost ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [noise, lambda seed: quantized(noise(seed), 12), gear, runup])
+@pytest.mark.parametrize(("length", "status"), [(20, "suspect"), (300, "suspect"), (3000, "sick")])
+@pytest.mark.parametrize("hold", [False, True])
+def test_dropouts(make, length, status, hold):
+    x = make(6)
+    x[20_000 : 20_000 + length] = x[20_000] if hold else 0.0
+    verdict = judge(x)
+    assert [fault.kind for fault in verdict.faults] == ["drop-out"]
+    assert verdict.status == status
+    # the sample before may by chance, or as the one that is held, have the same value
+    assert verdict.lost[20_000 : 20_000 + length].all()
+    assert length <= np.count_nonzero(verdict.lost) <= length + 1
+    assert (
+        "from 2 s on" in verdict.reasons[0]
+        or "from 1.9999 s on" in verdict.reasons[0]
+        or "from 2" in verdict.reasons[0]
+    )
+
+
+def test_many_dropouts_are_counted():
+    x = noise(7)
+    for start in range(1000, 50_000, 5000):
+        x[start : start + 40] = 0
+    assert "drops out 10 times" in judge(x).reasons[0]
+
+
+def test_gaps_are_lost_samples():
+    x = noise(8)
+    x[500:520] = np.nan
+    verdict = judge(x)
+    assert [fault.kind for fault in verdict.faults] == ["drop-out"]
+    assert np.array_equal(verdict.lost, np.isnan(x))
+
+
+@pytest.mark.parametrize("value", [0.0, -2.5])
+def test_stuck_from_some_moment_on(value):
+    x = noise(9)
+    x[40_000:] = value
+    verdict = judge(x)
+    assert verdict.status == "sick"
+    assert verdict.faults[0].kind == "stuck"
+    assert f"stuck at {value:.6g} g to the end, for 2 s from 4 s on" in verdict.reasons[0]
+
+
+@pytest.mark.parametrize("x", [np.zeros(1000), np.full(1000, 3.3), np.full(1000, np.nan)])
+def test_dead_throughout(x):
+    verdict = judge(x)
+    assert (verdict.status, verdict.faults[0].kind) == ("sick", "stuck")
+    assert verdict.missing.all()
+
+
+def test_dead_but_for_one_sample():
+    x = np.zeros(10_000)
+    x[4000] = 1.0
+    verdict = judge(x)
+    assert verdict.status == "sick"
+    assert np.count_nonzero(verdict.lost) == 9999
+
+
+@pytest.mark.parametrize("value", [0.0, 40.0])
+def test_stuck_at_the_rail(value):
+    x = noise(21) + 3 * value
+    x[30_000:] = 4 * value
+    assert judge(x).status == "sick"
+
+
+# ---- hum ---------------------------------------------------------------------------------------------------
+
+
+def humming(mains_hz, level):
+    """Return hum of RMS `level`, its odd harmonics falling as rectifiers make them."""
+    lines = sum(
+        height * np.sin(2 * np.pi * k * mains_hz * TIME + k) for k, height in ((1, 1), (3, 0.4), (5, 0.2), (7, 0.1))
+    )
+    return level * lines / lines.std()
+
+
+@pytest.mark.parametrize("mains_hz", [50.0, 49.93, 60.0, 60.04])
+@pytest.mark.parametrize(("level", "status"), [(0.2, "suspect"), (0.4, "suspect"), (1.0, "sick")])
+def test_hum(mains_hz, level, status):
+    verdict = judge(noise(10) + humming(mains_hz, level))
+    assert [fault.kind for fault in verdict.faults] == ["mains hum"]
+    assert verdict.status == status
+    found_hz = float(verdict.reasons[0].split("lines at ")[1].split(" Hz")[0])
+    assert found_hz == pytest.approx(mains_hz, abs=0.02)  # steps of 1/6 Hz, interpolated between
+    # lobes hold a little noise too
+    assert verdict.faults[0].size == pytest.approx(level / np.sqrt(1 + level**2), rel=0.05)
+
+
+def test_hum_in_a_gearbox():
+    x = gear(3)
+    assert kinds(x + humming(50.0, 0.5 * x.std())) == ["mains hum"]
+
+
+@pytest.mark.parametrize("divisor", [2, 3])
+def test_a_machine_at_a_divisor_of_the_mains_does_not_hum(divisor):
+    lines = sum(np.cos(2 * np.pi * 50 / divisor * k * TIME + k) / k for k in range(1, 16))
+    assert judge(lines + noise(11)).status == "ok"
+
+
+# ---- loose sensors -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("level", "status"), [(0.7, "suspect"), (3.0, "sick")])
+def test_a_ski_slope(order, level, status):
+    # an integrated noise falls by 6 dB an octave, twice over by 12; its slowest part, below 0.5 Hz, is left out
+    slow = dsp.sosfilt(dsp.butter(1, 0.5, "highpass", fs=RATE_HZ, output="sos"), np.cumsum(noise(12)))
+    if order == 2:
+        slow = dsp.lfilter([1], [1, -np.exp(-2 * np.pi / RATE_HZ)], slow)
+    verdict = judge(noise(13) + level * slow / slow.std())
+    assert "ski slope" in [fault.kind for fault in verdict.faults]
+    assert verdict.status == status
+
+
+@pytest.mark.parametrize(("factor", "status"), [(2.5, "suspect"), (5, "suspect"), (12, "sick")])
+@pytest.mark.parametrize("at", [0.3, 0.5, 0.77])
+@pytest.mark.parametrize("up", [True, False])
+def test_a_jump_of_level(factor, status, at, up):
+    later = at * TIME[-1] < TIME
+    verdict = judge(gear(14) * np.where(later == up, factor, 1.0))
+    assert [fault.kind for fault in verdict.faults] == ["level jump"]
+    assert verdict.status == status
+    assert verdict.faults[0].size == pytest.approx(factor, rel=0.1)
+    seconds = float(verdict.reasons[0].split("about ")[1].split(" s")[0])
+    assert abs(seconds - at * TIME[-1]) < 0.2  # two of the 64 parts of six seconds
+
+
+@pytest.mark.parametrize(("offset", "status"), [(5.0, "suspect"), (50.0, "sick")])
+def test_a_jump_of_the_mean(offset, status):
+    verdict = judge(noise(15) + offset * (TIME > 2))
+    found = {fault.kind: fault for fault in verdict.faults}
+    assert found["offset jump"].severity == status
+    assert found["offset jump"].size == pytest.approx(offset, rel=0.1)
+
+
+# ---- spikes ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [noise, gear, bearing, lambda seed: quantized(noise(seed), 16)])
+@pytest.mark.parametrize("count", [1, 10])
+@pytest.mark.parametrize("height", [4.0, 10.0])
+def test_spikes(make, count, height):
+    x = make(16)
+    places = np.linspace(1000, 50_000, count).astype(int)
+    x[places] = height * np.abs(x).max() * (-1.0) ** np.arange(count)
+    verdict = judge(x)
+    assert [fault.kind for fault in verdict.faults if fault.kind != "clipping"] == ["spikes"]
+    assert verdict.status == "suspect"
+    assert f"{count} lone spikes" in verdict.reasons[-1]
+    assert np.array_equal(np.flatnonzero(verdict.spiked), np.sort(np.concatenate([places - 1, places, places + 1])))
+
+
+def test_a_hundred_spikes_are_sick():
+    x = noise(17)
+    x[100::500] = 30 + noise(18, x[100::500].size)
+    assert judge(x).status == "sick"
+
+
+# ---- what cannot be judged ---------------------------------------------------------------------------------
+
+
+def test_short_records_say_what_they_cannot_tell():
+    verdict = judge(noise(19, 500))
+    assert verdict.status == "ok"
+    assert len(verdict.not_judged) == 3
+    assert "mains hum needs 1 s" in verdict.not_judged[0]
+    assert "jumps of level need 4096 samples; the record has 500" in verdict.not_judged[2]
+
+
+def test_what_is_no_record():
+    with pytest.raises(ValueError, match="63 values; at least 64"):
+        judge(np.zeros(63))
+    with pytest.raises(ValueError, match="holds infinite values"):
+        judge(np.r_[noise(20, 100), np.inf])
+    with pytest.raises(ValueError, match="rate_hz=0"):
+        sensor_health(noise(20, 100), rate_hz=0, units="g")
+
+
+# ---- measured records --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("file", "channel", "rate_hz"),
+    [
+        ("cwru/B007_0.mat", "X118_DE_time", 12000),
+        ("cwru/IR007_0.mat", "X105_DE_time", 12000),
+        ("cwru/OR007@6_0.mat", "X130_DE_time", 12000),
+        ("cwru/normal_0.mat", "X097_DE_time", 48000),
+        ("mfpt/InnerRaceFault_vload_1.mat", "bearing.gs", 48828),
+        ("mfpt/OuterRaceFault_vload_1.mat", "bearing.gs", 48828),
+        ("wt_hss_bearing/data-20130311T030024Z.mat", "vibration", 97656),
+        ("wt_hss_bearing/data-20130326T014150Z.mat", "vibration", 97656),
+        ("wt_hss_bearing/data-20130420T151307Z.mat", "vibration", 97656),
+        ("wt_hss_bearing/data-20130425T232202Z.mat", "vibration", 97656),
+    ],
+)
+def test_measured_records_pass_sound_or_faulty(real_data, file, channel, rate_hz):
+    from hums.readers import read_file  # noqa: PLC0415
+
+    verdict = judge(read_file(real_data / file).vector(channel), rate_hz)
+    assert verdict.status == "ok", verdict.reasons
