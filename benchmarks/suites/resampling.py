@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from signals import angular_blocks, angular_resample, pulse_times, shaft_phase, time_resample
+import signals
+from signals import angular_blocks, angular_resample, pulse_times, shaft_phase
 
 SAMPLES = 200_000
 RATE_HZ = 51_200.0
@@ -47,7 +48,7 @@ class Resampling(_Shaft):
 
     def time_back(self, samples_per_rev: int) -> None:  # noqa: ARG002
         """Time the way back to an even grid of time."""
-        time_resample(self.over_angle, phase=self.phase, rate_hz=RATE_HZ)
+        signals.time_resample(self.over_angle, phase=self.phase, rate_hz=RATE_HZ)
 
 
 class Tachometer(_Shaft):

@@ -28,7 +28,8 @@ class Tally:
     products : (channel, lag) array, of the products of two that lie 1, 2, ... steps apart.
     pairs : (lag,) array, how many of these.
     recent, recent_seen : (LAGS, row, channel) and (LAGS, row) arrays, the last innovations and 1.0 where there is one.
-    kept : all of them, (step, row, channel) arrays in order, where asked for.
+    kept, kept_roots : all of them, and one over their standard deviations where R = 1, 0 where missing: (step, row,
+        channel) and (step, row) arrays in order, where asked for.
     """
 
     square: Floats
@@ -39,6 +40,7 @@ class Tally:
     log_variance: float = 0.0
     count: int = 0
     kept: list[Floats] | None = None
+    kept_roots: list[Floats] | None = None
 
     @classmethod
     def empty(cls, *, channels: int, keep: bool = False) -> "Tally":
@@ -50,6 +52,7 @@ class Tally:
             recent=np.zeros((LAGS, 1, channels)),
             recent_seen=np.zeros((LAGS, 1)),
             kept=[] if keep else None,
+            kept_roots=[] if keep else None,
         )
 
     @property
@@ -66,8 +69,9 @@ class Tally:
 
     def add(self, innovations: Floats, roots: Floats, *, skip: int) -> None:
         """Count a stretch but for its first `skip` steps, as the filter left it."""
-        if self.kept is not None:
+        if self.kept is not None and self.kept_roots is not None:
             self.kept.append(innovations.copy())
+            self.kept_roots.append(roots.copy())
         innovations, roots = innovations[max(skip, 0) :], roots[max(skip, 0) :]
         if len(innovations) == 0:
             return

@@ -15,7 +15,9 @@ from signals.harmonics.model import Complexes, Estimate, Estimator, HarmonicMode
 SAMPLES_AT_ONCE = 1 << 15
 
 
-def exact(model: HarmonicModel, x: Floats, *, estimator: Estimator, output_every: int, startup: int) -> Estimate:
+def exact(
+    model: HarmonicModel, x: Floats, *, estimator: Estimator, output_every: int, startup: int, keep: bool = False
+) -> Estimate:
     """Filter or smooth sample by sample.
 
     A sample costs (poles columns)^2 operations forward and columns times that backward.
@@ -27,9 +29,10 @@ def exact(model: HarmonicModel, x: Floats, *, estimator: Estimator, output_every
     estimator : "smoother" or "filter".
     output_every : samples between outputs.
     startup : first sample whose innovation counts in the statistics.
+    keep : whether the innovations of all samples are wanted.
     """
     track = _smooth if estimator == "smoother" else _filter
-    return track(model, x, output_every=output_every, startup=startup)
+    return track(model, x, output_every=output_every, startup=startup, keep=keep)
 
 
 def memory(model: HarmonicModel) -> float:
@@ -46,8 +49,8 @@ def _places(model: HarmonicModel) -> Indices:
     return found
 
 
-def _filter(model: HarmonicModel, x: Floats, *, output_every: int, startup: int) -> Estimate:
-    state, tally = start(model, channels=len(x)), Tally.empty(channels=len(x))
+def _filter(model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool) -> Estimate:
+    state, tally = start(model, channels=len(x)), Tally.empty(channels=len(x), keep=keep)
     amplitude, variance = filter_on(model, x, state, tally, first=0, output_every=output_every, startup=startup)
     return _estimate(amplitude, variance, tally)
 
@@ -118,10 +121,10 @@ def _walk(model: HarmonicModel, span: slice) -> Floats:
     return np.ascontiguousarray(padded(model.walk_variance(span)))
 
 
-def _smooth(model: HarmonicModel, x: Floats, *, output_every: int, startup: int) -> Estimate:
+def _smooth(model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool) -> Estimate:
     wanted = np.zeros(x.shape[1], dtype=np.bool_)
     wanted[::output_every] = True
-    levels, variances, tally = smooth_chain(chain_of(model, x, wanted), startup)
+    levels, variances, tally = smooth_chain(chain_of(model, x, wanted), startup, keep=keep)
     return _estimate(*parts(model, levels, variances), tally)
 
 
@@ -133,4 +136,6 @@ def _estimate(amplitude: Complexes, variance: Floats, tally: Tally) -> Estimate:
         innovation_log_variance=tally.log_variance / max(tally.count, 1),
         innovation_autocorrelation=tally.autocorrelation,
         innovation_samples=tally.count,
+        innovations=None if tally.kept is None else np.concatenate(tally.kept)[:, 0].T,
+        innovation_roots=None if tally.kept_roots is None else np.concatenate(tally.kept_roots)[:, 0],
     )

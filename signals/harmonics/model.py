@@ -75,7 +75,8 @@ class OrderTracks:
     poles : how many times the random walk is integrated.
     estimator : "smoother" (all samples) or "filter" (this sample and those before it).
     method : "exact", "fast" or "reference": the one that ran.
-    error_bound : what "fast" may add or take, as a part of the amplitude; 0 for the others.
+    error_bound : what "fast" may add or take; 0 for the others. The smoother: as a part of the largest amplitude among
+        those that disturb one another. The filter: as a part of the exact filter's own error, noise and lag.
     noise_variance : ([channel,]) R, as given or as estimated from the record.
     innovation_variance : ([channel,]) R times the geometric mean, after start-up, of the variance of the innovation
         (the error of the prediction of the next sample) where R = 1.
@@ -86,6 +87,10 @@ class OrderTracks:
     whiteness : ([channel,]) mean of the squared autocorrelation times the samples it was taken from: near 1 where
         the innovations are white, above where the record holds lines or bands that no order explains.
     samples : how many samples the record has.
+    innovations : ([channel,] sample) array where asked for: what each sample adds to its prediction from those before
+        it, in the unit of the record; NaN where it is missing.
+    normalised_innovation_squared : of the same shape: their squares over their variances. Where the model holds, each
+        is a draw of chi squared with one degree of freedom.
     """
 
     complex_amplitude: Complexes = field(metadata={"dims": ("channel", "order", "output"), "units": "signal"})
@@ -107,6 +112,10 @@ class OrderTracks:
     innovation_mean_square: float | Floats
     whiteness: float | Floats
     samples: int
+    innovations: Floats | None = field(default=None, metadata={"dims": ("channel", "sample"), "units": "signal"})
+    normalised_innovation_squared: Floats | None = field(
+        default=None, metadata={"dims": ("channel", "sample"), "units": "1"}
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -218,7 +227,9 @@ class Estimate:
     innovation_log_variance : mean of the logarithm of these variances.
     innovation_autocorrelation : (channel, lag) array.
     innovation_samples : how many samples it was taken from.
-    error_bound : part of an amplitude by which the estimate may be off.
+    error_bound : part of an amplitude by which the estimate may be off; of its own error, for a settled filter.
+    innovations : (channel, sample) array, over their standard deviations, 0 where missing; where asked for.
+    innovation_roots : (sample,) array, one over these standard deviations, 0 where missing; where asked for.
     """
 
     amplitude: Complexes
@@ -228,6 +239,8 @@ class Estimate:
     innovation_autocorrelation: Floats
     innovation_samples: int
     error_bound: float = 0.0
+    innovations: Floats | None = None
+    innovation_roots: Floats | None = None
 
     def std(self, noise: Floats) -> Floats:
         """(channel, order, output) standard deviations for noise of these variances, (channel,).

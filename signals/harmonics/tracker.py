@@ -54,6 +54,7 @@ def track_orders(
     noise_variance: float | None = None,
     initial_std: float | None = None,
     phase_std_rad: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    innovations: bool = False,
 ) -> OrderTracks:
     """Estimate the complex amplitudes of all orders together, each output with its standard deviation.
 
@@ -89,6 +90,7 @@ def track_orders(
         Default 1000 standard deviations of the noise: it no longer matters a few samples on.
     phase_std_rad : standard deviation of the shaft angle, one number or (sample,), or a mapping as `phase_rad`, of
         errors slow against 1 / bandwidth: carried into `std`, which gains (order phase_std |Z|)^2 / 2 in square.
+    innovations : whether the innovations of all samples are wanted; the exact method alone has them.
 
     Returns
     -------
@@ -129,6 +131,7 @@ def track_orders(
         coupled=coupled,
         rtol=_rtol(rtol),
         noise_given=noise_variance is not None,
+        innovations=innovations,
     )
     phase_std = check_phase_std(phase_std_rad, shafts=shafts, shaft=shaft, samples=samples)
     patterns, pattern = _missing_patterns(record)
@@ -158,6 +161,7 @@ def track_orders(
     if phase_std is not None:
         turn = order_numbers[:, None] * phase_std[:, :: every if phase_std.shape[1] > 1 else 1]
         np.sqrt(std**2 + (turn * np.abs(amplitude)) ** 2 / 2, out=std)
+    left, squared = _innovations(estimates, noises) if innovations else ([], [])
     one = np.ndim(x) == 1
     return OrderTracks(
         complex_amplitude=_squeeze(amplitude, one),
@@ -179,6 +183,8 @@ def track_orders(
         innovation_autocorrelation=_squeeze(autocorrelation, one),
         whiteness=_scalar(np.mean(autocorrelation**2, axis=1) * counted, one),
         samples=samples,
+        innovations=_squeeze(of_channels(left), one) if innovations else None,
+        normalised_innovation_squared=_squeeze(of_channels(squared), one) if innovations else None,
     )
 
 
@@ -192,6 +198,7 @@ class _Task:
     coupled: bool
     rtol: float
     noise_given: bool
+    innovations: bool
 
 
 def _rtol(rtol: float) -> float:
@@ -262,8 +269,14 @@ def _choose(method: Method | Literal["auto"], task: _Task, *, whole: bool) -> Me
     unsettled = _never_settles(task, whole=whole) if task.estimator == "filter" else ""
     if method == "fast" and unsettled:
         raise ValueError(f'method="fast" with estimator="filter": {unsettled}; use method="exact".')
+    if task.innovations and method in ("fast", "reference"):
+        raise ValueError(
+            f'innovations=True with method={method!r}, which gives none for each sample; use method="exact".'
+        )
     if method != "auto":
         return method
+    if task.innovations:
+        return "exact"
     if not task.coupled:
         return "fast"
     if task.estimator == "filter":
@@ -308,7 +321,9 @@ def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_]) -> Est
                 tolerance=task.rtol,
             )
         if method == "exact":
-            estimate = exact(model, x, estimator=task.estimator, output_every=every, startup=startup)
+            estimate = exact(
+                model, x, estimator=task.estimator, output_every=every, startup=startup, keep=task.innovations
+            )
         else:
             from signals.harmonics import reference  # noqa: PLC0415  (filterpy is for the oracle alone)
 
@@ -327,6 +342,19 @@ def _lost(method: Method, model: HarmonicModel) -> FloatingPointError:
         f"{model.prior_std:.3g} standard deviations of the noise; take fewer poles, a lower rate, a wider bandwidth or "
         "a smaller initial_std."
     )
+
+
+def _innovations(estimates: list[Estimate], noises: list[Floats]) -> tuple[list[Floats], list[Floats]]:
+    """Return the innovations in the unit of the record, and their squares over their variances."""
+    left, squared = [], []
+    for estimate, noise in zip(estimates, noises, strict=True):
+        scaled, roots = estimate.innovations, estimate.innovation_roots
+        assert scaled is not None  # noqa: S101  (the exact method was asked for them)
+        assert roots is not None  # noqa: S101
+        there = roots > 0
+        left.append(np.divide(scaled, roots, out=np.full(scaled.shape, np.nan), where=there))
+        squared.append(np.divide(scaled**2, noise[:, None], out=np.full(scaled.shape, np.nan), where=there))
+    return left, squared
 
 
 def _squeeze(values: Any, one: bool) -> Any:  # noqa: ANN401

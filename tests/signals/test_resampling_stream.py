@@ -114,7 +114,7 @@ class TestRefusals:
 
 
 LONG = """
-    import resource, sys
+    import sys
     import numpy as np
     sys.path.insert(0, {folder!r})
     from conftest import revolutions, times_at
@@ -136,11 +136,14 @@ LONG = """
     total += last.values.reshape(-1, per_rev).sum(axis=0)
     count += last.revolutions
     truth = np.cos(2 * np.pi * 5 * np.arange(per_rev) / per_rev)
-    print(count, np.abs(total / count - truth).max(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    # of this program alone: the largest that getrusage knows may be that of the process it was started from
+    peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM:"))
+    print(count, np.abs(total / count - truth).max(), int(peak.split()[1]) / 1024)
 """
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="the peak of resident memory is read from /proc")
 def test_a_hundred_million_samples_in_little_memory():
     folder = str(Path(__file__).parent)
     code = textwrap.dedent(LONG).format(folder=folder)
