@@ -105,6 +105,69 @@ def _alone(
     return levels, variance[:, 0], parts * log_variance
 
 
+class _Cut:
+    """Hats cut short, and what they say once what the last round explains is taken out.
+
+    Attributes
+    ----------
+    knots : of such hats.
+    left : (order, cut knot, channel, 2) array, sums under them as `Grid.data`, of what all amplitudes leave.
+    levels : (order, cut knot, channel, 2) array, amplitudes there.
+    """
+
+    def __init__(self, grid: Grid, levels: Levels) -> None:
+        self.grid = grid
+        weight, offset = grid.weights
+        self.knots = np.flatnonzero((weight < (1 - grid.tolerance) * grid.length) | grid.kinked)
+        self._pieces = pieces_between(levels, cubic=grid.model.poles > 1)
+        self._cleared: dict[tuple[int, ...], Floats] = {}
+        orders = np.arange(len(grid.data))
+        self.left = self._rest(orders, onto=orders)
+        place = (self.knots + offset[self.knots]).clip(0, grid.blocks)
+        block = np.minimum(place.astype(np.int64), grid.blocks - 1)
+        powers = (place - block)[:, None, None] ** np.arange(4)
+        at_hats = np.sum(self._pieces[:, :, block] * powers, axis=-1)
+        self.levels = at_hats.transpose(1, 2, 0, 3)
+
+    def without_others(self, group: Indices) -> Floats:
+        """(order, cut knot, channel, 2) array, sums for a group with the waveforms of all other orders taken out."""
+        key = tuple(group.tolist())
+        if key not in self._cleared:  # the same group comes again in other runs of knots
+            self._cleared[key] = self._rest(np.setdiff1d(np.arange(len(self.left)), group), onto=group)
+        return self._cleared[key]
+
+    def _rest(self, removed: Indices, *, onto: Indices) -> Floats:
+        """Sum under the cut hats, for some orders, what the waveforms of some leave of the record."""
+        grid = self.grid
+        blocks = np.unique(np.concatenate([self.knots - 1, self.knots]).clip(0, grid.blocks - 1))
+        sums = np.zeros((onto.size, grid.blocks, len(grid.x), 4))
+        for run in np.split(blocks, np.flatnonzero(np.diff(blocks) > 1) + 1):
+            for samples, some in grid.spans(int(run[0]), int(run[-1]) + 1):
+                sums[:, some] = self._project_rest(removed, onto, samples, some.stop - some.start)
+        hats = at_knots(sums.reshape(*sums.shape[:3], 2, 2).transpose(4, 1, 0, 2, 3))
+        return hats[self.knots].swapaxes(0, 1)
+
+    def _project_rest(self, removed: Indices, onto: Indices, samples: slice, blocks: int) -> Floats:
+        grid = self.grid
+        length, phase, plan = grid.length, grid.model.phase(samples), grid.model.plan
+        rest = np.nan_to_num(grid.x[:, samples])
+        if removed.size:
+            for channel, values in enumerate(rest):
+                wave = np.zeros(values.size)
+                pieces = np.ascontiguousarray(self._pieces[channel][removed])
+                _block_kernels.remodulate(pieces, length, phase, plan.recipe, plan.row[removed], samples.start, wave)
+                np.subtract(values, wave, out=values)
+        rest[:, ~grid.seen[samples]] = 0.0
+        part = np.empty((onto.size, blocks, len(rest), 4))
+        _block_kernels.project(rest, phase, plan.recipe, plan.row[onto], length, part)
+        return part
+
+    def inside(self, knots: slice) -> tuple[NDArray[np.bool_], Indices]:
+        """Return which cut hats lie in a range of knots, and where in it."""
+        there = (self.knots >= knots.start) & (self.knots < knots.stop)
+        return there, self.knots[there] - knots.start
+
+
 def couple(grid: Grid, first: int, levels: Levels, variances: Floats, log_variances: Floats) -> None:
     """Smooth together, in place, what the estimates of `smooth_apart` show to disturb one another.
 
@@ -150,7 +213,7 @@ def couple(grid: Grid, first: int, levels: Levels, variances: Floats, log_varian
 
 
 def _mend_friends(
-    cut: "_Cut",
+    cut: _Cut,
     friends: list[Indices],
     nearby: Closeness,
     run: tuple[slice, slice],
@@ -189,67 +252,6 @@ def _disturbed_runs(grid: Grid, *, memories: float) -> list[tuple[slice, slice]]
         else:
             runs.append(slice(start, stop))
     return [(run, slice(max(run.start - reach, 0), min(run.stop + reach, grid.knots))) for run in runs]
-
-
-class _Cut:
-    """Hats cut short, and what they say once what the last round explains is taken out.
-
-    Attributes
-    ----------
-    knots : of such hats.
-    left : (order, cut knot, channel, 2) array, sums under them as `Grid.data`, of what all amplitudes leave.
-    levels : (order, cut knot, channel, 2) array, amplitudes there.
-    """
-
-    def __init__(self, grid: Grid, levels: Levels) -> None:
-        self.grid = grid
-        weight, offset = grid.weights
-        self.knots = np.flatnonzero((weight < (1 - grid.tolerance) * grid.length) | grid.kinked)
-        self._pieces = pieces_between(levels, cubic=grid.model.poles > 1)
-        orders = np.arange(len(grid.data))
-        self.left = self._rest(orders, onto=orders)
-        place = (self.knots + offset[self.knots]).clip(0, grid.blocks)
-        block = np.minimum(place.astype(np.int64), grid.blocks - 1)
-        powers = (place - block)[:, None, None] ** np.arange(4)
-        at_hats = np.sum(self._pieces[:, :, block] * powers, axis=-1)
-        self.levels = at_hats.transpose(1, 2, 0, 3)
-
-    def without_others(self, group: Indices) -> Floats:
-        """(order, cut knot, channel, 2) array, sums for a group with the waveforms of all other orders taken out."""
-        return self._rest(np.setdiff1d(np.arange(len(self.left)), group), onto=group)
-
-    def _rest(self, removed: Indices, *, onto: Indices) -> Floats:
-        """Sum under the cut hats, for some orders, what the waveforms of some leave of the record."""
-        grid = self.grid
-        blocks = np.unique(np.concatenate([self.knots - 1, self.knots]).clip(0, grid.blocks - 1))
-        sums = np.zeros((onto.size, grid.blocks, len(grid.x), 4))
-        for run in np.split(blocks, np.flatnonzero(np.diff(blocks) > 1) + 1):
-            for samples, some in grid.spans(int(run[0]), int(run[-1]) + 1):
-                sums[:, some] = self._project_rest(removed, onto, samples, some.stop - some.start)
-        hats = at_knots(sums.reshape(*sums.shape[:3], 2, 2).transpose(4, 1, 0, 2, 3))
-        return hats[self.knots].swapaxes(0, 1)
-
-    def _project_rest(self, removed: Indices, onto: Indices, samples: slice, blocks: int) -> Floats:
-        grid = self.grid
-        length, phase = grid.length, grid.model.phase(samples)
-        rest = np.nan_to_num(grid.x[:, samples])
-        if removed.size:
-            plan = grid.model.subset(removed).plan
-            for channel, values in enumerate(rest):
-                wave = np.zeros(values.size)
-                pieces = np.ascontiguousarray(self._pieces[channel][removed])
-                _block_kernels.remodulate(pieces, length, phase, plan.recipe, plan.row, samples.start, wave)
-                np.subtract(values, wave, out=values)
-        rest[:, ~grid.seen[samples]] = 0.0
-        part = np.empty((onto.size, blocks, len(rest), 4))
-        plan = grid.model.subset(onto).plan
-        _block_kernels.project(rest, phase, plan.recipe, plan.row, length, part)
-        return part
-
-    def inside(self, knots: slice) -> tuple[NDArray[np.bool_], Indices]:
-        """Return which cut hats lie in a range of knots, and where in it."""
-        there = (self.knots >= knots.start) & (self.knots < knots.stop)
-        return there, self.knots[there] - knots.start
 
 
 def _mend(cut: _Cut, group: Indices, run: tuple[slice, slice], levels: Levels, variances: Floats) -> None:

@@ -12,8 +12,9 @@ from signals.harmonics.model import Estimator, Floats, HarmonicModel, Indices, O
 
 Gain = Callable[[Bandwidth, Floats], Floats]
 
-# Stretches of the record over which speeds are averaged when lines are compared.
+# Stretches of the record over which speeds are averaged when lines are compared: for more orders than these, fewer.
 STRETCHES = 512
+ORDERS_OF_ALL = 40
 
 
 class Closeness:
@@ -31,7 +32,8 @@ class Closeness:
 
     def __init__(self, model: HarmonicModel, samples: int) -> None:
         self.model = model
-        self.edges = np.unique(np.linspace(0, samples - 1, STRETCHES + 1).astype(np.int64))
+        stretches = max(STRETCHES * ORDERS_OF_ALL // max(model.orders.size, ORDERS_OF_ALL), 1)
+        self.edges = np.unique(np.linspace(0, samples - 1, stretches + 1).astype(np.int64))
         if self.edges.size == 1:
             self.edges = np.array([0, 1])
             speed = np.zeros((len(model.phases), 1))
