@@ -51,7 +51,7 @@ def _fill_places(first: int, block: int, length: int, u: Floats) -> None:
         u[n] = start + step * n
 
 
-@compiled
+@compiled_sums
 def project(x: Floats, phase: Floats, recipe: Recipe, row: Indices, length: int, sums: Floats) -> None:
     """Fill the moments of the record against each order, block by block.
 
@@ -64,31 +64,32 @@ def project(x: Floats, phase: Floats, recipe: Recipe, row: Indices, length: int,
     sums : (order, block, channel, 4) array, filled: of x cos, u x cos, -x sin, -u x sin.
     """
     cosine, sine = np.empty((recipe[0].size, PIECE)), np.empty((recipe[0].size, PIECE))
-    places = np.empty(PIECE)
+    u = np.empty(PIECE)
     sums[:] = 0.0
     for block in range(sums.shape[1]):
         stop = min((block + 1) * length, x.shape[1])
         for first in range(block * length, stop, PIECE):
-            last = min(first + PIECE, stop)
-            fill_rows(recipe, phase, first, last, cosine, sine)
-            u = places[: last - first]
+            size = min(first + PIECE, stop) - first
+            fill_rows(recipe, phase, first, first + size, cosine, sine)
             _fill_places(first, block, length, u)
             for k in range(row.size):
-                c, s = cosine[row[k]][: last - first], sine[row[k]][: last - first]
+                r = row[k]
                 for channel in range(x.shape[0]):
-                    _add_moments(x[channel][first:last], c, s, u, sums[k, block, channel])
+                    real, real_late, imaginary, imaginary_late = 0.0, 0.0, 0.0, 0.0
+                    for n in range(size):
+                        real_part = x[channel, first + n] * cosine[r, n]
+                        imaginary_part = x[channel, first + n] * sine[r, n]
+                        real += real_part
+                        real_late += u[n] * real_part
+                        imaginary += imaginary_part
+                        imaginary_late += u[n] * imaginary_part
+                    sums[k, block, channel, 0] += real
+                    sums[k, block, channel, 1] += real_late
+                    sums[k, block, channel, 2] -= imaginary
+                    sums[k, block, channel, 3] -= imaginary_late
 
 
-@compiled
-def _observed(seen: Floats, values: Floats, sign: float, u: Floats, column: Floats, late_column: Floats) -> None:
-    """Fill in the values, with their sign, where the sample is there, and u times these."""
-    for n in range(seen.size):
-        value = sign * seen[n] * values[n]
-        column[n] = value
-        late_column[n] = u[n] * value
-
-
-@compiled
+@compiled_sums
 def correlate(seen: Floats, phase: Floats, recipe: Recipe, row: Indices, length: int, sums: Floats) -> None:
     """Fill the moments of every two columns of the model, block by block.
 
@@ -101,24 +102,35 @@ def correlate(seen: Floats, phase: Floats, recipe: Recipe, row: Indices, length:
     """
     cosine, sine = np.empty((recipe[0].size, PIECE)), np.empty((recipe[0].size, PIECE))
     columns, late_columns = np.empty((2 * row.size, PIECE)), np.empty((2 * row.size, PIECE))
-    places = np.empty(PIECE)
+    u = np.empty(PIECE)
     sums[:] = 0.0
     for block in range(sums.shape[0]):
         stop = min((block + 1) * length, seen.size)
         for first in range(block * length, stop, PIECE):
-            last = min(first + PIECE, stop)
-            fill_rows(recipe, phase, first, last, cosine, sine)
-            u = places[: last - first]
+            size = min(first + PIECE, stop) - first
+            fill_rows(recipe, phase, first, first + size, cosine, sine)
             _fill_places(first, block, length, u)
             for k in range(row.size):
-                _observed(seen[first:last], cosine[row[k]], 1.0, u, columns[k], late_columns[k])
-                _observed(seen[first:last], sine[row[k]], -1.0, u, columns[row.size + k], late_columns[row.size + k])
+                r = row[k]
+                for n in range(size):
+                    columns[k, n] = seen[first + n] * cosine[r, n]
+                    columns[row.size + k, n] = -seen[first + n] * sine[r, n]
             for a in range(2 * row.size):
-                one = columns[a][: last - first]
-                for b in range(a + 1):
-                    plain, late = _product_moments(one, columns[b], late_columns[b])
-                    sums[block, 0, a, b] += plain
-                    sums[block, 1, a, b] += late
+                for n in range(size):
+                    late_columns[a, n] = u[n] * columns[a, n]
+            # Two columns at a time: what is read serves four sums.
+            for b in range(0, 2 * row.size, 2):
+                for a in range(b, 2 * row.size):
+                    one, one_late, other, other_late = 0.0, 0.0, 0.0, 0.0
+                    for n in range(size):
+                        one += columns[a, n] * columns[b, n]
+                        one_late += late_columns[a, n] * columns[b, n]
+                        other += columns[a, n] * columns[b + 1, n]
+                        other_late += late_columns[a, n] * columns[b + 1, n]
+                    sums[block, 0, a, b] += one
+                    sums[block, 1, a, b] += one_late
+                    sums[block, 0, a, b + 1] += other
+                    sums[block, 1, a, b + 1] += other_late
         for a in range(2 * row.size):
             for b in range(a):
                 sums[block, :, b, a] = sums[block, :, a, b]

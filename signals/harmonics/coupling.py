@@ -195,12 +195,13 @@ def couple(grid: Grid, first: int, levels: Levels, variances: Floats, log_varian
     leaks = closeness.leaks(near_ends, amplitude)
     worst = float(leaks[np.isfinite(leaks)].max()) / grid.tolerance
     runs = _disturbed_runs(grid, memories=max(FEWEST_MEMORIES, log(max(worst, 1.0))))
+    there = [slice(run.start * grid.length, min(run.stop * grid.length, grid.samples)) for run, _ in runs]
+    nearby_runs = [closeness.within(samples) for samples in there]
+    friends_of_run = [nearby.coupled(near_ends, amplitude, grid.tolerance) for nearby in nearby_runs]
     for number in range(MOST_ROUNDS):
         cut = _Cut(grid, levels)
         mended, change = levels.copy(), np.zeros(levels.shape[:2])
-        for run in runs:
-            nearby = closeness.within(slice(run[0].start * grid.length, min(run[0].stop * grid.length, grid.samples)))
-            friends = nearby.coupled(near_ends, amplitude, grid.tolerance)
+        for run, nearby, friends in zip(runs, nearby_runs, friends_of_run, strict=True):
             if number == 0:
                 _mend_friends(cut, friends, nearby, run, mended, variances)
             alone = np.setdiff1d(np.arange(len(amplitude)), np.concatenate([[], *friends]).astype(np.int64))
@@ -235,7 +236,7 @@ def _moved(before: Levels, after: Levels, knots: Indices) -> Floats:
 def _disturbed_runs(grid: Grid, *, memories: float) -> list[tuple[slice, slice]]:
     """Ranges of knots where ends of the record, samples missing or jumps of a speed are felt, and wider ones.
 
-    These reach as far again about them: a cut through the record is forgotten by a factor e in a memory.
+    These reach on until the cut through the record is nearly forgotten: by a factor e in a memory.
     """
     missing = grid.length - grid.weights[0]
     missing[0] = missing[grid.samples // grid.length :] = grid.length
@@ -251,11 +252,12 @@ def _disturbed_runs(grid: Grid, *, memories: float) -> list[tuple[slice, slice]]
             runs[-1] = slice(runs[-1].start, stop)
         else:
             runs.append(slice(start, stop))
-    return [(run, slice(max(run.start - reach, 0), min(run.stop + reach, grid.knots))) for run in runs]
+    margin = grid.reach(FEWEST_MEMORIES)
+    return [(run, slice(max(run.start - margin, 0), min(run.stop + margin, grid.knots))) for run in runs]
 
 
 def _mend(cut: _Cut, group: Indices, run: tuple[slice, slice], levels: Levels, variances: Floats) -> None:
-    """Smooth a group together, in place, over a run of knots; the cut through the record lies as far again away."""
+    """Smooth a group together, in place, over a run of knots; the cut through the record lies well outside."""
     kept, knots = run
     data = cut.grid.data[group, knots].copy()
     there, place = cut.inside(knots)

@@ -175,6 +175,8 @@ class HarmonicModel:
 
     def phase(self, samples: slice | Indices) -> Floats:
         """(shaft, sample) array of angles in rad."""
+        if len(self.phases) == 1:
+            return self.phases[0][None, samples]  # nothing is copied
         return np.stack([phase[samples] for phase in self.phases])
 
     def regressors(self, samples: slice | Indices) -> Floats:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from copy import copy
+from functools import cached_property
 from math import ceil
 
 import numpy as np
@@ -49,6 +50,7 @@ class Closeness:
         first, last = np.searchsorted(self.edges, [samples.start, samples.stop - 1], side="right") - 1
         stretches = slice(min(int(first), self.edges.size - 2), min(int(last), self.edges.size - 2) + 1)
         part = copy(self)
+        part.__dict__.pop("nearest", None)
         part.edges = self.edges[stretches.start : stretches.stop + 1]
         part.frequency, part.bandwidth = self.frequency[:, stretches], self.bandwidth[:, stretches]
         return part
@@ -74,6 +76,13 @@ class Closeness:
         twice = 2 * self.frequency[order]
         return np.asarray(np.abs(twice - np.round(twice)))
 
+    @cached_property
+    def nearest(self) -> Floats:
+        """(order, order) array of the least distances to others, and on the diagonal to the order's own image."""
+        distance = np.stack([self.to_others(k).min(axis=1) for k in range(len(self.frequency))])
+        np.fill_diagonal(distance, [self.to_image(k).min() for k in range(len(self.frequency))])
+        return distance
+
     def leaks(self, gain: Gain, amplitude: Floats) -> Floats:
         """(order, order) array: what an order gets of another, and on the diagonal of its image, as a part of itself.
 
@@ -87,10 +96,8 @@ class Closeness:
         leaks = np.zeros((count, count))
         for k in range(count):
             bandwidth = Bandwidth(width=float(self.bandwidth[k].max()), poles=self.model.poles)
-            distance = self.to_others(k).min(axis=1)
-            distance[k] = self.to_image(k).min()
             # The largest distance there is is that of half the rate.
-            part = gain(bandwidth, np.minimum(distance, 0.5)) * amplitude
+            part = gain(bandwidth, np.minimum(self.nearest[k], 0.5)) * amplitude
             leaks[k] = np.divide(part, amplitude[k], out=np.where(part > 0, np.inf, 0.0), where=amplitude[k] > 0)
         mean = np.flatnonzero(self.model.orders == 0)
         leaks[mean, mean] = 0.0

@@ -33,8 +33,7 @@ def ripple(model: HarmonicModel, samples: int) -> float:
     closeness = Closeness(model, samples)
     gains = [0.0]
     for k, bandwidth in enumerate(_bandwidths(model)):
-        distance = closeness.to_others(k).min(axis=1)
-        distance[k] = closeness.to_image(k).min()
+        distance = closeness.nearest[k]
         there = np.isfinite(distance)
         gains.append(float(np.abs(bandwidth.filter_gain(np.minimum(distance[there], 0.5))).sum()))
     return max(gains)
