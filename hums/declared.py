@@ -2,6 +2,7 @@
 
 import difflib
 import tomllib
+from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -37,6 +38,11 @@ class Declared(BaseModel):
 def count(number: int, thing: str) -> str:
     """Return ``1 thing`` or ``n things``."""
     return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
+def quoted(names: Iterable[str]) -> str:
+    """Return the names in quotation marks, each once, with commas between them."""
+    return ", ".join(f'"{name}"' for name in dict.fromkeys(names))
 
 
 def closest(word: str, valid: set[str] | list[str]) -> str:

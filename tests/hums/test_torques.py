@@ -955,6 +955,14 @@ class TestBalance:
         assert [load.torques_nm for load in result.tooth_loads] == [(0.0, 0.0)] * 2
         assert (result.input_power_w, result.efficiency, result.circulating_ratio) == (0.0, None, None)
 
+    def test_power_through_one_body_takes_no_branch(self):
+        table = {"frame": "h", "reference": "s0", "rigid": [["s0", "flange"]], "axes": {"main": ["h", "s0", "flange"]}}
+        table["mesh"] = [{"teeth": {"s0": 20}, "carrier": "h"}]  # its mate is unknown
+        result = solve_torques(solved(table), {"s0": 5, "flange": None})
+        assert result.torques_nm == {"s0": 5.0, "flange": -5.0}
+        assert (result.branches, result.efficiency) == ((), 1.0)
+        assert (result.circulating_ratio, result.gearing_ratio) == (0.0, 0.0)
+
     @pytest.mark.parametrize("links", [*pairwise(["s0", "s1", "s2"]), ("s0", "s1", "s2")])
     def test_too_many(self, links):
         with pytest.raises(
