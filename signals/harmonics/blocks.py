@@ -44,6 +44,17 @@ def droop(model: HarmonicModel, length: int) -> float:
     return float((pi * model.bandwidth.max() * length) ** 2 / 12)
 
 
+def scattered_share(seen: NDArray[np.bool_], length: int) -> float:
+    """Return the part of the samples that are missing in gaps shorter than a block.
+
+    Where such gaps keep in step with a shaft, as those of a clipped waveform do, orders no longer average out of one
+    another under a hat: up to so much of one gets into others.
+    """
+    edges = np.flatnonzero(np.diff(seen, prepend=True, append=True))
+    gaps = edges[1::2] - edges[::2]
+    return float(gaps[gaps < length].sum() / seen.size)
+
+
 def fast(
     model: HarmonicModel,
     x: Floats,
@@ -87,7 +98,7 @@ def fast(
         innovation_log_variance=float(log_variances.sum()) / max(int(np.count_nonzero(grid.seen[startup:])), 1),
         innovation_autocorrelation=autocorrelation,
         innovation_samples=min(RESIDUAL_SAMPLES, grid.samples - startup),
-        error_bound=max(droop(model, length), tolerance) if coupled else droop(model, length),
+        error_bound=max(droop(model, length), tolerance * coupled, scattered_share(seen, length)),
     )
 
 

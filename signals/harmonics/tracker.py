@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import choice, positive, whole
 from signals.harmonics.bandwidth import MOST_POLES
-from signals.harmonics.blocks import block_length, fast
+from signals.harmonics.blocks import block_length, fast, scattered_share
 from signals.harmonics.exact import exact
 from signals.harmonics.inputs import all_finite, check_bandwidth, check_orders, check_phase_std, check_record
 from signals.harmonics.model import (
@@ -79,8 +79,8 @@ def track_orders(
         same `bandwidth` is wider.
     method : "exact" takes every sample in turn. "fast" condenses short blocks of samples for the smoother; the
         filter's gains it fixes once they have settled, which needs a record without gaps and a constant bandwidth.
-        "reference" is exact, on filterpy, hundreds of times slower. "auto" takes exact where that is quick or blocks
-        would be too short, else fast. The result says which.
+        "reference" is exact, on filterpy, hundreds of times slower. "auto" takes exact where that is quick, where
+        blocks would be too short or short gaps break them up, else fast. The result says which.
     output_every : samples from one output to the next.
     coupled : False estimates every order on its own, as if there were no others.
     rtol : error that "fast" may make, as a part of the amplitude, for an envelope at the edge of the bandwidth.
@@ -135,7 +135,7 @@ def track_orders(
     )
     phase_std = check_phase_std(phase_std_rad, shafts=shafts, shaft=shaft, samples=samples)
     patterns, pattern = _missing_patterns(record)
-    chosen = _choose(method, task, whole=len(patterns) == 1 and bool(patterns[0].all()))
+    chosen = _choose(method, task, patterns)
     estimates = [
         _run(chosen, task, record[pattern == number] if len(patterns) > 1 else record, seen)
         for number, seen in enumerate(patterns)
@@ -259,13 +259,14 @@ def _startup(task: _Task, seen: NDArray[np.bool_]) -> int:
     return memory if observed in (0, seen.size) else int(np.flatnonzero(seen)[memory])
 
 
-def _choose(method: Method | Literal["auto"], task: _Task, *, whole: bool) -> Method:
+def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[NDArray[np.bool_]]) -> Method:
     model, samples = task.model, task.model.phases[0].size
     if not task.coupled and (task.estimator == "filter" or method in ("exact", "reference")):
         raise ValueError(
             f"coupled=False with estimator={task.estimator!r} and method={method!r}: orders are estimated one by one "
             "by the fast smoother only; leave coupled out, or track one order a call."
         )
+    whole = all(seen.all() for seen in patterns)
     unsettled = _never_settles(task, whole=whole) if task.estimator == "filter" else ""
     if method == "fast" and unsettled:
         raise ValueError(f'method="fast" with estimator="filter": {unsettled}; use method="exact".')
@@ -283,8 +284,9 @@ def _choose(method: Method | Literal["auto"], task: _Task, *, whole: bool) -> Me
         return "exact" if unsettled or ripple(model, samples) > task.rtol else "fast"
     # Measured: an output costs what five samples do, and every sample its share of the trigonometry.
     work = (samples + 5 * samples / task.output_every) * (1000 + model.order_of_column.size * model.state_size**2)
-    short = block_length(model, samples, task.rtol) < SHORTEST_BLOCK
-    return "exact" if work <= EXACT_WORK or short else "fast"
+    length = block_length(model, samples, task.rtol)
+    scattered = not whole and max(scattered_share(seen, length) for seen in patterns) > task.rtol
+    return "exact" if work <= EXACT_WORK or length < SHORTEST_BLOCK or scattered else "fast"
 
 
 def _never_settles(task: _Task, *, whole: bool) -> str:
