@@ -140,4 +140,4 @@ def test_gaps_in_step_with_a_shaft_are_owned_up_to():
     auto = track_orders(x, **settings)
     assert auto.method == "exact"
     # The noise decides with the waveform what is clipped, which biases amplitudes by a part of its 0.02.
-    assert np.abs(np.abs(auto.complex_amplitude) - truth).max() < 2e-3 < off / 5
+    assert np.abs(np.abs(auto.complex_amplitude) - truth).max() < 2e-3 < off / 2
