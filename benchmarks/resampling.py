@@ -32,7 +32,7 @@ from hums.plots.style import FAINT, INK, LINE, MARK
 from signals._resampling_kernel import places_of
 from signals._warp import Map, Method, Warp
 from signals.phase import ShaftPhase
-from signals.resampling import angle_map, angular_resample, resampled
+from signals.resampling import angle_map, angular_resample
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -149,7 +149,7 @@ def given(method: Method) -> Choice:
             "inward": Known(places, 1 / cuts),
         }
         ready = dataclasses.replace(grid, **known)
-        return lambda x: resampled(x, Warp(ready, method=method))[0]
+        return lambda x: Warp(ready, method=method).whole(x)[0]
 
     return Choice(name=f"{method}, given", colour=LINE, prepare=prepare)
 

@@ -28,12 +28,16 @@ JITTER_S = 1e-6
 FAULTS = 0.05
 BANDWIDTH_HZ = 5.0
 REPEATS = 5
+LONG = 60_000  # pulses of a long record
 
 NOTE = """\
 Made by `python benchmarks/tachometer.py`. A shaft at 50 (1 + 0.1 sin(pi t)) Hz, one pulse a turn, 19.5 s. Errors of
 the shaft's angle times the order, in rad, over the middle 90 %; time as a multiple of `np.interp` in the same run, the
 building of the curve included. Jitter has a standard deviation of 1 us; faults are 5 % of the pulses missing and 5 %
-spurious ones, seed 1. What takes every pulse for a turn counts 5 % of them wrong for a while."""
+spurious ones, seed 1. What takes every pulse for a turn counts 5 % of them wrong for a while.
+
+Of a list of {pulses:,} pulses with jitter, all sound, the phase takes {sound:.2g} times what `np.interp` takes for a
+million instants in it; with two pulses missing and a spurious one, {faulty:.2g} times as long as that."""
 
 
 def revolutions(times_s: Array) -> Array:
@@ -94,16 +98,34 @@ def measure() -> list[tuple[str, str, float, float, float]]:
     rows = []
     for kind, times in lists.items():
         for name, method in METHODS.items():
-            method(times, at)  # compiled before it is timed
-            seconds = []
-            for _ in range(REPEATS):
-                start = time.perf_counter()
-                found = method(times, at)
-                seconds.append(time.perf_counter() - start)
-            error = (2 * np.pi * (found - exact)).astype(np.float64)[middle]
+            seconds = median_seconds(lambda method=method, times=times: method(times, at))
+            error = (2 * np.pi * (method(times, at) - exact)).astype(np.float64)[middle]
             rms = float(np.sqrt(np.mean(error**2)))
-            rows.append((kind, name, rms, float(np.max(np.abs(error))), statistics.median(seconds)))
+            rows.append((kind, name, rms, float(np.max(np.abs(error))), seconds))
     return rows
+
+
+def median_seconds(run: Callable[[], object]) -> float:
+    """Time `run` after it has been compiled."""
+    run()
+    seconds = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        run()
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds)
+
+
+def repair_times() -> tuple[float, float]:
+    """Return the time of a long list over that of `np.interp`, and with three faults over that without."""
+    sound = np.arange(LONG) / 50 + 1e-3 * np.sin(np.arange(LONG) / 300)
+    sound += JITTER_S * np.random.default_rng(1).standard_normal(LONG)
+    extra = sound[LONG * 3 // 4 : LONG * 3 // 4 + 2] @ [0.6, 0.4]
+    faulty = np.sort(np.append(np.delete(sound, [LONG // 60, LONG // 2]), extra))
+    instants, numbers = np.linspace(sound[0], sound[-1], 1_000_000), np.arange(LONG, dtype=np.float64)
+    unit = median_seconds(lambda: np.interp(instants, sound, numbers))
+    clean = median_seconds(lambda: shaft_phase(sound))
+    return clean / unit, median_seconds(lambda: shaft_phase(faulty)) / clean
 
 
 def main(folder: Path) -> int:
@@ -111,7 +133,9 @@ def main(folder: Path) -> int:
     rows = measure()
     unit = next(seconds for kind, name, _, _, seconds in rows if (kind, name) == ("clean", "linear"))
     head = " | ".join(f"RMS, order {order} | largest, order {order}" for order in ORDERS)
-    lines = ["# Tachometer: from pulses to angle", "", NOTE, "", f"| pulses | method | {head} | time |"]
+    sound, faulty = repair_times()
+    note = NOTE.format(pulses=LONG, sound=sound, faulty=faulty)
+    lines = ["# Tachometer: from pulses to angle", "", note, "", f"| pulses | method | {head} | time |"]
     lines.append("|---|---|" + "---|" * (2 * len(ORDERS) + 1))
     for kind, name, rms, largest, seconds in rows:
         errors = " | ".join(f"{order * rms:.1e} | {order * largest:.1e}" for order in ORDERS)

@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +32,15 @@ class Comb:
         From where it travels to the sensors: combs with one source share their gains.
     base : Fraction
         Order of the first line.
-    coefficients : (k,) complex array
-        Peak amplitude and phase of the lines at 1, 2, ... k times `base`, in the sensors' units.
+    coefficients : (k,) or (k, instant) complex array
+        Peak amplitude and phase of the lines at 1, 2, ... k times `base`, in the sensors' units; at each instant of the
+        truth where the source changes.
     loaded : bool
         Whether the amplitude follows the load on the teeth.
+    speed_power : int
+        How the amplitude grows with speed: 2 where it is a mass that pulls.
+    at_speed_hz : float
+        Speed of the reference shaft, rev s-1, at which `coefficients` hold where they grow with it.
     """
 
     component: str
@@ -45,20 +49,24 @@ class Comb:
     base: Fraction
     coefficients: ComplexArray
     loaded: bool
+    speed_power: int = 0
+    at_speed_hz: float = 1.0
 
     @property
     def orders(self) -> list[Fraction]:
         """Orders of all lines, exact."""
-        return [multiple * self.base for multiple in range(1, self.coefficients.size + 1)]
+        return [multiple * self.base for multiple in range(1, self.coefficients.shape[0] + 1)]
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """Which of the lines speak at some instant, (k,)."""
+        return np.asarray(np.any(np.atleast_2d(self.coefficients.T) != 0, axis=0))
 
 
 def healthy_combs(scene: Scene, *, draws: Draws) -> list[Comb]:
     """Return one comb for each shaft that turns in the frame and one for each mesh."""
     combs = []
-    for kind, amplitude in (
-        ("shaft", scene.excitation.shaft_amplitude),
-        ("gear_mesh", scene.excitation.mesh_amplitude),
-    ):
+    for kind in ("shaft", "gear_mesh"):
         for component, order in scene.exact_orders(kind).items():
             harmonics = np.arange(scene.excitation.harmonics)
             turns = draws("phase", kind, component).random(harmonics.size)
@@ -68,7 +76,9 @@ def healthy_combs(scene: Scene, *, draws: Draws) -> list[Comb]:
                     kind=kind,
                     source=component,
                     base=order,
-                    coefficients=amplitude * scene.excitation.decay**harmonics * np.exp(2j * np.pi * turns),
+                    coefficients=scene.excitation.amplitude(kind, component)
+                    * scene.excitation.decay**harmonics
+                    * np.exp(2j * np.pi * turns),
                     loaded=kind == "gear_mesh",
                 )
             )
@@ -97,23 +107,15 @@ def add_lines(signal: Array, amplitudes: ComplexArray, *, base: Fraction, revolu
     position : (n,) array
         Times of the samples counted in instants: 2.5 lies halfway between the third and the fourth.
     """
-    last = amplitudes.shape[2] - 1
-    edges = [*np.searchsorted(position, np.arange(last)), position.size]
-    turn = np.exp(2j * np.pi * np.remainder(float(base) * revolutions, 1.0))
-    rises = np.diff(amplitudes, axis=2)
-    for instant, (start, stop) in enumerate(pairwise(edges)):
-        ends = np.concatenate([amplitudes[:, :, instant], rises[:, :, instant]])
-        here, rise = np.split(_series(ends, turn[start:stop]), 2)
-        signal[:, start:stop] += here + (position[start:stop] - instant) * rise
+    from data_synth._lines_kernel import add_series  # noqa: PLC0415 - loads numba
 
-
-def _series(coefficients: ComplexArray, turn: ComplexArray) -> Array:
-    """Return ``Re sum_k c_k turn ** k``, k from 1, for rows of coefficients (r, k) at n points: (r, n).
-
-    By Horner's rule and not by a matrix product, whose threads cost more than they save on so small a block.
-    """
-    total = np.zeros((coefficients.shape[0], turn.size), dtype=np.complex128)
-    for column in coefficients.T[::-1]:
-        total += column[:, None]
-        total *= turn
-    return total.real
+    last = amplitudes.shape[2] - 2
+    first, final = (min(max(int(place), 0), last) for place in (position[0], position[-1]))
+    inner = np.searchsorted(position, np.arange(first + 1, final + 1))
+    edges = np.concatenate([[0], inner, [position.size]]).astype(np.int64)
+    turns = float(base) * revolutions
+    turns -= np.floor(turns)
+    for channel, lines in zip(signal, amplitudes, strict=True):
+        instants = lines.T[first : final + 2]
+        real, imaginary = np.ascontiguousarray(instants.real), np.ascontiguousarray(instants.imag)
+        add_series(channel, real, imaginary, turns, position - first, edges)

@@ -1,4 +1,4 @@
-"""What each fault changes, and nothing more: lines a cracked tooth adds, and the train of impacts of any fault."""
+"""What each fault adds in a kinematic scene: lines of a damaged gear, and the train of impacts of any fault."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -6,15 +6,17 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from data_synth.bearings import impact_revolutions, impact_weights, load_zone_order
+from data_synth.bearings import BearingStrikes, LoadZone, bearing_strikes
 from data_synth.combs import Comb, ComplexArray, Draws, common_base
+from data_synth.gear_faults import Crack, GearDamage, window
 from data_synth.profile import Array
 from data_synth.scene import BearingFault, Scene, ToothCrack
 
 SIDEBAND_CUTOFF = 1e-4
 """Sidebands below this share of the largest are not in the signal at all, so the truth lists every one."""
 
-_POINTS_PER_TOOTH = 64  # of the modulation over a turn: its spectrum has fallen to rounding by 8 per tooth
+_POINTS_PER_FEATURE = 64  # of the modulation over a turn: its spectrum has fallen to rounding by 8 per feature
+_PROBES = 9  # sizes of growing damage, from least to most, that say which sidebands are heard
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +37,8 @@ class ImpactTrain:
         Impacts per revolution where they repeat exactly; None with slip.
     offset : float
         Turns of the train at revolution zero: impacts are where ``order * revolutions + offset`` is whole.
+    strikes : BearingStrikes or None
+        Of a bearing: where its rolling elements truly are, and the true mean rate.
     """
 
     component: str
@@ -44,6 +48,7 @@ class ImpactTrain:
     amplitudes: Array
     order: Fraction | None = None
     offset: float = 0.0
+    strikes: BearingStrikes | None = None
 
 
 def tooth_window(angle_rad: ArrayLike, *, teeth: float) -> Array:
@@ -56,64 +61,145 @@ def tooth_window(angle_rad: ArrayLike, *, teeth: float) -> Array:
     teeth : float
         Tooth pitches between two contacts.
     """
-    kappa = np.log(2) / (1 - np.cos(np.pi / teeth))
-    return np.asarray(np.exp(kappa * (np.cos(angle_rad) - 1)))
+    return window(np.asarray(angle_rad, dtype=np.float64) / (2 * np.pi), width_turns=1 / teeth)
 
 
-def crack_comb(scene: Scene, fault: ToothCrack, *, mesh: Comb, offset: float) -> Comb:
-    """Return the lines that a cracked tooth adds to its mesh: at mesh harmonics +- multiples of the gear's turns.
+def damage_comb(
+    damage: GearDamage,
+    *,
+    component: str,
+    mesh: Comb,
+    tooth: Fraction,
+    offset: float,
+    rise: ArrayLike,
+    lag_rad: ArrayLike,
+) -> Comb:
+    """Return the lines that a damaged gear adds to its mesh: at mesh harmonics +- multiples of the gear's turns.
 
-    Harmonic h of the mesh is multiplied by ``(1 + a w) exp(-j h b w)``, w the window of the tooth, a and b the
-    depth times `amplitude_per_mm` and `phase_rad_per_mm`; what comes on top of 1 is this comb. Its Fourier
-    coefficients in the angle of the gear are those of a smooth periodic function, so the discrete transform
-    gives them to rounding. Lines below order zero are folded to their positive order; the line at zero, which
-    no accelerometer passes, is left out.
+    Harmonic h of the mesh is multiplied by ``(1 + a s_h w) exp(-j h b w)``, w the shape of the damage over a turn, a
+    and b `rise` and `lag_rad`, s_h the share of the harmonic; what comes on top of 1 is this comb. Its Fourier
+    coefficients in the angle of the gear are those of a smooth periodic function, so the discrete transform gives them
+    to rounding. Lines below order zero are folded to their positive order; the line at zero, which no accelerometer
+    passes, is left out.
+
+    Damage that grows keeps the sidebands that are heard at one of its sizes.
 
     Parameters
     ----------
-    scene : Scene
-    fault : ToothCrack
+    damage : GearDamage
+    component : str
+        The gear, in the words of the defect orders.
     mesh : Comb
-        The healthy mesh.
+        The healthy mesh, its coefficients (k,).
+    tooth : Fraction
+        Order at which a tooth of the gear comes back into the mesh.
     offset : float
-        Turns of the cracked tooth at revolution zero; it is in mesh where ``order * rev + offset`` is whole.
+        Turns of the gear at revolution zero; the worst place is in mesh where ``tooth * rev + offset`` is whole.
+    rise, lag_rad : float or (instant,) array
+        a, relative, and b in rad: for one size, or at each instant of the truth as the damage grows.
     """
-    tooth = scene.exact_orders("tooth")[fault.component]
     base = common_base(mesh.base, tooth)
-    pitch, turn = int(mesh.base / base), int(tooth / base)
-    harmonics = np.arange(1, mesh.coefficients.size + 1)
-    sidebands, shares = _modulation(fault, teeth=float(mesh.base / tooth), harmonics=harmonics)
-    lines = mesh.coefficients[:, None] * shares * np.exp(2j * np.pi * offset * sidebands)
-    lines[np.abs(lines) < SIDEBAND_CUTOFF * np.max(np.abs(lines), initial=0.0)] = 0.0
+    harmonics = np.arange(1, mesh.coefficients.shape[0] + 1)
+    risen = _Modulation.of(damage, teeth=float(mesh.base / tooth), harmonics=harmonics)
+    turned = mesh.coefficients[:, None] * np.exp(2j * np.pi * offset * risen.sidebands)
+    pairs = np.stack(np.broadcast_arrays(np.atleast_1d(rise), np.atleast_1d(lag_rad)), axis=1).astype(np.float64)
+    sizes, of_instant = np.unique(pairs, axis=0, return_inverse=True)
+    probes = np.unique(np.linspace(0, len(sizes) - 1, _PROBES).round().astype(int))
+    loudest = np.max([np.abs(turned * risen.shares(*sizes[probe])) for probe in probes], axis=0)
+    heard = (loudest >= SIDEBAND_CUTOFF * np.max(loudest)) & (loudest > 0)
+    lines = np.stack([(turned * risen.shares(*size))[heard] for size in sizes], axis=1)
+    multiples = int(mesh.base / base) * harmonics[:, None] + int(tooth / base) * risen.sidebands
+    coefficients = _folded(multiples[heard], lines[:, of_instant.ravel()])
     return Comb(
-        component=fault.component,
+        component=component,
         kind="tooth",
         source=mesh.source,
         base=base,
-        coefficients=_folded(pitch * harmonics[:, None] + turn * sidebands, lines),
-        loaded=True,
+        coefficients=coefficients[:, 0] if coefficients.shape[1] == 1 else coefficients,
+        loaded=mesh.loaded,
+        speed_power=mesh.speed_power,
+        at_speed_hz=mesh.at_speed_hz,
     )
 
 
-def _modulation(
-    fault: ToothCrack, *, teeth: float, harmonics: NDArray[np.int_]
-) -> tuple[NDArray[np.int_], ComplexArray]:
-    """Return sideband numbers (m,) and the Fourier coefficients (h, m) of the modulation of each harmonic."""
-    count = 1 << int(np.ceil(np.log2(_POINTS_PER_TOOTH * teeth)))
-    window = tooth_window(2 * np.pi * np.arange(count) / count, teeth=teeth)
-    rise = 1 + fault.depth_mm * fault.amplitude_per_mm * window
-    lag = np.exp(-1j * fault.depth_mm * fault.phase_rad_per_mm * np.outer(harmonics, window))
-    shares = np.fft.fftshift(np.fft.fft(rise * lag - 1, axis=1), axes=1) / count
-    return np.arange(-count // 2, count // 2), shares
+@dataclass(frozen=True, kw_only=True)
+class _Modulation:
+    """How damage modulates mesh harmonics (h,) over a turn of its gear: its shape there, and sideband numbers (m,)."""
+
+    shape: Array
+    rises: Array
+    harmonics: NDArray[np.int_]
+    sidebands: NDArray[np.int_]
+
+    @classmethod
+    def of(cls, damage: GearDamage, *, teeth: float, harmonics: NDArray[np.int_]) -> "_Modulation":
+        count = 1 << int(np.ceil(np.log2(max(_POINTS_PER_FEATURE / damage.finest(teeth), 2 * _POINTS_PER_FEATURE))))
+        return cls(
+            shape=damage.shape(np.arange(count) / count, teeth=teeth),
+            rises=damage.harmonic_share(harmonics),
+            harmonics=harmonics,
+            sidebands=np.arange(-count // 2, count // 2),
+        )
+
+    def shares(self, rise: float, lag_rad: float) -> ComplexArray:
+        """Return the Fourier coefficients (h, m) of what comes on top of each harmonic."""
+        risen = 1 + rise * np.outer(self.rises, self.shape)
+        lagging = np.exp(-1j * lag_rad * np.outer(self.harmonics, self.shape))
+        spectra: ComplexArray = np.fft.fft(risen * lagging - 1, axis=1) / self.shape.size
+        return np.fft.fftshift(spectra, axes=1)
 
 
 def _folded(multiples: NDArray[np.int_], lines: ComplexArray) -> ComplexArray:
-    """Add lines at whole multiples of a base, negative ones conjugated, to coefficients from 1 upwards."""
-    present = lines != 0
-    at, values = multiples[present], lines[present]
-    coefficients = np.zeros(int(np.max(np.abs(at), initial=1)) + 1, dtype=np.complex128)
-    np.add.at(coefficients, np.abs(at), np.where(at < 0, values.conj(), values))
+    """Add lines (m, instant) at whole multiples (m,) of a base, negative ones conjugated, to (k, instant)."""
+    coefficients = np.zeros((int(np.max(np.abs(multiples), initial=1)) + 1, lines.shape[1]), dtype=np.complex128)
+    np.add.at(coefficients, np.abs(multiples), np.where(multiples[:, None] < 0, lines.conj(), lines))
     return coefficients[1:]
+
+
+def damage_trains(
+    damage: GearDamage,
+    *,
+    component: str,
+    source: str,
+    tooth: Fraction,
+    teeth: float,
+    offset: float,
+    span_rev: tuple[float, float],
+    amplitude: float,
+) -> list[ImpactTrain]:
+    """Return the impacts of a damaged gear: a train for each of its strikes in a turn, none where nothing strikes.
+
+    Parameters
+    ----------
+    damage : GearDamage
+    component, source : str
+        The gear, and its mesh.
+    tooth, offset
+        As for `damage_comb`.
+    teeth : float
+        Tooth pitches between two contacts of a tooth.
+    span_rev : (float, float)
+        First and last revolution of the reference shaft.
+    amplitude : float
+        Of the ringing after the strike of share 1 at full load, in the sensors' units; where the damage grows, that of
+        its initial size, and amplitudes go with its size.
+    """
+    trains = []
+    for at, share in damage.strikes(teeth):
+        first, last = (float(tooth) * rev + offset - at for rev in span_rev)
+        turns = np.arange(np.ceil(first), np.floor(last) + 1)
+        trains.append(
+            ImpactTrain(
+                component=component,
+                kind="tooth",
+                source=source,
+                revolutions=(turns - (offset - at)) / float(tooth),
+                amplitudes=np.full(turns.size, amplitude * share),
+                order=tooth,
+                offset=offset - at,
+            )
+        )
+    return trains
 
 
 def impact_train(
@@ -121,39 +207,41 @@ def impact_train(
 ) -> ImpactTrain:
     """Return the impacts of fault `number` (from 0) between two revolutions of the reference shaft."""
     fault = scene.faults[number]
-    if isinstance(fault, ToothCrack):
-        return _crack_train(scene, fault, offset=offset, span_rev=span_rev)
-    return _bearing_train(scene, fault, span_rev=span_rev, rng=draws("impacts", str(number)))
-
-
-def _crack_train(scene: Scene, fault: ToothCrack, *, offset: float, span_rev: tuple[float, float]) -> ImpactTrain:
-    tooth = scene.exact_orders("tooth")[fault.component]
-    first, last = (float(tooth) * rev + offset for rev in span_rev)
-    turns = np.arange(np.ceil(first), np.floor(last) + 1)
-    return ImpactTrain(
+    if isinstance(fault, BearingFault):
+        return _bearing_train(scene, fault, span_rev=span_rev, rng=draws("impacts", str(number)))
+    if not isinstance(fault, ToothCrack):
+        raise TypeError(f"fault {number + 1}: {fault.kind} has no one train of impacts; ask damage_trains for its own")
+    (train,) = damage_trains(
+        Crack(),
         component=fault.component,
-        kind="tooth",
         source=mesh_of(fault),
-        revolutions=(turns - offset) / float(tooth),
-        amplitudes=np.full(turns.size, fault.depth_mm * fault.impact_per_mm),
-        order=tooth,
+        tooth=scene.exact_orders("tooth")[fault.component],
+        teeth=1.0,
         offset=offset,
+        span_rev=span_rev,
+        amplitude=fault.depth_mm * fault.impact_per_mm,
     )
+    return train
 
 
 def _bearing_train(
     scene: Scene, fault: BearingFault, *, span_rev: tuple[float, float], rng: np.random.Generator
 ) -> ImpactTrain:
-    rates = scene.bearing(fault.component)
-    order = float(scene.orders[fault.component, fault.kind])
-    struck = impact_revolutions(order=order, fault=fault, span_rev=span_rev, rng=rng)
-    zone = load_zone_order(fault.kind, rates)
+    strikes = bearing_strikes(
+        fault.kind,
+        rates=scene.bearing(fault.component),
+        slip=fault,
+        zone=LoadZone.of(distribution=fault.load_distribution),
+        span_rev=span_rev,
+        rng=rng,
+    )
     return ImpactTrain(
         component=fault.component,
         kind=fault.kind,
         source=fault.component,
-        revolutions=struck,
-        amplitudes=fault.size_mm * fault.impact_per_mm * impact_weights(struck, order=zone, fault=fault, rng=rng),
+        revolutions=strikes.revolutions,
+        amplitudes=fault.size_mm * fault.impact_per_mm * strikes.weights,
+        strikes=strikes,
     )
 
 

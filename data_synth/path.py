@@ -56,7 +56,10 @@ def line_amplitudes(
         The path's mode.
     """
     response = mode_response(mode, np.outer([float(order) for order in comb.orders], speed_hz))
-    at_source = comb.coefficients[:, None] * response * (load if comb.loaded else 1.0)
+    coefficients = comb.coefficients if comb.coefficients.ndim > 1 else comb.coefficients[:, None]
+    at_source = coefficients * response * (load if comb.loaded else 1.0)
+    if comb.speed_power:
+        at_source = at_source * (speed_hz / comb.at_speed_hz) ** comb.speed_power
     return np.asarray(gains[:, None, None] * at_source)
 
 

@@ -1,17 +1,37 @@
 """Speed and load against time: the exact angle of the reference shaft, its exact inverse, the share of full load.
 
-Speed is linear between knots, so the angle is quadratic there and both directions have a closed form.
+Speed is linear between knots, so the angle is quadratic there and both directions have a closed form. A shaft may
+stand still, and turn back.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from data_synth.scene import Torque
+if TYPE_CHECKING:
+    from data_synth.scene import Torque
 
 Array = NDArray[np.float64]
+
+
+class Angle(Protocol):
+    """The angle of a shaft as a function of time, whatever drives it."""
+
+    @property
+    def datum_rev(self) -> float:
+        """Revolutions from time zero to revolution zero."""
+
+    def revolutions(self, times_s: ArrayLike) -> Array:
+        """Return the angle in revolutions at `times_s` (n,)."""
+
+    def speed_hz(self, times_s: ArrayLike) -> Array:
+        """Return the speed in rev s-1 at `times_s` (n,), negative where the shaft turns back."""
+
+    def turning_points_s(self) -> Array:
+        """Return the instants, rising, between which the angle only rises, only falls or rests."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,16 +41,35 @@ class ShaftAngle:
     Attributes
     ----------
     times_s : (m,) array
-        Rising times of the knots in s.
+        Times of the knots in s, rising; two equal ones are a jump of the speed.
     speeds_hz : (m,) array
-        Speeds at the knots in rev s-1, all above zero.
+        Speeds at the knots in rev s-1; zero at standstill, negative in reverse.
     datum_rev : float
         Revolutions from time zero to revolution zero.
+
+    Raises
+    ------
+    ValueError
+        Knots that are not two finite vectors of one length, or times that fall.
     """
 
     times_s: Array
     speeds_hz: Array
     datum_rev: float = 0.0
+
+    def __post_init__(self) -> None:
+        shapes = np.shape(self.times_s), np.shape(self.speeds_hz)
+        if len(shapes[0]) != 1 or shapes[0] != shapes[1] or not shapes[0][0]:
+            raise ValueError(
+                f"times_s and speeds_hz have shapes {shapes[0]} and {shapes[1]}; give two vectors of one length"
+            )
+        if not (np.all(np.isfinite(self.times_s)) and np.all(np.isfinite(self.speeds_hz))):
+            raise ValueError("times_s or speeds_hz holds NaN or infinity; give finite knots")
+        back = np.flatnonzero(np.diff(self.times_s) < 0)
+        if back.size:
+            raise ValueError(
+                f"times_s falls from {self.times_s[back[0]]:g} s to {self.times_s[back[0] + 1]:g} s; sort the knots"
+            )
 
     @cached_property
     def _starts_s(self) -> Array:
@@ -43,8 +82,10 @@ class ShaftAngle:
 
     @cached_property
     def _accelerations(self) -> Array:
-        """Slope of the speed in each piece in rev s-2; zero outside of the knots."""
-        return np.concatenate([[0.0], np.diff(self.speeds_hz) / np.diff(self.times_s), [0.0]])
+        """Slope of the speed in each piece in rev s-2; zero outside of the knots and in a jump, which has no length."""
+        gaps = np.diff(self.times_s)
+        slopes = np.divide(np.diff(self.speeds_hz), gaps, out=np.zeros(gaps.size), where=gaps > 0)
+        return np.concatenate([[0.0], slopes, [0.0]])
 
     @cached_property
     def _knots_rev(self) -> Array:
@@ -66,21 +107,71 @@ class ShaftAngle:
         return self._since_first_knot(times, self._knots_rev) - self.datum_rev
 
     def times(self, revolutions: ArrayLike) -> Array:
-        """Return the times in s at which the shaft reaches `revolutions` (n,), exactly."""
+        """Return the times in s at which the shaft reaches `revolutions` (n,), exactly.
+
+        Where it rests at one of them, the instant at which it moves on.
+
+        Raises
+        ------
+        ValueError
+            A shaft that turns back, so that an angle has several times (use `data_synth.passages.passages`), or
+            that stands still for ever before it gets there.
+        """
+        if np.any(self.speeds_hz < 0):
+            raise ValueError(
+                f"the shaft turns back, at {np.min(self.speeds_hz):g} rev/s, so an angle has no one time; "
+                "ask `passages` for all of them"
+            )
         from_zero = np.asarray(revolutions, dtype=np.float64) + self.datum_rev
         piece = np.searchsorted(self._knots_rev, from_zero, side="right")
         turn = from_zero - np.concatenate([self._knots_rev[:1], self._knots_rev])[piece]
         speed = self._start_speeds_hz[piece]
-        # the root of a t^2 / 2 + v t = turn in the form that loses no digits where a is small
-        root = np.sqrt(speed**2 + 2 * self._accelerations[piece] * turn)
-        return np.asarray(self._starts_s[piece] + 2 * turn / (speed + root))
+        # the root of a t^2 / 2 + v t = turn in the form that loses no digits where a is small; rounding may take
+        # the square below zero where the shaft comes to rest
+        twice_mean = speed + np.sqrt(np.maximum(speed**2 + 2 * self._accelerations[piece] * turn, 0.0))
+        never = (twice_mean == 0) & (turn != 0)
+        if np.any(never):
+            raise ValueError(
+                f"revolution {np.asarray(revolutions)[never].flat[0]:g} is never reached: the shaft stands still; "
+                "ask for revolutions between those of its profile"
+            )
+        since = np.divide(2 * turn, twice_mean, out=np.zeros(np.shape(turn)), where=twice_mean != 0)
+        return np.asarray(self._starts_s[piece] + since)
 
     def speed_hz(self, times_s: ArrayLike) -> Array:
-        """Return the speed in rev s-1 at `times_s` (n,)."""
-        return np.interp(np.asarray(times_s, dtype=np.float64), self.times_s, self.speeds_hz)
+        """Return the speed in rev s-1 at `times_s` (n,); at a jump, that after it."""
+        times = np.asarray(times_s, dtype=np.float64)
+        piece = np.searchsorted(self.times_s, times, side="right")
+        since = times - self._starts_s[piece]
+        return np.asarray(self._start_speeds_hz[piece] + self._accelerations[piece] * since)
+
+    def top_speed_hz(self, start_s: float, stop_s: float) -> float:
+        """Return the largest size of the speed from `start_s` to `stop_s`, in rev s-1."""
+        inside = (self.times_s >= start_s) & (self.times_s <= stop_s)  # jumps: knots before and after count
+        return float(np.max(np.abs([*self.speed_hz([start_s, stop_s]), *self.speeds_hz[inside]])))
+
+    def turning_points_s(self) -> Array:
+        """Return the instants, rising, between which the angle only rises, only falls or rests."""
+        before, after = self.speeds_hz[:-1], self.speeds_hz[1:]
+        passing = np.flatnonzero(before * after < 0)
+        share = before[passing] / (before[passing] - after[passing])
+        zeros = self.times_s[passing] + share * np.diff(self.times_s)[passing]
+        return np.unique(np.concatenate([zeros, self.times_s[self.speeds_hz == 0]]))
+
+    def scaled(self, ratio: float) -> "ShaftAngle":
+        """Return the angle of a shaft that makes `ratio` turns, signed, for one of this."""
+        return ShaftAngle(times_s=self.times_s, speeds_hz=self.speeds_hz * ratio, datum_rev=self.datum_rev * ratio)
+
+    def travelled(self) -> "ShaftAngle":
+        """Return the revolutions travelled since time zero, whichever way: what wears, rolls and slips goes by it."""
+        zeros = np.setdiff1d(self.turning_points_s(), self.times_s)
+        at = np.searchsorted(self.times_s, zeros)
+        return ShaftAngle(
+            times_s=np.insert(self.times_s, at, zeros), speeds_hz=np.abs(np.insert(self.speeds_hz, at, 0.0))
+        )
 
 
-def load_share(torque: Torque | None, times_s: ArrayLike) -> Array:
+def load_share(torque: "Torque | None", times_s: ArrayLike) -> Array:
     """Return what teeth carry at `times_s` (n,), relative to full load: ``u + (1 - u) abs(T) / max abs(T)``.
 
     T is the torque, linear between its knots and held outside, u its `unloaded_share`. Without torque: 1.

@@ -8,18 +8,19 @@ import math
 from collections.abc import Mapping
 from fractions import Fraction
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
+from data_synth.chain import Mode, Noise, PlanetPass, SamplingJitter, Sensor
+from data_synth.defects import FAULT_KINDS, ROW_OF, BearingFault, Fault, GearFault, ShaftFault, ToothCrack
+from data_synth.driving import Speed, Tachometer, Torque
+from data_synth.excitation import Excitation
 from hums.gearbox import (
     Declared,
     Gearbox,
-    Name,
     Positive,
-    Vector,
     closest,
     load_gearbox,
     named_file,
@@ -30,197 +31,39 @@ from hums.gearbox import (
 from hums.kinematics import Kinematics, solve_kinematics
 from hums.orders import BearingOrders, bearing_orders, defect_orders
 
+__all__ = [
+    "BearingFault",
+    "Excitation",
+    "Fault",
+    "GearFault",
+    "Mode",
+    "Noise",
+    "Scene",
+    "SceneError",
+    "Sensor",
+    "ShaftFault",
+    "Speed",
+    "Tachometer",
+    "ToothCrack",
+    "Torque",
+    "catalogue",
+    "load_scene",
+]
+
+_DEVIATIONS = 8  # that a Gaussian error never goes beyond: once in 1e15
 FIDELITIES = ("kinematic", "torsional", "lateral", "full", "auto")
-FAULT_KINDS = ("tooth_crack", "inner_race", "outer_race", "rolling_element", "cage")
-_ROW_OF = {"tooth_crack": "tooth"}  # the kind of defect order that a fault repeats at, where not its own name
 
 
 class SceneError(ValueError):
     """A scene that cannot be read, or that asks for what cannot be simulated."""
 
 
-def _knots(value: Any) -> Any:  # noqa: ANN401
-    """Read a single number as a constant."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return ((0.0, value),) if is_number else value
-
-
-def _rising(knots: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    for (before, _), (after, _) in pairwise(knots):
-        if after <= before:
-            raise ValueError(f"the times must rise, but {after:g} s follows {before:g} s; sort the knots")
-    return knots
-
-
-def _csv_knots(path: Path) -> tuple[tuple[float, float], ...]:
-    try:
-        lines = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"csv = {str(path)!r} cannot be read ({error}); name a text file of s, rpm") from None
-    try:
-        knots = tuple((float(time_s), float(rpm)) for time_s, rpm in lines[1:])
-        return ((float(lines[0][0]), float(lines[0][1])), *knots) if _is_number(lines[0][0]) else knots
-    except (ValueError, IndexError):
-        raise ValueError(
-            f"csv = {str(path)!r} does not hold two columns of numbers, s and rpm, in every line"
-        ) from None
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0, le=1)]
-Knots = Annotated[
-    tuple[tuple[Finite, Finite], ...], Field(min_length=1), BeforeValidator(_knots), AfterValidator(_rising)
-]
-
-
-class Speed(Declared):
-    """Speed of a link: ``rpm = [[s, rpm], ...]``, linear between knots and held outside; or one number."""
-
-    link: Name
-    rpm: Knots
-
-    @model_validator(mode="before")
-    @classmethod
-    def _read_csv(cls, table: Any) -> Any:  # noqa: ANN401
-        """Read ``csv = "speed.csv"``, two columns s and rpm with or without a header line, as knots."""
-        if not isinstance(table, dict) or "csv" not in table:
-            return table
-        if "rpm" in table:
-            raise ValueError("both rpm and csv are given; keep one")
-        return {key: value for key, value in table.items() if key != "csv"} | {"rpm": _csv_knots(Path(table["csv"]))}
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        slowest = min(rpm for _, rpm in self.rpm)
-        if slowest <= 0:
-            raise ValueError(f"rpm = {slowest:g} at some time, but the shaft has to turn; keep rpm above 0")
-        return self
-
-
-class Torque(Declared):
-    """Torque on a link: ``nm = [[s, N m], ...]``, linear between knots and held outside; or one number.
-
-    What the teeth carry scales with ``u + (1 - u) abs(T) / max abs(T)``, u = `unloaded_share`: a mesh still
-    rattles where it carries nothing. A scene without torque is at full load.
-    """
-
-    link: Name
-    nm: Knots
-    unloaded_share: Share = 0.3
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if not any(nm for _, nm in self.nm):
-            raise ValueError("nm is 0 throughout, so no load can be relative to it; leave torque out")
-        return self
-
-
-class Tachometer(Declared):
-    """Pulses on a link. Its first pulse is revolution zero of every phase in the record.
-
-    `offset_rev` is the turn of the link between the first sample and that pulse; drawn at random if left out.
-    """
-
-    link: Name
-    pulses_per_rev: Annotated[int, Field(ge=1)]
-    offset_rev: NotNegative | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.offset_rev is not None and self.offset_rev >= 1 / self.pulses_per_rev:
-            raise ValueError(
-                f"offset_rev = {self.offset_rev:g} is a pulse spacing or more; "
-                f"keep it below {1 / self.pulses_per_rev:g}"
-            )
-        return self
-
-
-class Excitation(Declared):
-    """Amplitudes at the source of the healthy gearbox: harmonic k has ``decay ** (k - 1)`` of the first.
-
-    Shafts speak with `shaft_amplitude` each, whatever the load; meshes with `mesh_amplitude` at full load.
-    """
-
-    shaft_amplitude: NotNegative = 0.05
-    mesh_amplitude: NotNegative = 0.5
-    harmonics: Annotated[int, Field(ge=1)] = 3
-    decay: Share = 0.5
-
-
-class Mode(Declared):
-    """One damped mode of the structure: undamped natural frequency and damping ratio."""
-
-    frequency_hz: Positive
-    damping_ratio: Annotated[float, Field(gt=0, lt=1)]
-
-
-class Noise(Declared):
-    """White Gaussian noise of each sensor, `rms` in its units."""
-
-    rms: NotNegative = 0.05
-
-
-class ToothCrack(Declared):
-    """A cracked tooth: the mesh modulated once a revolution over about one tooth, and one impact in it.
-
-    The depth in mm times each of the three factors gives the relative rise of the mesh amplitude, the lag of
-    the first mesh harmonic's phase (harmonic h: h times), and the amplitude of the impact, at full load. The
-    factors are illustrative: a kinematic scene has no tooth stiffness to derive them from.
-    """
-
-    kind: Literal["tooth_crack"]
-    component: Name
-    depth_mm: Positive
-    amplitude_per_mm: NotNegative = 0.2
-    phase_rad_per_mm: NotNegative = 0.1
-    impact_per_mm: NotNegative = 1.0
-
-
-class BearingFault(Declared):
-    """A defect of a rolling bearing that is struck time and again, with slip.
-
-    Intervals between impacts scatter by `slip_std` of the mean, independently, so their errors add up
-    (Antoni and Randall 2003, J. Vib. Acoust. 125); `mean_slip` lowers the mean rate below that of pure rolling. Where
-    the struck part turns through the load zone, impacts follow Stribeck's load distribution with the factor
-    `load_distribution` (0.5: half of the ring carries). Their amplitude at
-    full load is `size_mm` times `impact_per_mm`, an illustrative factor.
-    """
-
-    kind: Literal["inner_race", "outer_race", "rolling_element", "cage"]
-    component: Name
-    size_mm: Positive
-    slip_std: Annotated[float, Field(ge=0, le=0.1)] = 0.01
-    mean_slip: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
-    load_distribution: Annotated[float, Field(gt=0, le=1)] = 0.5
-    impact_per_mm: NotNegative = 1.0
-
-
-class Sensor(Declared):
-    """An accelerometer on a bearing, link or mesh. In a kinematic scene place and direction are labels."""
-
-    name: Name
-    on: Name
-    direction: Vector | None = None
-    units: Literal["g", "m s-2"]
-
-
-Fault = Annotated[ToothCrack | BearingFault, Field(discriminator="kind")]
-
-
 class Scene(Declared):
     """What is simulated. Built by `load_scene`, `Scene.from_toml` or `Scene.from_mapping`.
 
     `resonance` is the mode that impacts ring; `path` the one that shaft and mesh lines pass on their way to
-    the sensors, so that their amplitude and phase change with speed (left out: a rigid path).
+    the sensors, so that their amplitude and phase change with speed (left out: a rigid path). `planet_pass` lets
+    planets pass the sensors (left out: they are heard alike wherever they are, and have no sidebands).
     """
 
     gearbox: Gearbox
@@ -233,6 +76,8 @@ class Scene(Declared):
     excitation: Excitation = Excitation()
     path: Mode | None = None
     resonance: Mode = Mode(frequency_hz=8000.0, damping_ratio=0.03)
+    planet_pass: PlanetPass | None = None
+    sampling_jitter: SamplingJitter | None = None
     noise: Noise = Noise()
     faults: tuple[Fault, ...] = Field(default=(), alias="fault")
     sensors: tuple[Sensor, ...] = Field(alias="sensor", min_length=1)
@@ -271,6 +116,7 @@ class Scene(Declared):
                 f'gearbox "{self.gearbox.name}" declares no reference to count orders by; add reference = "LINK" to it'
             )
         self._check_links()
+        self._check_excitation()
         self._check_faults()
         self._check_sensors()
         return self
@@ -281,8 +127,19 @@ class Scene(Declared):
         for user, link in users:
             if link not in self.gearbox.links:
                 raise ValueError(f'{user} names the link "{link}"{closest(link, list(self.gearbox.links))}')
-            if user != "torque" and self.ratio(link) == 0:
-                raise ValueError(f'{user} names the link "{link}", which does not turn; name one that does')
+            if self.ratio(link) == 0:
+                need = "so no path takes its power on" if user == "torque" else "which does not turn"
+                stands = "which does not turn, " if user == "torque" else ""
+                raise ValueError(f'{user} names the link "{link}", {stands}{need}; name one that does')
+        if self.speed.run_up is not None and self.torque is None:
+            raise ValueError("speed.run_up asks for a torque that drives it; add torque = { link = ..., nm = ... }")
+
+    def _check_excitation(self) -> None:
+        for field, kind in (("shafts", "shaft"), ("meshes", "gear_mesh")):
+            valid = list(self.exact_orders(kind))
+            for component, _ in getattr(self.excitation, field):
+                if component not in valid:
+                    raise ValueError(f'excitation.{field} names "{component}"{closest(component, valid)}')
 
     def _check_faults(self) -> None:
         for number, fault in enumerate(self.faults, start=1):
@@ -292,7 +149,7 @@ class Scene(Declared):
                     f'fault {number}: {fault.kind} has no component "{fault.component}"; valid: '
                     + (", ".join(f'"{name}"' for name in valid) or "none in this gearbox")
                 )
-            if self.orders[fault.component, _ROW_OF.get(fault.kind, fault.kind)] == 0:
+            if self.orders[fault.component, ROW_OF.get(fault.kind, fault.kind)] == 0:
                 raise ValueError(
                     f'fault {number}: {fault.kind} of "{fault.component}" never comes round; choose another'
                 )
@@ -314,11 +171,34 @@ class Scene(Declared):
                 )
             if names.count(sensor.name) > 1:
                 raise ValueError(f'two sensors are called "{sensor.name}"; give each a name of its own')
-            if sensor.units != self.sensors[0].units:
+            self._check_chain(sensor)
+        if self.sampling_jitter is not None and _DEVIATIONS * self.sampling_jitter.std_s * self.rate_hz > 1:
+            raise ValueError(
+                f"sampling_jitter.std_s = {self.sampling_jitter.std_s:g} lets samples change places; "
+                f"keep it below {1 / (_DEVIATIONS * self.rate_hz):g}"
+            )
+
+    def _check_chain(self, sensor: Sensor) -> None:
+        first, who = self.sensors[0], f'sensor "{sensor.name}"'
+        for units, other in ((sensor.units, first.units), (sensor.channel_units, first.channel_units)):
+            if units != other:
                 raise ValueError(
-                    f'sensor "{sensor.name}" has units "{sensor.units}" and "{names[0]}" '
-                    f'"{self.sensors[0].units}"; amplitudes are in the units of the sensors, so use one for all'
+                    f'{who} has units "{units}" and "{first.name}" "{other}"; amplitudes are in the units of the '
+                    "sensors, so use one for all"
                 )
+        for part in ("anti_alias", "hum"):
+            value = getattr(sensor, part)
+            top = value.frequency_hz * getattr(value, "harmonics", 1) if value is not None else 0.0
+            if top >= self.rate_hz / 2:
+                raise ValueError(
+                    f"{who}: {part} reaches {top:g} Hz, which is not below half of rate_hz = {self.rate_hz:g}; lower it"
+                )
+        drops = sensor.drop_outs
+        if drops is not None and drops.per_second * drops.duration_s >= 1:
+            raise ValueError(
+                f"{who}: drop_outs.per_second = {drops.per_second:g} of {drops.duration_s:g} s each leave nothing; "
+                "lower one of them"
+            )
 
     @classmethod
     def from_mapping(cls, table: Mapping[str, Any], *, where: str = "scene") -> "Scene":
@@ -327,15 +207,17 @@ class Scene(Declared):
 
     @classmethod
     def from_toml(cls, path: str | Path) -> "Scene":
-        """Read a scene file. Relative paths of a gearbox or a speed table are looked for beside the scene first."""
+        """Read a scene file. Relative paths of a gearbox or a table are looked for beside the scene first."""
         path = Path(path)
         table = read_toml(path, error=SceneError)
         gearbox = table.get("gearbox")
         if isinstance(gearbox, str) and (path.parent / gearbox).is_file():
             table["gearbox"] = str(path.parent / gearbox)
-        speed = table.get("speed")
-        if isinstance(speed, dict) and isinstance(speed.get("csv"), str) and (path.parent / speed["csv"]).is_file():
-            table["speed"] = speed | {"csv": str(path.parent / speed["csv"])}
+        for course in ("speed", "torque"):
+            declared = table.get(course)
+            if isinstance(declared, dict) and isinstance(file := declared.get("csv"), str):
+                beside = path.parent / file
+                table[course] = declared | {"csv": str(beside if beside.is_file() else file)}
         return cls.from_mapping(table, where=str(path))
 
     def to_toml(self) -> str:
@@ -374,7 +256,7 @@ class Scene(Declared):
 
     def components(self, fault_kind: str) -> list[str]:
         """Return the components that can have a fault of this kind."""
-        row_kind = _ROW_OF.get(fault_kind, fault_kind)
+        row_kind = ROW_OF.get(fault_kind, fault_kind)
         return [component for component, kind in self.orders if kind == row_kind]
 
     def ratio(self, link: str) -> Fraction:
@@ -386,9 +268,9 @@ class Scene(Declared):
         return of_link / of_reference
 
     def speed_knots_hz(self) -> tuple[tuple[float, float], ...]:
-        """Return the knots of the reference shaft's speed, (s, rev s-1)."""
+        """Return the knots of the reference shaft's declared speed, (s, rev s-1); none in a run-up."""
         turns = float(abs(self.ratio(self.speed.link))) * 60
-        return tuple((time_s, rpm / turns) for time_s, rpm in self.speed.rpm)
+        return tuple((time_s, rpm / turns) for time_s, rpm in self.speed.knots)
 
     @property
     def samples(self) -> int:

@@ -1,35 +1,200 @@
-"""What listens: accelerometers with white noise, and a tachometer whose pulse times are exact."""
+"""What listens: the chain from the machine's surface to the file, part by part.
+
+Filters of the chain are exact: their frequency response for lines, whose amplitudes change slowly, and their poles
+for impacts, whose ringing through them is a sum of decaying exponentials. What is not linear works on samples, in
+place, and returns what it did.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from data_synth.profile import Array, ShaftAngle
+from data_synth.chain import AntiAlias, DropOuts, Hum, Mode, Quantisation, Sensor
+from data_synth.path import ring_pole
+from data_synth.profile import Array
+from data_synth.scene import SceneError
+
+ComplexArray = NDArray[np.complex128]
+
+_BLOCK = 65536  # samples worked on at once
+_APART = 1e-6  # poles nearer to each other than this part of their size leave the residues no digits
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cascade:
+    """Filters one after the other, ``gain prod_i p_i / (p_i - s)``: at rest they pass `gain`.
+
+    Attributes
+    ----------
+    gain : float
+    poles : (p,) complex array
+        In rad s-1; complex ones in pairs.
+    """
+
+    gain: float = 1.0
+    poles: ComplexArray = field(
+        default_factory=lambda: np.empty(0, np.complex128), metadata={"dims": ("pole",), "units": "rad s-1"}
+    )
+
+    def at(self, s: ArrayLike) -> ComplexArray:
+        """Return the transfer function at `s` in rad s-1, of any shape."""
+        points = np.asarray(s, dtype=np.complex128)
+        passed = np.full(points.shape, self.gain, dtype=np.complex128)
+        for pole in self.poles:
+            passed = passed * (pole / (pole - points))
+        return passed
+
+    def response(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return the frequency response at `frequency_hz`, of any shape."""
+        return self.at(2j * np.pi * np.asarray(frequency_hz, dtype=np.float64))
+
+
+def linear_chain(sensor: Sensor) -> Cascade:
+    """Return resonance, sensitivity and anti-aliasing filter of a sensor."""
+    poles: list[complex] = []
+    if sensor.resonance is not None:
+        pole = ring_pole(sensor.resonance)
+        poles += [pole, pole.conjugate()]
+    if sensor.anti_alias is not None:
+        poles += butterworth_poles(sensor.anti_alias)
+    gain = sensor.sensitivity.value if sensor.sensitivity is not None else 1.0
+    return Cascade(gain=gain, poles=np.array(poles, dtype=np.complex128))
+
+
+def butterworth_poles(filter_: AntiAlias) -> list[complex]:
+    """Return the poles of a Butterworth low-pass: evenly on the left half of a circle (Butterworth 1930)."""
+    radius, order = 2 * math.pi * filter_.frequency_hz, filter_.order
+    angles = [math.pi * (2 * k + order + 1) / (2 * order) for k in range(order)]
+    return [
+        radius * complex(math.cos(angle), 0.0 if 2 * k + 1 == order else math.sin(angle))
+        for k, angle in enumerate(angles)
+    ]
+
+
+def ringing(mode: Mode, chain: Cascade, *, sensor: str = "") -> tuple[ComplexArray, ComplexArray]:
+    """Return poles (p,) and residues (p,) of ``exp(-zeta w_n t) sin(w_d t)`` heard through a chain.
+
+    The ringing is ``Re sum_p residue exp(pole t)``, one of each conjugate pair with twice its residue.
+
+    Raises
+    ------
+    SceneError
+        Two poles that are nearly the same, so that the sum of exponentials has no digits left.
+    """
+    own = ring_pole(mode)
+    every = np.array([own, own.conjugate(), *chain.poles])
+    gaps = np.abs(every[:, None] - every) + np.diag(np.full(every.size, np.inf))
+    if np.min(gaps) < _APART * abs(own):
+        raise SceneError(
+            f'sensor "{sensor}": its resonance or filter coincides with the resonance of {mode.frequency_hz:g} Hz that '
+            "impacts ring; move one of them by a thousandth."
+        )
+    kept = np.flatnonzero(every.imag >= 0)
+    residues = []
+    for index in kept:
+        pole = every[index]
+        if index == 0:
+            residue = chain.at(pole) / 2j
+        else:
+            others = np.delete(chain.poles, index - 2)
+            passed = Cascade(gain=chain.gain, poles=others).at(pole)
+            residue = -pole * passed * own.imag / ((pole - own) * (pole - own.conjugate()))
+        residues.append(residue * (2 if pole.imag > 0 else 1))
+    return every[kept], np.array(residues, dtype=np.complex128)
+
+
+def add_ringing(
+    signal: Array,
+    *,
+    times_s: Array,
+    amplitudes: Array,
+    poles: ComplexArray,
+    residues: ComplexArray,
+    rate_hz: float,
+    late_s: Array | None = None,
+) -> None:
+    """Add ``amplitude Re sum_p residue exp(pole (t - time))`` after each impact, exact at instants between samples.
+
+    Parameters
+    ----------
+    signal : (n,) array
+        Changed in place; sample i at ``i / rate_hz + late_s[i]``.
+    times_s, amplitudes : (m,) array
+        Instants of the impacts in s, rising; those before the first sample are heard from there on.
+    poles, residues : (p,) complex array
+    rate_hz : float
+    late_s : (n,) array or None
+        Errors of the sampling instants. An impact between a sample's place and its instant comes with the next one.
+    """
+    from data_synth._rings_kernel import add_decays  # noqa: PLC0415 - loads numba
+
+    firsts = np.maximum(np.ceil(times_s * rate_hz), 0).astype(np.int64)
+    begins = amplitudes[:, None] * residues * np.exp(poles * (firsts / rate_hz - times_s)[:, None])
+    late = late_s if late_s is not None else np.empty(0)
+    add_decays(signal, firsts, begins, np.exp(poles / rate_hz), poles, late)
 
 
 def add_noise(signal: Array, *, rms: float, rng: np.random.Generator) -> None:
     """Add white Gaussian noise of `rms`, in the signal's units, to a signal (n,) in place."""
     if rms > 0:
-        signal += rms * rng.standard_normal(signal.size)
+        for part in _parts(signal):
+            part[:] += rms * rng.standard_normal(part.size)
 
 
-def pulse_times(angle: ShaftAngle, *, turns_per_rev: float, pulses_per_rev: int, stop_s: float) -> Array:
-    """Return when a tachometer pulses, from revolution zero of `angle` to `stop_s`.
+def _parts(signal: Array) -> Iterator[Array]:
+    """Yield views of a signal (n,), so that what is computed on the way does not grow with it."""
+    for start in range(0, signal.size, _BLOCK):
+        yield signal[start : start + _BLOCK]
 
-    Parameters
-    ----------
-    angle : ShaftAngle
-        Of the reference shaft, revolution zero at the first pulse.
-    turns_per_rev : float
-        Turns of the tachometer's link for one of the reference.
-    pulses_per_rev : int
-        Pulses of one turn of that link.
-    stop_s : float
-        Time of the last sample in s.
 
-    Returns
-    -------
-    (m,) array
-        Times in s, exact.
+def hum_lines(hum: Hum, chain: Cascade, *, rng: np.random.Generator) -> ComplexArray:
+    """Return Z (h,) of the mains' harmonics behind the recorder's filter, ``Re{Z exp(2 pi j h f t)}``."""
+    harmonics = np.arange(1, hum.harmonics + 1)
+    at_cable = hum.amplitude * hum.decay ** (harmonics - 1) * np.exp(2j * np.pi * rng.random(harmonics.size))
+    return np.asarray(at_cable * chain.response(hum.frequency_hz * harmonics))
+
+
+def clip(signal: Array, *, level: float) -> int:
+    """Hold a signal (n,) between plus and minus `level`, in place; return how many samples that changed."""
+    beyond = 0
+    for part in _parts(signal):
+        beyond += int(np.count_nonzero(np.abs(part) > level))
+        np.clip(part, -level, level, out=part)
+    return beyond
+
+
+def quantise(signal: Array, converter: Quantisation) -> int:
+    """Round a signal (n,) to the codes of a converter, in place; return how many samples were beyond its range."""
+    half = 2 ** (converter.bits - 1)
+    step, beyond = converter.full_scale / half, 0
+    for part in _parts(signal):
+        codes = np.rint(part / step)
+        beyond += int(np.count_nonzero((codes < -half) | (codes > half - 1)))
+        np.clip(codes, -half, half - 1, out=codes)
+        part[:] = codes * step
+    return beyond
+
+
+def drop_outs(signal: Array, drops: DropOuts, *, rate_hz: float, rng: np.random.Generator) -> Array:
+    """Take stretches out of a signal (n,), in place; return when they begin and end, (m, 2) in s.
+
+    They begin at random, independent of each other (a Poisson process); those that touch are one.
     """
-    per_rev = turns_per_rev * pulses_per_rev
-    last = int(np.floor(float(angle.revolutions(stop_s)) * per_rev))
-    return angle.times(np.arange(last + 1) / per_rev)
+    duration_s = signal.size / rate_hz
+    begins = np.sort(duration_s * rng.random(rng.poisson(drops.per_second * duration_s)))
+    firsts = np.ceil(begins * rate_hz).astype(np.int64)
+    ends = np.minimum(firsts + max(1, round(drops.duration_s * rate_hz)), signal.size)
+    spans: list[list[int]] = []
+    for first, end in zip(firsts, ends, strict=True):
+        if first < end:
+            if spans and first <= spans[-1][1]:
+                spans[-1][1] = max(spans[-1][1], int(end))
+            else:
+                spans.append([int(first), int(end)])
+    for first, end in spans:
+        held = signal[first - 1] if first else 0.0
+        signal[first:end] = {"nan": np.nan, "zero": 0.0, "hold": held}[drops.reads]
+    return np.array(spans, dtype=np.float64).reshape(-1, 2) / rate_hz

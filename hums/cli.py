@@ -1,7 +1,9 @@
 """The command `hums`: parses, calls, prints; nothing else."""
 
+import os
 import sys
 import warnings
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Optional
 
@@ -11,6 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from hums.jobs import Workers
     from hums.kinematics import Kinematics
 
 app = typer.Typer(
@@ -24,7 +27,17 @@ app = typer.Typer(
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")]
 Band = Annotated[
     Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
-    typer.Option("--envelope-band", metavar="LOW HIGH", help="Band to demodulate, Hz."),
+    typer.Option(
+        "--envelope-band",
+        metavar="LOW HIGH",
+        help="Band to demodulate, Hz. Default: one is chosen for each channel, and the report says why.",
+    ),
+]
+WorkerCount = Annotated[
+    int | None, typer.Option("--workers", metavar="N", help="Processes to work in. Default one a processor.")
+]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster to work on, tcp://HOST:PORT.")
 ]
 
 
@@ -90,16 +103,24 @@ def schema(
 
 @app.command()
 def convert(
-    source: Annotated[Path, typer.Argument(help="A .mat, .wav or .csv file.")],
+    source: Annotated[Path, typer.Argument(help="A .mat, .wav, .csv, .tdms, .uff or .h5 file.")],
     target: Annotated[Path, typer.Argument(help="The record to write, .h5.")],
     channel: Annotated[list[str], typer.Option(help="Vibration channel; repeat. Struct fields by dotted path.")],
-    units: Annotated[str | None, typer.Option(help='Units of the channels, such as g or "m s-2".')] = None,
-    rate_hz: Annotated[float | None, typer.Option(help="Samples a second.")] = None,
+    units: Annotated[
+        str | None,
+        typer.Option(help='Units of the channels, such as g or "m s-2"; a .tdms or .uff file may state them.'),
+    ] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option(help="Samples a second; a .wav, .tdms or .uff file may state them.")
+    ] = None,
     tach_times: Annotated[str | None, typer.Option(help="Variable that holds pulse times, s.")] = None,
     tach_waveform: Annotated[str | None, typer.Option(help="Channel that holds a tachometer waveform.")] = None,
     shaft_rpm: Annotated[float | None, typer.Option(help="Declared constant speed, rpm.")] = None,
     shaft: Annotated[str | None, typer.Option(help="Shaft that the tachometer or the speed belongs to.")] = None,
     pulses_per_rev: Annotated[int | None, typer.Option(help="Tachometer pulses a revolution.")] = None,
+    no_tachometer: Annotated[
+        bool, typer.Option("--no-tachometer", help="Nothing tells the angle; hums analyze --speed-range estimates it.")
+    ] = False,
     scale: Annotated[float, typer.Option(help="Factor from the file's numbers to the units.")] = 1.0,
     machine: Annotated[str, typer.Option(help="Name of the machine.")] = "",
     recorded_at: Annotated[str | None, typer.Option(help="Time of the record, ISO 8601 with offset.")] = None,
@@ -120,6 +141,7 @@ def convert(
         pulses_per_rev=pulses_per_rev,
         shaft=shaft,
         shaft_rpm=shaft_rpm,
+        no_tachometer=no_tachometer,
         scale=scale,
         machine=machine,
         recorded_at=recorded_at,
@@ -144,7 +166,26 @@ def analyze(
     gearbox: Annotated[str, typer.Option(help="A .toml file or a catalogue name.")],
     out: Out,
     envelope_band: Band = None,
+    no_envelope: Annotated[bool, typer.Option("--no-envelope", help="Search no bearing line.")] = False,
     channel: Annotated[list[str] | None, typer.Option(help="Channel to analyse; repeat. Default all.")] = None,
+    tachometer: Annotated[str | None, typer.Option(help="Which tachometer tells the angle. Default the first.")] = None,
+    speed_range: Annotated[
+        Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
+        typer.Option(
+            metavar="LOW HIGH",
+            help="Without a tachometer: speeds of the reference to look for, rev/s; needs --max-acceleration.",
+        ),
+    ] = None,
+    max_acceleration: Annotated[
+        float | None, typer.Option(metavar="HZ_PER_S", help="How fast that speed may change, rev/s in a second.")
+    ] = None,
+    baseline: Annotated[
+        Path | None,
+        typer.Option(help="analysis.h5 of the record before, whose variances NA4 and NB4 are held against."),
+    ] = None,
+    freeze_baseline: Annotated[
+        bool, typer.Option("--freeze-baseline", help="Leave those variances as they are: NA4* and NB4*.")
+    ] = False,
     false_alarm_probability: Annotated[float, typer.Option(help="For the whole record.")] = 0.01,
     max_order: Annotated[float | None, typer.Option(help="Where the order spectrum ends.")] = None,
     track_bandwidth: Annotated[float | None, typer.Option(help="Bandwidth of amplitude tracks, orders.")] = None,
@@ -153,26 +194,36 @@ def analyze(
     from hums.analysis import AnalysisSettings  # noqa: PLC0415
     from hums.analysis import analyze as run  # noqa: PLC0415
     from hums.gearbox import load_gearbox  # noqa: PLC0415
+    from hums.layout import open_analysis  # noqa: PLC0415
     from hums.report import prepare_folder, write_report  # noqa: PLC0415
     from hums.store import open_record  # noqa: PLC0415
     from hums.tables import summary  # noqa: PLC0415
 
+    if envelope_band and no_envelope:
+        raise ValueError("--envelope-band and --no-envelope are both given; keep one.")
     chosen = {
         "channels": tuple(channel) if channel else None,
+        "tachometer": tachometer,
+        "speed_range_hz": speed_range,
+        "max_acceleration_hz_s": max_acceleration,
         "envelope_band_hz": envelope_band,
+        "freeze_baseline": freeze_baseline,
         "false_alarm_probability": false_alarm_probability,
         "max_order": max_order,
         "track_bandwidth_orders": track_bandwidth,
     }
     stated = {name: value for name, value in chosen.items() if value is not None}
-    settings = AnalysisSettings(**stated)
-    with open_record(record) as opened:
+    settings = AnalysisSettings(**stated, **({"envelope_band_hz": None} if no_envelope else {}))
+    with open_record(record) as opened, open_analysis(baseline) if baseline else nullcontext() as past:
         prepare_folder(out)
-        analysis = run(opened, load_gearbox(gearbox), settings=settings)
+        analysis = run(opened, load_gearbox(gearbox), settings=settings, baseline=past)
     page = write_report(analysis, out)
     facts = summary(analysis)
     for note in facts["notes"]:
         typer.echo(f"note: {note}")
+    for item in facts["health"]:
+        if item["status"] != "ok":
+            typer.echo(f"{item['status']} {item['sensor']} {item['name']}: {item['reasons']}")
     for finding in facts["findings"]:
         kind = finding["kind"].replace("_", " ")
         typer.echo(f"{finding['verdict']}: {finding['component']}, {kind}: {finding['evidence']}")
@@ -184,17 +235,96 @@ def analyze(
 @app.command()
 def synth(
     scene: Annotated[str, typer.Argument(help="A scene, .toml, or a catalogue name.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The record to write, .h5.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The record to write, .h5.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    explain: Annotated[bool, typer.Option("--explain", help="Print what will be built, why, and its cost.")] = False,
+    by_source: Annotated[bool, typer.Option("--by-source", help="Also keep the clean signal of each source.")] = False,
+    phases: Annotated[bool, typer.Option("--phases", help="Also keep every shaft's and roller's exact angle.")] = False,
 ) -> None:
     """Make a synthetic record with its truth."""
+    from data_synth import explain as explained  # noqa: PLC0415
     from data_synth import simulate  # noqa: PLC0415
     from hums.store import save_record  # noqa: PLC0415
 
-    record = simulate(scene, seed=seed)
+    if explain:
+        typer.echo(str(explained(scene)))
+    if out is None:
+        if explain:
+            return
+        raise ValueError("--out is missing; name the record to write, as in -o record.h5, or ask with --explain.")
+    if out.exists() and Path(scene).exists() and out.samefile(scene):
+        raise ValueError(f"{out}: the record would overwrite its own scene; name another file, as in -o record.h5.")
+    record = simulate(scene, seed=seed, by_source=by_source, phases=phases)
     save_record(record, out)
     typer.echo(f"wrote {out}")
     _print_record(record)
+
+
+@app.command()
+def dataset(
+    plan: Annotated[str, typer.Argument(help="A plan, .toml, or a catalogue name.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the dataset; the same again goes on with it.")],
+    workers: WorkerCount = None,
+    scheduler: Scheduler = None,
+) -> None:
+    """Make a labelled dataset of synthetic records, or go on with one that was stopped."""
+    from data_synth import load_plan, make_dataset  # noqa: PLC0415
+
+    declared = load_plan(plan)
+    tally = make_dataset(declared, out, workers=_workers(workers, scheduler), progress=True)
+    before = f", {tally.kept} of their {tally.kept + tally.done} files made before" if tally.kept else ""
+    typer.echo(f"{out}: {declared.records} records{before}")
+    typer.echo(f"classes: {', '.join(variant.name for variant in declared.variants)}")
+    typer.echo(f'open it: hums.open_dataset("{out}")')
+
+
+@app.command()
+def fleet(
+    records: Annotated[list[Path], typer.Argument(help="Records, folders of records, datasets.")],
+    gearbox: Annotated[str, typer.Option(help="A .toml file or a catalogue name.")],
+    out: Out,
+    envelope_band: Band = None,
+    no_envelope: Annotated[bool, typer.Option("--no-envelope", help="Search no bearing line.")] = False,
+    channel: Annotated[list[str] | None, typer.Option(help="Channel to analyse; repeat. Default all.")] = None,
+    tachometer: Annotated[str | None, typer.Option(help="Which tachometer tells the angle. Default the first.")] = None,
+    speed_range: Annotated[
+        Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
+        typer.Option(
+            metavar="LOW HIGH",
+            help="Without a tachometer: speeds of the reference to look for, rev/s; needs --max-acceleration.",
+        ),
+    ] = None,
+    max_acceleration: Annotated[
+        float | None, typer.Option(metavar="HZ_PER_S", help="How fast that speed may change, rev/s in a second.")
+    ] = None,
+    false_alarm_probability: Annotated[float, typer.Option(help="For each record.")] = 0.01,
+    workers: WorkerCount = None,
+    scheduler: Scheduler = None,
+) -> None:
+    """Analyse many records into one table with its trends; the same again goes on, with new records too."""
+    from hums.analysis import AnalysisSettings  # noqa: PLC0415
+    from hums.fleet import analyze_fleet  # noqa: PLC0415
+
+    if envelope_band and no_envelope:
+        raise ValueError("--envelope-band and --no-envelope are both given; keep one.")
+    chosen = {
+        "channels": tuple(channel) if channel else None,
+        "tachometer": tachometer,
+        "speed_range_hz": speed_range,
+        "max_acceleration_hz_s": max_acceleration,
+        "envelope_band_hz": envelope_band,
+        "false_alarm_probability": false_alarm_probability,
+    }
+    stated = {name: value for name, value in chosen.items() if value is not None}
+    settings = AnalysisSettings(most_tracks=0, **stated, **({"envelope_band_hz": None} if no_envelope else {}))
+    result = analyze_fleet(
+        records, gearbox, out, settings=settings, workers=_workers(workers, scheduler), progress=True
+    )
+    typer.echo(
+        f"{result.records} records: {result.analysed} analysed now, {result.kept} before, {result.failed} failed"
+    )
+    for name in ("fleet.csv", "fleet.h5", "trends.csv"):
+        typer.echo(f"wrote {result.folder / name}")
 
 
 @app.command()
@@ -258,6 +388,16 @@ def main() -> int:
 
 def _print_warning(message: Warning | str, *_: object, **__: object) -> None:
     typer.echo(f"warning: {message}", err=True)
+
+
+def _workers(count: int | None, scheduler: str | None) -> "Workers":
+    from hums.jobs import Cluster, Processes  # noqa: PLC0415
+
+    if count is not None and scheduler is not None:
+        raise ValueError("--workers and --scheduler are both given; keep one.")
+    if scheduler is not None:
+        return Cluster(address=scheduler)
+    return Processes(count=os.cpu_count() or 1 if count is None else count)
 
 
 def _speed(text: str) -> tuple[str, float]:

@@ -16,11 +16,14 @@ The rule, fixed on the wind turbine and CWRU records:
 4. A claimed fundamental raises a finding. The finding is *diagnosed* when the line stands at least six times
    above its surroundings, a harmonic or sideband at the right spacing supports it, and no other kind of
    defect of the same bearing is within a factor of three; for a gear, when the residual of the synchronous
-   average shows that the disturbance is local. Otherwise it is *indicated*, and the evidence says why.
+   average shows that the disturbance is local (FM4). Otherwise it is *indicated*, and the evidence says why. What a
+   sick sensor shows is never diagnosed.
+
+Indicators support a finding or cast doubt on it; they never raise one, so they leave the rate of false alarms alone.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hums.orders import BEARING_KINDS, BearingOrders
@@ -49,7 +52,7 @@ class JudgedLine:
 
 @dataclass(frozen=True, kw_only=True)
 class Locality:
-    """How local in the revolution a gear's disturbance is: kurtosis of its residual, and its noise limit."""
+    """How local a gear's disturbance is in its revolution: FM4, the kurtosis of its difference signal, and a limit."""
 
     kurtosis: float
     limit: float
@@ -200,7 +203,9 @@ def implied_cage(bearing: BearingOrders, kind: str, order: float) -> float:
     return order if kind == "cage" and bearing.outer_ring == 0 else 0.0
 
 
-def findings(judged: Sequence[JudgedLine], *, locality: Mapping[str, Locality]) -> list[Finding]:
+def findings(
+    judged: Sequence[JudgedLine], *, locality: Mapping[str, Locality], sick: Collection[str] = ()
+) -> list[Finding]:
     """Rank the claimed families: diagnosed before indicated, then by level above the surroundings.
 
     Parameters
@@ -209,6 +214,7 @@ def findings(judged: Sequence[JudgedLine], *, locality: Mapping[str, Locality]) 
         All lines of the record, all channels.
     locality : mapping of gear component to Locality
         For gears whose synchronous average could be made.
+    sick : channels whose sensor spoils what is estimated.
     """
     families: dict[tuple[str, str], list[JudgedLine]] = {}
     for line in judged:
@@ -219,7 +225,9 @@ def findings(judged: Sequence[JudgedLine], *, locality: Mapping[str, Locality]) 
         if any(line.claimed and line.found.wanted.fundamental for line in lines)
     }
     statements = [
-        _bearing_finding(lines, raised) if kind in BEARING_KINDS else _gear_finding(lines, locality.get(component))
+        _bearing_finding(lines, raised, sick)
+        if kind in BEARING_KINDS
+        else _gear_finding(lines, locality.get(component), sick)
         for (component, kind), lines in raised.items()
     ]
     return sorted(statements, key=lambda finding: (finding.verdict != DIAGNOSED, -finding.snr))
@@ -230,7 +238,9 @@ def _main_line(lines: Sequence[JudgedLine]) -> JudgedLine:
     return max(fundamental, key=lambda line: line.found.line.snr)
 
 
-def _bearing_finding(lines: Sequence[JudgedLine], raised: Mapping[tuple[str, str], Sequence[JudgedLine]]) -> Finding:
+def _bearing_finding(
+    lines: Sequence[JudgedLine], raised: Mapping[tuple[str, str], Sequence[JudgedLine]], sick: Collection[str]
+) -> Finding:
     main = _main_line(lines)
     component, kind = main.found.family
     channel = [line for line in lines if line.found.channel == main.found.channel]
@@ -241,7 +251,7 @@ def _bearing_finding(lines: Sequence[JudgedLine], raised: Mapping[tuple[str, str
         for (other, other_kind), other_lines in raised.items()
         if other == component and other_kind != kind and _strength(other_lines) * RIVAL_FACTOR > strength
     }
-    doubts = []
+    doubts = _about_sensor(main, sick)
     if main.found.line.snr < STRONG_SNR:
         doubts.append(
             f"the line is only {main.found.line.snr:.1f} times its surroundings: it is there, but a line this weak "
@@ -282,22 +292,26 @@ def _strength(lines: Iterable[JudgedLine]) -> float:
     )
 
 
-def _gear_finding(lines: Sequence[JudgedLine], locality: Locality | None) -> Finding:
+def _about_sensor(main: JudgedLine, sick: Collection[str]) -> list[str]:
+    return ["the sensor is sick, and may make such a line by itself"] if main.found.channel in sick else []
+
+
+def _gear_finding(lines: Sequence[JudgedLine], locality: Locality | None, sick: Collection[str]) -> Finding:
     main = _main_line(lines)
     claimed = [line for line in lines if line.claimed and line.found.channel == main.found.channel]
     others = [line for line in claimed if line is not main]
     support = [f"{len(claimed)} claimed sidebands of its mesh"] if others else []
-    doubts = []
-    if locality is None:
+    doubts = _about_sensor(main, sick)
+    if locality is None and not doubts:
         doubts.append("its synchronous average could not be made, so nothing shows that one tooth is at fault")
-    elif locality.kurtosis <= locality.limit:
+    elif locality is not None and locality.kurtosis <= locality.limit:
         doubts.append(
-            f"the residual of its synchronous average is not local (kurtosis {locality.kurtosis:.1f}, noise alone "
+            f"the difference signal of its synchronous average is not local (FM4 {locality.kurtosis:.1f}, noise alone "
             f"reaches {locality.limit:.1f}): run-out, misalignment or load variation make such sidebands too"
         )
-    else:
+    elif locality is not None:
         support.append(
-            f"a residual of its synchronous average that is local (kurtosis {locality.kurtosis:.1f}, noise alone "
+            f"a difference signal of its synchronous average that is local (FM4 {locality.kurtosis:.1f}, noise alone "
             f"reaches {locality.limit:.1f}), as one damaged tooth makes it"
         )
     if not others:

@@ -1,6 +1,8 @@
 """The layout of an analysis: a tree of datasets, checked, written to one file and opened again."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -17,11 +19,64 @@ if TYPE_CHECKING:
 
 Analysis: TypeAlias = xr.DataTree
 SCHEMA = "hums-analysis/1"
-GROUPS = ("speed", ORDER_SPECTRUM, ENVELOPE, "tracks", "findings")
+GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")
 
 
 class AnalysisError(ValueError):
     """A record, gearbox or setting that does not fit an analysis."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvelopeBand:
+    """The band that was demodulated: given, or chosen from the record, then with the reason and the doubts."""
+
+    low_hz: float
+    high_hz: float
+    chosen: bool
+    why: str = ""
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Both edges."""
+        return self.low_hz, self.high_hz
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """How far a sensor can be believed: "ok", "suspect" or "sick", and a sentence for each reason.
+
+    ``missing`` is the share of samples that hold nothing of the machine, ``not_judged`` what the record was too short
+    or too slow for.
+    """
+
+    name: str
+    sensor: str
+    status: str
+    reasons: str = ""
+    missing: float = 0.0
+    not_judged: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IndicatorValue:
+    """One condition indicator of one part, as one channel shows it.
+
+    ``kind`` says what of the component it speaks of (channel, shaft, gear, planetary, or the race or element of a
+    bearing); ``takes`` names the signals it was computed from. ``value`` is NaN exactly where ``withheld`` says why;
+    ``noise_limit`` is what noise alone seldom reaches, NaN where no such limit is known.
+    """
+
+    channel: str
+    component: str
+    kind: str
+    indicator: str
+    value: float
+    unit: str
+    noise_limit: float
+    takes: str
+    source: str
+    withheld: str = ""
 
 
 def save_analysis(analysis: Analysis, path: str | Path) -> None:
@@ -58,15 +113,23 @@ def check_analysis(tree: Analysis) -> None:
         raise AnalysisError(f"this analysis lacks the groups {', '.join(missing)}; make it again with hums.analyze.")
 
 
-def spectrum_dataset(spectra: Sequence[tuple[str, str, AmplitudeSpectrum]], lines: Sequence[JudgedLine]) -> xr.Dataset:
-    """Return the spectra of all channels (name, units, spectrum) on their common axis, and their table of lines."""
+def spectrum_dataset(
+    spectra: Sequence[tuple[str, str, AmplitudeSpectrum]],
+    lines: Sequence[JudgedLine],
+    *,
+    bands: Mapping[str, EnvelopeBand] | None = None,
+) -> xr.Dataset:
+    """Return the spectra of all channels (name, units, spectrum) on their common axis, and their table of lines.
+
+    For envelopes `bands` says, by channel, which band was demodulated, and why.
+    """
     table = _line_table(lines)
     if not spectra:
         return table
     names, units, alike = zip(*spectra, strict=True)
     size = min(spectrum.axis.size for spectrum in alike)
     amplitude = np.stack([spectrum.amplitude[:size] for spectrum in alike])
-    return (
+    whole = (
         table.assign(amplitude=(("channel", "order"), amplitude, {"long_name": "peak amplitude"}))
         .assign_coords(
             channel=list(names),
@@ -78,6 +141,17 @@ def spectrum_dataset(spectra: Sequence[tuple[str, str, AmplitudeSpectrum]], line
             bin_width_orders=alike[0].bin_width,
             resolution_orders=alike[0].resolution,
         )
+    )
+    return whole if bands is None else _with_bands(whole, [bands[name] for name in names])
+
+
+def _with_bands(dataset: xr.Dataset, bands: Sequence[EnvelopeBand]) -> xr.Dataset:
+    return dataset.assign_coords(
+        band_low_hz=("channel", [band.low_hz for band in bands]),
+        band_high_hz=("channel", [band.high_hz for band in bands]),
+        band_chosen=("channel", np.array([band.chosen for band in bands], dtype=np.int8)),
+        band_why=("channel", [band.why for band in bands]),
+        band_doubts_json=("channel", [json.dumps(band.doubts) for band in bands]),
     )
 
 
@@ -103,12 +177,11 @@ def _line_table(lines: Sequence[JudgedLine]) -> xr.Dataset:
     return xr.Dataset({name: ("line", values) for name, values in columns.items()})
 
 
-def findings_dataset(found: Sequence[Finding]) -> xr.Dataset:
-    """Return the findings, ranked, as one variable a field."""
-    text = ("component", "kind", "channel", "verdict", "evidence", "units")
-    numbers = ("false_alarm_probability", "snr", "order_found", "amplitude")
-    columns: dict[str, NDArray[Any]] = {
-        name: np.array([getattr(finding, name) for finding in found], dtype=None if found else "<U1") for name in text
-    }
-    columns |= {name: np.array([getattr(finding, name) for finding in found], dtype=np.float64) for name in numbers}
-    return xr.Dataset({name: ("finding", values) for name, values in columns.items()})
+def rows_dataset(rows: Sequence[Finding | Verdict | IndicatorValue], kind: type, *, dim: str) -> xr.Dataset:
+    """Return rows of one kind (findings, verdicts on sensors, indicators) as one variable a field, along `dim`."""
+    columns: dict[str, NDArray[Any]] = {}
+    for field in fields(kind):
+        values = [getattr(row, field.name) for row in rows]
+        number = field.type in (float, "float")
+        columns[field.name] = np.array(values, dtype=np.float64 if number else None if rows else "<U1")
+    return xr.Dataset({name: (dim, values) for name, values in columns.items()})

@@ -26,6 +26,7 @@ __all__ = [
     "RecordError",
     "Sampling",
     "TachometerWaveform",
+    "UnknownAngle",
     "attach_time",
     "channel_values",
     "check_record",
@@ -62,8 +63,10 @@ _WAYS_TO_ANGLE = (
     "Give exactly one of: pulse times, angle=PulseTimes(times_s=..., shaft=..., pulses_per_rev=...), on the "
     "command line --tach-times NAME; a tachometer waveform, angle=TachometerWaveform(values=..., shaft=..., "
     "pulses_per_rev=...), --tach-waveform NAME; a declared constant speed, angle=NominalSpeed(rpm=..., "
-    "shaft=...), --shaft-rpm RPM."
+    "shaft=...), --shaft-rpm RPM. Where there is none, say so, angle=UnknownAngle(), --no-tachometer: the speed is "
+    "then estimated from the vibration."
 )
+_UNKNOWN = "unknown"
 _RATE_REMEDY = "state the samples per second, rate_hz=... (on the command line --rate-hz)"
 
 Kind = Literal["vibration", "waveform", "tachometer", "speed", "truth"]
@@ -178,6 +181,11 @@ class NominalSpeed:
 
 
 @dataclass(frozen=True, kw_only=True)
+class UnknownAngle:
+    """Nothing tells the angle of any shaft: an analysis has to estimate the speed from the vibration."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Sampling:
     """When the samples of a channel were taken: sample `i` of `count` at `start_s + i / rate_hz`.
 
@@ -196,7 +204,7 @@ class Sampling:
     count: int
 
 
-Angle = PulseTimes | TachometerWaveform | NominalSpeed
+Angle = PulseTimes | TachometerWaveform | NominalSpeed | UnknownAngle
 
 
 def make_record(
@@ -219,7 +227,7 @@ def make_record(
         Vibration channels by name.
     rate_hz : float
         Samples per second.
-    angle : PulseTimes, TachometerWaveform, NominalSpeed or a sequence of tachometers of one kind
+    angle : PulseTimes, TachometerWaveform, NominalSpeed, a sequence of tachometers of one kind, or UnknownAngle
         What tells the angle of a shaft.
     units : str or mapping of str to str, optional
         Units of the channels that are given as bare arrays.
@@ -256,7 +264,7 @@ def make_record(
         variables[name] = variable
     _check_lengths(variables)
     _check_dimensions_free(variables)
-    own = {
+    own: dict[str, Any] = {
         "schema": SCHEMA,
         "machine": machine,
         "recorded_at": _utc(recorded_at),
@@ -265,6 +273,8 @@ def make_record(
     }
     if clash := sorted(own.keys() & (attrs or {}).keys()):
         raise RecordError(f'attrs: "{clash[0]}" is written by make_record itself; give it as an argument.')
+    if isinstance(angle, UnknownAngle):
+        own["angle"] = _UNKNOWN
     record = attach_time(xr.Dataset(variables, attrs={**own, **(attrs or {})}))
     record = _with_truth(record, truth or {})
     check_record(record)
@@ -490,6 +500,8 @@ def _angle_variables(
 ) -> Iterable[tuple[str, xr.Variable]]:
     """Turn the declared sources of angle, all of one kind, into named variables."""
     for source in _angle_sources(angle):
+        if isinstance(source, UnknownAngle):
+            continue
         if isinstance(source, NominalSpeed):
             rpm = _positive(source.rpm, "nominal speed: rpm", "state the speed of the shaft in rev/min")
             attrs = {"units": "rev s-1", "shaft": source.shaft, "nominal": 1}
@@ -515,7 +527,7 @@ def _angle_sources(angle: Angle | Sequence[Angle] | None) -> list[Angle]:
         if not isinstance(source, Angle):
             raise RecordError(f"angle: {type(source).__name__} is none of the three. {_WAYS_TO_ANGLE}")
     kinds = {type(source).__name__ for source in sources}
-    if len(kinds) > 1 or (len(sources) > 1 and kinds == {"NominalSpeed"}):
+    if len(kinds) > 1 or (len(sources) > 1 and not kinds <= {"PulseTimes", "TachometerWaveform"}):
         found = ", ".join(type(source).__name__ for source in sources)
         raise RecordError(f"angle: {found} contradict each other or repeat. {_WAYS_TO_ANGLE}")
     return sources
@@ -705,7 +717,7 @@ def _check_channel(record: xr.Dataset, name: str, variable: xr.DataArray) -> Non
 
 def _check_angle(record: xr.Dataset) -> None:
     names, nominal = tachometers(record), nominal_speed(record)
-    if not names and nominal is None:
+    if not names and nominal is None and record.attrs.get("angle") != _UNKNOWN:
         raise RecordError(f"angle: nothing in this record tells the angle of a shaft. {_WAYS_TO_ANGLE}")
     if names and nominal is not None:
         raise RecordError(f'angle: both nominal_speed and the tachometer "{names[0]}". {_WAYS_TO_ANGLE}')

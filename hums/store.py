@@ -5,7 +5,7 @@ the time axis, which is computed and not stored, and the check.
 """
 
 import os
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
+from hums._packing import packed, unpacked
 from hums.record import SCHEMA, RecordError, attach_time, check_record, detach_time
 
 __all__ = [
@@ -23,8 +24,12 @@ __all__ = [
     "is_hdf5",
     "open_hdf5",
     "open_record",
+    "open_shard",
     "open_tree",
+    "record_of_shard",
+    "remove_parts",
     "save_record",
+    "write_shard",
     "write_tree",
     "written_beside",
 ]
@@ -108,6 +113,51 @@ def open_tree(path: str | os.PathLike[str]) -> xr.DataTree:
     file = existing_file(path)
     open_hdf5(file).close()
     return _opened(file, xr.open_datatree)
+
+
+def write_shard(
+    records: Sequence[xr.Dataset], path: str | os.PathLike[str], *, labels: Mapping[str, Sequence[Any]], dtype: str
+) -> None:
+    """Write alike records and their labels to one file, one record a row, with the same care as a record.
+
+    Parameters
+    ----------
+    records : sequence of xarray.Dataset
+        With the same channels and tachometers, of the same lengths and rates.
+    path : path
+        File to write.
+    labels : mapping of str to sequence
+        A value a record, by the name of the label.
+    dtype : "float32" or "float64"
+        In which the samples are kept.
+    """
+    shard = _writable(packed(records, labels, dtype=dtype), where="shard")
+    encoding = _encodings(shard)
+    for name, settings in encoding.items():
+        _, *row = shard.variables[name].shape
+        if row:  # a record is read without its neighbours
+            settings["chunksizes"] = (1, *_chunks(tuple(row)))
+    _write(shard, path, encoding)
+
+
+def open_shard(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Open a file that `write_shard` wrote. Values are read when they are used.
+
+    Raises
+    ------
+    RecordError
+        If the file is missing, damaged or not HDF5.
+    """
+    file = existing_file(path)
+    open_hdf5(file).close()
+    return _opened(file, xr.open_dataset)
+
+
+def record_of_shard(shard: xr.Dataset, row: int) -> xr.Dataset:
+    """Read one record of an open shard."""
+    record = attach_time(unpacked(shard, row))
+    check_record(record)
+    return record
 
 
 def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
@@ -221,6 +271,12 @@ def written_beside(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise
     if os.name == "posix":  # elsewhere a directory cannot be opened, and need not be
         _sync(target.parent)
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove what writers that were killed left in a folder; nothing may be writing there."""
+    for part in folder.glob(".hums-*.part"):
+        part.unlink(missing_ok=True)
 
 
 def _sync(path: Path) -> None:

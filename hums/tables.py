@@ -48,9 +48,42 @@ def findings_table(analysis: Analysis) -> "pd.DataFrame":
     return group(analysis, "findings").to_dataframe().reset_index(drop=True)
 
 
+def indicator_table(analysis: Analysis) -> "pd.DataFrame":
+    """Return the condition indicators, a row each.
+
+    Columns: channel, component, kind, indicator, value, unit, noise_limit, takes, source, withheld; the value is NaN
+    where the last one says why.
+    """
+    return group(analysis, "indicators").to_dataframe().reset_index(drop=True)
+
+
+def health_table(analysis: Analysis) -> "pd.DataFrame":
+    """Return the verdict on every sensor, a row each: name, sensor, status, reasons, missing, not_judged."""
+    return group(analysis, "health").to_dataframe().reset_index(drop=True)
+
+
+def envelope_bands(analysis: Analysis) -> list[dict[str, Any]]:
+    """Return by channel which band was demodulated, whether it was chosen from the record, and why."""
+    dataset = group(analysis, ENVELOPE)
+    if "band_low_hz" not in dataset.coords:
+        return []
+    return [
+        {
+            "channel": str(one["channel"].item()),
+            "low_hz": float(one["band_low_hz"]),
+            "high_hz": float(one["band_high_hz"]),
+            "chosen": bool(one["band_chosen"]),
+            "why": str(one["band_why"].item()),
+            "doubts": json.loads(one["band_doubts_json"].item()),
+        }
+        for one in (dataset.isel(channel=number) for number in range(dataset.sizes["channel"]))
+    ]
+
+
 def summary(analysis: Analysis) -> dict[str, Any]:
     """Return everything a machine wants to read of an analysis, as plain JSON types."""
-    attrs, speed = analysis.attrs, group(analysis, "speed")["speed_hz"]
+    attrs, motion = analysis.attrs, group(analysis, "speed")
+    speed = motion["speed_hz"]
     return {
         "schema": SCHEMA,
         "record": attrs["record"],
@@ -66,10 +99,16 @@ def summary(analysis: Analysis) -> dict[str, Any]:
             "min": float(speed.min()),
             "max": float(speed.max()),
             "mean": speed.size / float((1 / speed).sum()),
-            "nominal": bool(group(analysis, "speed").attrs["nominal"]),
+            "nominal": bool(motion.attrs["nominal"]),
+            "tachometer": str(motion.attrs["tachometer"]),
+            "estimated_from": str(motion.attrs.get("estimated_from", "")),
+            "confidence": float(motion.attrs["confidence"]) if "confidence" in motion.attrs else None,
         },
+        "health": _records(health_table(analysis)),
+        "envelope_bands": envelope_bands(analysis),
         "orders": _records(line_table(analysis, ORDER_SPECTRUM)),
         "envelope": _records(line_table(analysis, ENVELOPE)),
+        "indicators": _records(indicator_table(analysis)),
         "findings": _records(findings_table(analysis)),
     }
 

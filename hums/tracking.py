@@ -7,18 +7,22 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from hums.channels import AnalysedChannel, finite_values
 from hums.findings import JudgedLine
+from hums.machine import Machine
 from hums.orders import BEARING_KINDS
+from hums.record import sampling
 from hums.search import ORDER_SPECTRUM, FoundLine
-from signals.harmonics import track_orders
+from signals.harmonics import OrderTracks, track_orders
 from signals.harmonics.likelihood import likely_bandwidth
-from signals.phase import ShaftPhase
 from signals.resampling import AngularSignal
 from signals.spectra import AmplitudeSpectrum
 
 _MOST_OUTPUTS = 200
 _STEPS_REV = (0.125, 0.25, 0.5)
 _LARGEST_BANDWIDTH = 0.1  # orders; the most likely one is looked for below this
+_OUTPUTS_A_BANDWIDTH = 16.0
+_SLOWEST_OUTPUT_REV = 8.0
 
 
 def tracked_lines(judged: Iterable[JudgedLine], *, most: int) -> list[FoundLine]:
@@ -34,9 +38,9 @@ def tracked_lines(judged: Iterable[JudgedLine], *, most: int) -> list[FoundLine]
 
 
 def track_lines(
-    signal: AngularSignal,
-    spectrum: AmplitudeSpectrum,
-    phase: ShaftPhase,
+    record: xr.Dataset,
+    channel: AnalysedChannel,
+    machine: Machine,
     lines: Sequence[FoundLine],
     *,
     bandwidth_orders: float | None,
@@ -45,64 +49,122 @@ def track_lines(
 
     Parameters
     ----------
-    signal, spectrum : the channel over angle, and its order spectrum.
-    phase : of the reference shaft, to tell the time of each output.
+    record : the record, for the samples themselves where some of them are missing.
+    channel : over angle, with its order spectrum and the health of its sensor.
+    machine : whose reference the orders count.
     lines : what to track, at nominal orders; at the orders found where the speed is nominal.
     bandwidth_orders : full -3 dB width of the smoother; None for the most likely one of each line.
 
     Returns
     -------
     xarray.Dataset
-        Complex amplitude and `std` (track, output), with what each track is as coordinates.
+        Complex amplitude and `std` (track, output), with what each track is as coordinates. `std` holds the noise
+        beside the line and what the uncertainty of the shaft's angle makes of its amplitude.
     """
-    per_rev = signal.samples_per_rev
-    orders = [line.line.found if phase.nominal else line.wanted.order for line in lines]
-    values = signal.values - signal.values.mean()
-    noise = _local_noise(signal, spectrum, lines)
+    signal, phase = channel.signal, machine.phase
+    orders = np.array([line.line.found if phase.nominal else line.wanted.order for line in lines])
+    noise = _local_noise(signal, channel.spectra[ORDER_SPECTRUM], lines)
     bandwidth: NDArray[np.float64] | float | None = bandwidth_orders
     if bandwidth is None:
         bandwidth = likely_bandwidth(
-            values,
+            signal.values - signal.values.mean(),
             phase_rad=signal.angle_rad,
             orders=orders,
-            samples_per_rev=per_rev,
+            samples_per_rev=signal.samples_per_rev,
             noise_variance=noise,
             largest_bandwidth_orders=_LARGEST_BANDWIDTH,
         )
-    tracks = track_orders(
-        values,
-        phase_rad=signal.angle_rad,
-        orders=orders,
-        bandwidth_orders=bandwidth,
-        samples_per_rev=per_rev,
-        output_every=_output_every(signal),
-    )
-    # the tracker's own uncertainty rests on the mean noise over all orders; each line has its own surroundings
-    std = tracks.std * np.sqrt(noise / tracks.noise_variance)[:, None]
-    revolution = signal.start_rev + tracks.sample_index / per_rev
+    every = _output_every(signal)
+    revolution = signal.start_rev + np.arange(0, signal.values.size, every) / signal.samples_per_rev
+    times = phase.times_at(np.minimum(revolution, phase.revolutions[-1]))
+    gaps = channel.health is not None and bool(channel.health.missing.any())
+    tracks = _with_gaps if gaps else _whole
+    amplitude, std, found = tracks(record, channel, machine, orders, bandwidth, noise, times)
+    turn = [machine.phase_std_rad(times, bandwidth_orders=float(width)) for width in found.bandwidth]
+    std = np.sqrt(std**2 + (orders[:, None] * np.array(turn) * np.abs(amplitude)) ** 2 / 2)
     return xr.Dataset(
         {
-            "complex_amplitude": (("track", "output"), tracks.complex_amplitude),
+            "complex_amplitude": (("track", "output"), amplitude),
             "std": (("track", "output"), std, {"long_name": "of the real and of the imaginary part"}),
         },
         coords={
             "track_channel": ("track", [line.channel for line in lines]),
             "track_units": ("track", [line.units for line in lines]),
-            "track_order": ("track", np.asarray(orders, dtype=np.float64)),
-            "bandwidth_orders": ("track", tracks.bandwidth),
+            "track_order": ("track", orders),
+            "bandwidth_orders": ("track", found.bandwidth),
             "component": ("track", [line.wanted.component for line in lines]),
             "kind": ("track", [line.wanted.kind for line in lines]),
             "harmonic": ("track", [line.wanted.harmonic for line in lines]),
             "sideband": ("track", [line.wanted.sideband for line in lines]),
             "revolution": ("output", revolution),
-            "time_s": (
-                "output",
-                phase.times_at(np.minimum(revolution, phase.revolutions[-1])),
-                {"units": "s"},
-            ),
+            "time_s": ("output", times, {"units": "s"}),
         },
-        attrs={"method": tracks.method, "poles": tracks.poles},
+        attrs={"method": found.method, "poles": found.poles},
     )
+
+
+_Tracked = tuple[NDArray[np.complex128], NDArray[np.float64], OrderTracks]
+
+
+def _whole(
+    _record: xr.Dataset,
+    channel: AnalysedChannel,
+    _machine: Machine,
+    orders: NDArray[np.float64],
+    bandwidth: NDArray[np.float64] | float,
+    noise: NDArray[np.float64],
+    _times: NDArray[np.float64],
+) -> _Tracked:
+    """Track over even steps of angle."""
+    signal = channel.signal
+    tracks = track_orders(
+        signal.values - signal.values.mean(),
+        phase_rad=signal.angle_rad,
+        orders=orders,
+        bandwidth_orders=bandwidth,
+        samples_per_rev=signal.samples_per_rev,
+        output_every=_output_every(signal),
+    )
+    # the tracker's own uncertainty rests on the mean noise over all orders; each line has its own surroundings
+    return tracks.complex_amplitude, tracks.std * np.sqrt(noise / tracks.noise_variance)[:, None], tracks
+
+
+def _with_gaps(
+    record: xr.Dataset,
+    channel: AnalysedChannel,
+    machine: Machine,
+    orders: NDArray[np.float64],
+    bandwidth: NDArray[np.float64] | float,
+    noise: NDArray[np.float64],
+    times: NDArray[np.float64],
+) -> _Tracked:
+    """Track over the samples as they were taken, those that hold nothing of the machine missing.
+
+    Resampling would spread each of them over its filter. Outputs are interpolated to the times of the others: a
+    sixteenth of the inverse bandwidth apart, or less, so that the line between two of them errs by 0.5 % of what
+    changes, at most. Sample by sample: what repeats with the shaft is often missing at the same angles, which blocks of
+    samples do not see.
+    """
+    phase, missing = machine.phase, channel.health.missing if channel.health else np.zeros(0, dtype=np.bool_)
+    when = sampling(record, channel.name)
+    taken = when.start_s + np.arange(when.count) / when.rate_hz
+    inside = (taken >= max(phase.start_s, times[0])) & (taken <= phase.stop_s)
+    values = np.where(missing, np.nan, finite_values(record, channel.name))[inside]
+    widest = max(float(np.max(bandwidth)), 1 / _SLOWEST_OUTPUT_REV)
+    tracks = track_orders(
+        values - np.nanmean(values),
+        phase_rad=phase.angle_rad(taken[inside]),
+        orders=orders,
+        bandwidth_orders=bandwidth,
+        rate_hz=when.rate_hz,
+        output_every=max(1, int(when.rate_hz / (_OUTPUTS_A_BANDWIDTH * widest * machine.top_speed_hz))),
+        method="exact",
+    )
+    at = taken[inside][tracks.sample_index]
+    amplitude = np.array([np.interp(times, at, row) for row in tracks.complex_amplitude])
+    std = np.array([np.interp(times, at, row) for row in tracks.std])
+    density = np.count_nonzero(inside) / channel.signal.values.size  # samples here to one over angle
+    return amplitude, std * np.sqrt(noise * density / tracks.noise_variance)[:, None], tracks
 
 
 def _output_every(signal: AngularSignal) -> int:

@@ -12,6 +12,8 @@ _GAP = 1.7  # a missing pulse makes one interval of two: this many times those a
 _GAP_BESIDE = 1.2  # and longer than either side alone, which slowing down is not
 _PAIR = 1.4  # an extra pulse makes two intervals of one: together below this, where two sound ones are about 2
 _SHORT = 0.6
+_OUTSTANDING = 8.0  # median deviations; a search gives up no pulse that is less than some 16 off
+_SLIGHTLY_OFF, _WELL_OFF = 0.02, 0.25  # of the interval: never doubtful, and always
 
 
 def lap_of(intervals: Array, stripes: int) -> int:
@@ -35,6 +37,13 @@ def shorts_in(intervals: Array, least: Array) -> NDArray[np.bool_]:
     halves = np.flatnonzero(intervals[:-1] + intervals[1:] < _PAIR * np.minimum(least[0, :-1], least[1, 1:]))
     short[np.where(intervals[halves] <= intervals[halves + 1], halves, halves + 1)] = True
     return np.asarray(short)
+
+
+def doubtful_in(intervals: Array, least: Array, most: Array) -> NDArray[np.bool_]:
+    """Return whether each interval is off what is usual around it by more than most are."""
+    off = np.abs(intervals / ((least + most).mean(axis=0) / 2) - 1)
+    ordinary = np.clip(_OUTSTANDING * np.nanmedian(off), _SLIGHTLY_OFF, _WELL_OFF)
+    return np.asarray(~(off <= ordinary))  # what cannot be told is doubtful
 
 
 def usual_intervals(intervals: Array, *, lap: int) -> tuple[Array, Array]:

@@ -3,11 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled, compiled_sums
+from signals._compile import compiled
+from signals._lanes import WIDE, load_wide, multiply_add, plus, powers, spread_wide, store, times, total
 
 Array = NDArray[np.float64]
 
-_TOGETHER = 4  # neighbouring outputs share the reading of the weights
+_TOGETHER = 4  # neighbouring outputs share the reading of moments and weights
 _HALVINGS = 60  # down to rounding
 
 
@@ -84,86 +85,106 @@ def _solved(rise: float, early: float, late: float, target: float) -> float:
     return u
 
 
-@compiled_sums
+@compiled
 def interpolate(x: Array, places: Array, cuts: Array, rows: Array, out: Array) -> None:
     """Weigh the samples about each place whose cut-off is that of `x` itself; 0 for the others.
 
-    ``out[m] = sum_n x[n] g(places[m] - n)``, with the weights taken linearly between two of `rows`. `x` must reach
-    half a row beyond every place.
+    ``out[m] = sum_n x[n] g(places[m] - n)``, with the weights on cubics through four of `rows`, whose length is a
+    multiple of 8. `x` must reach half a row beyond every place.
     """
-    taps, fractions = rows.shape[1], rows.shape[0] - 2
+    taps, fractions = rows.shape[1], rows.shape[0] - 3
+    weights = rows.ravel()
     for m in range(places.size):
         if cuts[m] < 1:
             out[m] = 0.0
             continue
-        whole = int(np.floor(places[m]))
+        whole = np.floor(places[m])
         fraction = (places[m] - whole) * fractions
         row = int(fraction)
-        part = fraction - row
-        begin = whole - taps // 2 + 1
-        samples = x[begin : begin + taps]
-        before, after = rows[row], rows[row + 1]
-        early = 0.0
-        late = 0.0
-        for i in range(taps):
-            early += before[i] * samples[i]
-            late += after[i] * samples[i]
-        out[m] = early + part * (late - early)
+        u = fraction - row
+        n, at = int(whole) - taps // 2 + 1, row * taps
+        before, here, there, after = spread_wide(0.0), spread_wide(0.0), spread_wide(0.0), spread_wide(0.0)
+        for i in range(at, at + taps, WIDE):
+            samples = load_wide(x, n)
+            before = multiply_add(load_wide(weights, i), samples, before)
+            here = multiply_add(load_wide(weights, i + taps), samples, here)
+            there = multiply_add(load_wide(weights, i + 2 * taps), samples, there)
+            after = multiply_add(load_wide(weights, i + 3 * taps), samples, after)
+            n += WIDE
+        inner, outer = (u + 1) * (u - 2) / 2, u * (u - 1) / 6
+        sums = times(before, spread_wide(-outer * (u - 2)))
+        sums = multiply_add(here, spread_wide(inner * (u - 1)), sums)
+        sums = multiply_add(there, spread_wide(-inner * u), sums)
+        out[m] = total(multiply_add(after, spread_wide(outer * (u + 1)), sums))
 
 
 @compiled
 def gather(x: Array, q: Array, slopes: Array, first: int, moments: Array) -> None:
     """Add each sample, times its share of `q`, to the moments of the step of `q` that it lies in.
 
-    ``moments[c - first, k] += x[n] slopes[n] v_n^k``, where v goes from -1 to 1 across step c. Steps that `moments`
-    (steps, powers) does not hold are left out.
+    ``moments[c - first, k] += x[n] slopes[n] v_n^k``, k = 0 .. 7, where v goes from -1 to 1 across step c. Steps that
+    `moments` (steps, 8) does not hold are left out.
     """
-    powers = moments.shape[1]
+    flat, steps = moments.ravel(), moments.shape[0]
+    held, sums = -1, spread_wide(0.0)
     for n in range(x.size):
         floor = np.floor(q[n])
         step = int(floor) - first
-        if step < 0 or step >= moments.shape[0]:
+        if step < 0 or step >= steps:
             continue
-        v = 2 * (q[n] - floor) - 1
-        term = x[n] * slopes[n]
-        row = moments[step]
-        for k in range(powers):
-            row[k] += term
-            term *= v
+        if step != held:
+            if held >= 0:
+                store(flat, held * WIDE, sums)
+            held, sums = step, load_wide(flat, step * WIDE)
+        sums = multiply_add(spread_wide(x[n] * slopes[n]), powers(2 * (q[n] - floor) - 1), sums)
+    if held >= 0:
+        store(flat, held * WIDE, sums)
 
 
-@compiled_sums
+@compiled
 def weigh(moments: Array, weights: Array, cuts: Array, out: Array) -> None:
     """Weigh the moments of the steps about each output whose cut-off lies below that of the record.
 
-    ``out[m] = sum over steps i and powers k of weights[i, k] moments[m + i, k]``, both flattened; other outputs are
-    left as they are. `moments` must hold three steps more than the last output needs.
+    ``out[m] = sum over steps i and powers k of weights[i, k] moments[m + i, k]``, k = 0 .. 7, an even number of steps;
+    other outputs are left as they are. Four outputs share the reading of both, each a step behind the one before;
+    `moments` must hold what the last four would need. A sum never reads a step beyond its own, be it times nothing:
+    what is not a number stays where it is.
     """
-    powers, reach = weights.shape[1], weights.size
-    flat, every = moments.ravel(), weights.ravel()
-    for group in range(0, out.size, _TOGETHER):
-        m = max(min(group, out.size - _TOGETHER), 0)  # the last four may overlap the four before
-        alone = min(_TOGETHER, out.size)
+    rows, every = moments.ravel(), weights.ravel()
+    first, second = load_wide(every, 0), load_wide(every, WIDE)
+    third, fourth = load_wide(every, 2 * WIDE), load_wide(every, 3 * WIDE)
+    for m in range(0, out.size, _TOGETHER):
+        alone = min(_TOGETHER, out.size - m)
         lowest = 1.0
         for i in range(alone):
             lowest = min(lowest, cuts[m + i])
         if lowest >= 1:
             continue
-        begin = m * powers
-        one = flat[begin : begin + reach]
-        two = flat[begin + powers : begin + powers + reach]
-        three = flat[begin + 2 * powers : begin + 2 * powers + reach]
-        four = flat[begin + 3 * powers : begin + 3 * powers + reach]
-        first = second = third = fourth = 0.0
-        for i in range(reach):
-            weight = every[i]
-            first += one[i] * weight
-            second += two[i] * weight
-            third += three[i] * weight
-            fourth += four[i] * weight
-        for i, total in enumerate((first, second, third, fourth)):
+        at = m * WIDE
+        row, other = load_wide(rows, at), load_wide(rows, at + WIDE)
+        s0, t0, s1 = times(row, first), times(other, second), times(other, first)
+        row, other = load_wide(rows, at + 2 * WIDE), load_wide(rows, at + 3 * WIDE)
+        s0, t0 = multiply_add(row, third, s0), multiply_add(other, fourth, t0)
+        t1, s1 = times(row, second), multiply_add(other, third, s1)
+        s2, t2, s3, t3 = times(row, first), times(other, second), times(other, first), spread_wide(0.0)
+        w1, w2, w3 = fourth, third, second
+        for i in range(_TOGETHER * WIDE, every.size, 2 * WIDE):
+            row, other = load_wide(rows, at + i), load_wide(rows, at + i + WIDE)
+            w0, w = load_wide(every, i), load_wide(every, i + WIDE)
+            s0, t0 = multiply_add(row, w0, s0), multiply_add(other, w, t0)
+            s1, t1 = multiply_add(row, w1, s1), multiply_add(other, w0, t1)
+            s2, t2 = multiply_add(row, w2, s2), multiply_add(other, w1, t2)
+            s3, t3 = multiply_add(row, w3, s3), multiply_add(other, w2, t3)
+            w1, w2, w3 = w, w0, w1
+        at += every.size
+        row, other = load_wide(rows, at), load_wide(rows, at + WIDE)
+        s1, s2, t2 = multiply_add(row, w1, s1), multiply_add(row, w2, s2), multiply_add(other, w1, t2)
+        s3, t3 = multiply_add(row, w3, s3), multiply_add(other, w2, t3)
+        s3 = multiply_add(load_wide(rows, at + 2 * WIDE), w1, s3)
+        sums = (total(plus(s0, t0)), total(plus(s1, t1)), total(plus(s2, t2)), total(plus(s3, t3)))
+        for i, found in enumerate(sums):
             if i < alone and cuts[m + i] < 1:
-                out[m + i] = total
+                out[m + i] = found
 
 
 @compiled

@@ -80,6 +80,17 @@ class Warp:
 
     def push(self, x: Array) -> Outputs:
         """Take more of the record; return the outputs this completes, and which of them reach beyond its start."""
+        return _joined(self._pushed(x))
+
+    def finish(self) -> Outputs:
+        """Return the outputs left, and which of them reach beyond an end of the record."""
+        return self._advance(np.concatenate([self._samples, np.zeros(_HALO)]), ended=True)
+
+    def whole(self, x: Array) -> Outputs:
+        """Take all of the record at once; return all outputs."""
+        return _joined([*self._pushed(x), self.finish()])
+
+    def _pushed(self, x: Array) -> list[Outputs]:
         if self._level is None and x.size:
             finite = x[:1] if np.isfinite(x[0]) else x[np.isfinite(x)]
             self._level = float(finite[0]) if finite.size else None
@@ -89,11 +100,7 @@ class Warp:
             if self._samples.size >= width:
                 parts.append(self._advance(self._samples[:width], ended=False))
                 self._samples = self._samples[self._chunk :]
-        return joined(parts)
-
-    def finish(self) -> Outputs:
-        """Return the outputs left, and which of them reach beyond an end of the record."""
-        return self._advance(np.concatenate([self._samples, np.zeros(_HALO)]), ended=True)
+        return parts
 
     @property
     def samples_seen(self) -> int:
@@ -210,7 +217,7 @@ class Warp:
         beyond[outside] = True
 
 
-def joined(parts: list[Outputs]) -> Outputs:
+def _joined(parts: list[Outputs]) -> Outputs:
     """Put outputs one after the other."""
     if not parts:
         return np.empty(0), np.empty(0, dtype=bool)

@@ -1,8 +1,8 @@
 """Which pulses of a tachometer are wrong: missing, double or spurious; found, counted, and left out or bridged.
 
 Finding is cheap and holds each interval against those of the same stripe in the revolutions around it. Only where
-it finds something are all pulses numbered anew: of the many ways to number them, or to leave one out, the least
-costly is kept, where a missing and an extra pulse each have a price and so has every pulse off the place that the
+it finds something are pulses numbered anew: of the many ways to number them, or to leave one out, the least costly
+is kept, where a missing and an extra pulse each have a price and so has every pulse off the place that the
 three before it foretell (dynamic programming over a beam of partial numberings). It begins at the longest run of
 sound pulses and goes both ways. The first pass allows for any motion, the second for what the first has found usual.
 """
@@ -14,15 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals._checks import Array
-from signals._pulse_faults import gaps_in, lap_of, shorts_in, usual_intervals
+from signals._pulse_faults import doubtful_in, gaps_in, lap_of, shorts_in, usual_intervals
+from signals._pulse_numbering import numbered
 
 Counts = NDArray[np.int64]
 
 _DOUBLE = 0.1  # of the interval: an extra pulse this soon after a true one is its double
-_PRICE = 3.0  # of a missing or an extra pulse, in half squares of standard deviations
 _WIDEST, _NARROWEST = 0.08, 0.01  # standard deviations allowed, in intervals
-_ROUGH = 0.01  # above this a place is foretold by two pulses or by three, whichever is nearer
-_BEAM = 24
+_OFF = 2.0  # standard deviations; a pulse that is less off its place is dearer to leave out than to keep
 _FEWEST_SOUND = 4  # pulses on end, to begin from
 _LAPS_KNOWN = 3  # sound ones that tell the places of the stripes
 _LONGEST = 8  # missing pulses on end; more cannot be counted for certain
@@ -116,12 +115,14 @@ def number_pulses(times: Array, *, stripes: int) -> tuple[Counts, Counts]:
     known = run.size >= _LAPS_KNOWN * stripes
     if known:
         pattern = _pattern_of(run, np.arange(run.size), stripes)
-    kept, counts = _numbered(times, pattern, anchor=anchor, width=_WIDEST)
+    doubtful = wrong | doubtful_in(intervals, least, most)
+    kept, counts = numbered(times, pattern, doubtful=doubtful, anchor=anchor, width=_WIDEST)
     if not known and stripes > 1:
         pattern = _pattern_of(times[kept], counts, stripes)
-    off = _off_place(times[kept], counts, pattern)
-    width = float(np.clip(1.5 * 1.4826 * np.median(np.abs(off)), _NARROWEST, _WIDEST))
-    kept, counts = _numbered(times, pattern, anchor=anchor, width=width)
+    off = np.abs(_off_place(times[kept], counts, pattern))
+    width = float(np.clip(1.5 * 1.4826 * np.median(off), _NARROWEST, _WIDEST))
+    doubtful[kept[-off.size :][off > _OFF * width] - 1] = True
+    kept, counts = numbered(times, pattern, doubtful=doubtful, anchor=anchor, width=width)
     _refuse_hopeless(times, kept, counts)
     return kept, counts - counts[0]
 
@@ -146,8 +147,8 @@ def _refuse_hopeless(times: Array, kept: Counts, counts: Counts) -> None:
 def repairs_of(times: Array, kept: Counts, counts: Counts, *, offset: int = 0) -> PulseRepairs:
     """Tell what a numbering leaves out and bridges; indices count from `offset`."""
     steps = np.diff(counts)
-    missing = np.setdiff1d(np.arange(counts[0], counts[-1] + 1), counts)
-    extra = np.setdiff1d(np.arange(times.size), kept)
+    missing = counts[0] + _left_out(counts - counts[0], int(counts[-1] - counts[0]) + 1)
+    extra = _left_out(kept, times.size)
     before = np.clip(np.searchsorted(kept, extra) - 1, 0, max(steps.size - 1, 0))
     # how far after the true pulse, as a share of the interval to the next
     usual = np.diff(times[kept])[before] / steps[before] if steps.size else np.ones(extra.size)
@@ -163,6 +164,12 @@ def repairs_of(times: Array, kept: Counts, counts: Counts, *, offset: int = 0) -
         spurious_index=extra[~double] + offset,
         spurious_times_s=times[extra[~double]],
     )
+
+
+def _left_out(places: Counts, size: int) -> Counts:
+    out = np.ones(size, dtype=np.bool_)
+    out[places] = False
+    return np.flatnonzero(out)
 
 
 def all_repairs(parts: list[PulseRepairs]) -> PulseRepairs:
@@ -235,20 +242,6 @@ def _steadiest(run: Array, stripes: int) -> int:
     window = min(_FEWEST_SOUND, changes.size)
     change = np.convolve(changes, np.ones(window), "valid")[: run.size - 2 : stripes]
     return int(np.argmin(change)) * stripes
-
-
-def _numbered(times: Array, pattern: Array, *, anchor: int, width: float) -> tuple[Counts, Counts]:
-    """Return the pulses kept and their numbers, found from the sound pulses at the anchor onwards and backwards."""
-    from signals._repair_kernels import best_numbering  # noqa: PLC0415 - compiled at need
-
-    price = (width, width > _ROUGH, _PRICE)
-    kept, counts = best_numbering(times[anchor:], pattern, 0, _BEAM, *price)
-    mirrored = np.concatenate([[0.0], 1 - pattern[:0:-1]])
-    before, numbers = best_numbering(-times[anchor + 2 :: -1], mirrored, -2, _BEAM, *price)
-    return (
-        np.concatenate([anchor + 2 - before[:2:-1], anchor + kept]),
-        np.concatenate([-numbers[:2:-1], counts]),
-    )
 
 
 def _off_place(times: Array, counts: Counts, pattern: Array) -> Array:

@@ -13,17 +13,16 @@ Two cheaper choices filter nothing. For a tone of w rad a sample, w small, the R
 """
 
 from dataclasses import dataclass, field
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from signals._checks import Array, choice, positive, real_vector, whole
+from signals._checks import Array, choice, positive, whole
+from signals._gaps import Missing, samples
 from signals._track import NODE_STEP, Track
-from signals._warp import FEWEST, METHODS, Flags, Map, Method, Outputs, Warp, joined
+from signals._turning import refuse_rest, turning
+from signals._warp import FEWEST, METHODS, Flags, Map, Method, Warp
 from signals.phase import ShaftPhase
-
-Missing = Literal["refuse", "mark"]
 
 PASSBAND = 0.88  # of half the coarser rate
 
@@ -88,6 +87,9 @@ def angular_resample(
 ) -> AngularSignal:
     """Resample a record at even steps of shaft angle, all whole revolutions from the first one on.
 
+    Of a shaft whose angle falls, revolutions are counted the way it turns: each angle is minus the phase's, and all
+    come in order of time.
+
     Where the filter reaches beyond the record, only the part of it that lies on the record is used, and made to add
     up to one; how many values that concerns is in ``unsettled``. A constant stays what it is to the very ends.
 
@@ -118,17 +120,21 @@ def angular_resample(
     Raises
     ------
     ValueError
-        A record shorter than one revolution, or values that are not finite.
+        A record shorter than one revolution, values that are not finite, a shaft that rests within the record or
+        that turns both ways.
     """
     choice(method, name="method", choices=METHODS)
     rate = positive(rate_hz, name="rate_hz")
     signal = samples(x, missing=missing, minimum=FEWEST[method], rate_hz=rate, start_s=start_s)
     per_rev = whole(samples_per_rev, name="samples_per_rev", least=2)
-    first, count = whole_revolutions(phase, start_s=start_s, stop_s=start_s + (signal.size - 1) / rate)
+    stop_s = start_s + (signal.size - 1) / rate
+    phase = forwards(phase)
+    refuse_rest(phase.times_s, phase.revolutions, start_s=start_s, stop_s=stop_s, rate_hz=rate)
+    first, count = whole_revolutions(phase, start_s=start_s, stop_s=stop_s)
     if revolutions is not None:
         count = whole(revolutions, name="revolutions", least=1, most=count)
     grid = angle_map(phase, rate_hz=rate, start_s=start_s, samples_per_rev=per_rev, first=first, revolutions=count)
-    values, beyond = resampled(signal, Warp(grid, method=method))
+    values, beyond = Warp(grid, method=method).whole(signal)
     return AngularSignal(
         values=values,
         samples_per_rev=per_rev,
@@ -173,26 +179,34 @@ def time_resample(
     Raises
     ------
     ValueError
-        Revolutions that the phase does not know, a start outside them, values that are not finite.
+        Revolutions that the phase does not know, a start outside them, values that are not finite, a shaft that
+        rests among them or turns both ways.
     """
     choice(method, name="method", choices=METHODS)
     rate, per_rev = positive(rate_hz, name="rate_hz"), signal.samples_per_rev
+    phase = forwards(phase)
     x = samples(signal.values, missing=missing, minimum=FEWEST[method])
-    ends = np.array([signal.start_rev, signal.start_rev + (x.size - 1) / per_rev])
-    begin, end = phase.times_at(ends)
-    start = float(begin if start_s is None else start_s)
+    ends = signal.start_rev, signal.start_rev + (x.size - 1) / per_rev
+    begin, end = _departure(phase, ends[0]), _arrival(phase, ends[1])
+    refuse_rest(phase.times_s, phase.revolutions, start_s=begin, stop_s=end)
+    start = begin if start_s is None else float(start_s)
     if not begin - _ROUNDING <= start <= end:
         raise ValueError(f"start_s={start:g} s lies outside the signal, {begin:g} to {end:g} s; start within it.")
     speeds = _speeds(phase, begin, end, points=x.size // NODE_STEP)
     slowest = max(float(speeds.min()), 1e-9 * float(speeds.max()))  # a shaft at rest gets through no step of angle
 
+    def when(revolutions: Array) -> Array:
+        times = phase.times_at(revolutions, at_rest="departure")
+        within = revolutions <= ends[1] + _ROUNDING
+        return np.where(within, np.minimum(times, end), times)  # the signal is over before a rest at its end
+
     def pace(revolutions: Array) -> Array:
-        return 1 / np.maximum(phase.speed_hz(phase.times_at(revolutions)), slowest)
+        return 1 / np.maximum(phase.speed_hz(when(revolutions)), slowest)
 
     known = phase.revolutions[[0, -1]]
     grid = Map(
         outward=Track(
-            value=phase.times_at,
+            value=when,
             slope=pace,
             start=float(known[0]),
             stop=float(known[1]),
@@ -217,7 +231,7 @@ def time_resample(
         known=((phase.start_s - start) * rate, (phase.stop_s - start) * rate),
         slack=_ROUNDING * rate,
     )
-    values, beyond = resampled(x, Warp(grid, method=method))
+    values, beyond = Warp(grid, method=method).whole(x)
     return TimeSignal(
         values=values,
         rate_hz=rate,
@@ -225,6 +239,17 @@ def time_resample(
         passband_hz=float(PASSBAND / 2 * min(rate, per_rev * speeds.min())),
         unsettled=unsettled(beyond),
     )
+
+
+def forwards(phase: ShaftPhase) -> ShaftPhase:
+    """Return the phase counted the way the shaft turns: minus itself where it falls.
+
+    Raises
+    ------
+    ValueError
+        A shaft that turns both ways.
+    """
+    return phase if turning(phase.times_s, phase.revolutions) > 0 else phase.scaled(-1)
 
 
 def whole_revolutions(phase: ShaftPhase, *, start_s: float, stop_s: float) -> tuple[float, int]:
@@ -254,7 +279,7 @@ def angle_map(
     phase: ShaftPhase, *, rate_hz: float, start_s: float, samples_per_rev: int, first: float, revolutions: int
 ) -> Map:
     """Lay the samples of a record on the grid of `revolutions` from `first` on."""
-    begin, end = phase.times_at(np.array([first, first + revolutions]))
+    begin, end = _departure(phase, first), _arrival(phase, first + revolutions)
     speeds = _speeds(phase, begin, end, points=int((end - begin) * rate_hz) // NODE_STEP)
     edges = phase.revolutions_at(np.array([phase.start_s, phase.stop_s]))
     return Map(
@@ -276,6 +301,14 @@ def angle_map(
     )
 
 
+def _departure(phase: ShaftPhase, revolution: float) -> float:
+    return float(phase.times_at([revolution], at_rest="departure")[0])
+
+
+def _arrival(phase: ShaftPhase, revolution: float) -> float:
+    return float(phase.times_at([revolution], at_rest="arrival")[0])
+
+
 def _speeds(phase: ShaftPhase, begin: float, end: float, *, points: int) -> Array:
     return phase.speed_hz(np.clip(np.linspace(begin, end, points + 2), phase.start_s, phase.stop_s))
 
@@ -285,33 +318,8 @@ def passband_orders(grid: Map, samples_per_rev: int) -> float:
     return PASSBAND / 2 * samples_per_rev * min(1.0, 1 / grid.largest_slope)
 
 
-def resampled(x: Array, warp: Warp) -> Outputs:
-    """Put a whole record through."""
-    return joined([warp.push(x), warp.finish()])
-
-
 def unsettled(beyond: Flags) -> tuple[int, int]:
     """Count the flags set at the start and at the end."""
     if beyond.all():
         return beyond.size, beyond.size
     return int(np.argmin(beyond)), int(np.argmin(beyond[::-1]))
-
-
-def samples(
-    x: ArrayLike, *, missing: Missing, minimum: int = 0, rate_hz: float = 1.0, start_s: float = 0.0, first: int = 0
-) -> Array:
-    """Return a block of a record, from sample `first` on, as float64; or say where it is not finite."""
-    choice(missing, name="missing", choices=get_args(Missing))
-    vector = real_vector(x, name="the signal", minimum=minimum, finite=False)
-    bad = np.flatnonzero(~np.isfinite(vector))
-    if bad.size and missing == "refuse":
-        place = first + int(bad[0])
-        raise ValueError(
-            f"the signal has {bad.size} values that are not finite, the first at index {place} "
-            f"({start_s + place / rate_hz:.6g} s); repair or leave out that part of the record, or say "
-            'missing="mark" to have NaN where the filter reaches them.'
-        )
-    if bad.size:
-        vector = vector.copy()
-        vector[bad] = np.nan
-    return vector

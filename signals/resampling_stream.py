@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from signals._checks import Array, choice, positive, whole
+from signals._gaps import Missing, samples
+from signals._turning import refuse_rest
 from signals._warp import FEWEST, METHODS, Flags, Method, Warp
 from signals.phase import ShaftPhase
 from signals.resampling import (
     AngularSignal,
-    Missing,
     angle_map,
+    forwards,
     passband_orders,
-    samples,
     unsettled,
     whole_revolutions,
 )
@@ -55,6 +56,8 @@ class AngularStream:
         self._rate = positive(rate_hz, name="rate_hz")
         self._per_rev = whole(samples_per_rev, name="samples_per_rev", least=2)
         self._start_s, self._missing, self._least = start_s, missing, FEWEST[method]
+        phase = forwards(phase)
+        refuse_rest(phase.times_s, phase.revolutions, start_s=start_s, stop_s=phase.stop_s, rate_hz=self._rate)
         self._first, count = whole_revolutions(phase, start_s=start_s, stop_s=phase.stop_s)
         grid = angle_map(
             phase,

@@ -247,3 +247,31 @@ def test_demo(run, tmp_path):
     assert (code, err) == (0, "")
     assert "Truth against estimate" in out
     assert (tmp_path / "demo" / "report.html").exists()
+
+
+def test_analyze_without_a_tachometer(run, mat, tmp_path):
+    record = tmp_path / "record.h5"
+    assert run(*convert_words(mat, record, "--no-tachometer"))[0] == 0
+    words = ("analyze", record, "--gearbox", "two-stage", "-o", tmp_path / "out", "--no-envelope")
+    code, _, err = run(*words)
+    assert code == 2
+    assert "--speed-range LOW HIGH --max-acceleration HZ_PER_S" in err
+    # one tone may be any of the orders, and that is said
+    code, _, err = run(*words, "--speed-range", 5, 40, "--max-acceleration", 1)
+    assert code == 2
+    assert "ambiguous" in err
+
+
+def test_analyze_passes_the_baseline_on(run, mat, tmp_path):
+    record = tmp_path / "record.h5"
+    run(*convert_words(mat, record, "--tach-times", "tach", "--pulses-per-rev", 1, "--shaft", "input"))
+    words = ("analyze", record, "--gearbox", "two-stage", "--tachometer", "tachometer")
+    assert run(*words, "-o", tmp_path / "one")[0] == 0
+    assert run(*words, "-o", tmp_path / "two", "--baseline", tmp_path / "one" / "analysis.h5")[0] == 0
+    assert "history of 2 records" in (tmp_path / "two" / "indicators.csv").read_text()
+    assert run(*words, "-o", tmp_path / "three", "--freeze-baseline")[0] == 2
+
+
+def test_one_envelope_band_or_none(run, tmp_path):
+    words = ("analyze", tmp_path / "x.h5", "--gearbox", "two-stage", "-o", tmp_path, "--no-envelope")
+    assert "keep one" in run(*words, "--envelope-band", 100, 200)[2]

@@ -1,6 +1,14 @@
 """Figures: functions that draw on an Axes they are given, and what makes pages and files of them."""
 
 from hums.plots.chart import speed_order_chart
+from hums.plots.dynamics import (
+    plot_campbell,
+    plot_frequencies,
+    plot_mesh_stiffness,
+    plot_mode_shape,
+    plot_multipliers,
+    plot_stability_map,
+)
 from hums.plots.figures import save_figure, svg
 from hums.plots.graph import mechanism_graph
 from hums.plots.records import plot_spectrum, plot_speed, plot_tracks
@@ -10,8 +18,14 @@ from hums.plots.velocities import velocity_diagram
 __all__ = [
     "KIND_COLOURS",
     "mechanism_graph",
+    "plot_campbell",
+    "plot_frequencies",
+    "plot_mesh_stiffness",
+    "plot_mode_shape",
+    "plot_multipliers",
     "plot_spectrum",
     "plot_speed",
+    "plot_stability_map",
     "plot_tracks",
     "save_figure",
     "speed_order_chart",

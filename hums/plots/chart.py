@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from hums.families import HANN_HALF_LOBE
 from hums.orders import BEARING_KINDS, KINDS
 from hums.plots.labels import points, settle, spread
 from hums.plots.style import FAINT, INK, KIND_COLOURS
@@ -69,8 +70,9 @@ def speed_order_chart(
     ax : Axes
         Its height as it is now decides how many names fit.
     revolutions : float, optional
-        Length of a record in revolutions of the reference. Lines less than 1/revolutions apart, which it cannot
-        separate, are marked with a dagger; what repeats less than once in it lies in the shaded part.
+        Length of a record in revolutions of the reference. Lines less than 2/revolutions apart, which it cannot
+        separate (as `hums.collisions` has it), are marked with a dagger; what repeats less than once in it lies in the
+        shaded part.
 
     Raises
     ------
@@ -82,7 +84,7 @@ def speed_order_chart(
         raise ValueError(f"reference_rpm = ({low:g}, {high:g}): give (low, high) in rpm with 0 < low < high.")
     if revolutions is not None and not 0 < revolutions < np.inf:
         raise ValueError(f"revolutions = {revolutions:g} is not positive; give the length of the record, or None.")
-    lines = _gathered(table, None if revolutions is None else 1 / revolutions)
+    lines = _gathered(table, None if revolutions is None else HANN_HALF_LOBE / revolutions)
     if not lines:
         raise ValueError("the table of defect orders is empty: nothing in this gearbox turns at these speeds.")
     ax.set_yscale("log")

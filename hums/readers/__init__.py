@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 
 from hums.readers.clocks import beginning, rate_hz_of, refuse_other_clock
 from hums.readers.foreign import Field, ForeignFile, Stated
-from hums.record import UNITS, Angle, Channel, NominalSpeed, PulseTimes, RecordError, TachometerWaveform, make_record
+from hums.record import (
+    UNITS,
+    Angle,
+    Channel,
+    NominalSpeed,
+    PulseTimes,
+    RecordError,
+    TachometerWaveform,
+    UnknownAngle,
+    make_record,
+)
 from hums.store import existing_file
 
 if TYPE_CHECKING:
@@ -88,6 +98,7 @@ def convert(
     pulses_per_rev: int | None = None,
     shaft: str | None = None,
     shaft_rpm: float | None = None,
+    no_tachometer: bool = False,
     scale: float = 1.0,
     machine: str = "",
     recorded_at: datetime | str | None = None,
@@ -113,6 +124,8 @@ def convert(
         The shaft that carries the tachometer or turns at `shaft_rpm`.
     shaft_rpm : float, optional
         Declared constant speed in rev/min.
+    no_tachometer : bool
+        Declare that nothing tells the angle: the speed has to be estimated from the vibration.
     scale : float
         Factor from the numbers in the file to `units`; for a .wav of integers, what full scale means.
     machine, recorded_at
@@ -152,6 +165,7 @@ def convert(
             pulses_per_rev=pulses_per_rev,
             shaft=shaft,
             shaft_rpm=shaft_rpm,
+            no_tachometer=no_tachometer,
             rate_hz=rate_hz,
         ),
         machine=machine,
@@ -169,14 +183,22 @@ def _angle(
     pulses_per_rev: int | None,
     shaft: str | None,
     shaft_rpm: float | None,
+    no_tachometer: bool,
     rate_hz: float | None,
 ) -> Angle | None:
-    options = {"--tach-times": tach_times, "--tach-waveform": tach_waveform, "--shaft-rpm": shaft_rpm}
+    options: dict[str, object] = {
+        "--tach-times": tach_times,
+        "--tach-waveform": tach_waveform,
+        "--shaft-rpm": shaft_rpm,
+        "--no-tachometer": no_tachometer or None,
+    }
     given = [option for option, value in options.items() if value is not None]
     if not given:
-        return None  # make_record says which three ways there are
+        return None  # make_record says which ways there are
     if len(given) > 1:
         raise RecordError(f"{' and '.join(given)}: one thing tells the angle of the shaft; give one of them.")
+    if no_tachometer:
+        return UnknownAngle()
     if not shaft:
         raise RecordError(f'{given[0]} needs the shaft it belongs to: shaft="..." (--shaft).')
     if shaft_rpm is not None:

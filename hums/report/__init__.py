@@ -14,9 +14,10 @@ from jinja2 import Environment, StrictUndefined
 from hums.findings import DIAGNOSED
 from hums.layout import Analysis, check_analysis, group, save_analysis
 from hums.plots import plot_spectrum, plot_speed, plot_tracks, svg
+from hums.report.indicators import indicator_tables
 from hums.search import ENVELOPE, ORDER_SPECTRUM
 from hums.store import written_beside
-from hums.tables import line_table, summary
+from hums.tables import envelope_bands, indicator_table, line_table, summary
 
 
 def prepare_folder(folder: str | Path) -> Path:
@@ -40,7 +41,7 @@ def prepare_folder(folder: str | Path) -> Path:
 
 
 def write_report(analysis: Analysis, folder: str | Path) -> Path:
-    """Write ``report.html``, ``analysis.h5``, ``orders.csv`` and ``summary.json`` into a folder.
+    """Write ``report.html``, ``analysis.h5``, ``orders.csv``, ``indicators.csv`` and ``summary.json`` into a folder.
 
     Each file is written beside and renamed. Returns the path of the page.
     """
@@ -50,6 +51,7 @@ def write_report(analysis: Analysis, folder: str | Path) -> Path:
     tables = [line_table(analysis, name).assign(spectrum=name) for name in (ORDER_SPECTRUM, ENVELOPE)]
     rows = [table.to_csv(index=False, header=number == 0) for number, table in enumerate(tables)]
     _write_text(folder / "orders.csv", "".join(rows))
+    _write_text(folder / "indicators.csv", indicator_table(analysis).to_csv(index=False))
     page = folder / "report.html"
     _write_text(page, render(analysis))
     return page
@@ -69,6 +71,7 @@ def render(analysis: Analysis) -> str:
         indicated=[finding for finding in facts["findings"] if finding["verdict"] != DIAGNOSED],
         faint=_faint(facts),
         components=_components(facts),
+        indicators=indicator_tables(facts["indicators"]),
         figures=list(_figures(analysis)),
     )
 
@@ -79,11 +82,13 @@ def _figures(analysis: Analysis) -> Iterator[dict[str, str]]:
     yield _figure("Speed", "Mean over each revolution.", partial(plot_speed, speed), height=2.4)
     for name, title in ((ORDER_SPECTRUM, "Order spectrum"), (ENVELOPE, "Envelope order spectrum")):
         dataset = group(analysis, name)
+        bands = {band["channel"]: _about_band(band) for band in envelope_bands(analysis)} if name == ENVELOPE else {}
         for channel in _channels(dataset):
             yield _figure(
                 f"{title}, {channel}",
-                f"{dataset.attrs['window'].capitalize()} window, resolution {dataset.attrs['resolution_orders']:.2g} "
-                "orders. Dots: claimed lines. Ticks: lines looked for and not claimed.",
+                f"{bands.get(channel, '')}{dataset.attrs['window'].capitalize()} window, resolution "
+                f"{dataset.attrs['resolution_orders']:.2g} orders. Dots: claimed lines. Ticks: lines looked for and "
+                "not claimed.",
                 partial(plot_spectrum, dataset, channel=channel, logarithmic=name == ORDER_SPECTRUM),
             )
     tracks = group(analysis, "tracks")
@@ -94,6 +99,13 @@ def _figures(analysis: Analysis) -> Iterator[dict[str, str]]:
             f"{float(tracks['bandwidth_orders'].max()):.2g} orders; bands are two standard deviations.",
             partial(plot_tracks, tracks, channel=channel),
         )
+
+
+def _about_band(band: dict[str, Any]) -> str:
+    edges = f"{band['low_hz']:.6g} to {band['high_hz']:.6g} Hz"
+    if not band["chosen"]:
+        return f"Band {edges}, as given. "
+    return " ".join([f"Band {edges}, chosen from the record. {band['why']}", *band["doubts"]]) + " "
 
 
 def _figure(title: str, caption: str, draw: Callable[..., object], **size: float) -> dict[str, str]:

@@ -25,8 +25,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from signals._lanes import LANES
 from signals.harmonics import _filter_kernels, _settling_kernels, _smoother_kernels
-from signals.harmonics._lanes import LANES
 from signals.harmonics._tally import Tally as Tally  # noqa: PLC0414  (chains are read with their tallies)
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals._compile import compiled
-from signals.harmonics._lanes import LANES, load, multiply_add, spread, store, times, total
+from signals._lanes import LANES, load, multiply_add, spread, store, times, total
 from signals.harmonics._levels_kernels import filter_levels
 from signals.harmonics._row_kernels import add_row, shear
 from signals.harmonics._settling_kernels import COUNTDOWN, TWOFOLD, look

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals._compile import compiled
-from signals.harmonics._lanes import LANES, load, multiply_add, plus, repeat, spread, store, times, total
+from signals._lanes import LANES, load, multiply_add, plus, repeat, spread, store, times, total
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

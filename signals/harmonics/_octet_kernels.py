@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals._compile import compiled
-from signals.harmonics._lanes import (
+from signals._lanes import (
     LANES,
     WIDE,
     load_wide,

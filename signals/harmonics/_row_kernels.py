@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals._compile import compiled
-from signals.harmonics._lanes import LANES, load, multiply_add, plus, spread, store
+from signals._lanes import LANES, load, multiply_add, plus, spread, store
 from signals.harmonics._twofold import add, add_product
 
 Floats = NDArray[np.float64]

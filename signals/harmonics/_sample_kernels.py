@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals._compile import compiled
-from signals.harmonics._filter_kernels import forward
-from signals.harmonics._lanes import (
+from signals._lanes import (
     WIDE,
     interleave,
     load_wide,
@@ -22,6 +21,7 @@ from signals.harmonics._lanes import (
     store,
     times,
 )
+from signals.harmonics._filter_kernels import forward
 from signals.harmonics._octet_kernels import close_octet, follow, innovate, open_octet
 from signals.harmonics._phasors import Recipe, fill_rows
 from signals.harmonics._settling_kernels import COUNTDOWN, TWOFOLD, look

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals._compile import compiled
-from signals.harmonics._lanes import LANES
+from signals._lanes import LANES
 from signals.harmonics._row_kernels import add_row, shear
 from signals.harmonics._settling_kernels import LEAST_PIVOT, LOOK_TWOFOLD, least_pivot
 from signals.harmonics._twofold import add, add_product, inverse_root, multiply

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from signals._compile import compiled_exactly
-from signals.harmonics._lanes import minus, multiply_add, negative, plus, times
+from signals._lanes import minus, multiply_add, negative, plus, times
 
 Pair = tuple[Any, Any]
 

@@ -8,7 +8,8 @@ from scipy.special import ive
 
 from data_synth import load_scene
 from data_synth.combs import Comb, add_lines, common_base
-from data_synth.faults import SIDEBAND_CUTOFF, crack_comb, tooth_window
+from data_synth.faults import SIDEBAND_CUTOFF, damage_comb, tooth_window
+from data_synth.gear_faults import Crack
 from data_synth.scene import ToothCrack
 
 SCENE = load_scene("demo")
@@ -16,6 +17,18 @@ SCENE = load_scene("demo")
 
 def crack(**changes):
     return ToothCrack(**{"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": 1.0, **changes})
+
+
+def crack_comb(fault, *, mesh, offset):
+    return damage_comb(
+        Crack(),
+        component=fault.component,
+        mesh=mesh,
+        tooth=SCENE.exact_orders("tooth")[fault.component],
+        offset=offset,
+        rise=fault.depth_mm * fault.amplitude_per_mm,
+        lag_rad=fault.depth_mm * fault.phase_rad_per_mm,
+    )
 
 
 def mesh(coefficients, base=23):
@@ -45,7 +58,7 @@ def test_sidebands_are_bessel_functions():
     largest = 0.0  # nothing is cut off while the largest is looked for
     largest = abs(coefficient(0))
     fault = crack(amplitude_per_mm=a, phase_rad_per_mm=b)
-    comb = crack_comb(SCENE, fault, mesh=mesh([0.8j]), offset=0.3)
+    comb = crack_comb(fault, mesh=mesh([0.8j]), offset=0.3)
     assert {abs(order - 23) for order in comb.orders[1:]} >= set(range(40))
     for k in range(-22, comb.coefficients.size - 22):
         # the line at 23 + k, and the one at -(23 + k) folded onto it
@@ -58,7 +71,7 @@ def test_the_comb_is_the_modulated_mesh_less_the_healthy_one():
     # in the time domain, all harmonics at once, negative lines folded: what is dropped is below the cutoff each
     fault = crack(amplitude_per_mm=0.3, phase_rad_per_mm=0.2)
     healthy = mesh(np.array([0.5, 0.3j, -0.2]) * np.exp(0.4j))
-    comb = crack_comb(SCENE, fault, mesh=healthy, offset=0.15)
+    comb = crack_comb(fault, mesh=healthy, offset=0.15)
     rev = np.arange(2000) / 2000
     signal = np.zeros((1, rev.size))
     lines = np.repeat(comb.coefficients[None, :, None], 2, axis=2)
@@ -76,7 +89,7 @@ def test_the_comb_is_the_modulated_mesh_less_the_healthy_one():
 
 def test_a_crack_in_a_slower_gear_has_its_lines_at_that_gear_s_turns():
     base = SCENE.exact_orders("gear_mesh")["stage 2"]
-    comb = crack_comb(SCENE, crack(component="stage 2/output"), mesh=mesh([1.0], base=base), offset=0.0)
+    comb = crack_comb(crack(component="stage 2/output"), mesh=mesh([1.0], base=base), offset=0.0)
     assert comb.base == Fraction(437, 4087)
     assert comb.orders[60] == base == 61 * comb.base
     assert comb.source == "stage 1"  # the sensors' gains are those of the mesh

@@ -1,11 +1,12 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from data_synth.profile import ShaftAngle, load_share
 from data_synth.scene import Torque
-from data_synth.sensors import pulse_times
+from data_synth.pulses import pulse_times
 
 ANGLE = ShaftAngle(times_s=np.array([0.5, 2.0, 3.0]), speeds_hz=np.array([10.0, 25.0, 20.0]), datum_rev=0.3)
 
@@ -45,3 +46,54 @@ def test_load_follows_the_torque_whatever_its_sign():
     torque = Torque(link="x", nm=((0.0, -100.0), (1.0, 50.0)), unloaded_share=0.2)
     assert_allclose(load_share(torque, [-1, 0, 2 / 3, 1, 9]), [1, 1, 0.2, 0.6, 0.6], rtol=1e-14, atol=1e-14)
     assert_allclose(load_share(None, [0, 1]), 1)
+
+
+BACK = ShaftAngle(times_s=np.array([0.0, 2.0, 3.0, 5.0, 6.0]), speeds_hz=np.array([4.0, -4.0, -4.0, 0.0, 0.0]))
+
+
+def test_a_shaft_may_turn_back_and_stand():
+    # by hand: up 2 rev in 1 s, back 2 in 1 s, back 4 in 1 s, back 4 in 2 s, then rest
+    assert_allclose(BACK.revolutions([0, 1, 2, 3, 5, 6, 9]), [0, 2, 0, -4, -8, -8, -8], atol=1e-14)
+    assert_allclose(BACK.turning_points_s(), [1, 5, 6])
+    assert_allclose(BACK.travelled().revolutions([0, 1, 2, 3, 5, 9]), [0, 2, 4, 8, 12, 12], atol=1e-14)
+    assert BACK.top_speed_hz(0.9, 1.1) == pytest.approx(0.4)
+    assert BACK.top_speed_hz(0.0, 9.0) == 4
+    with pytest.raises(ValueError, match="turns back, at -4 rev/s"):
+        BACK.times(1.0)
+
+
+def test_another_shaft_is_in_its_exact_ratio():
+    other = ANGLE.scaled(-23 / 67)
+    times = np.linspace(-1, 5, 31)
+    # one rounding of each knot's speed and of the ratio
+    assert_allclose(other.revolutions(times), -23 / 67 * ANGLE.revolutions(times), rtol=1e-14, atol=1e-14)
+    assert_allclose(other.speed_hz(times), -23 / 67 * ANGLE.speed_hz(times), rtol=1e-14)
+
+
+def test_two_knots_at_one_time_are_a_jump():
+    angle = ShaftAngle(times_s=np.array([0.0, 1.0, 1.0, 2.0]), speeds_hz=np.array([2.0, 2.0, 6.0, 6.0]))
+    assert_allclose(angle.revolutions([0.5, 1.0, 1.5]), [1, 2, 5], rtol=1e-15)
+    assert_allclose(angle.times([1, 2, 5]), [0.5, 1, 1.5], rtol=1e-15)
+    assert_allclose(angle.speed_hz([0.999, 1.0]), [2, 6])
+    assert angle.top_speed_hz(0.5, 1.0) == 6
+
+
+def test_from_rest_and_to_rest():
+    angle = ShaftAngle(times_s=np.array([1.0, 3.0, 5.0, 6.0, 8.0]), speeds_hz=np.array([0.0, 4.0, 0.0, 0.0, 2.0]))
+    # 2 t^2 / 2 from 1 s; mirrored from 3 s; rest at 8 rev from 5 to 6 s; t^2 / 2 from there
+    assert_allclose(angle.times([0, 1, 4, 7, 8, 8.5]), [1, 2, 3, 4, 6, 7], rtol=1e-14)
+    with pytest.raises(ValueError, match="revolution -1 is never reached: the shaft stands still"):
+        angle.times(-1.0)
+
+
+@pytest.mark.parametrize(
+    ("times", "speeds", "sentence"),
+    [
+        ([0.0, 1.0], [1.0], "have shapes"),
+        ([0.0, np.nan], [1.0, 1.0], "NaN"),
+        ([1.0, 0.0], [1.0, 1.0], "falls from 1 s to 0 s"),
+    ],
+)
+def test_knots_that_are_none_are_refused(times, speeds, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        ShaftAngle(times_s=np.array(times), speeds_hz=np.array(speeds))

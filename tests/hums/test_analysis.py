@@ -9,10 +9,13 @@ import xarray as xr
 from hums.analysis import AnalysisSettings, analyze
 from hums.gearbox import Gearbox, load_gearbox
 from hums.layout import GROUPS, AnalysisError, group, open_analysis, save_analysis
-from hums.record import Channel, NominalSpeed, PulseTimes, RecordError, make_record
+from hums.orders import defects
+from hums.record import Channel, NominalSpeed, PulseTimes, RecordError, UnknownAngle, make_record
+from hums.report import render
 from hums.store import write_tree
-from hums.tables import line_table, summary
+from hums.tables import envelope_bands, health_table, line_table, summary
 
+TWO_STAGE = load_gearbox("two-stage")
 RATE_HZ = 5000.0
 SPEED_HZ = 20.0
 SECONDS = 4.0
@@ -94,7 +97,7 @@ def test_summary_has_the_stated_keys(analysis):
 
 
 def test_without_a_band_no_bearing_line_is_searched_and_the_report_says_so():
-    bare = analyze(tone_record(), load_gearbox("two-stage"))
+    bare = analyze(tone_record(), load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=None))
     assert line_table(bare, "envelope").empty
     assert any("No envelope band" in note for note in summary(bare)["notes"])
 
@@ -181,6 +184,19 @@ def test_channels_with_different_bandwidths_share_their_outputs():
     tracks = group(analyze(record, load_gearbox("two-stage")), "tracks")
     assert set(tracks["track_channel"].to_numpy()) == {"a", "b", "c"}
     assert np.isfinite(tracks["complex_amplitude"].to_numpy()).all()
+
+
+def test_a_dead_sensor_beside_a_sound_one():
+    sound = np.random.default_rng(0).normal(0, 0.1, 20_000)
+    record = tone_record(
+        channels={"dead": Channel(values=np.zeros(20_000), units="g"), "sound": Channel(values=sound, units="g")}
+    )
+    analysis = analyze(record, TWO_STAGE, settings=NO_TRACKS)
+    verdict = health_table(analysis).set_index("name")
+    assert verdict["status"].to_dict() == {"sound": "ok", "dead": "sick", "tachometer": "ok"}
+    assert "It is 0 g throughout" in verdict.loc["dead", "reasons"]
+    assert any('Channel "dead" is dead and left out' in note for note in summary(analysis)["notes"])
+    assert set(line_table(analysis, "order_spectrum")["channel"]) == {"sound"}
 
 
 @pytest.mark.parametrize("value", [0.0, 5.0])
@@ -301,6 +317,17 @@ def test_a_band_that_falls():
         AnalysisSettings(envelope_band_hz=(2000.0, 1000.0))
 
 
+def test_a_band_that_is_none():
+    with pytest.raises(AnalysisError, match=r"envelope_band_hz: 'automatic' is no band; give \(low, high\) in Hz"):
+        AnalysisSettings(envelope_band_hz="automatic")
+    assert AnalysisSettings(envelope_band_hz=[1000, 2000]).envelope_band_hz == (1000, 2000)
+
+
+def test_settings_survive_json():
+    for settings in (AnalysisSettings(), AnalysisSettings(envelope_band_hz=(1.0, 2.0)), WITHOUT, NO_TRACKS):
+        assert AnalysisSettings.model_validate_json(settings.model_dump_json()) == settings
+
+
 def test_a_band_beyond_the_sampling_rate():
     with pytest.raises(AnalysisError, match=r"between 0 and 2500 Hz.*leave the channel out"):
         analyze(tone_record(), load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=(1000.0, 9000.0)))
@@ -320,3 +347,180 @@ def test_opening_what_is_no_analysis(tmp_path):
     write_tree(xr.DataTree(xr.Dataset({"a": ("x", np.zeros(3))})), tmp_path / "other.h5")
     with pytest.raises(AnalysisError, match="this is not an analysis"):
         open_analysis(tmp_path / "other.h5")
+
+
+# ---- what the sensors are worth ------------------------------------------------------------------------------------
+
+
+def verdicts(analysis):
+    return health_table(analysis).set_index("name")["status"].to_dict()
+
+
+def test_the_verdict_on_every_sensor(analysis):
+    assert verdicts(analysis) == {"housing": "ok", "tachometer": "ok"}
+
+
+def test_clipped_samples_are_missing_to_the_trackers():
+    # a slow swing drives the record into its rails; cut samples know nothing of the mesh line on top of it
+    rng = np.random.default_rng(8)
+    time = np.arange(round(10 * RATE_HZ)) / RATE_HZ
+    clean = 0.5 * np.cos(2 * np.pi * 23 * SPEED_HZ * time) + 1.2 * np.cos(2 * np.pi * 3 * SPEED_HZ * time)
+    clean += rng.normal(0, 0.02, time.size)  # little, since a rail cuts more of the noise that points to it
+    cut = np.clip(clean, -1.5, 1.5)
+    share = np.mean(np.abs(cut) == 1.5)
+    assert share > 0.02  # enough that taking them at face value would take more off than the std says
+    pulses = PulseTimes(times_s=np.arange(0.0, 10.0, 1 / SPEED_HZ), shaft="input", pulses_per_rev=1)
+    record = make_record({"housing": Channel(values=cut, units="g")}, rate_hz=RATE_HZ, angle=pulses)
+    analysis = analyze(record, load_gearbox("two-stage"))
+    assert verdicts(analysis)["housing"] == "sick"
+    tracks = group(analysis, "tracks")
+    track = tracks.isel(track=int(np.argmin(np.abs(tracks["track_order"].to_numpy() - 23))))
+    inner = slice(10, -10)
+    error = track["complex_amplitude"].to_numpy()[inner].real - 0.5
+    over_angle = line_table(analysis, "order_spectrum")
+    mesh = over_angle[(over_angle["component"] == "stage 1") & (over_angle["harmonic"] == 1)].iloc[0]
+    assert mesh["amplitude"] < 0.5 - 0.01  # what clipping takes off
+    assert abs(error.mean()) < 0.25 * (0.5 - mesh["amplitude"])
+
+
+def test_what_a_sick_sensor_shows_is_not_diagnosed():
+    rng = np.random.default_rng(9)
+    time = np.arange(round(8 * RATE_HZ)) / RATE_HZ
+    inner = 5.445 * SPEED_HZ  # of the input bearing, per turn of the input
+    burst = (1 + np.cos(2 * np.pi * inner * time)) ** 4 / 16
+    values = np.clip(rng.normal(0, 0.2, time.size) + 3 * burst * rng.normal(size=time.size), -1.2, 1.2)
+    record = make_record(
+        {"housing": Channel(values=values, units="g")},
+        rate_hz=RATE_HZ,
+        angle=PulseTimes(times_s=np.arange(0.0, 8.0, 1 / SPEED_HZ), shaft="input", pulses_per_rev=1),
+    )
+    analysis = analyze(record, load_gearbox("two-stage"), settings=NO_TRACKS)
+    assert verdicts(analysis)["housing"] == "sick"
+    found = summary(analysis)["findings"]
+    assert found
+    assert {one["verdict"] for one in found} == {"indicated"}
+    assert all("the sensor is sick" in one["evidence"] for one in found)
+
+
+def test_a_tachometer_with_faults_is_suspect():
+    times = np.delete(np.arange(0.0, SECONDS, 1 / SPEED_HZ), [30, 50])
+    analysis = analyze(tone_record(angle=PulseTimes(times_s=times, shaft="input", pulses_per_rev=1)), TWO_STAGE)
+    assert verdicts(analysis)["tachometer"] == "suspect"
+
+
+# ---- the band that is chosen ---------------------------------------------------------------------------------------
+
+
+def test_a_band_is_chosen_where_the_bearing_rings():
+    rng = np.random.default_rng(10)
+    rate_hz, seconds = 20_000.0, 5.0
+    time = np.arange(round(seconds * rate_hz)) / rate_hz
+    race = next(row for row in defects(TWO_STAGE) if row.kind == "inner_race").order
+    strikes = np.arange(0.0, seconds, 1 / (race * SPEED_HZ))
+    impulse = np.zeros(time.size)
+    impulse[np.rint(strikes * rate_hz).astype(np.intp)] = 1.0
+    decay = np.arange(400) / rate_hz
+    ring = np.exp(-2000 * decay) * np.cos(2 * np.pi * 6000 * decay)
+    values = np.convolve(impulse, ring)[: time.size] + rng.normal(0, 0.15, time.size)
+    record = make_record(
+        {"housing": Channel(values=values, units="g")},
+        rate_hz=rate_hz,
+        angle=PulseTimes(times_s=np.arange(0.0, seconds, 1 / SPEED_HZ), shaft="input", pulses_per_rev=1),
+    )
+    analysis = analyze(record, TWO_STAGE, settings=NO_TRACKS)
+    (band,) = envelope_bands(analysis)
+    assert band["chosen"]
+    assert band["low_hz"] < 6300  # the resonance, 640 Hz wide, is in it
+    assert band["high_hz"] > 5700
+    assert "steady kurtosis" in band["why"]
+    first = summary(analysis)["findings"][0]
+    assert (first["kind"], first["verdict"]) == ("inner_race", "diagnosed")
+
+
+def test_the_channel_is_named_where_no_band_can_be_chosen():
+    record = tone_record(seconds=0.12)  # 600 samples
+    analysis = analyze(record, TWO_STAGE, settings=NO_TRACKS)
+    notes = [note for note in summary(analysis)["notes"] if "no envelope band can be chosen" in note]
+    assert len(notes) == 1 - len(envelope_bands(analysis))
+
+
+# ---- where the angle comes from ------------------------------------------------------------------------------------
+
+
+def test_a_tachometer_by_name():
+    fast = PulseTimes(times_s=np.arange(0.0, SECONDS, 1 / SPEED_HZ), shaft="input", pulses_per_rev=1, name="keyphasor")
+    wrong = PulseTimes(times_s=np.arange(0.0, SECONDS, 1 / 7.0), shaft="output", pulses_per_rev=1, name="encoder")
+    record = tone_record(angle=[wrong, fast])
+    analysis = analyze(record, TWO_STAGE, settings=NO_TRACKS.changed(tachometer="keyphasor"))
+    assert summary(analysis)["speed_hz"]["mean"] == pytest.approx(SPEED_HZ, rel=1e-9)
+    assert summary(analysis)["speed_hz"]["tachometer"] == "keyphasor"
+    assert group(analyze(record, TWO_STAGE, settings=NO_TRACKS), "speed").attrs["tachometer"] == "encoder"
+    with pytest.raises(AnalysisError, match=r'no tachometer "keyfasor"; did you mean "keyphasor"\?'):
+        analyze(record, TWO_STAGE, settings=NO_TRACKS.changed(tachometer="keyfasor"))
+
+
+def run_up_without_tachometer(*, mesh=1.0, noise=0.5, seed=11):
+    """Meshes of the two-stage box over a run-up from 20 to 24 rev/s, and nothing that tells the angle."""
+    time = np.arange(40_000) / 4000.0
+    turns = 20 * time + 0.2 * time**2
+    second = 23 / 67 * 19
+    values = mesh * (np.cos(2 * np.pi * 23 * turns) + 0.6 * np.cos(2 * np.pi * second * turns))
+    values += mesh * 0.5 * np.cos(2 * np.pi * 46 * turns) + 0.4 * mesh * np.cos(2 * np.pi * turns)
+    values += np.random.default_rng(seed).normal(0, noise, time.size)
+    return make_record({"housing": Channel(values=values, units="g")}, rate_hz=4000.0, angle=UnknownAngle())
+
+
+WITHOUT = NO_TRACKS.changed(speed_range_hz=(10.0, 40.0), max_acceleration_hz_s=1.0)
+
+
+def test_speed_without_a_tachometer():
+    analysis = analyze(run_up_without_tachometer(), TWO_STAGE, settings=WITHOUT)
+    speed = group(analysis, "speed")
+    expected = 20 + 0.4 * speed["time_s"].to_numpy()
+    np.testing.assert_allclose(speed["speed_hz"], expected, rtol=2e-3)  # a tenth of a bin of the frames it rests on
+    assert speed.attrs["status"] == "ok"
+    assert speed.attrs["confidence"] > 0.99
+    assert any("estimated from the vibration" in note for note in summary(analysis)["notes"])
+    table = line_table(analysis, "order_spectrum")
+    mesh = table[(table["component"] == "stage 1") & (table["harmonic"] == 1) & (table["kind"] == "gear_mesh")].iloc[0]
+    assert mesh["claimed"]
+    assert mesh["amplitude"] == pytest.approx(1.0, rel=0.05)
+    assert "estimated from channel housing" in render(analysis)
+
+
+def test_a_speed_that_cannot_be_told_is_refused():
+    with pytest.raises(AnalysisError, match=r'the speed of "input" cannot be told.*no shaft shows in it'):
+        analyze(run_up_without_tachometer(mesh=0.0), TWO_STAGE, settings=WITHOUT)
+    with pytest.raises(AnalysisError, match=r"speed_range_hz=\(low, high\) and max_acceleration_hz_s"):
+        analyze(run_up_without_tachometer(), TWO_STAGE)
+    with pytest.raises(AnalysisError, match="belong together"):
+        AnalysisSettings(speed_range_hz=(10.0, 40.0))
+
+
+def test_an_ambiguous_speed_is_refused():
+    # a single tone may be any of the orders
+    time = np.arange(40_000) / 4000.0
+    values = np.cos(2 * np.pi * 460 * time) + np.random.default_rng(1).normal(0, 0.5, time.size)
+    record = make_record({"housing": Channel(values=values, units="g")}, rate_hz=4000.0, angle=UnknownAngle())
+    with pytest.raises(AnalysisError, match="the speed is ambiguous"):
+        analyze(record, TWO_STAGE, settings=WITHOUT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("jitter_s", [2e-5, 1e-4])
+def test_jitter_of_the_tachometer_is_in_the_std_of_the_tracks(jitter_s):
+    # over many records the error of the mesh line's track is what its std says, jitter or not
+    squares = []
+    for seed in range(12):
+        record = healthy(np.random.default_rng(seed), jitter_s=jitter_s)
+        settings = AnalysisSettings(envelope_band_hz=None, most_tracks=1, track_bandwidth_orders=0.05)
+        tracks = group(analyze(record, TWO_STAGE, settings=settings), "tracks")
+        track = tracks.isel(track=0)
+        assert float(track["track_order"]) == 23
+        # angle zero is the first pulse, at 0.0131 s and itself off by its jitter
+        truth = np.exp(2j * np.pi * 23 * SPEED_HZ * 0.0131)
+        estimate = track["complex_amplitude"].to_numpy()[20:-20]
+        turned = estimate * np.exp(-1j * np.angle(np.mean(estimate / truth)))
+        error = np.mean(np.abs(turned / truth - 1) ** 2) / 2  # of each quadrature
+        squares.append(error / np.mean(track["std"].to_numpy()[20:-20] ** 2))
+    assert 0.64 < np.mean(squares) < 1.56  # 0.8 to 1.25 in standard deviations, as for the demo

@@ -27,9 +27,10 @@ DEMO_SETTINGS = AnalysisSettings(envelope_band_hz=(6000.0, 10000.0))
 
 
 @pytest.mark.slow
-def test_false_alarm_rate_of_healthy_records():
+@pytest.mark.parametrize("band", [(1900.0, 2900.0), "auto"], ids=["band given", "band chosen"])
+def test_false_alarm_rate_of_healthy_records(band):
     scene, gearbox = Scene.from_mapping(HEALTHY), load_gearbox("two-stage")
-    settings = AnalysisSettings(envelope_band_hz=(1900.0, 2900.0), false_alarm_probability=0.05, most_tracks=0)
+    settings = AnalysisSettings(envelope_band_hz=band, false_alarm_probability=0.05, most_tracks=0)
     chance = []
     for seed in range(RECORDS):
         found = findings_table(analyze(simulate(scene, seed=seed), gearbox, settings=settings))

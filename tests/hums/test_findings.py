@@ -126,6 +126,16 @@ def test_a_supported_strong_line_is_diagnosed():
     assert "sideband +1" in found.evidence
 
 
+def test_a_sick_sensor_leaves_every_finding_uncertain():
+    strong = [line("inner_race", 5.4, 10.0), line("inner_race", 6.4, 7.0, sideband=1, fundamental=False)]
+    judged = JUDGE.judge([*strong, tooth(21.0, 20.0, sideband=1), tooth(19.0, 15.0, sideband=-1)])
+    assert {one.verdict for one in findings(judged, locality={"m/g": Locality(kurtosis=9, limit=4)})} == {"diagnosed"}
+    for found in findings(judged, locality={}, sick=["x"]):
+        assert found.verdict == "indicated"
+        assert "not certain: the sensor is sick, and may make such a line by itself" in found.evidence
+        assert "could not be made" not in found.evidence
+
+
 @pytest.mark.parametrize(
     ("lines", "doubt"),
     [

@@ -16,6 +16,7 @@ from matplotlib.path import Path
 from matplotlib.text import Annotation
 from scipy.optimize import isotonic_regression
 
+from hums.families import collisions
 from hums.gearbox import Gearbox, GearboxError, load_gearbox
 from hums.kinematics import solve_kinematics
 from hums.orders import defect_orders
@@ -332,8 +333,8 @@ class TestSpeedOrderChart:
         assert not overlapping(ax)
 
     def test_lines_that_the_record_cannot_separate(self):
-        # a hundred revolutions tell orders apart that are 0.01 from each other
-        table = table_of(("a", "gear_mesh", 5.0), ("b", "gear_mesh", 5.008), ("c", "gear_mesh", 5.02))
+        # a hundred revolutions tell orders apart that are two bins, 0.02, from each other
+        table = table_of(("a", "gear_mesh", 5.0), ("b", "gear_mesh", 5.016), ("c", "gear_mesh", 5.04))
         ax = axes()
         speed_order_chart(table, reference_rpm=(600, 1200), ax=ax, revolutions=100)
         marked = {text.get_text().split()[1]: text.get_text().endswith("†") for text in ax.texts}
@@ -341,6 +342,16 @@ class TestSpeedOrderChart:
         ax = axes()
         speed_order_chart(table, reference_rpm=(600, 1200), ax=ax)
         assert not any("†" in text.get_text() for text in ax.texts)
+
+    @pytest.mark.parametrize("revolutions", [20, 60, 300])
+    def test_daggers_agree_with_collisions(self, revolutions):
+        table = defect_orders(load_gearbox("two-stage"))
+        pairs = collisions(table, revolutions=revolutions)
+        close = pairs[~pairs["resolvable"] & (pairs["difference"] > 0)]
+        ax = axes(height=12)
+        speed_order_chart(table, reference_rpm=(600, 1200), ax=ax, revolutions=revolutions)
+        marked = {text.get_text().split()[0] for text in ax.texts if text.get_text().endswith("†")}
+        assert marked == {f"{order:.4g}" for order in {*close["order_a"], *close["order_b"]}}
 
     @pytest.mark.parametrize("bad", [(0, 100), (200, 100), (100, 100), (100, float("inf")), (float("nan"), 100)])
     def test_a_range_that_does_not_rise_is_refused(self, bad):

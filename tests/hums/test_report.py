@@ -3,18 +3,24 @@
 import base64
 import json
 import os
+import re
 import shutil
 
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 
 from hums.analysis import AnalysisSettings, analyze
 from hums.gearbox import load_gearbox
-from hums.layout import open_analysis
+from hums.layout import group, open_analysis
 from hums.record import Channel, PulseTimes, make_record
 from hums.report import render, write_report
+from hums.tables import indicator_table
+from signals.indicators import INDICATORS
 
 RATE_HZ, SPEED_HZ, SECONDS = 5000.0, 20.0, 6.0
+FILES = {"report.html", "analysis.h5", "orders.csv", "indicators.csv", "summary.json"}
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +45,7 @@ def page(analysis, tmp_path_factory):
 
 
 def test_files_of_a_report(page):
-    assert {path.name for path in page.parent.iterdir()} == {"report.html", "analysis.h5", "orders.csv", "summary.json"}
+    assert {path.name for path in page.parent.iterdir()} == FILES
     facts = json.loads((page.parent / "summary.json").read_text())
     assert facts["schema"] == "hums-summary/1"
     header = (page.parent / "orders.csv").read_text().splitlines()[0].split(",")
@@ -57,6 +63,31 @@ def test_names_are_escaped(page):
     assert "<vertical>" not in text
 
 
+def test_health_band_and_indicators_are_shown(analysis, page):
+    text = page.read_text()
+    assert '<td class="t ok">ok</td>' in text
+    assert "Band 1200 to 2200 Hz, as given." in text
+    table = indicator_table(analysis)
+    assert set(INDICATORS) - {"carrier_sideband_ratio"} <= set(table["indicator"])  # it has no planets
+    row = table[(table["indicator"] == "fm4") & (table["component"] == "stage 1/pinion")].iloc[0]
+    cells = re.search(r'<td class="t">FM4</td>(.*?)</tr>', text, flags=re.DOTALL).group(1)
+    assert f">{row['value']:.3g}</td>" in cells
+    saved = pd.read_csv(page.parent / "indicators.csv")
+    np.testing.assert_allclose(saved["value"], table["value"], rtol=1e-12)
+
+
+def test_a_chosen_band_is_shown_with_its_reason(analysis):
+    tree = analysis.copy()
+    envelope = group(tree, "envelope")
+    envelope["band_chosen"][:] = 1
+    envelope["band_why"] = ("channel", ["1200-2200 Hz: its steady kurtosis of 3 is the highest of 9 bands."])
+    envelope["band_doubts_json"] = ("channel", [json.dumps(["Nothing repeats regularly."])])
+    tree["envelope"] = xr.DataTree(envelope)
+    caption = "Band 1200 to 2200 Hz, chosen from the record. 1200-2200 Hz: its steady kurtosis of 3 is the highest of 9"
+    assert caption in render(tree)
+    assert "Nothing repeats regularly." in render(tree)
+
+
 def test_a_report_over_a_file_is_refused(analysis, tmp_path):
     (tmp_path / "taken").write_text("")
     with pytest.raises(ValueError, match="is a file; name a folder"):
@@ -70,7 +101,7 @@ def test_a_failed_write_leaves_the_old_report(analysis, tmp_path, monkeypatch):
     with pytest.raises(OSError, match="disk full"):
         write_report(analysis, tmp_path)
     assert page.read_text() == before
-    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "analysis.h5", "orders.csv", "summary.json"}
+    assert {path.name for path in tmp_path.iterdir()} == FILES
 
 
 @pytest.fixture(scope="module")

@@ -1,14 +1,17 @@
 """Angular resampling against tones whose angle is known in closed form, and its filter against its claims."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from signals._resampling_kernel import places_of
+from signals._resampling_kernel import gather, interpolate, places_of, weigh
+from signals._windowed_sinc import weight_rows, windowed_sinc
 from signals.phase import ShaftPhase, constant_speed
 from signals.resampling import AngularSignal, angle_map, angular_resample, time_resample, whole_revolutions
+from signals.resampling_stream import AngularStream
 
 RATE_HZ = 51200.0
 COUNT = 1_000_000
@@ -23,7 +26,8 @@ def exact_phase(swinging):
     """The swinging shaft's phase with no spline in between; the one grid that is asked for is kept."""
     known = {}
 
-    def times_at(revolutions):
+    def times_at(revolutions, at_rest="refuse"):  # noqa: ARG001 - this shaft never rests
+        revolutions = np.asarray(revolutions)
         key = (revolutions[0], revolutions[-1], revolutions.size)
         if key not in known:
             known[key] = swinging.times_at(revolutions)
@@ -32,6 +36,7 @@ def exact_phase(swinging):
     return SimpleNamespace(
         start_s=0.0,
         stop_s=20.0,
+        times_s=np.array([0.0, 20.0]),
         revolutions=np.array([0.0, 1000.0]),
         revolutions_at=lambda times: swinging.revolutions(times).astype(float),
         times_at=times_at,
@@ -248,10 +253,111 @@ class TestRefusals:
         with pytest.raises(ValueError, match=words):
             angular_resample(arguments.pop("x"), **arguments)
 
-    def test_a_shaft_at_rest(self):
-        phase = ShaftPhase(times_s=np.arange(4.0), revolutions=np.array([0.0, 1, 1, 2]))
-        with pytest.raises(ValueError, match="stands still"):
-            angular_resample(np.ones(3001), rate_hz=1000.0, phase=phase, samples_per_rev=16)
+
+class TestFallingAngles:
+    """A shaft that turns the other way is the same shaft, its angle counted the way it turns."""
+
+    @pytest.mark.parametrize("samples_per_rev", [64, 1500])
+    def test_there_and_back(self, swinging, pulsed_phase, samples_per_rev):
+        falling = pulsed_phase.scaled(-1)
+        t = 0.37 + np.arange(60_000) / RATE_HZ
+        x = np.cos(2 * np.pi * 9 * swinging.revolutions(t).astype(float))
+        settings = {"rate_hz": RATE_HZ, "samples_per_rev": samples_per_rev, "start_s": 0.37}
+        found = angular_resample(x, phase=falling, **settings)
+        assert found.start_rev == np.ceil(float(swinging.revolutions(0.37)))
+        inside = slice(found.unsettled[0], found.values.size - found.unsettled[1])
+        assert rms((found.values - np.cos(9 * found.angle_rad))[inside]) * np.sqrt(2) < 2e-6  # the claim for a tone
+        np.testing.assert_array_equal(found.values, angular_resample(x, phase=pulsed_phase, **settings).values)
+        stream = AngularStream(phase=falling, **settings)
+        np.testing.assert_array_equal(np.concatenate([stream.push(x).values, stream.finish().values]), found.values)
+        back = time_resample(found, phase=falling, rate_hz=20_000.0)
+        np.testing.assert_array_equal(back.values, time_resample(found, phase=pulsed_phase, rate_hz=20_000.0).values)
+        assert back.start_s == pytest.approx(float(swinging.times_at(found.start_rev)), abs=1e-9)
+
+    def test_geared_against_the_sense(self):
+        phase = constant_speed(10.0, start_s=0.0, stop_s=4.0).scaled(-2.5)  # -25 Hz
+        t = np.arange(4000) / 1000
+        found = angular_resample(np.cos(2 * np.pi * 75 * t + 0.3), rate_hz=1000.0, phase=phase, samples_per_rev=40)
+        assert (found.start_rev, found.revolutions) == (0, 99)
+        inside = slice(found.unsettled[0], found.values.size - found.unsettled[1])
+        assert np.abs(found.values - np.cos(3 * found.angle_rad + 0.3))[inside].max() < 4e-6  # single values
+
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_a_shaft_that_turns_back(self, sign):
+        phase = ShaftPhase(times_s=np.arange(6.0), revolutions=sign * np.array([0.0, 1, 2, 2, 1, 0]))
+        words = "turns back at 3 s, so an angle has several times; resample the record before and after apart"
+        with pytest.raises(ValueError, match=words):
+            angular_resample(np.ones(5001), rate_hz=1000.0, phase=phase, samples_per_rev=16)
+        with pytest.raises(ValueError, match=words):
+            AngularStream(rate_hz=1000.0, phase=phase, samples_per_rev=16)
+
+
+class TestRests:
+    """10 Hz for 3 s, braked within 0.4 s, still to 6 s, off again within 0.4 s: the rest at angle 32 or 32.5."""
+
+    RATE = 2000.0
+
+    def phase(self, angle, sign=1):
+        turning = np.arange(31.0)
+        braked = np.linspace(0.05, 1, 20)
+        slowing = 30 + (angle - 30) * (2 * braked - braked**2)
+        rise = (angle - 30) * braked**2
+        return ShaftPhase(
+            times_s=np.concatenate(
+                [turning / 10, 3 + 0.4 * braked, 6 + 0.4 * np.append(0, braked), 6.5 + turning / 10]
+            ),
+            revolutions=sign * np.concatenate([turning, slowing, angle + np.append(0, rise), 2 * angle - 29 + turning]),
+        )
+
+    @pytest.mark.parametrize("angle", [32.0, 32.5])
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_the_sentence_can_be_followed(self, angle, sign):
+        phase = self.phase(angle, sign)
+        x = np.cos(2 * np.pi * 3 * sign * phase.revolutions_at(np.arange(18_800) / self.RATE))
+        settings = {"rate_hz": self.RATE, "phase": phase, "samples_per_rev": 32}
+        with pytest.raises(ValueError, match=r"stands still from 3\.4 to 6 s, within the record") as caught:
+            angular_resample(x, **settings)
+        stop, start_s, start = re.search(
+            r"x\[:(\d+)\] and, with start_s=(\S+), x\[(\d+):\]", str(caught.value)
+        ).groups()
+        before = angular_resample(x[: int(stop)], **settings)
+        after = angular_resample(x[int(start) :], start_s=float(start_s), **settings)
+        assert (before.start_rev, before.revolutions) == (0, 32)
+        assert after.start_rev == np.ceil(angle)
+        for part in (before, after):
+            inside = slice(part.unsettled[0], part.values.size - part.unsettled[1])
+            assert inside.stop - inside.start > 800
+            # 32 steps of the grid hold at least 128 samples, so what the rest bends is a filter's width away
+            assert np.abs(part.values - np.cos(3 * part.angle_rad))[inside].max() < 1e-5
+
+    def test_beside_the_record_it_does_not_matter(self):
+        phase = self.phase(32.5)
+        found = angular_resample(np.ones(5000), rate_hz=self.RATE, phase=phase, samples_per_rev=32)
+        assert found.revolutions == 24  # the last sample lies a step short of 25
+
+    def test_in_a_stream_and_on_the_way_back(self):
+        phase = self.phase(32.5)
+        with pytest.raises(ValueError, match=r"stands still from 3\.4 to 6 s.*resample x\[:6801\]"):
+            AngularStream(rate_hz=self.RATE, phase=phase, samples_per_rev=32)
+        signal = AngularSignal(values=np.ones(40 * 32), samples_per_rev=32, start_rev=0.0, passband_orders=14.0)
+        with pytest.raises(ValueError, match=r"stands still from 3\.4 to 6 s.*parts before and after, each by itself"):
+            time_resample(signal, phase=phase, rate_hz=1000.0)
+        late = AngularSignal(values=np.ones(20 * 32), samples_per_rev=32, start_rev=33.0, passband_orders=14.0)
+        back = time_resample(late, phase=phase, rate_hz=1000.0)
+        np.testing.assert_allclose(back.values, 1.0, rtol=1e-12)  # weights are divided by their sum
+        assert back.start_s > 6
+
+    def test_back_to_a_rest_at_the_very_end(self):
+        phase = self.phase(32.0)
+        angle = np.arange(32 * 64 + 1) / 64  # the last value is that of the shaft at rest
+        signal = AngularSignal(
+            values=np.cos(2 * np.pi * 3 * angle), samples_per_rev=64, start_rev=0.0, passband_orders=28.0
+        )
+        back = time_resample(signal, phase=phase, rate_hz=1000.0)
+        assert back.times_s[-1] == pytest.approx(3.4, abs=1e-3)
+        moving = back.times_s < 3.2  # 32 steps of 1 ms, where the filter is settled and on the moving shaft
+        truth = np.cos(2 * np.pi * 3 * phase.revolutions_at(back.times_s))
+        assert np.abs(back.values - truth)[moving & (back.times_s > 0.1)].max() < 1e-5
 
 
 def test_angle_of_each_sample():
@@ -492,3 +598,39 @@ class TestAngleToTime:
             )
             miss = (found[m] / rate_hz - exact) * phase.speed_hz(np.array([exact]))[0] * per_rev
             assert abs(miss) < 2e-8  # steps; cubics between exact values are taken where they come within 1e-8
+
+
+class TestKernels:
+    """Against the sums they stand for, taken plainly."""
+
+    @pytest.mark.parametrize("outputs", [1, 3, 4, 9, 34])
+    def test_weigh(self, outputs):
+        rng = np.random.default_rng(outputs)
+        moments, weights = rng.standard_normal((outputs + 72, 8)), rng.standard_normal((64, 8))
+        cuts = rng.uniform(0.5, 1.5, outputs)
+        found = np.full(outputs, 7.0)
+        weigh(moments, weights, cuts, found)
+        plain = [np.sum(moments[m : m + 64] * weights) if cuts[m] < 1 else 7.0 for m in range(outputs)]
+        np.testing.assert_allclose(found, plain, rtol=0, atol=1e-12)  # 512 products near 1
+
+    def test_gather(self):
+        rng = np.random.default_rng(3)
+        x, slopes = rng.standard_normal((2, 200))
+        q = np.sort(rng.uniform(5, 60, 200))
+        moments = np.ones((40, 8))  # steps 10 to 49; others are left out
+        gather(x, q, slopes, 10, moments)
+        plain = np.ones((40, 8))
+        for n in np.flatnonzero((q >= 10) & (q < 50)):
+            plain[int(q[n]) - 10] += x[n] * slopes[n] * (2 * (q[n] % 1) - 1) ** np.arange(8)
+        np.testing.assert_allclose(moments, plain, rtol=0, atol=1e-13)
+
+    def test_interpolate(self):
+        rng = np.random.default_rng(4)
+        x, places = rng.standard_normal(300), rng.uniform(40, 250, 500)
+        cuts = rng.uniform(0.5, 1.5, 500)
+        found = np.empty(500)
+        interpolate(x, places, cuts, weight_rows(), found)
+        weights = windowed_sinc(places[:, None] - np.arange(300))
+        exact = np.where(cuts < 1, 0.0, weights @ x / weights.sum(axis=1))
+        # cubics through rows are within 1.4e-7 of the largest weight, 64 of them at random signs
+        np.testing.assert_allclose(found, exact, rtol=0, atol=1.4e-7 * 8)

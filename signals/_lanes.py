@@ -95,12 +95,30 @@ def _store(_: object, array: Any, index: object, lanes: Any) -> Any:  # noqa: AN
     return types.void(array, types.intp, lanes), build
 
 
-def _total(_: object, lanes: object) -> Any:  # noqa: ANN401, ARG001
+def _total(_: object, lanes: Any) -> Any:  # noqa: ANN401
     def build(_: object, builder: Any, __: object, values: Any) -> Any:  # noqa: ANN401
-        parts = [builder.extract_element(values[0], _INDEX(lane)) for lane in range(LANES)]
-        return builder.fadd(builder.fadd(parts[0], parts[1]), builder.fadd(parts[2], parts[3]))
+        parts, count = values[0], lanes.count
+        while count > LANES:
+            count //= 2
+            low, high = (list(range(first, first + count)) for first in (0, count))
+            parts = builder.fadd(_shuffled(builder, parts, parts, low), _shuffled(builder, parts, parts, high))
+        ends = [builder.extract_element(parts, _INDEX(lane)) for lane in range(LANES)]
+        return builder.fadd(builder.fadd(ends[0], ends[1]), builder.fadd(ends[2], ends[3]))
 
-    return types.float64(_LANES), build
+    return types.float64(lanes), build
+
+
+def _powers(_: object, value: object) -> Any:  # noqa: ANN401, ARG001
+    def build(_: object, builder: Any, __: object, values: Any) -> Any:  # noqa: ANN401
+        ones = ir.Constant(_WIDE.vector, [1.0] * WIDE)
+        power, product = _spread_value(builder, values[0], _WIDE), ones
+        for bit in (1, 2, 4):
+            lanes = [lane + WIDE if lane & bit else lane for lane in range(WIDE)]
+            product = builder.fmul(product, _shuffled(builder, ones, power, lanes))
+            power = builder.fmul(power, power)
+        return product
+
+    return _WIDE(types.float64), build
 
 
 def _running_sums(_: object, lanes: Any) -> Any:  # noqa: ANN401
@@ -207,6 +225,7 @@ spread: Callable[..., Lanes] = intrinsic(_spread(_LANES))
 spread_wide: Callable[..., Lanes] = intrinsic(_spread(_WIDE))
 store: Callable[..., None] = intrinsic(_store)
 total: Callable[..., Any] = intrinsic(_total)
+powers: Callable[..., Lanes] = intrinsic(_powers)  # 1, v, ... v^7
 running_sums: Callable[..., Lanes] = intrinsic(_running_sums)
 interleave: Callable[..., None] = intrinsic(_interleave)
 transpose: Callable[..., None] = intrinsic(_transpose)

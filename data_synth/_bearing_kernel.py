@@ -1,0 +1,95 @@
+"""The five degrees of freedom of a bearing in its housing, marched by the classical Runge-Kutta method; compiled."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_synth._compile import compiled
+
+Array = NDArray[np.float64]
+
+
+@compiled
+def rates(
+    state: Array,
+    slope: Array,
+    contacts: Array,
+    cage_rad: float,
+    inner_rad: float,
+    load_x: float,
+    load_y: float,
+    body: Array,
+    spall: Array,
+) -> None:
+    """Write the derivative (10,) of a state (10,): five displacements, then their velocities.
+
+    `body` holds masses, dampers and springs of shaft, pedestal and resonator, then contact stiffness, exponent,
+    clearance; `contacts` (z,) takes the force of each element. `spall` holds race (0 none, 1 outer, 2 inner), middle
+    and half width in rad, and depth.
+    """
+    across, up = state[0] - state[2], state[1] - state[3]
+    push_x, push_y = 0.0, 0.0
+    elements = contacts.size
+    for element in range(elements):
+        angle = cage_rad + 2.0 * np.pi * element / elements
+        pressed = across * np.cos(angle) + up * np.sin(angle) - body[11]
+        if spall[0] > 0.0:
+            off = angle - spall[1] - (inner_rad if spall[0] > 1.0 else 0.0)
+            off -= 2.0 * np.pi * np.floor(off / (2.0 * np.pi) + 0.5)
+            if abs(off) < spall[2]:
+                pressed -= spall[3] * np.cos(0.5 * np.pi * off / spall[2])
+        force = body[9] * pressed ** body[10] if pressed > 0.0 else 0.0
+        contacts[element] = force
+        push_x += force * np.cos(angle)
+        push_y += force * np.sin(angle)
+    for i in range(5):
+        slope[i] = state[5 + i]
+    ringing = body[8] * (state[3] - state[4]) + body[5] * (state[8] - state[9])
+    slope[5] = (load_x - push_x - body[3] * state[5] - body[6] * state[0]) / body[0]
+    slope[6] = (load_y - push_y - body[3] * state[6] - body[6] * state[1]) / body[0]
+    slope[7] = (push_x - body[4] * state[7] - body[7] * state[2]) / body[1]
+    slope[8] = (push_y - body[4] * state[8] - body[7] * state[3] - ringing) / body[1]
+    slope[9] = ringing / body[2]
+
+
+@compiled
+def march(
+    state: Array,
+    cage_rad: Array,
+    inner_rad: Array,
+    load: Array,
+    step_s: float,
+    body: Array,
+    spall: Array,
+    motion: Array,
+    acceleration: Array,
+    contacts: Array,
+) -> None:
+    """March a state (10,), changed in place, over m steps; angles and load (2 m + 1,) are given at half steps.
+
+    Writes `motion` (m + 1, 10), `acceleration` (m + 1, 5) and the forces `contacts` (m + 1, z) at whole steps.
+    """
+    first, second, third, fourth = np.empty(10), np.empty(10), np.empty(10), np.empty(10)
+    there = np.empty(10)
+    scratch = np.empty(contacts.shape[1])
+    steps = motion.shape[0] - 1
+    for step in range(steps + 1):
+        now = 2 * step
+        rates(state, first, contacts[step], cage_rad[now], inner_rad[now], load[0, now], load[1, now], body, spall)
+        for i in range(10):
+            motion[step, i] = state[i]
+        for i in range(5):
+            acceleration[step, i] = first[5 + i]
+        if step == steps:
+            break
+        half, full = now + 1, now + 2
+        for i in range(10):
+            there[i] = state[i] + 0.5 * step_s * first[i]
+        rates(there, second, scratch, cage_rad[half], inner_rad[half], load[0, half], load[1, half], body, spall)
+        for i in range(10):
+            there[i] = state[i] + 0.5 * step_s * second[i]
+        rates(there, third, scratch, cage_rad[half], inner_rad[half], load[0, half], load[1, half], body, spall)
+        for i in range(10):
+            there[i] = state[i] + step_s * third[i]
+        rates(there, fourth, scratch, cage_rad[full], inner_rad[full], load[0, full], load[1, full], body, spall)
+        for i in range(10):
+            state[i] += step_s / 6.0 * (first[i] + 2.0 * second[i] + 2.0 * third[i] + fourth[i])

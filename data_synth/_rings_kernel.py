@@ -1,0 +1,50 @@
+"""Ringing after impacts by recursion from sample to sample, compiled."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_synth._compile import compiled
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@compiled
+def add_decays(
+    signal: Array,
+    firsts: NDArray[np.int64],
+    begins: ComplexArray,
+    steps: ComplexArray,
+    poles: ComplexArray,
+    late: Array,
+) -> None:
+    """Add ``Re sum_p s_p``, where each s_p turns by its step a sample and takes up impacts as they come.
+
+    Parameters
+    ----------
+    signal : (n,) array
+    firsts : (m,) int array
+        First sample not before each impact, rising.
+    begins : (m, p) complex array
+        What each impact adds to each s_p at that sample.
+    steps, poles : (p,) complex array
+        ``exp(pole / rate)``, and the poles in rad s-1.
+    late : (n,) or (0,) array
+        How much later than its place each sample is taken, s: by Taylor's series to the fourth power.
+    """
+    state = np.zeros(steps.size, dtype=np.complex128)
+    impact = 0
+    for sample in range(signal.size):
+        while impact < firsts.size and firsts[impact] <= sample:
+            for p in range(steps.size):
+                state[p] += begins[impact, p]
+            impact += 1
+        total = 0.0
+        for p in range(steps.size):
+            if late.size:
+                x = poles[p] * late[sample]
+                total += (state[p] * (1 + x * (1 + x / 2 * (1 + x / 3 * (1 + x / 4))))).real
+            else:
+                total += state[p].real
+            state[p] *= steps[p]
+        signal[sample] += total

@@ -1,0 +1,219 @@
+"""A bearing that moves: shaft and housing joined by Hertzian contacts, and a resonator on the housing.
+
+Five degrees of freedom, after Sawalhi and Randall (2008, Mech. Syst. Signal Process. 22, 1924-1951): the shaft with the
+inner ring across and up, the pedestal with the outer ring across and up, and a small mass on the pedestal, up, that
+stands for a mode of the housing. Element i at angle phi_i is pressed by
+
+``delta_i = (x_s - x_p) cos phi_i + (y_s - y_p) sin phi_i - clearance - spall(phi_i)``
+
+and pushes with ``k delta ** exponent`` while delta is above zero. Elements have no mass of their own and roll where the
+cage carries them, so slip comes in through the turn of the cage.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_synth.profile import Array
+
+NAMES = ("shaft x", "shaft y", "pedestal x", "pedestal y", "resonator y")
+_STABLE = 2.7  # of the classical Runge-Kutta method: largest step times angular frequency, 2.83, with room to spare
+
+
+@dataclass(frozen=True, kw_only=True)
+class Support:
+    """A mass on a spring and a damper.
+
+    Attributes
+    ----------
+    mass_kg, damping_n_s_m, stiffness_n_m : float
+        The mass above zero, the others not below.
+    """
+
+    mass_kg: float
+    damping_n_s_m: float
+    stiffness_n_m: float
+
+    def __post_init__(self) -> None:
+        if not (self.mass_kg > 0 and self.damping_n_s_m >= 0 and self.stiffness_n_m >= 0):
+            raise ValueError(f"{self}: a mass above zero, and damping and stiffness not below, are needed")
+
+    @classmethod
+    def resonant(cls, *, mass_kg: float, frequency_hz: float, damping_ratio: float) -> "Support":
+        """Return a mass by its natural frequency and damping ratio on a base at rest."""
+        natural = 2 * math.pi * frequency_hz
+        return cls(
+            mass_kg=mass_kg,
+            damping_n_s_m=2 * damping_ratio * mass_kg * natural,
+            stiffness_n_m=mass_kg * natural**2,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RaceSpall:
+    """A spall of a race: a hollow, cosine in shape, deepest in the middle.
+
+    Attributes
+    ----------
+    race : {"outer", "inner"}
+    middle_rad : float
+        Where it sits: in the frame, or on the inner ring at turn 0.
+    width_rad : float
+        From end to end, seen from the shaft's axis: its length over the radius of the race.
+    depth_m : float
+        By how much a contact in the middle is let off. An element that bridges the hollow sinks in by ``length^2 / (4
+        d)`` at most, d its diameter.
+    """
+
+    race: Literal["outer", "inner"]
+    middle_rad: float
+    width_rad: float
+    depth_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class BearingModel:
+    """A bearing between a shaft and a pedestal.
+
+    Attributes
+    ----------
+    elements : int
+    contact_n_m : float
+        k of one element between both races, in N m^-exponent: some 1e9 to 1e10 for balls of steel.
+    exponent : float
+        3/2 for balls, 10/9 for rollers.
+    clearance_m : float
+        Half the diametral clearance; negative under preload.
+    shaft, pedestal, resonator : Support
+        The resonator's spring and damper hold it to the pedestal, the others' to the ground.
+    spall : RaceSpall or None
+    """
+
+    elements: int
+    contact_n_m: float
+    exponent: float = 1.5
+    clearance_m: float
+    shaft: Support
+    pedestal: Support
+    resonator: Support
+    spall: RaceSpall | None = None
+
+    def _body(self) -> Array:
+        supports = (self.shaft, self.pedestal, self.resonator)
+        return np.array(
+            [
+                *(support.mass_kg for support in supports),
+                *(support.damping_n_s_m for support in supports),
+                *(support.stiffness_n_m for support in supports),
+                self.contact_n_m,
+                self.exponent,
+                self.clearance_m,
+            ]
+        )
+
+    def _spall(self) -> Array:
+        if self.spall is None:
+            return np.zeros(4)
+        race = {"outer": 1.0, "inner": 2.0}[self.spall.race]
+        return np.array([race, self.spall.middle_rad, self.spall.width_rad / 2, self.spall.depth_m])
+
+    def highest_rad_s(self, force_n: float) -> float:
+        """Return a bound on the natural frequencies in rad s-1 while the contacts carry `force_n` and their preload.
+
+        Blows of a spall may press harder for a moment.
+        """
+        # one contact that carries all is the stiffest way to do so; under preload all of them push
+        deepest = (force_n / self.contact_n_m) ** (1 / self.exponent)
+        preload = max(-self.clearance_m, 0.0)
+        slopes = deepest ** (self.exponent - 1) + self.elements * preload ** (self.exponent - 1)
+        contact = self.exponent * self.contact_n_m * slopes
+        shaft = (self.shaft.stiffness_n_m + 2 * contact) / self.shaft.mass_kg
+        pedestal = (
+            self.pedestal.stiffness_n_m + 2 * contact + 2 * self.resonator.stiffness_n_m
+        ) / self.pedestal.mass_kg
+        return math.sqrt(max(shaft, pedestal, 2 * self.resonator.stiffness_n_m / self.resonator.mass_kg))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BearingMotion:
+    """What moved.
+
+    Attributes
+    ----------
+    displacement_m, velocity_m_s, acceleration_m_s2 : (m + 1, 5) array
+        Of shaft x, shaft y, pedestal x, pedestal y, resonator y.
+    contact_n : (m + 1, z) array
+        Force of each element.
+    state : (10,) array
+        At the last instant: the next block begins with it.
+    """
+
+    displacement_m: Array = field(metadata={"dims": ("time", "freedom"), "units": "m"})
+    velocity_m_s: Array = field(metadata={"dims": ("time", "freedom"), "units": "m s-1"})
+    acceleration_m_s2: Array = field(metadata={"dims": ("time", "freedom"), "units": "m s-2"})
+    contact_n: Array = field(metadata={"dims": ("time", "element"), "units": "N"})
+    state: Array = field(metadata={"dims": ("state",), "units": "m, m s-1"})
+
+
+def move_bearing(
+    model: BearingModel,
+    *,
+    cage_turns: ArrayLike,
+    inner_turns: ArrayLike,
+    load_n: ArrayLike,
+    step_s: float,
+    state: ArrayLike | None = None,
+) -> BearingMotion:
+    """Integrate the motion over m steps by the classical Runge-Kutta method of order 4.
+
+    Parameters
+    ----------
+    model : BearingModel
+    cage_turns, inner_turns : (2 m + 1,) array
+        Turns of cage and inner ring at half steps: ``0, 1/2, 1, ... m`` steps from the beginning.
+    load_n : (2, 2 m + 1) array, or (2,)
+        Force on the shaft across and up, its weight included.
+    step_s : float
+        Length of a step.
+    state : (10,) array, optional
+        Displacements, then velocities, to begin with: that of the block before. At rest if left out.
+
+    Raises
+    ------
+    ValueError
+        Turns or load of another length, or a step too long to be stable: with the longest that is.
+    """
+    from data_synth._bearing_kernel import march  # noqa: PLC0415 - loads numba
+
+    cage, inner = (np.asarray(turns, dtype=np.float64) for turns in (cage_turns, inner_turns))
+    if cage.ndim != 1 or cage.shape != inner.shape or cage.size < 3 or cage.size % 2 == 0:  # noqa: PLR2004
+        raise ValueError(
+            f"cage_turns and inner_turns have shapes {cage.shape} and {inner.shape}; "
+            "give 2 m + 1 of each, at half steps"
+        )
+    load = np.asarray(load_n, dtype=np.float64)
+    if load.shape not in {(2,), (2, cage.size)}:
+        raise ValueError(f"load_n has shape {load.shape}; give (2,) or (2, {cage.size})")
+    load = np.ascontiguousarray(np.broadcast_to(load[:, None] if load.ndim == 1 else load, (2, cage.size)))
+    force = float(np.max(np.hypot(load[0], load[1])))
+    longest = _STABLE / model.highest_rad_s(force)
+    if not 0 < step_s <= longest:
+        raise ValueError(f"step_s = {step_s:g} is not stable with this bearing; keep it at {longest:.3g} or below")
+    steps = cage.size // 2
+    now = np.zeros(10) if state is None else np.array(state, dtype=np.float64)
+    motion, acceleration = np.empty((steps + 1, 10)), np.empty((steps + 1, 5))
+    contact = np.empty((steps + 1, model.elements))
+    turns = (2 * np.pi * np.remainder(cage, 1.0), 2 * np.pi * np.remainder(inner, 1.0))
+    march(now, *turns, load, step_s, model._body(), model._spall(), motion, acceleration, contact)  # noqa: SLF001
+    if not np.all(np.isfinite(now)):
+        raise ValueError(f"the motion ran away with step_s = {step_s:g}; shorten it")
+    return BearingMotion(
+        displacement_m=motion[:, :5],
+        velocity_m_s=motion[:, 5:],
+        acceleration_m_s2=acceleration,
+        contact_n=contact,
+        state=now,
+    )

@@ -1,0 +1,133 @@
+"""From the machine's surface to the file, as a scene declares it: each part of the chain is off unless it is there.
+
+The order is that of the hardware. A sensor feels the motion along its axis and a share of the rest (`cross_axis`),
+rings on its mount (`resonance`), and gives volts (`sensitivity`); the cable adds `hum`; the recorder filters
+(`anti_alias`), samples at instants that jitter (`sampling_jitter` of the scene: one clock for all channels), adds its
+noise (`noise` of the scene), saturates (`clipping`), counts (`quantisation`) and loses samples (`drop_outs`).
+Levels after the sensor are in the units of the channel.
+"""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from data_synth.driving import NotNegative, Share
+from hums.gearbox import Declared, Name, Positive, Vector
+
+
+class Mode(Declared):
+    """One damped mode: undamped natural frequency and damping ratio."""
+
+    frequency_hz: Positive
+    damping_ratio: Annotated[float, Field(gt=0, lt=1)]
+
+
+class PlanetPass(Declared):
+    """Planets that pass sensors on a ring at rest: how loud one is at an angle from the sensor.
+
+    1 where it is nearest, fallen halfway to `floor` at `half_width_deg`. Holds for the meshes of planets with the ring;
+    what a damaged gear adds to such a mesh is heard alike wherever the planet is.
+    """
+
+    half_width_deg: Annotated[float, Field(gt=0, lt=180)]
+    floor: Share = 0.0
+
+
+class CrossAxis(Declared):
+    """Transverse sensitivity: the sensor reads `share` of the motion across its axis as if along it.
+
+    A kinematic scene draws that motion like that of another sensor at the place: a gain for each source.
+    """
+
+    share: Annotated[float, Field(gt=0, lt=1)]
+
+
+class Sensitivity(Declared):
+    """What the channel reads for one unit of motion, as ``{ value = 0.1, units = "V" }`` for 100 mV a unit."""
+
+    value: Annotated[float, Field(allow_inf_nan=False)]
+    units: Literal["V", "mV"]
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.value == 0:
+            raise ValueError("value = 0: such a sensor hears nothing; give its volts for one unit of motion")
+        return self
+
+
+class Hum(Declared):
+    """The mains in the cable: harmonic k of `frequency_hz` has ``amplitude decay ** (k - 1)``, phases at random."""
+
+    frequency_hz: Positive = 50.0
+    amplitude: Positive
+    harmonics: Annotated[int, Field(ge=1)] = 3
+    decay: Share = 0.5
+
+
+class AntiAlias(Declared):
+    """A Butterworth low-pass of `order`, 3 dB down at `frequency_hz`."""
+
+    frequency_hz: Positive
+    order: Annotated[int, Field(ge=1, le=12)] = 8
+
+
+class SamplingJitter(Declared):
+    """Random errors of the sampling instants, Gaussian, independent, common to all channels."""
+
+    std_s: Positive
+
+
+class Clipping(Declared):
+    """An amplifier that saturates at plus and minus `level`."""
+
+    level: Positive
+
+
+class Quantisation(Declared):
+    """A converter of `bits` from minus to just below plus `full_scale`: rounds to the nearest code, saturates."""
+
+    bits: Annotated[int, Field(ge=2, le=32)]
+    full_scale: Positive
+
+
+class DropOuts(Declared):
+    """Stretches without samples, on average so many a second, each of `duration_s`.
+
+    They read NaN, the mark of a gap; or ``zero``, or the last value that arrived (``hold``), as careless recorders do.
+    """
+
+    per_second: Positive
+    duration_s: Positive
+    reads: Literal["nan", "zero", "hold"] = "nan"
+
+
+class Sensor(Declared):
+    """An accelerometer on a bearing, link or mesh, and its channel.
+
+    In a kinematic scene place and direction are labels. `units` are those of the motion; with a `sensitivity` the
+    channel is in its units.
+    """
+
+    name: Name
+    on: Name
+    direction: Vector | None = None
+    units: Literal["g", "m s-2"]
+    cross_axis: CrossAxis | None = None
+    resonance: Mode | None = None
+    sensitivity: Sensitivity | None = None
+    hum: Hum | None = None
+    anti_alias: AntiAlias | None = None
+    clipping: Clipping | None = None
+    quantisation: Quantisation | None = None
+    drop_outs: DropOuts | None = None
+
+    @property
+    def channel_units(self) -> str:
+        """Units of the channel."""
+        return self.sensitivity.units if self.sensitivity is not None else self.units
+
+
+class Noise(Declared):
+    """White Gaussian noise of each channel, `rms` in the units of the motion."""
+
+    rms: NotNegative = 0.05

@@ -1,0 +1,127 @@
+"""From the faults a scene declares to the lines they add and the impacts they strike."""
+
+import math
+from collections.abc import Callable, Sequence
+
+from data_synth import gear_faults
+from data_synth.combs import Comb, Draws, healthy_combs
+from data_synth.drive import Drive
+from data_synth.faults import ImpactTrain, damage_comb, damage_trains, impact_train
+from data_synth.passing import as_they_pass
+from data_synth.path import ring_seconds
+from data_synth.profile import Array
+from data_synth.scene import BearingFault, GearFault, Scene, ShaftFault, ToothCrack
+from data_synth.shaft_faults import ShaftExcitation, bent_shaft, imbalance, shaft_comb, shaft_misalignment
+
+
+def last_s(scene: Scene) -> float:
+    """Return the time of the last sample."""
+    return (scene.samples - 1) / scene.rate_hz
+
+
+def combs_of(
+    scene: Scene, drive: Drive, *, offsets: Sequence[float], courses: Sequence[Array], draws: Draws
+) -> list[Comb]:
+    """Return the healthy gearbox, then what each fault adds; two faults of one mesh do not modulate each other.
+
+    `courses` (fault) (instant,) are the sizes of the faults relative to their first, of length one where they stay.
+    """
+    healthy = healthy_combs(scene, draws=draws)
+    meshes = {comb.component: comb for comb in healthy if comb.kind == "gear_mesh"}
+    teeth = scene.exact_orders("tooth")
+    added = []
+    for number, (fault, offset, course) in enumerate(zip(scene.faults, offsets, courses, strict=True)):
+        size = fault.initial_mm * course
+        if isinstance(fault, ToothCrack | GearFault):
+            comb = damage_comb(
+                gear_damage(scene, number, draws=draws),
+                component=fault.component,
+                mesh=meshes[mesh_name(fault.component)],
+                tooth=teeth[fault.component],
+                offset=offset,
+                rise=size * fault.amplitude_per_mm,
+                lag_rad=size * fault.phase_rad_per_mm,
+            )
+            added.append(comb)
+        elif isinstance(fault, ShaftFault):
+            comb = shaft_comb(
+                _EXCITATIONS[fault.kind](),
+                component=fault.component,
+                order=scene.exact_orders("shaft")[fault.component],
+                amplitude=size * fault.amplitude_per_mm,
+                at_speed_hz=drive.angle.top_speed_hz(0.0, scene.duration_s),
+                offset=offset,
+            )
+            added.append(comb)
+    return as_they_pass(scene, healthy, draws=draws) + added
+
+
+_EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
+    "imbalance": imbalance,
+    "bent_shaft": bent_shaft,
+    "shaft_misalignment": shaft_misalignment,
+}
+
+
+def gear_damage(scene: Scene, number: int, *, draws: Draws) -> gear_faults.GearDamage:
+    """Return what fault `number` (from 0), a gear's, does to it."""
+    fault = scene.faults[number]
+    if isinstance(fault, GearFault):
+        width_m = face_width_m(scene, fault.component)
+        if fault.kind == "chipping":
+            return gear_faults.Chipping(face_width_m=width_m)
+        if fault.kind == "spall":
+            return gear_faults.Spall(length_pitches=fault.length_pitches)
+        if fault.kind == "pitting":
+            rng = draws("pits", str(number))
+            return gear_faults.Pitting.drawn(
+                count=fault.count, spread=fault.spread, rng=rng, length_pitches=fault.length_pitches
+            )
+        if fault.kind == "misalignment":
+            return gear_faults.Misalignment(face_width_m=width_m, twice=fault.twice)
+        plain: dict[str, gear_faults.GearDamage] = {
+            "missing_tooth": gear_faults.MissingTooth(),
+            "eccentricity": gear_faults.Eccentricity(),
+            "wear": gear_faults.Wear(),
+        }
+        return plain[fault.kind]
+    return gear_faults.Crack()
+
+
+def face_width_m(scene: Scene, component: str) -> float:
+    """Return the face width of the mesh of a gear such as ``stage 1/pinion``; infinite where it is not declared."""
+    declared = {mesh.name: mesh.face_width_mm for mesh in scene.gearbox.meshes}[mesh_name(component)]
+    return declared / 1000 if declared is not None else math.inf
+
+
+def mesh_name(component: str) -> str:
+    """Return the mesh of a gear such as ``stage 1/pinion``."""
+    return component.rpartition("/")[0]
+
+
+def trains_of(
+    scene: Scene, drive: Drive, combs: Sequence[Comb], *, offsets: Sequence[float], draws: Draws
+) -> list[tuple[int, ImpactTrain]]:
+    """Return the impacts that are heard in the record, so also those just before it, with the number of their fault."""
+    before_s = max(-ring_seconds(scene.resonance), drive.start_s)
+    first_rev, last_rev = drive.angle.revolutions([before_s, last_s(scene)])
+    span_rev = (float(first_rev), float(last_rev))
+    bases = {comb.component: float(comb.base) for comb in combs if comb.kind == "gear_mesh"}
+    trains: list[tuple[int, ImpactTrain]] = []
+    for number, (fault, offset) in enumerate(zip(scene.faults, offsets, strict=True)):
+        if isinstance(fault, BearingFault):
+            trains.append((number, impact_train(scene, number, offset=offset, span_rev=span_rev, draws=draws)))
+        elif not isinstance(fault, ShaftFault):
+            mesh, tooth = mesh_name(fault.component), scene.exact_orders("tooth")[fault.component]
+            struck = damage_trains(
+                gear_damage(scene, number, draws=draws),
+                component=fault.component,
+                source=mesh,
+                tooth=tooth,
+                teeth=bases[mesh] / float(tooth),
+                offset=offset,
+                span_rev=span_rev,
+                amplitude=fault.initial_mm * fault.impact_per_mm,
+            )
+            trains += [(number, train) for train in struck]
+    return trains

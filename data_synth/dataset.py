@@ -1,0 +1,191 @@
+"""Many scenes -> a labelled dataset in a folder, the same whatever made it: one process, many, or a cluster.
+
+Record i follows from the plan, its seed and i alone. Records are written in files of a few dozen, each put in
+place whole, so a run that was stopped at any instant goes on with the files that are missing.
+"""
+
+import json
+import math
+import shutil
+from collections.abc import Sequence
+from functools import lru_cache, partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from data_synth.plan import Plan, PlanError, load_plan, parse_plan
+from data_synth.scene import SceneError
+from data_synth.simulation import simulate
+from hums.jobs import Job, Serial, Tally, Workers, run_jobs
+from hums.store import open_shard, remove_parts, write_shard, write_tree, written_beside
+
+SCHEMA = "hums-dataset/1"
+_SHARD = "shards/{:06d}.h5"
+_MADE_BY = "# made by hums-toolkit {}; the plan with its scene and every default written out\n"
+
+
+def make_dataset(
+    plan: Plan | str | Path, folder: str | Path, *, workers: Workers | None = None, progress: bool = False
+) -> Tally:
+    """Make the dataset of a plan, or go on with it where it was left.
+
+    Parameters
+    ----------
+    plan : Plan, path or catalogue name
+    folder : path
+        New, empty, or begun with the same plan. It receives ``plan.toml``, ``shards/``, ``index.h5`` (which
+        `hums.open_dataset` reads, written last) and ``labels.csv``.
+    workers : Serial, Processes or Cluster of `hums.jobs`, optional
+        Serial if left out. The files do not depend on it.
+    progress : bool
+        Whether to draw a bar on standard error.
+
+    Returns
+    -------
+    Tally
+        Files of records made now, and kept from before.
+
+    Raises
+    ------
+    PlanError
+        If the disk is too small, or the folder holds something else.
+    SceneError
+        If a record cannot be simulated, with its number and class.
+    JobError
+        See `hums.jobs.run_jobs`.
+    """
+    plan = plan if isinstance(plan, Plan) else load_plan(plan)
+    folder = Path(folder).resolve()
+    _claim(folder, plan)
+    count = math.ceil(plan.records / plan.records_per_shard)
+    jobs = [
+        Job(name=Path(_SHARD.format(shard)).name, item=shard, size=len(_numbers(plan, shard))) for shard in range(count)
+    ]
+    shards = folder / "shards"
+    _check_space(plan, shards, missing=sum(job.size for job in jobs if not (shards / job.name).exists()))
+    tally = run_jobs(
+        partial(write_records, plan.text), jobs, folder=shards, workers=workers or Serial(), title=_title(progress)
+    )
+    remove_parts(folder)
+    if tally.done or not _is_indexed(folder):
+        _write_index(folder, plan, [shards / job.name for job in jobs])
+    return tally
+
+
+def write_records(plan_text: str, shard: int, path: Path) -> None:
+    """Simulate the records of one file and write it; `plan_text` is `Plan.text`."""
+    plan = _parsed(plan_text)
+    numbers = _numbers(plan, shard)
+    records = [_simulated(plan, number) for number in numbers]
+    rows = [plan.labels(number) for number in numbers]
+    labels = {name: [row[name] for row in rows] for name in rows[0]}
+    write_shard(records, path, labels=labels, dtype=plan.dtype)
+
+
+@lru_cache(maxsize=4)
+def _parsed(text: str) -> Plan:
+    return parse_plan(text)
+
+
+def _numbers(plan: Plan, shard: int) -> range:
+    return range(shard * plan.records_per_shard, min((shard + 1) * plan.records_per_shard, plan.records))
+
+
+def _simulated(plan: Plan, number: int) -> xr.Dataset:
+    try:
+        return simulate(plan.scene(number), seed=plan.seed_of(number))
+    except SceneError as error:
+        raise SceneError(f'record {number}, class "{plan.variant_of(number).name}": {error}') from None
+
+
+def _title(progress: bool) -> str | None:
+    return "records" if progress else None
+
+
+# ---- the folder --------------------------------------------------------------------------------------------
+
+
+def _claim(folder: Path, plan: Plan) -> None:
+    """Write the plan into a new folder; in one that was begun, hold it against the plan there."""
+    mark = folder / "plan.toml"
+    own = _MADE_BY.format(version("hums-toolkit")) + plan.text
+    if mark.is_file():
+        _compare(folder, mark.read_text(encoding="utf-8"), own)
+        return
+    if folder.exists() and not folder.is_dir():
+        raise PlanError(f"{folder} is a file; name a folder.")
+    if folder.is_dir() and any(path.suffix != ".part" for path in folder.iterdir()):
+        raise PlanError(f"{folder} holds files that belong to no dataset; name a new or empty folder.")
+    folder.mkdir(parents=True, exist_ok=True)
+    with written_beside(mark) as part:
+        part.write_text(own, encoding="utf-8")
+
+
+def _compare(folder: Path, there: str, own: str) -> None:
+    differing = next(((a, b) for a, b in zip(there.splitlines(), own.splitlines(), strict=False) if a != b), None)
+    if there == own:
+        return
+    detail = f': there "{differing[0].strip()}", here "{differing[1].strip()}"' if differing else ""
+    raise PlanError(
+        f"{folder} was begun with another plan or another version of this program{detail}. Name another folder, or go "
+        f"on with its own plan, {folder / 'plan.toml'}."
+    )
+
+
+def _check_space(plan: Plan, shards: Path, *, missing: int) -> None:
+    shards.mkdir(exist_ok=True)
+    need, free = missing * plan.record_bytes, shutil.disk_usage(shards).free
+    if need > free:
+        raise PlanError(
+            f"{missing} records of {plan.record_bytes / 1e6:.3g} MB need {need / 1e9:.3g} GB, but {free / 1e9:.3g} GB "
+            f"are free at {shards}. Lower records, duration_s or rate_hz, keep float32, or choose another disk."
+        )
+
+
+def _is_indexed(folder: Path) -> bool:
+    return (folder / "index.h5").is_file() and (folder / "labels.csv").is_file()
+
+
+def _write_index(folder: Path, plan: Plan, shards: Sequence[Path]) -> None:
+    """Write the labels of all records, and what their arrays are, as `hums.shards` reads them."""
+    tables, attrs = [], {}
+    arrays: dict[str, Any] = {}
+    for path in shards:
+        with open_shard(path) as shard:
+            labels = [name for name, variable in shard.data_vars.items() if variable.attrs.get("role") == "label"]
+            tables.append(shard[labels].load())
+            for name, variable in shard.data_vars.items():
+                if name not in labels and variable.dims[0] == "record" and variable.dtype.kind == "f":
+                    _widen(arrays, str(name), variable)
+            attrs = json.loads(shard["attrs_of_record"][0].item())
+    table = xr.concat(tables, "record")
+    table.attrs = {
+        "schema": SCHEMA,
+        "machine": attrs["machine"],
+        "rate_hz": attrs["rate_hz"],
+        "start_s": attrs["start_s"],
+        "plan": plan.text,
+        "shards": _SHARD,
+        "records_per_shard": plan.records_per_shard,
+        "arrays_json": json.dumps(arrays),
+    }
+    with written_beside(folder / "labels.csv") as part:
+        table.to_dataframe().to_csv(part)
+    write_tree(xr.DataTree(table), folder / "index.h5")
+
+
+def _widen(arrays: dict[str, Any], name: str, variable: xr.DataArray) -> None:
+    facts = arrays.setdefault(
+        name,
+        {
+            "dims": list(variable.dims[1:]),
+            "width": [0] * (variable.ndim - 1),
+            "dtype": str(variable.dtype),
+            "attrs": {
+                key: value.tolist() if hasattr(value, "tolist") else value for key, value in variable.attrs.items()
+            },
+        },
+    )
+    facts["width"] = [max(a, b) for a, b in zip(facts["width"], variable.shape[1:], strict=True)]

@@ -1,0 +1,138 @@
+"""From what a scene declares to how its reference shaft turns and what its teeth carry."""
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_synth.driving import Course, Turbulence
+from data_synth.profile import Array, ShaftAngle
+from data_synth.run_up import LoadLaw, SmoothAngle, run_up
+from data_synth.scene import Scene, SceneError
+from data_synth.speeds import FirstOrder, Kaimal, Knots, added, fluctuation
+
+_RPM = 60.0
+
+
+class Turning(Protocol):
+    """What a simulation asks of the angle of its reference shaft."""
+
+    @property
+    def datum_rev(self) -> float:
+        """Revolutions from time zero to revolution zero."""
+
+    def revolutions(self, times_s: ArrayLike) -> Array:
+        """Return the angle in revolutions at `times_s` (n,)."""
+
+    def times(self, revolutions: ArrayLike) -> Array:
+        """Return the times in s at which the shaft reaches `revolutions` (n,)."""
+
+    def speed_hz(self, times_s: ArrayLike) -> Array:
+        """Return the speed in rev s-1 at `times_s` (n,)."""
+
+    def top_speed_hz(self, start_s: float, stop_s: float) -> float:
+        """Return the largest speed from `start_s` to `stop_s`, in rev s-1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """How a gearbox is driven.
+
+    Attributes
+    ----------
+    angle : ShaftAngle or SmoothAngle
+        Of the reference shaft, revolution zero at the tachometer's first mark.
+    torque : Knots or None
+        On the link that the scene names, N m.
+    unloaded_share : float
+        What teeth carry without torque, relative to full load.
+    full_load_nm : float
+        The largest size of the declared torque, without its turbulence.
+    start_s : float
+        From where on the angle is known.
+    """
+
+    angle: Turning
+    torque: Knots | None = None
+    unloaded_share: float = 0.0
+    full_load_nm: float = 1.0
+    start_s: float = -np.inf
+
+    def load(self, times_s: ArrayLike) -> Array:
+        """Return what teeth carry at `times_s` (n,), relative to full load: ``u + (1 - u) abs(T) / T_full``."""
+        times = np.asarray(times_s, dtype=np.float64)
+        if self.torque is None:
+            return np.ones_like(times)
+        relative = np.abs(self.torque.at(times)) / self.full_load_nm
+        return np.asarray(self.unloaded_share + (1 - self.unloaded_share) * relative)
+
+
+def driven(
+    scene: Scene, *, datum_turn: float, speed_rng: np.random.Generator, torque_rng: np.random.Generator
+) -> Drive:
+    """Return how a scene is driven.
+
+    Parameters
+    ----------
+    scene : Scene
+    datum_turn : float
+        Turns of the tachometer's link from time zero to its first mark.
+    speed_rng, torque_rng : numpy.random.Generator
+        For turbulence.
+    """
+    torque = _course(scene.torque, scene, torque_rng) if scene.torque is not None else None
+    datum = datum_turn / float(abs(scene.ratio(scene.tachometer.link)))
+    if scene.speed.run_up is None:
+        turns = float(abs(scene.ratio(scene.speed.link))) * _RPM
+        speed = _course(scene.speed, scene, speed_rng)
+        angle = ShaftAngle(times_s=speed.times_s, speeds_hz=speed.values / turns, datum_rev=datum)
+        if angle.speeds_hz.min() <= 0:
+            raise SceneError("speed.turbulence brings the shaft to a stop; lower its rms.")
+        return _loaded(Drive(angle=angle), scene, torque)
+    return _loaded(Drive(angle=replace(_ran_up(scene, torque), datum_rev=datum), start_s=0.0), scene, torque)
+
+
+def _loaded(drive: Drive, scene: Scene, torque: Knots | None) -> Drive:
+    if scene.torque is None:
+        return drive
+    full = max(abs(nm) for _, nm in scene.torque.rows)
+    return replace(drive, torque=torque, unloaded_share=scene.torque.unloaded_share, full_load_nm=full)
+
+
+def _course(course: Course, scene: Scene, rng: np.random.Generator) -> Knots:
+    times, values = np.array(course.knots).T
+    declared = Knots(times_s=times, values=values)
+    if course.turbulence is None:
+        return declared
+    return added(declared, _gusts(course.turbulence, scene.duration_s, rng))
+
+
+def _gusts(turbulence: Turbulence, duration_s: float, rng: np.random.Generator) -> Knots:
+    law = Kaimal if turbulence.spectrum == "kaimal" else FirstOrder
+    spectrum = law(rms=turbulence.rms, time_scale_s=turbulence.time_scale_s)
+    return fluctuation(spectrum, duration_s=duration_s, highest_hz=turbulence.highest_hz, rng=rng)
+
+
+def _ran_up(scene: Scene, torque: Knots | None) -> SmoothAngle:
+    """Return the angle of the reference shaft, counted from time zero."""
+    law, declared = scene.speed.run_up, scene.torque
+    if law is None or declared is None or torque is None:  # the scene's own check holds them together
+        raise SceneError("a run-up needs speed.run_up and torque.")
+    to_reference = float(abs(scene.ratio(scene.speed.link)))
+    # the power of a torque is the same wherever it is counted
+    brought = torque.scaled(float(abs(scene.ratio(declared.link))) / to_reference)
+    of_link = run_up(
+        brought,
+        load=LoadLaw(constant_nm=law.load_nm, linear_nm_s=law.load_nm_s, quadratic_nm_s2=law.load_nm_s2),
+        inertia_kg_m2=law.inertia_kg_m2,
+        duration_s=scene.duration_s,
+        speed_hz=law.rpm / _RPM,
+    )
+    lowest = float(np.min(of_link.speed_hz(np.linspace(0.0, scene.duration_s, 1001))))
+    if lowest < 0:
+        raise SceneError(
+            f"speed.run_up: the load turns the shaft back, at {lowest * _RPM:.3g} rpm; raise the torque or lower "
+            "the load."
+        )
+    return of_link.scaled(1 / to_reference)

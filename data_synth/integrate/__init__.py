@@ -1,0 +1,62 @@
+"""Time integrators: a problem, a method, what to read and how exactly, and what came of it."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from data_synth.integrate.exact import Transition as Transition
+    from data_synth.integrate.newmark import GeneralisedAlpha as GeneralisedAlpha
+    from data_synth.integrate.problem import Accuracy as Accuracy
+    from data_synth.integrate.problem import Integration as Integration
+    from data_synth.integrate.problem import IntegrationError as IntegrationError
+    from data_synth.integrate.problem import Load as Load
+    from data_synth.integrate.problem import Outcome as Outcome
+    from data_synth.integrate.problem import Output as Output
+    from data_synth.integrate.problem import Problem as Problem
+    from data_synth.integrate.problem import State as State
+    from data_synth.integrate.problem import Steps as Steps
+    from data_synth.integrate.problem import TiedTo as TiedTo
+    from data_synth.integrate.runge_kutta import DormandPrince8 as DormandPrince8
+    from data_synth.integrate.runge_kutta import RungeKutta4 as RungeKutta4
+    from data_synth.integrate.running import Block as Block
+    from data_synth.integrate.running import integrate as integrate
+    from data_synth.integrate.running import integrate_blocks as integrate_blocks
+    from data_synth.integrate.scipy_solvers import ScipySolver as ScipySolver
+    from data_synth.integrate.shooting import PeriodicState as PeriodicState
+    from data_synth.integrate.shooting import periodic_state as periodic_state
+    from data_synth.integrate.splitting import Splitting as Splitting
+
+_HOME = {
+    "Accuracy": "data_synth.integrate.problem",
+    "Block": "data_synth.integrate.running",
+    "DormandPrince8": "data_synth.integrate.runge_kutta",
+    "GeneralisedAlpha": "data_synth.integrate.newmark",
+    "Integration": "data_synth.integrate.problem",
+    "IntegrationError": "data_synth.integrate.problem",
+    "Load": "data_synth.integrate.problem",
+    "Outcome": "data_synth.integrate.problem",
+    "Output": "data_synth.integrate.problem",
+    "PeriodicState": "data_synth.integrate.shooting",
+    "Problem": "data_synth.integrate.problem",
+    "RungeKutta4": "data_synth.integrate.runge_kutta",
+    "ScipySolver": "data_synth.integrate.scipy_solvers",
+    "Splitting": "data_synth.integrate.splitting",
+    "State": "data_synth.integrate.problem",
+    "Steps": "data_synth.integrate.problem",
+    "TiedTo": "data_synth.integrate.problem",
+    "Transition": "data_synth.integrate.exact",
+    "integrate": "data_synth.integrate.running",
+    "integrate_blocks": "data_synth.integrate.running",
+    "periodic_state": "data_synth.integrate.shooting",
+}
+__all__ = sorted(_HOME)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401
+    if name not in _HOME:
+        raise AttributeError(f"module 'data_synth.integrate' has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_HOME]

@@ -1,0 +1,117 @@
+"""Periodic functions of the mesh phase as tables that compiled code can read and integrate without error.
+
+Between two jumps a function is cut into even cells with one polynomial each. Of the function less its mean, the
+tables also hold the first three periodic integrals, so that its moments over any stretch of phase, across jumps or
+cycles, cost two look-ups.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+DEGREE = 5
+WIDTHS = (6, 7, 8, 9)  # coefficients of the function and of its three integrals, side by side in a row
+_SPARSEST, _DENSEST = 16, 2048  # cells to a mesh cycle
+_FIT = 1e-11  # of the largest value: cells are halved until the polynomials are this close
+
+_NODES = (1 - np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))) / 2
+_INTERPOLATE = np.linalg.inv(np.vander(_NODES, increasing=True))
+_BETWEEN = np.array([0.003, 0.24, 0.64, 0.997])  # where the fit is checked: ends of cells and what lies between nodes
+
+
+class Waves(NamedTuple):
+    """Tables of several periodic functions, one after the other.
+
+    ``periods``, ``means`` (f,); ``segments`` (f + 1,): where the segments of each function begin in ``starts``,
+    ``densities`` (cells to a cycle), ``firsts`` (first cell) and ``counts`` (cells), each (segments,); ``rows``
+    (cells, 30).
+    """
+
+    periods: Array
+    means: Array
+    segments: Integers
+    starts: Array
+    densities: Array
+    firsts: Integers
+    counts: Integers
+    rows: Array
+
+
+class Wave(NamedTuple):
+    """A function of the phase in cycles, its period and its jumps in [0, period)."""
+
+    value: Callable[[Array], Array]
+    period: float
+    jumps: tuple[float, ...] = ()
+
+
+def tabulated(functions: Sequence[Wave]) -> Waves:
+    """Return the tables of these functions."""
+    tables = [_table(function) for function in functions]
+    counts = [starts.size for starts, *_ in tables]
+    cells = np.cumsum([0, *(rows.shape[0] for *_, rows, _ in tables)])
+    none = np.zeros(0)
+    return Waves(
+        periods=np.array([float(function.period) for function in functions]),
+        means=np.array([mean for *_, mean in tables]),
+        segments=np.cumsum([0, *counts], dtype=np.int64),
+        starts=np.concatenate([none, *(starts for starts, *_ in tables)]),
+        densities=np.concatenate([none, *(densities for _, densities, *_ in tables)]),
+        firsts=np.concatenate(
+            [np.zeros(0, dtype=np.int64), *(t[2] + cell for t, cell in zip(tables, cells, strict=False))]
+        ),
+        counts=np.concatenate([np.zeros(0, dtype=np.int64), *(t[3] for t in tables)]),
+        rows=np.concatenate([np.zeros((0, sum(WIDTHS))), *(rows for *_, rows, _ in tables)]),
+    )
+
+
+def _table(function: Wave) -> tuple[Array, Array, Integers, Integers, Array, float]:
+    breaks = np.unique(np.array([0.0, *function.jumps, function.period]))
+    density = _SPARSEST
+    while True:
+        starts, widths, counts, rows, error = _fitted(function, breaks, density)
+        if error <= _FIT or density >= _DENSEST:
+            break
+        density *= 2
+    mean, rows = _with_integrals(rows, widths)
+    firsts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
+    return starts, counts / np.diff(breaks), firsts, counts.astype(np.int64), rows, mean
+
+
+def _fitted(function: Wave, breaks: Array, density: int) -> tuple[Array, Array, Integers, Array, float]:
+    """Return segments' starts, cells' widths, cells to a segment, coefficients over a cell, relative misfit."""
+    counts = np.array([max(1, int(np.ceil((b - a) * density - 1e-9))) for a, b in pairwise(breaks)])
+    widths = np.repeat(np.diff(breaks) / counts, counts)
+    begins = np.concatenate(
+        [a + (b - a) / n * np.arange(n) for (a, b), n in zip(pairwise(breaks), counts, strict=True)]
+    )
+    values = function.value(begins[:, None] + widths[:, None] * _NODES)
+    rows = values @ _INTERPOLATE.T
+    fitted = rows @ np.vander(_BETWEEN, DEGREE + 1, increasing=True).T
+    misfit = np.max(np.abs(fitted - function.value(begins[:, None] + widths[:, None] * _BETWEEN)))
+    return breaks[:-1], widths, counts, rows, float(misfit / max(np.max(np.abs(values)), np.finfo(float).tiny))
+
+
+def _with_integrals(rows: Array, widths: Array) -> tuple[float, Array]:
+    """Return the mean, and the rows with those of the periodic integrals beside them, each of mean zero."""
+
+    def mean_of(polynomials: Array) -> float:
+        return float(widths @ (polynomials @ (1 / np.arange(1, polynomials.shape[1] + 1))) / widths.sum())
+
+    mean = mean_of(rows)
+    parts = [rows]
+    rows = rows.copy()
+    rows[:, 0] -= mean
+    for _ in range(len(WIDTHS) - 1):
+        risen = widths[:, None] * rows / np.arange(1, rows.shape[1] + 1)
+        at_begin = np.concatenate([[0.0], np.cumsum(risen.sum(axis=1))[:-1]])
+        rows = np.column_stack([at_begin, risen])
+        rows[:, 0] -= mean_of(rows)
+        parts.append(rows)
+    return mean, np.ascontiguousarray(np.hstack(parts))

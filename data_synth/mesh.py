@@ -1,0 +1,302 @@
+"""Tooth mesh stiffness as a function of the mesh phase.
+
+A phase counts mesh cycles: from 0 to 1 one pair of teeth follows another; nothing here knows time or speed. A
+phase of zero is where a new pair enters. What a damaged tooth does repeats after as many cycles as its gear has teeth.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+_NODES = 24  # of Gauss and Legendre, each third of a harmonic's cycle or each smooth stretch
+
+
+class Stiffness(Protocol):
+    """Stiffness of a mesh along its line of action."""
+
+    @property
+    def mean(self) -> float:
+        """Mean over a period in N/m."""
+
+    @property
+    def period(self) -> int:
+        """Mesh cycles after which it repeats: 1 for a healthy mesh, the number of teeth where one is damaged."""
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Phases in [0, period), rising, at which it jumps."""
+
+    @property
+    def constant_between_jumps(self) -> bool:
+        """Whether it is constant from each jump to the next, so that exact transition matrices exist."""
+
+    @property
+    def harmonics(self) -> ComplexArray | None:
+        """c_h of ``mean + Re sum_h c_h exp(2j pi h phase / period)``, h = 1, 2, ...: where it is a finite series."""
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return N/m at phases in mesh cycles, any shape."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Constant:
+    """The same stiffness at every phase, N/m."""
+
+    mean: float
+    period: int = field(default=1, init=False)
+    jumps: tuple[float, ...] = field(default=(), init=False)
+    constant_between_jumps: bool = field(default=True, init=False)
+    harmonics: ComplexArray | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        _not_negative(self.mean, "mean")
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return N/m at phases in mesh cycles, any shape."""
+        return np.full(np.shape(phase_cycles), float(self.mean))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fourier:
+    """``mean + Re sum_h harmonics[h - 1] exp(2j pi h phase / period)``.
+
+    Attributes
+    ----------
+    mean : float
+        N/m.
+    harmonics : (h,) complex array
+        Peak amplitudes with their phases, N/m.
+    period : int
+        Mesh cycles.
+    """
+
+    mean: float
+    harmonics: ComplexArray = field(metadata={"dims": ("harmonic",), "units": "N/m"})
+    period: int = 1
+    jumps: tuple[float, ...] = field(default=(), init=False)
+    constant_between_jumps: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        _not_negative(self.mean, "mean")
+        if np.ndim(self.harmonics) != 1 or not np.all(np.isfinite(self.harmonics)):
+            raise ValueError(f"harmonics of shape {np.shape(self.harmonics)} have to be finite numbers in one row.")
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return N/m at phases in mesh cycles, any shape."""
+        turn = np.exp(2j * np.pi / self.period * np.asarray(phase_cycles, dtype=np.float64))
+        total = np.zeros_like(turn)
+        for value in self.harmonics[::-1]:
+            total = (total + value) * turn
+        return np.asarray(self.mean + total.real)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rectangular:
+    """Stiff for the first part of every cycle, soft for the rest.
+
+    Attributes
+    ----------
+    low, high : float
+        N/m.
+    duty : float
+        Part of the cycle that is stiff, above 0 and below 1.
+    """
+
+    low: float
+    high: float
+    duty: float
+    period: int = field(default=1, init=False)
+    constant_between_jumps: bool = field(default=True, init=False)
+    harmonics: ComplexArray | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        _not_negative(self.low, "low")
+        _not_negative(self.high, "high")
+        _share(self.duty, "duty")
+
+    @classmethod
+    def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float) -> "Rectangular":
+        """Return the stiffness of pairs alike: ``ceil(ratio)`` of them for the first ``ratio % 1``, then one less.
+
+        Parameters
+        ----------
+        pair_stiffness : float
+            Of one pair of teeth, N/m.
+        contact_ratio : float
+            Transverse contact ratio, not whole.
+        """
+        pairs = math.floor(contact_ratio)
+        return cls(low=pairs * pair_stiffness, high=(pairs + 1) * pair_stiffness, duty=contact_ratio - pairs)
+
+    @property
+    def mean(self) -> float:
+        """Mean over a cycle in N/m."""
+        return self.low + self.duty * (self.high - self.low)
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Where the stiff part begins and ends."""
+        return (0.0, self.duty)
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return N/m at phases in mesh cycles, any shape."""
+        phase = np.remainder(np.asarray(phase_cycles, dtype=np.float64), 1.0)
+        return np.where(phase < self.duty, float(self.high), float(self.low))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trapezoidal:
+    """As `Rectangular`, but a pair takes its load up, and sheds it, over a part of the cycle.
+
+    Attributes
+    ----------
+    low, high : float
+        N/m.
+    duty : float
+        Part of the cycle between the middles of the rise and the fall; phase 0 is the beginning of the rise.
+    ramp : float
+        Length of rise and of fall in cycles, no longer than ``duty`` and ``1 - duty``.
+    """
+
+    low: float
+    high: float
+    duty: float
+    ramp: float
+    period: int = field(default=1, init=False)
+    jumps: tuple[float, ...] = field(default=(), init=False)
+    constant_between_jumps: bool = field(default=False, init=False)
+    harmonics: ComplexArray | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        _not_negative(self.low, "low")
+        _not_negative(self.high, "high")
+        _share(self.duty, "duty")
+        if not 0 < self.ramp <= min(self.duty, 1 - self.duty):
+            raise ValueError(
+                f"ramp = {self.ramp!r} has to be above 0 and no more than {min(self.duty, 1 - self.duty):g}, the "
+                "shorter of duty and 1 - duty; for no ramp use Rectangular."
+            )
+
+    @classmethod
+    def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float, ramp: float) -> "Trapezoidal":
+        """Return the stiffness of pairs alike, as `Rectangular.by_contact_ratio`, with ramps."""
+        pairs = math.floor(contact_ratio)
+        duty = contact_ratio - pairs
+        return cls(low=pairs * pair_stiffness, high=(pairs + 1) * pair_stiffness, duty=duty, ramp=ramp)
+
+    @property
+    def mean(self) -> float:
+        """Mean over a cycle in N/m."""
+        return self.low + self.duty * (self.high - self.low)
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Phases at which the slope changes."""
+        return (0.0, self.ramp, self.duty, self.duty + self.ramp)
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return N/m at phases in mesh cycles, any shape."""
+        phase = np.remainder(np.asarray(phase_cycles, dtype=np.float64), 1.0)
+        knots = [*self.corners, 1.0]
+        return np.interp(phase, knots, [self.low, self.high, self.high, self.low, self.low])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shifted:
+    """Another stiffness, later: ``of(phase + by_cycles)``, as the meshes of planets stand to each other."""
+
+    of: Stiffness
+    by_cycles: float
+
+    @property
+    def mean(self) -> float:
+        """Mean over a period in N/m."""
+        return self.of.mean
+
+    @property
+    def period(self) -> int:
+        """Mesh cycles after which it repeats."""
+        return self.of.period
+
+    @property
+    def constant_between_jumps(self) -> bool:
+        """Whether it is constant from each jump to the next."""
+        return self.of.constant_between_jumps
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Phases in [0, period), rising, at which it jumps."""
+        return tuple(sorted((jump - self.by_cycles) % self.period for jump in self.of.jumps))
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Phases at which the slope changes."""
+        return tuple(sorted((corner - self.by_cycles) % self.period for corner in getattr(self.of, "corners", ())))
+
+    @property
+    def harmonics(self) -> ComplexArray | None:
+        """Peak amplitudes, where it is a finite series."""
+        if self.of.harmonics is None:
+            return None
+        orders = np.arange(1, self.of.harmonics.size + 1)
+        return np.asarray(self.of.harmonics * np.exp(2j * np.pi / self.period * self.by_cycles * orders))
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return N/m at phases in mesh cycles, any shape."""
+        return self.of(np.asarray(phase_cycles, dtype=np.float64) + self.by_cycles)
+
+
+def fourier_series(stiffness: Stiffness, *, harmonics: int) -> Fourier:
+    """Return the first terms of a stiffness' Fourier series.
+
+    Integrated by Gauss and Legendre between its jumps and corners, so to rounding where it is smooth there.
+
+    Parameters
+    ----------
+    stiffness : Stiffness
+    harmonics : int
+        Of its own period.
+    """
+    if harmonics < 1:
+        raise ValueError(f"harmonics = {harmonics!r}: a series has at least 1.")
+    phases, weights = quadrature(stiffness, harmonics=harmonics)
+    values = weights * stiffness(phases) / stiffness.period
+    orders = np.arange(1, harmonics + 1)
+    lines = np.exp(-2j * np.pi / stiffness.period * np.outer(orders, phases)) @ values
+    return Fourier(mean=stiffness.mean, harmonics=2 * lines, period=stiffness.period)
+
+
+def quadrature(stiffness: Stiffness, *, harmonics: int = 1) -> tuple[Array, Array]:
+    """Return phases and weights that integrate over a period, (n,) each, no stretch across a jump or a corner."""
+    breaks = {0.0, float(stiffness.period), *stiffness.jumps, *getattr(stiffness, "corners", ())}
+    ends = np.array(sorted(breaks))
+    even = np.linspace(0, stiffness.period, 3 * harmonics + 1)
+    ends = np.unique(np.concatenate([ends, even]))
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    half, middle = np.diff(ends) / 2, (ends[1:] + ends[:-1]) / 2
+    return (middle[:, None] + half[:, None] * nodes).ravel(), (half[:, None] * weights).ravel()
+
+
+def require(values: Iterable[tuple[str, float]]) -> None:
+    """Raise ValueError for the first of some named values that is not a positive finite number."""
+    for name, value in values:
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} = {value!r} has to be a finite number above 0.")
+
+
+def _not_negative(value: float, name: str) -> None:
+    if not (math.isfinite(value) and value >= 0):
+        raise ValueError(f"{name} = {value!r} N/m has to be a finite number of at least 0.")
+
+
+def _share(value: float, name: str) -> None:
+    if not 0 < value < 1:
+        raise ValueError(
+            f"{name} = {value!r} has to lie between 0 and 1; for a stiffness that does not change use Constant."
+        )

@@ -1,0 +1,330 @@
+"""The plan of a dataset: a scene, what changes from record to record, and the classes. Frozen, read from TOML.
+
+Wherever the scene has a value, a plan may have a range: ``{ uniform = [low, high] }``, ``{ log = [low, high] }``
+(uniform in the logarithm) or ``{ choice = [a, b, c] }``. Its drawn value is a label, called by its place in the
+scene (``speed.rpm``, ``fault.1.depth_mm``) or as ``label = "..."`` in the range says.
+"""
+
+import difflib
+import json
+import tomllib
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from data_synth.ranges import RANGES, Choice, Range
+from data_synth.scene import Scene, SceneError, load_scene
+from hums.gearbox import Declared, Name, closest, named_file, read_toml, validated
+
+Place: TypeAlias = tuple[str | int, ...]
+_OWN_LABELS = ("record", "class", "seed", "time")
+_ALIKE = ("rate_hz", "duration_s", "sensor")
+_SHARD_BYTES = 32_000_000  # of samples in one file, which a worker holds in memory
+_MOST_IN_SHARD, _FEWEST_SHARDS = 64, 16  # little is lost with a kill, and several workers have something to do
+
+
+class PlanError(ValueError):
+    """A plan that cannot be read, or that asks for what cannot be made."""
+
+
+class Variant(Declared):
+    """One class of records: a scene written as JSON, and the ranges to be drawn into it."""
+
+    name: Name
+    share: Annotated[int, Field(ge=1)]
+    template: str
+    ranges: tuple[tuple[str, Place, Range], ...]
+
+    def scene(self, values: Mapping[str, Any], *, where: str = "scene") -> Scene:
+        """Return the scene with a value for each range."""
+        table = json.loads(self.template)
+        for label, path, _ in self.ranges:
+            place: Any = table
+            for part in path[:-1]:
+                place = place[part]
+            place[path[-1]] = values[label]
+        return Scene.from_mapping(table, where=where)
+
+
+class _ClassTable(Declared):
+    name: Name
+    share: Annotated[int, Field(ge=1)] = 1
+    change: dict[str, Any] = Field(default={})
+
+
+class _PlanTable(Declared):
+    """A plan as it is written."""
+
+    scene: str | dict[str, Any]
+    records: Annotated[int, Field(ge=1)]
+    seed: Annotated[int, Field(ge=0)]
+    sampling: Literal["random", "sobol"] = "random"
+    dtype: Literal["float32", "float64"] = "float32"
+    records_per_shard: Annotated[int, Field(ge=1)] | None = None
+    change: dict[str, Any] = Field(default={})
+    classes: tuple[_ClassTable, ...] = Field(default=(), alias="class")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What each record of a dataset is. Built by `load_plan` or `parse_plan`.
+
+    Attributes
+    ----------
+    text : str
+        The plan as TOML, its scene and every default written out; two plans are the same if this is.
+    records, seed : int
+    sampling : "random" or "sobol"
+        Independent draws, or the points of a scrambled Sobol sequence for each class, which fill its ranges more
+        evenly (Owen 1998, J. Complexity 14, 466-489).
+    dtype : "float32" or "float64"
+        In which samples are kept.
+    records_per_shard : int
+        Records in one file.
+    record_bytes : int
+        Samples of one record on disk.
+    variants : tuple of Variant
+        The classes.
+    """
+
+    text: str
+    records: int
+    seed: int
+    sampling: str
+    dtype: str
+    records_per_shard: int
+    record_bytes: int
+    variants: tuple[Variant, ...]
+
+    def variant_of(self, number: int) -> Variant:
+        """Return the class of a record: they take turns."""
+        return self.variants[self._cycle[number % len(self._cycle)]]
+
+    def values(self, number: int) -> dict[str, Any]:
+        """Return what is drawn for a record, by label."""
+        variant = self.variant_of(number)
+        if self.sampling == "sobol" and variant.ranges:
+            shares = self._sobol_point(number, variant)
+        else:
+            streams = [(number, zlib.crc32(label.encode())) for label, _, _ in variant.ranges]
+            shares = np.array([np.random.default_rng(self._sequence(*keys)).random() for keys in streams])
+        return {label: r.at(float(share)) for (label, _, r), share in zip(variant.ranges, shares, strict=True)}
+
+    def scene(self, number: int) -> Scene:
+        """Return the scene of a record."""
+        variant = self.variant_of(number)
+        return variant.scene(self.values(number), where=f'record {number}, class "{variant.name}"')
+
+    def seed_of(self, number: int) -> int:
+        """Return the seed that a record is simulated with."""
+        return int(self._sequence(number).generate_state(1, np.uint64)[0] >> np.uint64(1))  # HDF5 has signed ones
+
+    def labels(self, number: int) -> dict[str, Any]:
+        """Return class, seed and all labels of the plan; NaN or "" where the class of the record has no such range."""
+        values = self.values(number)
+        found: dict[str, Any] = {"class": self.variant_of(number).name, "seed": self.seed_of(number)}
+        for label, (kind, choices) in self._label_kinds().items():
+            if label not in values:
+                found[label] = "" if kind is str else float("nan")
+            else:
+                found[label] = kind(choices.index(values[label]) + 1 if choices else values[label])
+        return found
+
+    def _sobol_point(self, number: int, variant: Variant) -> NDArray[np.float64]:
+        turns, place = divmod(number, len(self._cycle))
+        own = self.variants.index(variant)
+        rank = turns * variant.share + self._cycle[:place].count(own)
+        key = (self.seed, zlib.crc32(variant.name.encode()), len(variant.ranges))
+        points = -(-self.records // len(self._cycle)) * variant.share
+        shares: NDArray[np.float64] = _sobol_points(*key, power=(points - 1).bit_length())[rank]
+        return shares
+
+    def _sequence(self, *keys: int) -> np.random.SeedSequence:
+        return np.random.SeedSequence(self.seed, spawn_key=keys)
+
+    @property
+    def _cycle(self) -> tuple[int, ...]:
+        """Classes in the order in which they take turns."""
+        rounds = range(max(variant.share for variant in self.variants))
+        return tuple(i for turn in rounds for i, variant in enumerate(self.variants) if variant.share > turn)
+
+    def _label_kinds(self) -> dict[str, tuple[type, tuple[Any, ...]]]:
+        return _label_kinds(self.variants)
+
+
+@lru_cache(maxsize=64)
+def _sobol_points(seed: int, stream: int, dimensions: int, *, power: int) -> NDArray[np.float64]:
+    from scipy.stats.qmc import Sobol  # noqa: PLC0415 - only such plans need it
+
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream,)))
+    return np.asarray(Sobol(dimensions, scramble=True, seed=rng).random_base2(power))
+
+
+@lru_cache(maxsize=16)
+def _label_kinds(variants: tuple[Variant, ...]) -> dict[str, tuple[type, tuple[Any, ...]]]:
+    """Return, by label, whether it is text or a number; and the choices, where it tells which of them was taken."""
+    kinds: dict[str, tuple[type, tuple[Any, ...]]] = {}
+    for variant in variants:
+        for label, _, drawn in variant.ranges:
+            choices = drawn.choice if isinstance(drawn, Choice) else (0.0,)
+            text = all(isinstance(value, str) for value in choices)
+            number = all(isinstance(value, int | float) for value in choices)
+            kind = (str, ()) if text else (float, () if number else choices)
+            if kinds.setdefault(label, kind) != kind:
+                raise PlanError(f'the label "{label}" is a number in one class and not in another; rename one.')
+    return kinds
+
+
+# ---- reading -----------------------------------------------------------------------------------------------
+
+
+def load_plan(name_or_path: str | Path) -> Plan:
+    """Load a plan from a TOML file or, by its name, from the catalogue that ships with the package.
+
+    A relative path of the scene is looked for beside the plan first.
+
+    Raises
+    ------
+    PlanError
+        With one sentence that names the thing, its value, what was needed and what to do.
+    """
+    path = named_file(name_or_path, shipped=plans(), thing="plan", error=PlanError)
+    table = read_toml(path, error=PlanError)
+    scene = table.get("scene")
+    if isinstance(scene, str) and (path.parent / scene).is_file():
+        table["scene"] = str(path.parent / scene)
+    return _plan(table, where=str(path))
+
+
+def parse_plan(text: str, *, where: str = "plan") -> Plan:
+    """Read a plan from TOML text; `where` names it in errors."""
+    return _plan(tomllib.loads(text), where=where)
+
+
+def plans() -> dict[str, Path]:
+    """Return the plans that ship with the package: name -> file."""
+    folder = Path(str(files("data_synth"))) / "catalogue" / "plans"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def _plan(table: Mapping[str, Any], *, where: str) -> Plan:
+    import tomli_w  # noqa: PLC0415 - a plan is read seldom
+
+    declared = validated(_PlanTable, dict(table), where=where, error=PlanError)
+    base = _base(declared.scene, where)
+    try:
+        variants = tuple(_variants(declared, base))
+        _label_kinds(variants)
+        first = _checked(variants)
+    except (PlanError, SceneError) as error:
+        raise PlanError(f"{where}: {error}") from None
+    size = len(first.sensors) * first.samples * np.dtype(declared.dtype).itemsize
+    fitting = min(_SHARD_BYTES // size, _MOST_IN_SHARD, -(-declared.records // _FEWEST_SHARDS))
+    resolved = declared.model_dump(by_alias=True, exclude_none=True) | {"scene": base}
+    resolved["records_per_shard"] = declared.records_per_shard or max(1, fitting)
+    return Plan(
+        text=tomli_w.dumps(dict(sorted(resolved.items(), key=lambda item: isinstance(item[1], dict | tuple)))),
+        records=declared.records,
+        seed=declared.seed,
+        sampling=declared.sampling,
+        dtype=declared.dtype,
+        records_per_shard=resolved["records_per_shard"],
+        record_bytes=size,
+        variants=variants,
+    )
+
+
+def _base(scene: str | Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return the scene with every default written out."""
+    try:
+        loaded = load_scene(scene) if isinstance(scene, str) else Scene.from_mapping(scene)
+    except ValueError as error:
+        raise PlanError(f"{where}: {error}") from None
+    return tomllib.loads(loaded.to_toml())
+
+
+def _variants(declared: _PlanTable, base: Mapping[str, Any]) -> Iterator[Variant]:
+    changed = _merged(base, declared.change)
+    kinds = [table.get("kind", "fault") for table in changed.get("fault", ()) if isinstance(table, Mapping)]
+    classes = declared.classes or (_ClassTable(name=" + ".join(map(str, kinds)) or "healthy"),)
+    names = [table.name for table in classes]
+    for table in classes:
+        if names.count(table.name) > 1:
+            raise PlanError(f'two classes are called "{table.name}"; give each a name of its own.')
+        found: list[tuple[str, Place, Range]] = []
+        try:
+            template = _split(_merged(changed, table.change), (), found)
+        except PlanError as error:
+            raise PlanError(f'class "{table.name}": {error}') from None
+        _check_labels(table.name, found)
+        yield Variant(name=table.name, share=table.share, template=json.dumps(template), ranges=tuple(found))
+
+
+def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `base` with the values of `change`: tables are gone into, everything else is replaced."""
+    result = dict(base)
+    for key, value in change.items():
+        there = base.get(key)
+        inner = isinstance(there, Mapping) and isinstance(value, Mapping) and not RANGES.keys() & value.keys()
+        result[key] = _merged(there, value) if inner and isinstance(there, Mapping) else value
+    return result
+
+
+def _split(value: Any, path: Place, found: list[tuple[str, Place, Range]]) -> Any:  # noqa: ANN401
+    """Return `value` with null in the place of each range, which is added to `found`."""
+    if isinstance(value, list | tuple):
+        return [_split(item, (*path, number), found) for number, item in enumerate(value)]
+    if not isinstance(value, Mapping):
+        return value
+    place = ".".join(str(part + 1) if isinstance(part, int) else part for part in path)
+    kinds = RANGES.keys() & value.keys()
+    if not kinds:
+        for key in value:
+            near = difflib.get_close_matches(key, RANGES, n=1)
+            if near and isinstance(value[key], list | tuple):
+                raise PlanError(f'{place}: unknown kind of range "{key}"{closest(key, set(RANGES))}')
+        return {key: _split(item, (*path, key), found) for key, item in value.items()}
+    if len(kinds) > 1:
+        raise PlanError(f"{place}: {' and '.join(sorted(kinds))} are both given; keep one.")
+    if path[0] in _ALIKE:
+        raise PlanError(f"{place}: a range, but all records of a dataset have the same {path[0]}; give one value.")
+    drawn = validated(RANGES[kinds.pop()], dict(value), where=place, error=PlanError)
+    found.append((drawn.label or place, path, drawn))
+    return None
+
+
+def _check_labels(name: str, ranges: list[tuple[str, Place, Range]]) -> None:
+    labels = [label for label, _, _ in ranges]
+    for label in labels:
+        if labels.count(label) > 1:
+            raise PlanError(f'class "{name}": two ranges have the label "{label}"; give each its own.')
+        if label in _OWN_LABELS or label.startswith(("truth_", "pulse_", "time_")):
+            raise PlanError(f'class "{name}": the label "{label}" has a meaning of its own; choose another.')
+
+
+def _checked(variants: tuple[Variant, ...]) -> Scene:
+    """Build the scenes at both ends of all ranges, so that a plan fails before it is begun; return one."""
+    for variant in variants:
+        where = f'class "{variant.name}"'
+        for share in (0.0, 1.0):
+            variant.scene({label: drawn.at(share) for label, _, drawn in variant.ranges}, where=where)
+        lowest = {label: drawn.at(0.0) for label, _, drawn in variant.ranges}
+        for label, _, drawn in variant.ranges:
+            for value in drawn.choice if isinstance(drawn, Choice) else ():
+                variant.scene(lowest | {label: value}, where=where)
+        here, first = json.loads(variant.template), json.loads(variants[0].template)
+        for field in _ALIKE:
+            if here[field] != first[field]:
+                raise PlanError(
+                    f'class "{variant.name}" changes {field}, but all records of a dataset have the same; '
+                    "change it for all, in [change]."
+                )
+    return variants[0].scene({label: drawn.at(0.0) for label, _, drawn in variants[0].ranges})

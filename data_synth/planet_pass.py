@@ -1,0 +1,216 @@
+"""Planets passing a sensor on the ring: a path that moves, and the lines it makes of their meshes.
+
+Planet n sits at ``theta + psi_n`` from the sensor, theta the turn of the carrier. Its mesh with the ring speaks in the
+phase of where it is on the ring, ``z_r (theta + psi_n)``, and is heard by the window of the same angle. So line
+``l z_r + j`` of the carrier carries ``C_l W_j sum_n a_n exp(1j (l z_r + j) psi_n)``: with N planets alike and evenly
+spaced only those with ``(l z_r + j) mod N = 0`` reach the sensor (McFadden and Smith 1985, Proc. Inst. Mech. Eng. C
+199, 65-70).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from data_synth.combs import Comb
+from data_synth.profile import Array
+
+ComplexArray = NDArray[np.complex128]
+
+_SMALLEST = 1e-6  # coefficients of a window below this share of the largest are left out of the lines
+_ROUNDING = 1e-12  # what is left of phasors that cancel, relative to the largest line
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassWindow:
+    """How loud a planet is at an angle from the sensor: ``floor + (1 - floor) exp(kappa (cos angle - 1))``.
+
+    Attributes
+    ----------
+    half_width_rad : float
+        Angle at which the passing part has fallen to a half, above 0 and below pi.
+    floor : float
+        What is heard of a planet wherever it is, 0 to 1.
+    """
+
+    half_width_rad: float
+    floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.half_width_rad < math.pi:
+            raise ValueError(f"half_width_rad = {self.half_width_rad:g} has to lie between 0 and pi")
+        if not 0 <= self.floor <= 1:
+            raise ValueError(f"floor = {self.floor:g} has to lie between 0 and 1")
+
+    @property
+    def kappa(self) -> float:
+        """How narrow the window is."""
+        return math.log(2) / (1 - math.cos(self.half_width_rad))
+
+    def gain(self, angle_rad: ArrayLike) -> Array:
+        """Return the gain (n,) of a planet at `angle_rad` (n,) from the sensor."""
+        passing = np.exp(self.kappa * (np.cos(np.asarray(angle_rad, dtype=np.float64)) - 1))
+        return np.asarray(self.floor + (1 - self.floor) * passing)
+
+    def coefficients(self) -> Array:
+        """Return W_0, W_1, ... of ``gain = sum_j W_j exp(1j j angle)``, j of both signs, as far as they count."""
+        count = 64 * max(1, math.ceil(math.sqrt(self.kappa)))  # the spectrum is a bell of width sqrt(kappa)
+        lines = np.fft.rfft(self.gain(2 * np.pi * np.arange(count) / count)).real / count
+        heard = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
+        return np.asarray(lines[: heard[-1] + 1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistanceWindow:
+    """How loud a planet is by its distance from the sensor: ``(1 / distance) ** exponent``, 1 where it is nearest.
+
+    Attributes
+    ----------
+    planet_radius_m : float
+        Of the circle on which the planets' ring meshes lie.
+    sensor_radius_m : float
+        Of the sensor from the middle, larger.
+    exponent : float
+        How fast a force fades with distance: 1/2 over a surface, 1 through a body.
+    """
+
+    planet_radius_m: float
+    sensor_radius_m: float
+    exponent: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.planet_radius_m < self.sensor_radius_m:
+            raise ValueError(
+                f"sensor_radius_m = {self.sensor_radius_m:g} has to lie outside of planet_radius_m = "
+                f"{self.planet_radius_m:g}"
+            )
+
+    def gain(self, angle_rad: ArrayLike) -> Array:
+        """Return the gain (n,) of a planet at `angle_rad` (n,) from the sensor."""
+        near, far = self.planet_radius_m, self.sensor_radius_m
+        # the law of cosines, the square of the difference kept whole for sensors close by
+        half = np.sin(np.asarray(angle_rad, dtype=np.float64) / 2)
+        relative = 1 + 4 * near * far * half**2 / (far - near) ** 2
+        return np.asarray(relative ** (-self.exponent / 2))
+
+    def coefficients(self) -> Array:
+        """Return W_0, W_1, ... of ``gain = sum_j W_j exp(1j j angle)``, j of both signs, as far as they count."""
+        # the gain is analytic up to where the distance is zero, so lines fall by near / far each
+        fall = -math.log(self.planet_radius_m / self.sensor_radius_m)
+        count = 1 << math.ceil(math.log2(max(64.0, 80 / fall)))
+        lines = np.fft.rfft(self.gain(2 * np.pi * np.arange(count) / count)).real / count
+        heard = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
+        return np.asarray(lines[: heard[-1] + 1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovingPath:
+    """What a sensor on the ring hears of each planet as the carrier turns.
+
+    Attributes
+    ----------
+    window : PassWindow or DistanceWindow
+    places_rad : (N,) array
+        Where the planets sit on the carrier: psi_n.
+    strengths : (N,) array
+        How loud each is: 1 where they are alike.
+    """
+
+    window: PassWindow | DistanceWindow
+    places_rad: Array = field(metadata={"dims": ("planet",), "units": "rad"})
+    strengths: Array = field(metadata={"dims": ("planet",), "units": "1"})
+
+    def __post_init__(self) -> None:
+        if np.ndim(self.places_rad) != 1 or np.shape(self.places_rad) != np.shape(self.strengths):
+            raise ValueError(
+                f"places_rad and strengths have shapes {np.shape(self.places_rad)} and {np.shape(self.strengths)}; "
+                "give one of each for every planet"
+            )
+
+    @classmethod
+    def even(cls, planets: int, *, window: PassWindow | DistanceWindow) -> "MovingPath":
+        """Return the path of planets alike and evenly spaced, the first at the sensor at turn 0."""
+        return cls(window=window, places_rad=2 * np.pi * np.arange(planets) / planets, strengths=np.ones(planets))
+
+    def gains(self, carrier_turns: ArrayLike) -> Array:
+        """Return the gain of each planet (N, n) at turns (n,) of the carrier."""
+        angles = 2 * np.pi * np.asarray(carrier_turns, dtype=np.float64) + np.asarray(self.places_rad)[:, None]
+        return np.asarray(np.asarray(self.strengths)[:, None] * self.window.gain(angles))
+
+    def heard(self, sources: ArrayLike, *, carrier_turns: ArrayLike) -> Array:
+        """Return what the sensor hears (n,) of the planets' signals (N, n): sample by sample, so in any blocks."""
+        return np.asarray(np.sum(self.gains(carrier_turns) * np.asarray(sources, dtype=np.float64), axis=0))
+
+    def phasor_sum(self, lines: ArrayLike) -> ComplexArray:
+        """Return ``sum_n strengths_n exp(1j line psi_n)`` at lines (k,) of the carrier."""
+        turns = np.exp(1j * np.multiply.outer(np.asarray(lines, dtype=np.float64), np.asarray(self.places_rad)))
+        return np.asarray(turns @ np.asarray(self.strengths))
+
+
+def mesh_phases_rad(places_rad: ArrayLike, *, teeth: int) -> Array:
+    """Return by how much each planet's mesh leads the first's in phase, ``teeth (psi_n - psi_0)``, within a turn, (N,).
+
+    Parameters
+    ----------
+    places_rad : (N,) array
+        Of the planets on the carrier, in the sense in which it turns.
+    teeth : int
+        Of the ring, whose meshes come with the carrier; for those of the sun, minus its teeth.
+    """
+    places = np.asarray(places_rad, dtype=np.float64)
+    return np.asarray(np.remainder(teeth * (places - places[0]), 2 * np.pi))
+
+
+def planet_pass_comb(
+    path: MovingPath,
+    *,
+    component: str,
+    source: str,
+    coefficients: ComplexArray,
+    ring_teeth: int,
+    carrier_order: Fraction,
+    carrier_offset: float = 0.0,
+) -> Comb:
+    """Return the lines of the ring meshes as a sensor on the ring hears them; they take the place of the mesh's own.
+
+    Line ``m = l z_r + j`` of the carrier sums ``C_l W_j`` over all l and j that make m, times the phasor sum of m.
+
+    Parameters
+    ----------
+    path : MovingPath
+    component, source : str
+        The mesh, and from where it travels.
+    coefficients : (k,) complex array
+        C_l of one planet's mesh at the sensor, l from 1.
+    ring_teeth : int
+        z_r.
+    carrier_order : Fraction
+        Turns of the carrier, in the frame, for one of the reference: its size.
+    carrier_offset : float
+        Turns of the carrier at revolution zero.
+    """
+    windows = path.window.coefficients()
+    sidebands = np.arange(-windows.size + 1, windows.size)
+    multiples = ring_teeth * np.arange(1, coefficients.size + 1)[:, None] + sidebands
+    lines = np.asarray(coefficients)[:, None] * windows[np.abs(sidebands)]
+    lines = lines * path.phasor_sum(multiples) * np.exp(2j * np.pi * carrier_offset * multiples)
+    summed = np.zeros(int(np.max(np.abs(multiples))) + 1, dtype=np.complex128)
+    np.add.at(summed, np.abs(multiples), np.where(multiples < 0, lines.conj(), lines))
+    summed[np.abs(summed) < _ROUNDING * np.max(np.abs(summed), initial=0.0)] = 0.0
+    return Comb(
+        component=component,
+        kind="gear_mesh",
+        source=source,
+        base=abs(carrier_order),
+        coefficients=summed[1:],
+        loaded=True,
+    )
+
+
+def even_places_rad(planets: int, *, errors_rad: Sequence[float] | None = None) -> Array:
+    """Return evenly spaced places on the carrier, each off by its error, (N,)."""
+    even = 2 * np.pi * np.arange(planets) / planets
+    return even if errors_rad is None else even + np.asarray(errors_rad, dtype=np.float64)

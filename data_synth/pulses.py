@@ -1,0 +1,100 @@
+"""The tachometer's pulses, and what goes wrong with them."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from data_synth.drive import Turning
+from data_synth.driving import Tachometer
+from data_synth.profile import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulses:
+    """Pulses as recorded, and as they should have been.
+
+    Attributes
+    ----------
+    times_s : (m,) array
+        Recorded, rising.
+    marks_s : (k,) array
+        When the marks truly passed.
+    missed : (i,) int array
+        Numbers of the marks that gave no pulse.
+    spurious_s : (j,) array
+        Recorded times of pulses that no mark gave.
+    """
+
+    times_s: Array = field(metadata={"dims": ("pulse",), "units": "s"})
+    marks_s: Array = field(metadata={"dims": ("mark",), "units": "s"})
+    missed: Array = field(metadata={"dims": ("miss",), "units": "1"})
+    spurious_s: Array = field(metadata={"dims": ("spur",), "units": "s"})
+
+
+def pulse_times(
+    angle: Turning, *, turns_per_rev: float, pulses_per_rev: int, stop_s: float, off_rev: Array | None = None
+) -> Array:
+    """Return when a tachometer's marks pass, from revolution zero of `angle` to `stop_s`.
+
+    Parameters
+    ----------
+    angle : ShaftAngle or alike
+        Of the reference shaft, revolution zero at the first mark.
+    turns_per_rev : float
+        Turns of the tachometer's link for one of the reference.
+    pulses_per_rev : int
+        Marks on one turn of that link.
+    stop_s : float
+        Time of the last sample in s.
+    off_rev : (pulses_per_rev,) array or None
+        How far behind its even place each mark sits, in turns of the link; the first at 0.
+
+    Returns
+    -------
+    (m,) array
+        Times in s, exact.
+    """
+    last_turn = float(angle.revolutions(stop_s)) * turns_per_rev
+    numbers = np.arange(np.floor(last_turn * pulses_per_rev) + 2)
+    places = numbers / pulses_per_rev
+    if off_rev is not None:
+        places += off_rev[numbers.astype(np.int64) % pulses_per_rev]
+    return angle.times(places[places <= last_turn] / turns_per_rev)
+
+
+def recorded_pulses(
+    angle: Turning, tachometer: Tachometer, *, turns_per_rev: float, stop_s: float, rng: np.random.Generator
+) -> Pulses:
+    """Return the pulses of a tachometer with all that its declaration does to them, in the order of its fields."""
+    marks = pulse_times(
+        angle,
+        turns_per_rev=turns_per_rev,
+        pulses_per_rev=tachometer.pulses_per_rev,
+        stop_s=stop_s,
+        off_rev=_off_places(tachometer, rng),
+    )
+    seen = np.ones(marks.size, dtype=np.bool_)
+    if tachometer.missing is not None:
+        seen = rng.random(marks.size) >= tachometer.missing.share
+        seen[:1] = True
+    extra = np.empty(0)
+    if tachometer.spurious is not None and marks.size:
+        span_s = stop_s - marks[0]
+        extra = marks[0] + span_s * rng.random(rng.poisson(tachometer.spurious.per_second * span_s))
+    errors = np.zeros(marks.size + extra.size)
+    if tachometer.jitter is not None:
+        errors = tachometer.jitter.std_s * rng.standard_normal(errors.size)
+    extra = np.sort(extra + errors[marks.size :])
+    times = np.unique(np.concatenate([(marks + errors[: marks.size])[seen], extra]))
+    return Pulses(times_s=times, marks_s=marks, missed=np.flatnonzero(~seen).astype(np.float64), spurious_s=extra)
+
+
+def _off_places(tachometer: Tachometer, rng: np.random.Generator) -> Array | None:
+    if tachometer.uneven is None:
+        return None
+    off_deg = (
+        np.array(tachometer.uneven.deg)
+        if tachometer.uneven.deg is not None
+        else (tachometer.uneven.std_deg or 0.0) * rng.standard_normal(tachometer.pulses_per_rev)
+    )
+    return np.asarray((off_deg - off_deg[0]) / 360)

@@ -1,0 +1,186 @@
+"""Everything a kinematic scene sets in motion, before a sample is computed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from data_synth import growth
+from data_synth.chain import Sensor
+from data_synth.combs import Comb, ComplexArray, Draws
+from data_synth.damage import combs_of, last_s, trains_of
+from data_synth.defects import LinearGrowth, ParisGrowth
+from data_synth.drive import Drive, driven
+from data_synth.faults import ImpactTrain
+from data_synth.path import line_amplitudes, sensor_gains
+from data_synth.profile import Array
+from data_synth.pulses import Pulses, recorded_pulses
+from data_synth.scene import Fault, Scene, SceneError
+from data_synth.sensors import Cascade, linear_chain
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """What is set in motion.
+
+    Attributes
+    ----------
+    scene : Scene
+    draws : callable
+        A random generator of its own for every word.
+    drive : Drive
+    instants_s, speed_hz : (instant,) array
+        The truth's clock in s, and the reference shaft's speed there in rev s-1.
+    load : (instant,) array
+        What teeth carry, relative to full load.
+    combs : sequence of Comb
+    amplitudes : sequence of (sensor, line, instant) complex array
+        Z of their lines in the channels, behind the linear part of the chain.
+    trains : sequence of (int, ImpactTrain)
+        With the number of the fault, from 0, that strikes.
+    sizes : sequence of Growth
+        The size of each fault relative to its first.
+    gains : mapping of source to (sensor,) complex array
+    chains : sequence of Cascade
+        The linear part of each sensor's chain.
+    pulses : Pulses
+    """
+
+    scene: Scene
+    draws: Draws
+    drive: Drive
+    instants_s: Array
+    speed_hz: Array
+    load: Array
+    combs: Sequence[Comb]
+    amplitudes: Sequence[ComplexArray]
+    trains: Sequence[tuple[int, ImpactTrain]]
+    sizes: Sequence[growth.Growth]
+    gains: dict[str, ComplexArray]
+    chains: Sequence[Cascade]
+    pulses: Pulses
+
+    def struck(self, number: int, train: ImpactTrain) -> tuple[Array, Array]:
+        """Return the instants (m,) in s at which a train of fault `number` strikes, and how hard, at the source."""
+        times_s = self.drive.angle.times(train.revolutions)
+        return times_s, train.amplitudes * self.impact_load(number, times_s)
+
+    def impact_load(self, number: int, times_s: Array) -> Array:
+        """Return what the impacts of a fault are multiplied with at `times_s` (m,): load, speed and growth."""
+        share = self.drive.load(times_s) * _speed_factor(self.scene, self.drive, times_s)
+        return np.asarray(share * self.sizes[number].size(times_s))
+
+
+def staged(scene: Scene, *, draws: Draws) -> Stage:
+    """Set a scene up; `draws` returns a random generator of its own for every word it is called with."""
+    tachometer = scene.tachometer
+    spacing = 1 / tachometer.pulses_per_rev
+    turn = tachometer.offset_rev if tachometer.offset_rev is not None else spacing * draws("tachometer").random()
+    drive = driven(scene, datum_turn=turn, speed_rng=draws("speed"), torque_rng=draws("torque"))
+    instants_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
+    offsets = [float(draws("offset", str(number)).random()) for number in range(len(scene.faults))]
+    sizes = [_growth(fault) for fault in scene.faults]
+    courses = [
+        size.size(instants_s) if fault.growth is not None else np.ones(1)
+        for fault, size in zip(scene.faults, sizes, strict=True)
+    ]
+    combs = combs_of(scene, drive, offsets=offsets, courses=courses, draws=draws)
+    _check_rate(scene, combs, drive)
+    trains = trains_of(scene, drive, combs, offsets=offsets, draws=draws)
+    sources = dict.fromkeys([comb.source for comb in combs] + [train.source for _, train in trains])
+    gains = _gains(scene, [*sources], draws=draws)
+    chains = [linear_chain(sensor) for sensor in scene.sensors]
+    speed_hz, load = drive.angle.speed_hz(instants_s), drive.load(instants_s)
+    factor = _speed_factor(scene, drive, instants_s)
+    amplitudes = []
+    for comb in combs:
+        at_place = line_amplitudes(comb, gains=gains[comb.source], speed_hz=speed_hz, load=load, mode=scene.path)
+        amplitudes.append(_in_channels(comb, at_place * factor, chains=chains, speed_hz=speed_hz))
+    return Stage(
+        scene=scene,
+        draws=draws,
+        drive=drive,
+        instants_s=instants_s,
+        speed_hz=speed_hz,
+        load=load,
+        combs=combs,
+        amplitudes=amplitudes,
+        trains=trains,
+        sizes=sizes,
+        gains=gains,
+        chains=chains,
+        pulses=_pulses(scene, drive, rng=draws("pulses")),
+    )
+
+
+def ratio_of(scene: Scene, link: str) -> float:
+    """Return the turns of a link for one of the reference, without its sign."""
+    return float(abs(scene.ratio(link)))
+
+
+def _pulses(scene: Scene, drive: Drive, *, rng: np.random.Generator) -> Pulses:
+    link = scene.tachometer.link
+    pulses = recorded_pulses(
+        drive.angle, scene.tachometer, turns_per_rev=ratio_of(scene, link), stop_s=last_s(scene), rng=rng
+    )
+    if pulses.times_s.size < 2:  # noqa: PLR2004 - a speed is a difference
+        raise SceneError(
+            f"duration_s = {scene.duration_s:g} holds {pulses.times_s.size} pulse(s) of the tachometer, but a speed "
+            "needs 2; lengthen the scene."
+        )
+    return pulses
+
+
+def _speed_factor(scene: Scene, drive: Drive, times_s: Array) -> Array:
+    exponent = scene.excitation.speed_exponent
+    if exponent == 0:
+        return np.ones(np.shape(times_s))
+    top = drive.angle.top_speed_hz(0.0, scene.duration_s)
+    return np.asarray((np.abs(drive.angle.speed_hz(times_s)) / top) ** exponent)
+
+
+def _growth(fault: Fault) -> growth.Growth:
+    """Return the size of a fault relative to that at the beginning."""
+    law, first = fault.growth, fault.initial_mm
+    if law is None:
+        return growth.ConstantSize(initial=1.0)
+    largest = law.largest_mm / first
+    if isinstance(law, LinearGrowth):
+        return growth.LinearGrowth(initial=1.0, rate_per_s=law.rate_mm_per_s / first, largest=largest)
+    if isinstance(law, ParisGrowth):
+        rate = law.rate_mm_per_s / first
+        return growth.ParisGrowth(initial=1.0, rate_per_s=rate, exponent=law.exponent, largest=largest)
+    return growth.ExponentialGrowth(initial=1.0, time_constant_s=law.time_constant_s, largest=largest)
+
+
+def _gains(scene: Scene, sources: list[str], *, draws: Draws) -> dict[str, ComplexArray]:
+    """Return the gain of each source to each sensor, with what comes in across the sensor's axis."""
+    along = sensor_gains(sources, sensors=len(scene.sensors), draws=draws)
+    shares = np.array([_cross_share(sensor) for sensor in scene.sensors])
+    if not shares.any():
+        return along
+    # one sensor more, whose gain is not held at 1
+    across = sensor_gains(sources, sensors=shares.size + 1, draws=lambda *words: draws(*words, "across"))
+    return {source: gains + shares * across[source][1:] for source, gains in along.items()}
+
+
+def _cross_share(sensor: Sensor) -> float:
+    return sensor.cross_axis.share if sensor.cross_axis is not None else 0.0
+
+
+def _in_channels(comb: Comb, amplitudes: ComplexArray, *, chains: Sequence[Cascade], speed_hz: Array) -> ComplexArray:
+    frequencies = np.outer([float(order) for order in comb.orders], speed_hz)
+    heard = [chain.response(frequencies) for chain in chains]
+    return np.asarray(amplitudes * np.stack(heard))
+
+
+def _check_rate(scene: Scene, combs: Sequence[Comb], drive: Drive) -> None:
+    highest = max((float(comb.orders[-1]) for comb in combs), default=0.0)
+    top_hz = drive.angle.top_speed_hz(0.0, scene.duration_s)
+    need = 2 * highest * top_hz
+    if scene.rate_hz <= need:
+        raise SceneError(
+            f"rate_hz = {scene.rate_hz:g} is not above {need:.0f} Hz, twice the highest line, order {highest:g}, at "
+            f"top speed; raise rate_hz, or lower excitation.harmonics: the highest order that fits is "
+            f"{scene.rate_hz / 2 / top_hz:.4g}."
+        )

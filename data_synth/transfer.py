@@ -1,0 +1,299 @@
+"""Transfer paths from force to accelerometer, modal or measured, applied block after block in constant memory.
+
+A modal path is exact for the force it is given: impacts at any instant ring it from that instant, and a force given by
+samples is taken as linear between them. A measured path becomes a causal filter as long as it needs to be, delayed by
+as little as it allows.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from data_synth.profile import Array
+
+ComplexArray = NDArray[np.complex128]
+
+_QUIET = 1e-12  # of its beginning: what is left of a ringing that counts as over
+
+
+def _finite(values: ArrayLike) -> Array:
+    given = np.asarray(values, dtype=np.float64)
+    if not np.all(np.isfinite(given)):
+        raise ValueError("a force or an instant is NaN or infinite, which a path would never forget; mend it before")
+    return given
+
+
+class BlockFilter(Protocol):
+    """A path at work: it remembers what it was given."""
+
+    def push(self, force: ArrayLike) -> Array:
+        """Return the response (n,) to the next n samples."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalPath:
+    """A sum of damped modes: ``H(w) = sum_r A_r / (j w - p_r) + conj(A_r) / (j w - conj(p_r))``.
+
+    ``p = -zeta w_n + j w_n sqrt(1 - zeta^2)``. The response to an impulse of 1 N s is ``2 Re sum_r A_r exp(p_r t)``.
+
+    Attributes
+    ----------
+    frequencies_hz : (r,) array
+        Undamped natural frequencies.
+    damping_ratios : (r,) array
+        Between 0 and 1.
+    residues : (r,) complex array
+        A_r, in response per N s. For a displacement they are ``-j phi_i phi_j / (2 m w_d)``.
+    """
+
+    frequencies_hz: Array = field(metadata={"dims": ("mode",), "units": "Hz"})
+    damping_ratios: Array = field(metadata={"dims": ("mode",), "units": "1"})
+    residues: ComplexArray = field(metadata={"dims": ("mode",), "units": "response N-1 s-1"})
+
+    def __post_init__(self) -> None:
+        shapes = {np.shape(part) for part in (self.frequencies_hz, self.damping_ratios, self.residues)}
+        if len(shapes) != 1 or len(next(iter(shapes))) != 1:
+            raise ValueError(f"frequencies, damping ratios and residues have shapes {sorted(shapes)}; give one of each")
+        if not np.all(np.asarray(self.frequencies_hz) > 0):
+            raise ValueError("frequencies_hz has to be above zero throughout")
+        damped = np.asarray(self.damping_ratios)
+        if not np.all((damped > 0) & (damped < 1)):
+            raise ValueError("damping_ratios have to lie between 0 and 1: without damping a path never forgets")
+
+    @property
+    def poles(self) -> ComplexArray:
+        """The poles p_r in rad s-1, (r,)."""
+        natural, zeta = 2 * np.pi * np.asarray(self.frequencies_hz), np.asarray(self.damping_ratios)
+        return natural * (-zeta + 1j * np.sqrt(1 - zeta**2))
+
+    def response(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return H at `frequency_hz` (n,)."""
+        at = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None]
+        parts = self.residues / (at - self.poles) + np.conj(self.residues) / (at - np.conj(self.poles))
+        return np.asarray(np.sum(parts, axis=-1))
+
+    def impulse(self, times_s: ArrayLike) -> Array:
+        """Return the response (n,) to 1 N s at time zero; nothing before."""
+        times = np.asarray(times_s, dtype=np.float64)
+        rings = np.exp(np.multiply.outer(np.maximum(times, 0.0), self.poles)) @ np.asarray(self.residues)
+        return np.where(times >= 0, 2 * rings.real, 0.0)
+
+    def ring_seconds(self) -> float:
+        """Return after how long a ringing is 1e-12 of its beginning."""
+        return float(math.log(_QUIET) / np.max(self.poles.real))
+
+    def force_filter(self, *, rate_hz: float) -> "ModalForceFilter":
+        """Return a filter for a force in N, sampled at `rate_hz` and linear between its samples; at rest before."""
+        return ModalForceFilter(self, rate_hz=rate_hz)
+
+    def impact_filter(self, *, rate_hz: float) -> "ModalImpactFilter":
+        """Return a filter for impacts at any instants, heard at `rate_hz`."""
+        return ModalImpactFilter(self, rate_hz=rate_hz)
+
+
+class ModalForceFilter:
+    """`ModalPath` at work on a sampled force; at rest until the first sample, from which on the force acts.
+
+    One complex recursion a mode, exact for a force that is linear from sample to sample. At frequency f that is the sum
+    of H over f and its images ``f + m rate``, each weighed with ``sinc^2`` of its frequency over the rate.
+    """
+
+    def __init__(self, path: ModalPath, *, rate_hz: float) -> None:
+        poles, residues = path.poles / rate_hz, np.asarray(path.residues) / rate_hz
+        self._carry = np.exp(poles)
+        # the integral of exp(p (1 - s)) over a step, weighed with s and with 1 - s; by series where p is small
+        whole = np.where(np.abs(poles) < 1e-3, 1 + poles / 2 + poles**2 / 6, np.expm1(poles) / poles)  # noqa: PLR2004
+        late = np.where(
+            np.abs(poles) < 1e-2,  # noqa: PLR2004
+            1 / 2 + poles / 6 + poles**2 / 24 + poles**3 / 120 + poles**4 / 720 + poles**5 / 5040,
+            (whole - 1) / poles,
+        )
+        self._new, self._old = 2 * residues * late, 2 * residues * (whole - late)
+        self._state = np.zeros((poles.size, 1), dtype=np.complex128)
+        self._last = 0.0
+        self._started = False
+
+    def push(self, force: ArrayLike) -> Array:
+        """Return the response (n,) to the next n samples of the force in N."""
+        from scipy.signal import lfilter  # noqa: PLC0415
+
+        samples = _finite(force)
+        if not samples.size:
+            return np.empty(0)
+        before = np.concatenate([[self._last if self._started else samples[0]], samples[:-1]])
+        response = np.zeros(samples.size)
+        for mode in range(self._carry.size):
+            fed = self._new[mode] * samples + self._old[mode] * before
+            if not self._started:
+                fed[0] = 0.0  # no time has passed at the first sample
+            ringing, self._state[mode] = lfilter([1.0], [1.0, -self._carry[mode]], fed, zi=self._state[mode])
+            response += ringing.real
+        self._last, self._started = float(samples[-1]), True
+        return response
+
+
+class ModalImpactFilter:
+    """`ModalPath` at work on impacts between samples: each is heard from the first sample after it, exactly."""
+
+    def __init__(self, path: ModalPath, *, rate_hz: float) -> None:
+        self._poles, self._residues, self._rate_hz = path.poles, np.asarray(path.residues), rate_hz
+        self._state = np.zeros((self._poles.size, 1), dtype=np.complex128)
+        self._begun = 0  # samples
+
+    def push(self, times_s: ArrayLike, impulses_ns: ArrayLike, *, samples: int) -> Array:
+        """Return the next `samples` of the response, (samples,).
+
+        Parameters
+        ----------
+        times_s, impulses_ns : (m,) array
+            Instants on the clock of the samples, and N s, of the impacts after the last sample of the block before (or
+            at any time before the first) and up to the last sample of this.
+
+        Raises
+        ------
+        ValueError
+            An impact that this block does not hear first.
+        """
+        from scipy.signal import lfilter  # noqa: PLC0415
+
+        times, impulses = _finite(times_s), _finite(impulses_ns)
+        firsts = np.ceil(times * self._rate_hz).astype(np.int64)
+        places = np.maximum(firsts, 0) - self._begun
+        if np.any((places < 0) | (places >= samples)):
+            raise ValueError(
+                f"impacts from {np.min(times):g} s to {np.max(times):g} s do not belong to the block from "
+                f"{self._begun / self._rate_hz:g} s on, of {samples} samples; sort them into blocks by the next sample"
+            )
+        heard = self._begun + places
+        response = np.zeros(samples)
+        for mode, (pole, residue) in enumerate(zip(self._poles, self._residues, strict=True)):
+            begun = 2 * residue * impulses * np.exp(pole * (heard / self._rate_hz - times))
+            struck = np.zeros(samples, dtype=np.complex128)
+            np.add.at(struck, places, begun)
+            carry = np.exp(pole / self._rate_hz)
+            ringing, self._state[mode] = lfilter([1.0], [1.0, -carry], struck, zi=self._state[mode])
+            response += ringing.real
+        self._begun += samples
+        return response
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredPath:
+    """A measured frequency response: linear between its lines, in real and imaginary part, and nothing outside them.
+
+    Attributes
+    ----------
+    frequencies_hz : (n,) array
+        Rising, not negative. A phase that turns by more than a radian from line to line is too coarse to interpolate.
+    values : (n,) complex array
+        Response per force.
+    """
+
+    frequencies_hz: Array = field(metadata={"dims": ("frequency",), "units": "Hz"})
+    values: ComplexArray = field(metadata={"dims": ("frequency",), "units": "response N-1"})
+
+    def __post_init__(self) -> None:
+        frequencies, values = np.asarray(self.frequencies_hz), np.asarray(self.values)
+        if frequencies.ndim != 1 or frequencies.shape != values.shape or frequencies.size < 2:  # noqa: PLR2004
+            raise ValueError(
+                f"frequencies and values have shapes {frequencies.shape} and {values.shape}; give two alike"
+            )
+        if not np.all(np.isfinite(frequencies)) or not np.all(np.isfinite(values)):
+            raise ValueError("frequencies_hz or values holds NaN or infinity; cut or mend those lines")
+        if frequencies[0] < 0 or np.any(np.diff(frequencies) <= 0):
+            raise ValueError("frequencies_hz has to rise from 0 or above; sort the lines")
+
+    def response(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return H at `frequency_hz` (n,)."""
+        at = np.asarray(frequency_hz, dtype=np.float64)
+        real, imaginary = (
+            np.interp(at, self.frequencies_hz, part, left=0.0, right=0.0)
+            for part in (np.real(self.values), np.imag(self.values))
+        )
+        return np.asarray(real + 1j * imaginary)
+
+    def fir(self, *, rate_hz: float, taps: int, leakage: float = 1e-3) -> "FirPath":
+        """Return the path as a causal filter at `rate_hz`.
+
+        The response to an impulse is the transform of H; what of it comes before time zero, because H ends at half the
+        rate or at its last line, is kept by a delay: the fewest samples that leave no more than `leakage` of its root
+        mean square ahead. What comes after `taps` is cut off.
+
+        Parameters
+        ----------
+        rate_hz : float
+        taps : int
+            Length of the filter.
+        leakage : float
+            Between 0 and 1.
+
+        Raises
+        ------
+        ValueError
+            A filter too short to hold the response to the same `leakage`: with how much it leaves.
+        """
+        if taps < 2 or not 0 < leakage < 1:  # noqa: PLR2004
+            raise ValueError(f"taps = {taps} and leakage = {leakage:g}: 2 or more, and between 0 and 1, are needed")
+        spacing = float(np.min(np.diff(self.frequencies_hz)))
+        count = 1 << math.ceil(math.log2(max(4 * taps, 2 * rate_hz / spacing)))
+        lines = self.response(np.arange(count // 2 + 1) * rate_hz / count)
+        ringing = np.fft.irfft(lines, n=count)
+        energy = ringing**2
+        early = np.cumsum(energy[::-1])[: count // 2]  # in the samples before zero, from the last on: -1, -2, ...
+        ahead = np.concatenate([[early[-1]], early[-1] - early])  # what a delay of 0, 1, 2, ... leaves out
+        total = float(np.sum(energy))
+        delay = int(np.argmax(ahead <= leakage**2 * total))
+        kept = np.roll(ringing, delay)[:taps]
+        left = math.sqrt(max(0.0, 1 - float(np.sum(kept**2)) / total)) if total else 0.0
+        if left > 2 * leakage:
+            raise ValueError(
+                f"taps = {taps} leave out {left:.2g} of the response, more than twice leakage = {leakage:g}; "
+                "give more taps"
+            )
+        return FirPath(taps=kept, delay_s=delay / rate_hz, left_out=left)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirPath:
+    """A causal filter that stands for a measured path.
+
+    Attributes
+    ----------
+    taps : (n,) array
+        Response to an impulse of 1 at sample zero.
+    delay_s : float
+        By how much it is late.
+    left_out : float
+        Root mean square of what it lacks, over that of the whole response.
+    """
+
+    taps: Array = field(metadata={"dims": ("tap",), "units": "response N-1"})
+    delay_s: float
+    left_out: float
+
+    def filter(self) -> "FirFilter":
+        """Return the filter at rest."""
+        return FirFilter(self.taps)
+
+
+class FirFilter:
+    """A `FirPath` at work: overlap and add, by transforms."""
+
+    def __init__(self, taps: Array) -> None:
+        self._taps = taps
+        self._tail = np.zeros(taps.size - 1)
+
+    def push(self, force: ArrayLike) -> Array:
+        """Return the response (n,) to the next n samples of the force."""
+        from scipy.signal import oaconvolve  # noqa: PLC0415
+
+        samples = _finite(force)
+        if not samples.size:
+            return np.empty(0)
+        heard = oaconvolve(samples, self._taps)
+        heard[: self._tail.size] += self._tail
+        self._tail = heard[samples.size :].copy()
+        return np.asarray(heard[: samples.size])

@@ -1,0 +1,199 @@
+"""What went into a synthetic record, as its variables ``truth_...``."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+import xarray as xr
+
+from data_synth.combs import ComplexArray
+from data_synth.damage import last_s
+from data_synth.faults import ImpactTrain
+from data_synth.path import impact_line
+from data_synth.profile import Array
+from data_synth.stage import Stage
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Part:
+    """What one source adds at one order: Z (sensor, instant)."""
+
+    component: str
+    kind: str
+    amplitude: ComplexArray
+
+
+def truth_of(stage: Stage) -> dict[str, xr.DataArray]:
+    """Return what is known of every record: speed, lines, chain, faults and tachometer."""
+    instants = xr.DataArray(stage.instants_s, dims="truth_time", attrs={"units": "s"})
+    reference = str(stage.scene.gearbox.reference)
+    course = {
+        "truth_speed": (stage.speed_hz, "rev s-1"),
+        "truth_revolutions": (stage.drive.angle.revolutions(stage.instants_s), "rev"),
+    }
+    truth = {
+        name: xr.DataArray(
+            values, dims="truth_time", coords={"truth_time": instants}, attrs={"units": units, "shaft": reference}
+        )
+        for name, (values, units) in course.items()
+    }
+    return {
+        **truth,
+        **_torque_truth(stage, instants),
+        **_line_truth(stage, instants),
+        **_fault_truth(stage, instants),
+        **_pulse_truth(stage),
+    }
+
+
+def phases_of(stage: Stage) -> dict[str, xr.DataArray]:
+    """Return the exact angle of every shaft, cage and rolling element at every sample, in rev.
+
+    Each is seen from the frame and signed, but for the spin of rolling elements, which is that about their own axis
+    relative to the cage; all are zero at the tachometer's first mark, under pure rolling.
+    """
+    scene = stage.scene
+    revolutions = stage.drive.angle.revolutions(np.arange(scene.samples) / scene.rate_hz)
+    shafts = {link: float(scene.ratio(link)) for link in scene.gearbox.links if scene.ratio(link) != 0}
+    rollers = {}
+    for bearing in (name for declared in scene.gearbox.bearings for name in declared.names):
+        rates = scene.bearing(bearing)
+        rollers[f"{bearing}/cage"] = rates.cage + rates.carried
+        rollers[f"{bearing}/element"] = rates.rolling_element / 2  # struck by both races in a turn
+    return {
+        f"truth_{what}_revolutions": xr.DataArray(
+            np.multiply.outer(np.array([*ratios.values()]), revolutions),
+            dims=(f"truth_{what}", "time"),
+            coords={f"truth_{what}": [*ratios]},
+            attrs={"units": "rev"},
+        )
+        for what, ratios in (("shaft", shafts), ("roller", rollers))
+        if ratios
+    }
+
+
+def _torque_truth(stage: Stage, instants: xr.DataArray) -> dict[str, xr.DataArray]:
+    if stage.drive.torque is None or stage.scene.torque is None:
+        return {}
+    return {
+        "truth_torque": xr.DataArray(
+            stage.drive.torque.at(stage.instants_s),
+            dims="truth_time",
+            coords={"truth_time": instants},
+            attrs={"units": "N m", "shaft": stage.scene.torque.link},
+        )
+    }
+
+
+def _line_truth(stage: Stage, instants: xr.DataArray) -> dict[str, xr.DataArray]:
+    lines = dict(sorted(_lines(stage).items()))
+    for parts in lines.values():
+        parts.sort(key=lambda part: -float(np.max(np.abs(part.amplitude))))
+    orders = {"truth_order": [float(order) for order in lines]}
+    sensors = stage.scene.sensors
+    channels = {"truth_channel": [sensor.name for sensor in sensors]}
+    coords = {**channels, **orders, "truth_time": instants}
+    dims = ("truth_channel", "truth_order", "truth_time")
+    amplitude = xr.DataArray(
+        np.stack([np.sum([part.amplitude for part in parts], axis=0) for parts in lines.values()], axis=1)
+        if lines
+        else np.zeros((len(sensors), 0, instants.size), dtype=np.complex128),
+        dims=dims,
+        coords=coords,
+        attrs={"units": sensors[0].channel_units, "convention": "x = Re{Z exp(j order phase)}, peak amplitude"},
+    )
+    labels = {
+        f"truth_{name}": xr.DataArray(
+            [" + ".join(dict.fromkeys(getattr(part, name) for part in parts)) for parts in lines.values()],
+            dims="truth_order",
+            coords=orders,
+        )
+        for name in ("component", "kind")
+    }
+    chain = {}
+    if any(chain.poles.size or chain.gain != 1 for chain in stage.chains):
+        frequencies = np.outer(orders["truth_order"], stage.speed_hz)
+        responses = np.stack([chain.response(frequencies) for chain in stage.chains])
+        about = f"{sensors[0].channel_units} for one {sensors[0].units}, part of truth_amplitude"
+        chain["truth_chain_response"] = xr.DataArray(responses, dims=dims, coords=coords, attrs={"about": about})
+    return {"truth_amplitude": amplitude, **labels, **chain}
+
+
+def _lines(stage: Stage) -> dict[Fraction, list[_Part]]:
+    """Return what is heard at each order: the lines of the combs, then what impacts add to them."""
+    lines: dict[Fraction, list[_Part]] = {}
+    for comb, amplitudes in zip(stage.combs, stage.amplitudes, strict=True):
+        for index, order in enumerate(comb.orders):
+            if comb.present[index]:
+                part = _Part(component=comb.component, kind=comb.kind, amplitude=amplitudes[:, index])
+                lines.setdefault(order, []).append(part)
+    for number, train in stage.trains:
+        for order, parts in lines.items():
+            if train.order is not None and train.amplitudes.any() and (order / train.order).denominator == 1:
+                parts.append(_impact_part(stage, number, train, harmonic=int(order / train.order)))
+    return lines
+
+
+def _impact_part(stage: Stage, number: int, train: ImpactTrain, *, harmonic: int) -> _Part:
+    amplitude = impact_line(
+        train,
+        harmonic=harmonic,
+        speed_hz=stage.speed_hz,
+        load=stage.impact_load(number, stage.instants_s),
+        mode=stage.scene.resonance,
+    )
+    frequency = harmonic * float(train.order or 0) * stage.speed_hz
+    heard = [
+        abs(gain) * chain.response(frequency)
+        for gain, chain in zip(stage.gains[train.source], stage.chains, strict=True)
+    ]
+    return _Part(component=train.component, kind=train.kind, amplitude=np.stack(heard) * amplitude)
+
+
+def _fault_truth(stage: Stage, instants: xr.DataArray) -> dict[str, xr.DataArray]:
+    faults = stage.scene.faults
+    truth = {
+        f"truth_fault_{name}": xr.DataArray(
+            np.array([getattr(fault, name) for fault in faults], dtype=np.str_), dims="truth_fault"
+        )
+        for name in ("component", "kind")
+    }
+    if any(fault.growth is not None for fault in faults):
+        sizes = [
+            fault.initial_mm * size.size(stage.instants_s) for fault, size in zip(faults, stage.sizes, strict=True)
+        ]
+        truth["truth_fault_size"] = xr.DataArray(
+            np.stack(sizes),
+            dims=("truth_fault", "truth_time"),
+            coords={"truth_time": instants},
+            attrs={"units": "mm"},
+        )
+    for number, fault in enumerate(faults):
+        struck_s = [stage.struck(number, train)[0] for of, train in stage.trains if of == number]
+        if struck_s:
+            truth[f"truth_impact_times_{number + 1}"] = xr.DataArray(
+                _heard(np.sort(np.concatenate(struck_s)), last_s(stage.scene)),
+                dims=f"truth_impact_{number + 1}",
+                attrs={"units": "s", "component": fault.component, "kind": fault.kind},
+            )
+    return truth
+
+
+def _heard(times_s: Array, stop_s: float) -> Array:
+    return times_s[(times_s >= 0) & (times_s <= stop_s)]
+
+
+def _pulse_truth(stage: Stage) -> dict[str, xr.DataArray]:
+    """Return where marks truly passed, where anything was done to their pulses."""
+    return dict(_pulse_parts(stage))
+
+
+def _pulse_parts(stage: Stage) -> Iterator[tuple[str, xr.DataArray]]:
+    tachometer, pulses = stage.scene.tachometer, stage.pulses
+    if (tachometer.uneven, tachometer.missing, tachometer.spurious, tachometer.jitter) == (None,) * 4:
+        return
+    about = "phase zero is at the first of them"
+    yield "truth_marks", xr.DataArray(pulses.marks_s, dims="truth_mark", attrs={"units": "s", "about": about})
+    yield "truth_missed_marks", xr.DataArray(pulses.missed, dims="truth_missed_mark")
+    yield "truth_spurious_pulses", xr.DataArray(pulses.spurious_s, dims="truth_spurious", attrs={"units": "s"})

@@ -1,0 +1,293 @@
+import os
+import pickle
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import clusters
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+import hums
+from data_synth import PlanError, SceneError, make_dataset, simulate
+from data_synth.plan import parse_plan
+from hums.cli import main
+from hums.jobs import Processes, Serial, Tally
+from hums.record import RecordError
+from hums.store import open_record, save_record
+
+SMALL = """
+records = 7
+seed = 3
+records_per_shard = 3
+[scene]
+gearbox = "two-stage"
+rate_hz = 5000
+duration_s = 0.5
+fidelity = "kinematic"
+speed = { link = "input", rpm = 600 }
+tachometer = { link = "input", pulses_per_rev = 1 }
+resonance = { frequency_hz = 1500, damping_ratio = 0.05 }
+sensor = [
+    { name = "a", on = "input bearing", units = "g", direction = [0, 0, 1] },
+    { name = "b", on = "output", units = "g" },
+]
+[change]
+speed = { rpm = { uniform = [500, 1500] } }
+[[class]]
+name = "healthy"
+[[class]]
+name = "crack"
+[[class.change.fault]]
+kind = "tooth_crack"
+component = "stage 1/pinion"
+depth_mm = { uniform = [1, 3] }
+"""
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return parse_plan(SMALL)
+
+
+@pytest.fixture(scope="module")
+def folder(plan, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dataset") / "small"
+    assert make_dataset(plan, folder) == Tally(done=3, kept=0)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def single(plan, folder):
+    """Every record, read one by one."""
+    return [hums.dataset_record(folder, number) for number in range(plan.records)]
+
+
+@pytest.fixture
+def copy(folder, tmp_path):
+    return Path(shutil.copytree(folder, tmp_path / "copy"))
+
+
+def contents(folder):
+    """Every file of a folder, hidden ones too, byte for byte."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+class TestRecords:
+    def test_a_record_is_what_its_scene_and_seed_simulate(self, tmp_path):
+        plan = parse_plan(f'dtype = "float64"\n{SMALL}')
+        make_dataset(plan, tmp_path / "exact")
+        for number in (1, 6):
+            save_record(simulate(plan.scene(number), seed=plan.seed_of(number)), tmp_path / "record.h5")
+            with open_record(tmp_path / "record.h5") as expected:
+                xr.testing.assert_identical(hums.dataset_record(tmp_path / "exact", number), expected)
+
+    def test_float32_rounds_samples_and_nothing_else(self, plan, single):
+        expected, record = simulate(plan.scene(1), seed=plan.seed_of(1)), single[1]
+        assert np.array_equal(record["a"], expected["a"].astype(np.float32))
+        assert np.array_equal(record["tachometer"], expected["tachometer"])
+        assert np.array_equal(record["truth_amplitude"], expected["truth_amplitude"])
+        assert record.attrs["truth_scene"] == plan.scene(1).to_toml()
+
+    def test_records_count_from_zero(self, folder):
+        for number in (-1, 7):
+            with pytest.raises(RecordError, match=rf"no record {number}; its 7 records count from 0 to 6"):
+                hums.dataset_record(folder, number)
+
+
+class TestOpened:
+    def test_labels_are_coordinates(self, plan, folder):
+        opened = hums.open_dataset(folder)
+        for number in range(plan.records):
+            labels = plan.labels(number)
+            assert {"class", "seed", "speed.rpm", "fault.1.depth_mm"} == labels.keys()
+            for name, value in labels.items():
+                assert np.array_equal(opened.coords[name][number].item(), value, equal_nan=name == "fault.1.depth_mm")
+
+    def test_channels_are_those_of_the_records(self, folder, single):
+        opened = hums.open_dataset(folder)
+        assert opened["a"].dims == ("record", "time")
+        assert opened["a"].attrs["units"] == "g"
+        assert opened.time.values == pytest.approx(np.arange(2500) / 5000)
+        for number, record in enumerate(single):
+            for name in ("a", "b"):
+                assert np.array_equal(opened[name][number], record[name])
+
+    def test_pulses_end_in_nan(self, folder, single):
+        opened = hums.open_dataset(folder)["tachometer"]
+        rows = [record["tachometer"].values for record in single]
+        assert opened.sizes["pulse_tachometer"] == max(map(len, rows)) > min(map(len, rows))
+        for whole, row in zip(opened.values, rows, strict=True):
+            assert np.array_equal(whole[: row.size], row)
+            assert np.isnan(whole[row.size :]).all()
+
+    @pytest.mark.parametrize(
+        "key",
+        [
+            (3,),
+            (-1,),
+            (slice(None),),
+            (slice(1, 7, 2), slice(100, 50, -3)),
+            (slice(None, None, -1), 17),
+            ([6, 0, 0, 3], [5, 2, 2400]),
+            ([], slice(3)),
+            (2, slice(0, 0)),
+            (np.arange(7) % 2 == 0, -1),
+        ],
+    )
+    def test_picked_like_an_array(self, folder, key):
+        opened = hums.open_dataset(folder)["a"]
+        picks = dict(zip(opened.dims, key, strict=False))
+        expected = xr.DataArray(opened.values, dims=opened.dims).isel(picks)
+        assert np.array_equal(opened.isel(picks).values, expected.values)
+
+    def test_only_files_that_are_needed_are_read(self, copy):
+        opened = hums.open_dataset(copy)
+        before = opened["a"][4].values
+        for shard in ("000000.h5", "000002.h5"):
+            (copy / "shards" / shard).unlink()
+        assert np.array_equal(opened["a"][4].values, before)
+        with pytest.raises(RecordError, match=r"000002\.h5: there is no such file"):
+            opened["a"][6].values  # noqa: B018
+
+    def test_survives_pickling(self, folder):
+        opened = hums.open_dataset(folder)
+        xr.testing.assert_identical(pickle.loads(pickle.dumps(opened)).load(), opened.load())  # noqa: S301
+
+    def test_a_damaged_file_is_named(self, copy):
+        path = copy / "shards" / "000001.h5"
+        with h5py.File(path) as file:
+            where = file["a"].id.get_chunk_info(1).byte_offset
+        with path.open("r+b") as stream:
+            stream.seek(where + 20)
+            stream.write(b"\xff\xff\xff")
+        opened = hums.open_dataset(copy)
+        assert np.isfinite(opened["a"][3]).all()
+        with pytest.raises(
+            RecordError, match=r'000001\.h5: "a" of record 4 cannot be read .*run the same hums dataset'
+        ):
+            opened["a"][4].values  # noqa: B018
+        with pytest.raises(RecordError, match=r"000001\.h5: record 4 cannot be read"):
+            hums.dataset_record(copy, 4)
+
+    def test_folders_that_hold_none(self, copy, tmp_path):
+        with pytest.raises(RecordError, match=r"no such folder; name the one that hums dataset wrote"):
+            hums.open_dataset(tmp_path / "nowhere")
+        with pytest.raises(RecordError, match=r"no finished dataset, no index\.h5; make one"):
+            hums.open_dataset(tmp_path)
+        (copy / "index.h5").unlink()
+        with pytest.raises(RecordError, match="finish it with the same hums dataset again"):
+            hums.open_dataset(copy)
+
+
+class TestGoingOn:
+    def test_workers_leave_the_same_bytes(self, plan, folder, tmp_path):
+        make_dataset(plan, tmp_path / "two", workers=Processes(count=2))
+        assert contents(tmp_path / "two") == contents(folder)
+
+    def test_only_missing_files_are_made(self, plan, folder, copy):
+        assert make_dataset(plan, copy) == Tally(done=0, kept=3)
+        (copy / "shards" / "000001.h5").unlink()
+        (copy / ".hums-77.part").touch()
+        assert make_dataset(plan, copy) == Tally(done=1, kept=2)
+        assert contents(copy) == contents(folder)
+
+    @pytest.mark.slow
+    @pytest.mark.skipif(os.name != "posix", reason="kill -9")
+    def test_killed_at_any_instant_the_result_is_the_same(self, tmp_path):
+        text = SMALL.replace("rate_hz = 5000", "rate_hz = 50000").replace("records = 7", "records = 36")
+        (tmp_path / "plan.toml").write_text(text)
+        alone = [sys.executable, "-c", "import data_synth; data_synth.make_dataset('plan.toml', 'killed')"]
+        spread = [sys.executable, "-m", "hums.cli", "dataset", "plan.toml", "-o", "killed", "--workers", "2"]
+        killed, rng, found = tmp_path / "killed", np.random.default_rng(0), []
+        for command, files in ((alone, 0), (alone, 2), (spread, 5), (alone, 9)):
+            quiet = {"cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            run = subprocess.Popen(command, **quiet)
+            until = time.monotonic() + 60
+            while len(list(killed.glob("shards/*.h5"))) < files and run.poll() is None:
+                assert time.monotonic() < until
+                time.sleep(0.002)
+            time.sleep(rng.uniform(0, 0.05 if files else 0.5))
+            run.send_signal(signal.SIGKILL)
+            run.wait()
+            found.append(len(list(killed.glob("shards/*.h5"))))
+        assert found == sorted(found)
+        assert any(0 < count < 12 for count in found)  # one at least was in the middle
+        make_dataset(parse_plan(text), killed)
+        make_dataset(parse_plan(text), tmp_path / "whole")
+        assert contents(killed) == contents(tmp_path / "whole")
+
+    @pytest.mark.slow
+    def test_a_cluster_by_the_same_command_leaves_the_same_bytes(self, folder, tmp_path, monkeypatch, capsys):
+        pytest.importorskip("dask.distributed")
+        (tmp_path / "plan.toml").write_text(SMALL)
+        monkeypatch.chdir(tmp_path)
+        with clusters.dask_cluster(tmp_path) as address:
+            monkeypatch.setattr(sys, "argv", ["hums", "dataset", "plan.toml", "-o", "out", "--scheduler", address])
+            assert main() == 0
+        assert "out: 7 records\nclasses: healthy, crack\n" in capsys.readouterr().out
+        assert contents(tmp_path / "out") == contents(folder)
+
+
+class TestRefusals:
+    def test_a_folder_of_another_plan(self, copy):
+        other = parse_plan(SMALL.replace("seed = 3", "seed = 4"))
+        with pytest.raises(PlanError, match=r'begun with another plan .*: there "seed = 3", here "seed = 4"\. Name'):
+            make_dataset(other, copy)
+
+    def test_a_folder_of_another_version(self, plan, copy):
+        mark = copy / "plan.toml"
+        mark.write_text(re.sub("hums-toolkit .*;", "hums-toolkit 0.0.1;", mark.read_text()))
+        with pytest.raises(PlanError, match=r'or another version .*: there "# made by hums-toolkit 0\.0\.1'):
+            make_dataset(plan, copy)
+
+    def test_a_folder_of_other_files(self, plan, tmp_path):
+        (tmp_path / "thesis.tex").touch()
+        with pytest.raises(PlanError, match="holds files that belong to no dataset"):
+            make_dataset(plan, tmp_path)
+        with pytest.raises(PlanError, match=r"thesis\.tex is a file; name a folder"):
+            make_dataset(plan, tmp_path / "thesis.tex")
+
+    def test_a_disk_that_is_too_small(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=139_999))
+        plan = parse_plan(SMALL)  # 7 records of 2 channels, 2500 samples, 4 bytes: 140 000
+        with pytest.raises(PlanError, match=r"7 records of 0\.02 MB need 0\.00014 GB, but 0\.00014 GB are free at"):
+            make_dataset(plan, tmp_path / "full")
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=140_000))
+        make_dataset(plan, tmp_path / "full")
+
+    def test_a_record_that_cannot_be_simulated_is_named(self, tmp_path):
+        plan = parse_plan(SMALL.replace("[500, 1500]", "[500, 5000]"))
+        with pytest.raises(SceneError, match=r'record \d, class "\w+": rate_hz = 5000 is not above'):
+            make_dataset(plan, tmp_path / "fast")
+
+    def test_a_label_called_like_a_channel(self, tmp_path):
+        plan = parse_plan(SMALL.replace("[500, 1500]", '[500, 1500], label = "b"'))
+        with pytest.raises(ValueError, match='the label "b" has the name of a channel; give the range another label'):
+            make_dataset(plan, tmp_path / "named")
+
+
+@pytest.mark.slow
+def test_the_example_for_torch(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text(encoding="utf-8")
+    (plan,) = re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)
+    (example,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    declared = parse_plan(plan.replace("records = 60", "records = 4"))
+    make_dataset(declared, "faults", workers=Serial())
+    names = {}
+    exec(compile(example, "datasets.md", "exec"), names)  # noqa: S102
+    records = names["records"]
+    assert len(records) == 4
+    for index in range(4):
+        signal, label = records[index]
+        assert isinstance(signal, np.ndarray)
+        assert np.array_equal(signal, hums.dataset_record("faults", index)["input vertical"])
+        assert records.classes[label] == declared.labels(index)["class"]

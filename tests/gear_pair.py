@@ -1,0 +1,116 @@
+"""The gear pair of Wijianto's model, four degrees of freedom, as the tests of integrators and their benchmark take it.
+
+q = r1 theta1 - r2 theta2 is positive where the pinion drives; numbers of the set are those with which the natural
+frequencies round to every printed one.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from data_synth.integrate import Load, Output, Problem
+from data_synth.mechanics import Mesh, System
+from data_synth.profile import ShaftAngle
+
+MASSES = np.array([5.4221023337128938, 0.011246309345072218, 16.605188396995737, 0.10547808100593123])
+RADII = (0.064407457476496844, 0.11271305058386948)
+DIRECTION = np.array([-1.0, RADII[0], 1.0, -RADII[1]])
+MEAN = 1e6
+MESH_RAD_S = 8334.0
+PERIOD_S = 2 * np.pi / MESH_RAD_S
+TORQUE_NM = 75.0
+DRAG = 0.0075
+TOP_RAD_S = np.sqrt(1.75 * TORQUE_NM / DRAG)
+LINEAR_DRAG = 131.25 / TOP_RAD_S
+NAMES = ("pinion x", "pinion rotation", "gear x", "gear rotation")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """Any stiffness over the phase."""
+
+    value: Callable[[np.ndarray], np.ndarray]
+    mean: float = MEAN
+    period: int = 1
+    jumps: tuple[float, ...] = ()
+    constant_between_jumps: bool = False
+    harmonics: None = None
+
+    def __call__(self, phase_cycles):
+        """Return N/m."""
+        return self.value(np.asarray(phase_cycles, dtype=np.float64))
+
+
+def rectangle(low=0.76e6, high=1.36e6, duty=0.4):
+    """Return a stiffness that is high for the first part of its cycle."""
+    return Curve(
+        value=lambda p: np.where(np.mod(p, 1) < duty, high, low),
+        mean=duty * high + (1 - duty) * low,
+        jumps=(0.0, duty),
+        constant_between_jumps=True,
+    )
+
+
+def constant(stiffness=MEAN):
+    """Return the same stiffness everywhere."""
+    return Curve(value=lambda p: np.full(np.shape(p), stiffness), mean=stiffness, constant_between_jumps=True)
+
+
+def ten_harmonics():
+    """Return the first ten harmonics of the rectangle."""
+    h = np.arange(1, 11)
+    c = 0.6e6 * (1 - np.exp(-0.8j * np.pi * h)) / (1j * np.pi * h)
+    return Curve(value=lambda p: MEAN + np.real(np.exp(2j * np.pi * np.multiply.outer(p, h)) @ c))
+
+
+def pair(stiffness, *, bearings=1e8, damping=None, backlash_m=0.0, error=None, direction=DIRECTION):
+    """Return the system with one mesh."""
+    mesh = Mesh(name="pair", direction=direction, stiffness=stiffness, backlash_m=backlash_m, error=error)
+    return System(
+        mass=np.diag(MASSES),
+        damping=np.zeros((4, 4)) if damping is None else damping,
+        stiffness=np.diag([bearings, 0, bearings, 0]),
+        meshes=(mesh,),
+        names=NAMES,
+    )
+
+
+def turning(mesh_rad_s=MESH_RAD_S):
+    """Return a reference that passes one mesh cycle a revolution, at constant speed."""
+    return ShaftAngle(times_s=np.zeros(1), speeds_hz=np.array([mesh_rad_s / (2 * np.pi)]))
+
+
+def driven(system, *, duration_s, drag=0.0, torque_nm=TORQUE_NM, **settings):
+    """Return the pair driven by a torque on the pinion."""
+    load = Load(constant=np.array([0, torque_nm, 0, 0]), quadratic_drag=np.array([0, 0, 0, drag]) if drag else None)
+    return Problem(**{"turning": turning()} | settings, system=system, load=load, duration_s=duration_s)
+
+
+def output(rate_hz):
+    """Read q, x2' and w2."""
+    q = np.zeros((3, 4))
+    q[0, [1, 3]] = RADII[0], -RADII[1]
+    v = np.zeros((3, 4))
+    v[1, 2] = v[2, 3] = 1
+    return Output(rate_hz=rate_hz, displacement=q, velocity=v)
+
+
+def state_output(rate_hz):
+    """Read x1, x2, q, x2', w2: the entries of the state oracles."""
+    q, v = np.zeros((5, 4)), np.zeros((5, 4))
+    q[0, 0] = q[1, 2] = 1
+    q[2, [1, 3]] = RADII[0], -RADII[1]
+    v[3, 2] = v[4, 3] = 1
+    return Output(rate_hz=rate_hz, displacement=q, velocity=v)
+
+
+def whole_state(rate_hz):
+    """Read all displacements, then all velocities."""
+    eye, zero = np.eye(4), np.zeros((4, 4))
+    return Output(rate_hz=rate_hz, displacement=np.vstack([eye, zero]), velocity=np.vstack([zero, eye]))
+
+
+def worst(values, reference):
+    """Return the RMS of the difference over the RMS, of the worst channel."""
+    return float(np.max(np.sqrt(np.mean((values - reference) ** 2, axis=0) / np.mean(reference**2, axis=0))))

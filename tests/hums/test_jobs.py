@@ -1,0 +1,197 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Executor, Future
+from pathlib import Path
+
+import clusters
+import pytest
+
+from hums import jobs
+from hums.jobs import Cluster, Job, JobError, Processes, Serial, Tally, run_jobs
+
+JOBS = [Job(name=f"{item}.txt", item=item) for item in range(6)]
+posix = pytest.mark.skipif(os.name != "posix", reason="signals and locks of POSIX")
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    pytest.importorskip("dask.distributed")
+    with clusters.dask_cluster(tmp_path_factory.mktemp("cluster")) as address:
+        yield Cluster(address=address)
+
+
+def contents(folder):
+    return {path.name: path.read_text() for path in folder.iterdir()}
+
+
+WRITTEN = {f"{item}.txt": f"item {item}" for item in range(6)}
+
+
+class TestWorkers:
+    @pytest.mark.parametrize("workers", [Serial(), Processes(count=1), Processes(count=3)])
+    def test_all_make_the_same_files(self, tmp_path, workers):
+        assert run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=workers) == Tally(done=6, kept=0)
+        assert contents(tmp_path) == WRITTEN
+
+    @pytest.mark.slow
+    def test_a_cluster_does_too(self, tmp_path, cluster):
+        assert run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=cluster) == Tally(done=6, kept=0)
+        assert contents(tmp_path) == WRITTEN
+
+    @pytest.mark.slow
+    def test_a_cluster_works_in_other_processes(self, tmp_path, cluster):
+        run_jobs(clusters.write_process, JOBS, folder=tmp_path, workers=cluster)
+        assert str(os.getpid()) not in set(contents(tmp_path).values())
+
+    @pytest.mark.slow
+    def test_a_cluster_without_the_package(self, tmp_path, cluster, monkeypatch):
+        (tmp_path / "only_here.py").write_text("def write(item, path):\n    path.write_text(str(item))\n")
+        monkeypatch.syspath_prepend(tmp_path)
+        (tmp_path / "out").mkdir()
+        from only_here import write  # noqa: PLC0415 - exists from now on
+
+        with pytest.raises(JobError, match=r"cannot load what it is to do \(.*only_here.*Install"):
+            run_jobs(write, JOBS, folder=tmp_path / "out", workers=cluster)
+
+    def test_a_relative_folder_is_found_by_the_workers(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        Path("here").mkdir()
+        run_jobs(clusters.write_item, JOBS, folder=Path("here"), workers=Processes(count=1))
+        assert contents(tmp_path / "here") == WRITTEN
+
+    def test_processes_have_one_thread_and_ours_keeps_its_own(self, tmp_path, monkeypatch):
+        monkeypatch.setenv("OMP_NUM_THREADS", "7")
+        monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+        run_jobs(clusters.write_threads, JOBS[:1], folder=tmp_path, workers=Processes(count=1))
+        assert contents(tmp_path) == {"0.txt": "1"}
+        assert os.environ["OMP_NUM_THREADS"] == "7"
+        assert "MKL_NUM_THREADS" not in os.environ
+
+
+class TestGoingOn:
+    def test_what_is_there_is_not_made_again(self, tmp_path):
+        (tmp_path / "2.txt").write_text("made before")
+        assert run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial()) == Tally(done=5, kept=1)
+        assert contents(tmp_path) == WRITTEN | {"2.txt": "made before"}
+
+    @pytest.mark.parametrize("workers", [Serial(), Processes(count=2)])
+    def test_what_was_made_before_an_error_stays(self, tmp_path, workers):
+        with pytest.raises(ValueError, match="three is too many"):
+            run_jobs(clusters.fail_at_three, JOBS, folder=tmp_path, workers=workers)
+        made = contents(tmp_path)
+        assert made.items() <= WRITTEN.items()
+        assert {"0.txt", "1.txt"} <= made.keys()
+        run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial())
+        assert contents(tmp_path) == WRITTEN
+
+    def test_half_written_files_of_a_killed_run_are_removed(self, tmp_path):
+        (tmp_path / ".hums-0123.part").write_text("half")
+        run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial())
+        assert contents(tmp_path) == WRITTEN
+
+    @posix
+    def test_killed_outright_it_leaves_no_worker(self, tmp_path):
+        (tmp_path / "out").mkdir()
+        code = (
+            "import clusters; from pathlib import Path; from hums.jobs import *\n"
+            "if __name__ == '__main__':\n"
+            "    jobs = [Job(name=f'{i}', item=i) for i in range(4)]\n"
+            "    run_jobs(clusters.note_and_sleep, jobs, folder=Path('out'), workers=Processes(count=2))\n"
+        )
+        (tmp_path / "script.py").write_text(code)
+        environment = os.environ | {"PYTHONPATH": f"{clusters.ROOT}{os.pathsep}{clusters.ROOT / 'tests'}"}
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        run = subprocess.Popen([sys.executable, "script.py"], cwd=tmp_path, env=environment, **quiet)
+        self.until(lambda: len(list(tmp_path.glob("worker *"))) == 2)
+        pids = [int(path.name.split()[1]) for path in tmp_path.glob("worker *")]
+        run.send_signal(signal.SIGKILL)
+        run.wait()
+        self.until(lambda: not any(self.runs(pid) for pid in pids))
+
+    @staticmethod
+    def until(condition):
+        give_up = time.monotonic() + 60
+        while not condition():
+            assert time.monotonic() < give_up
+            time.sleep(0.02)
+
+    @staticmethod
+    def runs(pid):
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return False
+        status = Path(f"/proc/{pid}/stat")  # a dead child that nobody has waited for still has a number
+        return not status.exists() or status.read_text().rsplit(")", 1)[1].split()[0] != "Z"
+
+
+class TestQueue:
+    def test_few_jobs_wait_with_the_pool(self, tmp_path):
+        # a hundred thousand jobs would be as many tasks in the memory of a scheduler
+        class Counting(Executor):
+            waiting, most = 0, 0
+
+            def submit(self, function, *args):
+                self.waiting += 1
+                self.most = max(self.most, self.waiting)
+                future = Late(self)
+                function(*args)
+                future.set_result(None)
+                return future
+
+        class Late(Future):
+            def __init__(self, pool):
+                super().__init__()
+                self.pool = pool
+
+            def result(self, timeout=None):
+                self.pool.waiting -= 1
+                return super().result(timeout)
+
+        pool, many = Counting(), [Job(name=str(item), item=item) for item in range(50)]
+        jobs._spread(clusters.write_item, many, folder=tmp_path, pool=pool, width=4, advance=lambda _: None)
+        assert len(contents(tmp_path)) == 50
+        assert pool.most == 4
+
+    def test_the_bar_counts_what_is_in_the_jobs(self, tmp_path, capsys):
+        sized = [Job(name=str(item), item=item, size=10) for item in range(3)]
+        (tmp_path / "0").write_text("made before")
+        run_jobs(clusters.write_item, sized, folder=tmp_path, workers=Serial(), title="records")
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert "records" in err
+        assert "30/30" in err
+
+
+class TestRefusals:
+    @posix
+    def test_a_second_run_in_one_folder(self, tmp_path):
+        with jobs._alone(tmp_path), pytest.raises(JobError, match=r"another run is at work in .*; wait for it"):
+            run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial())
+        run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial())  # it let go
+
+    def test_a_worker_that_dies(self, tmp_path):
+        with pytest.raises(JobError, match=r"a worker process died.*run the same again, with fewer workers"):
+            run_jobs(clusters.die, JOBS, folder=tmp_path, workers=Processes(count=1))
+
+    def test_a_worker_with_another_disk(self, tmp_path):
+        with pytest.raises(JobError, match=r"0\.txt, but it is not on this machine"):
+            run_jobs(clusters.write_nothing, JOBS[:1], folder=tmp_path, workers=Processes(count=1))
+
+    def test_no_processes(self):
+        with pytest.raises(JobError, match=r"workers = 0: at least 1"):
+            Processes(count=0)
+
+    def test_no_scheduler(self, tmp_path, monkeypatch):
+        pytest.importorskip("dask.distributed")
+        monkeypatch.setattr(jobs, "_REACH_S", 0.5)
+        with pytest.raises(JobError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9 .*dask scheduler"):
+            run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Cluster(address="tcp://127.0.0.1:9"))
+
+    def test_no_dask(self, tmp_path, monkeypatch):
+        monkeypatch.setitem(sys.modules, "dask.distributed", None)
+        with pytest.raises(JobError, match=r'pip install "hums-toolkit\[dask\]"'):
+            run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Cluster(address="tcp://127.0.0.1:9"))
