@@ -61,10 +61,9 @@ def integrate(problem: Problem, *, method: Method, output: Output, tolerance: St
         steps_per_sample=steps,
         estimated_error=error,
     )
-    finite = np.isfinite(done.values).all(axis=1)
-    if finite.all():
+    if np.isfinite(done.values).all():
         return done
-    count = int(np.argmin(finite))
+    count = int(np.argmin(np.isfinite(done.values).all(axis=1)))
     return replace(
         done,
         times_s=done.times_s[:count],
@@ -129,8 +128,9 @@ def _blocks(readings: Readings, method: Method, steps: int, size: int) -> Iterat
     while True:
         more = min(size - read.shape[0], count - first)
         if more > 0:
-            read = np.concatenate([read, stepper.advance(x, first, more)])
-            times_s = np.concatenate([times_s, a.problem.start_s + (first + 1 + np.arange(more)) / rate])
+            new, at = stepper.advance(x, first, more), a.problem.start_s + (first + 1 + np.arange(more)) / rate
+            read = np.concatenate([read, new]) if read.size else new
+            times_s = np.concatenate([times_s, at]) if times_s.size else at
             first += more
         yield Block(times_s=times_s, values=readings.channels(read, times_s), state=a.physical(x))
         if first >= count or not np.isfinite(x).all():

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from data_synth.profile import ShaftAngle, load_share
-from data_synth.scene import Torque
 from data_synth.pulses import pulse_times
+from data_synth.scene import Torque
 
 ANGLE = ShaftAngle(times_s=np.array([0.5, 2.0, 3.0]), speeds_hz=np.array([10.0, 25.0, 20.0]), datum_rev=0.3)
 

@@ -25,8 +25,6 @@ def record(*, noise=0.3):
     return waves.sum(axis=0).real + noise * rng.standard_normal(N)
 
 
-
-
 @pytest.mark.parametrize("poles", [1, 2, 3, 4])
 def test_shares_solve_the_riccati_equation(poles):
     width = 0.02
