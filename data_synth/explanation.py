@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 
 from data_synth.combs import Comb
+from data_synth.fidelity import chosen
+from data_synth.motion import motion_of, prepared
 from data_synth.scene import Fault, Scene, Sensor, load_scene
 from data_synth.simulation import random_stream
 from data_synth.stage import Stage, staged
@@ -13,6 +15,7 @@ from data_synth.stage import Stage, staged
 # Seconds on one core of a 2020s server, from runs of the demo and of scenes with many lines; a rough guide elsewhere.
 _SETUP_S, _WRITE_S, _WRITE_S_PER_BYTE = 0.02, 0.05, 2e-9
 _PER_LINE, _PER_SOURCE, _PER_POLE, _PER_NOISE = 0.5e-9, 8e-9, 5e-9, 12e-9  # s a sample and channel
+_PER_STEP, _PER_DEGREE = 0.3e-6, 0.06e-6  # s a step of time
 _BYTES = 8
 _CHAIN = ("cross_axis", "resonance", "sensitivity", "hum", "anti_alias", "clipping", "quantisation", "drop_outs")
 
@@ -89,11 +92,14 @@ def explain(scene: Scene | str | Path) -> Explanation:
 
 def _parts(stage: Stage) -> Iterator[Part]:
     scene = stage.scene
-    yield Part(
-        name="fidelity",
-        what="phases and modulations",
-        why="kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated",
-    )
+    if scene.fidelity == "kinematic":
+        yield Part(
+            name="fidelity",
+            what="phases and modulations",
+            why="kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated",
+        )
+    else:
+        yield from _gears(stage)
     top = stage.drive.angle.top_speed_hz(0.0, scene.duration_s)
     yield Part(
         name="speed",
@@ -130,6 +136,29 @@ def _parts(stage: Stage) -> Iterator[Part]:
         what=f"{stage.pulses.times_s.size} pulses of {scene.tachometer.link}",
         why=", ".join(spoilt) or "exact",
     )
+
+
+def _gears(stage: Stage) -> Iterator[Part]:
+    """Yield which motions are simulated, what is left out, and the meshes."""
+    scene = stage.scene
+    gears = prepared(stage)
+    choice = chosen(stage, gears)
+    motion = motion_of(stage, gears, levels=choice.levels, springs=choice.springs)
+    steps = motion.steps()
+    running = scene.samples + motion.settle_s * scene.rate_hz
+    yield Part(
+        name="fidelity",
+        what=f"{motion.system.dof} degrees of freedom, {steps} step(s) a sample",
+        why=f"{choice}, error below {motion.error:g}",
+        seconds=running * steps * (_PER_STEP + _PER_DEGREE * motion.system.dof),
+    )
+    for mesh in motion.system.meshes:
+        spring = mesh.name in choice.springs
+        yield Part(
+            name=mesh.name,
+            what="a spring" if spring else f"teeth, mean {mesh.stiffness.mean:.4g} N/m",
+            why="no sensor hears its teeth above the floor" if spring else f"{choice.levels[mesh.name]} motion",
+        )
 
 
 def _first(comb: Comb) -> float:

@@ -16,6 +16,7 @@ from pydantic import Field, field_validator, model_validator
 from data_synth.chain import Mode, Noise, PlanetPass, SamplingJitter, Sensor
 from data_synth.defects import FAULT_KINDS, ROW_OF, BearingFault, Fault, GearFault, ShaftFault, ToothCrack
 from data_synth.driving import Speed, Tachometer, Torque
+from data_synth.dynamics import Dynamics
 from data_synth.excitation import Excitation
 from hums.gearbox import (
     Declared,
@@ -63,7 +64,8 @@ class Scene(Declared):
 
     `resonance` is the mode that impacts ring; `path` the one that shaft and mesh lines pass on their way to
     the sensors, so that their amplitude and phase change with speed (left out: a rigid path). `planet_pass` lets
-    planets pass the sensors (left out: they are heard alike wherever they are, and have no sidebands).
+    planets pass the sensors (left out: they are heard alike wherever they are, and have no sidebands). Where `fidelity`
+    is other than kinematic, gears vibrate: `dynamics` takes the place of what `excitation` declares of meshes.
     """
 
     gearbox: Gearbox
@@ -74,6 +76,7 @@ class Scene(Declared):
     torque: Torque | None = None
     tachometer: Tachometer
     excitation: Excitation = Excitation()
+    dynamics: Dynamics | None = None
     path: Mode | None = None
     resonance: Mode = Mode(frequency_hz=8000.0, damping_ratio=0.03)
     planet_pass: PlanetPass | None = None
@@ -92,11 +95,18 @@ class Scene(Declared):
 
     @field_validator("fidelity")
     @classmethod
-    def _kinematic_only(cls, value: str) -> str:
-        if value == "kinematic":
+    def _known_fidelity(cls, value: str) -> str:
+        if value in FIDELITIES:
             return value
-        state = "is planned but does not exist yet" if value in FIDELITIES else "is not known"
-        raise ValueError(f'"{value}" {state}; "kinematic" is what exists, write fidelity = "kinematic"')
+        raise ValueError(f'"{value}" is not known{closest(value, [*FIDELITIES])}')
+
+    @model_validator(mode="before")
+    @classmethod
+    def _write_out_dynamics(cls, table: Any) -> Any:  # noqa: ANN401
+        """Give a scene whose gears vibrate all that it takes, so that no default hides."""
+        if not isinstance(table, Mapping) or table.get("fidelity", "kinematic") == "kinematic":
+            return table
+        return dict(table) | {"dynamics": table.get("dynamics") or Dynamics()}
 
     @field_validator("faults", mode="before")
     @classmethod

@@ -9,6 +9,8 @@ import xarray as xr
 
 from data_synth.combs import ComplexArray, add_lines
 from data_synth.faults import ImpactTrain
+from data_synth.fidelity import chosen
+from data_synth.motion import Motion, motion_of, prepared
 from data_synth.profile import Array
 from data_synth.scene import Scene, SceneError, Sensor, load_scene
 from data_synth.sensors import (
@@ -23,7 +25,7 @@ from data_synth.sensors import (
     ringing,
 )
 from data_synth.stage import Stage, staged
-from data_synth.truth import phases_of, truth_of
+from data_synth.truth import mesh_lines, motion_truth, phases_of, truth_of
 from hums.record import Channel, PulseTimes, make_record
 
 _BLOCK = 65536  # samples computed at once: what is only needed on the way does not grow with the record
@@ -75,6 +77,14 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
             Amplitude of the mains' harmonics at time zero, how many samples were clipped and beyond the converter, and
             from when to when samples are missing, in s; where a channel has such a part.
 
+        ``truth_tooth_passes_1`` ...
+            Where gears vibrate: times in s at which the damaged tooth of fault 1 ... is in the middle of its mesh; its
+            attribute ``half_width_rev`` is half the time it is in mesh, in rev of the reference shaft.
+
+        Where gears vibrate, truth_amplitude holds at the orders of the meshes what their steady motion puts there, at
+        constant speed and torque. Attribute ``truth_mesh_lines`` says how well that is known, or why
+        it is left out, ``truth_fidelity`` which motions were simulated.
+
         Attribute ``truth_scene`` holds the scene with every default written out, ``truth_seed`` the seed.
 
     Raises
@@ -89,7 +99,7 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
     late_s = _late(stage)
     parts = _by_source(stage, late_s=late_s) if by_source else {}
     signal = _clean(stage, late_s=late_s)
-    truth = truth_of(stage)
+    truth, told = _with_gears(stage, signal, parts) if declared.fidelity != "kinematic" else (truth_of(stage), {})
     for number, sensor in enumerate(declared.sensors):
         truth |= _spoil(stage, sensor, number + 1, signal[number], late_s=late_s)
     truth |= parts
@@ -104,7 +114,7 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
         ),
         machine=declared.gearbox.name,
         truth=truth,
-        attrs={"truth_scene": declared.to_toml(), "truth_seed": seed},
+        attrs={"truth_scene": declared.to_toml(), "truth_seed": seed, **told},
     )
 
 
@@ -155,6 +165,38 @@ def _clean(stage: Stage, *, late_s: Array | None, only: tuple[str, str] | None =
         if only in (None, (train.component, train.kind)):
             _add_impacts(stage, number, train, signal, late_s=late_s)
     return signal
+
+
+def _in_motion(motion: Motion) -> Array:
+    """Return what the sensors hear of gears that vibrate, (sensor, n)."""
+    scene, at = motion.stage.scene, 0
+    signal = np.empty((len(scene.sensors), scene.samples))
+    for block in motion.channels(samples=scene.samples):
+        signal[:, at : at + block.shape[1]] = block
+        at += block.shape[1]
+    return signal
+
+
+def _with_gears(
+    stage: Stage, signal: Array, parts: dict[str, xr.DataArray]
+) -> tuple[dict[str, xr.DataArray], dict[str, str]]:
+    """Add gears that vibrate to a signal (sensor, n) and to the parts by source, where kept, and return the truth.
+
+    With it come attributes: which motions were simulated, and how well the lines of meshes are known.
+    """
+    gears = prepared(stage)
+    choice = chosen(stage, gears)
+    motion = motion_of(stage, gears, levels=choice.levels, springs=choice.springs)
+    heard = _in_motion(motion)
+    signal += heard
+    found = mesh_lines(stage, heard)
+    for name, sources in parts.items():
+        # meshes act on each other, so all gears are one source
+        coords = {"truth_channel": sources["truth_channel"], "truth_source_name": ["gears, motion"]}
+        own = xr.DataArray(heard[:, None], dims=sources.dims, coords=coords)
+        parts[name] = xr.concat([sources, own], dim="truth_source_name").assign_attrs(sources.attrs)
+    truth = truth_of(stage, found=found) | motion_truth(motion)
+    return truth, {"truth_fidelity": str(choice), "truth_mesh_lines": found.about}
 
 
 def _add_impacts(stage: Stage, number: int, train: ImpactTrain, signal: Array, *, late_s: Array | None) -> None:

@@ -1,4 +1,4 @@
-"""Everything a kinematic scene sets in motion, before a sample is computed."""
+"""Everything a scene sets in motion but gears that vibrate, before a sample is computed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,6 +38,8 @@ class Stage:
         Z of their lines in the channels, behind the linear part of the chain.
     trains : sequence of (int, ImpactTrain)
         With the number of the fault, from 0, that strikes.
+    offsets : sequence of float
+        Turns of each fault's component at revolution zero since it was last at its worst place.
     sizes : sequence of Growth
         The size of each fault relative to its first.
     gains : mapping of source to (sensor,) complex array
@@ -55,6 +57,7 @@ class Stage:
     combs: Sequence[Comb]
     amplitudes: Sequence[ComplexArray]
     trains: Sequence[tuple[int, ImpactTrain]]
+    offsets: Sequence[float]
     sizes: Sequence[growth.Growth]
     gains: dict[str, ComplexArray]
     chains: Sequence[Cascade]
@@ -85,8 +88,12 @@ def staged(scene: Scene, *, draws: Draws) -> Stage:
         for fault, size in zip(scene.faults, sizes, strict=True)
     ]
     combs = combs_of(scene, drive, offsets=offsets, courses=courses, draws=draws)
-    _check_rate(scene, combs, drive)
     trains = trains_of(scene, drive, combs, offsets=offsets, draws=draws)
+    if scene.fidelity != "kinematic":  # what meshes do is then left to the mechanics
+        meshes = {mesh.name for mesh in scene.gearbox.meshes}
+        combs = [comb for comb in combs if comb.source not in meshes]
+        trains = [(number, train) for number, train in trains if train.source not in meshes]
+    _check_rate(scene, combs, drive)
     sources = dict.fromkeys([comb.source for comb in combs] + [train.source for _, train in trains])
     gains = _gains(scene, [*sources], draws=draws)
     chains = [linear_chain(sensor) for sensor in scene.sensors]
@@ -106,6 +113,7 @@ def staged(scene: Scene, *, draws: Draws) -> Stage:
         combs=combs,
         amplitudes=amplitudes,
         trains=trains,
+        offsets=offsets,
         sizes=sizes,
         gains=gains,
         chains=chains,

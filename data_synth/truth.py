@@ -3,16 +3,23 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 
 import numpy as np
 import xarray as xr
 
-from data_synth.combs import ComplexArray
+from data_synth.combs import ComplexArray, common_base
 from data_synth.damage import last_s
 from data_synth.faults import ImpactTrain
+from data_synth.motion import Motion, fault_passes
 from data_synth.path import impact_line
 from data_synth.profile import Array
 from data_synth.stage import Stage
+
+_STEADY = 1e-12  # of the speed: what rounding may change
+_NUTTALL = (0.3635819, -0.4891775, 0.1365995, -0.0106411)
+_BINS = 4
+_BLOCK = 65536
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,8 +31,68 @@ class _Part:
     amplitude: ComplexArray
 
 
-def truth_of(stage: Stage) -> dict[str, xr.DataArray]:
-    """Return what is known of every record: speed, lines, chain, faults and tachometer."""
+@dataclass(frozen=True, kw_only=True)
+class MeshLines:
+    """What gears that vibrate put at the orders of their meshes, order -> (mesh, Z (sensor,)), and how well known."""
+
+    lines: dict[Fraction, tuple[str, ComplexArray]]
+    about: str
+
+
+def mesh_lines(stage: Stage, gears: Array) -> MeshLines:
+    """Measure the lines of meshes in the channels of gears in steady motion, (sensor, n).
+
+    With a window of four cosines (Nuttall 1981, the one of least side lobes, -98 dB) over the record, so that lines
+    four and more of its periods away add less than 2e-5 of themselves.
+    """
+    scene = stage.scene
+    torque = stage.drive.torque
+    if np.ptp(stage.speed_hz) > _STEADY * np.max(stage.speed_hz) or (torque is not None and np.ptp(torque.values) > 0):
+        return MeshLines(
+            lines={}, about="left out: speed or torque changes, so the lines of gears have no one amplitude"
+        )
+    orders = scene.exact_orders("gear_mesh")
+    teeth = scene.exact_orders("tooth")
+    # meshes shake each other, so lines stand at all multiples of what their orders have in common
+    bases = [*orders.values(), *(teeth[fault.component] for fault in scene.faults if fault.component in teeth)]
+    periods = float(reduce(common_base, bases)) * float(stage.speed_hz[0]) * scene.duration_s
+    lines = {}
+    for mesh, order in orders.items():
+        for harmonic in range(1, scene.excitation.harmonics + 1):
+            if harmonic * float(order) * stage.speed_hz[0] < scene.rate_hz / 2:
+                lines[harmonic * order] = (mesh, _line(stage, gears, harmonic * float(order)))
+    known = "other lines add less than 2e-5" if periods >= _BINS else "lines less than 4 / duration_s away are in it"
+    return MeshLines(lines=lines, about=f"of the steady motion, by a window over the record: {known}")
+
+
+def _line(stage: Stage, gears: Array, order: float) -> ComplexArray:
+    """Return Z (sensor,) of one line, summed block by block."""
+    scene = stage.scene
+    total, weight = np.zeros(gears.shape[0], dtype=np.complex128), 0.0
+    for start in range(0, scene.samples, _BLOCK):
+        numbers = np.arange(start, min(start + _BLOCK, scene.samples))
+        turn = 2 * np.pi * (numbers + 0.5) / scene.samples
+        window = np.sum([share * np.cos(k * turn) for k, share in enumerate(_NUTTALL)], axis=0)
+        revolutions = stage.drive.angle.revolutions(numbers / scene.rate_hz)
+        total += gears[:, numbers] @ (window * np.exp(-2j * np.pi * np.remainder(order * revolutions, 1.0)))
+        weight += float(window.sum())
+    return np.asarray(2 * total / weight)
+
+
+def motion_truth(motion: Motion) -> dict[str, xr.DataArray]:
+    """Return when damaged teeth pass their mesh."""
+    return {
+        f"truth_tooth_passes_{number + 1}": xr.DataArray(
+            times_s,
+            dims=f"truth_tooth_pass_{number + 1}",
+            attrs={"units": "s", "component": motion.stage.scene.faults[number].component, "half_width_rev": half_rev},
+        )
+        for number, (times_s, half_rev) in fault_passes(motion).items()
+    }
+
+
+def truth_of(stage: Stage, *, found: MeshLines | None = None) -> dict[str, xr.DataArray]:
+    """Return what is known of every record: speed, lines (`found` those of gears), chain, faults and tachometer."""
     instants = xr.DataArray(stage.instants_s, dims="truth_time", attrs={"units": "s"})
     reference = str(stage.scene.gearbox.reference)
     course = {
@@ -41,7 +108,7 @@ def truth_of(stage: Stage) -> dict[str, xr.DataArray]:
     return {
         **truth,
         **_torque_truth(stage, instants),
-        **_line_truth(stage, instants),
+        **_line_truth(stage, instants, found),
         **_fault_truth(stage, instants),
         **_pulse_truth(stage),
     }
@@ -86,8 +153,12 @@ def _torque_truth(stage: Stage, instants: xr.DataArray) -> dict[str, xr.DataArra
     }
 
 
-def _line_truth(stage: Stage, instants: xr.DataArray) -> dict[str, xr.DataArray]:
-    lines = dict(sorted(_lines(stage).items()))
+def _line_truth(stage: Stage, instants: xr.DataArray, found: MeshLines | None) -> dict[str, xr.DataArray]:
+    every = _lines(stage)
+    for order, (mesh, heard) in (found.lines if found is not None else {}).items():
+        steady = np.repeat(heard[:, None], instants.size, axis=1)
+        every.setdefault(order, []).append(_Part(component=mesh, kind="gear_mesh", amplitude=steady))
+    lines = dict(sorted(every.items()))
     for parts in lines.values():
         parts.sort(key=lambda part: -float(np.max(np.abs(part.amplitude))))
     orders = {"truth_order": [float(order) for order in lines]}

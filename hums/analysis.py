@@ -90,7 +90,7 @@ def analyze(
     indicators = [row for channel in channels for row in channel_indicators(record, channel, machine, settings, past)]
     found = findings(
         judged,
-        locality=localities(indicators, _loudest(judged)),
+        locality=localities(indicators, _loudest(judged), harmonics=settings.harmonics),
         sick=[channel.name for channel in channels if channel.sick],
     )
     tree = xr.DataTree.from_dict(

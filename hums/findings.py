@@ -4,26 +4,27 @@ The rule, fixed on the wind turbine and CWRU records:
 
 1. A line is *significant* when noise alone would reach it, anywhere among all the lines of the record that
    can raise a finding, with less than the false-alarm probability of the settings.
-2. From the strongest (by level above its surroundings) downwards, a significant line is *claimed* unless a taller
-   line spreads half as much or more to its place through the window (a flank or side lobe), or it lies within the
-   main lobe (two bins) of a harmonic of a stronger claimed line, of its sideband by a ring's rotation or the cage,
-   or of a multiple of the cage rate which that line implies. The one race's rate is itself such a multiple when
-   the other's is known; there the weaker line is taken for a shadow only below a third of the stronger, for
-   comparable lines on both races mean something.
+2. From the strongest (by level above its surroundings, a bearing's with its harmonics and sidebands) downwards, a
+   significant line is *claimed* unless a taller line spreads half as much or more to its place through the window
+   (a flank or side lobe), or it lies within the main lobe (two bins) of a harmonic of a stronger claimed line, of its
+   sideband by a ring's rotation or the cage, or of a multiple of the cage rate which that line implies. The one
+   race's rate is itself such a multiple when the other's is known; there the weaker line is taken for a shadow only
+   below a third of the stronger, for comparable lines on both races mean something. A damaged element makes a line
+   at the cage rate, too.
    Sidebands that the planets' passing makes in health, too, are taken for that.
 3. Harmonics and sidebands of a bearing line are claimed with it, at the right spacing, and never alone. A line that
    would be a harmonic of two claimed fundamentals supports neither.
 4. A claimed fundamental raises a finding. The finding is *diagnosed* when the line stands at least six times
-   above its surroundings, a harmonic or sideband at the right spacing supports it, and no other kind of
-   defect of the same bearing is within a factor of three; for a gear, when the residual of the synchronous
-   average shows that the disturbance is local (FM4). Otherwise it is *indicated*, and the evidence says why. What a
-   sick sensor shows is never diagnosed.
+   above its surroundings, a harmonic or sideband at the right spacing supports it, and neither another kind of
+   defect of the same bearing nor, beside a race, a multiple of the cage rate is within a factor of three; for a
+   gear, when the residual of the synchronous average shows that the disturbance is local (FM4). Otherwise it is
+   *indicated*, and the evidence says why. What a sick sensor shows is never diagnosed.
 
 Indicators support a finding or cast doubt on it; they never raise one, so they leave the rate of false alarms alone.
 """
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hums.orders import BEARING_KINDS, BearingOrders
@@ -38,6 +39,7 @@ LOBE_BINS = 2.0
 LEAKAGE_SHARE = 0.5
 _SHADOW_HARMONICS = 3
 _SHADOW_SIDEBANDS = 3
+_OF_CAGE = "times the cage rate implied by"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +54,10 @@ class JudgedLine:
 
 @dataclass(frozen=True, kw_only=True)
 class Locality:
-    """How local a gear's disturbance is in its revolution: FM4, the kurtosis of its difference signal, and a limit."""
+    """How local a gear's disturbance is in its revolution: FM4, the kurtosis of its difference signal, and its limit.
+
+    The limit is what noise and a smooth modulation, once or twice a turn, may reach.
+    """
 
     kurtosis: float
     limit: float
@@ -95,8 +100,9 @@ class Judge:
         ]
         claimed: list[FoundLine] = []
         significant = [i for i in range(len(lines)) if chance[i] < self.false_alarm_probability]
+        level = _levels([lines[i] for i in significant])
         # a bearing's harmonics and sidebands come after all lines that can stand alone
-        for i in sorted(significant, key=lambda i: (_is_support(lines[i]), -lines[i].line.snr)):
+        for i in sorted(significant, key=lambda i: (_is_support(lines[i]), -level(lines[i]))):
             line = lines[i]
             parents = [other for other in claimed if _supports(line, other)] if _is_support(line) else []
             if parents and not self._is_anothers(line, claimed):
@@ -140,7 +146,8 @@ class Judge:
         if weaker.wanted.kind in {"gear_mesh", "shaft"}:
             return f"not to be told from {name}" if _near(weaker, base, bins=1.0) else ""
         if stronger.wanted.kind == "shaft":
-            base /= stronger.wanted.harmonic
+            # where the speed was measured a shaft's order is known better than a line shows it
+            base = (base if stronger.wanted.tolerance else stronger.wanted.order) / stronger.wanted.harmonic
             multiple = round(weaker.line.found / base)
             # Coupling and run-out reach any multiple in an envelope; but a gear's sidebands are multiples of its
             # own shaft by nature, so there only the searched harmonics count.
@@ -164,14 +171,38 @@ class Judge:
             races = {weaker.wanted.kind, stronger.wanted.kind} == {"inner_race", "outer_race"}
             rival = races and not _is_support(weaker) and weaker.line.amplitude * RIVAL_FACTOR > stronger.line.amplitude
             if 0 < multiple <= 2 * bearing.elements and _near(weaker, multiple * cage) and not rival:
-                return f"{multiple} times the cage rate implied by {name}"
-        spacings = {abs(bearing.inner_ring), abs(bearing.outer_ring), cage} - {0.0}
+                return f"{multiple} {_OF_CAGE} {name}"
+        turns = stronger.wanted.kind == "rolling_element"
+        if turns and weaker.wanted.kind == "cage" and weaker.wanted.component == stronger.wanted.component:
+            return f"the cage's rate, at which it takes {name} through the load zone"
+        spacings = {abs(bearing.inner_ring), abs(bearing.outer_ring), bearing.cage if turns else cage} - {0.0}
         for harmonic in range(1, _SHADOW_HARMONICS + 1):
             for spacing in spacings:
                 side = round((order - harmonic * base) / spacing)
                 if 0 < abs(side) <= _SHADOW_SIDEBANDS and _near(weaker, harmonic * base + side * spacing):
                     return f"sideband {side:+d} x {spacing:.3g} of harmonic {harmonic} of {name}"
         return ""
+
+
+def _levels(significant: Sequence[FoundLine]) -> Callable[[FoundLine], float]:
+    """Return a function that tells how strongly a line stands out with all that speaks for it.
+
+    A bearing's fundamental has its harmonics and sidebands, which often outdo it; a shaft in an envelope, which impacts
+    once a turn fill with a comb, has its other harmonics.
+    """
+
+    def speaks_for(other: FoundLine, line: FoundLine) -> bool:
+        if line.wanted.kind == "shaft":
+            return other.wanted.kind == "shaft" and other.family == line.family and other.channel == line.channel
+        return _is_support(other) and _supports(other, line)
+
+    def level(line: FoundLine) -> float:
+        if line.wanted.spectrum != ENVELOPE or _is_support(line):
+            return line.line.snr
+        with_it = [o for o in significant if o is not line and o.wanted.spectrum == ENVELOPE and speaks_for(o, line)]
+        return math.hypot(line.line.snr, *(other.line.snr for other in with_it))
+
+    return level
 
 
 def _is_support(line: FoundLine) -> bool:
@@ -225,7 +256,7 @@ def findings(
         if any(line.claimed and line.found.wanted.fundamental for line in lines)
     }
     statements = [
-        _bearing_finding(lines, raised, sick)
+        _bearing_finding(lines, raised, _cage_multiples(lines, families), sick)
         if kind in BEARING_KINDS
         else _gear_finding(lines, locality.get(component), sick)
         for (component, kind), lines in raised.items()
@@ -239,7 +270,10 @@ def _main_line(lines: Sequence[JudgedLine]) -> JudgedLine:
 
 
 def _bearing_finding(
-    lines: Sequence[JudgedLine], raised: Mapping[tuple[str, str], Sequence[JudgedLine]], sick: Collection[str]
+    lines: Sequence[JudgedLine],
+    raised: Mapping[tuple[str, str], Sequence[JudgedLine]],
+    cage_multiples: Sequence[int],
+    sick: Collection[str],
 ) -> Finding:
     main = _main_line(lines)
     component, kind = main.found.family
@@ -263,7 +297,31 @@ def _bearing_finding(
         f"a line of {_words(rival)} of the same bearing is {_comparison(size, strength)}"
         for rival, size in rivals.items()
     ]
+    if cage_multiples:
+        doubts.append(
+            f"lines at {', '.join(map(str, cage_multiples))} times the cage rate are of similar size: elements that "
+            "are not alike make them, as damage of one does, and a spot on a race does not"
+        )
     return _finding(main, support, doubts)
+
+
+def _cage_multiples(lines: Sequence[JudgedLine], families: Mapping[tuple[str, str], Sequence[JudgedLine]]) -> list[int]:
+    """Return at which multiples of the cage rate stand lines about as large as those of a race, (k,).
+
+    A race that rests in the load zone, or turns through it, is struck by all elements alike, whatever the cage does.
+    Beside an inner race only the cage's own lines count: sidebands by the shaft fall on multiples of the cage rate.
+    """
+    main = _main_line(lines)
+    component, kind = main.found.family
+    strength = _strength(line for line in lines if line.found.channel == main.found.channel)
+    speaking = {"outer_race": ("cage", "rolling_element"), "inner_race": ("cage",)}.get(kind, ())
+    found = set()
+    for line in (line for other in speaking for line in families.get((component, other), ())):
+        number, is_multiple, of = line.explained_by.partition(f" {_OF_CAGE} ")
+        same = of == f"{component} {kind.replace('_', ' ')}" and line.found.channel == main.found.channel
+        if is_multiple and same and line.found.line.amplitude * RIVAL_FACTOR > strength:
+            found.add(int(number))
+    return sorted(found)
 
 
 def _comparison(rival: float, own: float) -> str:
@@ -306,13 +364,14 @@ def _gear_finding(lines: Sequence[JudgedLine], locality: Locality | None, sick: 
         doubts.append("its synchronous average could not be made, so nothing shows that one tooth is at fault")
     elif locality is not None and locality.kurtosis <= locality.limit:
         doubts.append(
-            f"the difference signal of its synchronous average is not local (FM4 {locality.kurtosis:.1f}, noise alone "
-            f"reaches {locality.limit:.1f}): run-out, misalignment or load variation make such sidebands too"
+            f"the difference signal of its synchronous average is not local (FM4 {locality.kurtosis:.1f}; noise and "
+            f"smooth modulation reach {locality.limit:.1f}): run-out, misalignment or load variation make such "
+            "sidebands too"
         )
     elif locality is not None:
         support.append(
-            f"a difference signal of its synchronous average that is local (FM4 {locality.kurtosis:.1f}, noise alone "
-            f"reaches {locality.limit:.1f}), as one damaged tooth makes it"
+            f"a difference signal of its synchronous average that is local (FM4 {locality.kurtosis:.1f}; noise and "
+            f"smooth modulation reach {locality.limit:.1f}), as one damaged tooth makes it"
         )
     if not others:
         doubts.append("a single sideband stands alone")

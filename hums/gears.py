@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from hums.baseline import Baseline
 from hums.layout import IndicatorValue
 from signals.averaging import SynchronousAverage
@@ -13,6 +15,7 @@ from signals.indicators import INDICATORS
 from signals.residues import difference_signal, mesh_band, regular_signal, residual_signal
 
 _SHAFT_ORDERS = (1, 2)  # of the shaft itself, taken out beside the mesh
+GAUSSIAN_KURTOSIS = 3.0
 _OVER_NOISE = 4.0  # standard deviations of a kurtosis, below which noise may make it
 
 
@@ -57,6 +60,18 @@ class Part:
             source=source or (known.source if known else ""),
             withheld=withheld,
         )
+
+
+def smooth_kurtosis(harmonics: int) -> float:
+    """Return the kurtosis of a mesh of `harmonics` equal ones in phase that swings like a sine over the turn.
+
+    Run-out and misalignment leave such a difference signal: nothing in it is local, but harmonics in phase peak once a
+    tooth. The fourth moment of ``sum_k cos(k x)`` is a mean over so many points that it is exact; the swing,
+    independent of it, contributes the 3/2 of a sine.
+    """
+    angle = 2 * np.pi * np.arange(4 * harmonics + 1) / (4 * harmonics + 1)
+    waves = np.cos(np.multiply.outer(np.arange(1, harmonics + 1), angle)).sum(axis=0)
+    return float(1.5 * np.mean(waves**4) / np.mean(waves**2) ** 2)
 
 
 def refusing(reason: str) -> Callable[[], float]:
@@ -117,7 +132,7 @@ def _of_rest(
     """
     last = gear.last_order(average)
     cut: dict[str, Any] = {"teeth": gear.on_shaft, "harmonics": gear.harmonics, "shaft_orders": _SHAFT_ORDERS}
-    limit = 3 + _OVER_NOISE * math.sqrt(24 / (2 * last)) if last else math.nan
+    limit = GAUSSIAN_KURTOSIS + _OVER_NOISE * math.sqrt(24 / (2 * last)) if last else math.nan
     for name in ("fm4", "m6a", "m8a"):
         yield part.row(
             name,

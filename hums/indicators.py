@@ -14,7 +14,7 @@ import xarray as xr
 from hums.baseline import Baseline
 from hums.channels import AnalysedChannel, Values, finite_values
 from hums.findings import Locality
-from hums.gears import Gear, Part, gear_indicators, refusing
+from hums.gears import GAUSSIAN_KURTOSIS, Gear, Part, gear_indicators, refusing, smooth_kurtosis
 from hums.layout import IndicatorValue
 from hums.machine import Machine
 from hums.orders import BEARING_KINDS
@@ -45,10 +45,14 @@ def channel_indicators(
     return rows
 
 
-def localities(rows: Sequence[IndicatorValue], channel_of: Mapping[str, str]) -> dict[str, Locality]:
-    """Return how local the disturbance of each gear in `channel_of` is: its FM4 in that channel."""
+def localities(rows: Sequence[IndicatorValue], channel_of: Mapping[str, str], *, harmonics: int) -> dict[str, Locality]:
+    """Return how local the disturbance of each gear in `channel_of` is: its FM4 in that channel.
+
+    Noise on top of a mesh of so many harmonics that is modulated smoothly stays below the limit.
+    """
+    smooth = smooth_kurtosis(harmonics)
     return {
-        row.component: Locality(kurtosis=row.value, limit=row.noise_limit)
+        row.component: Locality(kurtosis=row.value, limit=row.noise_limit + max(0.0, smooth - GAUSSIAN_KURTOSIS))
         for row in rows
         if row.indicator == "fm4" and not row.withheld and channel_of.get(row.component) == row.channel
     }
