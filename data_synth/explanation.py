@@ -144,7 +144,7 @@ def _gears(stage: Stage) -> Iterator[Part]:
     gears = prepared(stage)
     choice = chosen(stage, gears)
     motion = motion_of(stage, gears, levels=choice.levels, springs=choice.springs)
-    steps = motion.steps()
+    steps = motion.steps() * motion.denser
     running = scene.samples + motion.settle_s * scene.rate_hz
     yield Part(
         name="fidelity",

@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from hums.findings import Judge, Locality, findings, implied_cage
+from hums.gears import smooth_kurtosis
 from hums.orders import BearingOrders
 from hums.search import ENVELOPE, ORDER_SPECTRUM, FoundLine, Wanted
 from signals.lines import Line
@@ -224,3 +225,59 @@ def test_natural_sidebands_of_a_planetary_stage():
     spaced = line("tooth", 96.0, 50.0, component="m/g", sideband=-1, spacing=3.0, spectrum=ORDER_SPECTRUM)
     off = line("tooth", 97.0, 50.0, component="m/g", sideband=-1, spacing=2.0, spectrum=ORDER_SPECTRUM)
     assert [entry.claimed for entry in judge.judge([spaced, off])] == [False, True]
+
+
+def test_a_damaged_element_explains_what_its_cage_makes_and_its_own_harmonics():
+    # its second harmonic, the cage's line and what the cage modulates may each stand higher than the fundamental
+    element = [
+        line("rolling_element", 4.75, 14.0),
+        line("rolling_element", 9.5, 14.5, harmonic=2, fundamental=False),
+        line("rolling_element", 4.35, 14.0, sideband=-1, fundamental=False),
+    ]
+    others = [line("cage", 0.4, 17.0), line("inner_race", 5.55, 9.0)]
+    other_bearing = replace(BEARING, name="c")
+    same_place = line("outer_race", 9.5, 14.5, component="c")
+    judged = Judge({"b": BEARING, "c": other_bearing}, 0.01).judge([*element, *others, same_place])
+    assert [entry.claimed for entry in judged] == [True, True, True, False, False, False]
+    assert judged[3].explained_by == "the cage's rate, at which it takes b rolling element through the load zone"
+    assert judged[4].explained_by.startswith("sideband +2 x 0.4 of harmonic 1")
+    assert judged[5].explained_by == "harmonic 2 of b rolling element"
+    assert {finding.verdict for finding in findings(judged, locality={})} == {"diagnosed"}
+
+
+def test_a_damaged_cage_is_no_damaged_element():
+    cage = [line("cage", 0.4, 17.0), line("cage", 0.8, 12.0, harmonic=2, fundamental=False)]
+    judged = JUDGE.judge([*cage, line("rolling_element", 4.75, 9.0)])
+    assert [entry.claimed for entry in judged] == [True, True, True]
+
+
+@pytest.mark.parametrize(("beside", "verdict"), [(5.0, "indicated"), (2.9, "diagnosed")])
+def test_lines_of_the_cage_beside_an_outer_race_leave_it_uncertain(beside, verdict):
+    outer = [line("outer_race", 3.6, 14.0), line("outer_race", 7.2, 9.0, harmonic=2, fundamental=False)]
+    comb = [line("cage", 0.4, beside, p=1e-9), line("rolling_element", 4.8, beside, p=1e-9)]
+    (found,) = findings(JUDGE.judge([*outer, *comb]), locality={})
+    assert (found.kind, found.verdict) == ("outer_race", verdict)
+    assert ("lines at 1, 12 times the cage rate are of similar size" in found.evidence) == (verdict == "indicated")
+
+
+def test_lines_of_the_shaft_beside_an_inner_race_are_no_comb_of_the_cage():
+    # 4.4 is a shaft's turn below the inner race and eleven times the cage's as well
+    inner = [line("inner_race", 5.4, 14.0), line("inner_race", 6.4, 9.0, sideband=1, fundamental=False)]
+    (found,) = findings(JUDGE.judge([*inner, line("rolling_element", 4.4, 9.0)]), locality={})
+    assert (found.kind, found.verdict) == ("inner_race", "diagnosed")
+
+
+def test_a_comb_of_impacts_once_a_turn_of_a_slow_shaft_is_no_bearing():
+    # three harmonics of the shaft, none as high as the line that happens to lie on its 42nd
+    shaft = [
+        line("shaft", 0.107 * harmonic, 4.5, component="s", harmonic=harmonic, fundamental=False)
+        for harmonic in (1, 2, 3)
+    ]
+    judged = JUDGE.judge([*shaft, line("rolling_element", 42 * 0.107, 5.2)])
+    assert judged[-1].explained_by == "harmonic 42 of s shaft"
+
+
+@pytest.mark.parametrize(("harmonics", "kurtosis"), [(1, 9 / 4), (2, 27 / 8), (3, 61 / 12)])
+def test_kurtosis_of_a_mesh_that_swings_smoothly(harmonics, kurtosis):
+    # counts of a + b + c + d = 0 among +-1 ... +-h, over 16: 6, 36 and 122; the square of the variance is (h / 2)^2
+    assert smooth_kurtosis(harmonics) == pytest.approx(kurtosis, rel=1e-12)
