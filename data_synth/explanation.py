@@ -1,22 +1,25 @@
 """What a scene will build, why, and what that will cost, before a sample is computed."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from data_synth.combs import Comb
+from data_synth.drive import driven
 from data_synth.fidelity import chosen
+from data_synth.hastened import factor_of, hastened
 from data_synth.motion import motion_of, prepared
 from data_synth.scene import Fault, Scene, Sensor, load_scene
 from data_synth.simulation import random_stream
-from data_synth.stage import Stage, staged
+from data_synth.stage import Stage, ratio_of, staged
 
 # Seconds on one core of a 2020s server, from runs of the demo and of scenes with many lines; a rough guide elsewhere.
 _SETUP_S, _WRITE_S, _WRITE_S_PER_BYTE = 0.02, 0.05, 2e-9
 _PER_LINE, _PER_SOURCE, _PER_POLE, _PER_NOISE = 0.5e-9, 8e-9, 5e-9, 12e-9  # s a sample and channel
-_PER_STEP, _PER_DEGREE = 0.3e-6, 0.06e-6  # s a step of time
-_BYTES = 8
+_TEETH_S, _PER_STEP, _PER_DEGREE = 0.3, 0.3e-6, 0.06e-6  # s for teeth of gears that vibrate, and s a step of time
+BYTES = 8  # of a sample in memory
+_LINE_COPIES, _FIXED_BYTES = 3, 40_000_000  # what was measured beside the channels of the demo of 1 s to 200 s
 _CHAIN = ("cross_axis", "resonance", "sensitivity", "hum", "anti_alias", "clipping", "quantisation", "drop_outs")
 
 
@@ -66,7 +69,9 @@ class Explanation:
 
 
 def explain(scene: Scene | str | Path) -> Explanation:
-    """Return what a scene will build, why, and what it will cost.
+    """Return what a scene will build, why, and what it will cost, in a moment however long the scene is.
+
+    What fluctuates or slips at random is counted in ten seconds of the scene, its course hastened to fit in them.
 
     Raises
     ------
@@ -74,10 +79,11 @@ def explain(scene: Scene | str | Path) -> Explanation:
         For a scene that cannot be simulated, as `simulate` does.
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
-    stage = staged(declared, draws=partial(random_stream, 0))
-    parts = tuple(_parts(stage))
+    draws, faster = partial(random_stream, 0), factor_of(declared)
+    stage = staged(hastened(declared, faster), draws=draws)
+    parts = tuple(_parts(stage, declared, faster))
     samples, channels = declared.samples, len(declared.sensors)
-    record_bytes = samples * channels * _BYTES
+    record_bytes = samples * channels * BYTES
     return Explanation(
         title=(
             f"{declared.gearbox.name}, {declared.fidelity}: {declared.duration_s:g} s of {channels} channel(s) at "
@@ -86,12 +92,19 @@ def explain(scene: Scene | str | Path) -> Explanation:
         parts=parts,
         seconds=_SETUP_S + _WRITE_S + _WRITE_S_PER_BYTE * record_bytes + sum(part.seconds for part in parts),
         record_bytes=record_bytes,
-        working_bytes=sum(amplitudes.nbytes for amplitudes in stage.amplitudes) + 4 * 65536 * _BYTES,
+        working_bytes=needed_bytes(stage, declared, faster),
     )
 
 
-def _parts(stage: Stage) -> Iterator[Part]:
-    scene = stage.scene
+def needed_bytes(stage: Stage, scene: Scene, faster: float) -> int:
+    """Return what is in memory beside the samples of a scene, from the stage of one in which time goes `faster`."""
+    lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes)
+    instants = stage.pulses.times_s.size + sum(train.revolutions.size for _, train in stage.trains)
+    return 2 * BYTES * _LINE_COPIES * lines * scene.truth_times + round(BYTES * faster * instants) + _FIXED_BYTES
+
+
+def _parts(stage: Stage, scene: Scene, faster: float) -> Iterator[Part]:
+    """Yield the parts of a scene, from the stage of one in which time goes `faster`."""
     if scene.fidelity == "kinematic":
         yield Part(
             name="fidelity",
@@ -99,8 +112,8 @@ def _parts(stage: Stage) -> Iterator[Part]:
             why="kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated",
         )
     else:
-        yield from _gears(stage)
-    top = stage.drive.angle.top_speed_hz(0.0, scene.duration_s)
+        yield from _gears(_slowed(stage, scene))
+    top = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     yield Part(
         name="speed",
         what=f"{scene.gearbox.reference} up to {60 * top:.5g} rpm",
@@ -120,7 +133,7 @@ def _parts(stage: Stage) -> Iterator[Part]:
         poles = sum(2 + chain.poles.size for chain in stage.chains) / 2
         yield Part(
             name=train.component,
-            what=f"{train.revolutions.size} impacts",
+            what=_counted(train.revolutions.size, faster, "impacts"),
             why=f"fault {number + 1}, {scene.faults[number].kind}: rings {scene.resonance.frequency_hz:g} Hz",
             seconds=scene.samples * poles * _PER_POLE,
         )
@@ -133,9 +146,22 @@ def _parts(stage: Stage) -> Iterator[Part]:
     ]
     yield Part(
         name="tachometer",
-        what=f"{stage.pulses.times_s.size} pulses of {scene.tachometer.link}",
+        what=_counted(stage.pulses.times_s.size, faster, f"pulses of {scene.tachometer.link}"),
         why=", ".join(spoilt) or "exact",
     )
+
+
+def _counted(number: int, faster: float, things: str) -> str:
+    return f"{number} {things}" if faster == 1 else f"about {number * faster:.3g} {things}"
+
+
+def _slowed(stage: Stage, scene: Scene) -> Stage:
+    """Return the stage with the scene's own course, by which it is found what of its gears has to be simulated."""
+    if scene is stage.scene:
+        return stage
+    datum_turn = stage.drive.angle.datum_rev * ratio_of(scene, scene.tachometer.link)
+    drive = driven(scene, datum_turn=datum_turn, speed_rng=stage.draws("speed"), torque_rng=stage.draws("torque"))
+    return replace(stage, scene=scene, drive=drive)
 
 
 def _gears(stage: Stage) -> Iterator[Part]:
@@ -150,7 +176,7 @@ def _gears(stage: Stage) -> Iterator[Part]:
         name="fidelity",
         what=f"{motion.system.dof} degrees of freedom, {steps} step(s) a sample",
         why=f"{choice}, error below {motion.error:g}",
-        seconds=running * steps * (_PER_STEP + _PER_DEGREE * motion.system.dof),
+        seconds=_TEETH_S + running * steps * (_PER_STEP + _PER_DEGREE * motion.system.dof),
     )
     for mesh in motion.system.meshes:
         spring = mesh.name in choice.springs

@@ -305,8 +305,8 @@ def _load(stage: Stage, kinematics: Kinematics, system: System) -> Load:
     loaded = declared.load_on or scene.torque.link
     if loaded not in bodies or bodies[loaded] in (drives, kinematics.mechanism.frame):
         raise SceneError(
-            f'torque acts on "{scene.torque.link}", and the reference "{scene.gearbox.reference}" drives; name the link '
-            "that takes the power out as dynamics.load_on."
+            f'torque acts on "{scene.torque.link}", and the reference "{scene.gearbox.reference}" drives; name the '
+            "link that takes the power out as dynamics.load_on."
         )
     rates = {link: float(scene.ratio(link)) for link in (drives, loaded, scene.torque.link)}
     # the same power, wherever a torque is counted

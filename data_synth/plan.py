@@ -54,13 +54,15 @@ class Variant(Declared):
         return Scene.from_mapping(table, where=where)
 
 
-class _ClassTable(Declared):
+class ClassTable(Declared):
+    """A class as it is written; `share` records of it come for each round of the classes."""
+
     name: Name
     share: Annotated[int, Field(ge=1)] = 1
     change: dict[str, Any] = Field(default={})
 
 
-class _PlanTable(Declared):
+class PlanTable(Declared):
     """A plan as it is written."""
 
     scene: str | dict[str, Any]
@@ -70,7 +72,7 @@ class _PlanTable(Declared):
     dtype: Literal["float32", "float64"] = "float32"
     records_per_shard: Annotated[int, Field(ge=1)] | None = None
     change: dict[str, Any] = Field(default={})
-    classes: tuple[_ClassTable, ...] = Field(default=(), alias="class")
+    classes: tuple[ClassTable, ...] = Field(default=(), alias="class")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,7 +220,7 @@ def plans() -> dict[str, Path]:
 def _plan(table: Mapping[str, Any], *, where: str) -> Plan:
     import tomli_w  # noqa: PLC0415 - a plan is read seldom
 
-    declared = validated(_PlanTable, dict(table), where=where, error=PlanError)
+    declared = validated(PlanTable, dict(table), where=where, error=PlanError)
     base = _base(declared.scene, where)
     try:
         variants = tuple(_variants(declared, base))
@@ -251,10 +253,10 @@ def _base(scene: str | Mapping[str, Any], where: str) -> dict[str, Any]:
     return tomllib.loads(loaded.to_toml())
 
 
-def _variants(declared: _PlanTable, base: Mapping[str, Any]) -> Iterator[Variant]:
+def _variants(declared: PlanTable, base: Mapping[str, Any]) -> Iterator[Variant]:
     changed = _merged(base, declared.change)
     kinds = [table.get("kind", "fault") for table in changed.get("fault", ()) if isinstance(table, Mapping)]
-    classes = declared.classes or (_ClassTable(name=" + ".join(map(str, kinds)) or "healthy"),)
+    classes = declared.classes or (ClassTable(name=" + ".join(map(str, kinds)) or "healthy"),)
     names = [table.name for table in classes]
     for table in classes:
         if names.count(table.name) > 1:

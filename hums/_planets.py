@@ -1,6 +1,6 @@
 """Whether planets can be put between sun and ring: spacing, neighbours, and the tooth counts themselves."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import pairwise
 from math import radians, sin
@@ -31,6 +31,25 @@ def stations(copies: int, spacing_deg: Sequence[float] | None) -> list[float]:
     raise ValueError(
         f"spacing_deg = {given}: give the angle of each copy, rising from 0 and below 360, or the gaps between "
         f"them, which add up to 360 (these add up to {sum(given):g})"
+    )
+
+
+def coaxial_warning(planet: tuple[str, int], mates: Mapping[str, int]) -> str | None:
+    """Say so where outer teeth of different number, on one axis, mesh with one planet; names and numbers of teeth.
+
+    Cut with one module their centre distances differ as ``mate + planet`` do. The larger one is taken for a ring
+    without its minus where it is nearer to fitting as such, ``smaller + 2 planet``, than to the smaller one.
+    """
+    link, teeth = planet
+    (small, fewest), *_, (large, most) = sorted(mates.items(), key=lambda mate: mate[1])
+    if fewest == most:
+        return None
+    cure = "the meshes need profile shift"
+    if abs(fewest + 2 * teeth - most) < most - fewest:
+        cure = f"inner teeth have a minus, did you mean {large} = -{most}?"
+    return (
+        f'planets "{link}": {small} and {large} turn about one axis and both mesh with {link} by outer teeth, but '
+        f"{fewest} + {teeth} = {fewest + teeth} is not {most} + {teeth} = {most + teeth}: {cure}"
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from hums.baseline import HISTORIES, baseline_of
-from hums.channels import AnalysedChannel, analysed_channel, chosen_channels, dead_channels
+from hums.channels import AnalysedChannel, analysed_channel, chosen_channels, dead_channels, gapped_channels
 from hums.findings import Finding, Judge, JudgedLine, findings
 from hums.gearbox import Gearbox
 from hums.indicators import channel_indicators, localities
@@ -30,7 +30,7 @@ from hums.layout import (
 )
 from hums.machine import Machine, machine_of
 from hums.notes import notes
-from hums.record import check_record
+from hums.record import channel_values, check_record
 from hums.search import ENVELOPE, ORDER_SPECTRUM, SearchPlan, wanted_lines
 from hums.settings import AnalysisSettings
 from hums.tracking import track_lines, tracked_lines
@@ -67,7 +67,7 @@ def analyze(
     Raises
     ------
     AnalysisError
-        A channel that is not there, none that lives, NaN in the signal, a shaft the gearbox does not have, a speed
+        A channel that is not there, none that lives, none without NaN, a shaft the gearbox does not have, a speed
         that cannot be told, a record shorter than one revolution: with the name, the value, and what to do.
     """
     settings = settings or AnalysisSettings()
@@ -75,10 +75,12 @@ def analyze(
         raise AnalysisError(f"settings is a {type(settings).__name__}; pass hums.AnalysisSettings(...).")
     check_record(record)
     chosen = chosen_channels(record, settings)
-    dead = dead_channels(record, chosen)
-    names = [name for name in chosen if name not in dead]
+    gapped = gapped_channels(record, chosen)
+    whole = [name for name in chosen if name not in gapped]
+    dead = dead_channels(record, whole)
+    names = [name for name in whole if name not in dead]
     past = baseline_of(baseline, settings, units={name: record[name].attrs["units"] for name in names})
-    machine = machine_of(record, gearbox, settings)
+    machine = machine_of(record, gearbox, settings.model_copy(update={"channels": tuple(names)}))
     wanted = wanted_lines(machine.kinematics, _plan(machine, settings))
     channels = [analysed_channel(record, name, machine, wanted, settings) for name in names]
     judge = Judge(
@@ -95,9 +97,15 @@ def analyze(
     )
     tree = xr.DataTree.from_dict(
         {
-            "/": xr.Dataset(attrs=_root_attrs(record, gearbox, machine, settings, channels, dead)),
+            "/": xr.Dataset(
+                attrs=_root_attrs(
+                    record, gearbox, machine, settings, channels, [*_about_dead(dead), *_about_gaps(gapped)]
+                )
+            ),
             "/speed": _speed_dataset(machine),
-            "/health": rows_dataset(_verdicts(channels, dead, machine), Verdict, dim="item"),
+            "/health": rows_dataset(
+                [*_gap_verdicts(record, gapped), *_verdicts(channels, dead, machine)], Verdict, dim="item"
+            ),
             f"/{ORDER_SPECTRUM}": _spectra(channels, ORDER_SPECTRUM, judged),
             f"/{ENVELOPE}": _spectra(channels, ENVELOPE, judged),
             "/tracks": _tracks_dataset(record, channels, machine, judged, settings),
@@ -138,7 +146,7 @@ def _loudest(judged: Sequence[JudgedLine]) -> dict[str, str]:
     """Channel that shows each gear's claimed sidebands best."""
     best: dict[str, JudgedLine] = {}
     for line in judged:
-        if line.claimed and line.found.wanted.kind == "tooth":
+        if line.claimed and line.found.wanted.kind == "tooth" and line.found.wanted.sideband:
             name = line.found.wanted.component
             if name not in best or line.found.line.snr > best[name].found.line.snr:
                 best[name] = line
@@ -173,7 +181,7 @@ def _root_attrs(
     machine: Machine,
     settings: AnalysisSettings,
     channels: Sequence[AnalysedChannel],
-    dead: Collection[str],
+    left_out: Sequence[str],
 ) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
@@ -196,12 +204,30 @@ def _root_attrs(
         "gearbox_json": gearbox.model_dump_json(exclude_none=True),
         "reference": machine.reference,
         "settings_json": settings.model_dump_json(),
-        "notes_json": json.dumps([*notes(machine, settings, channels), *_about_dead(dead)]),
+        "notes_json": json.dumps([*notes(machine, settings, channels), *left_out]),
     }
 
 
 def _about_dead(dead: Collection[str]) -> list[str]:
     return [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in dead]
+
+
+def _about_gaps(gapped: Mapping[str, str]) -> list[str]:
+    return [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
+
+
+def _gap_verdicts(record: xr.Dataset, gapped: Mapping[str, str]) -> list[Verdict]:
+    """Return the verdict on each channel that drops out, and is not analysed for that."""
+    return [
+        Verdict(
+            name=name,
+            sensor="vibration",
+            status="sick",
+            reasons=f"It drops out: it has {gaps}.",
+            missing=float(np.mean(~np.isfinite(channel_values(record, name)))),
+        )
+        for name, gaps in gapped.items()
+    ]
 
 
 def _speed_dataset(machine: Machine) -> xr.Dataset:

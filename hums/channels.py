@@ -79,20 +79,45 @@ def dead_channels(record: xr.Dataset, names: Sequence[str]) -> dict[str, SensorH
     return found if len(found) < len(names) else {}
 
 
+def gapped_channels(record: xr.Dataset, names: Sequence[str]) -> dict[str, str]:
+    """Return in words how many samples are not finite, and where, of each channel that has some.
+
+    Raises
+    ------
+    AnalysisError
+        Where every channel has some, since nothing is left then.
+    """
+    found = {name: gaps for name in names if (gaps := _gaps(record, name))}
+    if found and len(found) == len(names):
+        name = next(iter(found))
+        others = "" if len(names) == 1 else f", and none of the {len(names)} channels is without such samples"
+        raise AnalysisError(
+            f'channel "{name}" has {found[name]}{others}. Cut the record to a part without them, with '
+            "record.isel(time=slice(...)) or in the source file before hums convert, or choose a channel without them: "
+            "channels=(...), on the command line --channel NAME."
+        )
+    return found
+
+
+def _gaps(record: xr.Dataset, name: str) -> str:
+    """Say how many samples of a channel are not finite, in how many gaps and where; empty where all are."""
+    bad = np.flatnonzero(~np.isfinite(channel_values(record, name)))
+    if not bad.size:
+        return ""
+    when = sampling(record, name)
+    count = 1 + np.count_nonzero(np.diff(bad) > 1)
+    where = f"{count} gaps, the first" if count > 1 else "one gap,"
+    samples = f"{bad.size} samples that are" if bad.size > 1 else "1 sample that is"
+    return f"{samples} not finite in {where} at index {bad[0]} ({when.start_s + bad[0] / when.rate_hz:g} s)"
+
+
 def finite_values(record: xr.Dataset, name: str) -> Values:
-    """Read a channel, or say what is wrong with its numbers."""
+    """Read a channel without gaps, or say that it is dead."""
     values = np.asarray(channel_values(record, name), dtype=np.float64)
     if values.size and values.min() == values.max():
         raise AnalysisError(
             f'channel "{name}" has the same value {values[0]:g} throughout: a dead sensor or a wrong channel. Leave it '
             "out with channels=(...), on the command line --channel NAME."
-        )
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        raise AnalysisError(
-            f'channel "{name}" has {bad.size} samples that are not finite, the first at index {bad[0]} '
-            f"({sampling(record, name).start_s + bad[0] / sampling(record, name).rate_hz:g} s). Cut that part off with "
-            "record.isel(time=slice(...)), or leave the channel out with channels=(...)."
         )
     return values
 

@@ -91,14 +91,20 @@ def orders(
 
 @app.command()
 def schema(
-    of: Annotated[Literal["gearbox"], typer.Argument(metavar="gearbox", help="The kind of file.")],  # noqa: ARG001
+    of: Annotated[
+        Literal["gearbox", "scene", "plan"],
+        typer.Argument(metavar="KIND", help="The kind of file: gearbox, scene or plan (of a dataset)."),
+    ],
 ) -> None:
     """Print the JSON schema of a hand-written file, for editors that check and complete it."""
     import json  # noqa: PLC0415
 
+    from data_synth.schema import plan_schema, scene_schema  # noqa: PLC0415
     from hums.schema import gearbox_schema  # noqa: PLC0415
 
-    typer.echo(json.dumps(gearbox_schema(), indent=2))
+    gearbox = gearbox_schema()
+    schemas = {"gearbox": lambda: gearbox, "scene": lambda: scene_schema(gearbox), "plan": plan_schema}
+    typer.echo(json.dumps(schemas[of](), indent=2))
 
 
 @app.command()
@@ -131,6 +137,8 @@ def convert(
 
     if source.exists() and target.exists() and source.samefile(target):
         raise ValueError(f"{target}: the record would overwrite its own source, {source}; name another target.")
+    if target.suffix.lower() not in RECORD_SUFFIXES:
+        raise ValueError(f"{target}: a record is HDF5, so name it so: {target.with_suffix('.h5')}.")
     record = read(
         source,
         channels=channel,
@@ -201,6 +209,7 @@ def analyze(
 
     if envelope_band and no_envelope:
         raise ValueError("--envelope-band and --no-envelope are both given; keep one.")
+    _refuse_half_a_speed(speed_range, max_acceleration)
     chosen = {
         "channels": tuple(channel) if channel else None,
         "tachometer": tachometer,
@@ -219,6 +228,8 @@ def analyze(
         analysis = run(opened, load_gearbox(gearbox), settings=settings, baseline=past)
     page = write_report(analysis, out)
     facts = summary(analysis)
+    speed = facts["speed_hz"]
+    typer.echo(f"speed of {facts['reference']}: {speed['min']:.4g} to {speed['max']:.4g} rev/s")
     for note in facts["notes"]:
         typer.echo(f"note: {note}")
     for item in facts["health"]:
@@ -244,6 +255,7 @@ def synth(
     """Make a synthetic record with its truth."""
     from data_synth import explain as explained  # noqa: PLC0415
     from data_synth import simulate  # noqa: PLC0415
+    from data_synth.room import refuse_too_large  # noqa: PLC0415
     from hums.store import save_record  # noqa: PLC0415
 
     if explain:
@@ -254,6 +266,7 @@ def synth(
         raise ValueError("--out is missing; name the record to write, as in -o record.h5, or ask with --explain.")
     if out.exists() and Path(scene).exists() and out.samefile(scene):
         raise ValueError(f"{out}: the record would overwrite its own scene; name another file, as in -o record.h5.")
+    refuse_too_large(scene, out, by_source=by_source, phases=phases)
     record = simulate(scene, seed=seed, by_source=by_source, phases=phases)
     save_record(record, out)
     typer.echo(f"wrote {out}")
@@ -307,6 +320,7 @@ def fleet(
 
     if envelope_band and no_envelope:
         raise ValueError("--envelope-band and --no-envelope are both given; keep one.")
+    _refuse_half_a_speed(speed_range, max_acceleration)
     chosen = {
         "channels": tuple(channel) if channel else None,
         "tachometer": tachometer,
@@ -323,8 +337,16 @@ def fleet(
     typer.echo(
         f"{result.records} records: {result.analysed} analysed now, {result.kept} before, {result.failed} failed"
     )
+    for name, reason in list(result.errors.items())[:SHOWN_FAILURES]:
+        typer.echo(f"failed {name}: {reason}")
+    if result.failed > SHOWN_FAILURES:
+        typer.echo(f"and {result.failed - SHOWN_FAILURES} more: see the column error of fleet.csv")
+    if result.no_trends:
+        typer.echo(result.no_trends)
     for name in ("fleet.csv", "fleet.h5", "trends.csv"):
         typer.echo(f"wrote {result.folder / name}")
+    if result.failed == result.records:
+        raise ValueError("no record could be analysed; the column error of fleet.csv says why.")
 
 
 @app.command()
@@ -363,6 +385,8 @@ def demo(
 
 DEMO_BAND_HZ = (6000.0, 10000.0)
 DRAWN_RPM = 3000.0
+SHOWN_FAILURES = 5
+RECORD_SUFFIXES = (".h5", ".hdf5")
 
 
 def main() -> int:
@@ -398,6 +422,14 @@ def _workers(count: int | None, scheduler: str | None) -> "Workers":
     if scheduler is not None:
         return Cluster(address=scheduler)
     return Processes(count=os.cpu_count() or 1 if count is None else count)
+
+
+def _refuse_half_a_speed(speed_range: tuple[float, float] | None, max_acceleration: float | None) -> None:
+    if (speed_range is None) != (max_acceleration is None):
+        given, missing = "--speed-range", "--max-acceleration HZ_PER_S: how fast that speed may change"
+        if speed_range is None:
+            given, missing = "--max-acceleration", "--speed-range LOW HIGH: where the reference's speed lies, in rev/s"
+        raise ValueError(f"{given} is given alone; add {missing}.")
 
 
 def _speed(text: str) -> tuple[str, float]:
@@ -439,8 +471,12 @@ def _reference_rpm(kinematics: "Kinematics", reference: str | None, speeds: dict
     return abs(float(kinematics.relative_speed(link, seen_from=frame, speeds=speeds)))
 
 
+def _turning(speeds: tuple[float, float, float] | None) -> str:
+    return "" if speeds is None else ", about {:.4g} rev/s (98 % of revolutions {:.4g} to {:.4g})".format(*speeds)
+
+
 def _print_record(record: "xr.Dataset") -> None:
-    from hums.record import nominal_speed, sampling, tachometers, vibration_channels  # noqa: PLC0415
+    from hums.record import nominal_speed, sampling, tachometers, turning_speeds, vibration_channels  # noqa: PLC0415
 
     for label, key in (("machine", "machine"), ("recorded at", "recorded_at")):
         if record.attrs.get(key):
@@ -456,7 +492,7 @@ def _print_record(record: "xr.Dataset") -> None:
         attrs = record[name].attrs
         typer.echo(
             f"{'tachometer':<12} {name}: {record[name].size} pulses, {attrs['pulses_per_rev']} a revolution of "
-            f"{attrs['shaft']}"
+            f"{attrs['shaft']}{_turning(turning_speeds(record[name]))}"
         )
     declared = nominal_speed(record)
     if declared is not None:

@@ -1,6 +1,7 @@
 """What every hand-written file has in common: strict, deeply frozen models and errors that read as sentences."""
 
 import difflib
+import json
 import tomllib
 from collections.abc import Iterable
 from importlib.resources import files
@@ -123,6 +124,10 @@ def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:
     ]
 
 
+def _toml(value: str | float) -> str:
+    return json.dumps(value)  # the same as in TOML for text, numbers and booleans
+
+
 def _sentence(details: ErrorDetails) -> str:
     place = ".".join(str(part + 1) if isinstance(part, int) else part for part in details["loc"])
     message = details["msg"].removeprefix("Value error, ").rstrip(".")
@@ -130,4 +135,8 @@ def _sentence(details: ErrorDetails) -> str:
         return f"{place} is missing; add it"
     if details["type"] == "value_error":
         return f"{place}: {message}" if place else message
+    if details["type"] == "tuple_type":
+        given = details["input"]
+        listed = f", as in [{_toml(given)}]" if isinstance(given, str | int | float) else ""
+        return f"{place} = {given!r}: give a list in brackets{listed}"
     return f"{place} = {details['input']!r}: {message[0].lower()}{message[1:]}"

@@ -10,7 +10,8 @@ The rule, fixed on the wind turbine and CWRU records:
    sideband by a ring's rotation or the cage, or of a multiple of the cage rate which that line implies. The one
    race's rate is itself such a multiple when the other's is known; there the weaker line is taken for a shadow only
    below a third of the stronger, for comparable lines on both races mean something. A damaged element makes a line
-   at the cage rate, too.
+   at the cage rate, too. In the envelope impacts once a turn of a shaft, or whenever a planet's damaged tooth meets
+   another gear, reach any multiple of that rate.
    Sidebands that the planets' passing makes in health, too, are taken for that.
 3. Harmonics and sidebands of a bearing line are claimed with it, at the right spacing, and never alone. A line that
    would be a harmonic of two claimed fundamentals supports neither.
@@ -28,7 +29,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hums.orders import BEARING_KINDS, BearingOrders
-from hums.search import ENVELOPE, FoundLine
+from hums.search import ENVELOPE, TOOTH_KINDS, FoundLine
 from signals.lines import record_probability
 
 DIAGNOSED, INDICATED = "diagnosed", "indicated"
@@ -143,9 +144,9 @@ class Judge:
             return ""
         base = stronger.line.found
         name = f"{stronger.wanted.component} {stronger.wanted.kind.replace('_', ' ')}"
-        if weaker.wanted.kind in {"gear_mesh", "shaft"}:
+        if weaker.wanted.kind in {"gear_mesh", "shaft"} or _is_comb(weaker):
             return f"not to be told from {name}" if _near(weaker, base, bins=1.0) else ""
-        if stronger.wanted.kind == "shaft":
+        if stronger.wanted.kind == "shaft" or _is_comb(stronger):
             # where the speed was measured a shaft's order is known better than a line shows it
             base = (base if stronger.wanted.tolerance else stronger.wanted.order) / stronger.wanted.harmonic
             multiple = round(weaker.line.found / base)
@@ -187,13 +188,13 @@ class Judge:
 def _levels(significant: Sequence[FoundLine]) -> Callable[[FoundLine], float]:
     """Return a function that tells how strongly a line stands out with all that speaks for it.
 
-    A bearing's fundamental has its harmonics and sidebands, which often outdo it; a shaft in an envelope, which impacts
-    once a turn fill with a comb, has its other harmonics.
+    A bearing's fundamental has its harmonics and sidebands, which often outdo it; a shaft or a tooth in an envelope,
+    which impacts fill with a comb, has its other harmonics.
     """
 
     def speaks_for(other: FoundLine, line: FoundLine) -> bool:
-        if line.wanted.kind == "shaft":
-            return other.wanted.kind == "shaft" and other.family == line.family and other.channel == line.channel
+        if _is_comb(line):
+            return _is_comb(other) and other.family == line.family and other.channel == line.channel
         return _is_support(other) and _supports(other, line)
 
     def level(line: FoundLine) -> float:
@@ -203,6 +204,11 @@ def _levels(significant: Sequence[FoundLine]) -> Callable[[FoundLine], float]:
         return math.hypot(line.line.snr, *(other.line.snr for other in with_it))
 
     return level
+
+
+def _is_comb(line: FoundLine) -> bool:
+    """Whether a line is of what impacts once a turn, or once a meeting of two teeth, make in an envelope."""
+    return line.wanted.spectrum == ENVELOPE and line.wanted.kind in {"shaft", *TOOTH_KINDS}
 
 
 def _is_support(line: FoundLine) -> bool:
@@ -356,7 +362,11 @@ def _about_sensor(main: JudgedLine, sick: Collection[str]) -> list[str]:
 
 def _gear_finding(lines: Sequence[JudgedLine], locality: Locality | None, sick: Collection[str]) -> Finding:
     main = _main_line(lines)
-    claimed = [line for line in lines if line.claimed and line.found.channel == main.found.channel]
+    claimed = [
+        line
+        for line in lines
+        if line.claimed and line.found.wanted.sideband and line.found.channel == main.found.channel
+    ]
     others = [line for line in claimed if line is not main]
     support = [f"{len(claimed)} claimed sidebands of its mesh"] if others else []
     doubts = _about_sensor(main, sick)

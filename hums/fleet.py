@@ -9,8 +9,8 @@ import gzip
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from importlib.metadata import version
 from pathlib import Path
@@ -48,6 +48,10 @@ class Fleet:
         Rows, and those of them that hold a sentence instead of results.
     analysed, kept : int
         Records analysed in this run, and before it.
+    errors : mapping of str to str
+        Why each of the failed records failed.
+    no_trends : str
+        Why ``trends.csv`` has no row; empty where it has.
     """
 
     folder: Path
@@ -55,6 +59,8 @@ class Fleet:
     failed: int
     analysed: int
     kept: int
+    errors: Mapping[str, str] = field(default_factory=dict)
+    no_trends: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +105,7 @@ def analyze_fleet(
     Raises
     ------
     FleetError
-        If there are no records, or the folder belongs to another gearbox or other settings.
+        If there are no records, a path is not there, or the folder belongs to another gearbox or other settings.
     JobError
         See `hums.jobs.run_jobs`.
     """
@@ -123,8 +129,16 @@ def analyze_fleet(
         workers=workers or Serial(),
         title="records" if progress else None,
     )
-    failed = write_tables([pieces / job.name for job in jobs], folder)
-    return Fleet(folder=folder, records=len(jobs), failed=failed, analysed=tally.done, kept=tally.kept)
+    written = write_tables([pieces / job.name for job in jobs], folder)
+    return Fleet(
+        folder=folder,
+        records=len(jobs),
+        failed=len(written.errors),
+        analysed=tally.done,
+        kept=tally.kept,
+        errors=written.errors,
+        no_trends=written.no_trends,
+    )
 
 
 def _claim(mark: Path, task: dict[str, str]) -> None:
@@ -148,6 +162,8 @@ def _claim(mark: Path, task: dict[str, str]) -> None:
 def _sources(given: Sequence[str | Path]) -> list[_Source]:
     found: dict[tuple[Path, int | None], _Source] = {}
     for path in map(Path, given):
+        if not path.exists():
+            raise FleetError(f"{path}: there is no such file or folder; check the path.")
         for source in _in_folder(path) if path.is_dir() else [_Source(name=str(path), path=path.resolve())]:
             found[source.path, source.number] = source
     if not found:

@@ -3,7 +3,9 @@
 import csv
 import gzip
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TextIO
@@ -12,10 +14,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums._trends import Trend, adjusted, trend
+from hums._trends import FEWEST, Trend, adjusted, trend
 from hums.store import write_tree, written_beside
 
-__all__ = ["TREND_CHANCE", "write_tables"]
+__all__ = ["TREND_CHANCE", "Written", "write_tables"]
 
 TREND_CHANCE = 0.01
 """A trend is called rising or falling where its p value, adjusted for how many series there are, is below this."""
@@ -30,8 +32,16 @@ Key = tuple[Any, ...]
 Row = Mapping[str, Any]
 
 
-def write_tables(pieces: Sequence[Path], folder: Path) -> int:
-    """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the files of the records; return how many failed.
+@dataclass(frozen=True, kw_only=True)
+class Written:
+    """What the tables say about themselves: why records failed, by record, and why there are no trends, or ""."""
+
+    errors: Mapping[str, str]
+    no_trends: str
+
+
+def write_tables(pieces: Sequence[Path], folder: Path) -> Written:
+    """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the files of the records.
 
     The table holds some 10 bytes for each line and 4 for each indicator of a record; records are read one by one.
     """
@@ -43,8 +53,14 @@ def write_tables(pieces: Sequence[Path], folder: Path) -> int:
     with written_beside(folder / "fleet.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
         _write_csv(table, stream)
     with written_beside(folder / "trends.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
-        _write_trends(table, stream)
-    return int((table["error"] != "").sum())
+        rows = list(_trends(table))
+        _write_trends(rows, stream)
+    failed = table["error"].to_numpy() != ""
+    names, errors = table["record"].to_numpy()[failed], table["error"].to_numpy()[failed]
+    return Written(
+        errors=dict(zip(names.tolist(), errors.tolist(), strict=True)),
+        no_trends="" if rows else _why_no_trends(table.isel(record=~failed)),
+    )
 
 
 def _read(piece: Path) -> dict[str, Any]:
@@ -177,8 +193,7 @@ def _shown(value: float) -> str:
 # ---- trends ------------------------------------------------------------------------------------------------
 
 
-def _write_trends(table: xr.Dataset, stream: TextIO) -> None:
-    rows = list(_trends(table))
+def _write_trends(rows: Sequence[tuple[str, str, str, Trend]], stream: TextIO) -> None:
     chances = adjusted(np.array([found.p_value for *_, found in rows]))
     writer = csv.writer(stream, lineterminator="\n")
     slopes = ("slope_per_day", "slope_low", "slope_high")
@@ -205,6 +220,17 @@ def _trends(table: xr.Dataset) -> Iterator[tuple[str, str, str, Trend]]:
                 found = trend(series[mine], days[mine])
                 if found is not None:
                     yield str(machine), title, str(unit), found
+
+
+def _why_no_trends(table: xr.Dataset) -> str:
+    """Say what the records that were analysed lack for a trend."""
+    dated = table["recorded_at"].to_numpy() != ""
+    if table.sizes["record"] and not dated.any():
+        return "no trends: no record says when it was made; give recorded_at (hums convert --recorded-at)"
+    most = max(Counter(table["machine"].to_numpy()[dated].tolist()).values(), default=0)
+    if most < FEWEST:
+        return f"no trends: a machine needs {FEWEST} analysed records with recorded_at, and the most of any is {most}"
+    return f"no trends: no series has {FEWEST} values at different times that differ from each other"
 
 
 def _days(moments: Iterable[str]) -> NDArray[np.float64]:

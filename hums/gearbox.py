@@ -9,12 +9,13 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping
 from functools import cached_property
+from itertools import permutations
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from hums._planets import assembly_warnings, stations
+from hums._planets import assembly_warnings, coaxial_warning, stations
 from hums.declared import Declared, closest, named_file, read_toml, shipped_files, validated
 
 # what every hand-written file shares is re-exported: `data_synth` enters by this door
@@ -106,8 +107,8 @@ class Mesh(Declared):
     kind: Literal["worm", "crossed_helical", "belt", "chain"] | None = None
     module_mm: Positive | None = None
     face_width_mm: Positive | None = None
-    pressure_angle_deg: Positive | None = None
-    helix_angle_deg: float | None = None
+    pressure_angle_deg: Annotated[float, Field(gt=0, lt=90)] | None = None
+    helix_angle_deg: Annotated[float, Field(gt=-90, lt=90)] | None = None
     hand: Literal["left", "right"] | None = None
     profile_shift: tuple[float, ...] | None = None
     pitch_angle_deg: tuple[float, ...] | None = None
@@ -358,8 +359,12 @@ class Gearbox(Declared):
     def from_mapping(cls, table: Mapping[str, Any], *, where: str = "gearbox") -> "Gearbox":
         """Validate a parsed gearbox file; `where` names it in errors. Warns of numbers that do not add up."""
         gearbox = validated(cls, dict(table), where=where, error=GearboxError)
-        for sentence in (*_rounded_multiples(gearbox), *_planets_that_do_not_fit(gearbox)):
-            warnings.warn(f"{sentence}.", GearboxWarning, stacklevel=3)
+        for sentence in (
+            *_rounded_multiples(gearbox),
+            *_planets_that_do_not_fit(gearbox),
+            *_forgotten_minus(gearbox),
+        ):
+            warnings.warn(sentence if sentence.endswith("?") else f"{sentence}.", GearboxWarning, stacklevel=3)
         return gearbox
 
     @classmethod
@@ -492,6 +497,34 @@ def _planets_that_do_not_fit(gearbox: Gearbox) -> Iterator[str]:
                 angles = stations(axis.copies or 1, axis.spacing_deg)
                 for sentence in assembly_warnings(suns.pop(), own.pop(), rings.pop(), angles):
                     yield f'planets "{link}": {sentence}'
+
+
+def _forgotten_minus(gearbox: Gearbox) -> Iterator[str]:
+    """Look at every planet that meshes by outer teeth with several gears of one axis."""
+    still = {link for group in gearbox.rigid if gearbox.frame in group for link in group} | {gearbox.frame}
+    for axis in gearbox.axes:
+        for link in axis.links if axis.copies is not None or not still & set(axis.links) else ():
+            if sum(link in other.links for other in gearbox.axes) > 1:
+                continue  # what carries the axis, on which it turns besides
+            outer = [
+                ((own.teeth, mesh.module_mm), mate)
+                for mesh in gearbox.meshes
+                for own, mate in permutations(mesh.gears, 2)
+                if own.link == link and mesh.kind is None and own.teeth > 0 and mate.teeth > 0
+            ]
+            # only axes about which the planets' carrier turns: the frame, and what is rigid with it, is on many
+            for other in (other for other in gearbox.axes if _on(gearbox, other) & set(axis.links)):
+                mates = [(own, mate) for own, mate in outer if mate.link in _on(gearbox, other)]
+                sizes = {own for own, _ in mates}
+                flat = gearbox.direction(axis.name) == gearbox.direction(other.name)
+                if len(mates) > 1 and len(sizes) == 1 and flat and other != axis:
+                    sentence = coaxial_warning((link, sizes.pop()[0]), {mate.link: mate.teeth for _, mate in mates})
+                    yield from [sentence] if sentence else []
+
+
+def _on(gearbox: Gearbox, axis: Axis) -> set[str]:
+    """Return the links that turn about an axis, by themselves or because they are rigid with one that does."""
+    return set(axis.links).union(*(group for group in gearbox.rigid if set(group) & set(axis.links)))
 
 
 def _spins_like(gearbox: Gearbox, axis: Axis, gear: Gear) -> bool:

@@ -330,10 +330,12 @@ def solve_kinematics(
     Raises
     ------
     GearboxError
-        A mechanism that is none (see `hums.mechanism`) or that cannot move: the parts by name, and the cure.
+        A mechanism that is none (see `hums.mechanism`) or that cannot move: the parts by name, and the cure; a
+        bearing whose rings are one body.
     """
     fixed, constraints = tuple(fixed), tuple(constraints)
     unsolved = Kinematics(build_mechanism(gearbox), {})
+    _refuse_bearings_in_one_body(unsolved)
     rows = _equations(unsolved, fixed, constraints)
     rank = {body: number for number, body in enumerate(unsolved.joints)}
     pivots: dict[str, Rates] = {}
@@ -354,6 +356,18 @@ def solve_kinematics(
             "gear), which links are rigid, and what is fixed; make a link that is to rest rigid with the frame."
         )
     return solved
+
+
+def _refuse_bearings_in_one_body(unsolved: Kinematics) -> None:
+    for bearing in unsolved.gearbox.bearings:
+        inner, outer = bearing.inner_ring, bearing.outer_ring
+        bodies = [unsolved.bodies[unsolved.gearbox.instances(ring)[0]] for ring in (inner, outer)]
+        if bodies[0] == bodies[1]:
+            why = "are one link" if inner == outer else "are rigid with each other"
+            raise GearboxError(
+                f'bearing "{bearing.names[0]}": inner_ring = "{inner}" and outer_ring = "{outer}" {why}, so it cannot '
+                "turn; name a link on either side of it, or leave the bearing out."
+            )
 
 
 def _equations(

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from hums.findings import Finding, JudgedLine
+from hums.record import RecordError
 from hums.search import ENVELOPE, ORDER_SPECTRUM
 from hums.store import open_tree, write_tree
 from signals.spectra import AmplitudeSpectrum
@@ -87,7 +88,15 @@ def save_analysis(analysis: Analysis, path: str | Path) -> None:
 
 def open_analysis(path: str | Path) -> Analysis:
     """Open an analysis that `save_analysis` wrote; values are read when used."""
-    tree = open_tree(path)
+    try:
+        tree = open_tree(path)
+    except RecordError:
+        if not Path(path).is_file():
+            raise
+        raise AnalysisError(
+            f"{path}: not an HDF5 file that can be read, so no analysis; give the analysis.h5 that the earlier "
+            "analysis wrote beside its report."
+        ) from None
     try:
         check_analysis(tree)
     except AnalysisError as error:

@@ -21,12 +21,19 @@ def notes(machine: Machine, settings: AnalysisSettings, channels: Sequence[Analy
         *_about_band(machine, settings, channels),
         *_about_blur(machine, channels),
         *(note for channel in channels for note in _about_channel(channel, machine)),
+        *(note for channel in channels for note in _about_end(channel, settings)),
         *(note for channel in channels for note in _about_reach(channel)),
     ]
 
 
 def _about_speed(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
     shaft, found = machine.source.shaft, machine.source.estimated
+    if settings.speed_range_hz is not None and found is None:
+        known = f'tachometer "{machine.source.tachometer}"' if machine.source.tachometer else "a declared speed"
+        yield (
+            f"The record has {known}, which tells the angle: the range and acceleration given for estimating the speed "
+            "(speed_range_hz, --speed-range; max_acceleration_hz_s, --max-acceleration) were not used."
+        )
     if machine.phase.nominal:
         yield (
             f"The speed is nominal: declared for {shaft}, not measured. Lines are searched within "
@@ -55,10 +62,17 @@ def _about_band(machine: Machine, settings: AnalysisSettings, channels: Sequence
 
 def _about_blur(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iterator[str]:
     blurred = machine.blurred_order
-    if any(blurred < channel.spectra[ORDER_SPECTRUM].axis[-1] for channel in channels):
+    if not any(blurred < channel.spectra[ORDER_SPECTRUM].axis[-1] for channel in channels):
+        return
+    if machine.source.tachometer:
         yield (
             f"The tachometer's pulses jitter by {machine.jitter_s * 1e6:.3g} us: lines above {blurred:.3g} orders are "
             "blurred and read low."
+        )
+    elif machine.source.estimated is not None:
+        yield (
+            f"The angle estimated from the vibration is uncertain by about {machine.jitter_s * 1e6:.3g} us: "
+            f"lines above {blurred:.3g} orders are blurred and read low."
         )
 
 
@@ -79,6 +93,15 @@ def _about_channel(channel: AnalysedChannel, machine: Machine) -> Iterator[str]:
         yield (
             f'Channel "{channel.name}": one sample stands {channel.crest:.0f} times above the RMS, as a spike of '
             "the electronics does; it can hide everything else."
+        )
+
+
+def _about_end(channel: AnalysedChannel, settings: AnalysisSettings) -> Iterator[str]:
+    stated, last = settings.max_order, float(channel.spectra[ORDER_SPECTRUM].axis[-1])
+    if stated is not None and last + channel.spectra[ORDER_SPECTRUM].bin_width < stated:
+        yield (
+            f'Channel "{channel.name}": its order spectrum ends at {last:.4g} orders, not at the {stated:g} asked for '
+            f"(max_order, --max-order): at the highest speed its rate of {channel.rate_hz:g} Hz carries no more."
         )
 
 

@@ -35,6 +35,7 @@ __all__ = [
     "nominal_speed",
     "sampling",
     "tachometers",
+    "turning_speeds",
     "vibration_channels",
 ]
 
@@ -67,6 +68,10 @@ _WAYS_TO_ANGLE = (
     "then estimated from the vibration."
 )
 _UNKNOWN = "unknown"
+_FEWEST_SAMPLES_A_PULSE = 1.5  # the sample times themselves come at 1
+_FEWEST_SAMPLES_A_TURN = 4.0  # of the vibration: below, not even the shaft's second harmonic shows
+_FEWEST_INTERVALS = 20  # whose median change from turn to turn says something
+_MOST_CHANGE_A_TURN = 0.3  # a real shaft's is some per cent; that of random crossings some 60 %
 _RATE_REMEDY = "state the samples per second, rate_hz=... (on the command line --rate-hz)"
 
 Kind = Literal["vibration", "waveform", "tachometer", "speed", "truth"]
@@ -261,6 +266,7 @@ def make_record(
     _check_lengths(variables)
     for name, variable in _angle_variables(angle, rate_hz=rate, start_s=start):
         _check_free(name, variables)
+        _check_no_vibration(name, variable, variables)
         variables[name] = variable
     _check_lengths(variables)
     _check_dimensions_free(variables)
@@ -657,6 +663,20 @@ def _check_name(name: object, what: str) -> None:
         raise RecordError(f'{what}: the name "{name}" has a meaning of its own in a record; choose another.')
 
 
+def _check_no_vibration(name: str, waveform: xr.Variable, variables: Mapping[str, xr.Variable]) -> None:
+    """Refuse a tachometer's waveform that is one of the vibration channels: its pulses would be those of a mesh."""
+    if waveform.attrs.get("role") != "tachometer":
+        return
+    for channel, variable in variables.items():
+        same = variable.attrs.get("role") == "vibration" and np.array_equal(variable.values, waveform.values)
+        if same:
+            raise RecordError(
+                f'tachometer "{name.removesuffix("_waveform")}": its waveform is channel "{channel}" itself, sample by '
+                "sample; vibration tells no turns. Name the tachometer's own channel (--tach-waveform), or estimate "
+                "the speed from the vibration (UnknownAngle, --no-tachometer)."
+            )
+
+
 def _check_free(name: str, taken: Mapping[str, object]) -> None:
     if name in taken:
         raise RecordError(f'two parts of the record are named "{name}"; rename the channel or the tachometer.')
@@ -745,13 +765,48 @@ def _check_speeds(record: xr.Dataset) -> None:
             f"{rate_hz:g} Hz cannot show; below {rate_hz / 2:g} is needed. Correct the speed (rpm) or the rate."
         )
     for name in tachometers(record):
-        times_s = record[name].values
-        spacing_s = (times_s[-1] - times_s[0]) / (times_s.size - 1)
-        if spacing_s * rate_hz < 1:
-            raise RecordError(
-                f'tachometer "{name}": its pulses are {spacing_s:.3g} s apart on average, less than a sample of '
-                f"{1 / rate_hz:.3g} s at {rate_hz:g} Hz. Correct the rate, or the times: they are seconds."
-            )
+        _check_spacing(name, record[name], rate_hz)
+
+
+def _check_spacing(name: str, pulses: xr.DataArray, rate_hz: float) -> None:
+    """Refuse pulses that no shaft makes whose vibration is sampled at `rate_hz`."""
+    times_s, per_rev = pulses.values, int(pulses.attrs["pulses_per_rev"])
+    spacing_s = (times_s[-1] - times_s[0]) / (times_s.size - 1)
+    what = f'tachometer "{name}": its pulses are {spacing_s:.3g} s apart on average'
+    if spacing_s * rate_hz < _FEWEST_SAMPLES_A_PULSE:
+        raise RecordError(
+            f"{what}, {spacing_s * rate_hz:.3g} samples at {rate_hz:g} Hz: a pulse about every sample, or more. Give "
+            "the moments at which the pulses came, in seconds, not the times of the samples; or correct the rate."
+        )
+    if spacing_s * per_rev * rate_hz < _FEWEST_SAMPLES_A_TURN:
+        raise RecordError(
+            f"{what}, which at {per_rev} a revolution makes {1 / (spacing_s * per_rev):.4g} rev/s, a turn every "
+            f"{spacing_s * per_rev * rate_hz:.3g} samples at {rate_hz:g} Hz; the vibration shows nothing of so fast a "
+            "shaft. Correct the times (seconds), pulses_per_rev (--pulses-per-rev) or the rate."
+        )
+    intervals = np.diff(times_s)
+    if intervals.size < per_rev + _FEWEST_INTERVALS:
+        return
+    change = float(np.median(np.abs(intervals[per_rev:] - intervals[:-per_rev])) / np.median(intervals))
+    if change > _MOST_CHANGE_A_TURN:
+        raise RecordError(
+            f"{what} and come without order: from one revolution to the next their distance changes by {change:.0%}, "
+            "in the middle of all. No shaft turns like that; is this a vibration, not a tachometer's signal? Name "
+            "the tachometer's own channel or pulse times (--tach-waveform, --tach-times)."
+        )
+
+
+def turning_speeds(pulses: xr.DataArray) -> tuple[float, float, float] | None:
+    """Return the median speed that a tachometer's pulses tell, and what 1 % and 99 % of its revolutions stay below.
+
+    In rev/s, straight from the pulse times: missed and spurious ones are not repaired here. None where the pulses make
+    no whole revolution.
+    """
+    times_s, per_rev = pulses.values, int(pulses.attrs["pulses_per_rev"])
+    if times_s.size <= per_rev:
+        return None
+    middle, low, high = np.percentile(1 / (times_s[per_rev:] - times_s[:-per_rev]), [50, 1, 99])
+    return float(middle), float(low), float(high)
 
 
 def _check_tachometer(name: str, variable: xr.DataArray) -> None:
@@ -782,9 +837,15 @@ def _check_pulses(what: str, times_s: NDArray[np.float64]) -> None:
     backwards = np.flatnonzero(np.diff(times_s) <= 0)
     if backwards.size:
         at = backwards[0]
+        equal = times_s[at + 1] == times_s[at]
+        how = (
+            f"two of its times are equal: pulses {at} and {at + 1} are both at {times_s[at]:.9g} s"
+            if equal
+            else f"its times run backwards: pulse {at + 1} is at {times_s[at + 1]:.9g} s, pulse {at} at "
+            f"{times_s[at]:.9g} s"
+        )
         raise RecordError(
-            f"{what}: its times run backwards: pulse {at + 1} is at {times_s[at + 1]:.9g} s, pulse {at} at "
-            f"{times_s[at]:.9g} s ({backwards.size} such places in {times_s.size}). Remove repeated pulses; "
+            f"{what}: {how} ({backwards.size} such places in {times_s.size}). Remove repeated pulses; "
             "if these are samples of the tachometer's signal and not times, give them as a "
             "TachometerWaveform (on the command line --tach-waveform)."
         )

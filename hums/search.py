@@ -1,5 +1,6 @@
 """Which lines a gearbox can make, and what a spectrum shows at each of them."""
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -9,6 +10,8 @@ from signals.lines import Line, find_line
 from signals.spectra import AmplitudeSpectrum
 
 ORDER_SPECTRUM, ENVELOPE = "order_spectrum", "envelope"
+TOOTH_KINDS = ("tooth", "planet_tooth")
+_SAME_ORDER = 1e-9
 # Jitter of a once-per-revolution tachometer spreads a mesh line over half an order on either side; its sidebands are
 # weighed against what is that close to them, too.
 _CLOSE_ORDERS = 0.25
@@ -62,11 +65,15 @@ class SearchPlan:
 
 
 def wanted_lines(kinematics: Kinematics, plan: SearchPlan) -> list[Wanted]:
-    """List every line to look for: shafts, meshes and their sidebands, and bearings in the envelope."""
+    """List every line to look for: shafts, meshes and their sidebands; teeth and bearings in the envelope.
+
+    A tooth of a planet, or of a gear seen from a carrier, meets the others at a rate that is no shaft's own. In the
+    envelope these rates raise nothing: they tell the impacts of a tooth from those of a bearing.
+    """
     rows = defects(kinematics)
     lines = [*_shaft_lines(rows, plan), *_mesh_lines(kinematics, rows, plan)]
     if plan.envelope:
-        lines += _bearing_lines(rows, plan)
+        lines += [*_tooth_lines(rows, plan), *_bearing_lines(rows, plan)]
     return [line for line in lines if line.order > 0]
 
 
@@ -121,6 +128,26 @@ def _mesh_lines(kinematics: Kinematics, rows: Iterable[DefectOrder], plan: Searc
                     )
 
 
+def _tooth_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[Wanted]:
+    rows = tuple(rows)
+    taken = [row.order for row in rows if row.kind == "shaft"]
+    for row in (row for row in rows if row.kind in TOOTH_KINDS):
+        if any(math.isclose(row.order, order, rel_tol=_SAME_ORDER) for order in taken):
+            continue  # what turns about a fixed axis meets once a turn; and a planet's flanks meet sun and ring alike
+        taken.append(row.order)
+        for harmonic in range(1, plan.harmonics + 1):
+            order = harmonic * row.order
+            yield Wanted(
+                component=row.component,
+                kind=row.kind,
+                harmonic=harmonic,
+                sideband=0,
+                order=order,
+                tolerance=plan.speed_tolerance * order,
+                spectrum=ENVELOPE,
+            )
+
+
 def _bearing_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[Wanted]:
     for row in (row for row in rows if row.kind in BEARING_KINDS):
         for harmonic in range(1, plan.harmonics + 1):
@@ -165,7 +192,7 @@ def search(
     found, beyond = [], []
     for line in wanted:
         try:
-            closer = _CLOSE_ORDERS if line.kind == "tooth" else None
+            closer = _CLOSE_ORDERS if line.kind == "tooth" and line.spectrum == ORDER_SPECTRUM else None
             result = find_line(spectrum, expected=line.order, tolerance=line.tolerance, closer=closer)
         except ValueError:
             beyond.append(line)

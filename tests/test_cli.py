@@ -249,6 +249,13 @@ def test_demo(run, tmp_path):
     assert (tmp_path / "demo" / "report.html").exists()
 
 
+def test_convert_writes_no_hdf5_under_another_suffix(run, mat, tmp_path):
+    code, _, err = run(*convert_words(mat, tmp_path / "a6.txt", "--no-tachometer"))
+    assert code == 2
+    assert err == f"hums: {tmp_path / 'a6.txt'}: a record is HDF5, so name it so: {tmp_path / 'a6.h5'}.\n"
+    assert not (tmp_path / "a6.txt").exists()
+
+
 def test_analyze_without_a_tachometer(run, mat, tmp_path):
     record = tmp_path / "record.h5"
     assert run(*convert_words(mat, record, "--no-tachometer"))[0] == 0
@@ -256,6 +263,14 @@ def test_analyze_without_a_tachometer(run, mat, tmp_path):
     code, _, err = run(*words)
     assert code == 2
     assert "--speed-range LOW HIGH --max-acceleration HZ_PER_S" in err
+    code, _, err = run(*words, "--speed-range", 5, 40)
+    assert (code, err) == (
+        2,
+        "hums: --speed-range is given alone; add --max-acceleration HZ_PER_S: how fast that speed may change.\n",
+    )
+    code, _, err = run("fleet", *words[1:], "--max-acceleration", 1)
+    assert code == 2
+    assert "--max-acceleration is given alone; add --speed-range LOW HIGH" in err
     # one tone may be any of the orders, and that is said
     code, _, err = run(*words, "--speed-range", 5, 40, "--max-acceleration", 1)
     assert code == 2

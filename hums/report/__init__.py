@@ -13,6 +13,7 @@ from jinja2 import Environment, StrictUndefined
 
 from hums.findings import DIAGNOSED
 from hums.layout import Analysis, check_analysis, group, save_analysis
+from hums.orders import BEARING_KINDS
 from hums.plots import plot_spectrum, plot_speed, plot_tracks, svg
 from hums.report.indicators import indicator_tables
 from hums.search import ENVELOPE, ORDER_SPECTRUM
@@ -120,7 +121,7 @@ def _components(facts: dict[str, Any]) -> list[dict[str, Any]]:
     """One row a component, kind and channel: its strongest line as it was looked for."""
     best: dict[tuple[str, str, str], dict[str, Any]] = {}
     rows = [row | {"spectrum": "order"} for row in facts["orders"]]
-    rows += [row | {"spectrum": "envelope"} for row in facts["envelope"] if row["kind"] != "shaft"]
+    rows += [row | {"spectrum": "envelope"} for row in facts["envelope"] if row["kind"] in BEARING_KINDS]
     for row in rows:
         key = (row["component"], row["kind"], row["channel"])
         if key not in best or _weight(row) > _weight(best[key]):
@@ -141,7 +142,7 @@ def _faint(facts: dict[str, Any]) -> list[dict[str, Any]]:
         for row in facts["envelope"]
         if row["harmonic"] == 1
         and row["sideband"] == 0
-        and row["kind"] != "shaft"
+        and row["kind"] in BEARING_KINDS
         and not row["claimed"]
         and (row["explained_by"] or row["false_alarm_probability"] < 0.5)  # noqa: PLR2004
     ]

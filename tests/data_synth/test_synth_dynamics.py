@@ -121,7 +121,7 @@ def by_hand(times_s, *, speed_hz, acceleration_hz_s, torsional=False):
     bearing = -(heard @ g_all) * mean * (g @ rest) if torsional else heard @ (spring_of * rest)
     start = np.concatenate([rest, np.zeros(count), [bearing / 15 / w**2, 0]])
     solved = solve_ivp(
-        slope, (-0.25, times_s[-1]), start, method="DOP853", t_eval=times_s, rtol=1e-8, atol=1e-12, max_step=2e-4
+        slope, (-0.12, times_s[-1]), start, method="DOP853", t_eval=times_s, rtol=1e-8, atol=1e-12, max_step=2e-4
     )
     return np.array([slope(t, state)[-1] for t, state in zip(solved.t, solved.y.T, strict=True)])
 
@@ -136,9 +136,9 @@ def by_hand(times_s, *, speed_hz, acceleration_hz_s, torsional=False):
 )
 def test_the_channel_is_what_the_equations_give(rpm, acceleration_hz_s, fidelity):
     record = simulate(scene(speed={"link": "pinion", "rpm": rpm}, fidelity=fidelity), seed=SEED)
-    times = record["time"].values[:1000]
+    times = record["time"].values[:600]
     expected = by_hand(times, speed_hz=10, acceleration_hz_s=acceleration_hz_s, torsional=fidelity == "torsional")
-    found = record["a"].values[:1000]
+    found = record["a"].values[:600]
     # 1e-4 each of steps and of the start, and as much of the force between its samples
     assert np.std(found - expected) < 3e-4 * np.std(expected)
     assert np.std(expected) > 0.01
@@ -183,7 +183,7 @@ def test_a_crack_shows_while_its_tooth_is_in_mesh():
     since = np.min(np.abs(cracked["time"].values[:, None] - passes.values), axis=1)
     before = cracked["time"].values[:, None] - (passes.values - half_s)
     silent = np.all((before < 0) | (before > 0.05), axis=1)
-    # modes of 0.3 of critical have died 40 ms after a pass; what is left is that modes are damped by the mean stiffness,
+    # modes of 0.3 of critical have died 40 ms after a pass; what is left: modes are damped by the mean stiffness,
     # which a crack lowers a little
     assert np.max(difference[silent]) < 1e-2 * np.max(difference)
     assert since[np.argmax(difference)] < 2 * half_s

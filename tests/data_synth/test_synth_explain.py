@@ -72,7 +72,8 @@ def test_the_command_explains_and_writes_nothing(synth, name, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     code, out, err = synth(name, "--explain")
     assert (code, err) == (0, "")
-    assert out.startswith("two-stage, kinematic: 10 s of 1 channel(s) at 50000 Hz, 500000 samples each\n")
+    fidelity = load_scene(name).fidelity
+    assert out.startswith(f"two-stage, {fidelity}: 10 s of 1 channel(s) at 50000 Hz, 500000 samples each\n")
     assert "on one core" in out
     assert not list(tmp_path.iterdir())
 

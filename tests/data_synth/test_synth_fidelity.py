@@ -18,8 +18,8 @@ GEOMETRY = {
 }
 # stiff to what gears do, 170 times a mesh; so heavily damped that it matters little how far resonances still move
 HELD = {"radial_n_m": 1e11, "axial_n_m": 1e11, "tilt_nm_rad": 1e8}
-STIFF = {name: HELD for name in ("input bearing", "intermediate bearing", "output")}
-SMOOTH = {name: {"shape": "trapezoid"} for name in GEOMETRY}
+STIFF = {"input bearing": HELD, "intermediate bearing": HELD, "output": HELD}
+SMOOTH = {"stage 1": {"shape": "trapezoid"}, "stage 2": {"shape": "trapezoid"}}
 DEMO = load_scene("gears-in-motion").changed(duration_s=0.5, faults=())
 
 
@@ -45,19 +45,19 @@ def heard_low(scene):
 
 
 def test_bearings_that_do_not_give_need_rotations_only():
-    rigid = demo(bearings=STIFF, meshes=SMOOTH, damping_ratio=0.3, floor_db=-28.0, decide_s=0.03)
+    rigid = demo(bearings=STIFF, meshes=SMOOTH, damping_ratio=0.3, floor_db=-24.0, decide_s=0.03)
     choice, motion = choice_of(heard_low(rigid))
     assert choice.name == "torsional"
     assert motion.system.names == ("input rotation", "intermediate rotation", "output rotation")
     assert [name for name, _ in choice.tried] == ["torsional"]
-    assert choice.tried[0][1] <= -28
+    assert choice.tried[0][1] <= -24
 
 
 def test_bearings_that_give_need_motions_in_the_plane():
     choice, motion = choice_of(demo())
     assert set(choice.levels.values()) == {"lateral"}
     assert motion.system.dof == 9
-    assert [name for name, _ in choice.tried][0] == "torsional"
+    assert choice.tried[0][0] == "torsional"
     assert all(decibels > -40 for _, decibels in choice.tried[:-1])
     assert choice.tried[-1][1] <= -40
     assert choice.springs == ()
@@ -95,6 +95,8 @@ def test_each_stage_may_have_its_own_fidelity():
                     meshes={name: {**SMOOTH[name], **(own or {}).get(name, {})} for name in SMOOTH},
                     bearings={**STIFF, "input bearing": {"radial_n_m": 3e8}},
                     damping_ratio=0.3,
+                    # forces of the second stage would cancel out, and leave only what differs
+                    hearing=({"sensor": "input vertical", "links": {"intermediate": 0.3, "output": 0}},),
                 ).changed(duration_s=0.1)
             )
         )

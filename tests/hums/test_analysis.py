@@ -252,7 +252,7 @@ def test_nan_in_the_signal():
     values[[700, 900]] = np.nan
     record = tone_record(channels={"housing": Channel(values=values, units="g")})
     with pytest.raises(
-        AnalysisError, match=r'channel "housing" has 2 samples that are not finite, the first at index 700'
+        AnalysisError, match=r'channel "housing" has 2 samples that are not finite in 2 gaps, the first at index 700'
     ):
         analyze(record, load_gearbox("two-stage"))
 

@@ -146,15 +146,13 @@ class TestTable:
     def test_a_record_that_fails_is_a_row_with_its_sentence(self, records, tmp_path):
         (tmp_path / "broken.h5").write_text("nothing of the kind")
         save_record(record(1.0).drop_vars("a").assign(a=record(0.0, noise=0.0)["a"]), tmp_path / "dead.h5")
-        result = run(
-            [tmp_path / "broken.h5", records / "0.h5", tmp_path / "no.h5", tmp_path / "dead.h5"], tmp_path / "o"
-        )
-        assert (result.records, result.failed) == (4, 3)
+        result = run([tmp_path / "broken.h5", records / "0.h5", tmp_path / "dead.h5"], tmp_path / "o")
+        assert (result.records, result.failed) == (3, 2)
         errors = [line["error"] for line in rows(tmp_path / "o" / "fleet.csv")]
         assert "broken.h5 is not an HDF5 file" in errors[0]
         assert errors[1] == ""
-        assert "there is no such file" in errors[2]
-        assert "same value 0 throughout" in errors[3]
+        assert "same value 0 throughout" in errors[2]
+        assert result.errors == {str(tmp_path / "broken.h5"): errors[0], str(tmp_path / "dead.h5"): errors[2]}
 
     def test_even_a_mistake_of_ours_ends_no_run(self, records, tmp_path, monkeypatch):
         def analyze(*_, **__):
@@ -215,6 +213,62 @@ class TestGoingOn:
             run([tmp_path / "empty"], tmp_path / "out")
         with pytest.raises(FleetError, match="no records were named"):
             run([], tmp_path / "out")
+
+    def test_a_path_that_is_not_there_is_refused_before_anything_is_made(self, records, tmp_path):
+        with pytest.raises(FleetError, match=r"nothere: there is no such file or folder; check the path"):
+            run([records / "0.h5", tmp_path / "nothere"], tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
+
+class TestWhyThereAreNoTrends:
+    def test_none_is_missing_where_there_are_some(self, records, tmp_path):
+        assert run([records], tmp_path).no_trends == ""
+        assert rows(tmp_path / "trends.csv")
+
+    def test_too_few_of_a_machine(self, tmp_path):
+        for day in range(6):  # six in all, but no machine has five
+            made = record(1 + day / 10, day=day, machine="mill" if day % 2 else "fan", seed=day)
+            save_record(made, tmp_path / f"{day}.h5")
+        result = run([tmp_path], tmp_path / "out")
+        assert result.no_trends == (
+            "no trends: a machine needs 5 analysed records with recorded_at, and the most of any is 3"
+        )
+        assert rows(tmp_path / "out" / "trends.csv") == []
+
+    def test_no_dates(self, tmp_path):
+        made = record(1.0)
+        del made.attrs["recorded_at"]
+        save_record(made, tmp_path / "a.h5")
+        assert "no record says when it was made; give recorded_at" in run([tmp_path], tmp_path / "out").no_trends
+
+    def test_all_at_one_time(self, tmp_path):
+        for number in range(5):
+            save_record(record(1.0, seed=number), tmp_path / f"{number}.h5")
+        assert "no series has 5 values at different times" in run([tmp_path], tmp_path / "out").no_trends
+
+
+@pytest.mark.slow
+def test_the_command_says_why_and_fails_where_all_fail(tmp_path, monkeypatch, capsys):
+    save_record(record(1.0), tmp_path / "good.h5")
+    for number in range(6):
+        (tmp_path / f"{number}.h5").write_text("nothing of the kind")
+    broken = [str(tmp_path / f"{number}.h5") for number in range(6)]
+
+    def command(*sources):
+        words = [*sources, "--gearbox", "two-stage", "-o", str(tmp_path / "out"), "--no-envelope", "--workers", "1"]
+        monkeypatch.setattr(sys, "argv", ["hums", "fleet", *words])
+        return main(), *capsys.readouterr()
+
+    code, out, err = command(*broken)
+    assert code == 2
+    assert err.endswith("hums: no record could be analysed; the column error of fleet.csv says why.\n")
+    assert f"failed {broken[0]}: {broken[0]} is not an HDF5 file" in out
+    assert "and 1 more: see the column error of fleet.csv" in out
+    assert len(rows(tmp_path / "out" / "fleet.csv")) == 6
+    code, out, _ = command(str(tmp_path / "good.h5"), broken[0])
+    assert code == 0
+    assert "2 records: 1 analysed now, 1 before, 1 failed" in out
+    assert "no trends: a machine needs 5 analysed records" in out
 
 
 @pytest.mark.slow

@@ -174,6 +174,13 @@ def test_rig_weak_race_lines_of_the_ball_record_are_not_certain(rig_analyses):
     assert orders["outer_race"] == pytest.approx(3.60, abs=0.01)
 
 
+def test_rig_ball_record_is_not_an_outer_race_in_a_band_of_its_own_choice(real_data, data):
+    # the outer race's line leads there, but with multiples of the cage rate that a spot on a race does not make
+    found = findings_table(analyze(rig_record(real_data, "B007_0"), load_gearbox(data / "cwru-rig.toml")))
+    assert set(found["verdict"]) == {"indicated"}
+    assert "times the cage rate are of similar size" in found["evidence"].iloc[0]
+
+
 def test_nominal_speed_is_marked(rig_analyses):
     facts = summary(rig_analyses["IR007_0"])
     assert facts["speed_hz"]["nominal"]

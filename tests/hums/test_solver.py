@@ -24,6 +24,9 @@ PLANETARY = {
 }
 
 
+SHEET = {"inner": 9.5, "outer": 6.5, "cage": 0.4, "element_spin": 3.0}
+
+
 def solved(table=PLANETARY, **how):
     return solve_kinematics(Gearbox.from_mapping(table), **how)
 
@@ -127,6 +130,26 @@ class TestAxesThatMesh:
             solved(table)
 
 
+class TestBearingsInOneBody:
+    @pytest.mark.parametrize(
+        ("inner", "outer", "words"),
+        [
+            ("ring", "housing", '"ring" and outer_ring = "housing" are rigid with each other, so it cannot turn'),
+            ("pin", "carrier", '"pin" and outer_ring = "carrier" are rigid with each other'),
+        ],
+    )
+    def test_refused(self, inner, outer, words):
+        bearing = {"name": "x", "inner_ring": inner, "outer_ring": outer, "multiples": SHEET}
+        # the pin is held to the carrier by way of a third link
+        rigid = [["housing", "ring"], ["pin", "cheek"], ["cheek", "carrier"]]
+        with pytest.raises(GearboxError, match=f'bearing "x": inner_ring = {words}'):
+            solved(PLANETARY | {"rigid": rigid, "bearing": [bearing]})
+
+    def test_two_bodies_are_not(self):
+        bearing = {"name": "x", "inner_ring": "carrier", "outer_ring": "planet", "multiples": SHEET}
+        assert solved(PLANETARY | {"rigid": [["housing", "ring"]], "bearing": [bearing]}).dof == 1
+
+
 class TestPlanetsThatDoNotFit:
     @staticmethod
     def planets(**axis):
@@ -155,6 +178,41 @@ class TestPlanetsThatDoNotFit:
         # (27 + 36) sin(pi / 6) = 31.5 modules between centres, tips need 38
         with pytest.warns(GearboxWarning, match=r"touch: tip circles of 36 \+ 2 modules, centres 31.5 modules apart"):
             Gearbox.from_mapping(self.planets(copies=6))
+
+    @staticmethod
+    def coaxial(sun, planet, ring, *, copies=3, modules=(None, None)):
+        meshes = [{"teeth": {"sun": sun, "planet": planet}}, {"teeth": {"planet": planet, "ring": ring}}]
+        planets = {"links": ["carrier", "planet"]} | ({} if copies is None else {"copies": copies})
+        return PLANETARY | {
+            "axes": {**PLANETARY["axes"], "planet": planets},
+            "mesh": [
+                mesh if module is None else mesh | {"module_mm": module}
+                for mesh, module in zip(meshes, modules, strict=True)
+            ],
+        }
+
+    @pytest.mark.parametrize("copies", [3, None])
+    def test_a_forgotten_minus(self, copies):
+        Gearbox.from_mapping(self.coaxial(21, 39, -99, copies=copies))
+        with pytest.warns(GearboxWarning) as caught:
+            Gearbox.from_mapping(self.coaxial(21, 39, 99, copies=copies))
+        (warning,) = caught
+        assert str(warning.message) == (
+            'planets "planet": sun and ring turn about one axis and both mesh with planet by outer teeth, but '
+            "21 + 39 = 60 is not 99 + 39 = 138: inner teeth have a minus, did you mean ring = -99?"
+        )
+
+    def test_a_small_difference_is_no_forgotten_minus(self):
+        # Ferguson's paradox: gears of 99 and 101 teeth that one planet drives
+        with pytest.warns(
+            GearboxWarning, match=r"99 \+ 20 = 119 is not 101 \+ 20 = 121: the meshes need profile shift"
+        ):
+            Gearbox.from_mapping(self.coaxial(99, 20, 101))
+
+    def test_outer_gears_at_one_distance_are_silent(self):
+        Gearbox.from_mapping(self.coaxial(60, 20, 60))
+        # 3 (21 + 39) = 2 (51 + 39): two gears of the planet, cut with two modules
+        Gearbox.from_mapping(self.coaxial(21, 39, 51, modules=(3, 2)))
 
     @pytest.mark.parametrize("spacing", [[10, 20, 30], [0, 240, 120], [0, 120]])
     def test_spacing_that_is_none(self, spacing):

@@ -1,0 +1,76 @@
+"""Whether a record fits into memory and onto the disk, asked before it is made."""
+
+import os
+import shutil
+from functools import partial
+from pathlib import Path
+
+from data_synth.explanation import BYTES, needed_bytes
+from data_synth.hastened import factor_of, hastened
+from data_synth.scene import Scene, SceneError, load_scene
+from data_synth.simulation import random_stream
+from data_synth.stage import Stage, staged
+
+_SMALL_BYTES = 100_000_000  # that no machine lacks, so that nothing is asked
+_MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
+
+
+def refuse_too_large(scene: Scene | str | Path, out: Path, *, by_source: bool = False, phases: bool = False) -> None:
+    """Refuse a scene whose record is larger than what is free.
+
+    Parameters
+    ----------
+    scene : Scene, path or catalogue name
+    out : Path
+        Where the record is to be written.
+    by_source, phases : bool
+        As for `simulate`.
+
+    Raises
+    ------
+    SceneError
+        With what it needs, what is free, and how long a record would fit.
+    """
+    declared = scene if isinstance(scene, Scene) else load_scene(scene)
+    rows = len(declared.sensors)
+    if phases:
+        rows += len(declared.gearbox.links) + 2 * sum(len(bearing.names) for bearing in declared.gearbox.bearings)
+    if not by_source and rows * declared.samples * BYTES <= _SMALL_BYTES:
+        return
+    faster = factor_of(declared)
+    stage = staged(hastened(declared, faster), draws=partial(random_stream, 0))
+    rows += len(declared.sensors) * _sources(stage) if by_source else 0
+    samples, working = rows * declared.samples * BYTES, needed_bytes(stage, declared, faster)
+    folder = next(parent for parent in out.absolute().parents if parent.exists())
+    disk = shutil.disk_usage(folder).free
+    for need, free, where in (
+        (samples + working, free_memory_bytes(), "of memory"),
+        (samples, disk, f"on the disk of {folder}"),
+    ):
+        if free is not None and need > free:
+            raise SceneError(
+                f"duration_s = {declared.duration_s:g}: the record has {declared.samples} samples of {rows} row(s) and "
+                f"needs {need / 1e9:.3g} GB {where}, but {free / 1e9:.3g} GB are free; shorten it to about "
+                f"{0.9 * declared.duration_s * free / need:.2g} s, lower rate_hz, or make several records."
+            )
+
+
+def _sources(stage: Stage) -> int:
+    sources = {(comb.component, comb.kind) for comb in stage.combs}
+    sources |= {(train.component, train.kind) for _, train in stage.trains}
+    return len(sources) + (stage.scene.fidelity != "kinematic")
+
+
+def free_memory_bytes() -> int | None:
+    """Return how much memory this process can still have; None where the system does not say."""
+    if _MEMINFO.exists():
+        rows = dict(line.split(":", 1) for line in _MEMINFO.read_text(encoding="utf-8").splitlines())
+        free = int(rows["MemAvailable"].split()[0]) * 1024
+    elif "SC_PHYS_PAGES" in getattr(os, "sysconf_names", {}):
+        free = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    else:
+        return None
+    limit, used = _CGROUP / "memory.max", _CGROUP / "memory.current"
+    if limit.exists() and used.exists() and (text := limit.read_text(encoding="utf-8").strip()).isdigit():
+        free = min(free, max(0, int(text) - int(used.read_text(encoding="utf-8"))))
+    return free

@@ -1,0 +1,76 @@
+"""JSON schemas of scenes and plans, for editors that check while one types."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from data_synth.plan import PlanTable
+from data_synth.scene import FIDELITIES, Scene
+
+_DRAFT = "https://json-schema.org/draft/2020-12/schema"
+_COURSES = {"Speed": ("rpm", "steps", "csv", "run_up"), "Torque": ("nm", "steps", "csv")}
+
+
+def scene_schema(gearbox: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the JSON schema (2020-12) of a scene file as it is written by hand.
+
+    Parameters
+    ----------
+    gearbox : mapping
+        The schema of a gearbox file, `hums.schema.gearbox_schema()`: a scene may hold a gearbox instead of naming one.
+    """
+    schema: dict[str, Any] = Scene.model_json_schema(by_alias=True)
+    parts, properties = schema["$defs"], schema["properties"]
+    box = {key: value for key, value in gearbox.items() if key not in {"$defs", "$schema"}}
+    parts |= gearbox["$defs"]
+    del parts["Gear"]
+    parts["Gearbox"] = box | {"required": [*box["required"], "name"]}  # inside a scene no file lends its name
+    named = {"type": "string", "minLength": 1, "description": "A .toml file or a catalogue name."}
+    properties["gearbox"] = {"anyOf": [named, {"$ref": "#/$defs/Gearbox"}]}
+    properties["fidelity"]["enum"] = [*FIDELITIES]
+    for part, field in (
+        ("Excitation", "shafts"),
+        ("Excitation", "meshes"),
+        ("Dynamics", "links"),
+        ("Dynamics", "meshes"),
+        ("Dynamics", "bearings"),
+        ("Hearing", "links"),
+    ):
+        _as_table(parts[part]["properties"][field])
+    for part, ways in _COURSES.items():
+        _as_course(parts[part], ways)
+    return {**_without_null(schema), "$schema": _DRAFT}
+
+
+def plan_schema() -> dict[str, Any]:
+    """Return the JSON schema (2020-12) of a plan file; `hums schema scene` says what its changes may name."""
+    schema: dict[str, Any] = PlanTable.model_json_schema(by_alias=True)
+    return {**_without_null(schema), "$schema": _DRAFT}
+
+
+def _as_table(pairs: dict[str, Any]) -> None:
+    """Turn a list of (name, value) into the table that a file has."""
+    value = pairs.pop("items")["prefixItems"][1]
+    pairs |= {"type": "object", "propertyNames": {"minLength": 1}, "additionalProperties": value}
+    if "default" in pairs:
+        pairs["default"] = {}
+
+
+def _as_course(course: dict[str, Any], ways: tuple[str, ...]) -> None:
+    """Let a course be given in one of its ways, a number or a file among them."""
+    value = course["properties"][ways[0]]
+    value["anyOf"].append({"type": "number"})
+    course["properties"]["csv"] = {"type": "string", "description": f"A file of two columns: s, {ways[0]}."}
+    course["oneOf"] = [{"required": [way]} for way in ways]
+
+
+def _without_null(value: Any) -> Any:  # noqa: ANN401
+    """Return a schema that allows no null and has none as a default: TOML has no such value."""
+    if isinstance(value, list):
+        return [_without_null(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    table = {key: _without_null(item) for key, item in value.items() if not (key == "default" and item is None)}
+    choices = table.get("anyOf")
+    if isinstance(choices, list) and {"type": "null"} in choices:
+        table["anyOf"] = [choice for choice in choices if choice != {"type": "null"}]
+    return table
