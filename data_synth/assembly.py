@@ -12,14 +12,13 @@ defaults, all of steel and none of them more than a first guess:
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 from data_synth.elements import Link
 from data_synth.layout import contacts_of, direction_of, stations
 from data_synth.mechanics import PLANE, SPACE, TORSION, Body, Element, System, build_system
 from data_synth.mesh_parts import mesh_elements
-from data_synth.parts import Holding, Inertia, MeshProperties, Parts, bodies, supports_of
+from data_synth.parts import Attached, Holding, Inertia, MeshProperties, Parts, bodies, supports_of
 from hums.gearbox import Gearbox, closest
 from hums.kinematics import Kinematics, solve_kinematics
 
@@ -28,17 +27,6 @@ __all__ = ["Attached", "Holding", "Inertia", "MeshProperties", "assemble"]
 _PARALLEL = 1e-9
 MOTIONS = {"torsion": TORSION, "plane": PLANE, "space": SPACE}
 Motions = Literal["torsion", "plane", "space"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Attached:
-    """A rotor outside of the gearbox, as a motor or a load, behind a coupling (N m/rad, N m s/rad)."""
-
-    name: str
-    to: str
-    inertia_kgm2: float
-    stiffness: float
-    damping: float = 0.0
 
 
 def assemble(

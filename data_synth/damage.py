@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from data_synth import gear_faults
 from data_synth.combs import Comb, Draws, healthy_combs
 from data_synth.drive import Drive
-from data_synth.faults import ImpactTrain, damage_comb, damage_trains, impact_train
+from data_synth.faults import ImpactTrain, bearing_train, damage_comb, damage_trains
 from data_synth.passing import as_they_pass
 from data_synth.path import ring_seconds
 from data_synth.profile import Array
@@ -110,7 +110,8 @@ def trains_of(
     trains: list[tuple[int, ImpactTrain]] = []
     for number, (fault, offset) in enumerate(zip(scene.faults, offsets, strict=True)):
         if isinstance(fault, BearingFault):
-            trains.append((number, impact_train(scene, number, offset=offset, span_rev=span_rev, draws=draws)))
+            rng = draws("impacts", str(number))
+            trains.append((number, bearing_train(scene, fault, span_rev=span_rev, rng=rng)))
         elif not isinstance(fault, ShaftFault):
             mesh, tooth = mesh_name(fault.component), scene.exact_orders("tooth")[fault.component]
             struck = damage_trains(

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from data_synth.bearings import BearingStrikes, LoadZone, bearing_strikes
-from data_synth.combs import Comb, ComplexArray, Draws, common_base
-from data_synth.gear_faults import Crack, GearDamage, window
+from data_synth.combs import Comb, ComplexArray, common_base
+from data_synth.gear_faults import GearDamage, window
 from data_synth.profile import Array
-from data_synth.scene import BearingFault, Scene, ToothCrack
+from data_synth.scene import BearingFault, Scene
 
 SIDEBAND_CUTOFF = 1e-4
 """Sidebands below this share of the largest are not in the signal at all, so the truth lists every one."""
@@ -202,31 +202,10 @@ def damage_trains(
     return trains
 
 
-def impact_train(
-    scene: Scene, number: int, *, offset: float, span_rev: tuple[float, float], draws: Draws
-) -> ImpactTrain:
-    """Return the impacts of fault `number` (from 0) between two revolutions of the reference shaft."""
-    fault = scene.faults[number]
-    if isinstance(fault, BearingFault):
-        return _bearing_train(scene, fault, span_rev=span_rev, rng=draws("impacts", str(number)))
-    if not isinstance(fault, ToothCrack):
-        raise TypeError(f"fault {number + 1}: {fault.kind} has no one train of impacts; ask damage_trains for its own")
-    (train,) = damage_trains(
-        Crack(),
-        component=fault.component,
-        source=mesh_of(fault),
-        tooth=scene.exact_orders("tooth")[fault.component],
-        teeth=1.0,
-        offset=offset,
-        span_rev=span_rev,
-        amplitude=fault.depth_mm * fault.impact_per_mm,
-    )
-    return train
-
-
-def _bearing_train(
+def bearing_train(
     scene: Scene, fault: BearingFault, *, span_rev: tuple[float, float], rng: np.random.Generator
 ) -> ImpactTrain:
+    """Return the impacts of a bearing fault between two revolutions of the reference shaft."""
     strikes = bearing_strikes(
         fault.kind,
         rates=scene.bearing(fault.component),
@@ -243,8 +222,3 @@ def _bearing_train(
         amplitudes=fault.size_mm * fault.impact_per_mm * strikes.weights,
         strikes=strikes,
     )
-
-
-def mesh_of(fault: ToothCrack) -> str:
-    """Return the mesh of a component such as ``stage 1/pinion``."""
-    return fault.component.rpartition("/")[0]

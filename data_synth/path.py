@@ -80,34 +80,6 @@ def ring_spectrum(mode: Mode, frequency_hz: ArrayLike) -> ComplexArray:
     return np.asarray(ring_pole(mode).imag / (shifted * conjugate))
 
 
-def add_rings(signal: Array, *, times_s: Array, amplitudes: Array, mode: Mode, rate_hz: float) -> None:
-    """Add the ringing after each impact to a signal, exact at instants between samples.
-
-    Parameters
-    ----------
-    signal : (sensor, n) array
-        Changed in place; sample i at ``i / rate_hz``.
-    times_s : (m,) array
-        Instants of the impacts in s; those before the first sample are heard from there on.
-    amplitudes : (sensor, m) array
-        In the sensors' units.
-    mode : Mode
-        What rings.
-    rate_hz : float
-        Samples per second.
-    """
-    pole, count = ring_pole(mode), signal.shape[1]
-    length = math.ceil(ring_seconds(mode) * rate_hz) + 1
-    ringing = np.exp(pole * np.arange(length) / rate_hz)
-    firsts = np.ceil(times_s * rate_hz).astype(np.int64)
-    begins = np.exp(pole * (firsts / rate_hz - times_s))
-    for first, begin, amplitude in zip(firsts, begins, amplitudes.T, strict=True):
-        start, stop = max(first, 0), min(first + length, count)
-        if start < stop:
-            heard = (begin * ringing[start - first : stop - first]).imag
-            signal[:, start:stop] += amplitude[:, None] * heard
-
-
 def impact_line(train: ImpactTrain, *, harmonic: int, speed_hz: Array, load: Array, mode: Mode) -> ComplexArray:
     """Return Z (instant,) that a strictly periodic train of impacts adds to a harmonic of its rate.
 

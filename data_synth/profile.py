@@ -6,13 +6,10 @@ stand still, and turn back.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-if TYPE_CHECKING:
-    from data_synth.scene import Torque
 
 Array = NDArray[np.float64]
 
@@ -169,16 +166,3 @@ class ShaftAngle:
         return ShaftAngle(
             times_s=np.insert(self.times_s, at, zeros), speeds_hz=np.abs(np.insert(self.speeds_hz, at, 0.0))
         )
-
-
-def load_share(torque: "Torque | None", times_s: ArrayLike) -> Array:
-    """Return what teeth carry at `times_s` (n,), relative to full load: ``u + (1 - u) abs(T) / max abs(T)``.
-
-    T is the torque, linear between its knots and held outside, u its `unloaded_share`. Without torque: 1.
-    """
-    times = np.asarray(times_s, dtype=np.float64)
-    if torque is None:
-        return np.ones_like(times)
-    at_s, torque_nm = np.array(torque.nm).T
-    relative = np.abs(np.interp(times, at_s, torque_nm)) / np.max(np.abs(torque_nm))
-    return np.asarray(torque.unloaded_share + (1 - torque.unloaded_share) * relative)

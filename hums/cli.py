@@ -5,7 +5,7 @@ import sys
 import warnings
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
 import typer
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from hums.jobs import Workers
     from hums.kinematics import Kinematics
+    from hums.settings import AnalysisSettings
 
 app = typer.Typer(
     name="hums",
@@ -32,6 +33,19 @@ Band = Annotated[
         metavar="LOW HIGH",
         help="Band to demodulate, Hz. Default: one is chosen for each channel, and the report says why.",
     ),
+]
+NoEnvelope = Annotated[bool, typer.Option("--no-envelope", help="Search no bearing line.")]
+Channels = Annotated[list[str] | None, typer.Option(help="Channel to analyse; repeat. Default all.")]
+Tachometer = Annotated[str | None, typer.Option(help="Which tachometer tells the angle. Default the first.")]
+SpeedRange = Annotated[
+    Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
+    typer.Option(
+        metavar="LOW HIGH",
+        help="Without a tachometer: speeds of the reference to look for, rev/s; needs --max-acceleration.",
+    ),
+]
+MaxAcceleration = Annotated[
+    float | None, typer.Option(metavar="HZ_PER_S", help="How fast that speed may change, rev/s in a second.")
 ]
 WorkerCount = Annotated[
     int | None, typer.Option("--workers", metavar="N", help="Processes to work in. Default one a processor.")
@@ -174,19 +188,11 @@ def analyze(
     gearbox: Annotated[str, typer.Option(help="A .toml file or a catalogue name.")],
     out: Out,
     envelope_band: Band = None,
-    no_envelope: Annotated[bool, typer.Option("--no-envelope", help="Search no bearing line.")] = False,
-    channel: Annotated[list[str] | None, typer.Option(help="Channel to analyse; repeat. Default all.")] = None,
-    tachometer: Annotated[str | None, typer.Option(help="Which tachometer tells the angle. Default the first.")] = None,
-    speed_range: Annotated[
-        Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
-        typer.Option(
-            metavar="LOW HIGH",
-            help="Without a tachometer: speeds of the reference to look for, rev/s; needs --max-acceleration.",
-        ),
-    ] = None,
-    max_acceleration: Annotated[
-        float | None, typer.Option(metavar="HZ_PER_S", help="How fast that speed may change, rev/s in a second.")
-    ] = None,
+    no_envelope: NoEnvelope = False,
+    channel: Channels = None,
+    tachometer: Tachometer = None,
+    speed_range: SpeedRange = None,
+    max_acceleration: MaxAcceleration = None,
     baseline: Annotated[
         Path | None,
         typer.Option(help="analysis.h5 of the record before, whose variances NA4 and NB4 are held against."),
@@ -199,7 +205,6 @@ def analyze(
     track_bandwidth: Annotated[float | None, typer.Option(help="Bandwidth of amplitude tracks, orders.")] = None,
 ) -> None:
     """Analyse a record and write the report."""
-    from hums.analysis import AnalysisSettings  # noqa: PLC0415
     from hums.analysis import analyze as run  # noqa: PLC0415
     from hums.gearbox import load_gearbox  # noqa: PLC0415
     from hums.layout import open_analysis  # noqa: PLC0415
@@ -207,22 +212,18 @@ def analyze(
     from hums.store import open_record  # noqa: PLC0415
     from hums.tables import summary  # noqa: PLC0415
 
-    if envelope_band and no_envelope:
-        raise ValueError("--envelope-band and --no-envelope are both given; keep one.")
-    _refuse_half_a_speed(speed_range, max_acceleration)
-    chosen = {
-        "channels": tuple(channel) if channel else None,
-        "tachometer": tachometer,
-        "speed_range_hz": speed_range,
-        "max_acceleration_hz_s": max_acceleration,
-        "envelope_band_hz": envelope_band,
-        "freeze_baseline": freeze_baseline,
-        "false_alarm_probability": false_alarm_probability,
-        "max_order": max_order,
-        "track_bandwidth_orders": track_bandwidth,
-    }
-    stated = {name: value for name, value in chosen.items() if value is not None}
-    settings = AnalysisSettings(**stated, **({"envelope_band_hz": None} if no_envelope else {}))
+    settings = _settings(
+        channels=tuple(channel) if channel else None,
+        tachometer=tachometer,
+        speed_range_hz=speed_range,
+        max_acceleration_hz_s=max_acceleration,
+        envelope_band_hz=envelope_band,
+        no_envelope=no_envelope,
+        freeze_baseline=freeze_baseline,
+        false_alarm_probability=false_alarm_probability,
+        max_order=max_order,
+        track_bandwidth_orders=track_bandwidth,
+    )
     with open_record(record) as opened, open_analysis(baseline) if baseline else nullcontext() as past:
         prepare_folder(out)
         analysis = run(opened, load_gearbox(gearbox), settings=settings, baseline=past)
@@ -297,40 +298,28 @@ def fleet(
     gearbox: Annotated[str, typer.Option(help="A .toml file or a catalogue name.")],
     out: Out,
     envelope_band: Band = None,
-    no_envelope: Annotated[bool, typer.Option("--no-envelope", help="Search no bearing line.")] = False,
-    channel: Annotated[list[str] | None, typer.Option(help="Channel to analyse; repeat. Default all.")] = None,
-    tachometer: Annotated[str | None, typer.Option(help="Which tachometer tells the angle. Default the first.")] = None,
-    speed_range: Annotated[
-        Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
-        typer.Option(
-            metavar="LOW HIGH",
-            help="Without a tachometer: speeds of the reference to look for, rev/s; needs --max-acceleration.",
-        ),
-    ] = None,
-    max_acceleration: Annotated[
-        float | None, typer.Option(metavar="HZ_PER_S", help="How fast that speed may change, rev/s in a second.")
-    ] = None,
+    no_envelope: NoEnvelope = False,
+    channel: Channels = None,
+    tachometer: Tachometer = None,
+    speed_range: SpeedRange = None,
+    max_acceleration: MaxAcceleration = None,
     false_alarm_probability: Annotated[float, typer.Option(help="For each record.")] = 0.01,
     workers: WorkerCount = None,
     scheduler: Scheduler = None,
 ) -> None:
     """Analyse many records into one table with its trends; the same again goes on, with new records too."""
-    from hums.analysis import AnalysisSettings  # noqa: PLC0415
     from hums.fleet import analyze_fleet  # noqa: PLC0415
 
-    if envelope_band and no_envelope:
-        raise ValueError("--envelope-band and --no-envelope are both given; keep one.")
-    _refuse_half_a_speed(speed_range, max_acceleration)
-    chosen = {
-        "channels": tuple(channel) if channel else None,
-        "tachometer": tachometer,
-        "speed_range_hz": speed_range,
-        "max_acceleration_hz_s": max_acceleration,
-        "envelope_band_hz": envelope_band,
-        "false_alarm_probability": false_alarm_probability,
-    }
-    stated = {name: value for name, value in chosen.items() if value is not None}
-    settings = AnalysisSettings(most_tracks=0, **stated, **({"envelope_band_hz": None} if no_envelope else {}))
+    settings = _settings(
+        channels=tuple(channel) if channel else None,
+        tachometer=tachometer,
+        speed_range_hz=speed_range,
+        max_acceleration_hz_s=max_acceleration,
+        envelope_band_hz=envelope_band,
+        no_envelope=no_envelope,
+        false_alarm_probability=false_alarm_probability,
+        most_tracks=0,
+    )
     result = analyze_fleet(
         records, gearbox, out, settings=settings, workers=_workers(workers, scheduler), progress=True
     )
@@ -424,12 +413,19 @@ def _workers(count: int | None, scheduler: str | None) -> "Workers":
     return Processes(count=os.cpu_count() or 1 if count is None else count)
 
 
-def _refuse_half_a_speed(speed_range: tuple[float, float] | None, max_acceleration: float | None) -> None:
-    if (speed_range is None) != (max_acceleration is None):
+def _settings(*, no_envelope: bool, **chosen: Any) -> "AnalysisSettings":  # noqa: ANN401  (each option keeps its own type)
+    """Return the settings of what options state; those left out keep their defaults."""
+    from hums.settings import AnalysisSettings  # noqa: PLC0415
+
+    if chosen["envelope_band_hz"] and no_envelope:
+        raise ValueError("--envelope-band and --no-envelope are both given; keep one.")
+    if (chosen["speed_range_hz"] is None) != (chosen["max_acceleration_hz_s"] is None):
         given, missing = "--speed-range", "--max-acceleration HZ_PER_S: how fast that speed may change"
-        if speed_range is None:
+        if chosen["speed_range_hz"] is None:
             given, missing = "--max-acceleration", "--speed-range LOW HIGH: where the reference's speed lies, in rev/s"
         raise ValueError(f"{given} is given alone; add {missing}.")
+    stated = {name: value for name, value in chosen.items() if value is not None}
+    return AnalysisSettings(**stated, **({"envelope_band_hz": None} if no_envelope else {}))
 
 
 def _speed(text: str) -> tuple[str, float]:

@@ -135,33 +135,29 @@ def _tooth_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[Want
         if any(math.isclose(row.order, order, rel_tol=_SAME_ORDER) for order in taken):
             continue  # what turns about a fixed axis meets once a turn; and a planet's flanks meet sun and ring alike
         taken.append(row.order)
-        for harmonic in range(1, plan.harmonics + 1):
-            order = harmonic * row.order
-            yield Wanted(
-                component=row.component,
-                kind=row.kind,
-                harmonic=harmonic,
-                sideband=0,
-                order=order,
-                tolerance=plan.speed_tolerance * order,
-                spectrum=ENVELOPE,
-            )
+        yield from _envelope_comb(row, plan, relative_tolerance=plan.speed_tolerance, fundamental=False)
 
 
 def _bearing_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[Wanted]:
     for row in (row for row in rows if row.kind in BEARING_KINDS):
-        for harmonic in range(1, plan.harmonics + 1):
-            order = harmonic * row.order
-            yield Wanted(
-                component=row.component,
-                kind=row.kind,
-                harmonic=harmonic,
-                sideband=0,
-                order=order,
-                tolerance=plan.slip * order,
-                spectrum=ENVELOPE,
-                fundamental=harmonic == 1,
-            )
+        yield from _envelope_comb(row, plan, relative_tolerance=plan.slip, fundamental=True)
+
+
+def _envelope_comb(
+    row: DefectOrder, plan: SearchPlan, *, relative_tolerance: float, fundamental: bool
+) -> Iterator[Wanted]:
+    for harmonic in range(1, plan.harmonics + 1):
+        order = harmonic * row.order
+        yield Wanted(
+            component=row.component,
+            kind=row.kind,
+            harmonic=harmonic,
+            sideband=0,
+            order=order,
+            tolerance=relative_tolerance * order,
+            spectrum=ENVELOPE,
+            fundamental=fundamental and harmonic == 1,
+        )
 
 
 def envelope_sidebands(found: FoundLine, spacings: Iterable[float]) -> list[Wanted]:

@@ -110,9 +110,7 @@ def open_tree(path: str | os.PathLike[str]) -> xr.DataTree:
     RecordError
         If the file is missing, damaged or not HDF5.
     """
-    file = existing_file(path)
-    open_hdf5(file).close()
-    return _opened(file, xr.open_datatree)
+    return _checked_and_opened(path, xr.open_datatree)
 
 
 def write_shard(
@@ -148,9 +146,7 @@ def open_shard(path: str | os.PathLike[str]) -> xr.Dataset:
     RecordError
         If the file is missing, damaged or not HDF5.
     """
-    file = existing_file(path)
-    open_hdf5(file).close()
-    return _opened(file, xr.open_dataset)
+    return _checked_and_opened(path, xr.open_dataset)
 
 
 def record_of_shard(shard: xr.Dataset, row: int) -> xr.Dataset:
@@ -211,6 +207,12 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
 
 
 # ---- reading -----------------------------------------------------------------------------------------------
+
+
+def _checked_and_opened(path: str | os.PathLike[str], open_with: Callable[..., Opened]) -> Opened:
+    file = existing_file(path)
+    open_hdf5(file).close()
+    return _opened(file, open_with)
 
 
 def _opened(file: Path, open_with: Callable[..., Opened]) -> Opened:

@@ -8,7 +8,8 @@ grows with the square root of the record.
 import numpy as np
 
 from signals.harmonics import _sample_kernels
-from signals.harmonics._chain import Chain, Flags, Floats, State, Tally, look_interval, padded, smooth_chain
+from signals.harmonics._chain import Chain, Flags, Floats, State, look_interval, padded, smooth_chain
+from signals.harmonics._tally import Tally
 from signals.harmonics.model import Complexes, Estimate, Estimator, HarmonicModel, Indices
 
 # Samples whose angles are gathered at a time.

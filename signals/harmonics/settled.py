@@ -12,7 +12,8 @@ from math import ceil, log
 import numpy as np
 
 from signals.harmonics import _settled_kernels
-from signals.harmonics._chain import Tally, padded
+from signals.harmonics._chain import padded
+from signals.harmonics._tally import Tally
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.exact import filter_on, start
 from signals.harmonics.model import Estimate, Floats, HarmonicModel

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import positive, whole
-from signals.harmonics._chain import Chain, Knowledge, State, Tally, advance, look_back, nothing_known, smooth_on
+from signals.harmonics._chain import Chain, Knowledge, State, advance, look_back, nothing_known, smooth_on
+from signals.harmonics._tally import Tally
 from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.exact import chain_of, filter_on, parts, start
 from signals.harmonics.inputs import check_bandwidth, check_orders, check_record

@@ -5,8 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from data_synth.faults import ImpactTrain
-from data_synth.path import add_rings, impact_line, mode_response, ring_pole, ring_seconds, ring_spectrum
+from data_synth.path import impact_line, mode_response, ring_pole, ring_seconds, ring_spectrum
 from data_synth.scene import Mode
+from data_synth.sensors import add_ringing
 
 MODE = Mode(frequency_hz=3000.0, damping_ratio=0.05)
 
@@ -35,7 +36,9 @@ def test_rings_start_between_samples():
     struck = np.array([-0.004, -1e-5, 0.0, 0.0123456789, 0.0129, 0.099990001])
     sizes = np.array([[1.0, 2.0, -1.0, 0.5, 1.5, 4.0], [0.0, 1.0, 0.0, 1.0, 0.0, 1.0]])
     signal = np.zeros((2, count))
-    add_rings(signal, times_s=struck, amplitudes=sizes, mode=MODE, rate_hz=rate)
+    pole, residue = np.array([ring_pole(MODE)]), np.array([-1j])  # Re -j exp(p t) is the sine
+    for own, size in zip(signal, sizes, strict=True):
+        add_ringing(own, times_s=struck, amplitudes=size, poles=pole, residues=residue, rate_hz=rate)
     times = np.arange(count) / rate
     expected = sum(size[:, None] * ringing(times - at) for size, at in zip(sizes.T, struck, strict=True))
     assert_allclose(signal, expected, atol=1e-11)
