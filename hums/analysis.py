@@ -15,9 +15,10 @@ import xarray as xr
 
 from hums.baseline import HISTORIES, baseline_of
 from hums.channels import AnalysedChannel, analysed_channel, chosen_channels, dead_channels, gapped_channels
-from hums.findings import Finding, Judge, JudgedLine, findings
+from hums.findings import Finding, findings
 from hums.gearbox import Gearbox
 from hums.indicators import channel_indicators, localities
+from hums.judging import Judge, JudgedLine
 from hums.layout import (
     SCHEMA,
     Analysis,

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
 import typer
 
+from hums.printing import print_orders, print_record
+
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
 
     from hums.jobs import Workers
     from hums.kinematics import Kinematics
@@ -100,7 +101,7 @@ def orders(
     if plot:
         top = _reference_rpm(kinematics, reference, speeds)
         _plot_orders(table, rpm or (top / 10, top), plot)
-    _print_orders(table, csv=csv, json=json)
+    print_orders(table, csv=csv, json=json)
 
 
 @app.command()
@@ -170,7 +171,7 @@ def convert(
     )
     save_record(record, target)
     typer.echo(f"wrote {target}")
-    _print_record(record)
+    print_record(record)
 
 
 @app.command()
@@ -179,7 +180,7 @@ def info(record: Annotated[Path, typer.Argument(help="A record, .h5.")]) -> None
     from hums.store import open_record  # noqa: PLC0415
 
     with open_record(record) as opened:
-        _print_record(opened)
+        print_record(opened)
 
 
 @app.command()
@@ -271,7 +272,7 @@ def synth(
     record = simulate(scene, seed=seed, by_source=by_source, phases=phases)
     save_record(record, out)
     typer.echo(f"wrote {out}")
-    _print_record(record)
+    print_record(record)
 
 
 @app.command()
@@ -439,20 +440,6 @@ def _speed(text: str) -> tuple[str, float]:
     return link, 0.0
 
 
-def _print_orders(table: "pd.DataFrame", *, csv: bool, json: bool) -> None:
-    fractions = table["exact"].map(str, na_action="ignore")
-    if csv:
-        spacings = table["sidebands"].map(lambda row: " ".join(map(str, row)))
-        typer.echo(table.assign(sidebands=spacings).to_csv(index=False), nl=False)
-    elif json:
-        spacings = table["sidebands"].map(lambda row: [float(spacing) for spacing in row])
-        plain = table.assign(exact=fractions, sidebands=spacings)
-        typer.echo(plain.to_json(orient="records", double_precision=15))
-    else:
-        plain = table.assign(exact=fractions.fillna("")).drop(columns="sidebands")
-        typer.echo(plain.to_string(index=False, formatters={"order": "{:.6f}".format}))
-
-
 def _plot_orders(table: "pd.DataFrame", reference_rpm: tuple[float, float], path: Path) -> None:
     from hums.plots import save_figure, speed_order_chart  # noqa: PLC0415
 
@@ -465,37 +452,6 @@ def _reference_rpm(kinematics: "Kinematics", reference: str | None, speeds: dict
     if speeds is None or link is None:
         return DRAWN_RPM
     return abs(float(kinematics.relative_speed(link, seen_from=frame, speeds=speeds)))
-
-
-def _turning(speeds: tuple[float, float, float] | None) -> str:
-    return "" if speeds is None else ", about {:.4g} rev/s (98 % of revolutions {:.4g} to {:.4g})".format(*speeds)
-
-
-def _print_record(record: "xr.Dataset") -> None:
-    from hums.record import nominal_speed, sampling, tachometers, turning_speeds, vibration_channels  # noqa: PLC0415
-
-    for label, key in (("machine", "machine"), ("recorded at", "recorded_at")):
-        if record.attrs.get(key):
-            typer.echo(f"{label:<12} {record.attrs[key]}")
-    for name in vibration_channels(record):
-        when, attrs = sampling(record, name), record[name].attrs
-        where = "".join(f", {attrs[key]}" for key in ("sensor", "direction") if key in attrs)
-        typer.echo(
-            f"{'channel':<12} {name}: {when.count} samples at {when.rate_hz:g} Hz, "
-            f"{when.count / when.rate_hz:.3f} s from {when.start_s:g} s, in {attrs['units']}{where}"
-        )
-    for name in tachometers(record):
-        attrs = record[name].attrs
-        typer.echo(
-            f"{'tachometer':<12} {name}: {record[name].size} pulses, {attrs['pulses_per_rev']} a revolution of "
-            f"{attrs['shaft']}{_turning(turning_speeds(record[name]))}"
-        )
-    declared = nominal_speed(record)
-    if declared is not None:
-        typer.echo(f"{'speed':<12} {float(declared) * 60:g} rpm of {declared.attrs['shaft']}, declared (nominal)")
-    truth = [str(name) for name in record.data_vars if str(name).startswith("truth_")]
-    if truth:
-        typer.echo(f"{'truth':<12} {', '.join(truth)}")
 
 
 if __name__ == "__main__":

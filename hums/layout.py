@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import xarray as xr
 
-from hums.findings import Finding, JudgedLine
+from hums.findings import Finding
+from hums.judging import JudgedLine
 from hums.record import RecordError
 from hums.search import ENVELOPE, ORDER_SPECTRUM
 from hums.store import open_tree, write_tree

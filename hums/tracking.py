@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from hums.channels import AnalysedChannel, finite_values
-from hums.findings import JudgedLine
+from hums.judging import JudgedLine
 from hums.machine import Machine
 from hums.orders import BEARING_KINDS
 from hums.record import sampling

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from hums.findings import Judge, Locality, findings, implied_cage
+from hums.findings import Locality, findings
 from hums.gears import smooth_kurtosis
+from hums.judging import Judge, implied_cage
 from hums.orders import BearingOrders
 from hums.search import ENVELOPE, ORDER_SPECTRUM, FoundLine, Wanted
 from signals.lines import Line

@@ -204,7 +204,7 @@ def mfpt_record(real_data, name):
     [("InnerRaceFault_vload_1", "inner_race"), ("OuterRaceFault_vload_1", "outer_race")],
 )
 def test_records_the_rule_was_not_made_on(real_data, data, name, kind, settings):
-    # the rule of hums.findings was fixed on the wind turbine and CWRU records before these were opened; what it has
+    # the rule of hums.judging was fixed on the wind turbine and CWRU records before these were opened; what it has
     # learnt since (flanks, jitter, planets passing, shared harmonics) came from synthetic records
     record = mfpt_record(real_data, name)
     found = findings_table(analyze(record, load_gearbox(data / "mfpt-rig.toml"), settings=settings))

@@ -6,8 +6,8 @@ import pytest
 
 from data_synth import Scene, simulate
 from hums.analysis import AnalysisSettings, analyze
-from hums.findings import Judge
 from hums.gearbox import Gearbox, load_gearbox
+from hums.judging import Judge
 from hums.kinematics import solve_kinematics
 from hums.orders import BearingOrders
 from hums.search import ENVELOPE, ORDER_SPECTRUM, FoundLine, SearchPlan, Wanted, wanted_lines

@@ -1,0 +1,150 @@
+"""What may stand in a record: units, names, numbers and moments, each refused in a sentence where it may not."""
+
+import math
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from numbers import Real
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "RATE_REMEDY",
+    "SCHEMA",
+    "UNITS",
+    "UNKNOWN_ANGLE",
+    "WAYS_TO_ANGLE",
+    "RecordError",
+    "check_name",
+    "direction_of",
+    "finite",
+    "known_units",
+    "positive",
+    "shown",
+    "utc",
+    "vector",
+]
+
+SCHEMA = "hums-record/1"
+
+UNITS: Mapping[str, tuple[str, ...]] = {
+    "g": ("g0", "g_n", "gn"),
+    "m s-2": ("m/s^2", "m/s2", "m/s²", "m/s**2", "m s^-2", "m s**-2", "m·s-2"),
+    "m s-1": ("m/s", "m s^-1", "m s**-1", "m·s-1"),
+    "mm s-1": ("mm/s", "mm s^-1", "mm s**-1", "mm·s-1"),
+    "m": (),
+    "mm": (),
+    "µm": ("um", "\N{GREEK SMALL LETTER MU}m"),
+    "V": ("volt", "volts", "Volt", "Volts"),
+    "mV": (),
+    "Pa": (),
+    "N": (),
+    "A": (),
+    "1": (),
+}
+"""Units a channel may have, each with the spellings that are read as it."""
+
+_CANONICAL = {spelling: units for units, aliases in UNITS.items() for spelling in (units, *aliases)}
+
+WAYS_TO_ANGLE = (
+    "Give exactly one of: pulse times, angle=PulseTimes(times_s=..., shaft=..., pulses_per_rev=...), on the "
+    "command line --tach-times NAME; a tachometer waveform, angle=TachometerWaveform(values=..., shaft=..., "
+    "pulses_per_rev=...), --tach-waveform NAME; a declared constant speed, angle=NominalSpeed(rpm=..., "
+    "shaft=...), --shaft-rpm RPM. Where there is none, say so, angle=UnknownAngle(), --no-tachometer: the speed is "
+    "then estimated from the vibration."
+)
+UNKNOWN_ANGLE = "unknown"
+RATE_REMEDY = "state the samples per second, rate_hz=... (on the command line --rate-hz)"
+
+
+class RecordError(ValueError):
+    """What keeps a dataset, a file or an argument from being a record, in one sentence."""
+
+
+def vector(values: ArrayLike, what: str) -> NDArray[np.floating]:
+    """Return 1-D float32 as it is and every other 1-D real array as float64."""
+    if isinstance(values, np.ma.MaskedArray):
+        values = np.ma.filled(values.astype(np.float64), np.nan)  # masked samples are gaps
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise RecordError(f"{what}: not an array of numbers ({error}).") from error
+    if array.dtype.kind not in "iuf":
+        raise RecordError(f"{what}: values of type {array.dtype}; real numbers are needed.")
+    if array.ndim != 1:
+        raise RecordError(
+            f"{what}: shape {array.shape} where one row of numbers is needed; give each column as a channel of its own."
+        )
+    if array.size == 0:
+        raise RecordError(f"{what}: empty; at least one sample is needed.")
+    single = array.dtype.kind == "f" and array.dtype.itemsize == np.dtype(np.float32).itemsize
+    return array.astype(np.float32 if single else np.float64, copy=False)
+
+
+def known_units(units: object, what: str) -> str:
+    """Return units as `UNITS` writes them."""
+    valid = ", ".join(f'"{name}"' for name in UNITS)
+    if units is None or units == "":
+        raise RecordError(
+            f'{what}: no units. Declare them, Channel(values=..., units="g") or make_record(..., units="g"), '
+            f"on the command line --units g. Units are one of {valid}."
+        )
+    if not isinstance(units, str) or units.strip() not in _CANONICAL:
+        raise RecordError(f"{what}: units={units!r} are not known. Units are one of {valid}.")
+    return _CANONICAL[units.strip()]
+
+
+def direction_of(direction: Sequence[float] | str, what: str) -> str | list[float]:
+    """Return three finite numbers as a list, or words as they are."""
+    if isinstance(direction, str):
+        return direction
+    vector = np.asarray(direction)
+    if vector.shape != (3,) or vector.dtype.kind not in "iuf" or not 0 < np.linalg.norm(vector) < np.inf:
+        raise RecordError(f"{what}: direction={direction!r}; three numbers, not all zero, or a word are needed.")
+    return [float(component) for component in vector]
+
+
+def utc(moment: datetime | str | None) -> str:
+    """Return a moment as ISO 8601 in UTC, "" for none; one without its offset from UTC is refused."""
+    if moment is None or moment == "":
+        return ""
+    try:
+        when = datetime.fromisoformat(moment) if isinstance(moment, str) else moment
+        offset = when.utcoffset()
+    except (ValueError, AttributeError) as error:
+        raise RecordError(
+            f"recorded_at={moment!r}: a datetime or ISO 8601, as 2013-03-11T03:00:24Z, is needed."
+        ) from error
+    if offset is None:
+        raise RecordError(
+            f"recorded_at={moment!s}: no time zone; add its offset from UTC, as {when.isoformat()}+01:00 or ...Z."
+        )
+    return when.astimezone(UTC).isoformat().replace("+00:00", "Z")
+
+
+def positive(value: object, what: str, remedy: str) -> float:
+    """Return a positive, finite number, or refuse it with what would remedy it."""
+    if isinstance(value, Real) and not isinstance(value, bool | np.bool) and 0 < float(value) < math.inf:
+        return float(value)
+    raise RecordError(f"{what}={shown(value)}: a positive, finite number is needed; {remedy}.")
+
+
+def finite(value: object, what: str, kind: str = "number of seconds") -> float:
+    """Return a finite number."""
+    if isinstance(value, Real) and not isinstance(value, bool | np.bool) and math.isfinite(value):
+        return float(value)
+    raise RecordError(f"{what}={shown(value)}: a finite {kind} is needed.")
+
+
+def shown(value: object) -> str:
+    """Return a value as an error shows it: a number of numpy as plain Python."""
+    return repr(value.item() if isinstance(value, np.generic) else value)
+
+
+def check_name(name: object, what: str) -> None:
+    """Refuse names that do not survive a file, where a slash opens a group, or that mean something else."""
+    good = isinstance(name, str) and name.strip() == name and name not in {"", ".", ".."}
+    if not isinstance(name, str) or not good or "/" in name or "\0" in name:
+        raise RecordError(f"{what}: the name {name!r} cannot be kept in a file; use words without / and outer blanks.")
+    if what != "truth" and (name in {"time", "nominal_speed"} or name.startswith("truth_")):
+        raise RecordError(f'{what}: the name "{name}" has a meaning of its own in a record; choose another.')
