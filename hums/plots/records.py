@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.text import Annotation
 
 from hums.plots.labels import Board, points, settle
 from hums.plots.style import INK, KIND_COLOURS, LINE, TRACK_COLOURS
 
 _COLUMNS = 1600  # of a drawn spectrum; between them the highest point is kept
 _MOST_LABELS = 14
+_ABOVE = 5  # points from a line to its name
 
 
 def plot_speed(speed: xr.Dataset, *, ax: Axes) -> Axes:
@@ -47,9 +49,9 @@ def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes, logarithmic: boo
         ylabel=f"peak amplitude, {spectrum['units'].item()}",
         xlim=(0, float(orders[-1])),
         yscale="log" if logarithmic else "linear",
-        ylim=(bottom, top * (top / bottom) ** 0.6 if logarithmic else 1.7 * top),
+        ylim=(bottom, 1.1 * top),
     )
-    _name_lines([line for line in lines if line["claimed"]], ax=ax)
+    _name_lines([line for line in lines if line["claimed"]], np.column_stack((orders, amplitude)), ax=ax)
     return ax
 
 
@@ -74,30 +76,50 @@ def plot_tracks(tracks: xr.Dataset, *, channel: str, ax: Axes, most: int = 6) ->
     return ax
 
 
-def _name_lines(lines: list[dict[Hashable, Any]], *, ax: Axes) -> None:
-    """Write the names of lines above their dots, the first ones first, and leave out those that would overlap."""
+def _name_lines(lines: list[dict[Hashable, Any]], drawn: np.ndarray, *, ax: Axes) -> None:
+    """Write the names of lines above them, the first ones first, and leave out those that would overlap.
+
+    A name stands above all of the spectrum, `drawn` (n, 2) as order and amplitude, that is within its width, and the
+    axis goes as high as the names do.
+    """
     settle(ax)
-    board, left = Board(), _MOST_LABELS
-    for line in lines:
-        if not left:
-            break
-        label = ax.annotate(
-            _label(line),
-            (line["order_found"], line["line_amplitude"]),
-            xytext=(0, 5),
-            textcoords="offset points",
-            rotation=90,
-            ha="center",
-            va="bottom",
-            fontsize=7,
-            color=KIND_COLOURS.get(line["kind"], INK),
-        )
+    labels = [_name(line, ax=ax) for line in lines]
+    to_fraction = ax.transScale + ax.transLimits
+    for label in labels:
+        extent = label.get_window_extent().padded(points(ax))
+        left, right = (ax.transData.inverted().transform((x, 0.0))[0] for x in (extent.x0, extent.x1))
+        under = drawn[(drawn[:, 0] > left) & (drawn[:, 0] < right), 1]
+        label.xy = (label.xy[0], max(label.xy[1], under.max(initial=0.0)))
+        room = 1 - (extent.height + _ABOVE * points(ax)) / ax.bbox.height
+        low, _ = ax.get_ybound()
+        # what stands at this height of the axis now comes to stand where the name just fits above it
+        share = to_fraction.transform(label.xy)[1] / max(room, 0.2)
+        if share > 1:
+            high = to_fraction.inverted().transform((0.0, share))[1]
+            ax.set_ylim(low, high)
+    settle(ax)
+    board, named = Board(), 0
+    for label in labels:
         extent = label.get_window_extent().padded(0.5 * points(ax))
-        if board.free(extent):
+        if named < _MOST_LABELS and board.free(extent):
             board.take(extent)
-            left -= 1
+            named += 1
         else:
             label.remove()
+
+
+def _name(line: dict[Hashable, Any], *, ax: Axes) -> Annotation:
+    return ax.annotate(
+        _label(line),
+        (line["order_found"], line["line_amplitude"]),
+        xytext=(0, _ABOVE),
+        textcoords="offset points",
+        rotation=90,
+        ha="center",
+        va="bottom",
+        fontsize=7,
+        color=KIND_COLOURS.get(line["kind"], INK),
+    )
 
 
 def _highest(orders: np.ndarray, amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
