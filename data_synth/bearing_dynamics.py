@@ -53,23 +53,24 @@ class Support:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RaceSpall:
-    """A spall of a race: a hollow, cosine in shape, deepest in the middle.
+class Spall:
+    """A spall: a hollow, cosine in shape, deepest in the middle.
 
     Attributes
     ----------
-    race : {"outer", "inner"}
+    of : {"ring", "element"}
+        A ring; or element 1, which meets the outer race at whole turns about its own axis, the inner one between.
     middle_rad : float
-        Where it sits: in the frame, or on the inner ring at turn 0.
+        Where on a ring it sits, at turn 0.
     width_rad : float
-        From end to end, seen from the shaft's axis: its length over the radius of the race.
+        From end to end, seen from the axis of who has it: its length over the radius there.
     depth_m : float
         By how much a contact in the middle is let off. An element that bridges the hollow sinks in by ``length^2 / (4
         d)`` at most, d its diameter.
     """
 
-    race: Literal["outer", "inner"]
-    middle_rad: float
+    of: Literal["ring", "element"]
+    middle_rad: float = 0.0
     width_rad: float
     depth_m: float
 
@@ -89,7 +90,7 @@ class BearingModel:
         Half the diametral clearance; negative under preload.
     shaft, pedestal, resonator : Support
         The resonator's spring and damper hold it to the pedestal, the others' to the ground.
-    spall : RaceSpall or None
+    spall : Spall or None
     """
 
     elements: int
@@ -99,7 +100,7 @@ class BearingModel:
     shaft: Support
     pedestal: Support
     resonator: Support
-    spall: RaceSpall | None = None
+    spall: Spall | None = None
 
     def _body(self) -> Array:
         supports = (self.shaft, self.pedestal, self.resonator)
@@ -117,8 +118,8 @@ class BearingModel:
     def _spall(self) -> Array:
         if self.spall is None:
             return np.zeros(4)
-        race = {"outer": 1.0, "inner": 2.0}[self.spall.race]
-        return np.array([race, self.spall.middle_rad, self.spall.width_rad / 2, self.spall.depth_m])
+        of = {"ring": 1.0, "element": 2.0}[self.spall.of]
+        return np.array([of, self.spall.middle_rad, self.spall.width_rad / 2, self.spall.depth_m])
 
     def highest_rad_s(self, force_n: float) -> float:
         """Return a bound on the natural frequencies in rad s-1 while the contacts carry `force_n` and their preload.
@@ -162,7 +163,7 @@ def move_bearing(
     model: BearingModel,
     *,
     cage_turns: ArrayLike,
-    inner_turns: ArrayLike,
+    spot_turns: ArrayLike,
     load_n: ArrayLike,
     step_s: float,
     state: ArrayLike | None = None,
@@ -172,8 +173,9 @@ def move_bearing(
     Parameters
     ----------
     model : BearingModel
-    cage_turns, inner_turns : (2 m + 1,) array
-        Turns of cage and inner ring at half steps: ``0, 1/2, 1, ... m`` steps from the beginning.
+    cage_turns, spot_turns : (2 m + 1,) array
+        Turns of the cage, and of who has the spall, at half steps: ``0, 1/2, 1, ... m`` steps from the beginning. Those
+        of an element are about its own axis.
     load_n : (2, 2 m + 1) array, or (2,)
         Force on the shaft across and up, its weight included.
     step_s : float
@@ -188,11 +190,10 @@ def move_bearing(
     """
     from data_synth._bearing_kernel import march  # noqa: PLC0415 - loads numba
 
-    cage, inner = (np.asarray(turns, dtype=np.float64) for turns in (cage_turns, inner_turns))
-    if cage.ndim != 1 or cage.shape != inner.shape or cage.size < 3 or cage.size % 2 == 0:  # noqa: PLR2004
+    cage, spot = (np.asarray(turns, dtype=np.float64) for turns in (cage_turns, spot_turns))
+    if cage.ndim != 1 or cage.shape != spot.shape or cage.size < 3 or cage.size % 2 == 0:  # noqa: PLR2004
         raise ValueError(
-            f"cage_turns and inner_turns have shapes {cage.shape} and {inner.shape}; "
-            "give 2 m + 1 of each, at half steps"
+            f"cage_turns and spot_turns have shapes {cage.shape} and {spot.shape}; give 2 m + 1 of each, at half steps"
         )
     load = np.asarray(load_n, dtype=np.float64)
     if load.shape not in {(2,), (2, cage.size)}:
@@ -206,7 +207,7 @@ def move_bearing(
     now = np.zeros(10) if state is None else np.array(state, dtype=np.float64)
     motion, acceleration = np.empty((steps + 1, 10)), np.empty((steps + 1, 5))
     contact = np.empty((steps + 1, model.elements))
-    turns = (2 * np.pi * np.remainder(cage, 1.0), 2 * np.pi * np.remainder(inner, 1.0))
+    turns = (2 * np.pi * np.remainder(cage, 1.0), 2 * np.pi * np.remainder(spot, 1.0))
     march(now, *turns, load, step_s, model._body(), model._spall(), motion, acceleration, contact)  # noqa: SLF001
     if not np.all(np.isfinite(now)):
         raise ValueError(f"the motion ran away with step_s = {step_s:g}; shorten it")

@@ -36,7 +36,8 @@ class PlanetPass(Declared):
 class CrossAxis(Declared):
     """Transverse sensitivity: the sensor reads `share` of the motion across its axis as if along it.
 
-    A kinematic scene draws that motion like that of another sensor at the place: a gain for each source.
+    A kinematic scene draws that motion like that of another sensor at the place: a gain for each source. Where gears
+    vibrate, it draws the direction across from which that share comes.
     """
 
     share: Annotated[float, Field(gt=0, lt=1)]
@@ -131,3 +132,27 @@ class Noise(Declared):
     """White Gaussian noise of each channel, `rms` in the units of the motion."""
 
     rms: NotNegative = 0.05
+
+
+def check_chain(sensor: Sensor, *, first: Sensor, rate_hz: float) -> None:
+    """Raise ValueError for a channel that does not fit the first one of its scene, or the sampling rate."""
+    who = f'sensor "{sensor.name}"'
+    for units, other in ((sensor.units, first.units), (sensor.channel_units, first.channel_units)):
+        if units != other:
+            raise ValueError(
+                f'{who} has units "{units}" and "{first.name}" "{other}"; amplitudes are in the units of the '
+                "sensors, so use one for all"
+            )
+    for part in ("anti_alias", "hum"):
+        value = getattr(sensor, part)
+        top = value.frequency_hz * getattr(value, "harmonics", 1) if value is not None else 0.0
+        if top >= rate_hz / 2:
+            raise ValueError(
+                f"{who}: {part} reaches {top:g} Hz, which is not below half of rate_hz = {rate_hz:g}; lower it"
+            )
+    drops = sensor.drop_outs
+    if drops is not None and drops.per_second * drops.duration_s >= 1:
+        raise ValueError(
+            f"{who}: drop_outs.per_second = {drops.per_second:g} of {drops.duration_s:g} s each leave nothing; "
+            "lower one of them"
+        )

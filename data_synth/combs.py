@@ -6,6 +6,7 @@ so it has no sidebands (nor, in a planetary gearbox, the passing of planets).
 """
 
 import math
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -18,6 +19,12 @@ from data_synth.scene import Scene
 
 ComplexArray = NDArray[np.complex128]
 Draws = Callable[..., np.random.Generator]  # a generator of its own for every word it is called with
+
+
+def random_stream(seed: int, *words: str) -> np.random.Generator:
+    """Return the generator that belongs to `words`."""
+    keys = tuple(zlib.crc32(word.encode()) for word in words)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=keys))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,14 +4,17 @@ import math
 from collections.abc import Callable, Sequence
 
 from data_synth import gear_faults
+from data_synth.bearing_faults import bearing_trains, settle_s
 from data_synth.combs import Comb, Draws, healthy_combs
 from data_synth.drive import Drive
-from data_synth.faults import ImpactTrain, bearing_train, damage_comb, damage_trains
+from data_synth.faults import ImpactTrain, damage_comb, damage_trains
+from data_synth.growth import Growth
 from data_synth.passing import as_they_pass
 from data_synth.path import ring_seconds
 from data_synth.profile import Array
 from data_synth.scene import BearingFault, GearFault, Scene, ShaftFault, ToothCrack
 from data_synth.shaft_faults import ShaftExcitation, bent_shaft, imbalance, shaft_comb, shaft_misalignment
+from data_synth.ways import followed_s
 
 
 def last_s(scene: Scene) -> float:
@@ -71,7 +74,7 @@ def gear_damage(scene: Scene, number: int, *, draws: Draws) -> gear_faults.GearD
         if fault.kind == "chipping":
             return gear_faults.Chipping(face_width_m=width_m)
         if fault.kind == "spall":
-            return gear_faults.Spall(length_pitches=fault.length_pitches)
+            return gear_faults.Spall(length_pitches=fault.length_pitches, entry_share=fault.entry_share)
         if fault.kind == "pitting":
             rng = draws("pits", str(number))
             return gear_faults.Pitting.drawn(
@@ -100,19 +103,35 @@ def mesh_name(component: str) -> str:
 
 
 def trains_of(
-    scene: Scene, drive: Drive, combs: Sequence[Comb], *, offsets: Sequence[float], draws: Draws
+    scene: Scene,
+    drive: Drive,
+    combs: Sequence[Comb],
+    *,
+    offsets: Sequence[float],
+    sizes: Sequence[Growth],
+    draws: Draws,
 ) -> list[tuple[int, ImpactTrain]]:
-    """Return the impacts that are heard in the record, so also those just before it, with the number of their fault."""
-    before_s = max(-ring_seconds(scene.resonance), drive.start_s)
-    first_rev, last_rev = drive.angle.revolutions([before_s, last_s(scene)])
-    span_rev = (float(first_rev), float(last_rev))
+    """Return the impacts that are heard in the record, so also those just before it, with the number of their fault.
+
+    `sizes` are those of the faults relative to their first.
+    """
     bases = {comb.component: float(comb.base) for comb in combs if comb.kind == "gear_mesh"}
     trains: list[tuple[int, ImpactTrain]] = []
     for number, (fault, offset) in enumerate(zip(scene.faults, offsets, strict=True)):
         if isinstance(fault, BearingFault):
-            rng = draws("impacts", str(number))
-            trains.append((number, bearing_train(scene, fault, span_rev=span_rev, rng=rng)))
-        elif not isinstance(fault, ShaftFault):
+            before_s = max(followed_s(scene, fault.component), settle_s(scene, fault))
+            struck = bearing_trains(
+                scene,
+                number,
+                drive=drive,
+                size=sizes[number],
+                span_rev=_heard_rev(scene, drive, ring_seconds(scene.resonance)),
+                since_rev=_heard_rev(scene, drive, before_s)[0],
+                rng=draws("impacts", str(number)),
+            )
+        elif isinstance(fault, ShaftFault):
+            continue
+        else:
             mesh, tooth = mesh_name(fault.component), scene.exact_orders("tooth")[fault.component]
             struck = damage_trains(
                 gear_damage(scene, number, draws=draws),
@@ -121,8 +140,14 @@ def trains_of(
                 tooth=tooth,
                 teeth=bases[mesh] / float(tooth),
                 offset=offset,
-                span_rev=span_rev,
+                span_rev=_heard_rev(scene, drive, followed_s(scene, mesh)),
                 amplitude=fault.initial_mm * fault.impact_per_mm,
             )
-            trains += [(number, train) for train in struck]
+        trains += [(number, train) for train in struck]
     return trains
+
+
+def _heard_rev(scene: Scene, drive: Drive, before_s: float) -> tuple[float, float]:
+    """Return the revolutions from some time before the record, as far as there is one, to its last sample."""
+    first_rev, last_rev = drive.angle.revolutions([max(-before_s, drive.start_s), last_s(scene)])
+    return float(first_rev), float(last_rev)

@@ -54,13 +54,15 @@ class ToothCrack(Declared):
 
     The depth in mm times each of the three factors gives the relative rise of the mesh amplitude, the lag of
     the first mesh harmonic's phase (harmonic h: h times), and the amplitude of the impact, at full load. The
-    factors are illustrative: a kinematic scene has no tooth stiffness to derive them from.
+    factors are illustrative: a kinematic scene has no tooth stiffness to derive them from. Where gears vibrate, the
+    crack runs at `angle_deg` to the middle of its tooth, and takes stiffness from it.
     """
 
     kind: Literal["tooth_crack"]
     component: Name
     depth_mm: Positive
     growth: GrowthLaw | None = None
+    angle_deg: Annotated[float, Field(gt=0, le=90)] = 45.0
     amplitude_per_mm: NotNegative = 0.2
     phase_rad_per_mm: NotNegative = 0.1
     impact_per_mm: NotNegative = 1.0
@@ -77,7 +79,7 @@ class GearFault(_Sized):
     Of one tooth: `chipping` (size: the width gone), `missing_tooth` (size: what the next tooth is hit by), `spall`.
     Of several: `pitting` of `count` teeth among `spread` neighbours. Of all: `eccentricity`, `misalignment` with
     `twice` of its swing twice a turn, `wear`; these strike nothing. A spall or pit is `length_pitches` long, in parts
-    of the path from tooth to tooth.
+    of the path from tooth to tooth; where contact drops into a spall, there is `entry_share` of the impact at its end.
     """
 
     kind: Literal["chipping", "missing_tooth", "spall", "pitting", "eccentricity", "misalignment", "wear"]
@@ -87,6 +89,7 @@ class GearFault(_Sized):
     length_pitches: Annotated[float, Field(gt=0, le=1)] = 0.3
     count: Annotated[int, Field(ge=1)] = 3
     spread: Annotated[int, Field(ge=1)] = 5
+    entry_share: Annotated[float, Field(ge=-1, le=1)] = -0.5
     twice: Share = 0.5
 
     @model_validator(mode="after")
@@ -107,21 +110,79 @@ class ShaftFault(_Sized):
     amplitude_per_mm: NotNegative = 1.0
 
 
+class Suspended(Declared):
+    """A body on a spring and a damper to the ground."""
+
+    mass_kg: Positive
+    damping_n_s_m: Positive
+    stiffness_n_m: NotNegative
+
+
+class FiveDof(Declared):
+    """A bearing that moves, after Sawalhi and Randall (2008, Mech. Syst. Signal Process. 22): see `bearing_dynamics`.
+
+    `load_n` presses the shaft down at full load; an element between both races pushes back with `contact_n_m` times its
+    compression to the power `load_exponent` of the fault, once half the diametral clearance, `clearance_um`, is closed.
+    A spall of `size_mm` lets it sink in by `depth_um` in the middle; left out, by what an element that bridges it can,
+    ``size^2 / (4 d)``. `resonator_kg` on the pedestal rings the scene's `resonance`: its acceleration is heard.
+    """
+
+    load_n: Positive = 500.0
+    contact_n_m: Positive = 8e9
+    clearance_um: float = 2.0
+    depth_um: Positive | None = None
+    shaft: Suspended = Suspended(mass_kg=3.0, damping_n_s_m=800.0, stiffness_n_m=1e5)
+    pedestal: Suspended = Suspended(mass_kg=7.0, damping_n_s_m=2500.0, stiffness_n_m=1.5e7)
+    resonator_kg: Positive = 0.5
+
+
 class BearingFault(_Sized):
     """A defect of a rolling bearing that is struck time and again, with slip.
 
     Intervals between impacts scatter by `slip_std` of the mean, independently, so their errors add up
     (Antoni and Randall 2003, J. Vib. Acoust. 125); `mean_slip` lowers the mean rate below that of pure rolling. Where
     the struck part turns through the load zone, impacts follow Stribeck's load distribution with the factor
-    `load_distribution` (0.5: half of the ring carries). Their amplitude at
-    full load is `size_mm` times `impact_per_mm`, an illustrative factor.
+    `load_distribution` (0.5: half of the ring carries) and `load_exponent` (3/2 for balls, 10/9 for rollers). The zone
+    stands still, as under weight and teeth, or turns with the link `load_turns_with`, as under an imbalance. Their
+    amplitude at full load is `size_mm` times `impact_per_mm`, an illustrative factor.
+
+    A spot of the outer ring sits at `place_deg` from the middle of the load zone. Of an element, strikes on the inner
+    race are `inner_share` as hard as those on the outer one. Where an element drops into a spall of a race, before it
+    hits the far end, there is `entry_share` of an impact. An impact is over at once, or presses evenly for
+    `pulse_share` of the time in which a spall of this size is passed: it then rings high modes less. With `five_dof`
+    the bearing moves, and impacts come from that: `load_distribution`, `inner_share`, `entry_share`, `pulse_share` and
+    `impact_per_mm` have no part in it.
     """
 
     kind: Literal["inner_race", "outer_race", "rolling_element", "cage"]
     slip_std: Annotated[float, Field(ge=0, le=0.1)] = 0.01
     mean_slip: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
     load_distribution: Annotated[float, Field(gt=0, le=1)] = 0.5
+    load_exponent: Annotated[float, Field(ge=1, le=2)] = 1.5
+    load_turns_with: Name | None = None
+    place_deg: Annotated[float, Field(ge=-180, le=360)] = 0.0
+    inner_share: NotNegative = 1.0
+    entry_share: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    pulse_share: Share = 0.0
     impact_per_mm: NotNegative = 1.0
+    five_dof: FiveDof | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for key, kinds in _ONLY.items():
+            if getattr(self, key) != type(self).model_fields[key].default and self.kind not in kinds:
+                raise ValueError(f"{key} is a matter of {' and '.join(kinds)}, not of {self.kind}; leave it out")
+        return self
+
+
+_ONLY = {
+    "place_deg": ("outer_race",),
+    "inner_share": ("rolling_element",),
+    "entry_share": ("inner_race", "outer_race"),
+    "pulse_share": ("inner_race", "outer_race", "rolling_element"),
+    "five_dof": ("inner_race", "outer_race", "rolling_element"),
+}
+"""The kinds of bearing fault that have a key."""
 
 
 Fault = Annotated[ToothCrack | GearFault | ShaftFault | BearingFault, Field(discriminator="kind")]

@@ -31,6 +31,9 @@ class Turning(Protocol):
     def speed_hz(self, times_s: ArrayLike) -> Array:
         """Return the speed in rev s-1 at `times_s` (n,)."""
 
+    def acceleration_hz_s(self, times_s: ArrayLike) -> Array:
+        """Return the acceleration in rev s-2 at `times_s` (n,)."""
+
     def top_speed_hz(self, start_s: float, stop_s: float) -> float:
         """Return the largest speed from `start_s` to `stop_s`, in rev s-1."""
 

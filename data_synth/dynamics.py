@@ -13,8 +13,6 @@ from data_synth.chain import Mode
 from data_synth.driving import NotNegative, Share
 from hums.gearbox import Declared, Name, Positive
 
-Level = Literal["torsional", "lateral", "full"]
-
 
 def _pairs(value: Any) -> Any:  # noqa: ANN401
     return tuple(value.items()) if isinstance(value, Mapping) else value
@@ -31,7 +29,7 @@ class MeshDynamics(Declared):
     """The teeth of a mesh.
 
     Geometry may be declared here where the gearbox leaves it out. `stiffness_n_m` is the mean along the line of action;
-    `shape` how it varies in a cycle: with the strain energy of the teeth (spur gears with teeth outside and no profile
+    `shape` how it varies in a cycle: with the strain energy of the teeth (straight ones without undercut or profile
     shift, held at `bore_share` of their reference radius), as a trapezoid by the contact ratio, or not at all. Left
     out, it is the first of these that the teeth allow. `error_um` is the amplitude of the first mesh harmonic of the
     transmission error; `fidelity` that of this stage, where it is lower than the scene's.
@@ -40,21 +38,27 @@ class MeshDynamics(Declared):
     module_mm: Positive | None = None
     face_width_mm: Positive | None = None
     pressure_angle_deg: Positive | None = None
+    profile_shift: tuple[float, float] | None = None
     shape: Literal["teeth", "trapezoid", "constant"] | None = None
     stiffness_n_m: Positive | None = None
     damping_n_s_m: NotNegative = 0.0
     backlash_um: NotNegative = 0.0
     error_um: NotNegative = 0.0
     bore_share: Annotated[float, Field(gt=0, lt=0.8)] = 0.4
-    fidelity: Level | None = None
+    fidelity: Literal["kinematic", "torsional", "lateral", "full"] | None = None
 
 
 class SupportDynamics(Declared):
-    """How a bearing, or a link without one, is held; `damping_s` is damping over stiffness."""
+    """How a bearing, or a link without one, is held; `damping_s` is damping over stiffness.
+
+    A ring that is rigid with the housing becomes a body of its own where it is named here, `torsion_nm_rad` against
+    turning.
+    """
 
     radial_n_m: Positive = 1e8
     axial_n_m: Positive = 1e8
     tilt_nm_rad: Positive = 1e5
+    torsion_nm_rad: NotNegative = 0.0
     damping_s: NotNegative = 0.0
 
 

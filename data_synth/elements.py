@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_synth.mechanics import Array, Coordinates, Mesh, Spring, Vector
+from data_synth.friction import SlidingFriction
+from data_synth.mechanics import Array, Coordinates, Mesh, Rubbing, Spring, Vector
 from data_synth.mesh import Stiffness
 from data_synth.transmission_error import TransmissionError
 
 Place = tuple[str, str]  # a body and one of its motions
-_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+_SAME_GEARS = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +63,9 @@ class Support:
     point_m : vector of 3 or None
         Where it stands; the first body's centre if left out.
     x, y, z : float
-        Stiffness along the directions of space, N/m.
+        Stiffness across the first body's axis and along it, N/m: along x, y and z of space where it is z.
     tilt_x, tilt_y, torsion : float
-        Stiffness about x, y and z, N m/rad.
+        Stiffness about the same directions, N m/rad.
     damping_s : float
         Damping over stiffness, in s, of every one of them.
     """
@@ -82,10 +83,12 @@ class Support:
     def terms(self, at: Coordinates) -> Iterator[Spring]:
         """Yield a spring for each direction that has a stiffness."""
         one, other = self.between
-        point = self.point_m or at.body(one).centre_m
-        for value, along in ((self.x, _X), (self.y, _Y), (self.z, _Z)):
+        body = at.body(one)
+        point = self.point_m or body.centre_m
+        x, y, z = (body.turning(motion) for motion in ("tilt x", "tilt y", "rotation"))
+        for value, along in ((self.x, x), (self.y, y), (self.z, z)):
             yield from self._spring(value, at.point(one, point, along) - at.point(other, point, along))
-        for value, about in ((self.tilt_x, _X), (self.tilt_y, _Y), (self.torsion, _Z)):
+        for value, about in ((self.tilt_x, x), (self.tilt_y, y), (self.torsion, z)):
             yield from self._spring(value, at.turn(one, about) - at.turn(other, about))
 
     def _spring(self, value: float, row: Array) -> Iterator[Spring]:
@@ -179,6 +182,8 @@ class GearMesh:
         As in `Mesh`.
     damping : float
         N s/m along the line of action, of the displacements alone, in contact or not.
+    friction : SlidingFriction or None
+        Of the same geometry, gear a driving.
     """
 
     name: str
@@ -190,12 +195,37 @@ class GearMesh:
     backlash_m: float = 0.0
     damping: float = 0.0
     cycles_per_rev: float = 1.0
+    friction: SlidingFriction | None = None
 
     def terms(self, at: Coordinates) -> Iterator[Spring | Mesh]:
         """Yield the mesh, and the damper in it."""
         one, other = self.gears
         row = at.point(one, self.point_m, self.direction) - at.point(other, self.point_m, self.direction)
-        yield from _mesh_terms(self, row)
+        yield from _mesh_terms(self, row, () if self.friction is None else self._rubbing(at, self.friction))
+
+    def _rubbing(self, at: Coordinates, friction: SlidingFriction) -> tuple[Rubbing, Rubbing]:
+        """Return the sideways force as if at the tangent point of gear a, and what each metre on from there adds."""
+        if self.gears[0] is None:
+            raise ValueError(f'mesh "{self.name}": friction needs a driver; name the driving gear first.')
+        driver = at.body(self.gears[0])
+        axis, along = driver.turning("rotation"), np.asarray(self.direction, dtype=np.float64)
+        along = along - (along @ axis) * axis
+        from_centre = np.asarray(self.point_m) - np.asarray(driver.centre_m)
+        on_path, moment = from_centre @ along, axis @ np.cross(from_centre, along)
+        radius = friction.gears.base_radii_m[0]
+        if not math.isclose(abs(moment), radius, rel_tol=_SAME_GEARS):
+            raise ValueError(
+                f'mesh "{self.name}": its line of action passes "{driver.name}" at {abs(moment):.6g} m, but the first '
+                f"gear of its friction has a base radius of {radius:.6g} m; give the same geometry to both."
+            )
+        across = as_vector(math.copysign(1.0, moment) * np.cross(axis, along))
+
+        def slip(place: float) -> Array:
+            point = np.asarray(self.point_m) + (place - on_path) * along
+            return at.point(self.gears[0], point, across) - at.point(self.gears[1], point, across)
+
+        sideways, lever = friction.shares
+        return Rubbing(direction=slip(0.0), share=sideways), Rubbing(direction=slip(1.0) - slip(0.0), share=lever)
 
 
 def line_of_action(
@@ -231,14 +261,38 @@ def line_of_action(
         Of gear a's helix.
     """
     away = np.array([math.cos(towards_rad), math.sin(towards_rad), 0.0])
-    tangent = np.array([-math.sin(towards_rad), math.cos(towards_rad), 0.0])
+    direction = pressing(
+        along=np.array([0.0, 0.0, 1.0]),
+        away=away,
+        pressure_angle_rad=pressure_angle_rad,
+        flank=flank,
+        base_helix_rad=base_helix_rad,
+        hand=hand,
+    )
+    point = np.asarray(centre_m) + pitch_radius_m * away
+    return as_vector(direction), as_vector(point)
+
+
+def pressing(
+    *, along: Array, away: Array, pressure_angle_rad: float, flank: int, base_helix_rad: float, hand: str | None
+) -> Array:
+    """Return the direction in which gear a presses, (3,), as `line_of_action` has it.
+
+    Parameters
+    ----------
+    along, away : (3,) arrays
+        Unit vectors along the line where the pitch surfaces touch, and across it from gear a into gear b.
+    pressure_angle_rad, base_helix_rad, hand
+        As in `line_of_action`.
+    flank : 1 or -1
+        Of a turning about `along`.
+    """
     sense = {"right": -1.0, "left": 1.0}.get(hand or "", 0.0)
     if base_helix_rad and not sense:
         raise ValueError(f'hand = {hand!r}: a mesh with a helix needs "left" or "right", of its first gear.')
-    direction = flank * math.cos(pressure_angle_rad) * tangent + math.sin(pressure_angle_rad) * away
-    direction[2] = sense * flank * math.tan(base_helix_rad)
-    point = np.asarray(centre_m) + pitch_radius_m * away
-    return as_vector(direction), as_vector(point)
+    across = np.cross(along, away)
+    direction = flank * math.cos(pressure_angle_rad) * across + math.sin(pressure_angle_rad) * away
+    return np.asarray(direction + sense * flank * math.tan(base_helix_rad) * along)
 
 
 def as_vector(values: Array) -> Vector:
@@ -259,7 +313,9 @@ def row_of(motions: Mapping[Place, float], at: Coordinates) -> Array:
     return row
 
 
-def _mesh_terms(element: GearMesh | LinkedMesh, row: Array) -> Iterator[Spring | Mesh]:
+def _mesh_terms(
+    element: GearMesh | LinkedMesh, row: Array, friction: tuple[Rubbing, ...] = ()
+) -> Iterator[Spring | Mesh]:
     yield Mesh(
         name=element.name,
         direction=row,
@@ -267,6 +323,7 @@ def _mesh_terms(element: GearMesh | LinkedMesh, row: Array) -> Iterator[Spring |
         error=element.error,
         backlash_m=element.backlash_m,
         cycles_per_rev=element.cycles_per_rev,
+        friction=friction,
     )
     if element.damping:
         yield Spring(direction=row, stiffness=0.0, damping=element.damping)

@@ -1,23 +1,34 @@
 """What a scene will build, why, and what that will cost, before a sample is computed."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from data_synth.combs import Comb
-from data_synth.drive import driven
-from data_synth.fidelity import chosen
-from data_synth.hastened import factor_of, hastened
-from data_synth.motion import motion_of, prepared
-from data_synth.scene import Fault, Scene, Sensor, load_scene
-from data_synth.simulation import random_stream
-from data_synth.stage import Stage, ratio_of, staged
+from data_synth.bearing_run import bearing_of
+from data_synth.combs import Comb, random_stream
+from data_synth.faults import ImpactTrain
+from data_synth.fidelity import Choice, decided
+from data_synth.frf import Transfer
+from data_synth.hastened import factor_of, hastened, slowed
+from data_synth.levels import KINEMATIC, LEFT_OUT, SPRING, moved, sounding
+from data_synth.meshing import Gears
+from data_synth.motion import prepared
+from data_synth.reduction import contacts_in
+from data_synth.scene import BearingFault, Fault, Scene, Sensor, load_scene
+from data_synth.stage import Stage, staged
 
 # Seconds on one core of a 2020s server, from runs of the demo and of scenes with many lines; a rough guide elsewhere.
 _SETUP_S, _WRITE_S, _WRITE_S_PER_BYTE = 0.02, 0.05, 2e-9
 _PER_LINE, _PER_SOURCE, _PER_POLE, _PER_NOISE = 0.5e-9, 8e-9, 5e-9, 12e-9  # s a sample and channel
+_PER_CONTACT = 0.14e-6  # s a step and element of a bearing that moves
 _TEETH_S, _PER_STEP, _PER_DEGREE = 0.3, 0.3e-6, 0.06e-6  # s for teeth of gears that vibrate, and s a step of time
+_TEETH = {LEFT_OUT: "nothing", SPRING: "a spring", KINEMATIC: "lines"}
+_LEVELS = {
+    LEFT_OUT: "no sensor hears it above the floor: what is behind its teeth turns along",
+    SPRING: "no sensor hears its teeth above the floor",
+    KINEMATIC: "amplitudes of the linear response at each speed",
+}
 BYTES = 8  # of a sample in memory
 _LINE_COPIES, _FIXED_BYTES = 3, 40_000_000  # what was measured beside the channels of the demo of 1 s to 200 s
 _CHAIN = ("cross_axis", "resonance", "sensitivity", "hum", "anti_alias", "clipping", "quantisation", "drop_outs")
@@ -79,9 +90,8 @@ def explain(scene: Scene | str | Path) -> Explanation:
         For a scene that cannot be simulated, as `simulate` does.
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
-    draws, faster = partial(random_stream, 0), factor_of(declared)
-    stage = staged(hastened(declared, faster), draws=draws)
-    parts = tuple(_parts(stage, declared, faster))
+    counted = count(declared)
+    parts = (*counted.gears, *_parts(counted.stage, declared, counted.faster))
     samples, channels = declared.samples, len(declared.sensors)
     record_bytes = samples * channels * BYTES
     return Explanation(
@@ -92,27 +102,51 @@ def explain(scene: Scene | str | Path) -> Explanation:
         parts=parts,
         seconds=_SETUP_S + _WRITE_S + _WRITE_S_PER_BYTE * record_bytes + sum(part.seconds for part in parts),
         record_bytes=record_bytes,
-        working_bytes=needed_bytes(stage, declared, faster),
+        working_bytes=counted.working_bytes,
     )
 
 
-def needed_bytes(stage: Stage, scene: Scene, faster: float) -> int:
-    """Return what is in memory beside the samples of a scene, from the stage of one in which time goes `faster`."""
+@dataclass(frozen=True, kw_only=True)
+class Counted:
+    """What is counted in a moment of a scene, in which time goes `faster`.
+
+    Attributes
+    ----------
+    stage : Stage
+        With the lines of kinematic meshes.
+    faster : float
+    gears : tuple of Part
+        How gears are simulated.
+    working_bytes : int
+        In memory beside the samples.
+    """
+
+    stage: Stage
+    faster: float
+    gears: tuple[Part, ...]
+    working_bytes: int
+
+
+def count(scene: Scene) -> Counted:
+    """Return what a scene consists of, counted in a moment of it."""
+    faster = factor_of(scene)
+    stage, vibrating = staged(hastened(scene, faster), draws=partial(random_stream, 0)), 0
+    if scene.fidelity == "kinematic":
+        why = "kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated"
+        parts: tuple[Part, ...] = (Part(name="fidelity", what="phases and modulations", why=why),)
+    else:
+        stage = slowed(stage, scene)
+        gears, choice = prepared(stage), decided(scene)
+        parts, vibrating = tuple(_gears(stage, gears, choice)), BYTES * scene.samples * len(scene.sensors)
+        stage = sounding(stage, gears, choice.levels)
     lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes)
     instants = stage.pulses.times_s.size + sum(train.revolutions.size for _, train in stage.trains)
-    return 2 * BYTES * _LINE_COPIES * lines * scene.truth_times + round(BYTES * faster * instants) + _FIXED_BYTES
+    truth = 2 * BYTES * _LINE_COPIES * lines * scene.truth_times + round(BYTES * faster * instants)
+    return Counted(stage=stage, faster=faster, gears=parts, working_bytes=truth + vibrating + _FIXED_BYTES)
 
 
 def _parts(stage: Stage, scene: Scene, faster: float) -> Iterator[Part]:
-    """Yield the parts of a scene, from the stage of one in which time goes `faster`."""
-    if scene.fidelity == "kinematic":
-        yield Part(
-            name="fidelity",
-            what="phases and modulations",
-            why="kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated",
-        )
-    else:
-        yield from _gears(_slowed(stage, scene))
+    """Yield the parts of a scene but its gears, from a stage in which time goes `faster`."""
     top = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     yield Part(
         name="speed",
@@ -130,13 +164,9 @@ def _parts(stage: Stage, scene: Scene, faster: float) -> Iterator[Part]:
             seconds=samples * (_PER_LINE * comb.coefficients.shape[0] + _PER_SOURCE),
         )
     for number, train in stage.trains:
-        poles = sum(2 + chain.poles.size for chain in stage.chains) / 2
-        yield Part(
-            name=train.component,
-            what=_counted(train.revolutions.size, faster, "impacts"),
-            why=f"fault {number + 1}, {scene.faults[number].kind}: rings {scene.resonance.frequency_hz:g} Hz",
-            seconds=scene.samples * poles * _PER_POLE,
-        )
+        yield _struck(stage, scene, number, train, faster)
+    for transfer in scene.transfers:
+        yield Part(name=transfer.source, what=f"way of its own to {transfer.sensor}", why=_way(transfer))
     for sensor in scene.sensors:
         yield Part(
             name=sensor.name, what=f"sensor on {sensor.on}", why=_chain(sensor), seconds=scene.samples * _PER_NOISE
@@ -151,40 +181,53 @@ def _parts(stage: Stage, scene: Scene, faster: float) -> Iterator[Part]:
     )
 
 
+def _struck(stage: Stage, scene: Scene, number: int, train: ImpactTrain, faster: float) -> Part:
+    """Return what strikes: impacts that ring, or a bearing that moves."""
+    fault, poles = scene.faults[number], sum(2 + chain.poles.size for chain in stage.chains) / 2
+    what = _counted(train.revolutions.size, faster, "entries" if train.entries else "impacts")
+    by_ways = all((train.source, sensor.name) in stage.ways for sensor in scene.sensors)
+    rings = "heard by its ways" if by_ways else f"rings {scene.resonance.frequency_hz:g} Hz"
+    why = f"fault {number + 1}, {fault.kind}: {rings}"
+    seconds = scene.samples * poles * _PER_POLE
+    if isinstance(fault, BearingFault) and fault.five_dof is not None:
+        bearing = bearing_of(stage, number, train)
+        steps, elements = bearing.per_sample, scene.bearing(fault.component).elements
+        what = f"5 degrees of freedom, {steps} steps a sample, {what}"
+        why = why.replace("rings", "five_dof, its resonator rings")
+        seconds = (scene.samples * steps + bearing.early) * elements * _PER_CONTACT + seconds * steps
+    return Part(name=train.component, what=what, why=why, seconds=seconds)
+
+
+def _way(transfer: Transfer) -> str:
+    if transfer.lines is None:
+        return f"{len(transfer.modes or ())} mode(s)"
+    return f"measured, {transfer.lines[0][0]:g} to {transfer.lines[-1][0]:g} Hz"
+
+
 def _counted(number: int, faster: float, things: str) -> str:
     return f"{number} {things}" if faster == 1 else f"about {number * faster:.3g} {things}"
 
 
-def _slowed(stage: Stage, scene: Scene) -> Stage:
-    """Return the stage with the scene's own course, by which it is found what of its gears has to be simulated."""
-    if scene is stage.scene:
-        return stage
-    datum_turn = stage.drive.angle.datum_rev * ratio_of(scene, scene.tachometer.link)
-    drive = driven(scene, datum_turn=datum_turn, speed_rng=stage.draws("speed"), torque_rng=stage.draws("torque"))
-    return replace(stage, scene=scene, drive=drive)
-
-
-def _gears(stage: Stage) -> Iterator[Part]:
+def _gears(stage: Stage, gears: Gears, choice: Choice) -> Iterator[Part]:
     """Yield which motions are simulated, what is left out, and the meshes."""
-    scene = stage.scene
-    gears = prepared(stage)
-    choice = chosen(stage, gears)
-    motion = motion_of(stage, gears, levels=choice.levels, springs=choice.springs)
-    steps = motion.steps() * motion.denser
-    running = scene.samples + motion.settle_s * scene.rate_hz
-    yield Part(
-        name="fidelity",
-        what=f"{motion.system.dof} degrees of freedom, {steps} step(s) a sample",
-        why=f"{choice}, error below {motion.error:g}",
-        seconds=_TEETH_S + running * steps * (_PER_STEP + _PER_DEGREE * motion.system.dof),
-    )
-    for mesh in motion.system.meshes:
-        spring = mesh.name in choice.springs
+    scene, motion = stage.scene, moved(stage, gears, choice.levels)
+    if motion is None:
+        yield Part(name="fidelity", what="lines of the linear response", why=str(choice), seconds=_TEETH_S)
+    else:
+        steps = motion.steps() * motion.denser
+        running = scene.samples + motion.settle_s * scene.rate_hz
         yield Part(
-            name=mesh.name,
-            what="a spring" if spring else f"teeth, mean {mesh.stiffness.mean:.4g} N/m",
-            why="no sensor hears its teeth above the floor" if spring else f"{choice.levels[mesh.name]} motion",
+            name="fidelity",
+            what=f"{motion.system.dof} degrees of freedom, {steps} step(s) a sample",
+            why=f"{choice}, error below {motion.error:g}",
+            seconds=_TEETH_S + running * steps * (_PER_STEP + _PER_DEGREE * motion.system.dof),
         )
+    for name, level in choice.levels.items():
+        if level in _TEETH or motion is None:
+            yield Part(name=name, what=_TEETH[level], why=_LEVELS[level])
+            continue
+        stiffness = motion.system.meshes[contacts_in(motion.system, name)[0]].stiffness
+        yield Part(name=name, what=f"teeth, mean {stiffness.mean:.4g} N/m", why=f"{level} motion")
 
 
 def _first(comb: Comb) -> float:

@@ -6,11 +6,10 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from data_synth.bearings import BearingStrikes, LoadZone, bearing_strikes
+from data_synth.bearings import BearingStrikes
 from data_synth.combs import Comb, ComplexArray, common_base
 from data_synth.gear_faults import GearDamage, window
 from data_synth.profile import Array
-from data_synth.scene import BearingFault, Scene
 
 SIDEBAND_CUTOFF = 1e-4
 """Sidebands below this share of the largest are not in the signal at all, so the truth lists every one."""
@@ -39,6 +38,10 @@ class ImpactTrain:
         Turns of the train at revolution zero: impacts are where ``order * revolutions + offset`` is whole.
     strikes : BearingStrikes or None
         Of a bearing: where its rolling elements truly are, and the true mean rate.
+    lasting_rev : (n,) array or None
+        How far the shaft turns while each presses; None where it is over at once.
+    entries : bool
+        Whether these are the drops into a spall that come before its impacts.
     """
 
     component: str
@@ -49,6 +52,8 @@ class ImpactTrain:
     order: Fraction | None = None
     offset: float = 0.0
     strikes: BearingStrikes | None = None
+    lasting_rev: Array | None = None
+    entries: bool = False
 
 
 def tooth_window(angle_rad: ArrayLike, *, teeth: float) -> Array:
@@ -200,25 +205,3 @@ def damage_trains(
             )
         )
     return trains
-
-
-def bearing_train(
-    scene: Scene, fault: BearingFault, *, span_rev: tuple[float, float], rng: np.random.Generator
-) -> ImpactTrain:
-    """Return the impacts of a bearing fault between two revolutions of the reference shaft."""
-    strikes = bearing_strikes(
-        fault.kind,
-        rates=scene.bearing(fault.component),
-        slip=fault,
-        zone=LoadZone.of(distribution=fault.load_distribution),
-        span_rev=span_rev,
-        rng=rng,
-    )
-    return ImpactTrain(
-        component=fault.component,
-        kind=fault.kind,
-        source=fault.component,
-        revolutions=strikes.revolutions,
-        amplitudes=fault.size_mm * fault.impact_per_mm * strikes.weights,
-        strikes=strikes,
-    )

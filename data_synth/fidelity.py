@@ -1,20 +1,44 @@
 """Which motions a scene simulates: what it declares, or, where that is "auto", the cheapest that sounds like all."""
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from itertools import product
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
+from data_synth.combs import random_stream
+from data_synth.hastened import factor_of, hastened, slowed
+from data_synth.keeping import LEVELS
+from data_synth.levels import KINEMATIC, LADDER, LEFT_OUT, SPRING, moved, sounding, whole_of
+from data_synth.likeness import Likeness
+from data_synth.mesh_response import refuse_lines, response_of, tooth_forces
 from data_synth.meshing import Gears, declared_of
-from data_synth.motion import LEVELS, Motion, motion_of
+from data_synth.motion import Motion, prepared
 from data_synth.profile import Array
-from data_synth.scene import Scene, SceneError
-from data_synth.stage import Stage
+from data_synth.scene import Excitation, GearFault, Noise, Scene, SceneError, ToothCrack
+from data_synth.stage import Stage, staged
 
-_MOST_MIXED = 4  # meshes up to which every mixture is tried
+_CLEARLY_DB = 10.0  # beyond the floor: the linear response tells without a simulation
+_SAME_DB = -150.0
 _SILENT_DB = -400.0
+_COARSE = 8  # values of a stiffness to a period of its highest line
+_INSTANTS = 9  # of a scene at which its linear response is looked at
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """What was held against the full motion, and by how many dB its worst channel is apart; in a run, or linearly."""
+
+    levels: Mapping[str, str]
+    decibels: float
+    run: bool
+
+    def __str__(self) -> str:
+        """Return as in ``torsional about 16 dB``."""
+        if math.isinf(self.decibels):
+            return f"{named(self.levels)} out of the question"
+        return f"{named(self.levels)} {'' if self.run else 'about '}{self.decibels:.0f} dB"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,18 +47,17 @@ class Choice:
 
     Attributes
     ----------
-    levels : mapping of mesh to "torsional", "lateral" or "full"
-    springs : tuple of mesh
-        Whose teeth no sensor hears above the floor: each is a spring of its mean stiffness.
-    tried : tuple of (str, float)
-        What was compared with the full motion, cheapest first, and by how many dB the worst channel differed.
+    levels : mapping of mesh to one of `LADDER`
+        "left out": its teeth do not give, and what is behind them turns along; "a spring": teeth of their mean
+        stiffness; "kinematic": the lines of the linear response; else motions in time.
+    tried : tuple of Trial
+        All that were compared with the full motion; with `floor_db` None, nothing was.
     floor_db : float or None
         None where the scene itself says what to simulate.
     """
 
     levels: Mapping[str, str]
-    springs: tuple[str, ...] = ()
-    tried: tuple[tuple[str, float], ...] = ()
+    tried: tuple[Trial, ...] = ()
     floor_db: float | None = None
 
     @property
@@ -42,13 +65,23 @@ class Choice:
         """Return the levels in words."""
         return named(self.levels)
 
+    @property
+    def decibels(self) -> float:
+        """By how many dB the worst channel is apart from the full motion."""
+        return next((trial.decibels for trial in self.tried if trial.levels == self.levels), _SILENT_DB)
+
     def __str__(self) -> str:
         """Return what is simulated, and why."""
         if self.floor_db is None:
             return f"{self.name}, as declared"
-        found = ", ".join(f"{name} {decibels:.0f} dB" for name, decibels in self.tried)
-        quiet = "".join(f'; teeth of "{name}" left out, below the floor' for name in self.springs)
-        return f"{self.name}: within {self.floor_db:g} dB of full (from full: {found}){quiet}"
+        alike = ", ".join(str(trial) for trial in self.tried if len(set(trial.levels.values())) == 1)
+        quiet = "".join(
+            f'; teeth of "{mesh}" {level if level == LEFT_OUT else "left out but for their mean"}, below the floor'
+            for mesh, level in self.levels.items()
+            if level in (LEFT_OUT, SPRING)
+        )
+        apart = "nothing is lost" if self.decibels < _SAME_DB else f"apart by {self.decibels:.0f} dB"
+        return f"{self.name}: within {self.floor_db:g} dB of full, {apart} (from full: {alike or 'nothing'}){quiet}"
 
 
 def named(levels: Mapping[str, str]) -> str:
@@ -61,10 +94,14 @@ def named(levels: Mapping[str, str]) -> str:
 def chosen(stage: Stage, gears: Gears) -> Choice:
     """Return what a scene simulates.
 
-    With "auto", torsional motion is compared with the full one on the first `decide_s` of the scene, then mixtures
-    of stages up to four, then lateral motion, by rising degrees of freedom; the first whose worst channel
-    differs by less than `floor_db`, RMS of the difference over RMS, is taken. Then meshes are made springs, one after
-    the other, as long as the channels stay within the floor. A stage that declares a fidelity keeps it.
+    With "auto", all stages alike are compared with the full motion, kinematic first; the first whose worst channel
+    differs by less than `floor_db`, RMS of the difference over RMS, is taken. Then each stage, the quietest first, is
+    made less by itself: left out, a spring, kinematic, fewer motions, as long as the channels stay within the floor. A
+    stage that declares a fidelity keeps it.
+
+    What the linear response tells is not run: a candidate apart by 10 dB more than the floor allows, at instants all
+    over the scene, is refused, and one that moves as the full motion does is taken. The rest is run over the first
+    `decide_s` of the scene.
 
     Raises
     ------
@@ -72,34 +109,50 @@ def chosen(stage: Stage, gears: Gears) -> Choice:
         A stage that declares more than the scene, or a scene that cannot vibrate.
     """
     scene = stage.scene
-    meshes = [mesh.name for mesh in scene.gearbox.meshes]
-    own = {name: declared_of(scene).mesh(name).fidelity for name in meshes}
+    own = {mesh.name: declared_of(scene).mesh(mesh.name).fidelity for mesh in scene.gearbox.meshes}
     if scene.fidelity != "auto":
-        return Choice(levels={name: _within(scene, name, own[name]) for name in meshes})
+        return Choice(levels={name: _within(scene, name, level) for name, level in own.items()})
     floor_db = declared_of(scene).floor_db
-    top: dict[str, str] = {name: own[name] or "full" for name in meshes}
-    whole = motion_of(stage, gears, levels=top)
-    samples = max(2, min(scene.samples, math.ceil(declared_of(scene).decide_s * scene.rate_hz)))
-    wanted = _heard(whole, samples)
-    tried: list[tuple[str, float]] = []
-    levels = top
-    motions = [(candidate, motion_of(stage, gears, levels=candidate)) for candidate in _candidates(own)]
-    for candidate, motion in sorted(motions, key=lambda pair: pair[1].system.dof):
-        apart = _difference_db(wanted, _heard(motion, samples))
-        tried.append((named(candidate), apart))
-        if apart <= floor_db:
-            levels = candidate
-            break
-    springs: tuple[str, ...] = ()
-    for name in meshes if len(meshes) > 1 else ():
-        quiet = motion_of(stage, gears, levels=levels, springs=(*springs, name))
-        if _difference_db(wanted, _heard(quiet, samples)) <= floor_db:
-            springs = (*springs, name)
-    return Choice(levels=levels, springs=springs, tried=tuple(tried), floor_db=floor_db)
+    judge = _Judge(stage=stage, gears=gears, top={name: level or "full" for name, level in own.items()})
+    tried: list[Trial] = []
+
+    def fits(levels: Mapping[str, str]) -> bool:
+        known = next((trial for trial in tried if trial.levels == levels), None)
+        if known is None:
+            tried.append(known := judge.compared(levels))
+        return known.decibels <= floor_db
+
+    alike = ({name: level or common for name, level in own.items()} for common in (KINEMATIC, *LEVELS[:-1]))
+    levels = next((candidate for candidate in alike if candidate != judge.top and fits(candidate)), judge.top)
+    for name in judge.quietest_first() if len(own) > 1 else ():
+        if own[name] is None:
+            less = ({**levels, name: level} for level in LADDER[: LADDER.index(levels[name])])
+            levels = next((candidate for candidate in less if fits(candidate)), levels)
+    return Choice(levels=levels, tried=tuple(tried), floor_db=floor_db)
+
+
+def decided(scene: Scene) -> Choice:
+    """Return what a scene simulates, whatever its seed: `chosen` of its gears alone, with the phases of seed 0.
+
+    Scenes whose gears, sensors, speed and torque are alike share what was found.
+    """
+    gears = tuple(fault for fault in scene.faults if isinstance(fault, ToothCrack | GearFault))
+    return _decided(scene.model_copy(update={"faults": gears, "noise": Noise(), "excitation": Excitation()}))
+
+
+@lru_cache(maxsize=64)
+def _decided(scene: Scene) -> Choice:
+    stage = slowed(staged(hastened(scene, factor_of(scene)), draws=partial(random_stream, 0)), scene)
+    return chosen(stage, prepared(stage))
+
+
+def forget() -> None:
+    """Forget what `decided` found, as before a time is taken."""
+    _decided.cache_clear()
 
 
 def _within(scene: Scene, mesh: str, own: str | None) -> str:
-    if own is not None and LEVELS.index(own) > LEVELS.index(scene.fidelity):
+    if own is not None and LADDER.index(own) > LADDER.index(scene.fidelity):
         raise SceneError(
             f'dynamics.meshes: "{mesh}" has fidelity = "{own}", more than the scene\'s "{scene.fidelity}"; write '
             f'fidelity = "{own}" for the scene, and less for the other stages.'
@@ -107,27 +160,123 @@ def _within(scene: Scene, mesh: str, own: str | None) -> str:
     return own or scene.fidelity
 
 
-def _candidates(own: Mapping[str, str | None]) -> Iterator[dict[str, str]]:
-    """Yield levels below the full one."""
-    free = [name for name, level in own.items() if level is None]
-    if not free:
-        return
-    if len(free) <= _MOST_MIXED:
-        mixtures = [dict(zip(free, levels, strict=True)) for levels in product(LEVELS[:2], repeat=len(free))]
-    else:
-        mixtures = [dict.fromkeys(free, level) for level in LEVELS[:2]]
-    for mixture in mixtures:
-        yield {name: level or mixture[name] for name, level in own.items()}
+@dataclass(frozen=True, kw_only=True)
+class _Judge:
+    """Holds candidates against `top`, the most that the scene allows."""
+
+    stage: Stage
+    gears: Gears
+    top: Mapping[str, str]
+
+    def compared(self, levels: Mapping[str, str]) -> Trial:
+        """Return how far apart a candidate is."""
+        try:
+            about = self._told(levels)
+            if about is None:
+                return Trial(levels=levels, decibels=_apart_db(self._heard(levels), self._wanted), run=True)
+        except SceneError:  # as of a sensor that looks along shafts, where a lesser motion makes no force
+            about = math.inf
+        return Trial(levels=levels, decibels=about, run=False)
+
+    def _told(self, levels: Mapping[str, str]) -> float | None:
+        """Return how far apart a candidate is where linear responses tell, in dB; None where it has to be run."""
+        if any(level == KINEMATIC and name in self._no_lines for name, level in levels.items()):
+            return math.inf
+        likeness, floor_db = self._likeness, declared_of(self.stage.scene).floor_db
+        if likeness is None:
+            return None
+        about = self._predicted(likeness, levels, floor_db)
+        alike = likeness.linear or all(level in LEVELS for level in levels.values())
+        return about if about > floor_db + _CLEARLY_DB or (alike and about < _SAME_DB) else None
+
+    def quietest_first(self) -> list[str]:
+        """Return the meshes in the order in which they are made less."""
+        if self._likeness is None:
+            return [*self.top]
+        loudness = self._likeness.loudness
+        return sorted(self.top, key=lambda name: float(np.max(loudness[name])))
+
+    # ---- as linear systems
+
+    @cached_property
+    def _whole(self) -> Motion:
+        return whole_of(self.stage, self.gears, self.top)
+
+    @cached_property
+    def _no_lines(self) -> set[str]:
+        """Meshes that cannot be kinematic."""
+        found = set()
+        for name in self.top:
+            try:
+                refuse_lines(self._whole, name)
+            except SceneError:
+                found.add(name)
+        return found
+
+    @cached_property
+    def _likeness(self) -> Likeness | None:
+        """None where planets turn with their carrier, so that no one linear response is heard."""
+        if self._whole.ears.turns:
+            return None
+        last = self.stage.instants_s.size - 1
+        steady = np.ptp(self.stage.speed_hz) == 0 and np.ptp(self.stage.load) == 0
+        instants = (0,) if steady else tuple(np.unique(np.linspace(0, last, _INSTANTS).round().astype(int)).tolist())
+        forces = {name: tooth_forces(self._whole, name, points=_COARSE) for name in self.top}
+        return Likeness(whole=response_of(self._whole), forces=forces, instants=instants)
+
+    def _predicted(self, likeness: Likeness, levels: Mapping[str, str], floor_db: float) -> float:
+        lost = np.zeros(len(self.stage.scene.sensors))
+        for name, level in levels.items():
+            if level in (LEFT_OUT, SPRING):
+                lost += likeness.loudness[name]
+            elif level == KINEMATIC != self.top[name]:
+                lost += likeness.multiplied[name]
+        motion = moved(self.stage, self.gears, levels) if _ratio_db(lost, likeness.total) < floor_db else None
+        if motion is not None:
+            response = response_of(motion)
+            for name in [name for name, level in levels.items() if level in LEVELS]:
+                lost += likeness.unlike(name, response)
+        return _ratio_db(lost, likeness.total)
+
+    # ---- in time
+
+    @cached_property
+    def _wanted(self) -> Array:
+        return self._heard(self.top)
+
+    @cached_property
+    def _piece(self) -> Stage:
+        """The first `decide_s` of the scene, with nothing but gears in it."""
+        scene, drive = self.stage.scene, self.stage.drive
+        scene = scene.changed(duration_s=min(scene.duration_s, declared_of(scene).decide_s))
+        times_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
+        return replace(
+            self.stage,
+            scene=scene,
+            instants_s=times_s,
+            speed_hz=drive.angle.speed_hz(times_s),
+            load=drive.load(times_s),
+            combs=(),
+            amplitudes=(),
+        )
+
+    def _heard(self, levels: Mapping[str, str]) -> Array:
+        scene = self._piece.scene
+        signal = np.zeros((len(scene.sensors), scene.samples))
+        sounding(self._piece, self.gears, levels).add_lines(signal)
+        motion = moved(self._piece, self.gears, levels)
+        if motion is not None:
+            signal += np.concatenate([*motion.channels(samples=scene.samples)], axis=1)
+        return signal
 
 
-def _heard(motion: Motion, samples: int) -> Array:
-    return np.concatenate([*motion.channels(samples=samples)], axis=1)
-
-
-def _difference_db(wanted: Array, found: Array) -> float:
+def _apart_db(found: Array, wanted: Array) -> float:
     """Return the RMS of the difference over the RMS, in dB, of the worst channel."""
-    difference, size = (np.sqrt(np.mean(values**2, axis=1)) for values in (found - wanted, wanted))
-    ratios = np.divide(difference, size, out=np.full(size.size, np.inf), where=size > 0)
-    ratios[difference == 0] = 0.0
+    return _ratio_db(np.mean((found - wanted) ** 2, axis=1), np.mean(wanted**2, axis=1))
+
+
+def _ratio_db(lost: Array, total: Array) -> float:
+    ratios = np.divide(lost, total, out=np.full(total.size, np.inf), where=total > 0)
+    ratios[lost == 0] = 0.0
     worst = float(np.max(ratios))
-    return max(20 * math.log10(worst), _SILENT_DB) if worst > 0 else _SILENT_DB
+    return max(10 * math.log10(worst), _SILENT_DB) if worst > 0 else _SILENT_DB

@@ -89,7 +89,7 @@ class Tongue:
 def floquet(system: System, *, speed_rad_s: float) -> Multipliers:
     """Return the Floquet multipliers of a system at constant speed.
 
-    Meshes are linear, as if closed by load; transmission errors and forces do not matter.
+    Meshes are linear, as if closed by load, and what rubs in them counts; transmission errors and forces do not matter.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ class _Periodic:
         self.angular = angular[kept]
         self.scale = np.where(self.angular > 0, self.angular, self.angular[self.angular > 0].min(initial=1.0))
         self.turns = _turns(system)
-        self.exact = all(mesh.stiffness.constant_between_jumps for mesh in system.meshes)
+        self.exact = all(mesh.stiffness.constant_between_jumps and not mesh.friction for mesh in system.meshes)
         self.breaks = self._breaks()
         self.free_vibration = self.exact and not self.velocity.any() and bool(np.all(self.angular > 0))
         self.pieces = [self._modes_at(part) for part in self._middles()] if self.free_vibration else []
@@ -190,6 +190,8 @@ class _Periodic:
         found = {0.0, float(self.turns)}
         for mesh in self.system.meshes:
             corners = (*mesh.stiffness.jumps, *getattr(mesh.stiffness, "corners", ()))
+            rubs = {jump for rub in mesh.friction for jump in rub.share.jumps}
+            corners += tuple(jump + cycle for cycle in range(mesh.stiffness.period) for jump in rubs)
             period = mesh.stiffness.period / mesh.cycles_per_rev
             for repeat in range(round(float(self.turns) / period)):
                 found |= {corner / mesh.cycles_per_rev + repeat * period for corner in corners}
@@ -273,9 +275,13 @@ class _Periodic:
         size = self.angular.size
         change = np.zeros((turns.size, 2 * size, 2 * size))
         for mesh in self.system.meshes:
-            reach = self.shapes.T @ mesh.direction
-            off = mesh.stiffness(mesh.cycles_per_rev * turns) - mesh.stiffness.mean
+            reach, phase = self.shapes.T @ mesh.direction, mesh.cycles_per_rev * turns
+            stiffness = mesh.stiffness(phase)
+            off = stiffness - mesh.stiffness.mean
             change[:, size:, :size] -= off[:, None, None] * np.outer(reach / self.scale, reach)
+            for rub in mesh.friction:
+                pull = self.shapes.T @ rub.direction / self.scale
+                change[:, size:, :size] += (stiffness * rub.share(phase))[:, None, None] * np.outer(pull, reach)
         return change
 
 

@@ -50,6 +50,11 @@ class SlidingFriction:
         _, sense, carrying = self._pairs(phase_cycles)
         return np.asarray(self.coefficient * sense.sum(axis=0) / carrying.sum(axis=0))
 
+    @property
+    def shares(self) -> "tuple[FrictionShare, FrictionShare]":
+        """`sideways` and the driver's lever over the phase: times the mesh force, all that rubs on both gears."""
+        return FrictionShare(friction=self, moment=False), FrictionShare(friction=self, moment=True)
+
     def _pairs(self, phase_cycles: ArrayLike) -> tuple[Array, Array, Array]:
         """Return distance on the path, sense of the friction (0 where out of contact) and contact of every pair."""
         begin, end = self.gears.path_m
@@ -59,3 +64,23 @@ class SlidingFriction:
         on_path = begin + (since + older) * self.gears.base_pitch_m
         carrying = (on_path < end).astype(np.float64)
         return np.asarray(on_path), np.asarray(carrying * np.sign(pitch_point - on_path)), carrying
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionShare:
+    """What the mesh force is multiplied by, over the mesh phase: for the sideways force, or for the driver's moment."""
+
+    friction: SlidingFriction
+    moment: bool
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Phases at which a pair enters, leaves, or passes the pitch point."""
+        gears = self.friction.gears
+        begin, end = gears.path_m
+        pitch_point = gears.base_radii_m[0] * math.tan(gears.working_angle_rad)
+        return tuple(sorted({0.0, *((place - begin) / gears.base_pitch_m % 1.0 for place in (end, pitch_point))}))
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return it at phases in mesh cycles, any shape."""
+        return self.friction.levers_m(phase_cycles)[0] if self.moment else self.friction.sideways(phase_cycles)

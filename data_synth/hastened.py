@@ -5,6 +5,7 @@ turns, pulses and impacts are fewer by the factor that time goes faster. Fluctua
 rounding gives them a knot more, or where they have so many that their fastest part is left out.
 """
 
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from data_synth.defects import ExponentialGrowth, Fault
 from data_synth.drive import driven
 from data_synth.driving import Speed, Torque, Turbulence
 from data_synth.scene import Scene
+from data_synth.stage import Stage, ratio_of
 
 CourseT = TypeVar("CourseT", Speed, Torque)
 
@@ -45,6 +47,16 @@ def hastened(scene: Scene, factor: float) -> Scene:
         torque=_course(scene.torque, factor, duration_s) if scene.torque is not None else None,
         faults=tuple(_fault(fault, factor) for fault in scene.faults),
     )
+
+
+def slowed(stage: Stage, scene: Scene) -> Stage:
+    """Return the stage with the scene's own course, for what depends on it alone: how its gears vibrate."""
+    if scene is stage.scene:
+        return stage
+    datum_turn = stage.drive.angle.datum_rev * ratio_of(scene, scene.tachometer.link)
+    drive = driven(scene, datum_turn=datum_turn, speed_rng=stage.draws("speed"), torque_rng=stage.draws("torque"))
+    instants_s = np.linspace(0.0, scene.duration_s, stage.instants_s.size)
+    return replace(stage, scene=scene, drive=drive, instants_s=instants_s)
 
 
 def _course(course: CourseT, factor: float, duration_s: float) -> CourseT:

@@ -1,103 +1,261 @@
-"""What the bearings of gears that vibrate do to each sensor: a force in N, from motions and mesh forces.
+"""What gears that vibrate do to each sensor: a force in N, from motions and mesh forces.
 
 A bearing feels the springs of a body's motions; along a motion that is held it feels the mesh forces, as in statics.
+Teeth of the frame, as those of a ring in its housing, feel the mesh forces themselves. What turns with a carrier is
+heard along a direction that stands still; and where planets pass the sensors, each ring mesh is heard by the window of
+its angle from the sensor, which stands on the ring where it looks to.
 """
+
+import math
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from data_synth.assembly import Assembly
 from data_synth.integrate import Output
-from data_synth.layout import across, direction_of
+from data_synth.keeping import Kept
+from data_synth.layout import planet_angle, planet_of
+from data_synth.listening import Listener, listeners_of, loudness
 from data_synth.mechanics import Array, System
-from data_synth.meshing import declared_of
-from data_synth.modal import places
-from data_synth.scene import Scene, SceneError, Sensor
-from hums.kinematics import Kinematics
+from data_synth.meshing import Gears, declared_of
+from data_synth.passing import window_of
+from data_synth.planet_pass import PassWindow
+from data_synth.scene import SceneError, Sensor
+from data_synth.stage import Stage
 
 _ALONG = 1e-9
 
 
-def forces_on_sensors(scene: Scene, kinematics: Kinematics, whole: System, kept: Array) -> Output:
-    """Return the maps from motion and mesh forces to the force that each sensor hears.
+@dataclass(frozen=True, kw_only=True)
+class Turning:
+    """Two readings that turn with a carrier: ``cos(angle) first + sin(angle) second`` is heard by a listener."""
+
+    listener: int
+    first: int
+    second: int
+    carrier: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Passing:
+    """A reading of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it."""
+
+    listener: int
+    reading: int
+    carrier: str
+    place_rad: float
+    weight: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ears:
+    """How sensors hear gears.
+
+    Attributes
+    ----------
+    output : Output
+        The readings: one for each listener of what stands still, then what `turning` and `passing` make use of.
+    listeners : tuple of Listener
+    carriers : mapping of carrier to (ratio, offset)
+        Turns of its frame for one of the reference, and at revolution zero.
+    """
+
+    stage: Stage = field(repr=False)
+    output: Output
+    listeners: tuple[Listener, ...]
+    turning: tuple[Turning, ...] = ()
+    passing: tuple[Passing, ...] = ()
+    window: PassWindow | None = None
+    carriers: dict[str, tuple[float, float]]
+
+    @property
+    def turns(self) -> bool:
+        """Whether the way to a sensor turns with a carrier."""
+        return bool(self.turning or self.passing)
+
+    def forces(self, readings: Array, *, times_s: Array) -> Array:
+        """Return the force (n, listeners) that listeners hear, of readings (n, readings)."""
+        count = len(self.listeners)
+        if not self.turns:
+            return readings
+        heard = readings[:, :count].copy()
+        revolutions = self.stage.drive.angle.revolutions(times_s)
+        angles = {
+            carrier: 2 * np.pi * np.remainder(ratio * revolutions + offset, 1.0)
+            for carrier, (ratio, offset) in self.carriers.items()
+        }
+        waves = {item.carrier: (np.cos(angles[item.carrier]), np.sin(angles[item.carrier])) for item in self.turning}
+        for item in self.turning:
+            cosine, sine = waves[item.carrier]
+            heard[:, item.listener] += cosine * readings[:, item.first] + sine * readings[:, item.second]
+        for passes in self.passing:
+            assert self.window is not None  # noqa: S101 - planets pass by it
+            gain = self.window.gain(angles[passes.carrier] + passes.place_rad)
+            heard[:, passes.listener] += passes.weight * gain * readings[:, passes.reading]
+        return np.asarray(heard)
+
+
+def ears_of(stage: Stage, gears: Gears, whole: Assembly, kept: Kept) -> Ears:
+    """Return how the sensors of a scene hear its gears.
 
     Parameters
     ----------
-    scene : Scene
-    kinematics : Kinematics
-    whole : System
-        Of all motions.
-    kept : (k,) array
-        Numbers of those that are not held.
+    stage : Stage
+    gears : Gears
+    whole : Assembly
+        With all motions.
+    kept : Kept
+        Those that are simulated.
     """
-    at = {place: number for number, place in enumerate(places(whole))}
-    springs = np.zeros((whole.dof, whole.dof))
-    for spring in whole.springs:
-        springs += spring.damping * np.outer(spring.direction, spring.direction)
-    meshes = np.array([mesh.direction for mesh in whole.meshes])
-    damping = np.array([_mesh_damping(scene, mesh.name) for mesh in whole.meshes])
-    moving = np.isin(np.arange(whole.dof), kept)
-    displacement, velocity = np.zeros((2, len(scene.sensors), whole.dof))
-    mesh_force = np.zeros((len(scene.sensors), len(whole.meshes)))
-    for row, sensor in enumerate(scene.sensors):
-        heard = _looks_along(kinematics, sensor)
-        if not any((body, motion) in at for body in kinematics.joints for motion in heard):
-            raise SceneError(
-                f'sensor "{sensor.name}" looks along the shafts, where gears that move in a plane make no force; turn '
-                'its direction, or write fidelity = "full".'
-            )
-        for body, weight in _weights(scene, kinematics, sensor).items():
-            for motion, value in heard.items():
-                number = at.get((body, motion))
-                if number is None:
-                    continue
-                if moving[number]:
-                    displacement[row] += weight * value * whole.stiffness[number]
-                    velocity[row] += weight * value * _of_supports(springs, meshes, damping, number)
-                else:
-                    mesh_force[row] -= weight * value * meshes[:, number]
-                    velocity[row] -= weight * value * (meshes[:, number] * damping) @ meshes
-    return Output(
-        rate_hz=scene.rate_hz,
-        displacement=displacement[:, kept],
-        velocity=velocity[:, kept] if velocity.any() else None,
-        mesh_force=mesh_force if mesh_force.any() else None,
+    scene, parts = stage.scene, whole.parts
+    frames = list(dict.fromkeys(contact.carrier for contact in parts.contacts if contact.carrier != parts.frame))
+    rows = _Rows(
+        whole, kept, {name: declared_of(scene).mesh(mesh).damping_n_s_m for name, mesh in gears.meshes.items()}
+    )
+    window, turning, passing = window_of(scene), [], []
+    listeners = listeners_of(scene)
+    looks = [_looks_along(stage, whole, sensor, passes=window is not None) for sensor in scene.sensors]
+    directions = [looks[listener.number] for listener in listeners]
+    weights = [loudness(scene, whole, listener, listeners) for listener in listeners]
+    for along, loud in zip(directions, weights, strict=True):
+        rows.add(along, loud, frame=parts.frame, ring=window is None, axial=frames)
+    for carrier in frames:
+        for number, (along, loud) in enumerate(zip(directions, weights, strict=True)):
+            x, y, _ = along
+            first = rows.add(np.array([x, y, 0.0]), loud, frame=carrier, ring=window is None)
+            second = rows.add(np.array([y, -x, 0.0]), loud, frame=carrier, ring=window is None)
+            turning.append(Turning(listener=number, first=first, second=second, carrier=carrier))
+    if window is not None:
+        for contact in parts.contacts:
+            planet = planet_of(parts.kinematics, contact)
+            if contact.name not in whole.on_frame or planet is None:
+                continue
+            reading = rows.mesh(contact.name)
+            joint = parts.kinematics.joints[parts.kinematics.bodies[contact.links[planet]]]
+            for number, (along, loud) in enumerate(zip(directions, weights, strict=True)):
+                stands = math.atan2(along[1], along[0]) if np.hypot(along[0], along[1]) > _ALONG else 0.0
+                passing.append(
+                    Passing(
+                        listener=number,
+                        reading=reading,
+                        carrier=contact.carrier,
+                        place_rad=planet_angle(scene.gearbox, joint.axis) - stands,
+                        weight=loud[parts.frame],
+                    )
+                )
+    return Ears(
+        stage=stage,
+        output=rows.output(scene.rate_hz),
+        listeners=listeners,
+        turning=tuple(turning),
+        passing=tuple(passing),
+        window=window,
+        carriers={
+            carrier: (parts.frame_ratio(carrier), float(stage.draws("carrier", carrier).random())) for carrier in frames
+        },
     )
 
 
-def _looks_along(kinematics: Kinematics, sensor: Sensor) -> dict[str, float]:
-    """Return the shares of x, y and z, those of the assembly, in a sensor's direction."""
-    first = direction_of(kinematics, next(iter(kinematics.joints)))
-    along = np.stack([*across(first), first]) @ np.asarray(sensor.direction, dtype=np.float64)
-    along = along / np.linalg.norm(along)
-    return {motion: float(value) for motion, value in zip("xyz", along, strict=True) if abs(value) > _ALONG}
+class _Rows:
+    """Readings of motions and mesh forces, added one by one."""
+
+    def __init__(self, whole: Assembly, kept: Kept, damping: dict[str, float]) -> None:
+        self._whole, self._kept, self._at = whole, kept, whole.at
+        system: System = whole.system
+        self._names = [mesh.name for mesh in system.meshes]
+        self._meshes = np.array([mesh.direction for mesh in system.meshes])
+        self._damping = np.array([damping[name] for name in self._names])
+        self._displacement: list[Array] = []
+        self._velocity: list[Array] = []
+        self._mesh_force: list[Array] = []
+
+    def add(
+        self, along: Array, weights: dict[str, float], *, frame: str, ring: bool, axial: list[str] | None = None
+    ) -> int:
+        """Add the force on the frame along a direction of what stands in `frame`, and return its number.
+
+        With it comes what acts along z in the `axial` frames.
+        """
+        displacement, velocity = np.zeros((2, len(self._at.names)))
+        mesh_force = np.zeros(len(self._names))
+        parts, upright = self._whole.parts, np.array([0.0, 0.0, along[2]])
+        for body in (*parts.kinematics.joints, *parts.held):
+            for each in parts.frames(body):
+                heard = along if each == frame else upright if each in (axial or ()) else None
+                if heard is not None and heard.any():
+                    bearing = self._bearing(parts.piece(body, each), heard)
+                    displacement += weights[body] * bearing[0]
+                    velocity += weights[body] * bearing[1]
+                    mesh_force += weights[body] * bearing[2]
+        for contact in parts.contacts if ring else ():
+            heard = along if contact.carrier == frame else upright if contact.carrier in (axial or ()) else None
+            if heard is not None and contact.name in self._whole.on_frame:
+                pressed = float(np.array(self._whole.on_frame[contact.name]) @ heard)
+                mesh_force[self._names.index(contact.name)] += weights[parts.frame] * pressed
+        moving = self._kept.moving
+        return self._append(displacement @ moving, velocity @ moving, mesh_force)
+
+    def mesh(self, name: str) -> int:
+        """Add the force of a mesh."""
+        none = np.zeros(self._kept.numbers.size)
+        return self._append(none, none, np.eye(len(self._names))[self._names.index(name)])
+
+    def output(self, rate_hz: float) -> Output:
+        """Return all readings."""
+        displacement, velocity, mesh_force = (
+            np.array(rows) for rows in (self._displacement, self._velocity, self._mesh_force)
+        )
+        return Output(
+            rate_hz=rate_hz,
+            displacement=displacement,
+            velocity=velocity if velocity.any() else None,
+            mesh_force=mesh_force if mesh_force.any() else None,
+        )
+
+    def _append(self, displacement: Array, velocity: Array, mesh_force: Array) -> int:
+        self._displacement.append(displacement)
+        self._velocity.append(velocity)
+        self._mesh_force.append(mesh_force)
+        return len(self._displacement) - 1
+
+    def _bearing(self, body: str, along: Array) -> tuple[Array, Array, Array]:
+        """Return how what holds a body to the frame presses it: by displacements, velocities and mesh forces."""
+        displacement, velocity = np.zeros((2, len(self._at.names)))
+        mesh_force = np.zeros(len(self._names))
+        for share, motion in zip(along, "xyz", strict=True):
+            number = self._at.index.get((body, motion))
+            if number is None or abs(share) < _ALONG or not self._grounded(number):
+                continue
+            if number in self._kept.numbers:
+                for spring in self._whole.grounded:
+                    if spring.direction[number]:
+                        pressed = share * spring.direction[number] * spring.direction
+                        displacement += spring.stiffness * pressed
+                        velocity += spring.damping * pressed
+            else:
+                reach = self._meshes @ self._kept.follow[:, number]
+                mesh_force -= share * reach
+                velocity -= share * (reach * self._damping) @ self._meshes
+        return displacement, velocity, mesh_force
+
+    def _grounded(self, number: int) -> bool:
+        return any(spring.direction[number] for spring in self._whole.grounded)
 
 
-def _of_supports(springs: Array, meshes: Array, damping: Array, number: int) -> Array:
-    """Return the row of the dampers of bearings: those of all springs but the dampers of meshes."""
-    return np.asarray(springs[number] - (meshes[:, number] * damping) @ meshes)
-
-
-def _mesh_damping(scene: Scene, name: str) -> float:
-    return declared_of(scene).mesh(name).damping_n_s_m
-
-
-def _weights(scene: Scene, kinematics: Kinematics, sensor: Sensor) -> dict[str, float]:
-    """Return how loud a sensor hears the bearings of each body."""
-    declared, bodies, gearbox = declared_of(scene), kinematics.bodies, scene.gearbox
-    stands = {sensor.on}
-    for bearing in gearbox.bearings:
-        if sensor.on in bearing.names:
-            stands |= {link for ring in (bearing.inner_ring, bearing.outer_ring) for link in gearbox.instances(ring)}
-    for mesh in gearbox.meshes:
-        if mesh.name == sensor.on:
-            stands |= {gear.link for gear in mesh.gears}
-    near = {bodies[link] for link in stands if link in bodies}
-    weights = {body: 1.0 if body in near else declared.elsewhere for body in kinematics.joints}
-    for hearing in declared.hearing:
-        if hearing.sensor not in [other.name for other in scene.sensors]:
-            raise SceneError(f'dynamics.hearing names "{hearing.sensor}", which is no sensor of this scene.')
-        for link, weight in hearing.links:
-            if bodies.get(link) not in weights:
-                raise SceneError(f'dynamics.hearing names "{link}", which is no link with bearings in this gearbox.')
-            if hearing.sensor == sensor.name:
-                weights[bodies[link]] = weight
-    return weights
+def _looks_along(stage: Stage, whole: Assembly, sensor: Sensor, *, passes: bool) -> Array:
+    """Return a sensor's direction, with what it hears across it, in x, y and z of the assembly, (3,)."""
+    direction = np.asarray(sensor.direction, dtype=np.float64)
+    direction = direction / np.linalg.norm(direction)
+    if sensor.cross_axis is not None:
+        drawn = stage.draws("cross axis", sensor.name).standard_normal(3)
+        across = drawn - (drawn @ direction) * direction
+        direction = direction + sensor.cross_axis.share * across / np.linalg.norm(across)
+    along = np.asarray(whole.parts.space @ direction)
+    along[np.abs(along) < _ALONG] = 0.0
+    moves = {motion for _, motion in whole.at.index}
+    if not passes and not any(value and motion in moves for value, motion in zip(along, "xyz", strict=True)):
+        raise SceneError(
+            f'sensor "{sensor.name}" looks along the shafts, where gears that move in a plane make no force; turn '
+            'its direction, or write fidelity = "full".'
+        )
+    return along

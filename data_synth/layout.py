@@ -7,6 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from data_synth.cones import Cone, cone_of
 from data_synth.gear_geometry import GearPair
 from data_synth.mechanics import Array
 from hums.gearbox import Gearbox, Mesh
@@ -31,10 +32,13 @@ class Contact:
     carrier : str
         Body in which the contact rests.
     pair : GearPair
+        Of bevel gears the section in the middle of the face.
     parallel : bool
         Whether the axes are.
     swapped : bool
         Whether the gears stand here in the other order than declared.
+    cone : Cone or None
+        Where bevel gears touch.
     """
 
     mesh: str
@@ -45,6 +49,12 @@ class Contact:
     pair: GearPair
     parallel: bool
     swapped: bool
+    cone: Cone | None = None
+
+    @property
+    def rolling(self) -> GearPair:
+        """The gears whose teeth meet: of a bevel pair its virtual spur gears."""
+        return self.pair if self.cone is None else self.cone.rolling(self.pair)
 
 
 def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> tuple[Contact, ...]:
@@ -64,12 +74,15 @@ def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> t
             raise ValueError(f'mesh "{contact.mesh}" has one gear; a mesh with a stiffness needs both of them.')
         number[contact.mesh] = number.get(contact.mesh, 0) + 1
         (one, ones), (two, twos) = contact.gears
-        along = float(np.dot(*(direction_of(kinematics, link) for link in (one, two))))
+        axes = direction_of(kinematics, one), direction_of(kinematics, two)
+        along = float(axes[0] @ axes[1])
         parallel = abs(abs(along) - 1) < _PARALLEL
-        internal = parallel and ones * twos * along < 0
+        cone = None if parallel or declared[contact.mesh].kind else cone_of(axes, (ones, twos))
+        internal = ones * twos * along < 0 if cone is None else cone.internal
         swapped = internal and abs(ones) > abs(twos)
         links, teeth = ((two, one), (twos, ones)) if swapped else ((one, two), (ones, twos))
         signed = (abs(teeth[0]), -abs(teeth[1]) if internal else abs(teeth[1]))
+        cone = cone.other_way_round() if cone is not None and swapped else cone
         found.append(
             Contact(
                 mesh=contact.mesh,
@@ -77,15 +90,16 @@ def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> t
                 links=links,
                 teeth=teeth,
                 carrier=contact.carrier,
-                pair=geometries.get(contact.mesh) or _pair(declared[contact.mesh], signed, swapped=swapped),
+                pair=geometries.get(contact.mesh) or _pair(declared[contact.mesh], signed, cone, swapped=swapped),
                 parallel=parallel,
                 swapped=swapped,
+                cone=cone,
             )
         )
     return tuple(found)
 
 
-def _pair(mesh: Mesh, teeth: tuple[int, int], *, swapped: bool) -> GearPair:
+def _pair(mesh: Mesh, teeth: tuple[int, int], cone: Cone | None, *, swapped: bool) -> GearPair:
     missing = [key for key in ("module_mm", "face_width_mm", "pressure_angle_deg") if getattr(mesh, key) is None]
     if missing:
         raise ValueError(
@@ -93,7 +107,7 @@ def _pair(mesh: Mesh, teeth: tuple[int, int], *, swapped: bool) -> GearPair:
             "stiffness; declare it in the gearbox, or give MeshProperties(geometry=GearPair(...))."
         )
     shift = mesh.profile_shift or (0.0, 0.0)
-    return GearPair(
+    pair = GearPair(
         teeth=teeth,
         module_m=_MM * (mesh.module_mm or 0.0),
         face_width_m=_MM * (mesh.face_width_mm or 0.0),
@@ -101,14 +115,22 @@ def _pair(mesh: Mesh, teeth: tuple[int, int], *, swapped: bool) -> GearPair:
         helix_angle_rad=math.radians(abs(mesh.helix_angle_deg or 0.0)),
         profile_shift=(shift[1], shift[0]) if swapped else (shift[0], shift[1]),
     )
+    return pair if cone is None else cone.middle(pair, mesh.name)
 
 
 def direction_of(kinematics: Kinematics, link: str) -> Array:
-    """Return the direction of the axis a link turns about, (3,); for a gear of the frame that of its mate's carrier."""
+    """Return the direction of the axis a link turns about, (3,); for a gear of the frame that of its mate's carrier.
+
+    Copies of an axis that is not parallel to that of their carrier stand round it as declared.
+    """
     directions, bodies = kinematics.mechanism.directions, kinematics.bodies
     joint = kinematics.joints.get(bodies[link])
     if joint is not None:
-        return np.array(directions[joint.axis])
+        drawn = np.array(directions[joint.axis])
+        holder = kinematics.joints.get(joint.carried_by)
+        if holder is None:
+            return drawn
+        return _turned(drawn, np.array(directions[holder.axis]), planet_angle(kinematics.gearbox, joint.axis))
     for contact in kinematics.contacts:
         shared = kinematics.mechanism.shared_axis(bodies[link], contact.carrier)
         if shared is not None and link in (gear for gear, _ in contact.gears):
@@ -124,35 +146,40 @@ def across(direction: Array) -> tuple[Array, Array]:
     return first, np.cross(direction, first)
 
 
-def stations(kinematics: Kinematics, contacts: tuple[Contact, ...]) -> dict[str, tuple[float, float]]:
-    """Return where each body's axis passes through the plane across all axes, m; the frame's in the origin.
+def upright(kinematics: Kinematics) -> Array:
+    """Return the direction that is z of the assembly, (3,): the first axis, or that of a carrier not parallel to it."""
+    joints, frame = kinematics.joints, kinematics.mechanism.frame
+    first = direction_of(kinematics, next(iter(joints)))
+    for carrier in dict.fromkeys(joint.carried_by for joint in joints.values() if joint.carried_by != frame):
+        axis = direction_of(kinematics, carrier)
+        if not _alike(axis, first):
+            return axis
+    return first
+
+
+def stations(kinematics: Kinematics, contacts: tuple[Contact, ...]) -> dict[str, Array]:
+    """Return a point of each body's axis in space, (3,) m; the first body's in the origin.
 
     A declared ``through`` says so. Else planets stand round their carrier as declared, at the centre distance of their
-    mesh, and each other gear beside one that is known, along x.
+    mesh, and each other gear beside one that is known, along x; axes of bevel gears meet.
     """
-    frame = kinematics.mechanism.frame
-    one, two = across(direction_of(kinematics, next(iter(kinematics.joints))))
+    joints, frame = kinematics.joints, kinematics.mechanism.frame
     through = {
         name: np.array(axis.through) * _MM
         for axis in kinematics.gearbox.axes
         if axis.through is not None and axis.copies is None
         for name in axis.instances()
     }
-    known = {
-        body: (float(one @ through[joint.axis]), float(two @ through[joint.axis]))
-        for body, joint in kinematics.joints.items()
-        if joint.axis in through
-    }
-    first = next(iter(kinematics.joints))
-    known.setdefault(first, (0.0, 0.0))
+    known = {body: through[joint.axis] for body, joint in joints.items() if joint.axis in through}
+    known.setdefault(next(iter(joints)), np.zeros(3))
     coaxial = {
         (body, other)
         for members in kinematics.mechanism.levels.values()
         for body in members
         for other in members
-        if frame not in (body, other) and kinematics.joints[body].axis == kinematics.joints[other].axis
+        if frame not in (body, other) and joints[body].axis == joints[other].axis
     }
-    for _ in range(len(kinematics.joints)):
+    for _ in range(len(joints)):
         for body, other in coaxial:
             if body in known:
                 known.setdefault(other, known[body])
@@ -161,16 +188,29 @@ def stations(kinematics: Kinematics, contacts: tuple[Contact, ...]) -> dict[str,
     return known
 
 
-def _place(kinematics: Kinematics, contact: Contact, known: dict[str, tuple[float, float]]) -> None:
-    """Put the gear of a contact that has no place yet beside the other one."""
+def _place(kinematics: Kinematics, contact: Contact, known: dict[str, Array]) -> None:
+    """Put the gear of a contact that has no place yet beside the other one, or through its apex."""
     bodies = [kinematics.bodies[link] for link in contact.links]
-    centres = [known.get(_axis_body(kinematics, body, contact.carrier)) for body in bodies]
-    if None not in centres or centres == [None, None]:
+    starts = [known.get(_axis_body(kinematics, body, contact.carrier)) for body in bodies]
+    here = 0 if starts[0] is None else 1
+    start = starts[1 - here]
+    if starts[here] is not None or start is None:
         return
-    here, there = (0, 1) if centres[0] is None else (1, 0)
-    angle, start = _angle(kinematics, bodies[here]), centres[there] or (0.0, 0.0)
-    distance = contact.pair.centre_distance_m
-    known[bodies[here]] = (start[0] + distance * math.cos(angle), start[1] + distance * math.sin(angle))
+    axis = direction_of(kinematics, contact.links[1 - here])
+    if not contact.parallel:
+        known[bodies[here]] = start + height_m(kinematics, contact) * axis
+        return
+    z = upright(kinematics)
+    x, y = across(z if _alike(axis, z) else axis)
+    joint = kinematics.joints.get(bodies[here])
+    angle = 0.0 if joint is None else planet_angle(kinematics.gearbox, joint.axis)
+    known[bodies[here]] = start + contact.pair.centre_distance_m * (math.cos(angle) * x + math.sin(angle) * y)
+
+
+def height_m(kinematics: Kinematics, contact: Contact) -> float:
+    """Return where a mesh stands along the axis of its first gear: the middle of its face, or its apex."""
+    mesh = next(mesh for mesh in kinematics.gearbox.meshes if mesh.name == contact.mesh)
+    return _MM * (mesh.position_mm or 0.0)
 
 
 def _axis_body(kinematics: Kinematics, body: str, carrier: str) -> str:
@@ -181,9 +221,40 @@ def _axis_body(kinematics: Kinematics, body: str, carrier: str) -> str:
     return carrier if shared is not None and carrier != body else body
 
 
-def _angle(kinematics: Kinematics, body: str) -> float:
-    """Return the angle at which a planet stands, 0 for what is none."""
-    return planet_angle(kinematics.gearbox, kinematics.joints[body].axis)
+def _alike(one: Array, two: Array) -> bool:
+    return abs(abs(float(one @ two)) - 1) < _PARALLEL
+
+
+def _turned(vector: Array, about: Array, angle: float) -> Array:
+    """Return a vector turned about a unit vector (Rodrigues)."""
+    if not angle or _alike(vector, about):
+        return vector
+    along = (about @ vector) * about
+    return np.asarray(along + math.cos(angle) * (vector - along) + math.sin(angle) * np.cross(about, vector))
+
+
+def planet_of(kinematics: Kinematics, contact: Contact) -> int | None:
+    """Return which gear of a contact, 0 or 1, is a planet of its carrier; None where neither or both are."""
+    joints, bodies = kinematics.joints, [kinematics.bodies[link] for link in contact.links]
+    frame = kinematics.mechanism.frame
+    carried = [body in joints and joints[body].carried_by == contact.carrier != frame for body in bodies]
+    return carried.index(True) if sum(carried) == 1 else None
+
+
+def planet_lag(kinematics: Kinematics, contact: Contact, *, speeds: Mapping[str, float] | None = None) -> Fraction:
+    """Return how many mesh cycles later than the first the planet of a contact meets the same teeth.
+
+    The teeth of the central gear pass a planet at the angle psi by ``Z psi / 2 pi`` cycles later than the first, if
+    they pass in the sense of psi as the carrier sees them, else earlier.
+    """
+    planet = planet_of(kinematics, contact)
+    if planet is None:
+        return Fraction(0)
+    z, central = upright(kinematics), contact.links[1 - planet]
+    turn = planet_turn(kinematics.gearbox, kinematics.joints[kinematics.bodies[contact.links[planet]]].axis)
+    passes = kinematics.relative_speed(central, seen_from=contact.carrier, speeds=speeds)
+    sense = passes * round(float(direction_of(kinematics, central) @ z))
+    return abs(contact.teeth[1 - planet]) * turn * (-1 if sense < 0 else 1)
 
 
 def planet_angle(gearbox: Gearbox, axis_name: str) -> float:

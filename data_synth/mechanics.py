@@ -10,11 +10,11 @@ constant k. Bearings and shafts give several such springs, a mesh one whose cons
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from data_synth.mesh import Stiffness
 from data_synth.transmission_error import TransmissionError
@@ -26,6 +26,57 @@ PLANE = ("x", "y", "rotation")
 SPACE = ("x", "y", "z", "tilt x", "tilt y", "rotation")
 _TRANSLATIONS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _ALONG_Z = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """How the teeth of a mesh change in time: as at each of some instants, and linear between them.
+
+    Attributes
+    ----------
+    times_s : (j,) array
+        Rising, two or more; before the first and after the last nothing changes.
+    stiffnesses : tuple of j Stiffness
+    errors : tuple of j TransmissionError or None
+        All of them there, or none.
+    """
+
+    times_s: Array = field(metadata={"dims": ("stage",), "units": "s"})
+    stiffnesses: tuple[Stiffness, ...]
+    errors: tuple[TransmissionError | None, ...]
+
+    def __post_init__(self) -> None:
+        count = len(self.times_s)
+        if count < 2 or not np.all(np.diff(self.times_s) > 0):  # noqa: PLR2004
+            raise ValueError(f"times_s = {self.times_s}: two or more instants are needed, rising.")
+        if (len(self.stiffnesses), len(self.errors)) != (count, count) or len({e is None for e in self.errors}) != 1:
+            raise ValueError(
+                f"{count} instants need as many stiffnesses and errors, these all or none of them None; there are "
+                f"{len(self.stiffnesses)} and {len(self.errors)}."
+            )
+
+    def stage(self, times_s: Array) -> Array:
+        """Return where in the course each time (n,) is: 1.5 lies halfway between the second and the third instant."""
+        return np.interp(times_s, self.times_s, np.arange(len(self.times_s)))
+
+
+class Share(Protocol):
+    """A number that follows the mesh phase, cycle after cycle."""
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Phases in [0, 1), rising, at which it jumps."""
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return it at phases in mesh cycles, any shape."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rubbing:
+    """Friction of a mesh: bodies feel ``direction x share(phase)`` times the force between the flanks that drive."""
+
+    direction: Array = field(metadata={"dims": ("dof",), "units": "1 or m, over share"})
+    share: Share
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +97,10 @@ class Mesh:
         Half the gap. 0: teeth never part, and the mesh is linear.
     cycles_per_rev : float
         Mesh cycles per revolution of the reference; the phase is zero where the reference's angle is.
+    course : Course or None
+        Where teeth change in time; its first stage is `stiffness` and `error`.
+    friction : tuple of Rubbing
+        Forces that go with the mesh force, across its direction. Backs of teeth that touch in a gap rub nothing.
     """
 
     name: str
@@ -54,6 +109,19 @@ class Mesh:
     error: TransmissionError | None = None
     backlash_m: float = 0.0
     cycles_per_rev: float = 1.0
+    course: Course | None = None
+    friction: tuple[Rubbing, ...] = ()
+
+    def teeth_at(self, phase_cycles: Array, times_s: Array) -> tuple[Array, Array]:
+        """Return stiffness in N/m and transmission error in m at phases and times (n,)."""
+        none = np.zeros(np.shape(phase_cycles))
+        if self.course is None:
+            return self.stiffness(phase_cycles), none if self.error is None else self.error(phase_cycles)
+        stage = self.course.stage(times_s)
+        weights = [np.maximum(1 - np.abs(stage - number), 0) for number in range(len(self.course.times_s))]
+        errors = [none if error is None else error(phase_cycles) for error in self.course.errors]
+        stiffness = sum((w * k(phase_cycles) for w, k in zip(weights, self.course.stiffnesses, strict=True)), none)
+        return stiffness, sum((w * e for w, e in zip(weights, errors, strict=True)), none)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +188,10 @@ class Body:
     speed_ratio : float
         Revolutions about the axis per revolution of the reference, as the frame at rest sees it; only gyroscopic terms
         use it.
+    frame_ratio : float
+        Turns of its x and y about z per revolution of the reference.
+    turns_with : str or None
+        Another body of which this one is a piece: its rotation is that of the other.
     """
 
     name: str
@@ -130,12 +202,14 @@ class Body:
     centre_m: Vector = (0.0, 0.0, 0.0)
     axis: Vector = (0.0, 0.0, 1.0)
     speed_ratio: float = 0.0
+    frame_ratio: float = 0.0
+    turns_with: str | None = None
 
     def __post_init__(self) -> None:
         for motion in self.motions:
             if motion not in SPACE:
                 raise ValueError(f'body "{self.name}": the motion "{motion}" is not one of {", ".join(SPACE)}.')
-            if not self.inertia(motion) > 0:
+            if not self.inertia(motion) > 0 and (motion != "rotation" or self.turns_with is None):
                 what = "mass_kg" if motion in _TRANSLATIONS else "inertia_kgm2"
                 what = "tilt_inertia_kgm2" if motion.startswith("tilt") else what
                 raise ValueError(
@@ -171,9 +245,17 @@ class Coordinates:
         if twice:
             raise ValueError(f'two bodies are called "{min(twice)}"; name each once.')
         self.bodies = {body.name: body for body in bodies}
-        places = [(body.name, motion) for body in bodies for motion in body.motions]
+        places = [
+            (body.name, motion)
+            for body in bodies
+            for motion in body.motions
+            if motion != "rotation" or body.turns_with is None
+        ]
         self.index = {place: number for number, place in enumerate(places)}
         self.names = tuple(f"{name} {motion}" for name, motion in places)
+        for body in bodies:
+            if body.turns_with is not None:
+                self.index[body.name, "rotation"] = self.index[body.turns_with, "rotation"]
 
     def body(self, name: str) -> Body:
         """Return a body by name."""
@@ -232,9 +314,10 @@ def build_system(
     speed_rad_s : float
         Speed of the reference. Other than zero, gyroscopic terms are added.
     frame_ratio : float
-        Turns of the coordinates themselves about z per revolution of the reference: the carrier's speed ratio for a
-        planetary stage. Mass times ``2 Omega`` then couples x and y, and ``-Omega^2`` times the mass joins the
-        stiffness (Lin and Parker 1999, eq. 1). What stands beside a turning frame has to be alike in x and y.
+        Turns of all coordinates about z per revolution of the reference, in place of each body's own: the carrier's
+        speed ratio for a planetary stage. Mass times ``2 Omega`` then couples x and y, and ``-Omega^2`` times the
+        mass joins the stiffness (Lin and Parker 1999, eq. 1). What stands beside a turning frame has to be alike in x
+        and y.
 
     Returns
     -------
@@ -243,19 +326,22 @@ def build_system(
     Raises
     ------
     ValueError
-        Names used twice or unknown, or a turning frame with a body whose axis is not along z.
+        Names used twice or unknown.
     """
+    if frame_ratio:
+        bodies = [replace(body, frame_ratio=frame_ratio) for body in bodies]
     at = Coordinates(bodies)
     terms = [term for element in elements for term in element.terms(at)]
     springs = tuple(term for term in terms if isinstance(term, Spring))
     size = len(at.names)
-    mass = np.diag([body.inertia(motion) for body in bodies for motion in body.motions])
+    own = [(body, motion) for body in bodies for motion in body.motions if motion != "rotation" or not body.turns_with]
+    mass = np.diag([body.inertia(motion) for body, motion in own])
     stiffness, damping = np.zeros((size, size)), np.zeros((size, size))
     for spring in springs:
         square = np.outer(spring.direction, spring.direction)
         stiffness += spring.stiffness * square
         damping += spring.damping * square
-    gyroscopic, centripetal = _turning(at, speed_rad_s, frame_ratio * speed_rad_s)
+    gyroscopic, centripetal = _turning(at, speed_rad_s)
     return System(
         mass=mass,
         damping=damping,
@@ -267,23 +353,26 @@ def build_system(
     )
 
 
-def _turning(at: Coordinates, speed: float, frame: float) -> tuple[Array, Array]:
+def _turning(at: Coordinates, speed: float) -> tuple[Array, Array]:
     """Return the gyroscopic and the centripetal matrix.
 
     With z = x + jy in a frame that turns at Omega a mass obeys ``m (z'' + 2j Omega z' - Omega^2 z)``, and a tilt, the
-    body spinning at w, ``I (t'' + 2j Omega t' - Omega^2 t) - j J w (t' + j Omega t)``.
+    body spinning at w, ``I (t'' + 2j Omega t' - Omega^2 t) - j J w (t' + j Omega t)``; where its axis is not along z,
+    as that of a bevel planet, the turning of the frame is left out of its tilt.
     """
     size = len(at.names)
     gyroscopic, centripetal = np.zeros((size, size)), np.zeros((size, size))
     for body in at.bodies.values():
-        if frame and np.hypot(body.axis[0], body.axis[1]) > _ALONG_Z:
-            raise ValueError(f'body "{body.name}": its axis {body.axis} is not along z, about which the frame turns.')
+        frame = body.frame_ratio * speed
+        upright = np.hypot(body.axis[0], body.axis[1]) <= _ALONG_Z
         across = np.cross(body.turning("tilt x"), body.turning("tilt y")) @ body.turning("rotation")
         spin = across * body.inertia_kgm2 * body.speed_ratio * speed
         for pair, inertia, momentum in (
             (("x", "y"), body.mass_kg, 0.0),
             (("tilt x", "tilt y"), body.tilt_inertia_kgm2, spin),
         ):
+            if frame and not upright and pair[0] != "x":
+                continue
             places = [at.index.get((body.name, motion)) for motion in pair]
             for number in (place for place in places if place is not None):
                 centripetal[number, number] = frame * (momentum - inertia * frame)

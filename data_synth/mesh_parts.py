@@ -1,10 +1,13 @@
 """The meshes of a declared gearbox: which flanks touch, where, and in what step; see `assembly`."""
 
-import math
 from collections.abc import Iterator
+from fractions import Fraction
 
-from data_synth.elements import GearMesh, LinkedMesh, Place, line_of_action
-from data_synth.layout import Contact, planet_turn
+import numpy as np
+
+from data_synth.elements import GearMesh, LinkedMesh, Place, as_vector, pressing
+from data_synth.layout import Contact, planet_lag
+from data_synth.mechanics import Array, Vector
 from data_synth.mesh import Constant, Shifted, Stiffness
 from data_synth.parts import MeshProperties, Parts
 from data_synth.transmission_error import SumOfErrors, TransmissionError
@@ -20,7 +23,7 @@ def mesh_elements(parts: Parts) -> Iterator[GearMesh | LinkedMesh]:
     """
     unit, driving = parts.unit(), drivers(parts)
     for contact in parts.contacts:
-        given = parts.meshes.get(contact.mesh, MeshProperties())
+        given = parts.mesh(contact)
         rolls = parts.turns(contact.links[0], contact.carrier)
         pushes = rolls if driving[contact.name] == 0 else -rolls
         stiffness, error = _in_step(parts, contact, given)
@@ -36,11 +39,10 @@ def mesh_elements(parts: Parts) -> Iterator[GearMesh | LinkedMesh]:
                 cycles_per_rev=cycles,
             )
             continue
-        flank = -1 if pushes * parts.upright(contact.links[0]) < 0 else 1
-        direction, point = _line(parts, contact, flank)
+        direction, point = _line(parts, contact, pushes)
         yield GearMesh(
             name=contact.name,
-            gears=(_moving(parts, contact.links[0]), _moving(parts, contact.links[1])),
+            gears=(_moving(parts, contact, 0), _moving(parts, contact, 1)),
             direction=direction,
             point_m=point,
             stiffness=stiffness,
@@ -67,7 +69,7 @@ def drivers(parts: Parts) -> dict[str, int]:
     while waiting:
         touched = [contact for contact in waiting if set(bodies[contact.name]) & set(reached)]
         if not touched:
-            carriers = [contact.carrier for contact in parts.contacts if contact.name in found]
+            carriers = [each.carrier for each in parts.contacts if each.name in found and each.carrier != parts.frame]
             rest = [body for body in [*carriers, parts.frame, bodies[waiting[0].name][0]] if body not in reached]
             reached.append(rest[0])
             continue
@@ -77,7 +79,7 @@ def drivers(parts: Parts) -> dict[str, int]:
         found[contact.name] = 0 if _rank(reached, one) <= _rank(reached, two) else 1
         reached += [body for body in (one, two) if body not in reached and body != parts.frame]
     for contact in parts.contacts:
-        named = parts.meshes.get(contact.mesh, MeshProperties()).driver
+        named = parts.mesh(contact).driver
         if named is not None:
             instances = parts.kinematics.gearbox.instances(named)
             if not set(instances) & set(contact.links):
@@ -91,33 +93,21 @@ def _rank(reached: list[str], body: str) -> int:
 
 
 def _in_step(parts: Parts, contact: Contact, given: MeshProperties) -> tuple[Stiffness, TransmissionError | None]:
-    """Return stiffness and error as late as the planet of a contact stands behind the first one.
-
-    The teeth of the central gear pass a planet at the angle psi by ``Z psi / 2 pi`` cycles later than the first, if
-    they pass in the sense of psi as the carrier sees them, else earlier.
-    """
-    stiffness = given.stiffness or Constant(mean=contact.pair.mean_stiffness())
-    joints, bodies = parts.kinematics.joints, [parts.kinematics.bodies[link] for link in contact.links]
-    carried = [body in joints and joints[body].carried_by == contact.carrier != parts.frame for body in bodies]
-    if carried not in ([True, False], [False, True]):
-        return stiffness, given.error
-    planet = carried.index(True)
-    turn = planet_turn(parts.kinematics.gearbox, joints[bodies[planet]].axis)
-    central = contact.links[1 - planet]
-    passes = parts.turns(central, contact.carrier) * round(parts.upright(central) * parts.upright(contact.carrier))
-    late = abs(contact.teeth[1 - planet]) * turn * (-1 if passes < 0 else 1)
+    """Return stiffness and error as late as the planet of a contact stands behind the first one."""
+    stiffness = given.stiffness or Constant(mean=contact.rolling.mean_stiffness())
+    late = planet_lag(parts.kinematics, contact, speeds=parts.speeds)
     by = float(-late % stiffness.period)
     if by:
         stiffness = Shifted(of=stiffness, by_cycles=by)
-    if given.error is None:
-        return stiffness, None
+    if given.error is None or not late:
+        return stiffness, given.error
     return stiffness, SumOfErrors(parts=(given.error,), by_cycles=(float(-late % given.error.period),))
 
 
-def _moving(parts: Parts, link: str) -> str | None:
-    """Return the body of a link; None for the frame."""
-    body = parts.body(link)
-    return None if body == parts.frame else body
+def _moving(parts: Parts, contact: Contact, gear: int) -> str | None:
+    """Return the body of a gear, or its piece that turns with the contact's carrier; None for the frame."""
+    body = parts.body(contact.links[gear])
+    return None if body == parts.frame else parts.piece(body, contact.carrier)
 
 
 def _torsion_row(parts: Parts, contact: Contact, sense: int) -> dict[Place, float]:
@@ -138,37 +128,54 @@ def _torsion_row(parts: Parts, contact: Contact, sense: int) -> dict[Place, floa
     return row
 
 
-def _line(parts: Parts, contact: Contact, flank: int) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+def _line(parts: Parts, contact: Contact, pushes: Fraction) -> tuple[Vector, Vector]:
     """Return direction and point of contact, the gear with teeth outside first."""
-    one, two = (_centre(parts, link, contact.carrier) for link in contact.links)
-    apart, needed = math.dist(one, two), contact.pair.centre_distance_m
+    along, away = _lie(parts, contact)
+    mesh = next(mesh for mesh in parts.kinematics.gearbox.meshes if mesh.name == contact.mesh)
+    turning = float(pushes) * (along @ np.array(parts.axis(contact.links[0])))
+    direction = pressing(
+        along=along,
+        away=away,
+        pressure_angle_rad=contact.pair.working_angle_rad,
+        flank=-1 if turning < 0 else 1,
+        base_helix_rad=contact.pair.base_helix_rad if "z" in parts.motions else 0.0,
+        hand=mesh.hand,
+    )
+    if contact.cone is not None:
+        return as_vector(direction), as_vector(parts.touches(contact))
+    return as_vector(direction), as_vector(parts.foot(contact, 0) + contact.pair.working_radii_m[0] * away)
+
+
+def _lie(parts: Parts, contact: Contact) -> tuple[Array, Array]:
+    """Return unit vectors along the line where pitch surfaces touch, and across it out of the first gear."""
+    one, two = (parts.station(parts.body(link), contact.carrier) for link in contact.links)
+    axis = np.array(parts.axis(contact.links[0]))
+    if contact.cone is not None:
+        _check_apex(parts, contact, two - one)
+        return parts.space @ np.array(contact.cone.element), parts.space @ contact.cone.away
+    if not contact.parallel:
+        raise ValueError(
+            f'mesh "{contact.mesh}": where gears touch is known of axes that are parallel or meet; a kinematic '
+            'scene does without, and so does motions = "torsion".'
+        )
+    across = two - one - ((two - one) @ axis) * axis
+    apart, needed = float(np.linalg.norm(across)), contact.pair.centre_distance_m
     if abs(apart - needed) > _APART * needed:
         raise ValueError(
             f'mesh "{contact.mesh}": its axes stand {1e3 * apart:.5g} mm apart, but its teeth need '
             f"{1e3 * needed:.5g} mm; "
             "correct module_mm, profile_shift or through."
         )
-    internal = contact.pair.teeth[1] < 0
-    towards = math.atan2(two[1] - one[1], two[0] - one[0]) + (math.pi if internal else 0.0)
-    mesh = next(mesh for mesh in parts.kinematics.gearbox.meshes if mesh.name == contact.mesh)
-    helix = contact.pair.base_helix_rad if "z" in parts.motions else 0.0
-    return line_of_action(
-        centre_m=(one[0], one[1], parts.height(contact)),
-        pitch_radius_m=contact.pair.working_radii_m[0],
-        towards_rad=towards,
-        pressure_angle_rad=contact.pair.working_angle_rad,
-        flank=flank,
-        base_helix_rad=helix,
-        hand=mesh.hand,
-    )
+    return axis, across / apart * (-1 if contact.pair.teeth[1] < 0 else 1)
 
 
-def _centre(parts: Parts, link: str, carrier: str) -> tuple[float, float]:
-    """Return where the axis of a gear stands; one of the frame stands on the axis of the contact's carrier."""
-    body = parts.kinematics.bodies[link]
-    known = parts.places.get(body if body != parts.frame else carrier)
-    if known is None:
+def _check_apex(parts: Parts, contact: Contact, between: Array) -> None:
+    """Refuse bevel gears whose axes pass each other."""
+    assert contact.cone is not None  # noqa: S101 - of bevel gears
+    normal = np.cross(parts.axis(contact.links[0]), parts.axis(contact.links[1]))
+    apart = abs(float(between @ normal)) / float(np.linalg.norm(normal))
+    if apart > _APART * contact.cone.distance_m(contact.pair):
         raise ValueError(
-            f'nothing says where the axis of "{link}" stands; give through = [x, y, z] for its axis in the gearbox.'
+            f'mesh "{contact.mesh}": its axes pass each other {1e3 * apart:.5g} mm apart, but those of bevel gears '
+            "meet; correct through."
         )
-    return known

@@ -1,7 +1,7 @@
 """The teeth of a scene whose gears vibrate: stiffness and transmission error of each mesh, damage included."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -10,15 +10,16 @@ from numpy.typing import ArrayLike
 
 from data_synth.damage import gear_damage, mesh_name
 from data_synth.dynamics import Dynamics
-from data_synth.gear_geometry import GearPair
-from data_synth.layout import Contact, contacts_of
+from data_synth.gear_faults import ToothChanges
+from data_synth.layout import Contact, contacts_of, planet_lag
+from data_synth.mechanics import Course, Mesh
 from data_synth.mesh import Constant, Shifted, Stiffness, Trapezoidal
 from data_synth.parts import MeshProperties
 from data_synth.profile import Array
 from data_synth.scene import GearFault, Scene, SceneError, ToothCrack
 from data_synth.stage import Stage
 from data_synth.teeth_in_mesh import Damaged, TeethInMesh, helical, teeth_in_mesh
-from data_synth.tooth_changes import damaged_teeth, errors_of
+from data_synth.tooth_changes import CRACK_ANGLE_RAD, damaged_teeth, errors_of
 from data_synth.tooth_stiffness import ToothPair
 from data_synth.transmission_error import ProfileError, SumOfErrors, TransmissionError
 from hums.kinematics import Kinematics, solve_kinematics
@@ -27,17 +28,39 @@ _UM = 1e-6
 _NEAR = 1e-9  # cycles: knots nearer than this are one
 _RAMP = 0.1  # cycles over which a pair takes its load up, where its teeth are not modelled
 _HELICAL_HARMONICS = 8
+_INSTANTS = 8193  # at which growth is looked at
+_STRAIGHT = 0.005  # of all growth: what a straight line between two instants may be off
+_SHARE = 0.125  # of all growth, between two instants
 
 
 @dataclass(frozen=True, kw_only=True)
 class Teeth:
     """A mesh: its properties, and the mesh phases at which the damaged tooth of each fault is in the middle.
 
-    `passes` holds (number of the fault from 0, phase of the first pass, cycles until the next, contact ratio).
+    `passes` holds (number of the fault from 0, phase of the first pass, cycles until the next, contact ratio), `course`
+    how the teeth change where damage grows: `properties` are those of the beginning.
     """
 
     properties: MeshProperties
     passes: tuple[tuple[int, float, int, float], ...]
+    course: Course | None = None
+
+    def course_of(self, mesh: Mesh) -> Course | None:
+        """Return the course of one of the meshes, copies alike, whose teeth these are: each in a step of its own."""
+        if self.course is None:
+            return None
+        own, error = self.properties.stiffness, mesh.error
+        stiffnesses: list[Stiffness] = [*self.course.stiffnesses]
+        errors: list[TransmissionError | None] = [*self.course.errors]
+        if isinstance(mesh.stiffness, Shifted) and mesh.stiffness.of is own:
+            by = mesh.stiffness.by_cycles
+            made = {id(stage): Shifted(of=stage, by_cycles=by) for stage in stiffnesses}
+            stiffnesses = [made[id(stage)] for stage in stiffnesses]
+        if isinstance(error, SumOfErrors) and error.parts == (self.properties.error,):
+            late = error.by_cycles
+            summed = {id(stage): SumOfErrors(parts=(stage,), by_cycles=late) for stage in errors if stage is not None}
+            errors = [summed[id(stage)] for stage in errors]
+        return Course(times_s=self.course.times_s, stiffnesses=(mesh.stiffness, *stiffnesses[1:]), errors=tuple(errors))
 
 
 def declared_of(scene: Scene) -> Dynamics:
@@ -52,7 +75,7 @@ def geared(scene: Scene) -> Kinematics:
     for name, _ in dynamics.meshes:
         if name not in known:
             raise SceneError(f'dynamics.meshes names "{name}", which is no mesh of gearbox "{gearbox.name}".')
-    geometry = ("module_mm", "face_width_mm", "pressure_angle_deg")
+    geometry = ("module_mm", "face_width_mm", "pressure_angle_deg", "profile_shift")
     meshes = []
     for mesh in gearbox.meshes:
         declared = dynamics.mesh(mesh.name)
@@ -63,10 +86,14 @@ def geared(scene: Scene) -> Kinematics:
 
 @dataclass(frozen=True, kw_only=True)
 class Gears:
-    """What all motions of a scene's gears have in common: the mechanism with its geometry, and the teeth by mesh."""
+    """What all motions of a scene's gears have in common: the mechanism with its geometry, and its teeth.
+
+    `teeth` are those of each contact by its name, `meshes` the mesh of each: those of planets share one.
+    """
 
     kinematics: Kinematics
     teeth: Mapping[str, Teeth] = field(repr=False)
+    meshes: Mapping[str, str]
 
 
 def gears_of(stage: Stage, kinematics: Kinematics) -> Gears:
@@ -82,58 +109,166 @@ def gears_of(stage: Stage, kinematics: Kinematics) -> Gears:
             f'{words}; declare it in the gearbox, or as dynamics.meshes = {{ "{stage.scene.gearbox.meshes[0].name}" = '
             "{ module_mm = ..., face_width_mm = ..., pressure_angle_deg = ... } }."
         ) from None
-    return Gears(kinematics=kinematics, teeth={contact.mesh: _teeth(stage, contact) for contact in contacts})
-
-
-def _teeth(stage: Stage, contact: Contact) -> Teeth:
-    scene = stage.scene
-    declared = declared_of(scene).mesh(contact.mesh)
-    later = float(stage.draws("phase", "gear_mesh", contact.mesh, "teeth").random())
-    damaged: list[Damaged] = []
-    errors: list[TransmissionError] = []
-    passes = []
-    for number, fault in enumerate(scene.faults):
-        if not isinstance(fault, ToothCrack | GearFault) or mesh_name(fault.component) != contact.mesh:
-            continue
-        if fault.growth is not None:
-            raise SceneError(
-                f"fault {number + 1}: {fault.kind} grows, but the teeth of gears that vibrate stay as they are; leave "
-                'out its growth, or write fidelity = "kinematic".'
-            )
-        gear = contact.links.index(fault.component.rpartition("/")[2])
-        teeth, half = abs(contact.teeth[gear]), contact.pair.contact_ratio / 2
-        # the tooth in the middle of its mesh where the kinematic scene has its worst place, to the nearest tooth
-        first = round(-stage.offsets[number] * teeth + later - half) % teeth
-        changes = gear_damage(scene, number, draws=stage.draws).changes(1e-3 * fault.initial_mm, teeth=teeth)
-        damaged += damaged_teeth(changes, gear=gear, first=first)
-        errors += errors_of(changes, pair=contact.pair, first=first)
-        passes.append((number, first + half - later, teeth, 2 * half))
-    if declared.error_um:
-        errors.append(ProfileError(harmonics_m=np.array([_UM * declared.error_um + 0j])))
-    stiffness = _stiffness(scene, contact, damaged, by_cycles=later)
-    return Teeth(
-        properties=MeshProperties(
-            stiffness=stiffness,
-            error=SumOfErrors(parts=tuple(errors), by_cycles=(later,) * len(errors)) if errors else None,
-            backlash_m=_UM * declared.backlash_um / 2,
-            damping=declared.damping_n_s_m,
-        ),
-        passes=tuple(passes),
+    return Gears(
+        kinematics=kinematics,
+        teeth={contact.name: _teeth(stage, kinematics, contact) for contact in contacts},
+        meshes={contact.name: contact.mesh for contact in contacts},
     )
 
 
+def _gear(kinematics: Kinematics, contact: Contact, component: str) -> int | None:
+    """Return which gear of a contact a component such as ``stage 1/pinion`` is; of planets it is the first."""
+    link = component.rpartition("/")[2]
+    first = kinematics.gearbox.instances(link)[0]
+    return contact.links.index(first) if first in contact.links else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Broken:
+    """A damaged gear of a contact: its fault, which gear, how many teeth, the phase the worst one enters at."""
+
+    number: int
+    gear: int
+    teeth: int
+    first: int
+
+    def changes(self, stage: Stage, time_s: float) -> ToothChanges:
+        """Return what damage changes on it at a time."""
+        size_m = 1e-3 * stage.scene.faults[self.number].initial_mm * float(stage.sizes[self.number].size(time_s))
+        try:
+            return gear_damage(stage.scene, self.number, draws=stage.draws).changes(size_m, teeth=self.teeth)
+        except ValueError as caught:
+            raise SceneError(f"fault {self.number + 1} at {time_s:g} s: {caught}") from None
+
+
+def _teeth(stage: Stage, kinematics: Kinematics, contact: Contact) -> Teeth:
+    scene = stage.scene
+    declared = declared_of(scene).mesh(contact.mesh)
+    later = float(stage.draws("phase", "gear_mesh", contact.mesh, "teeth").random())
+    half = contact.rolling.contact_ratio / 2
+    broken = []
+    for number, fault in enumerate(scene.faults):
+        if not isinstance(fault, ToothCrack | GearFault) or mesh_name(fault.component) != contact.mesh:
+            continue
+        gear = _gear(kinematics, contact, fault.component)
+        if gear is not None:
+            teeth = abs(contact.teeth[gear])
+            # the tooth in the middle of its mesh where the kinematic scene has its worst place, to the nearest tooth
+            first = round(-stage.offsets[number] * teeth + later - half) % teeth
+            broken.append(_Broken(number=number, gear=gear, teeth=teeth, first=first))
+    times_s = instants_of_growth(stage, [item.number for item in broken])
+    stages = [[item.changes(stage, time_s) for item in broken] for time_s in times_s]
+    stiffnesses = _stiffnesses(scene, contact, broken, stages, by_cycles=later)
+    errors = _errors(contact, broken, stages, error_m=_UM * declared.error_um, by_cycles=later)
+    late = float(planet_lag(kinematics, contact))
+    grows = any(each is not stiffnesses[0] for each in stiffnesses) or any(each is not errors[0] for each in errors)
+    return Teeth(
+        properties=MeshProperties(
+            stiffness=stiffnesses[0],
+            error=errors[0],
+            backlash_m=_UM * declared.backlash_um / 2,
+            damping=declared.damping_n_s_m,
+        ),
+        passes=tuple((item.number, item.first + half - later + late, item.teeth, 2 * half) for item in broken),
+        course=Course(times_s=times_s, stiffnesses=stiffnesses, errors=errors) if grows else None,
+    )
+
+
+def instants_of_growth(stage: Stage, numbers: Sequence[int]) -> Array:
+    """Return times, rising from zero, between which these faults grow evenly: by an eighth of their growth at most."""
+    even = np.linspace(0.0, stage.scene.duration_s, _INSTANTS)
+    kept = {0}
+    for number in numbers:
+        sizes = stage.sizes[number].size(even)
+        if sizes[-1] > sizes[0]:
+            kept |= set(_bends(sizes, 0, sizes.size - 1, float(sizes[-1] - sizes[0])))
+    return even[sorted(kept)]
+
+
+def _bends(sizes: Array, first: int, last: int, growth: float) -> Iterator[int]:
+    """Yield the numbers, after the first, of places between which rising sizes are straight and rise but little."""
+    course = sizes[first : last + 1]
+    apart = np.abs(course - np.linspace(course[0], course[-1], course.size))
+    if last - first > 1 and np.max(apart) > _STRAIGHT * growth:
+        split = first + int(np.argmax(apart))
+    elif last - first > 1 and course[-1] - course[0] > 1.01 * _SHARE * growth:
+        split = first + int(np.clip(np.searchsorted(course, (course[0] + course[-1]) / 2), 1, course.size - 2))
+    else:
+        yield last
+        return
+    yield from _bends(sizes, first, split, growth)
+    yield from _bends(sizes, split, last, growth)
+
+
+def _errors(
+    contact: Contact,
+    broken: Sequence[_Broken],
+    stages: Sequence[Sequence[ToothChanges]],
+    *,
+    error_m: float,
+    by_cycles: float,
+) -> tuple[TransmissionError | None, ...]:
+    """Return the transmission error of each stage; one object where they are the same."""
+    made: dict[tuple[object, ...], TransmissionError | None] = {}
+    found = []
+    for changes in stages:
+        key = tuple((each.removed_m.tobytes(), each.runout_m, each.profile_m) for each in changes)
+        if key not in made:
+            parts = [
+                part
+                for item, each in zip(broken, changes, strict=True)
+                for part in errors_of(each, pair=contact.rolling, first=item.first)
+            ]
+            parts += [ProfileError(harmonics_m=np.array([error_m + 0j]))] if error_m else []
+            made[key] = SumOfErrors(parts=tuple(parts), by_cycles=(by_cycles,) * len(parts)) if parts else None
+        found.append(made[key])
+    return tuple(found)
+
+
+def _stiffnesses(
+    scene: Scene,
+    contact: Contact,
+    broken: Sequence[_Broken],
+    stages: Sequence[Sequence[ToothChanges]],
+    *,
+    by_cycles: float,
+) -> tuple[Stiffness, ...]:
+    """Return the stiffness of each stage; one object where they are the same."""
+    made: dict[tuple[object, ...], Stiffness] = {}
+    found = []
+    for changes in stages:
+        key = tuple((each.crack_m.tobytes(), each.carrying.tobytes()) for each in changes)
+        if key not in made:
+            damaged = [
+                tooth
+                for item, each in zip(broken, changes, strict=True)
+                for tooth in damaged_teeth(
+                    each, gear=item.gear, first=item.first, crack_angle_rad=_crack_angle(scene, item.number)
+                )
+            ]
+            made[key] = _stiffness(scene, contact, damaged, by_cycles=by_cycles)
+        found.append(made[key])
+    return tuple(found)
+
+
+def _crack_angle(scene: Scene, number: int) -> float:
+    fault = scene.faults[number]
+    return math.radians(fault.angle_deg) if isinstance(fault, ToothCrack) else CRACK_ANGLE_RAD
+
+
 def _stiffness(scene: Scene, contact: Contact, damaged: list[Damaged], *, by_cycles: float) -> Stiffness:
-    declared, pair = declared_of(scene).mesh(contact.mesh), contact.pair
-    plain = contact.teeth[0] * contact.teeth[1] > 0 and pair.teeth[1] > 0
-    spur = plain and not pair.helix_angle_rad and not any(pair.profile_shift)
+    declared, pair = declared_of(scene).mesh(contact.mesh), contact.rolling
+    known = contact.parallel or contact.cone is not None
+    undercut = min(map(abs, pair.teeth)) * math.sin(pair.pressure_angle_rad) ** 2 < 2 * pair.addendum
+    spur = known and not undercut and not pair.helix_angle_rad and not any(pair.profile_shift)
     shape = declared.shape or ("teeth" if spur else "trapezoid")
     if damaged and shape != "teeth":
         raise SceneError(
-            f'mesh "{contact.mesh}": a tooth that is softer needs shape = "teeth", which is for spur gears with teeth '
-            'outside and no profile shift; its shape is "' + shape + '".'
+            f'mesh "{contact.mesh}": a tooth that is softer needs shape = "teeth", which is for straight teeth '
+            'without undercut or profile shift; its shape is "' + shape + '".'
         )
     if shape == "teeth":
-        teeth = _by_strain_energy(pair, declared.bore_share, declared.stiffness_n_m, damaged)
+        teeth = _by_strain_energy(contact, declared.bore_share, declared.stiffness_n_m, damaged)
         return Knotted(of=teeth, by_cycles=by_cycles, period=teeth.period)
     mean = declared.stiffness_n_m or pair.mean_stiffness()
     if shape == "constant" or pair.contact_ratio % 1 == 0:
@@ -182,10 +317,11 @@ class Knotted:
         return self.of(np.asarray(phase_cycles, dtype=np.float64) + self.by_cycles)
 
 
-def _by_strain_energy(pair: GearPair, bore_share: float, mean: float | None, damaged: list[Damaged]) -> TeethInMesh:
-    one, two = pair.reference_radii_m
+def _by_strain_energy(contact: Contact, bore_share: float, mean: float | None, damaged: list[Damaged]) -> TeethInMesh:
+    one, two = contact.rolling.reference_radii_m
     try:
-        teeth = teeth_in_mesh(ToothPair(gears=pair, bore_radii_m=(bore_share * one, bore_share * two)), damaged=damaged)
+        pair = ToothPair(gears=contact.rolling, bore_radii_m=(bore_share * one, bore_share * two))
+        teeth = teeth_in_mesh(pair, damaged=damaged, teeth=contact.teeth)
     except ValueError as caught:
         raise SceneError(str(caught)) from None
     if mean is None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from fractions import Fraction
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from data_synth.planet_pass import MovingPath, PassWindow, even_places_rad, plan
 from data_synth.profile import Array
 from data_synth.scene import Scene, SceneError
 from hums.gearbox import Axis
+
+_HEARD = 1e-4
 
 
 def as_they_pass(scene: Scene, combs: Sequence[Comb], *, draws: Draws) -> list[Comb]:
@@ -28,8 +31,33 @@ def as_they_pass(scene: Scene, combs: Sequence[Comb], *, draws: Draws) -> list[C
             f'planet_pass asks for planets on a ring at rest, but gearbox "{scene.gearbox.name}" has none; '
             "leave it out."
         )
-    window = PassWindow(half_width_rad=math.radians(scene.planet_pass.half_width_deg), floor=scene.planet_pass.floor)
+    window = window_of(scene)
+    assert window is not None  # noqa: S101 - planet_pass is there
     return [_passing(scene, comb, window, rings, draws) if comb.component in rings else comb for comb in combs]
+
+
+def window_of(scene: Scene) -> PassWindow | None:
+    """Return how loud a planet is by its angle from a sensor; None where a scene does not let them pass."""
+    declared = scene.planet_pass
+    if declared is None:
+        return None
+    return PassWindow(half_width_rad=math.radians(declared.half_width_deg), floor=declared.floor)
+
+
+def pass_orders(scene: Scene, mesh: str) -> tuple[Fraction, int]:
+    """Return the order at which the carrier of a mesh turns, and how many multiples of it stand beside its lines.
+
+    Those are the lines of the window by which planets pass the sensors, to -80 dB; without one it is the first, of the
+    direction that turns. A mesh that rests in the frame has none.
+    """
+    carrier = next(contact.carrier for contact in scene.kinematics.contacts if contact.mesh == mesh)
+    if carrier == scene.kinematics.mechanism.frame:
+        return Fraction(0), 0
+    window = window_of(scene)
+    if window is None:
+        return abs(scene.ratio(carrier)), 1
+    lines = np.abs(window.coefficients())
+    return abs(scene.ratio(carrier)), int(np.flatnonzero(lines >= _HEARD * lines[0])[-1])
 
 
 def _passing(scene: Scene, comb: Comb, window: PassWindow, rings: dict[str, tuple[str, int]], draws: Draws) -> Comb:

@@ -15,6 +15,7 @@ from data_synth.combs import Comb, ComplexArray, Draws
 from data_synth.faults import ImpactTrain
 from data_synth.profile import Array
 from data_synth.scene import Mode
+from data_synth.transfer import MeasuredPath, ModalPath
 
 _QUIET = 30.0  # decay in nepers after which a ringing has ended: 1e-13 of its amplitude
 
@@ -33,16 +34,21 @@ def sensor_gains(sources: list[str], *, sensors: int, draws: Draws) -> dict[str,
     return gains
 
 
-def mode_response(mode: Mode | None, frequency_hz: ArrayLike) -> ComplexArray:
-    """Return ``1 / (1 - r^2 + 2 j zeta r)``, r = frequency / natural frequency; 1 where there is no mode."""
+def mode_response(mode: Mode | ModalPath | MeasuredPath | None, frequency_hz: ArrayLike) -> ComplexArray:
+    """Return ``1 / (1 - r^2 + 2 j zeta r)``, r = frequency / natural frequency; 1 where there is no mode.
+
+    A path responds as it was declared.
+    """
     if mode is None:
         return np.ones(np.shape(frequency_hz), dtype=np.complex128)
+    if isinstance(mode, ModalPath | MeasuredPath):
+        return mode.response(frequency_hz)
     ratio = np.asarray(frequency_hz, dtype=np.float64) / mode.frequency_hz
     return np.asarray(1 / (1 - ratio**2 + 2j * mode.damping_ratio * ratio))
 
 
 def line_amplitudes(
-    comb: Comb, *, gains: ComplexArray, speed_hz: Array, load: Array, mode: Mode | None
+    comb: Comb, *, gains: ArrayLike, speed_hz: Array, load: Array, mode: Mode | ModalPath | MeasuredPath | None
 ) -> ComplexArray:
     """Return Z of the lines of a comb at the sensors, (sensor, line, instant), in the sensors' units.
 
@@ -52,15 +58,15 @@ def line_amplitudes(
     gains : (sensor,) complex array
     speed_hz, load : (instant,) array
         Speed of the reference shaft in rev s-1, and the share of full load.
-    mode : Mode or None
-        The path's mode.
+    mode : Mode, ModalPath, MeasuredPath or None
+        The path's mode, or a path.
     """
     response = mode_response(mode, np.outer([float(order) for order in comb.orders], speed_hz))
     coefficients = comb.coefficients if comb.coefficients.ndim > 1 else comb.coefficients[:, None]
     at_source = coefficients * response * (load if comb.loaded else 1.0)
     if comb.speed_power:
         at_source = at_source * (speed_hz / comb.at_speed_hz) ** comb.speed_power
-    return np.asarray(gains[:, None, None] * at_source)
+    return np.asarray(np.asarray(gains)[:, None, None] * at_source)
 
 
 def ring_pole(mode: Mode) -> complex:
@@ -73,14 +79,21 @@ def ring_seconds(mode: Mode) -> float:
     return _QUIET / -ring_pole(mode).real
 
 
-def ring_spectrum(mode: Mode, frequency_hz: ArrayLike) -> ComplexArray:
-    """Return the Fourier transform of the ringing, ``w_d / (w_n^2 - w^2 + 2 j zeta w_n w)``, in s."""
+def ring_spectrum(mode: Mode | ModalPath | MeasuredPath, frequency_hz: ArrayLike) -> ComplexArray:
+    """Return the Fourier transform of the ringing, ``w_d / (w_n^2 - w^2 + 2 j zeta w_n w)``, in s.
+
+    That of a path is its response, for an impact in N s.
+    """
+    if isinstance(mode, ModalPath | MeasuredPath):
+        return mode.response(frequency_hz)
     shifted = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) - ring_pole(mode)
     conjugate = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) - ring_pole(mode).conjugate()
     return np.asarray(ring_pole(mode).imag / (shifted * conjugate))
 
 
-def impact_line(train: ImpactTrain, *, harmonic: int, speed_hz: Array, load: Array, mode: Mode) -> ComplexArray:
+def impact_line(
+    train: ImpactTrain, *, harmonic: int, speed_hz: Array, load: Array, mode: Mode | ModalPath | MeasuredPath
+) -> ComplexArray:
     """Return Z (instant,) that a strictly periodic train of impacts adds to a harmonic of its rate.
 
     ``2 a f H(m f) exp(j 2 pi m offset)`` with impacts at rate f through the spectrum H of the ringing: exact at

@@ -142,6 +142,11 @@ class ShaftAngle:
         since = times - self._starts_s[piece]
         return np.asarray(self._start_speeds_hz[piece] + self._accelerations[piece] * since)
 
+    def acceleration_hz_s(self, times_s: ArrayLike) -> Array:
+        """Return the acceleration in rev s-2 at `times_s` (n,); at a knot, that after it."""
+        piece = np.searchsorted(self.times_s, np.asarray(times_s, dtype=np.float64), side="right")
+        return np.asarray(self._accelerations[piece])
+
     def top_speed_hz(self, start_s: float, stop_s: float) -> float:
         """Return the largest size of the speed from `start_s` to `stop_s`, in rev s-1."""
         inside = (self.times_s >= start_s) & (self.times_s <= stop_s)  # jumps: knots before and after count

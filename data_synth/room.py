@@ -2,27 +2,26 @@
 
 import os
 import shutil
-from functools import partial
 from pathlib import Path
 
-from data_synth.explanation import BYTES, needed_bytes
-from data_synth.hastened import factor_of, hastened
+from data_synth.explanation import BYTES, count
 from data_synth.scene import Scene, SceneError, load_scene
-from data_synth.simulation import random_stream
-from data_synth.stage import Stage, staged
+from data_synth.stage import Stage
 
 _SMALL_BYTES = 100_000_000  # that no machine lacks, so that nothing is asked
 _MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 
-def refuse_too_large(scene: Scene | str | Path, out: Path, *, by_source: bool = False, phases: bool = False) -> None:
+def refuse_too_large(
+    scene: Scene | str | Path, out: Path | None = None, *, by_source: bool = False, phases: bool = False
+) -> None:
     """Refuse a scene whose record is larger than what is free.
 
     Parameters
     ----------
     scene : Scene, path or catalogue name
-    out : Path
-        Where the record is to be written.
+    out : Path, optional
+        Where the record is to be written; left out, it only has to fit into memory.
     by_source, phases : bool
         As for `simulate`.
 
@@ -37,16 +36,14 @@ def refuse_too_large(scene: Scene | str | Path, out: Path, *, by_source: bool = 
         rows += len(declared.gearbox.links) + 2 * sum(len(bearing.names) for bearing in declared.gearbox.bearings)
     if not by_source and rows * declared.samples * BYTES <= _SMALL_BYTES:
         return
-    faster = factor_of(declared)
-    stage = staged(hastened(declared, faster), draws=partial(random_stream, 0))
-    rows += len(declared.sensors) * _sources(stage) if by_source else 0
-    samples, working = rows * declared.samples * BYTES, needed_bytes(stage, declared, faster)
-    folder = next(parent for parent in out.absolute().parents if parent.exists())
-    disk = shutil.disk_usage(folder).free
-    for need, free, where in (
-        (samples + working, free_memory_bytes(), "of memory"),
-        (samples, disk, f"on the disk of {folder}"),
-    ):
+    counted = count(declared)
+    rows += len(declared.sensors) * _sources(counted.stage) if by_source else 0
+    samples = rows * declared.samples * BYTES
+    places = [(samples + counted.working_bytes, free_memory_bytes(), "of memory")]
+    if out is not None:
+        folder = next(parent for parent in out.absolute().parents if parent.exists())
+        places.append((samples, shutil.disk_usage(folder).free, f"on the disk of {folder}"))
+    for need, free, where in places:
         if free is not None and need > free:
             raise SceneError(
                 f"duration_s = {declared.duration_s:g}: the record has {declared.samples} samples of {rows} row(s) and "

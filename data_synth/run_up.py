@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _DEGREE = 24  # of the speed in each piece
 _SHARE = np.exp(-2.0)  # of the radius of convergence that a piece uses: its last term is 1e-21 of the first
+_SETTLED = 4 * np.finfo(float).eps
 _SHORTEST = 1e-12  # of the duration: where the pieces become shorter, the speed goes to infinity
 
 
@@ -69,6 +70,10 @@ class SmoothAngle:
     def _speed(self) -> "PPoly":
         return self._angle.derivative()
 
+    @cached_property
+    def _acceleration(self) -> "PPoly":
+        return self._speed.derivative()
+
     def revolutions(self, times_s: ArrayLike) -> Array:
         """Return the angle in revolutions at `times_s` (n,)."""
         times = np.asarray(times_s, dtype=np.float64)
@@ -79,9 +84,15 @@ class SmoothAngle:
         """Return the speed in rev s-1 at `times_s` (n,)."""
         return np.asarray(self._speed(np.clip(times_s, self.times_s[0], self.times_s[-1])))
 
+    def acceleration_hz_s(self, times_s: ArrayLike) -> Array:
+        """Return the acceleration in rev s-2 at `times_s` (n,)."""
+        times = np.asarray(times_s, dtype=np.float64)
+        within = (times >= self.times_s[0]) & (times <= self.times_s[-1])
+        return np.where(within, self._acceleration(np.where(within, times, self.times_s[0])), 0.0)
+
     def top_speed_hz(self, start_s: float, stop_s: float) -> float:
         """Return the largest size of the speed from `start_s` to `stop_s`, in rev s-1."""
-        extremes = self._speed.derivative().roots(extrapolate=False)
+        extremes = self._acceleration.roots(extrapolate=False)
         inside = extremes[(extremes > start_s) & (extremes < stop_s)]
         return float(np.max(np.abs(self.speed_hz([start_s, *inside, stop_s]))))
 
@@ -156,6 +167,9 @@ def run_up(
         while (now_s := times_s[-1]) < stop_s:
             drive = (begin + slope * (now_s - start_s), slope)
             series = _series(speed, drive=drive, load=load, inertia=inertia_kg_m2)
+            brakes = (load.linear_nm_s + 2 * load.quadratic_nm_s2 * abs(speed)) / inertia_kg_m2
+            if slope == 0 and brakes > 0 and abs(series[1]) <= _SETTLED * brakes * abs(speed):
+                series[1:] = 0.0  # at its top speed, to rounding: it stays there
             step, speed = _step(series, longest=stop_s - now_s, load=load)
             angle = np.concatenate([[turned], series / np.arange(1, series.size + 1)])
             pieces.append(angle[::-1])

@@ -13,11 +13,12 @@ from typing import Any, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from data_synth.chain import Mode, Noise, PlanetPass, SamplingJitter, Sensor
+from data_synth.chain import Mode, Noise, PlanetPass, SamplingJitter, Sensor, check_chain
 from data_synth.defects import FAULT_KINDS, ROW_OF, BearingFault, Fault, GearFault, ShaftFault, ToothCrack
 from data_synth.driving import Speed, Tachometer, Torque
 from data_synth.dynamics import Dynamics
 from data_synth.excitation import Excitation
+from data_synth.frf import Transfer, check_transfers
 from hums.gearbox import (
     Declared,
     Gearbox,
@@ -63,9 +64,10 @@ class Scene(Declared):
     """What is simulated. Built by `load_scene`, `Scene.from_toml` or `Scene.from_mapping`.
 
     `resonance` is the mode that impacts ring; `path` the one that shaft and mesh lines pass on their way to
-    the sensors, so that their amplitude and phase change with speed (left out: a rigid path). `planet_pass` lets
-    planets pass the sensors (left out: they are heard alike wherever they are, and have no sidebands). Where `fidelity`
-    is other than kinematic, gears vibrate: `dynamics` takes the place of what `excitation` declares of meshes.
+    the sensors, so that their amplitude and phase change with speed (left out: a rigid path); `transfers` are ways of
+    their own from one source to one sensor. `planet_pass` lets planets pass the sensors (left out: they are heard alike
+    wherever they are, and have no sidebands). Where `fidelity` is other than kinematic, gears vibrate: `dynamics` takes
+    the place of what `excitation` declares of meshes.
     """
 
     gearbox: Gearbox
@@ -80,6 +82,7 @@ class Scene(Declared):
     path: Mode | None = None
     resonance: Mode = Mode(frequency_hz=8000.0, damping_ratio=0.03)
     planet_pass: PlanetPass | None = None
+    transfers: tuple[Transfer, ...] = Field(default=(), alias="transfer")
     sampling_jitter: SamplingJitter | None = None
     noise: Noise = Noise()
     faults: tuple[Fault, ...] = Field(default=(), alias="fault")
@@ -129,6 +132,7 @@ class Scene(Declared):
         self._check_excitation()
         self._check_faults()
         self._check_sensors()
+        self._check_ways()
         return self
 
     def _check_links(self) -> None:
@@ -163,15 +167,37 @@ class Scene(Declared):
                 raise ValueError(
                     f'fault {number}: {fault.kind} of "{fault.component}" never comes round; choose another'
                 )
+            link = getattr(fault, "load_turns_with", None)
+            if link is not None and link not in self.gearbox.links:
+                raise ValueError(
+                    f'fault {number}: load_turns_with names "{link}"{closest(link, list(self.gearbox.links))}'
+                )
         if self.faults and self.resonance.frequency_hz >= self.rate_hz / 2:
             raise ValueError(
                 f"resonance.frequency_hz = {self.resonance.frequency_hz:g} is not below half of "
                 f"rate_hz = {self.rate_hz:g}; raise rate_hz or lower the resonance that impacts ring"
             )
 
-    def _check_sensors(self) -> None:
+    @property
+    def _places(self) -> set[str]:
+        """Bearings, links and meshes."""
         bearings = [name for bearing in self.gearbox.bearings for name in bearing.names]
-        places = {*bearings, *self.gearbox.links, *(mesh.name for mesh in self.gearbox.meshes)}
+        return {*bearings, *self.gearbox.links, *(mesh.name for mesh in self.gearbox.meshes)}
+
+    def _check_ways(self) -> None:
+        sources = self._places
+        if self.fidelity == "kinematic":  # of links, only shafts sound
+            sources -= {*self.gearbox.links} - {*self.exact_orders("shaft")}
+        check_transfers(self.transfers, sources=sources, sensors=[sensor.name for sensor in self.sensors])
+        if self.sampling_jitter is None:
+            return
+        moves = any(isinstance(fault, BearingFault) and fault.five_dof is not None for fault in self.faults)
+        if moves or any(transfer.lines is not None for transfer in self.transfers):
+            what = "a bearing with five_dof" if moves else "a measured transfer"
+            raise ValueError(f"sampling_jitter does not go with {what}, which is sampled evenly; leave one of them out")
+
+    def _check_sensors(self) -> None:
+        places = self._places
         names = [sensor.name for sensor in self.sensors]
         for sensor in self.sensors:
             if sensor.on not in places:
@@ -181,33 +207,11 @@ class Scene(Declared):
                 )
             if names.count(sensor.name) > 1:
                 raise ValueError(f'two sensors are called "{sensor.name}"; give each a name of its own')
-            self._check_chain(sensor)
+            check_chain(sensor, first=self.sensors[0], rate_hz=self.rate_hz)
         if self.sampling_jitter is not None and _DEVIATIONS * self.sampling_jitter.std_s * self.rate_hz > 1:
             raise ValueError(
                 f"sampling_jitter.std_s = {self.sampling_jitter.std_s:g} lets samples change places; "
                 f"keep it below {1 / (_DEVIATIONS * self.rate_hz):g}"
-            )
-
-    def _check_chain(self, sensor: Sensor) -> None:
-        first, who = self.sensors[0], f'sensor "{sensor.name}"'
-        for units, other in ((sensor.units, first.units), (sensor.channel_units, first.channel_units)):
-            if units != other:
-                raise ValueError(
-                    f'{who} has units "{units}" and "{first.name}" "{other}"; amplitudes are in the units of the '
-                    "sensors, so use one for all"
-                )
-        for part in ("anti_alias", "hum"):
-            value = getattr(sensor, part)
-            top = value.frequency_hz * getattr(value, "harmonics", 1) if value is not None else 0.0
-            if top >= self.rate_hz / 2:
-                raise ValueError(
-                    f"{who}: {part} reaches {top:g} Hz, which is not below half of rate_hz = {self.rate_hz:g}; lower it"
-                )
-        drops = sensor.drop_outs
-        if drops is not None and drops.per_second * drops.duration_s >= 1:
-            raise ValueError(
-                f"{who}: drop_outs.per_second = {drops.per_second:g} of {drops.duration_s:g} s each leave nothing; "
-                "lower one of them"
             )
 
     @classmethod
@@ -224,10 +228,10 @@ class Scene(Declared):
         if isinstance(gearbox, str) and (path.parent / gearbox).is_file():
             table["gearbox"] = str(path.parent / gearbox)
         for course in ("speed", "torque"):
-            declared = table.get(course)
-            if isinstance(declared, dict) and isinstance(file := declared.get("csv"), str):
-                beside = path.parent / file
-                table[course] = declared | {"csv": str(beside if beside.is_file() else file)}
+            if isinstance(table.get(course), dict):
+                table[course] = _with_file(table[course], path.parent)
+        if isinstance(table.get("transfer"), list):
+            table["transfer"] = [_with_file(item, path.parent) for item in table["transfer"]]
         return cls.from_mapping(table, where=str(path))
 
     def to_toml(self) -> str:
@@ -291,6 +295,13 @@ class Scene(Declared):
     def truth_times(self) -> int:
         """Number of instants, evenly from 0 to `duration_s`, at which the truth is stated: 20 a second."""
         return math.ceil(20 * self.duration_s - 1e-9) + 1
+
+
+def _with_file(table: Any, beside: Path) -> Any:  # noqa: ANN401
+    """Return a table with its csv file looked for beside the scene first."""
+    if not isinstance(table, dict) or not isinstance(file := table.get("csv"), str):
+        return table
+    return table | {"csv": str(beside / file if (beside / file).is_file() else file)}
 
 
 def load_scene(name_or_path: str | Path) -> Scene:

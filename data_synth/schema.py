@@ -38,6 +38,9 @@ def scene_schema(gearbox: Mapping[str, Any]) -> dict[str, Any]:
         _as_table(parts[part]["properties"][field])
     for part, ways in _COURSES.items():
         _as_course(parts[part], ways)
+    transfer = parts["Transfer"]
+    transfer["properties"]["csv"] = {"type": "string", "description": "A file of three columns: Hz, real, imaginary."}
+    transfer["oneOf"] = [{"required": [way]} for way in ("modes", "lines", "csv")]
     return {**_without_null(schema), "$schema": _DRAFT}
 
 

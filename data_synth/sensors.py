@@ -16,6 +16,7 @@ from data_synth.chain import AntiAlias, DropOuts, Hum, Mode, Quantisation, Senso
 from data_synth.path import ring_pole
 from data_synth.profile import Array
 from data_synth.scene import SceneError
+from data_synth.transfer import ModalPath
 
 ComplexArray = NDArray[np.complex128]
 
@@ -50,6 +51,11 @@ class Cascade:
     def response(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return the frequency response at `frequency_hz`, of any shape."""
         return self.at(2j * np.pi * np.asarray(frequency_hz, dtype=np.float64))
+
+    def residue(self, index: int) -> complex:
+        """Return ``lim (s - p) H(s)`` at the pole with this number."""
+        pole = self.poles[index]
+        return complex(-pole * Cascade(gain=self.gain, poles=np.delete(self.poles, index)).at(pole))
 
 
 def linear_chain(sensor: Sensor) -> Cascade:
@@ -86,24 +92,53 @@ def ringing(mode: Mode, chain: Cascade, *, sensor: str = "") -> tuple[ComplexArr
     """
     own = ring_pole(mode)
     every = np.array([own, own.conjugate(), *chain.poles])
-    gaps = np.abs(every[:, None] - every) + np.diag(np.full(every.size, np.inf))
-    if np.min(gaps) < _APART * abs(own):
-        raise SceneError(
-            f'sensor "{sensor}": its resonance or filter coincides with the resonance of {mode.frequency_hz:g} Hz that '
-            "impacts ring; move one of them by a thousandth."
-        )
+    _refuse_alike(every, abs(own), f"the resonance of {mode.frequency_hz:g} Hz that impacts ring", sensor=sensor)
     kept = np.flatnonzero(every.imag >= 0)
     residues = []
-    for index in kept:
+    for index in kept.tolist():
         pole = every[index]
         if index == 0:
             residue = chain.at(pole) / 2j
         else:
-            others = np.delete(chain.poles, index - 2)
-            passed = Cascade(gain=chain.gain, poles=others).at(pole)
-            residue = -pole * passed * own.imag / ((pole - own) * (pole - own.conjugate()))
+            residue = chain.residue(index - 2) * own.imag / ((pole - own) * (pole - own.conjugate()))
         residues.append(residue * (2 if pole.imag > 0 else 1))
     return every[kept], np.array(residues, dtype=np.complex128)
+
+
+def through(path: ModalPath, chain: Cascade, *, sensor: str = "") -> tuple[ComplexArray, ComplexArray]:
+    """Return poles (p,) and residues (p,) of a path with a chain behind it.
+
+    The response to an impulse of 1 N s is ``Re sum_p residue exp(pole t)``, one of each conjugate pair with twice its
+    residue.
+
+    Raises
+    ------
+    SceneError
+        Two poles that are nearly the same.
+    """
+    own = path.poles
+    every = np.concatenate([own, own.conj(), chain.poles])
+    _refuse_alike(every, float(np.min(np.abs(own))), "a mode of its transfer", sensor=sensor)
+    passed = [residue * chain.at(pole) for pole, residue in zip(own, path.residues, strict=True)]
+    passed += [residue * chain.at(pole) for pole, residue in zip(own.conj(), np.conj(path.residues), strict=True)]
+    passed += [chain.residue(index) * path.at(pole) for index, pole in enumerate(chain.poles)]
+    kept = every.imag >= 0
+    return every[kept], np.array(passed)[kept] * np.where(every[kept].imag > 0, 2, 1)
+
+
+def fractions(chain: Cascade) -> tuple[ComplexArray, ComplexArray, float]:
+    """Return poles (p,) and residues (p,) of a chain as `through` does, and what of it passes at once."""
+    kept = np.flatnonzero(chain.poles.imag >= 0)
+    residues = [chain.residue(index) * (2 if chain.poles[index].imag > 0 else 1) for index in kept.tolist()]
+    return chain.poles[kept], np.array(residues, dtype=np.complex128), 0.0 if chain.poles.size else chain.gain
+
+
+def _refuse_alike(poles: ComplexArray, size: float, what: str, *, sensor: str) -> None:
+    gaps = np.abs(poles[:, None] - poles) + np.diag(np.full(poles.size, np.inf))
+    if np.min(gaps) < _APART * size:
+        raise SceneError(
+            f'sensor "{sensor}": its resonance or filter coincides with {what}; move one of them by a thousandth.'
+        )
 
 
 def add_ringing(

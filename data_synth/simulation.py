@@ -1,28 +1,28 @@
 """Scene -> record with its truth: builds what the scene asks for, adds it up, and says what went in."""
 
-import zlib
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
-from data_synth.combs import ComplexArray, add_lines
-from data_synth.faults import ImpactTrain
-from data_synth.fidelity import chosen
-from data_synth.motion import Motion, motion_of, prepared
+from data_synth.combs import ComplexArray, random_stream
+from data_synth.fidelity import Choice, decided
+from data_synth.impacts import add_train
+from data_synth.levels import LEFT_OUT, moved, sounding, whole_of
+from data_synth.meshing import Gears
+from data_synth.motion import Motion, prepared
 from data_synth.profile import Array
+from data_synth.room import refuse_too_large
 from data_synth.scene import Scene, SceneError, Sensor, load_scene
 from data_synth.sensors import (
     Cascade,
     add_noise,
-    add_ringing,
     clip,
     drop_outs,
     hum_lines,
     linear_chain,
     quantise,
-    ringing,
 )
 from data_synth.stage import Stage, staged
 from data_synth.truth import mesh_lines, motion_truth, phases_of, truth_of
@@ -90,16 +90,25 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
     Raises
     ------
     SceneError
-        For a scene that cannot be simulated, with the sentence that says why and what to do.
+        For a scene that cannot be simulated, or that memory does not hold, with the sentence that says why and what to
+        do.
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise SceneError(f"seed = {seed!r}: a whole number, 0 or more, is needed.")
+    refuse_too_large(declared, by_source=by_source, phases=phases)
     stage = staged(declared, draws=partial(random_stream, seed))
+    gears = prepared(stage) if declared.fidelity != "kinematic" else None
+    choice = decided(declared) if gears is not None else None
+    if gears is not None and choice is not None:
+        stage = sounding(stage, gears, choice.levels)
     late_s = _late(stage)
     parts = _by_source(stage, late_s=late_s) if by_source else {}
     signal = _clean(stage, late_s=late_s)
-    truth, told = _with_gears(stage, signal, parts) if declared.fidelity != "kinematic" else (truth_of(stage), {})
+    if gears is not None and choice is not None:
+        truth, told = _with_gears(stage, gears, choice, signal, parts)
+    else:
+        truth, told = truth_of(stage), {}
     for number, sensor in enumerate(declared.sensors):
         truth |= _spoil(stage, sensor, number + 1, signal[number], late_s=late_s)
     truth |= parts
@@ -116,12 +125,6 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
         truth=truth,
         attrs={"truth_scene": declared.to_toml(), "truth_seed": seed, **told},
     )
-
-
-def random_stream(seed: int, *words: str) -> np.random.Generator:
-    """Return the generator that belongs to `words`."""
-    keys = tuple(zlib.crc32(word.encode()) for word in words)
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=keys))
 
 
 def _channel(sensor: Sensor, values: Array) -> Channel:
@@ -148,22 +151,12 @@ def _clean(stage: Stage, *, late_s: Array | None, only: tuple[str, str] | None =
     """Return the signal behind the linear chain, (sensor, n), of all sources or of one component and kind."""
     scene = stage.scene
     signal = np.zeros((len(scene.sensors), scene.samples))
-    combs = [
-        (comb, amplitudes)
-        for comb, amplitudes in zip(stage.combs, stage.amplitudes, strict=True)
-        if only in (None, (comb.component, comb.kind))
-    ]
-    per_second = (scene.truth_times - 1) / scene.duration_s
-    for start in range(0, scene.samples if combs else 0, _BLOCK):
+    for start in range(0, scene.samples, _BLOCK):
         here = slice(start, min(start + _BLOCK, scene.samples))
-        times_s = np.arange(here.start, here.stop) / scene.rate_hz
-        position = times_s * per_second
-        revolutions = stage.drive.angle.revolutions(times_s if late_s is None else times_s + late_s[here])
-        for comb, amplitudes in combs:
-            add_lines(signal[:, here], amplitudes, base=comb.base, revolutions=revolutions, position=position)
+        stage.add_lines(signal[:, here], first=start, late_s=None if late_s is None else late_s[here], only=only)
     for number, train in stage.trains:
         if only in (None, (train.component, train.kind)):
-            _add_impacts(stage, number, train, signal, late_s=late_s)
+            add_train(stage, number, train, signal, late_s=late_s)
     return signal
 
 
@@ -178,41 +171,26 @@ def _in_motion(motion: Motion) -> Array:
 
 
 def _with_gears(
-    stage: Stage, signal: Array, parts: dict[str, xr.DataArray]
+    stage: Stage, gears: Gears, choice: Choice, signal: Array, parts: dict[str, xr.DataArray]
 ) -> tuple[dict[str, xr.DataArray], dict[str, str]]:
     """Add gears that vibrate to a signal (sensor, n) and to the parts by source, where kept, and return the truth.
 
     With it come attributes: which motions were simulated, and how well the lines of meshes are known.
     """
-    gears = prepared(stage)
-    choice = chosen(stage, gears)
-    motion = motion_of(stage, gears, levels=choice.levels, springs=choice.springs)
+    motion = moved(stage, gears, choice.levels)
+    all_move = motion is not None and LEFT_OUT not in choice.levels.values()
+    passes = motion_truth(motion if motion is not None and all_move else whole_of(stage, gears, choice.levels))
+    if motion is None:
+        return truth_of(stage) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
     heard = _in_motion(motion)
     signal += heard
     found = mesh_lines(stage, heard)
     for name, sources in parts.items():
-        # meshes act on each other, so all gears are one source
+        # meshes act on each other, so all gears in motion are one source
         coords = {"truth_channel": sources["truth_channel"], "truth_source_name": ["gears, motion"]}
         own = xr.DataArray(heard[:, None], dims=sources.dims, coords=coords)
         parts[name] = xr.concat([sources, own], dim="truth_source_name").assign_attrs(sources.attrs)
-    truth = truth_of(stage, found=found) | motion_truth(motion)
-    return truth, {"truth_fidelity": str(choice), "truth_mesh_lines": found.about}
-
-
-def _add_impacts(stage: Stage, number: int, train: ImpactTrain, signal: Array, *, late_s: Array | None) -> None:
-    times_s, strength = stage.struck(number, train)
-    gains = np.abs(stage.gains[train.source])
-    for sensor, chain, gain, values in zip(stage.scene.sensors, stage.chains, gains, signal, strict=True):
-        poles, residues = ringing(stage.scene.resonance, chain, sensor=sensor.name)
-        add_ringing(
-            values,
-            times_s=times_s,
-            amplitudes=gain * strength,
-            poles=poles,
-            residues=residues,
-            rate_hz=stage.scene.rate_hz,
-            late_s=late_s,
-        )
+    return truth_of(stage, found=found) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": found.about}
 
 
 def _by_source(stage: Stage, *, late_s: Array | None) -> dict[str, xr.DataArray]:

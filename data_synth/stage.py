@@ -7,7 +7,7 @@ import numpy as np
 
 from data_synth import growth
 from data_synth.chain import Sensor
-from data_synth.combs import Comb, ComplexArray, Draws
+from data_synth.combs import Comb, ComplexArray, Draws, add_lines
 from data_synth.damage import combs_of, last_s, trains_of
 from data_synth.defects import LinearGrowth, ParisGrowth
 from data_synth.drive import Drive, driven
@@ -17,6 +17,7 @@ from data_synth.profile import Array
 from data_synth.pulses import Pulses, recorded_pulses
 from data_synth.scene import Fault, Scene, SceneError
 from data_synth.sensors import Cascade, linear_chain
+from data_synth.ways import Ways, ways_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +44,8 @@ class Stage:
     sizes : sequence of Growth
         The size of each fault relative to its first.
     gains : mapping of source to (sensor,) complex array
+    ways : mapping of (source, sensor) to ModalPath or MeasuredPath
+        Declared ones, which take the place of gains and modes.
     chains : sequence of Cascade
         The linear part of each sensor's chain.
     pulses : Pulses
@@ -60,8 +63,36 @@ class Stage:
     offsets: Sequence[float]
     sizes: Sequence[growth.Growth]
     gains: dict[str, ComplexArray]
+    ways: Ways
     chains: Sequence[Cascade]
     pulses: Pulses
+
+    def add_lines(
+        self, signal: Array, *, first: int = 0, late_s: Array | None = None, only: tuple[str, str] | None = None
+    ) -> None:
+        """Add the lines of all combs, or of one component and kind, to samples from number `first` on.
+
+        Parameters
+        ----------
+        signal : (sensor, n) array
+            Changed in place.
+        first : int
+        late_s : (n,) array or None
+            How much later than its place each sample is taken, s.
+        only : pair of component and kind, optional
+        """
+        heard = [
+            (comb, amplitudes)
+            for comb, amplitudes in zip(self.combs, self.amplitudes, strict=True)
+            if only in (None, (comb.component, comb.kind))
+        ]
+        if not heard:
+            return
+        times_s = np.arange(first, first + signal.shape[1]) / self.scene.rate_hz
+        position = times_s * ((self.scene.truth_times - 1) / self.scene.duration_s)
+        revolutions = self.drive.angle.revolutions(times_s if late_s is None else times_s + late_s)
+        for comb, amplitudes in heard:
+            add_lines(signal, amplitudes, base=comb.base, revolutions=revolutions, position=position)
 
     def struck(self, number: int, train: ImpactTrain) -> tuple[Array, Array]:
         """Return the instants (m,) in s at which a train of fault `number` strikes, and how hard, at the source."""
@@ -88,20 +119,23 @@ def staged(scene: Scene, *, draws: Draws) -> Stage:
         for fault, size in zip(scene.faults, sizes, strict=True)
     ]
     combs = combs_of(scene, drive, offsets=offsets, courses=courses, draws=draws)
-    trains = trains_of(scene, drive, combs, offsets=offsets, draws=draws)
+    trains = trains_of(scene, drive, combs, offsets=offsets, sizes=sizes, draws=draws)
     if scene.fidelity != "kinematic":  # what meshes do is then left to the mechanics
         meshes = {mesh.name for mesh in scene.gearbox.meshes}
         combs = [comb for comb in combs if comb.source not in meshes]
         trains = [(number, train) for number, train in trains if train.source not in meshes]
     _check_rate(scene, combs, drive)
     sources = dict.fromkeys([comb.source for comb in combs] + [train.source for _, train in trains])
-    gains = _gains(scene, [*sources], draws=draws)
+    gains, ways = _gains(scene, [*sources], draws=draws), ways_of(scene)
     chains = [linear_chain(sensor) for sensor in scene.sensors]
     speed_hz, load = drive.angle.speed_hz(instants_s), drive.load(instants_s)
     factor = _speed_factor(scene, drive, instants_s)
     amplitudes = []
     for comb in combs:
         at_place = line_amplitudes(comb, gains=gains[comb.source], speed_hz=speed_hz, load=load, mode=scene.path)
+        for row, sensor in enumerate(scene.sensors):
+            if (way := ways.get((comb.source, sensor.name))) is not None:
+                at_place[row] = line_amplitudes(comb, gains=np.ones(1), speed_hz=speed_hz, load=load, mode=way)[0]
         amplitudes.append(_in_channels(comb, at_place * factor, chains=chains, speed_hz=speed_hz))
     return Stage(
         scene=scene,
@@ -116,6 +150,7 @@ def staged(scene: Scene, *, draws: Draws) -> Stage:
         offsets=offsets,
         sizes=sizes,
         gains=gains,
+        ways=ways,
         chains=chains,
         pulses=_pulses(scene, drive, rng=draws("pulses")),
     )
@@ -183,12 +218,16 @@ def _in_channels(comb: Comb, amplitudes: ComplexArray, *, chains: Sequence[Casca
 
 
 def _check_rate(scene: Scene, combs: Sequence[Comb], drive: Drive) -> None:
-    highest = max((float(comb.orders[-1]) for comb in combs), default=0.0)
     top_hz = drive.angle.top_speed_hz(0.0, scene.duration_s)
+    highest = max((float(comb.orders[-1]) for comb in combs), default=0.0)
+    what, lower = f"highest line, order {highest:g}", "excitation.harmonics"
+    if scene.fidelity != "kinematic":
+        mesh, order = max(scene.exact_orders("gear_mesh").items(), key=lambda item: item[1])
+        if order > highest:
+            highest, what, lower = float(order), f'order of "{mesh}", {float(order):g}', "the speed"
     need = 2 * highest * top_hz
     if scene.rate_hz <= need:
         raise SceneError(
-            f"rate_hz = {scene.rate_hz:g} is not above {need:.0f} Hz, twice the highest line, order {highest:g}, at "
-            f"top speed; raise rate_hz, or lower excitation.harmonics: the highest order that fits is "
-            f"{scene.rate_hz / 2 / top_hz:.4g}."
+            f"rate_hz = {scene.rate_hz:g} is not above {need:.0f} Hz, twice the {what}, at top speed; raise rate_hz, "
+            f"or lower {lower}: the highest order that fits is {scene.rate_hz / 2 / top_hz:.4g}."
         )

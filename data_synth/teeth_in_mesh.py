@@ -104,7 +104,9 @@ class TeethInMesh:
         return np.where(total > 1 / np.sqrt(_OPEN), total, 0.0)
 
 
-def teeth_in_mesh(pair: ToothPair, *, damaged: Sequence[Damaged] = ()) -> TeethInMesh:
+def teeth_in_mesh(
+    pair: ToothPair, *, damaged: Sequence[Damaged] = (), teeth: tuple[int, int] | None = None
+) -> TeethInMesh:
     """Return the stiffness of a mesh by strain energy, its teeth healthy or damaged.
 
     Pairs share the load as springs side by side; that they also share the body of their gear is left out, as usual.
@@ -113,6 +115,8 @@ def teeth_in_mesh(pair: ToothPair, *, damaged: Sequence[Damaged] = ()) -> TeethI
     ----------
     pair : ToothPair
     damaged : sequence of Damaged
+    teeth : pair of int
+        How many the gears have, where the pair is but the virtual one of bevel gears.
 
     Raises
     ------
@@ -120,11 +124,12 @@ def teeth_in_mesh(pair: ToothPair, *, damaged: Sequence[Damaged] = ()) -> TeethI
         A gear other than 0 and 1, or a tooth that its gear does not have.
     """
     ratio = pair.gears.contact_ratio
+    counts = [abs(count) for count in teeth or pair.gears.teeth]
     for item in damaged:
-        if item.gear not in (0, 1) or not 0 <= item.tooth < pair.gears.teeth[item.gear]:
+        if item.gear not in (0, 1) or not 0 <= item.tooth < counts[item.gear]:
             raise ValueError(
                 f"gear = {item.gear}, tooth = {item.tooth}: gears are 0 and 1, and teeth count from 0 to "
-                f"{', '.join(str(count - 1) for count in pair.gears.teeth)}."
+                f"{', '.join(str(count - 1) for count in counts)}."
             )
     edges = [tuple(at for at in item.fault.edges(pair, item.gear) if 0 < at < ratio) for item in damaged]
     sides = [at + side for found in edges for at in found for side in (-_BESIDE, _BESIDE)]
@@ -135,7 +140,7 @@ def teeth_in_mesh(pair: ToothPair, *, damaged: Sequence[Damaged] = ()) -> TeethI
         compliance=pair.compliance(path),
         damaged=tuple(
             (
-                pair.gears.teeth[item.gear],
+                counts[item.gear],
                 item.tooth,
                 found,
                 np.minimum(item.fault.added_compliance(pair, item.gear, path), _OPEN),

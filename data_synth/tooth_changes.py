@@ -32,13 +32,15 @@ class Narrowed:
         return ()
 
 
-def damaged_teeth(changes: ToothChanges, *, gear: int, first: int) -> Iterator[Damaged]:
+def damaged_teeth(
+    changes: ToothChanges, *, gear: int, first: int, crack_angle_rad: float = CRACK_ANGLE_RAD
+) -> Iterator[Damaged]:
     """Yield the teeth whose stiffness changes; tooth 0 of `changes` is number `first` of the mesh."""
     teeth = changes.carrying.size
     for place in range(teeth):
         tooth = (first + place) % teeth
         if changes.crack_m[place] > 0:
-            crack = ToothCrack(depth_m=float(changes.crack_m[place]), angle_rad=CRACK_ANGLE_RAD)
+            crack = ToothCrack(depth_m=float(changes.crack_m[place]), angle_rad=crack_angle_rad)
             yield Damaged(gear=gear, tooth=tooth, fault=crack)
         share = float(changes.carrying[place])
         if share <= 0:

@@ -188,27 +188,27 @@ class Tooth:
 
         `left` gives what a crack leaves of the loaded half at each height; compression closes it.
         """
-        bent = [self._beam(float(np.tan(angle)) - self._base_half_angle, left) for angle in np.atleast_1d(angle_rad)]
         lean = np.tan(np.atleast_1d(angle_rad)) - self._base_half_angle
-        return np.array(bent) + self._body(lean)
+        return self._beam(lean[:, None], left) + self._body(lean)
 
-    def _beam(self, lean: float, left: Section | None) -> float:
-        at_half, at_height, _ = self.involute_at(np.array(lean))
+    def _beam(self, lean: Array, left: Section | None) -> Array:
+        """Return the compliance of the tooth alone, (n,), for loads that lean (n, 1)."""
+        at_half, at_height, _ = self.involute_at(lean)
         nodes, weights = _interval(math.tan(self.form_angle_rad) - self._base_half_angle, lean)
-        half, height, rate = self.involute_at(nodes)
+        above = self.involute_at(nodes)
         foot = self._whole_fillet if left is None else self._cut_fillet(left.tip_m)
-        half = np.concatenate([foot[0], half])
-        height = np.concatenate([foot[1], height])
-        steps = np.concatenate([foot[2], weights * rate])
+        feet = [np.broadcast_to(part, (lean.shape[0], part.size)) for part in foot]
+        half, height = (np.hstack([below, on]) for below, on in zip(feet[:2], above[:2], strict=True))
+        steps = np.hstack([feet[2], weights * above[2]])
         width = half + half if left is None else half + left(height, half)
         shear = self.young_pa / (2 * (1 + self.poisson))
-        arm = math.cos(lean) * (at_height - height) - at_half * math.sin(lean)
+        arm = np.cos(lean) * (at_height - height) - at_half * np.sin(lean)
         stored = (
             12 * arm**2 / (self.young_pa * width**3)
-            + 1.2 * math.cos(lean) ** 2 / (shear * width)
-            + math.sin(lean) ** 2 / (self.young_pa * 2 * half)
+            + 1.2 * np.cos(lean) ** 2 / (shear * width)
+            + np.sin(lean) ** 2 / (self.young_pa * 2 * half)
         )
-        return float(steps @ stored) / self.face_width_m
+        return np.asarray(np.sum(steps * stored, axis=1) / self.face_width_m)
 
     def _body(self, lean: Array) -> Array:
         """Return the compliance of the gear's body (Sainsot, Velex and Duverger 2004, eq. 4 to 8)."""
@@ -235,7 +235,9 @@ class ToothPair:
     Attributes
     ----------
     gears : GearPair
-        Spur gears with teeth outside.
+        Spur gears. The teeth of a ring count as teeth outside of a wheel with as many, met at the same height over
+        the reference circle: as ISO 6336-1 has it, nearly those of a rack. Where they would meet the planet's fillet,
+        below its involute, they are taken to be relieved.
     bore_radii_m : pair of float
     young_pa, poisson : float
     """
@@ -247,14 +249,14 @@ class ToothPair:
 
     def __post_init__(self) -> None:
         pair = self.gears
-        if pair.teeth[1] < 0 or pair.helix_angle_rad or any(pair.profile_shift):
+        if pair.helix_angle_rad or any(pair.profile_shift):
             raise ValueError(
                 f"teeth = {pair.teeth}, helix_angle_rad = {pair.helix_angle_rad:g}, profile_shift = "
-                f"{pair.profile_shift}: strain energy is worked out for spur gears with teeth outside and no shift; "
+                f"{pair.profile_shift}: strain energy is worked out for spur gears without shift; "
                 "use GearPair.mean_stiffness, or the spur gear and `helical`."
             )
         begins = math.atan(pair.path_m[0] / pair.base_radii_m[0])
-        if begins < self.teeth[0].form_angle_rad - 1e-9:
+        if begins < self.teeth[0].form_angle_rad - 1e-9 and pair.teeth[1] > 0:
             raise ValueError(f"teeth = {pair.teeth}: contact begins below the involute of the first gear.")
 
     @cached_property
@@ -263,7 +265,7 @@ class ToothPair:
         pair = self.gears
         one, two = (
             Tooth(
-                teeth=count,
+                teeth=abs(count),
                 module_m=pair.module_m,
                 face_width_m=pair.face_width_m,
                 pressure_angle_rad=pair.pressure_angle_rad,
@@ -281,9 +283,20 @@ class ToothPair:
         """Return the pressure angles of the contact on either tooth, `phase_cycles` (n,) after the pair entered."""
         begin, _ = self.gears.path_m
         on_path = begin + np.asarray(phase_cycles) * self.gears.base_pitch_m
+        if self.gears.teeth[1] < 0:
+            return self._angles_in_ring(on_path)
         whole = sum(self.gears.base_radii_m) * math.tan(self.gears.working_angle_rad)
         one, two = self.gears.base_radii_m
         return np.arctan(on_path / one), np.arctan((whole - on_path) / two)
+
+    def _angles_in_ring(self, on_path: Array) -> tuple[Array, Array]:
+        """Return the angles on a planet and on the wheel that stands for its ring, met as far from its tip."""
+        gears, (planet, wheel) = self.gears, self.teeth
+        base = gears.base_radii_m[1]
+        radius = np.hypot(base, on_path + gears.centre_distance_m * math.sin(gears.working_angle_rad))
+        outwards = 2 * gears.reference_radii_m[1] - radius
+        own = np.maximum(np.arctan(on_path / gears.base_radii_m[0]), planet.form_angle_rad)
+        return own, np.maximum(np.arccos(np.minimum(base / outwards, 1.0)), wheel.form_angle_rad)
 
     @property
     def hertz(self) -> float:
@@ -296,7 +309,7 @@ class ToothPair:
         return np.asarray(1 / self.hertz + sum(tooth.compliance(angle) for tooth, angle in pairs))
 
 
-def _interval(start: float, stop: float) -> tuple[Array, Array]:
-    """Return Gauss-Legendre nodes and weights from `start` to `stop`."""
+def _interval(start: float, stop: float | Array) -> tuple[Array, Array]:
+    """Return Gauss-Legendre nodes and weights from `start` to `stop`, a row for each (n, 1)."""
     half = (stop - start) / 2
     return start + half * (1 + _NODES), half * _WEIGHTS

@@ -1,13 +1,11 @@
-"""Transfer paths from force to accelerometer, modal or measured, applied block after block in constant memory.
+"""Transfer paths from force to accelerometer, modal or measured.
 
-A modal path is exact for the force it is given: impacts at any instant ring it from that instant, and a force given by
-samples is taken as linear between them. A measured path becomes a causal filter as long as it needs to be, delayed by
-as little as it allows.
+What passes a modal path is told by its poles (`data_synth.sensors.through`). A measured path becomes a causal filter as
+long as it needs to be, delayed by as little as it allows, and works block after block in constant memory.
 """
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,13 +22,6 @@ def _finite(values: ArrayLike) -> Array:
     if not np.all(np.isfinite(given)):
         raise ValueError("a force or an instant is NaN or infinite, which a path would never forget; mend it before")
     return given
-
-
-class BlockFilter(Protocol):
-    """A path at work: it remembers what it was given."""
-
-    def push(self, force: ArrayLike) -> Array:
-        """Return the response (n,) to the next n samples."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,8 +61,12 @@ class ModalPath:
         return natural * (-zeta + 1j * np.sqrt(1 - zeta**2))
 
     def response(self, frequency_hz: ArrayLike) -> ComplexArray:
-        """Return H at `frequency_hz` (n,)."""
-        at = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None]
+        """Return H at `frequency_hz`, of any shape."""
+        return self.at(2j * np.pi * np.asarray(frequency_hz, dtype=np.float64))
+
+    def at(self, s: ArrayLike) -> ComplexArray:
+        """Return H at `s` in rad s-1, of any shape."""
+        at = np.asarray(s, dtype=np.complex128)[..., None]
         parts = self.residues / (at - self.poles) + np.conj(self.residues) / (at - np.conj(self.poles))
         return np.asarray(np.sum(parts, axis=-1))
 
@@ -84,100 +79,6 @@ class ModalPath:
     def ring_seconds(self) -> float:
         """Return after how long a ringing is 1e-12 of its beginning."""
         return float(math.log(_QUIET) / np.max(self.poles.real))
-
-    def force_filter(self, *, rate_hz: float) -> "ModalForceFilter":
-        """Return a filter for a force in N, sampled at `rate_hz` and linear between its samples; at rest before."""
-        return ModalForceFilter(self, rate_hz=rate_hz)
-
-    def impact_filter(self, *, rate_hz: float) -> "ModalImpactFilter":
-        """Return a filter for impacts at any instants, heard at `rate_hz`."""
-        return ModalImpactFilter(self, rate_hz=rate_hz)
-
-
-class ModalForceFilter:
-    """`ModalPath` at work on a sampled force; at rest until the first sample, from which on the force acts.
-
-    One complex recursion a mode, exact for a force that is linear from sample to sample. At frequency f that is the sum
-    of H over f and its images ``f + m rate``, each weighed with ``sinc^2`` of its frequency over the rate.
-    """
-
-    def __init__(self, path: ModalPath, *, rate_hz: float) -> None:
-        poles, residues = path.poles / rate_hz, np.asarray(path.residues) / rate_hz
-        self._carry = np.exp(poles)
-        # the integral of exp(p (1 - s)) over a step, weighed with s and with 1 - s; by series where p is small
-        whole = np.where(np.abs(poles) < 1e-3, 1 + poles / 2 + poles**2 / 6, np.expm1(poles) / poles)  # noqa: PLR2004
-        late = np.where(
-            np.abs(poles) < 1e-2,  # noqa: PLR2004
-            1 / 2 + poles / 6 + poles**2 / 24 + poles**3 / 120 + poles**4 / 720 + poles**5 / 5040,
-            (whole - 1) / poles,
-        )
-        self._new, self._old = 2 * residues * late, 2 * residues * (whole - late)
-        self._state = np.zeros((poles.size, 1), dtype=np.complex128)
-        self._last = 0.0
-        self._started = False
-
-    def push(self, force: ArrayLike) -> Array:
-        """Return the response (n,) to the next n samples of the force in N."""
-        from scipy.signal import lfilter  # noqa: PLC0415
-
-        samples = _finite(force)
-        if not samples.size:
-            return np.empty(0)
-        before = np.concatenate([[self._last if self._started else samples[0]], samples[:-1]])
-        response = np.zeros(samples.size)
-        for mode in range(self._carry.size):
-            fed = self._new[mode] * samples + self._old[mode] * before
-            if not self._started:
-                fed[0] = 0.0  # no time has passed at the first sample
-            ringing, self._state[mode] = lfilter([1.0], [1.0, -self._carry[mode]], fed, zi=self._state[mode])
-            response += ringing.real
-        self._last, self._started = float(samples[-1]), True
-        return response
-
-
-class ModalImpactFilter:
-    """`ModalPath` at work on impacts between samples: each is heard from the first sample after it, exactly."""
-
-    def __init__(self, path: ModalPath, *, rate_hz: float) -> None:
-        self._poles, self._residues, self._rate_hz = path.poles, np.asarray(path.residues), rate_hz
-        self._state = np.zeros((self._poles.size, 1), dtype=np.complex128)
-        self._begun = 0  # samples
-
-    def push(self, times_s: ArrayLike, impulses_ns: ArrayLike, *, samples: int) -> Array:
-        """Return the next `samples` of the response, (samples,).
-
-        Parameters
-        ----------
-        times_s, impulses_ns : (m,) array
-            Instants on the clock of the samples, and N s, of the impacts after the last sample of the block before (or
-            at any time before the first) and up to the last sample of this.
-
-        Raises
-        ------
-        ValueError
-            An impact that this block does not hear first.
-        """
-        from scipy.signal import lfilter  # noqa: PLC0415
-
-        times, impulses = _finite(times_s), _finite(impulses_ns)
-        firsts = np.ceil(times * self._rate_hz).astype(np.int64)
-        places = np.maximum(firsts, 0) - self._begun
-        if np.any((places < 0) | (places >= samples)):
-            raise ValueError(
-                f"impacts from {np.min(times):g} s to {np.max(times):g} s do not belong to the block from "
-                f"{self._begun / self._rate_hz:g} s on, of {samples} samples; sort them into blocks by the next sample"
-            )
-        heard = self._begun + places
-        response = np.zeros(samples)
-        for mode, (pole, residue) in enumerate(zip(self._poles, self._residues, strict=True)):
-            begun = 2 * residue * impulses * np.exp(pole * (heard / self._rate_hz - times))
-            struck = np.zeros(samples, dtype=np.complex128)
-            np.add.at(struck, places, begun)
-            carry = np.exp(pole / self._rate_hz)
-            ringing, self._state[mode] = lfilter([1.0], [1.0, -carry], struck, zi=self._state[mode])
-            response += ringing.real
-        self._begun += samples
-        return response
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,8 +107,12 @@ class MeasuredPath:
         if frequencies[0] < 0 or np.any(np.diff(frequencies) <= 0):
             raise ValueError("frequencies_hz has to rise from 0 or above; sort the lines")
 
+    def ring_seconds(self) -> float:
+        """Return how long a response between lines that are linear lasts at most: one over their spacing."""
+        return float(1 / np.min(np.diff(self.frequencies_hz)))
+
     def response(self, frequency_hz: ArrayLike) -> ComplexArray:
-        """Return H at `frequency_hz` (n,)."""
+        """Return H at `frequency_hz`, of any shape."""
         at = np.asarray(frequency_hz, dtype=np.float64)
         real, imaginary = (
             np.interp(at, self.frequencies_hz, part, left=0.0, right=0.0)

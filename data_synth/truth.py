@@ -7,19 +7,23 @@ from functools import reduce
 
 import numpy as np
 import xarray as xr
+from numpy.polynomial.chebyshev import chebval
 
 from data_synth.combs import ComplexArray, common_base
 from data_synth.damage import last_s
 from data_synth.faults import ImpactTrain
 from data_synth.motion import Motion, fault_passes
+from data_synth.passing import pass_orders
 from data_synth.path import impact_line
 from data_synth.profile import Array
+from data_synth.rolling import signed_cage
 from data_synth.stage import Stage
 
 _STEADY = 1e-12  # of the speed: what rounding may change
 _NUTTALL = (0.3635819, -0.4891775, 0.1365995, -0.0106411)
 _BINS = 4
 _BLOCK = 65536
+_SILENT = 2e-5  # of the largest line: what is told of lines is no better known
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,30 +57,67 @@ def mesh_lines(stage: Stage, gears: Array) -> MeshLines:
         )
     orders = scene.exact_orders("gear_mesh")
     teeth = scene.exact_orders("tooth")
+    if any(fault.growth is not None and fault.component in teeth for fault in scene.faults):
+        return MeshLines(lines={}, about="left out: damage of teeth grows, so the lines of gears have no one amplitude")
     # meshes shake each other, so lines stand at all multiples of what their orders have in common
+    passing = {mesh: pass_orders(scene, mesh) for mesh in orders}
     bases = [*orders.values(), *(teeth[fault.component] for fault in scene.faults if fault.component in teeth)]
+    bases += [carrier for carrier, _ in passing.values() if carrier]
     periods = float(reduce(common_base, bases)) * float(stage.speed_hz[0]) * scene.duration_s
-    lines = {}
-    for mesh, order in orders.items():
-        for harmonic in range(1, scene.excitation.harmonics + 1):
-            if harmonic * float(order) * stage.speed_hz[0] < scene.rate_hz / 2:
-                lines[harmonic * order] = (mesh, _line(stage, gears, harmonic * float(order)))
+    lines = {
+        order: (mesh, line)
+        for mesh, measured in zip(
+            orders, _measured(stage, gears, [(orders[m], *passing[m]) for m in orders]), strict=True
+        )
+        for order, line in measured.items()
+    }
+    # planets cancel most of the lines beside those of their meshes
+    least = _SILENT * max((float(np.max(np.abs(line))) for _, line in lines.values()), default=0.0)
+    lines = {
+        order: (mesh, line)
+        for order, (mesh, line) in lines.items()
+        if not passing[mesh][1] or np.max(np.abs(line)) > least
+    }
     known = "other lines add less than 2e-5" if periods >= _BINS else "lines less than 4 / duration_s away are in it"
     return MeshLines(lines=lines, about=f"of the steady motion, by a window over the record: {known}")
 
 
-def _line(stage: Stage, gears: Array, order: float) -> ComplexArray:
-    """Return Z (sensor,) of one line, summed block by block."""
+def _measured(
+    stage: Stage, gears: Array, families: list[tuple[Fraction, Fraction, int]]
+) -> list[dict[Fraction, ComplexArray]]:
+    """Return Z (sensor,) of the lines of families, summed block by block.
+
+    A family is an order, of which there are harmonics, and a second one, of which so many multiples stand beside each
+    of them, and beside zero.
+    """
     scene = stage.scene
-    total, weight = np.zeros(gears.shape[0], dtype=np.complex128), 0.0
+    top = scene.rate_hz / 2 / float(stage.speed_hz[0])
+    totals: list[dict[Fraction, ComplexArray]] = [{} for _ in families]
     for start in range(0, scene.samples, _BLOCK):
         numbers = np.arange(start, min(start + _BLOCK, scene.samples))
-        turn = 2 * np.pi * (numbers + 0.5) / scene.samples
-        window = np.sum([share * np.cos(k * turn) for k, share in enumerate(_NUTTALL)], axis=0)
+        turned = np.cos(2 * np.pi * (numbers + 0.5) / scene.samples)
+        heard = np.ascontiguousarray(gears[:, start : start + numbers.size] * chebval(turned, _NUTTALL))
         revolutions = stage.drive.angle.revolutions(numbers / scene.rate_hz)
-        total += gears[:, numbers] @ (window * np.exp(-2j * np.pi * np.remainder(order * revolutions, 1.0)))
-        weight += float(window.sum())
-    return np.asarray(2 * total / weight)
+        for total, (order, beside, sides) in zip(totals, families, strict=True):
+            once = _turned_back(order, revolutions)
+            steps = {side: _turned_back(side * beside, revolutions) for side in range(-sides, sides + 1) if side}
+            phasor = np.ones(numbers.size, dtype=np.complex128) if sides else once
+            for harmonic in range(0 if sides else 1, scene.excitation.harmonics + 1):
+                for side in range(-sides, sides + 1):
+                    line = harmonic * order + side * beside
+                    if 0 < line < top:
+                        found = heard @ (phasor * steps[side] if side else phasor)
+                        total[line] = total.get(line, 0.0) + found
+                phasor = phasor * once
+    # the cosines of the window add up to nothing over the record
+    return [
+        {line: np.asarray(2 * found / (_NUTTALL[0] * scene.samples)) for line, found in total.items()}
+        for total in totals
+    ]
+
+
+def _turned_back(order: Fraction, revolutions: Array) -> ComplexArray:
+    return np.asarray(np.exp(-2j * np.pi * np.remainder(float(order) * revolutions, 1.0)))
 
 
 def motion_truth(motion: Motion) -> dict[str, xr.DataArray]:
@@ -118,25 +159,37 @@ def phases_of(stage: Stage) -> dict[str, xr.DataArray]:
     """Return the exact angle of every shaft, cage and rolling element at every sample, in rev.
 
     Each is seen from the frame and signed, but for the spin of rolling elements, which is that about their own axis
-    relative to the cage; all are zero at the tachometer's first mark, under pure rolling.
+    relative to the cage; all are zero at the tachometer's first mark, under pure rolling. A bearing with a defect rolls
+    as its strikes say, slip included: its cage is zero where element 1 has the greatest load, and the phase of the
+    defect itself, which is whole at each strike, is told beside it. Two defects of a bearing slip apart; its cage and
+    elements are then those of the first.
     """
     scene = stage.scene
     revolutions = stage.drive.angle.revolutions(np.arange(scene.samples) / scene.rate_hz)
-    shafts = {link: float(scene.ratio(link)) for link in scene.gearbox.links if scene.ratio(link) != 0}
-    rollers = {}
+    shafts = {link: float(scene.ratio(link)) * revolutions for link in scene.gearbox.links if scene.ratio(link) != 0}
+    rollers: dict[str, Array] = {}
+    for _, train in stage.trains:
+        if train.strikes is None:
+            continue
+        rolling = train.strikes.rolling
+        turned = rolling.cage_turns(revolutions) + rolling.rates.carried * revolutions
+        rollers.setdefault(f"{train.component}/cage", turned)
+        rollers.setdefault(f"{train.component}/element", rolling.element_turns(revolutions))
+        rollers.setdefault(f"{train.component}/{train.kind} strike", rolling.passed(revolutions))
     for bearing in (name for declared in scene.gearbox.bearings for name in declared.names):
         rates = scene.bearing(bearing)
-        rollers[f"{bearing}/cage"] = rates.cage + rates.carried
-        rollers[f"{bearing}/element"] = rates.rolling_element / 2  # struck by both races in a turn
+        rollers.setdefault(f"{bearing}/cage", (signed_cage(rates) + rates.carried) * revolutions)
+        # struck by both races in a turn
+        rollers.setdefault(f"{bearing}/element", rates.rolling_element / 2 * revolutions)
     return {
         f"truth_{what}_revolutions": xr.DataArray(
-            np.multiply.outer(np.array([*ratios.values()]), revolutions),
+            np.stack([*turns.values()]),
             dims=(f"truth_{what}", "time"),
-            coords={f"truth_{what}": [*ratios]},
+            coords={f"truth_{what}": [*turns]},
             attrs={"units": "rev"},
         )
-        for what, ratios in (("shaft", shafts), ("roller", rollers))
-        if ratios
+        for what, turns in (("shaft", shafts), ("roller", rollers))
+        if turns
     }
 
 
@@ -195,8 +248,8 @@ def _lines(stage: Stage) -> dict[Fraction, list[_Part]]:
     """Return what is heard at each order: the lines of the combs, then what impacts add to them."""
     lines: dict[Fraction, list[_Part]] = {}
     for comb, amplitudes in zip(stage.combs, stage.amplitudes, strict=True):
-        for index, order in enumerate(comb.orders):
-            if comb.present[index]:
+        for index, (order, speaks) in enumerate(zip(comb.orders, comb.present, strict=True)):
+            if speaks:
                 part = _Part(component=comb.component, kind=comb.kind, amplitude=amplitudes[:, index])
                 lines.setdefault(order, []).append(part)
     for number, train in stage.trains:
@@ -207,19 +260,20 @@ def _lines(stage: Stage) -> dict[Fraction, list[_Part]]:
 
 
 def _impact_part(stage: Stage, number: int, train: ImpactTrain, *, harmonic: int) -> _Part:
-    amplitude = impact_line(
-        train,
-        harmonic=harmonic,
-        speed_hz=stage.speed_hz,
-        load=stage.impact_load(number, stage.instants_s),
-        mode=stage.scene.resonance,
-    )
+    load = stage.impact_load(number, stage.instants_s)
     frequency = harmonic * float(train.order or 0) * stage.speed_hz
-    heard = [
-        abs(gain) * chain.response(frequency)
-        for gain, chain in zip(stage.gains[train.source], stage.chains, strict=True)
-    ]
-    return _Part(component=train.component, kind=train.kind, amplitude=np.stack(heard) * amplitude)
+    heard = []
+    for sensor, gain, chain in zip(stage.scene.sensors, stage.gains[train.source], stage.chains, strict=True):
+        way = stage.ways.get((train.source, sensor.name))
+        rung = impact_line(
+            train,
+            harmonic=harmonic,
+            speed_hz=stage.speed_hz,
+            load=load,
+            mode=stage.scene.resonance if way is None else way,
+        )
+        heard.append((abs(gain) if way is None else 1.0) * chain.response(frequency) * rung)
+    return _Part(component=train.component, kind=train.kind, amplitude=np.stack(heard))
 
 
 def _fault_truth(stage: Stage, instants: xr.DataArray) -> dict[str, xr.DataArray]:
@@ -241,13 +295,18 @@ def _fault_truth(stage: Stage, instants: xr.DataArray) -> dict[str, xr.DataArray
             attrs={"units": "mm"},
         )
     for number, fault in enumerate(faults):
-        struck_s = [stage.struck(number, train)[0] for of, train in stage.trains if of == number]
-        if struck_s:
-            truth[f"truth_impact_times_{number + 1}"] = xr.DataArray(
-                _heard(np.sort(np.concatenate(struck_s)), last_s(stage.scene)),
-                dims=f"truth_impact_{number + 1}",
-                attrs={"units": "s", "component": fault.component, "kind": fault.kind},
-            )
+        for what, entries in (("impact", False), ("entry", True)):
+            struck_s = [
+                stage.struck(number, train)[0]
+                for of, train in stage.trains
+                if of == number and train.entries is entries
+            ]
+            if struck_s:
+                truth[f"truth_{what}_times_{number + 1}"] = xr.DataArray(
+                    _heard(np.sort(np.concatenate(struck_s)), last_s(stage.scene)),
+                    dims=f"truth_{what}_{number + 1}",
+                    attrs={"units": "s", "component": fault.component, "kind": fault.kind},
+                )
     return truth
 
 

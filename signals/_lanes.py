@@ -31,7 +31,7 @@ class LanesType(types.Type):
 
 Lanes = Any
 _LANES = cast("Any", LanesType)(LANES)
-_WIDE = cast("Any", LanesType)(WIDE)
+_WIDE = wide_type = cast("Any", LanesType)(WIDE)
 
 
 @register_model(LanesType)
@@ -125,9 +125,9 @@ def _running_sums(_: object, lanes: Any) -> Any:  # noqa: ANN401
     def build(_: object, builder: Any, __: object, values: Any) -> Any:  # noqa: ANN401
         sums, zeros, shift = values[0], ir.Constant(lanes.vector, None), 1
         while shift < lanes.count:
-            # Zeros come in from the left.
-            window = [lanes.count - shift + lane for lane in range(lanes.count)]
-            sums = builder.fadd(sums, _shuffled(builder, zeros, sums, window))
+            # Of two neighbours of so many lanes, the last sum of the first adds to all of the second.
+            end = [lane // shift * shift - 1 + lanes.count if lane & shift else lane for lane in range(lanes.count)]
+            sums = builder.fadd(sums, _shuffled(builder, zeros, sums, end))
             shift *= 2
         return sums
 
@@ -148,39 +148,6 @@ def _interleave(_: object, even: Any, odd: object, target: Any, at: object) -> A
         return context.get_dummy_value()
 
     return types.void(even, even, target, types.intp), build
-
-
-def _transpose(
-    _: object,
-    source: Any,  # noqa: ANN401
-    start: object,  # noqa: ARG001
-    stride: object,  # noqa: ARG001
-    target: Any,  # noqa: ANN401
-    at: object,  # noqa: ARG001
-    apart: object,  # noqa: ARG001
-) -> Any:  # noqa: ANN401
-    """From rows at `start`, `stride` apart, to rows at `at`, `apart`."""
-
-    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
-        def place(array: int, row: int) -> Any:  # noqa: ANN401
-            first, step = values[array + 1], values[array + 2]
-            index = builder.add(first, builder.mul(step, ir.Constant(step.type, row)))
-            pointer = _pointer(context, builder, signature.args[array], values[array], index)
-            return builder.bitcast(pointer, _LANES.vector.as_pointer())
-
-        rows = [builder.load(place(0, row), align=8) for row in range(LANES)]
-        pairs = [
-            _shuffled(builder, rows[i], rows[i + 1], lanes)
-            for i in range(0, LANES, 2)
-            for lanes in ([0, 4, 2, 6], [1, 5, 3, 7])
-        ]
-        for row in range(LANES):
-            lanes = [0, 1, 4, 5] if row < LANES // 2 else [2, 3, 6, 7]
-            column = _shuffled(builder, pairs[row % 2], pairs[row % 2 + 2], lanes)
-            builder.store(column, place(3, row), align=8)
-        return context.get_dummy_value()
-
-    return types.void(source, types.intp, types.intp, target, types.intp, types.intp), build
 
 
 def _multiply_add(_: object, a: Any, b: object, c: object) -> Any:  # noqa: ANN401, ARG001
@@ -228,7 +195,6 @@ total: Callable[..., Any] = intrinsic(_total)
 powers: Callable[..., Lanes] = intrinsic(_powers)  # 1, v, ... v^7
 running_sums: Callable[..., Lanes] = intrinsic(_running_sums)
 interleave: Callable[..., None] = intrinsic(_interleave)
-transpose: Callable[..., None] = intrinsic(_transpose)
 multiply_add: Callable[..., Any] = intrinsic(_multiply_add)
 plus: Callable[..., Any] = intrinsic(_pairwise("fadd"))
 minus: Callable[..., Any] = intrinsic(_pairwise("fsub"))

@@ -14,6 +14,11 @@ import pytest
 import suites
 import trackers
 from jobs import standard_job
+from tracking.clock import Effort
+from tracking.measuring import Row, measure
+from tracking.settings import ours, peer_settings
+from tracking.speedups import speedups
+from tracking.targets import targets
 
 from signals.harmonics import track_orders
 
@@ -103,7 +108,7 @@ def test_vold_kalman_alone_is_the_coupled_one_for_a_single_order():
 
 
 def test_the_report_is_written(tmp_path, capsys):
-    effort = trackers.Effort(
+    effort = Effort(
         samples=5000,
         excerpt=1000,
         repeats=1,
@@ -125,18 +130,18 @@ def test_the_report_is_written(tmp_path, capsys):
 
 
 def test_a_smoother_that_passes_for_a_filter_is_left_out():
-    true = trackers.ours("filter", "exact", poles=1)
-    smoother = trackers.ours("smoother", "exact", poles=1)
+    true = ours("filter", "exact", poles=1)
+    smoother = ours("smoother", "exact", poles=1)
     false = dataclasses.replace(true, run=smoother.run)
-    effort = trackers.Effort(samples=3000, excerpt=3000, repeats=1, slow_repeats=1, search=2)
-    rows, refusals = trackers.measure(["J2 crossing"], [true, false], effort)
+    effort = Effort(samples=3000, excerpt=3000, repeats=1, slow_repeats=1, search=2)
+    rows, refusals = measure(["J2 crossing"], [true, false], effort)
     assert [row.setting for row in rows] == [true]
     assert len(refusals) == 1
     assert "samples that come after" in refusals[0]
 
 
 def test_regressors_given_are_those_of_the_record():
-    run = next(s.run for s in trackers.peer_settings() if "given" in s.label)
+    run = next(s.run for s in peer_settings() if "given" in s.label)
     for samples in (300, 200, 300):
         job = standard_job("J2 crossing", samples=samples)
         np.testing.assert_allclose(run(job, 4.0)[0], peers.compiled_filter(job, 4.0)[0], atol=1e-6)
@@ -144,15 +149,32 @@ def test_regressors_given_are_those_of_the_record():
 
 def test_a_target_missed_is_not_reached():
     job = standard_job("J1 run-up", samples=100)
-    setting = trackers.ours("smoother", "fast", poles=2, every=200)
+    setting = ours("smoother", "fast", poles=2, every=200)
 
     def reached(error, time):
-        row = trackers.Row(job=job, setting=setting, bandwidth=1.0, time=time, error=error, memory=0.0)
-        return [target.passed for target in trackers.targets([row])]
+        row = Row(job=job, setting=setting, bandwidth=1.0, time=time, error=error, memory=0.0)
+        return [target.passed for target in targets([row])]
 
     assert reached(0.0155, 4.0) == [True]
     assert reached(0.0157, 4.0) == [False]
     assert reached(0.0155, 4.1) == [False]
+
+
+def test_speedups_are_told_on_the_excerpt_and_on_the_whole_record():
+    job = standard_job("J3 angle", samples=3000)
+    theirs = next(s for s in peer_settings() if s.label == "filterpy")
+    quick = ours("filter", "exact", poles=1)
+    rows = [
+        Row(job=job, setting=setting, bandwidth=0.04, time=time, error=0.05, memory=0.0)
+        for setting, time in ((quick, 2.0), (theirs, 700.0))
+    ]
+    effort = Effort(excerpt=300, repeats=1, slow_repeats=1)
+    lines, (excerpt, whole) = speedups(rows, effort)
+    assert "both on 300" in excerpt.what
+    assert "ours on all 3,000, filterpy on 300" in whole.what
+    assert whole.measured == "350 times as fast"
+    assert whole.passed
+    assert sum(line.startswith("| J3 angle | filterpy | exact |") for line in lines) == 1
 
 
 KINDS = ("time_", "timeraw_", "peakmem_", "track_")

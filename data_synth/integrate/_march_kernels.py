@@ -17,8 +17,8 @@ def mesh_force(equations: Equations, m: int, deflection: float, turns: float) ->
     phase, gap = equations.cycles[m] * turns, deflection
     if equations.error_of[m] >= 0:
         gap -= value_at(equations.errors, equations.error_of[m], phase)
-    pressed, touching = dead_zone(gap, equations.backlashes[m])
-    stiffness, mean = value_at(equations.stiffnesses, m, phase), equations.stiffnesses.means[m]
+    pressed, touching = dead_zone(gap, equations.backlashes[m], equations.backs[m])
+    stiffness, mean = value_at(equations.stiffnesses, m, phase), equations.held[m]
     return stiffness * pressed - mean * deflection, stiffness * touching - mean
 
 
@@ -124,7 +124,7 @@ def alpha_steps(
     drive = equations.drive[size:]
     y, v, a = x[:size] / scales, x[size:].copy(), acceleration.copy()
     left = 1.0 - alpha_f
-    sees = np.ascontiguousarray(pushes.T)
+    sees = np.ascontiguousarray(equations.seen.T) * scales
     back = inverse @ pushes
     reach = beta * step * step * left * (sees @ back)
     force, slope, old_force = np.empty(meshes), np.empty(meshes), np.empty(meshes)

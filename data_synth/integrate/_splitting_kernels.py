@@ -10,16 +10,19 @@ from data_synth.integrate._waves import Waves
 
 Array = NDArray[np.float64]
 
+BOTH, CROSSED, BENT = 1 / 36, 1 / 180, 1 / 3150  # of the commutator
+EVEN, BULGE = 1 / 24, 1 / 480  # of what the middle lacks
+
 
 @compiled_inside
-def dead_zone(deflection: float, half_gap: float) -> tuple[float, float]:
+def dead_zone(deflection: float, half_gap: float, back: float) -> tuple[float, float]:
     """Return how far teeth are pressed together, negative on the back flanks, and 1 in contact, else 0."""
     if half_gap <= 0.0:
         return deflection, 1.0
     if deflection > half_gap:
         return deflection - half_gap, 1.0
-    if deflection < -half_gap:
-        return deflection + half_gap, 1.0
+    if deflection < -back:
+        return deflection + back, 1.0
     return 0.0, 0.0
 
 
@@ -94,6 +97,33 @@ def deflect(x: Array, seen: Array, delta: Array) -> None:
 
 
 @compiled_inside
+def tables_at(first: int, later: int, stage: float) -> tuple[int, int, float]:
+    """Return the tables of the stages before and after a place in the course of a mesh, and where between them it is.
+
+    Stage 0 is table `first`, stage 1 table `later`, the next ones follow; `later` below zero: nothing changes.
+    """
+    if later < 0:
+        return first, first, 0.0
+    number = int(stage)
+    share = stage - number
+    before = first if number == 0 else later + number - 1
+    return before, before if share == 0.0 else later + number, share
+
+
+@compiled_inside
+def between(waves: Waves, now: int, then: int, share: float, phase: float) -> float:
+    """Return the value between two tables, by the share of the second."""
+    value = 0.0
+    table, part = now, 1.0 - share
+    while True:
+        value += part * value_at(waves, table, phase)
+        if table == then:
+            break
+        table, part = then, share
+    return value
+
+
+@compiled_inside
 def moments_of_step(
     waves: Waves, which: int, begin: float, end: float, at_start: Array, at_stop: Array, first: bool
 ) -> tuple[float, float, float]:
@@ -114,6 +144,21 @@ def moments_of_step(
     )
 
 
+@compiled_inside
+def under_hats(node: int, sub: int, per_sample: int, a0: float, a1: float, a2: float) -> tuple[float, float]:
+    """Return by what the deflection at a node counts in the hat that rises here, and in that and the one that falls.
+
+    The integrals over a step of a stiffness, of Legendre coefficients a, times the quadratic polynomials of Lagrange
+    through both ends and the middle, x = -1, 0 and 1; and of the same times x.
+    """
+    if node == 1:
+        mean, slant = (a0 - 0.2 * a2) * 2 / 3, a1 * 2 / 15
+    else:
+        side = node - 1
+        mean, slant = (a0 + side * a1 + 0.4 * a2) / 6, side * (a0 / 6 + a2 / 15) + a1 / 10
+    return (mean * (sub + 0.5) + 0.5 * slant) / per_sample**2, mean / per_sample
+
+
 @compiled
 def split_steps(
     x: Array,
@@ -128,26 +173,41 @@ def split_steps(
     tied_speed: Array,
     revolutions: Array,
     loads: Array,
+    stages: Array | None,
+    felt: Array | None,
+    coming: Array,
 ) -> None:
     """Advance x through all samples of a block and read it at each.
 
     Per step the meshes kick at both ends and in the middle. Their strengths are integrals of the stiffness times the
     quadratic polynomials of Lagrange through these nodes, exact across jumps; the middle one also holds the
     commutator of two mesh forces: h^3 times a quadratic form of their Legendre coefficients.
+    The middle node's deflection lacks `short`, what forces do until then beyond the kick at the start: over the step
+    that evens out, but where a force is felt it is set right.
     `half` holds a row (6,) a mode where `classical`, else what `flow_at_once` takes; both over half a step.
+    `stages` (steps, meshes) says where in their course meshes are that change in time; None where none does.
+    `felt` (samples, 2 meshes) takes the force of each mesh weighted with a hat from two samples ago to now, then the
+    force now, and `coming` (meshes,) what is felt of the next hat, in which the force now counts most; None where
+    nobody asks. None takes its lines out of the code that runs.
     """
     pushes, seen, tied, cycles = equations.pushes, equations.seen, equations.tied, equations.cycles
-    stiffnesses, coupling, means = equations.stiffnesses, equations.coupling, equations.stiffnesses.means
+    stiffnesses, coupling, means = equations.stiffnesses, equations.coupling, equations.held
     drags, drag_factors, error_of = equations.drags, equations.drag_factors, equations.error_of
     size, meshes = pushes.shape
     other = np.empty(2 * size)
     a0, a1, a2 = np.empty(meshes), np.empty(meshes), np.empty(meshes)
     delta, impulse = np.zeros(meshes), np.zeros(meshes)
-    pressed, touching = np.zeros(meshes), np.zeros(meshes)
-    at_start, at_stop = np.zeros((meshes, 3)), np.zeros((meshes, 3))
+    pressed, touching, short = np.zeros(meshes), np.zeros(meshes), np.zeros(meshes)
+    tables = stiffnesses.means.size
+    at_start, at_stop = np.full((tables, 3), np.nan), np.full((tables, 3), np.nan)
     sixth, two_thirds, cube = step / 6, step * 2 / 3, step**3
+    stop = 0.0
     deflect(x, seen, delta)
     for sample in range(readings.shape[0]):
+        if felt is not None:
+            for m in range(coming.size):
+                felt[sample, m] = coming[m]
+                coming[m] = 0.0
         for sub in range(per_sample):
             number = sample * per_sample + sub
             if tied.size:
@@ -160,10 +220,22 @@ def split_steps(
             else:
                 start, stop = revolutions[number], revolutions[number + 1]
             for m in range(meshes):
-                a0[m], a1[m], a2[m] = moments_of_step(
-                    stiffnesses, m, cycles[m] * start, cycles[m] * stop, at_start, at_stop, number == 0 or tied.size > 0
-                )
-                at_start[m, 0], at_start[m, 1], at_start[m, 2] = at_stop[m, 0], at_stop[m, 1], at_stop[m, 2]
+                begin, end = cycles[m] * start, cycles[m] * stop
+                now, then, share = m, m, 0.0
+                if stages is not None:
+                    now, then, share = tables_at(m, equations.stiffness_later[m], stages[number, m])
+                a0[m] = a1[m] = a2[m] = 0.0
+                table, part = now, 1.0 - share
+                while True:
+                    b0, b1, b2 = moments_of_step(stiffnesses, table, begin, end, at_start, at_stop, tied.size > 0)
+                    a0[m] += part * b0
+                    a1[m] += part * b1
+                    a2[m] += part * b2
+                    for i in range(3):
+                        at_start[table, i] = at_stop[table, i]
+                    if table == then:
+                        break
+                    table, part = then, share
             for node in range(3):
                 if node == 1 or node == 2:  # noqa: PLR1714, PLR2004
                     if classical:
@@ -176,12 +248,16 @@ def split_steps(
                 for m in range(meshes):
                     gap = delta[m]
                     if error_of[m] >= 0:
-                        gap -= value_at(
-                            equations.errors, error_of[m], cycles[m] * (start + 0.5 * node * (stop - start))
-                        )
-                    pressed[m], touching[m] = dead_zone(gap, equations.backlashes[m])
-                    share = a0[m] - 0.2 * a2[m] if node == 1 else a0[m] + (node - 1) * a1[m] + 0.4 * a2[m]
-                    impulse[m] = weight * (share * pressed[m] - means[m] * delta[m])
+                        phase = cycles[m] * (start + 0.5 * node * (stop - start))
+                        now, then, share = error_of[m], error_of[m], 0.0
+                        if stages is not None:
+                            now, then, share = tables_at(error_of[m], equations.error_later[m], stages[number, m])
+                        gap -= between(equations.errors, now, then, share, phase)
+                    pressed[m], touching[m] = dead_zone(gap, equations.backlashes[m], equations.backs[m])
+                    strength = a0[m] - 0.2 * a2[m] if node == 1 else a0[m] + (node - 1) * a1[m] + 0.4 * a2[m]
+                    impulse[m] = weight * (strength * pressed[m] - means[m] * delta[m])
+                    if felt is not None:
+                        short[m] = 0.0
                 if node == 1:
                     for i in range(meshes):
                         g0 = a0[i] * touching[i] - means[i]
@@ -189,8 +265,15 @@ def split_steps(
                         for j in range(meshes):
                             f0 = a0[j] * pressed[j] - means[j] * delta[j]
                             f1, f2 = a1[j] * pressed[j], a2[j] * pressed[j]
-                            form = (f0 * g0) / 36 - (f0 * g2 + f2 * g0 + f1 * g1) / 180 - f2 * g2 / 3150
+                            form = BOTH * (f0 * g0) - CROSSED * (f0 * g2 + f2 * g0 + f1 * g1) - BENT * f2 * g2
                             impulse[i] -= cube * coupling[i, j] * form
+                            if felt is not None:
+                                short[i] += step * step * coupling[i, j] * (EVEN * f0 - BULGE * f2) * touching[i]
+                if felt is not None:
+                    for m in range(coming.size):
+                        rising, whole = under_hats(node, sub, per_sample, a0[m], a1[m], a2[m])
+                        coming[m] += rising * (pressed[m] - short[m])
+                        felt[sample, m] += (whole - rising) * (pressed[m] - short[m])
                 if loads.shape[0]:
                     load = loads[2 * number + node]
                     for i in range(size):
@@ -202,6 +285,14 @@ def split_steps(
                         impulse[m] = 0.0
             push(x, pushes, impulse)
             drag_for(x, size, sixth, drags, drag_factors, False)
+        if felt is not None:
+            for m in range(coming.size):
+                now, then, share = m, m, 0.0
+                if stages is not None:
+                    stage = stages[(sample + 1) * per_sample - 1, m]
+                    now, then, share = tables_at(m, equations.stiffness_later[m], stage)
+                strength = between(stiffnesses, now, then, share, cycles[m] * stop)
+                felt[sample, coming.size + m] = strength * pressed[m]
         for r in range(rows.shape[0]):
             row = rows[r]
             total = constant[r]

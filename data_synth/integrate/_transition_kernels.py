@@ -1,5 +1,7 @@
 """Compiled exact steps through stiffnesses that are constant between switching instants."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -8,68 +10,79 @@ from data_synth._compile import compiled, compiled_inside
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-ROUNDING = 1e-17  # of the state: terms of the power series below it change no digit
+
+class Flows(NamedTuple):
+    """How x (2 n,) moves on under each of several stiffnesses, kind by kind, and what is read then.
+
+    All by columns over x, with what the drive adds apart. Over 1, 2, ... units of time ``powers`` (kinds, units, 2 n,
+    2 n) and ``gains`` (kinds, units, 2 n); the readings then, one after the other, ``tables`` (kinds, 2 n, units x
+    channels) and ``constants`` (kinds, units x channels). Over half a unit, a quarter, ... ``ladders`` (kinds, rungs,
+    2 n, 2 n) and ``ladder_gains``; over a share of the last rung's length, ``last`` of a unit, the terms of the power
+    series ``series`` (kinds, 2 n, terms x 2 n) and ``series_gains`` (kinds, terms x 2 n).
+    """
+
+    powers: Array
+    gains: Array
+    tables: Array
+    constants: Array
+    ladders: Array
+    ladder_gains: Array
+    series: Array
+    series_gains: Array
 
 
 @compiled_inside
 def apply_columns(columns: Array, added: Array, x: Array, out: Array) -> None:
     """Multiply by a matrix whose columns are the rows of `columns`, and add: four at a time, their number is even."""
-    size = x.size
+    size, width = x.size, out.size
     first, second, a, b = columns[0], columns[1], x[0], x[1]
-    for i in range(size):
+    for i in range(width):
         out[i] = added[i] + first[i] * a + second[i] * b
     left = 2
     if size % 4 == 0:
         third, fourth, c, d = columns[2], columns[3], x[2], x[3]
-        for i in range(size):
+        for i in range(width):
             out[i] += third[i] * c + fourth[i] * d
         left = 4
     for j in range(left, size, 4):
         first, second, a, b = columns[j], columns[j + 1], x[j], x[j + 1]
         third, fourth, c, d = columns[j + 2], columns[j + 3], x[j + 2], x[j + 3]
-        for i in range(size):
+        for i in range(width):
             out[i] += first[i] * a + second[i] * b + third[i] * c + fourth[i] * d
 
 
 @compiled_inside
-def pass_time(
-    x: Array,
-    other: Array,
-    term: Array,
-    none: Array,
-    ladder: Array,
-    gains: Array,
-    generator: Array,
-    drive: Array,
-    norm: float,
-    time: float,
-    unit: float,
-) -> None:
-    """Let the flow act for a time below `unit`: by its propagators over unit / 2, / 4, ..., then by its power series.
-
-    `other`, `term` are room to work in, `none` zeros.
-    """
-    size = x.size
-    part = unit
-    for rung in range(1, ladder.shape[0]):
-        part *= 0.5
-        if time >= part:
-            time -= part
-            apply_columns(ladder[rung], gains[rung], x, other)
+def pass_time(x: Array, other: Array, terms: Array, flows: Flows, kind: int, share: float) -> None:
+    """Let the flow act for a share below 1 of a unit: by halves, quarters, ..., then by its power series."""
+    size, last = x.size, 1.0
+    for rung in range(flows.ladders.shape[1]):
+        last *= 0.5
+        if share >= last:
+            share -= last
+            apply_columns(flows.ladders[kind, rung], flows.ladder_gains[kind, rung], x, other)
             for i in range(size):
                 x[i] = other[i]
-    if time > 0.0:
+    apply_columns(flows.series[kind], flows.series_gains[kind], x, terms)
+    part, count = share / last, terms.size // size
+    for i in range(size):
+        other[i] = terms[(count - 1) * size + i]
+    for term in range(count - 2, -1, -1):
         for i in range(size):
-            term[i] = x[i]
-        bound, power = 1.0, 0
-        while bound > ROUNDING:
-            power += 1
-            bound *= norm * time / power
-            factor = time / power
-            apply_columns(generator, drive if power == 1 else none, term, other)
-            for i in range(size):
-                term[i] = other[i] * factor
-                x[i] += term[i]
+            other[i] = terms[term * size + i] + part * other[i]
+    for i in range(size):
+        x[i] += part * other[i]
+
+
+@compiled_inside
+def units_before(switch: float, start: float, unit: float, sample: int, count: int) -> int:
+    """Return how many samples after `sample` are reached before, or at, a switching time."""
+    ahead = int(min((switch - (start + sample * unit)) / unit, float(count - sample)))
+    # the quotient may be off by rounding
+    while ahead > 0 and start + (sample + ahead) * unit > switch:
+        ahead -= 1
+    while sample + ahead < count and start + (sample + ahead + 1) * unit <= switch:
+        ahead += 1
+    return ahead
 
 
 @compiled
@@ -78,55 +91,48 @@ def transition_steps(
     readings: Array,
     rows: Array,
     constant: Array,
-    samples: Array,
+    start: float,
+    unit: float,
     switches: Array,
     kinds: Integers,
-    ladders: Array,
-    gains: Array,
-    generators: Array,
-    drive: Array,
-    norms: Array,
-    unit: float,
+    flows: Flows,
 ) -> None:
-    """Advance x (2 n,) from samples[0] to each further sample time and read it there.
+    """Advance x (2 n,) from a time `start` through samples a `unit` apart, and read it at each.
 
-    ``kinds`` (switches + 1,) says which of the matrices holds before the first switching time and after each; for
-    each of them a ladder of propagators over unit, unit / 2, ... with what the drive adds, the generator and its norm.
+    ``kinds`` (switches + 1,) says which of the flows acts before the first switching time and after each.
     """
-    size = x.size
-    other, term, none = np.empty(size), np.empty(size), np.zeros(size)
-    event = 0
-    whole, gain = ladders[kinds[0], 0], gains[kinds[0], 0]
-    for sample in range(readings.shape[0]):
-        now, then = samples[sample], samples[sample + 1]
-        if event == switches.size or switches[event] >= then:
-            apply_columns(whole, gain, x, other)
+    size, most = x.size, flows.powers.shape[1]
+    count, channels = readings.shape
+    other, terms = np.empty(size), np.empty(flows.series.shape[2])
+    flat = readings.reshape(count * channels)
+    sample = event = 0
+    while sample < count:
+        kind = kinds[event]
+        ahead = units_before(switches[event] if event < switches.size else np.inf, start, unit, sample, count)
+        while ahead > 0:
+            units = min(ahead, most)
+            apply_columns(
+                flows.tables[kind], flows.constants[kind], x, flat[sample * channels : (sample + units) * channels]
+            )
+            apply_columns(flows.powers[kind, units - 1], flows.gains[kind, units - 1], x, other)
             for i in range(size):
                 x[i] = other[i]
-        else:
-            while now < then:
-                # one stretch up to the next switching instant, or to the sample where none is left before it
-                kind, switching = kinds[event], event < switches.size and switches[event] < then
-                stop = switches[event] if switching else then
-                pass_time(
-                    x,
-                    other,
-                    term,
-                    none,
-                    ladders[kind],
-                    gains[kind],
-                    generators[kind],
-                    drive,
-                    norms[kind],
-                    stop - now,
-                    unit,
-                )
-                now = stop
-                event += switching
-            whole, gain = ladders[kinds[event], 0], gains[kinds[event], 0]
-        for r in range(rows.shape[0]):
+            sample += units
+            ahead -= units
+        if sample == count:
+            break
+        now, then = start + sample * unit, start + (sample + 1) * unit
+        while now < then:
+            # one stretch up to the next switching instant, or to the sample where none is left before it
+            switching = event < switches.size and switches[event] < then
+            stop = switches[event] if switching else then
+            pass_time(x, other, terms, flows, kinds[event], (stop - now) / unit)
+            now = stop
+            event += switching
+        for r in range(channels):
             row = rows[r]
             total = constant[r]
             for i in range(size):
                 total += row[i] * x[i]
             readings[sample, r] = total
+        sample += 1

@@ -6,7 +6,6 @@ cycles, cost two look-ups.
 """
 
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +29,8 @@ class Waves(NamedTuple):
 
     ``periods``, ``means`` (f,); ``segments`` (f + 1,): where the segments of each function begin in ``starts``,
     ``densities`` (cells to a cycle), ``firsts`` (first cell) and ``counts`` (cells), each (segments,); ``rows``
-    (cells, 30).
+    (cells, 30). So that a phase finds its segment at once, even parts of each period, ``sign_rates`` (f,) to a cycle,
+    have ``signposts`` (parts,), the segments in which they begin; those of a function begin at ``signs`` (f + 1,).
     """
 
     periods: Array
@@ -41,6 +41,9 @@ class Waves(NamedTuple):
     firsts: Integers
     counts: Integers
     rows: Array
+    signs: Integers
+    sign_rates: Array
+    signposts: Integers
 
 
 class Wave(NamedTuple):
@@ -57,10 +60,16 @@ def tabulated(functions: Sequence[Wave]) -> Waves:
     counts = [starts.size for starts, *_ in tables]
     cells = np.cumsum([0, *(rows.shape[0] for *_, rows, _ in tables)])
     none = np.zeros(0)
+    segments = np.cumsum([0, *counts], dtype=np.int64)
+    rates = [starts.size / function.period for (starts, *_), function in zip(tables, functions, strict=True)]
+    posts = [
+        first + np.searchsorted(starts, np.arange(starts.size) / rate, side="right") - 1
+        for first, (starts, *_), rate in zip(segments, tables, rates, strict=False)
+    ]
     return Waves(
         periods=np.array([float(function.period) for function in functions]),
         means=np.array([mean for *_, mean in tables]),
-        segments=np.cumsum([0, *counts], dtype=np.int64),
+        segments=segments,
         starts=np.concatenate([none, *(starts for starts, *_ in tables)]),
         densities=np.concatenate([none, *(densities for _, densities, *_ in tables)]),
         firsts=np.concatenate(
@@ -68,6 +77,9 @@ def tabulated(functions: Sequence[Wave]) -> Waves:
         ),
         counts=np.concatenate([np.zeros(0, dtype=np.int64), *(t[3] for t in tables)]),
         rows=np.concatenate([np.zeros((0, sum(WIDTHS))), *(rows for *_, rows, _ in tables)]),
+        signs=segments,
+        sign_rates=np.array(rates),
+        signposts=np.concatenate([np.zeros(0, dtype=np.int64), *posts]).astype(np.int64),
     )
 
 
@@ -86,11 +98,10 @@ def _table(function: Wave) -> tuple[Array, Array, Integers, Integers, Array, flo
 
 def _fitted(function: Wave, breaks: Array, density: int) -> tuple[Array, Array, Integers, Array, float]:
     """Return segments' starts, cells' widths, cells to a segment, coefficients over a cell, relative misfit."""
-    counts = np.array([max(1, int(np.ceil((b - a) * density - 1e-9))) for a, b in pairwise(breaks)])
+    counts = np.maximum(1, np.ceil(np.diff(breaks) * density - 1e-9)).astype(np.int64)
     widths = np.repeat(np.diff(breaks) / counts, counts)
-    begins = np.concatenate(
-        [a + (b - a) / n * np.arange(n) for (a, b), n in zip(pairwise(breaks), counts, strict=True)]
-    )
+    within = np.arange(widths.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    begins = np.repeat(breaks[:-1], counts) + widths * within
     values = function.value(begins[:, None] + widths[:, None] * _NODES)
     rows = values @ _INTERPOLATE.T
     fitted = rows @ np.vander(_BETWEEN, DEGREE + 1, increasing=True).T

@@ -1,14 +1,18 @@
 """A problem as every integrator sees it: modal coordinates, meshes as rank-one forces on them, tables of phases."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
 from data_synth.integrate._equations import Equations, Integers
 from data_synth.integrate._modes import Flow, flow_of, modes_of
 from data_synth.integrate._waves import Wave, Waves, tabulated
-from data_synth.integrate.problem import Array, Output, Problem, State, TiedTo
+from data_synth.integrate.problem import Array, Problem, State, TiedTo
+from data_synth.mechanics import Mesh, Share
+from data_synth.mesh import Stiffness
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,8 +28,12 @@ class Assembled:
         Of everything on the left, and the constant load.
     deflections : (meshes, n) array
         G: also how a mesh force pushes modes, for they are mass-normalised.
+    rubbing : (rubbing, n) array
+        How what rubs pushes modes; `rubs_in` (rubbing,) says in which mesh.
     stiffnesses, errors : Waves
-        Tables over the phase; `error_of` (meshes,) says which error belongs to a mesh, -1 for none.
+        Tables over the phase, of one stiffness for each mesh, of stiffness times share for each force that rubs, then
+        further ones of what changes in time; `error_of` (meshes,) says which error belongs to a mesh, `stiffness_later`
+        (meshes and rubbing,) and `error_later` (meshes,) which is the second of its course, -1 for none.
     backlashes, cycles : (meshes,) arrays
     drags : (drags, n) array
         Velocity rows of what has a quadratic drag, and `drag_factors` (drags,).
@@ -36,14 +44,23 @@ class Assembled:
     problem: Problem
     flow: Flow
     deflections: Array
+    rubbing: Array
+    rubs_in: Integers
     stiffnesses: Waves
     errors: Waves
     error_of: Integers
+    stiffness_later: Integers
+    error_later: Integers
     backlashes: Array
     cycles: Array
     drags: Array
     drag_factors: Array
     tied: Array
+
+    @property
+    def means(self) -> Array:
+        """Mean stiffnesses (meshes,) of the constant part, N/m."""
+        return self.stiffnesses.means[: self.backlashes.size]
 
     @property
     def size(self) -> int:
@@ -54,31 +71,49 @@ class Assembled:
     def equations(self) -> Equations:
         """The same for compiled code."""
         scaled = self.tied / self.flow.modes.scales if self.tied.size else self.tied
+        of, none = self.forces_of, np.zeros(self.rubs_in.size)
+        seen, pushes = self.deflections[of], np.vstack([self.deflections, -self.rubbing])
         return Equations(
             generator=self.flow.generator,
             drive=self.flow.drive,
-            pushes=np.ascontiguousarray(self.deflections.T),
-            seen=np.ascontiguousarray((self.deflections / self.flow.modes.scales).T),
-            coupling=np.ascontiguousarray(self.deflections @ self.deflections.T),
+            pushes=np.ascontiguousarray(pushes.T),
+            seen=np.ascontiguousarray((seen / self.flow.modes.scales).T),
+            coupling=np.ascontiguousarray(seen @ pushes.T),
             stiffnesses=self.stiffnesses,
             errors=self.errors,
-            error_of=self.error_of,
-            backlashes=self.backlashes,
-            cycles=self.cycles,
+            error_of=self.error_of[of],
+            held=np.concatenate([self.means, none]),
+            backlashes=self.backlashes[of],
+            backs=np.concatenate([self.backlashes, none + np.inf]),
+            cycles=self.cycles[of],
             drags=self.drags,
             drag_factors=self.drag_factors,
             tied=np.concatenate([scaled, self.tied]),
+            stiffness_later=self.stiffness_later,
+            error_later=self.error_later[of],
         )
+
+    @property
+    def forces_of(self) -> Integers:
+        """The mesh of each force: of every mesh its own, then of what rubs."""
+        return np.concatenate([np.arange(self.backlashes.size), self.rubs_in])
 
     @cached_property
     def swing(self) -> float:
         """Largest ``abs(k - kmean) g M^-1 g`` of any mesh, rad2/s2: what the constant part leaves over."""
-        swings = [0.0]
+        swings, across = [0.0], np.abs(np.diag(self.equations.coupling))
         for number, mesh in enumerate(self.problem.system.meshes):
-            values = mesh.stiffness(np.linspace(0, mesh.stiffness.period, 512 * int(mesh.stiffness.period)))
+            phases = np.linspace(0, mesh.stiffness.period, 512 * int(mesh.stiffness.period))
+            ends = (
+                (mesh.stiffness,) if mesh.course is None else mesh.course.stiffnesses[:: len(mesh.course.times_s) - 1]
+            )
+            values = np.concatenate([stiffness(phases) for stiffness in ends])
             least = 0.0 if mesh.backlash_m > 0 else np.min(values)
-            mean = self.stiffnesses.means[number]
-            swings.append(float(max(np.max(values) - mean, mean - least) * self.equations.coupling[number, number]))
+            mean = self.means[number]
+            rubs = np.flatnonzero(self.forces_of == number)[1:]
+            most = [np.max(np.abs(rub.share(phases))) for rub in mesh.friction]
+            rubbed = float(np.max(values) * (across[rubs] @ most)) if most else 0.0
+            swings.append(rubbed + float(max(np.max(values) - mean, mean - least) * across[number]))
         return max(swings)
 
     def revolutions(self, times_s: Array) -> Array:
@@ -97,6 +132,14 @@ class Assembled:
                 f"load.varying must return finite forces ({times_s.size}, {self.size}); it returned {values.shape}."
             )
         return np.ascontiguousarray(values @ self.flow.modes.shapes)
+
+    def stages(self, times_s: Array) -> Array | None:
+        """Return where in its course the mesh of each force is, (times, forces); None where none has one."""
+        meshes = self.problem.system.meshes
+        if all(mesh.course is None for mesh in meshes):
+            return None
+        found = [mesh.course.stage(times_s) if mesh.course else np.zeros(times_s.size) for mesh in meshes]
+        return np.ascontiguousarray(np.stack(found, axis=1)[:, self.forces_of])
 
     def modal(self, state: State | None) -> Array:
         """Return x of a state, at rest where it is None."""
@@ -129,11 +172,15 @@ def assemble(problem: Problem) -> Assembled:
             raise ValueError(f"{name} must be a finite ({dof}, {dof}) matrix; it has shape {matrix.shape}.")
         if name != "damping" and not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0):
             raise ValueError(f"{name} is not symmetric; put what circulates into gyroscopic terms or a load.")
-    waves = tabulated([Wave(m.stiffness, m.stiffness.period, m.stiffness.jumps) for m in system.meshes])
+    waves, stiffness_later = _stiffnesses(system.meshes)
     directions = np.array([m.direction for m in system.meshes], dtype=np.float64).reshape(-1, dof)
-    modes = modes_of(system.mass, system.stiffness + (directions.T * waves.means) @ directions)
+    modes = modes_of(system.mass, system.stiffness + (directions.T * waves.means[: directions.shape[0]]) @ directions)
     flow = flow_of(modes, damping, load.constant)
-    erring = [m.error for m in system.meshes if m.error is not None]
+    rubs = [rub for m in system.meshes for rub in m.friction]
+    erring = [m for m in system.meshes if m.error is not None]
+    errors = [m.error for m in erring if m.error is not None]
+    more, error_later = _further(errors, [m.course.errors if m.course else () for m in erring])
+    error_of = _numbers([m.error is not None for m in system.meshes])
     dragged = np.flatnonzero(load.quadratic_drag if load.quadratic_drag is not None else np.zeros(dof))
     tied = np.zeros((0, dof))
     if isinstance(problem.turning, TiedTo):
@@ -142,9 +189,13 @@ def assemble(problem: Problem) -> Assembled:
         problem=problem,
         flow=flow,
         deflections=modes.rows(directions),
+        rubbing=modes.rows(np.array([rub.direction for rub in rubs], dtype=np.float64).reshape(-1, dof)),
+        rubs_in=np.repeat(np.arange(len(system.meshes)), [len(m.friction) for m in system.meshes]),
         stiffnesses=waves,
-        errors=tabulated([Wave(e, e.period) for e in erring]),
-        error_of=_numbers([m.error is not None for m in system.meshes]),
+        errors=tabulated([Wave(e, e.period) for e in [*errors, *more]]),
+        error_of=error_of,
+        stiffness_later=stiffness_later,
+        error_later=np.array([error_later[of] if of >= 0 else -1 for of in error_of], dtype=np.int64),
         backlashes=np.array([float(m.backlash_m) for m in system.meshes]),
         cycles=np.array([float(m.cycles_per_rev) for m in system.meshes]),
         drags=np.ascontiguousarray(np.eye(dof)[dragged] @ modes.shapes),
@@ -153,86 +204,55 @@ def assemble(problem: Problem) -> Assembled:
     )
 
 
+@dataclass(frozen=True)
+class Rubbed:
+    """Stiffness times what friction makes of the mesh force, over the phase."""
+
+    stiffness: Stiffness
+    share: Share
+
+    @property
+    def period(self) -> int:
+        """Mesh cycles after which both repeat."""
+        return self.stiffness.period
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Those of both."""
+        cycles = range(self.period)
+        return tuple(sorted({*self.stiffness.jumps, *(cycle + jump for cycle in cycles for jump in self.share.jumps)}))
+
+    def __call__(self, phase_cycles: Array) -> Array:
+        """Return N/m times the unit of the share."""
+        return np.asarray(self.stiffness(phase_cycles) * self.share(phase_cycles))
+
+
+def _stiffnesses(meshes: Sequence[Mesh]) -> tuple[Waves, Integers]:
+    """Return the tables of stiffnesses and of what rubs, and where those of what changes in time begin."""
+    first: list[Stiffness | Rubbed] = [m.stiffness for m in meshes]
+    courses: list[tuple[Stiffness | Rubbed, ...]] = [m.course.stiffnesses if m.course else () for m in meshes]
+    for mesh in meshes:
+        for rub in mesh.friction:
+            first.append(Rubbed(mesh.stiffness, rub.share))
+            courses.append(tuple(Rubbed(k, rub.share) for k in mesh.course.stiffnesses) if mesh.course else ())
+    further, later = _further(first, courses)
+    return tabulated([Wave(k, k.period, k.jumps) for k in [*first, *further]]), later
+
+
+Periodic = TypeVar("Periodic")
+
+
+def _further(first: Sequence[Periodic], stages: Sequence[Sequence[Periodic | None]]) -> tuple[list[Periodic], Integers]:
+    """Return what follows the first of each that changes, and its number in the list of all, -1 where nothing does."""
+    further: list[Periodic] = []
+    later = []
+    for own, course in zip(first, stages, strict=True):
+        changes = any(stage is not own for stage in course)
+        later.append(len(first) + len(further) if changes else -1)
+        further += [stage for stage in course[1:] if changes and stage is not None]
+    return further, np.array(later, dtype=np.int64)
+
+
 def _numbers(present: list[bool]) -> Integers:
     there = np.array(present, dtype=bool)
     return np.where(there, np.cumsum(there) - 1, -1).astype(np.int64)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Readings:
-    """What a stepper reads from x at each sample, and how readings become the channels asked for.
-
-    ``rows`` (readings, 2 n) and ``constant`` (readings,): the channels' linear part, then, where accelerations or
-    mesh forces are asked for, the deflections, the dragged velocities and the tied angle.
-    """
-
-    assembled: Assembled
-    output: Output
-    rows: Array
-    constant: Array
-    forces: Array
-    accelerations: Array
-
-    @classmethod
-    def of(cls, assembled: Assembled, output: Output) -> "Readings":
-        """Prepare the rows."""
-        modes, size, channels = assembled.flow.modes, assembled.size, output.channels
-        for name, given in output.maps.items():
-            width = assembled.backlashes.size if name == "mesh_force" else size
-            if given.shape != (channels, width) or not np.all(np.isfinite(given)):
-                raise ValueError(f"output.{name} must be finite ({channels}, {width}); its shape is {given.shape}.")
-        rows, constant = np.zeros((channels, 2 * size)), np.zeros(channels)
-        accelerations = np.zeros((channels, size))
-        if output.displacement is not None:
-            rows += assembled.displacement_rows(modes.rows(output.displacement))
-        if output.velocity is not None:
-            rows += assembled.velocity_rows(output.velocity @ modes.shapes)
-        if output.acceleration is not None:
-            accelerations = output.acceleration @ modes.shapes
-            rows += accelerations @ assembled.flow.generator[size:]
-            constant += accelerations @ assembled.flow.drive[size:]
-        forces = np.zeros((channels, assembled.backlashes.size)) if output.mesh_force is None else output.mesh_force
-        if output.acceleration is not None or output.mesh_force is not None:
-            further = [
-                assembled.displacement_rows(assembled.deflections),
-                assembled.velocity_rows(assembled.drags),
-                assembled.displacement_rows(assembled.tied.reshape(-1, size)),
-            ]
-            rows = np.vstack([rows, *further])
-        constant = np.concatenate([constant, np.zeros(rows.shape[0] - channels)])
-        return cls(
-            assembled=assembled,
-            output=output,
-            rows=np.ascontiguousarray(rows),
-            constant=constant,
-            forces=forces,
-            accelerations=accelerations,
-        )
-
-    def channels(self, readings: Array, times_s: Array) -> Array:
-        """Return the channels (times, channels) of readings (times, readings)."""
-        count = self.output.channels
-        if readings.shape[1] == count:
-            return readings
-        a = self.assembled
-        meshes, drags = a.backlashes.size, a.drag_factors.size
-        values, deflections = readings[:, :count].copy(), readings[:, count : count + meshes]
-        speeds = readings[:, count + meshes : count + meshes + drags]
-        revolutions = readings[:, -1] if a.tied.size else a.revolutions(times_s)
-        force = _mesh_forces(a, deflections, revolutions)
-        extra = force - a.stiffnesses.means * deflections
-        values += force @ self.forces.T - extra @ (self.accelerations @ a.deflections.T).T
-        values -= (a.drag_factors * speeds * np.abs(speeds)) @ (self.accelerations @ a.drags.T).T
-        loads = a.loads(times_s)
-        return np.asarray(values + loads @ self.accelerations.T if loads.size else values)
-
-
-def _mesh_forces(a: Assembled, deflections: Array, revolutions: Array) -> Array:
-    """Return ``k f(delta - e)`` (times, meshes)."""
-    forces = np.empty_like(deflections)
-    for number, mesh in enumerate(a.problem.system.meshes):
-        phase = mesh.cycles_per_rev * revolutions
-        pressed = deflections[:, number] - (0.0 if mesh.error is None else mesh.error(phase))
-        apart = pressed - np.clip(pressed, -mesh.backlash_m, mesh.backlash_m)
-        forces[:, number] = mesh.stiffness(phase) * apart
-    return forces

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_synth.integrate.assembled import Assembled, Readings
+from data_synth.integrate.assembled import Assembled
 from data_synth.integrate.problem import Array
+from data_synth.integrate.readings import Readings
 from data_synth.integrate.splitting import too_many_cycles
 from data_synth.integrate.stepping import Grid, Refusal, Stepper
 

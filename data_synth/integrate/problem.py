@@ -102,6 +102,10 @@ class Output:
     displacement, velocity, acceleration : (channels, dof) arrays or None
     mesh_force : (channels, meshes) array or None
         Of the elastic force in each mesh, ``k f(g . q - e)`` in N.
+    hat_mesh_force : (channels, meshes) array or None
+        Of that force weighted with a hat, from nothing two samples ago over all at the one before to nothing now; the
+        force is taken to have been the same before the start. Jumps of the stiffness alias far less in it than in
+        values at samples. `Splitting` alone knows it.
     """
 
     rate_hz: float
@@ -109,6 +113,7 @@ class Output:
     velocity: Array | None = None
     acceleration: Array | None = None
     mesh_force: Array | None = None
+    hat_mesh_force: Array | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
@@ -120,7 +125,8 @@ class Output:
     @property
     def maps(self) -> dict[str, Array]:
         """The maps that are given, by name."""
-        named = {name: getattr(self, name) for name in ("displacement", "velocity", "acceleration", "mesh_force")}
+        names = ("displacement", "velocity", "acceleration", "mesh_force", "hat_mesh_force")
+        named = {name: getattr(self, name) for name in names}
         return {name: value for name, value in named.items() if value is not None}
 
     @property
@@ -145,12 +151,14 @@ class Accuracy:
     """As many steps as keep the RMS error of every channel below `relative` of its RMS, judged on a trial stretch.
 
     The trial is the first `trial` of the record, run with steps of one size and of half of it; phase errors grow
-    with time, so what they differ by is scaled up to the whole record.
+    with time, so what they differ by is scaled up to the whole record. With `about_mean` the RMS is that about the
+    mean, no less than a thousandth of the other: of channels that are heard without their mean.
     """
 
     relative: float
     trial: float = 0.04
     most_per_sample: int = 256
+    about_mean: bool = False
 
     def __post_init__(self) -> None:
         if not 0 < self.relative < 1 or not 0 < self.trial <= 1:

@@ -5,12 +5,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from data_synth.integrate.assembled import Assembled, Readings, assemble
+from data_synth.integrate.assembled import Assembled, assemble
 from data_synth.integrate.problem import Accuracy, Array, Integration, Outcome, Output, Problem, State, Steps
+from data_synth.integrate.readings import Readings
+from data_synth.integrate.splitting import Splitting
 from data_synth.integrate.stepping import Method, Refusal
 
 BLOCK = 8192  # samples: what memory holds of a record, whatever its length
+_STILL = 1e-3  # of the RMS: what moves less about its mean is judged as if it moved so much
 _SAFETY = 0.7  # of the error asked for: a trial's differences are themselves uncertain
+_RESOLVED = 2.0  # rad of a mode that a step may turn: beyond, the forces that swing it are sampled too rarely
+_HEARD = 0.01  # of a channel: modes with less do not matter to it
+_CHANGED = 0.05  # of a channel's RMS, between these steps and finer ones
+_FINEST = 31  # times as many steps, to judge by
+_JUDGED = 256  # samples
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +53,7 @@ def integrate(problem: Problem, *, method: Method, output: Output, tolerance: St
         Where the method cannot take the problem at all, or maps do not fit the system.
     """
     assembled = assemble(problem)
-    readings = Readings.of(assembled, output)
+    readings = _readings(assembled, output, method)
     steps, error, refusal = _steps(readings, method, tolerance)
     if refusal is None:
         refusal = method.refusal(assembled, 1 / (output.rate_hz * steps))
@@ -89,7 +97,7 @@ def integrate_blocks(
     if block < 1:
         raise ValueError(f"block={block}: at least one sample is needed.")
     assembled = assemble(problem)
-    readings = Readings.of(assembled, output)
+    readings = _readings(assembled, output, method)
     steps, error, refusal = _steps(readings, method, tolerance)
     refusal = refusal or method.refusal(assembled, 1 / (output.rate_hz * steps))
     if refusal is not None:
@@ -99,6 +107,18 @@ def integrate_blocks(
             detail = f"The motion left the range of numbers before {part.times_s[-1]:.6g} s."
             _refused(Refusal(outcome=Outcome.DIVERGED, detail=detail), output, steps, error).checked()
         yield part
+
+
+def _readings(assembled: Assembled, output: Output, method: Method) -> Readings:
+    """Prepare to read; raise ValueError for what the method does not know."""
+    if not isinstance(method, Splitting):
+        asked = {
+            "mesh forces under hats": output.hat_mesh_force is not None,
+            "teeth that change in time": any(mesh.course is not None for mesh in assembled.problem.system.meshes),
+        }
+        for what in (name for name, there in asked.items() if there):
+            raise ValueError(f"{type(method).__name__} does not know {what}; use Splitting.")
+    return Readings.of(assembled, output)
 
 
 def _refused(refusal: Refusal, output: Output, steps: int, error: float) -> Integration:
@@ -123,7 +143,7 @@ def _blocks(readings: Readings, method: Method, steps: int, size: int) -> Iterat
     x = a.modal(a.problem.start)
     stepper = method.stepper(readings, steps)
     count, first = samples_of(a.problem, rate), 0
-    read = (readings.rows @ x + readings.constant)[None]
+    read = readings.at(x, a.problem.start_s)
     times_s = np.full(1, a.problem.start_s)
     while True:
         more = min(size - read.shape[0], count - first)
@@ -141,20 +161,22 @@ def _blocks(readings: Readings, method: Method, steps: int, size: int) -> Iterat
 def _steps(readings: Readings, method: Method, tolerance: Steps | Accuracy) -> tuple[int, float, Refusal | None]:
     """Return steps to a sample, the error expected of them, and why there are none."""
     if isinstance(tolerance, Steps):
-        return tolerance.per_sample, float("nan"), None
+        return tolerance.per_sample, float("nan"), _unresolved(readings, method, tolerance.per_sample)
     if method.order is None:
         return 1, 0.0, None
     rate, problem = readings.output.rate_hz, readings.assembled.problem
     count = samples_of(problem, rate)
     trial = min(count, max(64, int(np.ceil(count * tolerance.trial))))
     steps = 1
-    while method.refusal(readings.assembled, 1 / (rate * steps)) is not None and steps < tolerance.most_per_sample:
+    while steps < tolerance.most_per_sample and (
+        method.refusal(readings.assembled, 1 / (rate * steps)) or _unresolved(readings, method, steps)
+    ):
         steps *= 2
     wanted, error = _SAFETY * tolerance.relative, np.inf
     coarse = _trial(readings, method, steps, trial)
     while 2 * steps <= tolerance.most_per_sample:
         fine = _trial(readings, method, 2 * steps, trial)
-        error = _difference(coarse, fine) * count / trial
+        error = _difference(coarse, fine, about_mean=tolerance.about_mean) * count / trial
         # the error of the coarse steps is nearly all of the difference; that of half the step is 2^-order of it
         if error <= wanted:
             return steps, error, None
@@ -173,6 +195,33 @@ def _steps(readings: Readings, method: Method, tolerance: Steps | Accuracy) -> t
     return steps, error, Refusal(outcome=Outcome.TOLERANCE_NOT_REACHED, detail=detail)
 
 
+def _unresolved(readings: Readings, method: Method, steps: int) -> Refusal | None:
+    """Refuse steps over modes that a channel is made of, where steps that resolve them read otherwise."""
+    a, rate = readings.assembled, readings.output.rate_hz
+    step_s = 1 / (rate * steps)
+    turns = a.flow.modes.frequencies * step_s
+    if method.order is None or not np.any(turns > _RESOLVED) or method.refusal(a, step_s) is not None:
+        return None
+    shares = readings.shares() * (turns > _RESOLVED)
+    heard = np.max(shares, axis=0, initial=0.0) > _HEARD
+    if not heard.any():
+        return None
+    mode = int(np.argmax(turns * heard))
+    # no power of two: kicks in step with a mode are so with half the step as well
+    finer = min(int(np.ceil(turns[mode] / _RESOLVED)), _FINEST)
+    samples = min(samples_of(a.problem, rate), _JUDGED)
+    coarse, fine = (_trial(readings, method, count, samples) for count in (steps, finer * steps))
+    changed = _difference(coarse, fine, about_mean=False)
+    if changed <= _CHANGED or not np.isfinite(changed):
+        return None
+    detail = (
+        f"A step of {step_s:.3g} s turns the mode at {turns[mode] / step_s:.4g} rad/s by {turns[mode]:.3g} rad, and a "
+        f"channel consists of it by {np.max(shares[:, mode]):.2g}: with {finer} times as many it reads otherwise by "
+        f"{changed:.2g} of its RMS. {int(np.ceil(turns[mode] / _RESOLVED * steps))} steps to a sample resolve the mode."
+    )
+    return Refusal(outcome=Outcome.UNRESOLVED_STEP, detail=detail)
+
+
 def _trial(readings: Readings, method: Method, steps: int, samples: int) -> Array:
     a: Assembled = readings.assembled
     x = a.modal(a.problem.start)
@@ -181,11 +230,13 @@ def _trial(readings: Readings, method: Method, steps: int, samples: int) -> Arra
     return readings.channels(read, times_s)
 
 
-def _difference(coarse: Array, fine: Array) -> float:
+def _difference(coarse: Array, fine: Array, *, about_mean: bool) -> float:
     """Return the RMS difference over the RMS, of the worst channel; infinite where either is not finite."""
     if not (np.isfinite(coarse).all() and np.isfinite(fine).all()):
         return float("inf")
     sizes = np.sqrt(np.mean(fine**2, axis=0))
+    if about_mean:
+        sizes = np.maximum(np.std(fine, axis=0), _STILL * sizes)
     apart = np.sqrt(np.mean((coarse - fine) ** 2, axis=0))
     moving = sizes > 0
     return float(np.max(apart[moving] / sizes[moving], initial=0.0))

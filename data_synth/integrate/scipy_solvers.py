@@ -5,8 +5,9 @@ from typing import Literal
 
 import numpy as np
 
-from data_synth.integrate.assembled import Assembled, Readings
+from data_synth.integrate.assembled import Assembled
 from data_synth.integrate.problem import Array
+from data_synth.integrate.readings import Readings
 from data_synth.integrate.stepping import Grid, Refusal, Stepper
 
 
@@ -84,6 +85,9 @@ class _Stepper:
             apart = pressed - min(max(pressed, -mesh.backlash_m), mesh.backlash_m)
             force = float(mesh.stiffness(phase)) * apart - a.stiffnesses.means[number] * delta
             out[size:] -= a.deflections[number] * force
+            pressing = float(mesh.stiffness(phase)) * (max(apart, 0.0) if mesh.backlash_m > 0 else apart)
+            for rub, push in zip(mesh.friction, a.rubbing[a.rubs_in == number], strict=True):
+                out[size:] += push * (pressing * float(rub.share(phase)))
         for row, factor in zip(a.drags, a.drag_factors, strict=True):
             speed = row @ x[size:]
             out[size:] -= row * factor * speed * abs(speed)

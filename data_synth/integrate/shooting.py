@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from data_synth.integrate.assembled import Assembled, Readings, assemble
+from data_synth.integrate.assembled import Assembled, assemble
 from data_synth.integrate.problem import Array, Integration, Outcome, Output, Problem, State, Steps, TiedTo
+from data_synth.integrate.readings import Readings
 from data_synth.integrate.running import integrate
 from data_synth.integrate.stepping import Method, Stepper
 
@@ -97,8 +98,8 @@ def periodic_state(
     outcome = waveform.outcome if residual <= _CLOSE or refusal is not None else Outcome.NOT_CONVERGED
     if outcome is Outcome.DONE:
         detail = f"The state returns to {residual:.2g} of itself after {iterations} iterations."
-    elif refusal is not None:
-        detail = refusal.detail
+    elif outcome is not Outcome.NOT_CONVERGED:
+        detail = waveform.detail
     else:
         detail = f"After {iterations} iterations the state still misses itself by {residual:.2g} over a period."
     return PeriodicState(
@@ -147,7 +148,7 @@ def equilibrium(assembled: Assembled) -> Array:
         shift[number] = half_gap * np.sign(deflection)
     if np.any(shift):
         # contact begins where the gap is closed: the same forces at a larger deflection
-        pulls = assembled.deflections.T @ (assembled.stiffnesses.means * shift)
+        pulls = assembled.deflections.T @ (assembled.means * shift)
         w = assembled.flow.modes.frequencies
         x[:size] += np.divide(pulls, w, out=np.zeros(size), where=w > 0)
     return x

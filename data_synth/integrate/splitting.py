@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_synth.integrate.assembled import Assembled, Readings
+from data_synth.integrate.assembled import Assembled
 from data_synth.integrate.problem import Array, Outcome
+from data_synth.integrate.readings import Readings
 from data_synth.integrate.stepping import Grid, Refusal, Stepper
 
 _LARGEST_KICK = 4.0  # rad2: of swing * step^2; the kicks of a harmonic oscillator are unstable beyond
@@ -22,9 +23,10 @@ class Splitting:
     meshes swing, not the stiffest ones. With nothing but meshes acting it is symplectic: energy does not drift.
 
     Where teeth part and meet the force has kinks: the order falls to two, and each contact changes the energy a little,
-    up or down. A quadratic load brings a small error of second order. Modes that turn by more than a radian a step
-    leave the slow ones right (tried with bearings up to 1e16 N/m), but their own share of a velocity or an acceleration
-    is not resolved.
+    up or down: over 10,000 oscillations of 100 steps each it stayed within 1.1e-3, without a trend. A quadratic load
+    brings a small error of second order. Modes that turn by more than a radian a step leave the slow ones right (tried
+    with bearings up to 1e16 N/m), but their own share of a velocity or an acceleration is not resolved: `integrate`
+    refuses where a channel shows it.
     """
 
     @property
@@ -61,6 +63,7 @@ class Splitting:
             grid=grid,
             half=np.ascontiguousarray(half),
             tied_speed=np.full(1, np.nan),
+            coming=np.full(assembled.backlashes.size, np.nan),
         )
 
 
@@ -84,7 +87,8 @@ class _Stepper:
     readings: Readings
     grid: Grid
     half: Array
-    tied_speed: Array  # of the reference one step ago: all that a stepper remembers beside x
+    tied_speed: Array  # of the reference one step ago: what a stepper remembers beside x, and ...
+    coming: Array  # ... what mesh forces add to the next hat
 
     def advance(self, x: Array, first: int, samples: int) -> Array:
         from data_synth.integrate._splitting_kernels import split_steps  # noqa: PLC0415
@@ -93,7 +97,11 @@ class _Stepper:
         if a.tied.size and np.isnan(self.tied_speed[0]):
             self.tied_speed[0] = a.tied @ x[a.size :]
         out = np.empty((samples, read.rows.shape[0]))
+        listening = read.output.hat_mesh_force is not None
+        felt = np.zeros((samples, 2 * a.backlashes.size)) if listening else None
         edges = self.grid.edges(first, samples)
+        if listening and np.isnan(self.coming).any():
+            self.coming[:] = read.at(x, float(edges[0]))[0, -a.backlashes.size :] / 2
         loads = np.zeros((0, a.size))
         if a.problem.load.varying is not None:
             loads = a.loads(np.linspace(edges[0], edges[-1], 2 * edges.size - 1))
@@ -110,5 +118,8 @@ class _Stepper:
             self.tied_speed,
             a.revolutions(edges),
             loads,
+            a.stages(edges[:-1] + self.grid.step_s / 2),
+            felt,
+            self.coming,
         )
-        return out
+        return out if felt is None else np.hstack([out, felt])

@@ -5,8 +5,9 @@ from typing import Protocol
 
 import numpy as np
 
-from data_synth.integrate.assembled import Assembled, Readings
+from data_synth.integrate.assembled import Assembled
 from data_synth.integrate.problem import Array, Outcome
+from data_synth.integrate.readings import Readings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +51,10 @@ class Grid:
     def step_s(self) -> float:
         """Length of a step."""
         return 1.0 / (self.rate_hz * self.per_sample)
+
+    def at(self, sample: int) -> float:
+        """Return the time of a sample."""
+        return self.assembled.problem.start_s + sample * self.per_sample * self.step_s
 
     def times(self, first: int, samples: int, *, stages: Array) -> Array:
         """Return stage times (steps * stages,) in s from sample `first` on, each step's stages in turn, ends apart."""

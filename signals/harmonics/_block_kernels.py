@@ -9,131 +9,137 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals._compile import compiled, compiled_sums
-from signals.harmonics._phasors import Recipe, fill_rows
+from signals._lanes import WIDE, load_wide, minus, multiply_add, plus, repeat_wide, spread_wide, store, times, total
+from signals.harmonics._steady_phasors import PIECE, ROWS, STRIDE, begin_piece, fill_steady, workspace
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-PIECE = 256  # samples whose phasors are held at a time: they stay in the nearest cache
-
 
 @compiled_sums
-def _add_moments(x: Floats, cosine: Floats, sine: Floats, u: Floats, sums: Floats) -> None:
-    """Add the sums of x cos, u x cos, -x sin and -u x sin to `sums`."""
-    real, real_late, imaginary, imaginary_late = 0.0, 0.0, 0.0, 0.0
-    for n in range(x.size):
-        real_part, imaginary_part = x[n] * cosine[n], x[n] * sine[n]
-        real += real_part
-        real_late += u[n] * real_part
-        imaginary += imaginary_part
-        imaginary_late += u[n] * imaginary_part
-    sums[0] += real
-    sums[1] += real_late
-    sums[2] -= imaginary
-    sums[3] -= imaginary_late
-
-
-@compiled_sums
-def _product_moments(a: Floats, b: Floats, late_b: Floats) -> tuple[float, float]:
-    """Return the sums of `a b` and `a late_b`."""
-    plain, late = 0.0, 0.0
-    for n in range(a.size):
-        plain += a[n] * b[n]
-        late += a[n] * late_b[n]
-    return plain, late
-
-
-@compiled
-def _fill_places(first: int, block: int, length: int, u: Floats) -> None:
-    """Fill in the place within the block of each sample from `first` on."""
-    start, step = (first - block * length) / length, 1.0 / length
-    for n in range(u.size):
-        u[n] = start + step * n
-
-
-@compiled_sums
-def project(x: Floats, phase: Floats, recipe: Recipe, row: Indices, length: int, sums: Floats) -> None:
+def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, sums: Floats) -> None:
     """Fill the moments of the record against each order, block by block.
 
     Parameters
     ----------
     x : (channel, sample) array, 0 where missing; the first sample starts a block.
     phase : (shaft, sample) array in rad.
-    recipe, row : of the `PhasorPlan` of the orders.
+    orders, shaft : (order,) arrays, cycles per revolution and the shaft they count.
     length : samples in a block.
     sums : (order, block, channel, 4) array, filled: of x cos, u x cos, -x sin, -u x sin.
     """
-    cosine, sine = np.empty((recipe[0].size, PIECE)), np.empty((recipe[0].size, PIECE))
-    u = np.empty(PIECE)
+    work = workspace(len(phase), ROWS)
+    cosine, sine = np.zeros((ROWS, PIECE)), np.zeros((ROWS, PIECE))
+    plain, late = np.empty((len(x), PIECE)), np.empty((len(x), PIECE))
     sums[:] = 0.0
     for block in range(sums.shape[1]):
         stop = min((block + 1) * length, x.shape[1])
         for first in range(block * length, stop, PIECE):
-            size = min(first + PIECE, stop) - first
-            fill_rows(recipe, phase, first, first + size, cosine, sine)
-            _fill_places(first, block, length, u)
-            for k in range(row.size):
-                r = row[k]
-                for channel in range(x.shape[0]):
-                    real, real_late, imaginary, imaginary_late = 0.0, 0.0, 0.0, 0.0
-                    for n in range(size):
-                        real_part = x[channel, first + n] * cosine[r, n]
-                        imaginary_part = x[channel, first + n] * sine[r, n]
-                        real += real_part
-                        real_late += u[n] * real_part
-                        imaginary += imaginary_part
-                        imaginary_late += u[n] * imaginary_part
-                    sums[k, block, channel, 0] += real
-                    sums[k, block, channel, 1] += real_late
-                    sums[k, block, channel, 2] -= imaginary
-                    sums[k, block, channel, 3] -= imaginary_late
+            last = min(first + PIECE, stop)
+            _fill_weighted(x, first, last, block, length, plain, late)
+            begin_piece(work, phase, first, last)
+            for k in range(0, orders.size, ROWS):
+                fill_steady(work, orders[k : k + ROWS], shaft[k : k + ROWS], phase, first, last, cosine, sine)
+                _add_moments(plain, late, cosine, sine, last - first, block, sums[k : k + ROWS])
+
+
+@compiled
+def _fill_weighted(x: Floats, first: int, last: int, block: int, length: int, plain: Floats, late: Floats) -> None:
+    """Copy samples, and copy them weighted by their places in a block, with zeros behind to a whole stride."""
+    place, step, size = (first - block * length) / length, 1.0 / length, last - first
+    for channel in range(len(x)):
+        for n in range(size):
+            plain[channel, n] = x[channel, first + n]
+            late[channel, n] = (place + step * n) * x[channel, first + n]
+        for n in range(size, -(-size // STRIDE) * STRIDE):
+            plain[channel, n] = late[channel, n] = 0.0
+
+
+@compiled
+def _add_moments(
+    plain: Floats, late: Floats, cosine: Floats, sine: Floats, size: int, block: int, sums: Floats
+) -> None:
+    """Add the moments of samples, plain and late, against some rows of phasors to those of a block."""
+    for k in range(len(sums)):
+        row = k * PIECE
+        for channel in range(len(plain)):
+            at = channel * PIECE
+            r0 = r1 = l0 = l1 = i0 = i1 = m0 = m1 = spread_wide(0.0)
+            for n in range(0, size, STRIDE):
+                x, u = load_wide(plain, at + n), load_wide(late, at + n)
+                c, s = load_wide(cosine, row + n), load_wide(sine, row + n)
+                r0, l0 = multiply_add(x, c, r0), multiply_add(u, c, l0)
+                i0, m0 = multiply_add(x, s, i0), multiply_add(u, s, m0)
+                x, u = load_wide(plain, at + n + WIDE), load_wide(late, at + n + WIDE)
+                c, s = load_wide(cosine, row + n + WIDE), load_wide(sine, row + n + WIDE)
+                r1, l1 = multiply_add(x, c, r1), multiply_add(u, c, l1)
+                i1, m1 = multiply_add(x, s, i1), multiply_add(u, s, m1)
+            sums[k, block, channel, 0] += total(plus(r0, r1))
+            sums[k, block, channel, 1] += total(plus(l0, l1))
+            sums[k, block, channel, 2] -= total(plus(i0, i1))
+            sums[k, block, channel, 3] -= total(plus(m0, m1))
 
 
 @compiled_sums
-def correlate(seen: Floats, phase: Floats, recipe: Recipe, row: Indices, length: int, sums: Floats) -> None:
+def correlate(seen: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, sums: Floats) -> None:
     """Fill the moments of every two columns of the model, block by block.
 
     Parameters
     ----------
-    seen : (sample,) array, 0 where missing, else 1.
-    phase, recipe, row, length : as for `project`.
+    seen : (1, sample) array, 0 where missing, else 1.
+    phase, orders, shaft, length : as for `project`.
     sums : (block, 2, 2 order, 2 order) array, filled: of the products of cos and -sin of all orders (all cos first),
         and of u times these.
     """
-    cosine, sine = np.empty((recipe[0].size, PIECE)), np.empty((recipe[0].size, PIECE))
-    columns, late_columns = np.empty((2 * row.size, PIECE)), np.empty((2 * row.size, PIECE))
-    u = np.empty(PIECE)
+    width = 2 * orders.size
+    work = workspace(len(phase), orders.size)
+    columns, late = np.zeros((width, PIECE)), np.zeros((width, PIECE))
+    there, late_there = np.empty((1, PIECE)), np.empty((1, PIECE))
     sums[:] = 0.0
-    for block in range(sums.shape[0]):
-        stop = min((block + 1) * length, seen.size)
+    for block in range(len(sums)):
+        stop = min((block + 1) * length, seen.shape[1])
         for first in range(block * length, stop, PIECE):
-            size = min(first + PIECE, stop) - first
-            fill_rows(recipe, phase, first, first + size, cosine, sine)
-            _fill_places(first, block, length, u)
-            for k in range(row.size):
-                r = row[k]
+            last = min(first + PIECE, stop)
+            _fill_weighted(seen, first, last, block, length, there, late_there)
+            begin_piece(work, phase, first, last)
+            fill_steady(work, orders, shaft, phase, first, last, columns[: orders.size], columns[orders.size :])
+            size = -(-(last - first) // STRIDE) * STRIDE
+            for a in range(width):
+                sign = 1.0 if a < orders.size else -1.0
                 for n in range(size):
-                    columns[k, n] = seen[first + n] * cosine[r, n]
-                    columns[row.size + k, n] = -seen[first + n] * sine[r, n]
-            for a in range(2 * row.size):
-                for n in range(size):
-                    late_columns[a, n] = u[n] * columns[a, n]
-            # Two columns at a time: what is read serves four sums.
-            for b in range(0, 2 * row.size, 2):
-                for a in range(b, 2 * row.size):
-                    one, one_late, other, other_late = 0.0, 0.0, 0.0, 0.0
-                    for n in range(size):
-                        one += columns[a, n] * columns[b, n]
-                        one_late += late_columns[a, n] * columns[b, n]
-                        other += columns[a, n] * columns[b + 1, n]
-                        other_late += late_columns[a, n] * columns[b + 1, n]
-                    sums[block, 0, a, b] += one
-                    sums[block, 1, a, b] += one_late
-                    sums[block, 0, a, b + 1] += other
-                    sums[block, 1, a, b + 1] += other_late
-        for a in range(2 * row.size):
+                    value = sign * columns[a, n]
+                    columns[a, n] = there[0, n] * value
+                    late[a, n] = late_there[0, n] * value
+            _add_products(columns, late, size, block, sums)
+        for a in range(width):
             for b in range(a):
                 sums[block, :, b, a] = sums[block, :, a, b]
+
+
+@compiled
+def _add_products(columns: Floats, late: Floats, size: int, block: int, sums: Floats) -> None:
+    """Add the sums of products of every two columns, and of the same two late, to those of a block."""
+    for a in range(0, len(columns), 2):
+        for b in range(0, a + 1, 2):
+            # Two columns with two: what is read serves eight sums.
+            one, other = a * PIECE, b * PIECE
+            p00 = p01 = p10 = p11 = q00 = q01 = q10 = q11 = spread_wide(0.0)
+            for n in range(0, size, WIDE):
+                b0, b1 = load_wide(columns, other + n), load_wide(columns, other + PIECE + n)
+                a0, late0 = load_wide(columns, one + n), load_wide(late, one + n)
+                p00, p01 = multiply_add(a0, b0, p00), multiply_add(a0, b1, p01)
+                q00, q01 = multiply_add(late0, b0, q00), multiply_add(late0, b1, q01)
+                a1, late1 = load_wide(columns, one + PIECE + n), load_wide(late, one + PIECE + n)
+                p10, p11 = multiply_add(a1, b0, p10), multiply_add(a1, b1, p11)
+                q10, q11 = multiply_add(late1, b0, q10), multiply_add(late1, b1, q11)
+            sums[block, 0, a, b] += total(p00)
+            sums[block, 0, a, b + 1] += total(p01)
+            sums[block, 0, a + 1, b] += total(p10)
+            sums[block, 0, a + 1, b + 1] += total(p11)
+            sums[block, 1, a, b] += total(q00)
+            sums[block, 1, a, b + 1] += total(q01)
+            sums[block, 1, a + 1, b] += total(q10)
+            sums[block, 1, a + 1, b + 1] += total(q11)
 
 
 @compiled
@@ -192,7 +198,7 @@ def evaluate_complex(pieces: Floats, length: int, every: int, values: Floats) ->
 
 @compiled
 def remodulate(
-    pieces: Floats, length: int, phase: Floats, recipe: Recipe, row: Indices, start: int, wave: Floats
+    pieces: Floats, length: int, phase: Floats, orders: Floats, shaft: Indices, start: int, wave: Floats
 ) -> None:
     """Add the waveform of amplitudes given as piecewise cubics.
 
@@ -200,28 +206,52 @@ def remodulate(
     ----------
     pieces : (order, block, 2, 4) array, as for `evaluate`: of the real and the imaginary parts.
     length : samples in a block.
-    phase, recipe, row : as for `project`, from sample `start` on.
+    phase, orders, shaft : as for `project`, from sample `start` on.
     start : place of the first sample.
     wave : (sample,) array, added to.
     """
-    cosine, sine = np.empty((recipe[0].size, PIECE)), np.empty((recipe[0].size, PIECE))
-    step = 1.0 / length
+    work = workspace(len(phase), ROWS)
+    cosine, sine = np.zeros((ROWS, PIECE)), np.zeros((ROWS, PIECE))
+    u, sums = np.empty(PIECE), np.empty(PIECE)
     first = 0
     while first < wave.size:
         block = min((start + first) // length, pieces.shape[1] - 1)
         last = min(first + PIECE, wave.size)
         if block < pieces.shape[1] - 1:
             last = min(last, (block + 1) * length - start)
-        place = (start + first - block * length) * step
-        fill_rows(recipe, phase, first, last, cosine, sine)
-        sums = wave[first:last]
-        for k in range(row.size):
-            c, s = cosine[row[k]], sine[row[k]]
-            a0, a1, a2, a3 = pieces[k, block, 0]
-            b0, b1, b2, b3 = pieces[k, block, 1]
-            for n in range(sums.size):
-                u = place + step * n
-                real = a0 + u * (a1 + u * (a2 + u * a3))
-                imaginary = b0 + u * (b1 + u * (b2 + u * b3))
-                sums[n] += real * c[n] - imaginary * s[n]
+        place, step = (start + first - block * length) / length, 1.0 / length
+        for n in range(PIECE):
+            u[n] = place + step * n
+        sums[:] = 0.0
+        begin_piece(work, phase, first, last)
+        for k in range(0, orders.size, ROWS):
+            fill_steady(work, orders[k : k + ROWS], shaft[k : k + ROWS], phase, first, last, cosine, sine)
+            _add_waves(pieces[k : k + ROWS], block, u, cosine, sine, last - first, sums)
+        for n in range(last - first):
+            wave[first + n] += sums[n]
         first = last
+
+
+@compiled
+def _add_waves(pieces: Floats, block: int, u: Floats, cosine: Floats, sine: Floats, size: int, sums: Floats) -> None:
+    """Add the waveforms of some orders in one block, with the place in it of each sample and their phasors."""
+    for k in range(len(pieces)):
+        row, at = k * PIECE, (k * pieces.shape[1] + block) * 8
+        a0, a1, a2, a3 = (
+            repeat_wide(pieces, at),
+            repeat_wide(pieces, at + 1),
+            repeat_wide(pieces, at + 2),
+            repeat_wide(pieces, at + 3),
+        )
+        b0, b1, b2, b3 = (
+            repeat_wide(pieces, at + 4),
+            repeat_wide(pieces, at + 5),
+            repeat_wide(pieces, at + 6),
+            repeat_wide(pieces, at + 7),
+        )
+        for n in range(0, size, WIDE):
+            v = load_wide(u, n)
+            real = multiply_add(v, multiply_add(v, multiply_add(v, a3, a2), a1), a0)
+            imaginary = multiply_add(v, multiply_add(v, multiply_add(v, b3, b2), b1), b0)
+            wave = multiply_add(real, load_wide(cosine, row + n), load_wide(sums, n))
+            store(sums, n, minus(wave, times(imaginary, load_wide(sine, row + n))))

@@ -49,7 +49,7 @@ class Knowledge(NamedTuple):
 
 
 class State(NamedTuple):
-    """Where a filter stands: its prediction, and whether the low parts count."""
+    """Where a filter stands: its prediction, and what the low parts are, if anything (see `_settling_kernels`)."""
 
     vector: Floats
     matrix: Floats

@@ -12,6 +12,7 @@ References
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from math import factorial, frexp, ldexp, pi
 
 import numpy as np
@@ -79,6 +80,12 @@ class PhasorPlan:
     @classmethod
     def of(cls, orders: Floats, shaft: Indices) -> "PhasorPlan":
         """Plan for orders, each of a numbered shaft."""
+        # Trackers ask again for every block of a stream.
+        return cls._of(tuple(orders.tolist()), tuple(shaft.tolist()))
+
+    @classmethod
+    @lru_cache(maxsize=64)
+    def _of(cls, orders: tuple[float, ...], shaft: tuple[int, ...]) -> "PhasorPlan":
         rows: list[tuple[float, int, int, int, float]] = []
         place: dict[tuple[float, int], int] = {}
         sums: dict[tuple[float, int], tuple[int, int, float]] = {}
@@ -92,12 +99,12 @@ class PhasorPlan:
                     sums.setdefault((order + theirs, number), (here, other, 1.0))
                     sums.setdefault((abs(order - theirs), number), (*_larger_first(here, other, rows), -1.0))
 
-        for order, number in sorted(set(zip(orders.tolist(), shaft.tolist(), strict=True))):
+        for order, number in sorted(set(zip(orders, shaft, strict=True))):
             add(order, number, sums.get((order, number), (-1, -1, 1.0)))
-        order, number, first, second, sign = zip(*rows, strict=True)
+        turns, shafts, first, second, sign = zip(*rows, strict=True)
         return cls(
-            recipe=(np.array(order), np.array(number), np.array(first), np.array(second), np.array(sign)),
-            row=np.array([place[pair] for pair in zip(orders.tolist(), shaft.tolist(), strict=True)]),
+            recipe=(np.array(turns), np.array(shafts), np.array(first), np.array(second), np.array(sign)),
+            row=np.array([place[pair] for pair in zip(orders, shaft, strict=True)]),
         )
 
 

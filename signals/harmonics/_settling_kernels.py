@@ -16,6 +16,9 @@ Integers = NDArray[np.int64]
 
 # Entries of a filter's status.
 TWOFOLD, COUNTDOWN = 0, 1
+# What the first of them says of the low parts: that there are none; that they are; that a factor is in the place of
+# the covariance's (see `_open_kernels`).
+PLAIN, PAIRS, FACTORED = 0, 1, 2
 # Plain covariances may be open to this variance, and their correlations singular to this pivot: products of
 # the two with 1e-16 and the root of the number of steps in the filter's memory are lost.
 MOST_OPEN = 1e4
@@ -74,6 +77,6 @@ def look(
     if plain:
         covariance[1] = 0.0
         mean[1] = 0.0
-    status[TWOFOLD] = 0 if plain else 1
+    status[TWOFOLD] = PLAIN if plain else PAIRS
     status[COUNTDOWN] = interval if plain else min(LOOK_TWOFOLD, interval)
     return bool(before != status[TWOFOLD])

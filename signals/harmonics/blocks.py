@@ -12,15 +12,16 @@ their products. See `docs/trackers.md`.
 """
 
 from dataclasses import dataclass
-from math import ceil, pi, sqrt
+from math import ceil, inf, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics import _block_kernels
-from signals.harmonics.coupling import couple, smooth_apart
+from signals.harmonics.coupling import Levels, couple, smooth_apart
 from signals.harmonics.grid import Grid, pieces_between
-from signals.harmonics.model import LAGS, Estimate, Floats, HarmonicModel
+from signals.harmonics.model import LAGS, Estimate, Floats, HarmonicModel, Indices
+from signals.harmonics.separability import Closeness
 
 FEWEST_BLOCKS = 64
 # A one-pole walk moves as much within a block as a block's own noise tells: measured, at this part of 1 / bandwidth
@@ -55,6 +56,18 @@ def scattered_share(seen: NDArray[np.bool_], length: int) -> float:
     return float(gaps[gaps < length].sum() / seen.size)
 
 
+def blurs(model: HarmonicModel) -> bool:
+    """Say whether blocks tell some orders apart better than the record does.
+
+    Lines that stay within half a bandwidth of each other differ in what an amplitude with slopes may do, too. Under a
+    hat amplitudes stand still, and so what tells the lines apart there is taken for sure.
+    """
+    if model.poles == 1:
+        return False
+    kept, _ = _one_of_each(model)
+    return Closeness(model.subset(kept), model.phases[0].size).dwell()
+
+
 def fast(
     model: HarmonicModel,
     x: Floats,
@@ -79,12 +92,20 @@ def fast(
     coupled : whether orders that disturb one another are smoothed together; if not, each is smoothed on its own.
     tolerance : part of an amplitude that a neighbour may disturb without being coupled.
     """
-    grid = Grid(model=model, x=x, seen=seen, length=length, tolerance=tolerance)
+    kept, member = _one_of_each(model) if coupled else (np.arange(model.orders.size), np.arange(model.orders.size))
+    one_each = model if kept.size == member.size else model.subset(kept)
+    grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=tolerance, shared=np.bincount(member))
     levels, variances, log_variances = smooth_apart(grid, startup // length)
+    bound = max(droop(model, length), scattered_share(seen, length))
     if coupled:
-        couple(grid, startup // length, levels, variances, log_variances)
+        closeness = Closeness(one_each, grid.samples)
+        left = couple(grid, closeness, startup // length, levels, variances, log_variances)
+        bound = inf if model.poles > 1 and closeness.dwell() else max(bound, tolerance, left)
     pieces = pieces_between(levels, cubic=model.poles > 1)
     mean_square, autocorrelation = _residuals(grid, pieces, variances.sum(axis=0), startup)
+    if kept.size < member.size:
+        levels, variances = _shared_out(grid, member, levels, variances)
+        pieces = pieces_between(levels, cubic=model.poles > 1)
     outputs = ceil(grid.samples / output_every)
     amplitudes = np.empty((*levels.shape[:2], outputs), dtype=np.complex128)
     for channel, values in enumerate(amplitudes):
@@ -93,13 +114,42 @@ def fast(
         amplitude=amplitudes,
         variance=variances,
         length=length,
-        every=output_every,
         innovation_mean_square=mean_square,
         innovation_log_variance=float(log_variances.sum()) / max(int(np.count_nonzero(grid.seen[startup:])), 1),
         innovation_autocorrelation=autocorrelation,
         innovation_samples=min(RESIDUAL_SAMPLES, grid.samples - startup),
-        error_bound=max(droop(model, length), tolerance * coupled, scattered_share(seen, length)),
+        error_bound=bound,
     )
+
+
+def _one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:
+    """Return one order of each set that is one and the same, and the place of each order's set among these.
+
+    All that a record tells of such twins is their sum: a walk of its own, whose variances are theirs added up.
+    """
+    kept: list[int] = []
+    named: dict[tuple[float, int], list[int]] = {}
+    member = np.empty(model.orders.size, dtype=np.int64)
+    for k, name in enumerate(zip(model.orders.tolist(), model.shaft.tolist(), strict=True)):
+        known = named.setdefault(name, [])
+        twin = [place for place in known if np.array_equal(model.bandwidth[k], model.bandwidth[kept[place]])]
+        member[k] = twin[0] if twin else len(kept)
+        if not twin:
+            known.append(len(kept))
+            kept.append(k)
+    return np.array(kept), member
+
+
+def _shared_out(grid: Grid, member: Indices, levels: Levels, variances: Floats) -> tuple[Levels, Floats]:
+    """Give every twin its part of the sum, and the variance of what no data tell of it.
+
+    Alike as they are, each is an even part of their sum and a rest that is independent of it.
+    """
+    count = grid.shared[member]
+    shared = variances[member] / count[:, None] ** 2
+    for k in np.flatnonzero(count > 1):
+        shared[k] += (1 - 1 / count[k]) * grid.unseen_variance(member[k])
+    return levels[:, member] / count[:, None], shared
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -109,19 +159,18 @@ class BlockEstimate(Estimate):
     Attributes
     ----------
     length : samples in a block.
-    every : samples between outputs.
     """
 
     length: int
-    every: int
+
+    @property
+    def std_spacing(self) -> int:
+        """Samples from one knot to the next."""
+        return self.length
 
     def std(self, noise: Floats) -> Floats:
-        """(channel, order, output) array, linear between the knots."""
-        std = np.empty(self.amplitude.shape)
-        for channel, values in enumerate(std):
-            at_knots = np.sqrt(self.variance * noise[channel])
-            _block_kernels.evaluate(pieces_between(at_knots, cubic=False)[:, :, 0], self.length, self.every, values)
-        return std
+        """(channel, order, knot) array, linear in between."""
+        return np.sqrt(self.variance * noise[:, None, None])
 
 
 def _residuals(grid: Grid, pieces: Floats, explained: Floats, startup: int) -> tuple[Floats, Floats]:
@@ -142,7 +191,7 @@ def _residuals(grid: Grid, pieces: Floats, explained: Floats, startup: int) -> t
     mean_square : (channel,) array, an estimate of R.
     autocorrelation : (channel, lag) array, at lags from one sample on.
     """
-    channels, plan = len(grid.x), grid.model.plan
+    channels, model = len(grid.x), grid.model
     length = min(RESIDUAL_SAMPLES // STRETCHES, grid.samples - startup)
     starts = np.unique(np.linspace(startup, grid.samples - length, STRETCHES).astype(np.int64))
     products, left = np.zeros((channels, LAGS + 1)), 0.0
@@ -154,7 +203,9 @@ def _residuals(grid: Grid, pieces: Floats, explained: Floats, startup: int) -> t
         phase = grid.model.phase(samples)
         for channel in range(channels):
             wave = np.zeros(length)
-            _block_kernels.remodulate(pieces[channel], grid.length, phase, plan.recipe, plan.row, samples.start, wave)
+            _block_kernels.remodulate(
+                pieces[channel], grid.length, phase, model.orders, model.shaft, samples.start, wave
+            )
             rest = np.where(seen, grid.x[channel, samples] - wave, 0.0)
             for lag in range(min(LAGS + 1, length)):
                 products[channel, lag] += rest[lag:] @ rest[: length - lag]

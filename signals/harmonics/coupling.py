@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from signals.harmonics import _block_kernels
 from signals.harmonics._information import KnotChain, smooth_knots
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.grid import Grid, at_knots, pieces_between
-from signals.harmonics.model import Floats, HarmonicModel, Indices
-from signals.harmonics.separability import Closeness
+from signals.harmonics.grid import Grid, hat_sums, pieces_between
+from signals.harmonics.model import Floats, Indices
+from signals.harmonics.separability import Closeness, coupled, leaks, left_over
 
 Levels = NDArray[np.complex128]
 
@@ -24,10 +24,10 @@ Levels = NDArray[np.complex128]
 SMALLEST_SHARE = 0.6
 # A cut is forgotten to a few per cent in so many memories: of what the hat over it tells, that is little.
 FEWEST_MEMORIES = 3.0
-# Where a round moves lone amplitudes at cut hats by more than this part of themselves, what it took out under these
-# hats was wrong by so much, and another follows, for them.
-MOST_MOVED = 0.03
-MOST_ROUNDS = 3
+# Where a round moves lone amplitudes at cut hats by more than so many tolerances, what it took out under these hats was
+# wrong by so much, of which a part is left, and another follows, for them.
+MOST_MOVED = 3.0
+MOST_ROUNDS = 6
 # Orders smoothed together near ends and gaps, at most, where nearly all disturb one another a little.
 MOST_AT_ENDS = 12
 
@@ -53,18 +53,19 @@ def smooth_apart(grid: Grid, first: int) -> tuple[Levels, Floats, Floats]:
     data = grid.data * (weight > 0)[:, None, None]
     levels = np.zeros((len(grid.x), orders, grid.knots), dtype=np.complex128)
     variances, log_variances = np.empty((orders, grid.knots)), np.empty(orders)
-    for group in _alike(grid.model, np.arange(orders)):
+    for group in _alike(grid, np.arange(orders)):
         levels[:, group], variances[group], log_variances[group] = _alone(
             grid, group, data[group], weight, slice(0, grid.knots), first
         )
     return levels, variances, log_variances
 
 
-def _alike(model: HarmonicModel, orders: Indices) -> list[Indices]:
-    """Return groups of some orders that share a walk: the same bandwidth, and all or none of them the mean."""
+def _alike(grid: Grid, orders: Indices) -> list[Indices]:
+    """Return groups of some orders of equal walks: one bandwidth, sums of as many, and all or none of them the mean."""
     if not orders.size:
         return []
-    keys = np.column_stack([model.orders[orders] != 0, model.bandwidth[orders]])
+    model = grid.model
+    keys = np.column_stack([model.orders[orders] != 0, grid.shared[orders], model.bandwidth[orders]])
     _, member = np.unique(keys, axis=0, return_inverse=True)
     return [orders[member.ravel() == number] for number in range(member.max() + 1)]
 
@@ -120,47 +121,45 @@ class _Cut:
         weight, offset = grid.weights
         self.knots = np.flatnonzero((weight < (1 - grid.tolerance) * grid.length) | grid.kinked)
         self._pieces = pieces_between(levels, cubic=grid.model.poles > 1)
-        self._cleared: dict[tuple[int, ...], Floats] = {}
-        orders = np.arange(len(grid.data))
-        self.left = self._rest(orders, onto=orders)
+        self.left = self._sums(np.arange(len(grid.data)), self.knots, of_rest=True)
         place = (self.knots + offset[self.knots]).clip(0, grid.blocks)
         block = np.minimum(place.astype(np.int64), grid.blocks - 1)
         powers = (place - block)[:, None, None] ** np.arange(4)
         at_hats = np.sum(self._pieces[:, :, block] * powers, axis=-1)
         self.levels = at_hats.transpose(1, 2, 0, 3)
 
-    def without_others(self, group: Indices) -> Floats:
-        """(order, cut knot, channel, 2) array, sums for a group with the waveforms of all other orders taken out."""
-        key = tuple(group.tolist())
-        if key not in self._cleared:  # the same group comes again in other runs of knots
-            self._cleared[key] = self._rest(np.setdiff1d(np.arange(len(self.left)), group), onto=group)
-        return self._cleared[key]
+    def without_others(self, group: Indices, knots: slice) -> Floats:
+        """(order, cut knot, channel, 2) array, sums for a group in a range of knots, less the waveforms of others."""
+        there, _ = self.inside(knots)
+        return self.left[group][:, there] + self._sums(group, self.knots[there], of_rest=False)
 
-    def _rest(self, removed: Indices, *, onto: Indices) -> Floats:
-        """Sum under the cut hats, for some orders, what the waveforms of some leave of the record."""
+    def _sums(self, orders: Indices, knots: Indices, *, of_rest: bool) -> Floats:
+        """Sum under some hats, for some orders, their own waveforms, or what these leave of the record."""
         grid = self.grid
-        blocks = np.unique(np.concatenate([self.knots - 1, self.knots]).clip(0, grid.blocks - 1))
-        sums = np.zeros((onto.size, grid.blocks, len(grid.x), 4))
+        hats = np.empty((knots.size, orders.size, len(grid.x), 2))
+        blocks = np.unique(np.concatenate([knots - 1, knots]).clip(0, grid.blocks - 1))
         for run in np.split(blocks, np.flatnonzero(np.diff(blocks) > 1) + 1):
-            for samples, some in grid.spans(int(run[0]), int(run[-1]) + 1):
-                sums[:, some] = self._project_rest(removed, onto, samples, some.stop - some.start)
-        hats = at_knots(sums.reshape(*sums.shape[:3], 2, 2).transpose(4, 1, 0, 2, 3))
-        return hats[self.knots].swapaxes(0, 1)
+            if not run.size:
+                continue
+            first, last = int(run[0]), int(run[-1]) + 1
+            sums = np.empty((orders.size, last - first, len(grid.x), 4))
+            for samples, some in grid.spans(first, last):
+                values = self._waves(orders, samples)
+                if of_rest:
+                    np.subtract(grid.x[:, samples], values, out=values)
+                grid.project(values, samples, orders, sums[:, some.start - first : some.stop - first])
+            there = (knots >= first) & (knots <= last)
+            hats[there] = hat_sums(sums)[knots[there] - first]
+        return hats.swapaxes(0, 1)
 
-    def _project_rest(self, removed: Indices, onto: Indices, samples: slice, blocks: int) -> Floats:
-        grid = self.grid
-        length, phase, plan = grid.length, grid.model.phase(samples), grid.model.plan
-        rest = np.nan_to_num(grid.x[:, samples])
-        if removed.size:
-            for channel, values in enumerate(rest):
-                wave = np.zeros(values.size)
-                pieces = np.ascontiguousarray(self._pieces[channel][removed])
-                _block_kernels.remodulate(pieces, length, phase, plan.recipe, plan.row[removed], samples.start, wave)
-                np.subtract(values, wave, out=values)
-        rest[:, ~grid.seen[samples]] = 0.0
-        part = np.empty((onto.size, blocks, len(rest), 4))
-        _block_kernels.project(rest, phase, plan.recipe, plan.row[onto], length, part)
-        return part
+    def _waves(self, orders: Indices, samples: slice) -> Floats:
+        """(channel, sample) array, the waveforms of some orders added up."""
+        model, waves = self.grid.model, np.zeros((len(self.grid.x), samples.stop - samples.start))
+        shaft, phase = model.shaft[orders], model.phase(samples)
+        for pieces, wave in zip(self._pieces, waves, strict=True):
+            own = np.ascontiguousarray(pieces[orders])
+            _block_kernels.remodulate(own, self.grid.length, phase, model.orders[orders], shaft, samples.start, wave)
+        return waves
 
     def inside(self, knots: slice) -> tuple[NDArray[np.bool_], Indices]:
         """Return which cut hats lie in a range of knots, and where in it."""
@@ -168,64 +167,73 @@ class _Cut:
         return there, self.knots[there] - knots.start
 
 
-def couple(grid: Grid, first: int, levels: Levels, variances: Floats, log_variances: Floats) -> None:
+def couple(
+    grid: Grid, closeness: Closeness, first: int, levels: Levels, variances: Floats, log_variances: Floats
+) -> float:
     """Smooth together, in place, what the estimates of `smooth_apart` show to disturb one another.
 
     Parameters
     ----------
     grid, first : as for `smooth_apart`.
-    levels, variances, log_variances : as it returns them.
+    closeness : of its orders.
+    levels, variances, log_variances : as `smooth_apart` returns them.
+
+    Returns
+    -------
+    what orders that were not smoothed together still leave in one another, of the largest amplitude.
     """
     amplitude = np.sqrt(np.mean(np.abs(levels) ** 2, axis=(0, 2)))
-    closeness = Closeness(grid.model, grid.samples)
+    received = closeness.received(Bandwidth.smoother_gain, amplitude)
+    groups = coupled(received, amplitude, grid.tolerance)
+    everywhere = slice(0, grid.knots)
+    for group in groups:
+        levels[:, group], variances[group], log_variances[group] = _together(grid, group, everywhere, first)
+    if groups and groups[0].size == len(amplitude):
+        return 0.0
+    return max(left_over(received, amplitude, groups), _couple_ends(grid, closeness, amplitude, levels, variances))
 
-    def inside(bandwidth: Bandwidth, distance: Floats) -> Floats:
-        return bandwidth.smoother_gain(distance)
+
+def _couple_ends(grid: Grid, closeness: Closeness, amplitude: Floats, levels: Levels, variances: Floats) -> float:
+    """Smooth together, in place, what disturbs one another near ends, gaps and jumps; return what is left of it."""
 
     def near_ends(bandwidth: Bandwidth, distance: Floats) -> Floats:
         hat = 1.0 / np.maximum(1.0, (pi * grid.length * distance) ** 2)
         folded = np.minimum(distance, 0.5 / grid.length)
-        return np.maximum(inside(bandwidth, distance), hat * np.abs(bandwidth.filter_gain(folded)))
+        return np.maximum(bandwidth.smoother_gain(distance), hat * np.abs(bandwidth.filter_gain(folded)))
 
-    everywhere = slice(0, grid.knots)
-    for group in closeness.coupled(inside, amplitude, grid.tolerance):
-        levels[:, group], variances[group], log_variances[group] = _together(grid, group, everywhere, first)
-        if group.size == grid.model.orders.size:
-            return
-    leaks = closeness.leaks(near_ends, amplitude)
-    worst = float(leaks[np.isfinite(leaks)].max()) / grid.tolerance
+    parts = leaks(closeness.received(near_ends, amplitude), amplitude)
+    worst = float(parts[np.isfinite(parts)].max()) / grid.tolerance
     runs = _disturbed_runs(grid, memories=max(FEWEST_MEMORIES, log(max(worst, 1.0))))
-    there = [slice(run.start * grid.length, min(run.stop * grid.length, grid.samples)) for run, _ in runs]
-    nearby_runs = [closeness.within(samples) for samples in there]
-    friends_of_run = [nearby.coupled(near_ends, amplitude, grid.tolerance) for nearby in nearby_runs]
+    friends_of_run, left = [], [0.0]
+    for knots, _ in runs:
+        nearby = closeness.within(slice(knots.start * grid.length, min(knots.stop * grid.length, grid.samples)))
+        received = nearby.received(near_ends, amplitude)
+        friends_of_run.append(_friends(nearby, coupled(received, amplitude, grid.tolerance)))
+        left.append(left_over(received, amplitude, friends_of_run[-1]))
     for number in range(MOST_ROUNDS):
         cut = _Cut(grid, levels)
         mended, change = levels.copy(), np.zeros(levels.shape[:2])
-        for run, nearby, friends in zip(runs, nearby_runs, friends_of_run, strict=True):
-            if number == 0:
-                _mend_friends(cut, friends, nearby, run, mended, variances)
+        for run, friends in zip(runs, friends_of_run, strict=True):
+            for group in friends if number == 0 else []:
+                _mend(cut, group, run, mended, variances)
             alone = np.setdiff1d(np.arange(len(amplitude)), np.concatenate([[], *friends]).astype(np.int64))
-            for group in _alike(grid.model, alone):
+            for group in _alike(grid, alone):
                 _mend_apart(cut, group, run, mended, variances)
             change[:, alone] = np.maximum(change[:, alone], _moved(levels, mended, cut.knots)[:, alone])
         levels[:] = mended
-        if np.all(change <= MOST_MOVED * amplitude):
-            return
+        if np.all(change <= MOST_MOVED * grid.tolerance * amplitude):
+            break
+    return max(left)
 
 
-def _mend_friends(
-    cut: _Cut,
-    friends: list[Indices],
-    nearby: Closeness,
-    run: tuple[slice, slice],
-    levels: Levels,
-    variances: Floats,
-) -> None:
-    """Smooth friends together, in place, over a run of knots; by frequency in parts, where they are many."""
-    for group in friends:
+def _friends(nearby: Closeness, disturbed: list[Indices]) -> list[Indices]:
+    """Return groups of orders that disturb one another, in parts by frequency where they are many."""
+    groups = []
+    for group in disturbed:
         by_frequency = group[np.argsort(np.abs(nearby.frequency[group]).mean(axis=1))]
-        for start in range(0, group.size, MOST_AT_ENDS):
-            _mend(cut, np.sort(by_frequency[start : start + MOST_AT_ENDS]), run, levels, variances)
+        parts = range(0, group.size, MOST_AT_ENDS)
+        groups += [np.sort(by_frequency[start : start + MOST_AT_ENDS]) for start in parts]
+    return groups
 
 
 def _moved(before: Levels, after: Levels, knots: Indices) -> Floats:
@@ -260,8 +268,8 @@ def _mend(cut: _Cut, group: Indices, run: tuple[slice, slice], levels: Levels, v
     """Smooth a group together, in place, over a run of knots; the cut through the record lies well outside."""
     kept, knots = run
     data = cut.grid.data[group, knots].copy()
-    there, place = cut.inside(knots)
-    data[:, place] = cut.without_others(group)[:, there]
+    _, place = cut.inside(knots)
+    data[:, place] = cut.without_others(group, knots)
     found, variance, _ = _together(cut.grid, group, knots, 0, data)
     inner = slice(kept.start - knots.start, kept.stop - knots.start)
     levels[:, group, kept] = found[..., inner]

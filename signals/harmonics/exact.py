@@ -5,6 +5,8 @@ information filter backward, and they meet at the outputs, stretch by stretch, s
 grows with the square root of the record.
 """
 
+from math import prod
+
 import numpy as np
 
 from signals.harmonics import _sample_kernels
@@ -14,6 +16,8 @@ from signals.harmonics.model import Complexes, Estimate, Estimator, HarmonicMode
 
 # Samples whose angles are gathered at a time.
 SAMPLES_AT_ONCE = 1 << 15
+# Numbers in a line of the cache.
+LINE = 8
 
 
 def exact(
@@ -81,24 +85,34 @@ def filter_on(
     variance : (order, output) array, mean over the quadratures.
     """
     channels, samples = x.shape
-    outputs = len(range(-first % output_every, samples, output_every))
-    amplitude = np.empty((channels, model.orders.size, outputs), dtype=np.complex128)
-    variance = np.empty((model.orders.size, outputs))
-    done = 0
+    skip = -first % output_every
+    outputs = len(range(skip, samples, output_every))
+    amplitude = _lined(channels, model.orders.size, 2 * outputs)
+    variance = _lined(model.orders.size, outputs)
+    places, interval, done = _places(model), look_interval(memory(model)), 0
     for begin in range(0, samples, SAMPLES_AT_ONCE):
         span = slice(begin, min(begin + SAMPLES_AT_ONCE, samples))
         size = span.stop - begin
         innovations, roots = np.empty((size, 1, channels)), np.empty((size, 1))
-        wanted = np.zeros(size, dtype=np.bool_)
-        wanted[-(first + begin) % output_every :: output_every] = True
-        _sample_kernels.filter_samples(
-            model.plan.recipe, _places(model), model.phase(span), np.array(x[:, span]), _walk(model, span),
-            look_interval(memory(model)), state.status, state.vector, state.matrix, innovations, roots, wanted, done,
-            amplitude.view(np.float64), variance,
+        done = _sample_kernels.filter_samples(
+            model.plan.recipe, places, model.phase(span), np.ascontiguousarray(x[:, span]), _walk(model, span),
+            interval, state.status, state.vector, state.matrix, innovations, roots, (skip - begin) % output_every,
+            output_every, done, amplitude, variance,
         )  # fmt: skip
-        done += int(np.count_nonzero(wanted))
         tally.add(innovations, roots, skip=startup - first - begin)
-    return amplitude, variance
+    return amplitude.view(np.complex128)[..., :outputs], variance[:, :outputs]
+
+
+def _lined(*shape: int) -> Floats:
+    """Return an empty array whose rows begin where lines of the cache do, and are a little longer than asked for.
+
+    Rows at distances of whole pages would fight for the same lines.
+    """
+    lines = shape[-1] // LINE + 1
+    lines += lines % LINE == 0
+    room = np.empty(prod(shape[:-1]) * lines * LINE + LINE)
+    start = -(room.ctypes.data // room.itemsize) % LINE
+    return room[start : start + room.size - LINE].reshape(*shape[:-1], lines * LINE)
 
 
 def chain_of(model: HarmonicModel, x: Floats, wanted: Flags) -> Chain:

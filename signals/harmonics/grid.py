@@ -29,6 +29,7 @@ class Grid:
     seen : (sample,) array, whether the sample is there.
     length : samples in a block.
     tolerance : part of an amplitude that a neighbour may disturb without being coupled.
+    shared : (order,) array, how many amplitudes each is the sum of: as many walks added up.
     """
 
     model: HarmonicModel
@@ -36,6 +37,7 @@ class Grid:
     seen: NDArray[np.bool_]
     length: int
     tolerance: float
+    shared: Indices
 
     @property
     def samples(self) -> int:
@@ -97,38 +99,61 @@ class Grid:
 
     def walk_variance(self, orders: Indices) -> Floats:
         """(knot or 1, column) array for some orders: the walk takes one step a knot."""
-        return self.model.subset(orders).walk_variance(slice(0, None, self.length), step=self.length)
+        model = self.model.subset(orders)
+        walk = model.walk_variance(slice(0, None, self.length), step=self.length)
+        return walk * self.shared[orders][model.order_of_column]
 
     def prior_variance(self, orders: Indices, knot: int = 0) -> Floats:
         """(pole, column) array for some orders: what is assumed at the first knot, grown as the walk goes on to one."""
-        variance = self.model.subset(orders).prior_variance(step=self.length)
+        model = self.model.subset(orders)
+        variance = model.prior_variance(step=self.length) * self.shared[orders][model.order_of_column]
         grown = [
             sum(comb(knot, i - j) ** 2 * variance[i] for i in range(j, len(variance))) for j in range(len(variance))
         ]
         return np.stack(grown)
 
+    def unseen_variance(self, order: int) -> Floats:
+        """(knot,) array, variance of a quadrature of one of the amplitudes of an order that is never measured."""
+        place = np.array([order])
+        walk = np.broadcast_to(self.walk_variance(place)[:, 0] / self.shared[order], self.knots)
+        covariance = np.diag(self.prior_variance(place)[:, 0] / self.shared[order])
+        step = np.triu(np.ones(covariance.shape))
+        variance = np.empty(self.knots)
+        for knot in range(self.knots):
+            variance[knot] = covariance[0, 0]
+            covariance[-1, -1] += walk[knot]
+            covariance = step @ covariance @ step.T
+        return variance
+
     @cached_property
     def data(self) -> Floats:
         """(order, knot, channel, 2) array, sums under the hats of the record times cos and -sin."""
-        sums = np.empty((self.model.orders.size, self.blocks, len(self.x), 4))
+        orders = np.arange(self.model.orders.size)
+        sums = np.empty((orders.size, self.blocks, len(self.x), 4))
         for samples, blocks in self.spans(0, self.blocks):
-            x = self.x[:, samples] if self.seen[samples].all() else np.nan_to_num(self.x[:, samples])
-            part = np.empty((len(sums), blocks.stop - blocks.start, *sums.shape[2:]))
-            plan, phase = self.model.plan, self.model.phase(samples)
-            _block_kernels.project(np.ascontiguousarray(x), phase, plan.recipe, plan.row, self.length, part)
-            sums[:, blocks] = part
-        return at_knots(sums.reshape(*sums.shape[:3], 2, 2).transpose(4, 1, 0, 2, 3)).transpose(1, 0, 2, 3)
+            self.project(self.x[:, samples], samples, orders, sums[:, blocks])
+        return hat_sums(sums).swapaxes(0, 1)
+
+    def project(self, x: Floats, samples: slice, orders: Indices, sums: Floats) -> None:
+        """Fill the moments of values, (channel, sample), of some samples against some orders: see `project` there."""
+        values = x if self.seen[samples].all() else np.where(self.seen[samples], x, 0.0)
+        part = np.empty(sums.shape)
+        model, phase = self.model, self.model.phase(samples)
+        _block_kernels.project(
+            np.ascontiguousarray(values), phase, model.orders[orders], model.shaft[orders], self.length, part
+        )
+        sums[:] = part
 
     def gram(self, orders: Indices, knots: slice) -> Floats:
         """(knot, column, column) array, sums under the hats of products of the columns of some orders."""
         first, last = max(knots.start - 1, 0), min(knots.stop, self.blocks)
         sums = np.empty((last - first, 2, 2 * orders.size, 2 * orders.size))
-        plan = self.model.subset(orders).plan
+        model = self.model
         for samples, blocks in self.spans(first, last):
-            seen = self.seen[samples].astype(np.float64)
+            seen = self.seen[None, samples].astype(np.float64)
             phase = self.model.phase(samples)
             part = sums[blocks.start - first : blocks.stop - first]
-            _block_kernels.correlate(seen, phase, plan.recipe, plan.row, self.length, part)
+            _block_kernels.correlate(seen, phase, model.orders[orders], model.shaft[orders], self.length, part)
         turning = np.flatnonzero(self.model.orders[orders])
         columns = np.concatenate([np.arange(orders.size), orders.size + turning])
         hats = at_knots(sums.swapaxes(0, 1))[knots.start - first : knots.stop - first]
@@ -142,6 +167,11 @@ def at_knots(moments: Floats) -> Floats:
     sums[:-1] = plain - weighted
     sums[1:] += weighted
     return sums
+
+
+def hat_sums(sums: Floats) -> Floats:
+    """(knot, order, channel, 2) array, sums under hats of x cos and -x sin, from a `project`'s (order, block, ...)."""
+    return at_knots(sums.reshape(*sums.shape[:3], 2, 2).transpose(4, 1, 0, 2, 3))
 
 
 def pieces_between(values: NDArray[np.complex128] | Floats, *, cubic: bool) -> Floats:

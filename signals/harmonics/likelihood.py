@@ -227,11 +227,8 @@ def _peak(function: Callable[[float], float], grid: Floats) -> float:
 
 def _groups(model: HarmonicModel) -> list[Indices]:
     """Return the orders that come near each other, directly or by way of others."""
-    closeness = Closeness(model, model.phases[0].size)
-    near = [
-        closeness.to_others(k).min(axis=1) < NEAR[model.poles] * model.bandwidth[0] for k in range(len(model.orders))
-    ]
-    return components(np.array(near) | np.eye(model.orders.size, dtype=np.bool_))
+    near = Closeness(model, model.phases[0].size).nearest < NEAR[model.poles] * model.bandwidth[0]
+    return components(near | np.eye(model.orders.size, dtype=np.bool_))
 
 
 def _waves(model: HarmonicModel, amplitudes: NDArray[np.complex128], index: Indices) -> Floats:

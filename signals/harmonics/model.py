@@ -32,6 +32,7 @@ BandwidthUnits = Literal["hz", "orders"]
 # Standard deviations of the noise: wide enough to be forgotten at once (over m samples it moves an amplitude
 # by 2e-6 / m of itself), narrow enough that its square does not drown what follows in rounding.
 PRIOR_STD = 1e3
+_OUTPUTS_AT_ONCE = 1 << 12  # whose variances of some dozen orders stay in the cache
 LAGS = 20  # of the autocorrelation of the innovations
 
 
@@ -64,7 +65,9 @@ class OrderTracks:
     Attributes
     ----------
     complex_amplitude : ([channel,] order, output) array, Z.
-    std : ([channel,] order, output) array, `sqrt(E|Zhat - Z|^2 / 2)`; for order 0 that of the real part.
+    settling_std : ([channel,] order, settling) array, `std` of the first outputs, which has settled at the last of
+        these; of all outputs, but for a filter with settled gains; for the fast smoother those at its knots.
+    std_spacing : samples from one of these to the next where they are those at knots; None where of outputs.
     flags : (order, output) array of `OutputFlag`.
     sample_index : (output,) array, the sample each output belongs to.
     orders : (order,) array, cycles per revolution of the order's own shaft.
@@ -76,7 +79,8 @@ class OrderTracks:
     estimator : "smoother" (all samples) or "filter" (this sample and those before it).
     method : "exact", "fast" or "reference": the one that ran.
     error_bound : what "fast" may add or take; 0 for the others. The smoother: as a part of the largest amplitude among
-        those that disturb one another. The filter: as a part of the exact filter's own error, noise and lag.
+        those that disturb one another; infinite where lines stay within half a bandwidth of each other and poles are
+        several: `std`, too, is too small there. The filter: as a part of the exact filter's own error, noise and lag.
     noise_variance : ([channel,]) R, as given or as estimated from the record.
     innovation_variance : ([channel,]) R times the geometric mean, after start-up, of the variance of the innovation
         (the error of the prediction of the next sample) where R = 1.
@@ -94,7 +98,7 @@ class OrderTracks:
     """
 
     complex_amplitude: Complexes = field(metadata={"dims": ("channel", "order", "output"), "units": "signal"})
-    std: Floats = field(metadata={"dims": ("channel", "order", "output"), "units": "signal"})
+    settling_std: Floats = field(metadata={"dims": ("channel", "order", "settling"), "units": "signal"})
     flags: NDArray[np.uint8] = field(metadata={"dims": ("order", "output"), "units": "1"})
     sample_index: Indices = field(metadata={"dims": ("output",), "units": "1"})
     orders: Floats = field(metadata={"dims": ("order",), "units": "1"})
@@ -112,10 +116,20 @@ class OrderTracks:
     innovation_mean_square: float | Floats
     whiteness: float | Floats
     samples: int
+    std_spacing: int | None = None
     innovations: Floats | None = field(default=None, metadata={"dims": ("channel", "sample"), "units": "signal"})
     normalised_innovation_squared: Floats | None = field(
         default=None, metadata={"dims": ("channel", "sample"), "units": "1"}
     )
+
+    @cached_property
+    def std(self) -> Floats:
+        """([channel,] order, output) array, `sqrt(E|Zhat - Z|^2 / 2)`; for order 0 that of the real part.
+
+        Where it settles before the last output, or is linear between knots, made from `settling_std` when it is first
+        asked for.
+        """
+        return spread_std(self.settling_std, self.std_spacing, self.sample_index)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -224,7 +238,7 @@ class Estimate:
     Attributes
     ----------
     amplitude : (channel, order, output) array.
-    variance : (order, output) array, mean over the quadratures.
+    variance : (order, output) array, mean over the quadratures; the last one is that of all outputs after it.
     innovation_mean_square : (channel,) array, mean of the squared innovations over their variances, after start-up.
     innovation_log_variance : mean of the logarithm of these variances.
     innovation_autocorrelation : (channel, lag) array.
@@ -244,11 +258,40 @@ class Estimate:
     innovations: Floats | None = None
     innovation_roots: Floats | None = None
 
+    @property
+    def std_spacing(self) -> int | None:
+        """Samples from one standard deviation to the next where they are not those of outputs."""
+        return None
+
     def std(self, noise: Floats) -> Floats:
-        """(channel, order, output) standard deviations for noise of these variances, (channel,).
+        """(channel, order, output) standard deviations for noise of these variances, (channel,), of as many outputs.
 
         With one channel, in place of `variance`: at an output a sample these are the largest arrays there are.
         """
         own = self.variance[None]
-        std = np.multiply(own, noise[:, None, None], out=own if noise.size == 1 else None)
-        return np.sqrt(std, out=std)
+        std = own if noise.size == 1 else np.empty((noise.size, *self.variance.shape))
+        for first in range(0, own.shape[-1], _OUTPUTS_AT_ONCE):
+            part = std[..., first : first + _OUTPUTS_AT_ONCE]
+            np.multiply(own[..., first : first + _OUTPUTS_AT_ONCE], noise[:, None, None], out=part)
+            np.sqrt(part, out=part)
+        return std
+
+
+def spread_std(values: Floats, spacing: int | None, sample_index: Indices) -> Floats:
+    """Return standard deviations at all outputs: linear between those `spacing` samples apart, or the last one held."""
+    if spacing is None:
+        return held(values, sample_index.size)
+    from signals.harmonics._block_kernels import evaluate  # noqa: PLC0415  (for the fast smoother alone)
+
+    pieces = np.zeros((*values.shape[:-1], values.shape[-1] - 1, 4))
+    pieces[..., 0], pieces[..., 1] = values[..., :-1], np.diff(values)
+    spread = np.empty((*values.shape[:-1], sample_index.size))
+    every = int(sample_index[1]) if sample_index.size > 1 else 1
+    evaluate(pieces.reshape(-1, *pieces.shape[-2:]), spacing, every, spread.reshape(-1, sample_index.size))
+    return spread
+
+
+def held(values: Floats, outputs: int) -> Floats:
+    """Return values of the first outputs, along the last axis, with the last one held for the outputs after them."""
+    after = outputs - values.shape[-1]
+    return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, after)], mode="edge") if after else values

@@ -8,6 +8,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
+from signals.harmonics import _distance_kernels
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.model import Estimator, Floats, HarmonicModel, Indices, OutputFlag, UnresolvedPair
 
@@ -55,58 +56,49 @@ class Closeness:
         part.frequency, part.bandwidth = self.frequency[:, stretches], self.bandwidth[:, stretches]
         return part
 
-    def to_others(self, order: int) -> Floats:
-        """(order, stretch) array of distances in cycles a sample, infinite to itself; 0 where two lines cross."""
-        mine = self.frequency[order]
-        nearest = np.full(self.frequency.shape, np.inf)
-        for apart in (self.frequency - mine, self.frequency + mine):
-            folded = apart - np.round(apart)
-            distance = np.abs(folded)
-            near = np.maximum(distance[:, 1:], distance[:, :-1]) < 0.25  # noqa: PLR2004  (else it is the fold)
-            crossing = near & (folded[:, 1:] * folded[:, :-1] < 0)
-            distance[:, 1:][crossing] = distance[:, :-1][crossing] = 0.0
-            np.minimum(nearest, distance, out=nearest)
-        nearest[order] = np.inf
-        return nearest
-
-    def to_image(self, order: int) -> Floats:
-        """(stretch,) array of distances to the order's own image: small at rest, and at half the rate."""
-        if self.model.orders[order] == 0:
-            return np.full(self.frequency.shape[1], np.inf)
-        twice = 2 * self.frequency[order]
-        return np.asarray(np.abs(twice - np.round(twice)))
+    def to_images(self) -> Floats:
+        """(order, stretch) array of distances to the order's own image: small at rest, and at half the rate."""
+        twice = 2 * self.frequency
+        distance = np.abs(twice - np.round(twice))
+        distance[self.model.orders == 0] = np.inf
+        return np.asarray(distance)
 
     @cached_property
     def nearest(self) -> Floats:
         """(order, order) array of the least distances to others, and on the diagonal to the order's own image."""
-        distance = np.stack([self.to_others(k).min(axis=1) for k in range(len(self.frequency))])
-        np.fill_diagonal(distance, [self.to_image(k).min() for k in range(len(self.frequency))])
+        distance = np.empty((len(self.frequency), len(self.frequency)))
+        _distance_kernels.least(np.ascontiguousarray(self.frequency), distance)
+        np.fill_diagonal(distance, self.to_images().min(axis=1))
         return distance
 
-    def leaks(self, gain: Gain, amplitude: Floats) -> Floats:
-        """(order, order) array: what an order gets of another, and on the diagonal of its image, as a part of itself.
+    def received(self, gain: Gain, amplitude: Floats) -> Floats:
+        """(order, order) array: what an order gets of another, and on the diagonal of its image.
 
         Parameters
         ----------
-        gain : how much of a line at some distances, (line,) array in cycles a sample, gets into an estimate of a
+        gain : how much of a line at some distances, an array in cycles a sample, gets into an estimate of a
             bandwidth.
         amplitude : (order,) array, how large each is.
         """
-        count = len(self.frequency)
-        leaks = np.zeros((count, count))
-        for k in range(count):
-            bandwidth = Bandwidth(width=float(self.bandwidth[k].max()), poles=self.model.poles)
+        received = np.empty((len(self.frequency), len(self.frequency)))
+        widths, alike = np.unique(self.bandwidth.max(axis=1), return_inverse=True)
+        for number, width in enumerate(widths.tolist()):
+            rows = np.flatnonzero(alike.ravel() == number)
             # The largest distance there is is that of half the rate.
-            part = gain(bandwidth, np.minimum(self.nearest[k], 0.5)) * amplitude
-            leaks[k] = np.divide(part, amplitude[k], out=np.where(part > 0, np.inf, 0.0), where=amplitude[k] > 0)
+            received[rows] = gain(Bandwidth(width=width, poles=self.model.poles), np.minimum(self.nearest[rows], 0.5))
+        received *= amplitude
         mean = np.flatnonzero(self.model.orders == 0)
-        leaks[mean, mean] = 0.0
-        return leaks
+        received[mean, mean] = 0.0
+        return received
 
-    def coupled(self, gain: Gain, amplitude: Floats, tolerance: float) -> list[Indices]:
-        """Return the groups of orders that leak more than `tolerance`, single ones among them for their image."""
-        friends = self.leaks(gain, amplitude) > tolerance
-        return components(friends | friends.T)
+    def dwell(self) -> bool:
+        """Say whether any two lines stay within half a bandwidth of each other for as long as 1 over the bandwidth."""
+        others = ~np.eye(len(self.nearest), dtype=np.bool_)
+        if not np.any(self.nearest < self.bandwidth.max() / 2, where=others):
+            return False
+        lengths = np.diff(self.edges).astype(np.float64)
+        frequency, bandwidth = np.ascontiguousarray(self.frequency), np.ascontiguousarray(self.bandwidth)
+        return _distance_kernels.dwell(frequency, bandwidth, lengths)
 
     def unresolved(self) -> tuple[list[UnresolvedPair], NDArray[np.uint8]]:
         """Compare distances with bandwidths.
@@ -116,19 +108,14 @@ class Closeness:
         pairs : those closer than half a bandwidth, or than one turn in the whole record.
         flags : (order, stretch) array of `OutputFlag`.
         """
-        flags = np.zeros(self.frequency.shape, dtype=np.uint8)
-        pairs = []
-        lengths = np.diff(self.edges)
-        for k in range(len(flags)):
-            distance = self.to_others(k)
-            close = distance < np.maximum(self.bandwidth, self.bandwidth[k]) / 2
-            close |= (distance @ lengths < 1)[:, None]
-            flags[k] |= np.uint8(OutputFlag.NOT_SEPARABLE) * close.any(axis=0)
-            flags[k] |= np.uint8(OutputFlag.ONE_QUADRATURE) * (self.to_image(k) < self.bandwidth[k] / 2)
-            shares = close @ lengths / lengths.sum()
-            pairs += [
-                UnresolvedPair(k, int(other), float(shares[other])) for other in np.flatnonzero(shares) if other > k
-            ]
+        close = np.zeros(self.frequency.shape, dtype=np.bool_)
+        shares = np.zeros((len(close), len(close)))
+        lengths = np.diff(self.edges).astype(np.float64)
+        bandwidth = np.ascontiguousarray(self.bandwidth)
+        _distance_kernels.close(np.ascontiguousarray(self.frequency), bandwidth, lengths, close, shares)
+        flags = np.uint8(OutputFlag.NOT_SEPARABLE) * close
+        flags |= np.uint8(OutputFlag.ONE_QUADRATURE) * (self.to_images() < self.bandwidth / 2)
+        pairs = [UnresolvedPair(int(k), int(other), float(shares[k, other])) for k, other in np.argwhere(shares)]
         return pairs, flags
 
     def at_outputs(self, flags: NDArray[np.uint8], outputs: Indices) -> NDArray[np.uint8]:
@@ -172,6 +159,36 @@ def flag_outputs(
             there = before[stop] - before[start]
             found[k] |= np.uint8(OutputFlag.NEAR_GAP) * (there <= 0.75 * (stop - start))
     return found, tuple(pairs)
+
+
+def leaks(received: Floats, amplitude: Floats) -> Floats:
+    """Return what orders receive of one another as a part of their own amplitudes."""
+    mine = amplitude[:, None]
+    return np.divide(received, mine, out=np.where(received > 0, np.inf, 0.0), where=mine > 0)
+
+
+def coupled(received: Floats, amplitude: Floats, tolerance: float) -> list[Indices]:
+    """Return the groups of orders that leak more than `tolerance`, single ones among them for their image."""
+    friends = leaks(received, amplitude) > tolerance
+    return components(friends | friends.T)
+
+
+def left_over(received: Floats, amplitude: Floats, groups: list[Indices]) -> float:
+    """Return the most that any order gets of all others together but those of its group, of the largest amplitude.
+
+    A line counts twice: its image is farther off, but may be hardly so.
+
+    Parameters
+    ----------
+    received : (order, order) array, as `Closeness.received` returns it.
+    amplitude : (order,) array, how large each is.
+    groups : of orders that are smoothed together.
+    """
+    part = received.copy()
+    for group in groups:
+        part[np.ix_(group, group)] = 0.0
+    largest = float(amplitude.max())
+    return 2 * float(part.sum(axis=1).max()) / largest if largest > 0 else 0.0
 
 
 def components(friends: NDArray[np.bool_]) -> list[Indices]:

@@ -6,24 +6,28 @@ noise of variance 2R (R for the mean), which `Bandwidth.filter_shares` tells exa
 order's complex amplitude, since a real sample shows half of what turns.
 """
 
-from dataclasses import dataclass, replace
-from math import ceil, log
+from collections.abc import Iterator
+from dataclasses import replace
+from math import ceil, comb, log, prod
+from typing import TypeVar
 
 import numpy as np
 
+from signals._lanes import WIDE
 from signals.harmonics import _settled_kernels
-from signals.harmonics._chain import padded
 from signals.harmonics._tally import Tally
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.exact import filter_on, start
-from signals.harmonics.model import Estimate, Floats, HarmonicModel
+from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, Indices
 from signals.harmonics.separability import Closeness
 
 # Part of its settled value that the variance may still be off when the gains are fixed.
 UNSETTLED = 1e-3
-SAMPLES_AT_ONCE = 1 << 15
-# Innovations correlated, of every stretch: enough for the lags, and an eighth of the cost.
+SAMPLES_AT_ONCE = 1 << 17
+# Innovations correlated, of every stretch: enough for the lags, and little to do.
 CORRELATED = 1 << 12
+
+_Values = TypeVar("_Values", Floats, Indices)
 
 
 def ripple(model: HarmonicModel, samples: int) -> float:
@@ -31,26 +35,26 @@ def ripple(model: HarmonicModel, samples: int) -> float:
 
     That is what the causal filter lets through at their distances, added up, wherever in the record they are least.
     """
-    closeness = Closeness(model, samples)
-    gains = [0.0]
-    for k, bandwidth in enumerate(_bandwidths(model)):
-        distance = closeness.nearest[k]
-        there = np.isfinite(distance)
-        gains.append(float(np.abs(bandwidth.filter_gain(np.minimum(distance[there], 0.5))).sum()))
-    return max(gains)
+    nearest, widths = Closeness(model, samples).nearest, model.bandwidth[:, 0]
+    largest = 0.0
+    for width in np.unique(widths):
+        distance = nearest[widths == width]
+        gain = np.abs(_bandwidth(model, width).filter_gain(np.minimum(distance, 0.5)))
+        largest = max(largest, float(np.where(np.isfinite(distance), gain, 0.0).sum(axis=1).max()))
+    return largest
 
 
 def startup_samples(model: HarmonicModel) -> int:
-    """Return the samples after which the variance has come within `UNSETTLED` of where it settles."""
-    slowest = min(bandwidth.filter_decay for bandwidth in _bandwidths(model))
-    return ceil(log(2 / UNSETTLED) / (2 * slowest))
+    """Return the samples, whole eights, after which the variance has come within `UNSETTLED` of where it settles."""
+    slowest = _bandwidth(model, model.bandwidth[:, 0].min()).filter_decay
+    return ceil(log(2 / UNSETTLED) / (2 * slowest) / WIDE) * WIDE
 
 
-def _bandwidths(model: HarmonicModel) -> list[Bandwidth]:
-    return [Bandwidth(width=float(width), poles=model.poles) for width in model.bandwidth[:, 0]]
+def _bandwidth(model: HarmonicModel, width: float) -> Bandwidth:
+    return Bandwidth(width=float(width), poles=model.poles)
 
 
-def settled(model: HarmonicModel, x: Floats, *, output_every: int, startup: int) -> Estimate:
+def settled(model: HarmonicModel, x: Floats, *, output_every: int, startup: int, error_bound: float) -> Estimate:
     """Filter all channels of a record without gaps, with bandwidths that stay the same.
 
     Parameters
@@ -59,75 +63,90 @@ def settled(model: HarmonicModel, x: Floats, *, output_every: int, startup: int)
     x : (channel, sample) array, all finite.
     output_every : samples between outputs.
     startup : first sample whose innovation counts in the statistics.
+    error_bound : what the estimate is to say of its error.
     """
     channels, samples = x.shape
     begin = min(startup_samples(model), samples)
     state, tally = start(model, channels=channels), Tally.empty(channels=channels)
-    head = replace(
-        model,
-        phases=tuple(phase[:begin] for phase in model.phases),
-    )
-    amplitude = np.empty((channels, model.orders.size, ceil(samples / output_every)), dtype=np.complex128)
+    head = replace(model, phases=tuple(phase[:begin] for phase in model.phases))
+    amplitude = _aligned((channels, model.orders.size, ceil(samples / output_every)))
     first = ceil(begin / output_every)
     amplitude[..., :first], variance = filter_on(
         head, x[:, :begin], state, tally, first=0, output_every=output_every, startup=startup
     )
-    shares = np.stack([bandwidth.filter_shares for bandwidth in _bandwidths(model)], axis=1)
-    noise = np.where(model.orders == 0, 1.0, 2.0)
-    root = 1 / np.sqrt(1 + np.sum(noise * shares[0] / (1 - shares[0])))
-    real, imaginary = _parts(model, state.vector.sum(axis=0))
-    given = padded(shares * noise)
-    for span_start in range(begin, samples, SAMPLES_AT_ONCE):
-        span = slice(span_start, min(span_start + SAMPLES_AT_ONCE, samples))
-        innovations = np.empty((channels, span.stop - span.start))
-        outputs = slice(ceil(span.start / output_every), ceil(span.stop / output_every))
-        phase, skip = model.phase(span), -span.start % output_every
-        for channel in range(channels):
-            _settled_kernels.filter_on(
-                x[channel, span], phase, model.plan.recipe, model.plan.row, given, real[channel], imaginary[channel],
-                innovations[channel], skip, output_every, outputs.start, amplitude[channel].view(np.float64),
-            )  # fmt: skip
-        counted = innovations[:, -CORRELATED:].T[:, None, :] * root
+    gains, root = _gains(model)
+    if first < amplitude.shape[-1]:
+        variance = np.append(variance, gains[0][:, None], axis=1)
+    square, count, log_variance = tally.square.copy(), tally.count, tally.log_variance
+    for span, innovations in _filter_on(model, x, state.vector.sum(axis=0), gains, begin, output_every, amplitude):
+        counted = innovations[:, max(startup - span.start, 0) :]
+        square += root**2 * np.einsum("cn,cn->c", counted, counted)
+        count, log_variance = count + counted.shape[1], log_variance - 2 * counted.shape[1] * log(root)
+        some = np.ascontiguousarray(counted[:, -CORRELATED:].T * root)[:, None, :]
         tally.recent, tally.recent_seen = np.zeros_like(tally.recent), np.zeros_like(tally.recent_seen)
-        tally.add(counted, np.full((len(counted), 1), root), skip=startup - span.stop + len(counted))
-    return SettledEstimate(
+        tally.add(some, np.full((len(some), 1), root), skip=0)
+    return Estimate(
         amplitude=amplitude,
         variance=variance,
-        settled_variance=noise * shares[0],
-        innovation_mean_square=tally.mean_square,
-        innovation_log_variance=tally.log_variance / max(tally.count, 1),
+        innovation_mean_square=square / max(count, 1),
+        innovation_log_variance=log_variance / max(count, 1),
         innovation_autocorrelation=tally.autocorrelation,
         innovation_samples=tally.count,
-        error_bound=ripple(model, samples),
+        error_bound=error_bound,
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SettledEstimate(Estimate):
-    """An estimate whose variances are known for the first outputs, (order, output), and stay the same after.
+def _filter_on(
+    model: HarmonicModel, x: Floats, vector: Floats, gains: Floats, begin: int, every: int, amplitude: Complexes
+) -> Iterator[tuple[slice, Floats]]:
+    """Fill the amplitudes from a sample on, given the state predicted for it; yield (channel, sample) innovations."""
+    channels, samples = x.shape
+    real, imaginary = _parts(model, vector)
+    shares, rises = _paired(gains), _rises(model.poles)
+    response = np.concatenate([np.zeros((shares.shape[1], WIDE + 1)), shares.T @ rises[:, 1:]], axis=1)
+    orders, shaft = _paired(model.orders), _paired(model.shaft)
+    for first in range(begin, samples, SAMPLES_AT_ONCE):
+        span = slice(first, min(first + SAMPLES_AT_ONCE, samples))
+        innovations = np.empty((channels, span.stop - first))
+        _settled_kernels.filter_on(
+            np.ascontiguousarray(x[:, span]), model.phase(span), orders, shaft, model.plan.recipe, model.plan.row,
+            shares, response, rises, real, imaginary, innovations, -first % every, every, ceil(first / every),
+            amplitude.view(np.float64),
+        )  # fmt: skip
+        yield span, innovations
 
-    Attributes
-    ----------
-    settled_variance : (order,) array.
-    """
 
-    settled_variance: Floats
+def _gains(model: HarmonicModel) -> tuple[Floats, float]:
+    """(pole, order) array of what innovations add; one over the standard deviation of an innovation where R = 1."""
+    widths, which = np.unique(model.bandwidth[:, 0], return_inverse=True)
+    shares = np.stack([_bandwidth(model, width).filter_shares for width in widths], axis=1)[:, which]
+    noise = np.where(model.orders == 0, 1.0, 2.0)
+    return np.ascontiguousarray(noise * shares), float(1 / np.sqrt(1 + np.sum(noise * shares[0] / (1 - shares[0]))))
 
-    def std(self, noise: Floats) -> Floats:
-        """(channel, order, output) array."""
-        std = np.empty(self.amplitude.shape)
-        scale = np.sqrt(noise)[:, None]
-        known = self.variance.shape[1]
-        std[..., :known] = np.sqrt(self.variance) * scale[..., None]
-        std[..., known:] = (np.sqrt(self.settled_variance) * scale)[..., None]
-        return std
+
+def _aligned(shape: tuple[int, int, int]) -> Complexes:
+    """Return room that begins where a line of the cache does: four amplitudes that cross it are written twice."""
+    room = np.empty(prod(shape) + 3, dtype=np.complex128)
+    start = -(room.ctypes.data // room.itemsize) % 4
+    return room[start : start + prod(shape)].reshape(shape)
+
+
+def _rises(poles: int) -> Floats:
+    """(pole, WIDE) array: what a level and its differences add to the levels 0, 1, ... samples on."""
+    ahead = range(WIDE)
+    return np.array([[float(comb(n + pole - 1, pole)) if pole else 1.0 for n in ahead] for pole in range(poles)])
+
+
+def _paired(values: _Values) -> _Values:
+    """Return the array with its last dimension filled up with zeros to an even number."""
+    return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, values.shape[-1] % 2)])
 
 
 def _parts(model: HarmonicModel, vector: Floats) -> tuple[Floats, Floats]:
-    """(channel, pole, width) real and imaginary parts of the amplitudes and their differences, width filled up."""
+    """(channel, pole, order, WIDE) real and imaginary parts of the amplitudes and their differences, in last places."""
     orders, turning = model.orders.size, model.turning
     states = vector.reshape(len(vector), model.poles, -1)
-    real, imaginary = np.zeros((2, len(vector), model.poles, orders))
-    real[:] = states[..., :orders]
-    imaginary[..., turning] = states[..., orders : orders + turning.size]
-    return padded(real), padded(imaginary)
+    real, imaginary = np.zeros((2, len(vector), model.poles, orders + orders % 2, WIDE))
+    real[..., :orders, -1] = states[..., :orders]
+    imaginary[..., turning, -1] = states[..., orders : orders + turning.size]
+    return real, imaginary

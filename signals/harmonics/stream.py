@@ -304,7 +304,7 @@ class OrderTracker:
         one = self._one
         return OrderTracks(
             complex_amplitude=amplitude[0] if one else amplitude,
-            std=std[0] if one else std,
+            settling_std=std[0] if one else std,
             flags=np.where(near, OutputFlag.NEAR_END, OutputFlag.NONE).astype(np.uint8),
             unresolved=(),
             sample_index=index,

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil
 from typing import Any, Literal
 
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import choice, positive, whole
 from signals.harmonics.bandwidth import MOST_POLES
-from signals.harmonics.blocks import block_length, fast, scattered_share
+from signals.harmonics.blocks import block_length, blurs, fast, scattered_share
 from signals.harmonics.exact import exact
 from signals.harmonics.inputs import all_finite, check_bandwidth, check_orders, check_phase_std, check_record
 from signals.harmonics.model import (
@@ -23,9 +24,12 @@ from signals.harmonics.model import (
     Method,
     Order,
     OrderTracks,
+    spread_std,
 )
 from signals.harmonics.separability import flag_outputs
 from signals.harmonics.settled import ripple, settled
+
+_Array = NDArray[Any]
 
 # With fewer samples a block, condensing them gains nothing.
 SHORTEST_BLOCK = 12
@@ -80,7 +84,8 @@ def track_orders(
     method : "exact" takes every sample in turn. "fast" condenses short blocks of samples for the smoother; the
         filter's gains it fixes once they have settled, which needs a record without gaps and a constant bandwidth.
         "reference" is exact, on filterpy, hundreds of times slower. "auto" takes exact where that is quick, where
-        blocks would be too short or short gaps break them up, else fast. The result says which.
+        blocks would be too short, short gaps break them up, or lines stay within half a bandwidth of each other, else
+        fast. The result says which.
     output_every : samples from one output to the next.
     coupled : False estimates every order on its own, as if there were no others.
     rtol : error that "fast" may make, as a part of the amplitude, for an envelope at the edge of the bandwidth.
@@ -142,7 +147,7 @@ def track_orders(
     ]
     place = np.argsort(np.argsort(pattern, kind="stable"))
 
-    def of_channels(parts: list[NDArray[Any]]) -> NDArray[Any]:
+    def of_channels(parts: list[_Array]) -> _Array:
         return parts[0] if len(parts) == 1 else np.concatenate(parts)[place]
 
     noises = [
@@ -156,19 +161,22 @@ def track_orders(
     mean_square = of_channels([estimate.innovation_mean_square for estimate in estimates])
     autocorrelation = of_channels([estimate.innovation_autocorrelation for estimate in estimates])
     counted = min(estimate.innovation_samples for estimate in estimates)
-    every = task.output_every
+    every, spacing = task.output_every, estimates[0].std_spacing
+    sample_index = np.arange(0, samples, every)
     flags, pairs = flag_outputs(model, np.logical_and.reduce(patterns), every=every, estimator=estimator)
     if phase_std is not None:
         turn = order_numbers[:, None] * phase_std[:, :: every if phase_std.shape[1] > 1 else 1]
+        std, spacing = spread_std(std, spacing, sample_index), None
         np.sqrt(std**2 + (turn * np.abs(amplitude)) ** 2 / 2, out=std)
     left, squared = _innovations(estimates, noises) if innovations else ([], [])
     one = np.ndim(x) == 1
     return OrderTracks(
         complex_amplitude=_squeeze(amplitude, one),
-        std=_squeeze(std, one),
+        settling_std=_squeeze(std, one),
+        std_spacing=spacing,
         flags=flags,
         unresolved=pairs,
-        sample_index=np.arange(0, samples, every),
+        sample_index=sample_index,
         orders=order_numbers,
         shafts=shafts,
         bandwidth=bandwidth.given,
@@ -199,6 +207,11 @@ class _Task:
     rtol: float
     noise_given: bool
     innovations: bool
+
+    @cached_property
+    def ripple(self) -> float:
+        """How far settled gains would be off."""
+        return ripple(self.model, self.model.phases[0].size)
 
 
 def _rtol(rtol: float) -> float:
@@ -267,7 +280,7 @@ def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[NDArra
             "by the fast smoother only; leave coupled out, or track one order a call."
         )
     whole = all(seen.all() for seen in patterns)
-    unsettled = _never_settles(task, whole=whole) if task.estimator == "filter" else ""
+    unsettled = _never_settles(task, whole=whole) if task.estimator == "filter" and method in ("auto", "fast") else ""
     if method == "fast" and unsettled:
         raise ValueError(f'method="fast" with estimator="filter": {unsettled}; use method="exact".')
     if task.innovations and method in ("fast", "reference"):
@@ -281,12 +294,12 @@ def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[NDArra
     if not task.coupled:
         return "fast"
     if task.estimator == "filter":
-        return "exact" if unsettled or ripple(model, samples) > task.rtol else "fast"
+        return "exact" if unsettled or task.ripple > task.rtol else "fast"
     # Measured: an output costs what five samples do, and every sample its share of the trigonometry.
     work = (samples + 5 * samples / task.output_every) * (1000 + model.order_of_column.size * model.state_size**2)
     length = block_length(model, samples, task.rtol)
     scattered = not whole and max(scattered_share(seen, length) for seen in patterns) > task.rtol
-    return "exact" if work <= EXACT_WORK or length < SHORTEST_BLOCK or scattered else "fast"
+    return "exact" if work <= EXACT_WORK or length < SHORTEST_BLOCK or scattered or blurs(model) else "fast"
 
 
 def _never_settles(task: _Task, *, whole: bool) -> str:
@@ -296,11 +309,10 @@ def _never_settles(task: _Task, *, whole: bool) -> str:
         return "samples are missing, which opens the covariance again"
     if model.bandwidth.shape[1] > 1:
         return "the bandwidth varies, and the gains with it"
-    moved = ripple(model, model.phases[0].size)
-    if moved > LARGEST_RIPPLE:
+    if task.ripple > LARGEST_RIPPLE:
         return (
-            f"orders come so close, to one another, to zero or to half of the rate, that gains vary by {moved:.2g} of "
-            f"themselves, above {LARGEST_RIPPLE:g}"
+            f"orders come so close, to one another, to zero or to half of the rate, that gains vary by "
+            f"{task.ripple:.2g} of themselves, above {LARGEST_RIPPLE:g}"
         )
     return ""
 
@@ -310,7 +322,7 @@ def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_]) -> Est
     startup = _startup(task, seen)
     try:
         if method == "fast" and task.estimator == "filter":
-            return settled(model, x, output_every=every, startup=startup)
+            return settled(model, x, output_every=every, startup=startup, error_bound=task.ripple)
         if method == "fast":
             return fast(
                 model,

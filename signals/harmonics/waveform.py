@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from signals.harmonics import _block_kernels
-from signals.harmonics._phasors import PhasorPlan
 from signals.harmonics.grid import pieces_between
 from signals.harmonics.inputs import check_orders, check_record
 from signals.harmonics.model import Floats, OrderTracks
@@ -50,9 +49,10 @@ def order_waveform(
         if amplitude.shape[-1] == 1:
             amplitude = np.repeat(amplitude, 2, axis=-1)
         pieces = pieces_between(amplitude, cubic=tracks.poles > 1)
-        plan = PhasorPlan.of(orders[chosen], shaft[chosen])
         for pieces_of_channel, wave in zip(pieces, waves, strict=True):
-            _block_kernels.remodulate(pieces_of_channel, every, np.stack(phases), plan.recipe, plan.row, 0, wave)
+            _block_kernels.remodulate(
+                pieces_of_channel, every, np.stack(phases), orders[chosen], shaft[chosen], 0, wave
+            )
     return waves if tracks.complex_amplitude.ndim == 3 else waves[0]  # noqa: PLR2004
 
 

@@ -234,6 +234,17 @@ class TestTwoEngines:
         assert np.min(split[:, 0]) < 2e-5  # some of it out of contact
         # kinks of the force: second order in the step, 2.5 us
         assert worst(split, fine) < 1e-5
+        soon = replace(problem, duration_s=0.01)
+        assert worst(run(soon, Splitting(), steps=8), run(soon, ScipySolver(relative=1e-10))) < 1e-5
+
+    def test_teeth_that_part_under_a_rectangle_against_exact_contacts(self):
+        system = pair(rectangle(), damping=np.diag([50.0, 0, 50, 0]), backlash_m=2e-5)
+        problem = driven(system, duration_s=0.2)
+        exact = run(problem, Transition())
+        assert np.min(exact[:, 0]) < 2e-5
+        errors = [worst(run(problem, Splitting(), steps=steps), exact) for steps in (4, 64)]
+        assert errors[1] < 1e-7
+        assert errors[1] < errors[0] / 16  # contacts cost two orders, and leave the second
 
     def test_a_run_up_through_resonances(self):
         ramp = ShaftAngle(times_s=np.array([0.0, 0.5]), speeds_hz=np.array([20.0, 900.0]))
@@ -260,6 +271,9 @@ class TestTwoEngines:
         system = replace(system, meshes=(replace(system.meshes[0], cycles_per_rev=36.0),))
         problem = driven(system, duration_s=0.2, drag=DRAG, turning=TiedTo(name="pinion rotation"))
         assert worst(run(problem, Splitting(), steps=8), run(problem, DormandPrince8(), steps=4)) < 1e-5
+        soon = replace(problem, duration_s=0.01)
+        # contacts within steps of 5 us
+        assert worst(run(soon, Splitting(), steps=4), run(soon, ScipySolver(relative=1e-10))) < 5e-6
 
     def test_gyroscopic_terms(self):
         spin = np.zeros((4, 4))
@@ -379,6 +393,32 @@ class TestRefusals:
         found = integrate(problem, method=Splitting(), output=output(4e3), tolerance=ONE)
         assert found.outcome is Outcome.UNSTABLE_STEP
 
+    @pytest.mark.parametrize("steps", [1, 2, 4])
+    def test_modes_that_no_step_resolves(self, steps):
+        # 2.4540e6 rad/s: 49.1, 24.5 and 12.3 rad, near 4, 4 and 2 turns a kick, so that half a step errs alike
+        problem = driven(pair(rectangle(), bearings=1e14, damping=GEAR_DRAG), duration_s=0.02)
+        found = integrate(problem, method=Splitting(), output=output(50e3), tolerance=Steps(per_sample=steps))
+        assert found.outcome is Outcome.UNRESOLVED_STEP
+        assert f"turns the mode at 2.454e+06 rad/s by {49.08 / steps:.3g} rad" in found.detail
+        assert "25 steps to a sample resolve the mode" in found.detail
+        with pytest.raises(IntegrationError, match=r"consists of it by 1: with .* of its RMS.*To do: take more steps"):
+            list(integrate_blocks(problem, method=Splitting(), output=output(50e3), tolerance=Steps(per_sample=steps)))
+
+    def test_steps_that_resolve_what_is_read_are_taken(self):
+        problem = driven(pair(rectangle(), bearings=1e14, damping=GEAR_DRAG), duration_s=0.02)
+        # from as many steps as it names on, the error of the fastest mode falls with the fourth power
+        errors = [worst(run(problem, Splitting(), steps=count), run(problem, Transition())) for count in (25, 50)]
+        assert errors[0] < 0.2
+        assert errors[1] < errors[0] / 12.8
+        asked = integrate(problem, method=Splitting(), output=output(50e3), tolerance=Accuracy(relative=1e-3))
+        assert worst(asked.checked().values, run(problem, Transition())) < 1e-3
+
+        def without_bearings(rate_hz):
+            return Output(rate_hz=rate_hz, displacement=output(1).displacement[:1])
+
+        slow = run(problem, Splitting(), read=without_bearings)  # q alone hears nothing of the bearings
+        assert worst(slow, run(problem, Transition(), read=without_bearings)) < 1e-6
+
     @pytest.mark.parametrize("method", [Splitting(), RungeKutta4(), DormandPrince8(), GeneralisedAlpha()])
     def test_steps_over_mesh_cycles(self, method):
         problem = driven(pair(ten_harmonics(), bearings=1e4), duration_s=0.1)
@@ -398,7 +438,7 @@ class TestRefusals:
     def test_what_transitions_cannot_do(self):
         system = pair(ten_harmonics(), backlash_m=1e-5, error=Wobble())
         problem = driven(system, duration_s=0.1, drag=DRAG)
-        with pytest.raises(ValueError, match=r"quadratic drag.*backlash.*transmission error.*not constant.*Splitting"):
+        with pytest.raises(ValueError, match=r"quadratic drag.*transmission error.*not constant.*Splitting"):
             run(problem, Transition())
 
     @pytest.mark.parametrize(

@@ -39,8 +39,9 @@ def test_scenes_fit_as_written_and_with_every_default_written_out(name, tmp_path
     assert list(VALIDATOR.iter_errors(tomllib.loads(SCENES[name]))) == []
     (tmp_path / "scene.toml").write_text(SCENES[name], encoding="utf-8")
     scene = tomllib.loads(load_scene(tmp_path / "scene.toml").to_toml())
-    name = tomllib.loads(SCENES[name])["gearbox"]
-    scene["gearbox"] = tomllib.loads(gearboxes()[name].read_text(encoding="utf-8"))  # by hand, in place of its fields
+    written = tomllib.loads(SCENES[name])["gearbox"]  # by hand, in place of its fields
+    by_name = isinstance(written, str)
+    scene["gearbox"] = tomllib.loads(gearboxes()[written].read_text(encoding="utf-8")) if by_name else written
     assert list(VALIDATOR.iter_errors(scene)) == []
 
 
@@ -60,6 +61,8 @@ def broken():
         (("sensor", 0, "units"), "m/s2"),
         (("tachometer", "pulses_per_rev"), 0),
         (("noize",), {"rms": 1}),
+        (("transfer",), [{"source": "output", "sensor": "input vertical", "units": "g"}]),
+        (("fault", 1, "five_dof"), {"load_n": 0}),
     ]:
         table = copy.deepcopy(scene)
         place = table

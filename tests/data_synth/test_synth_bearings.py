@@ -4,17 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from data_synth.bearings import (
-    LoadZone,
-    Slip,
-    bearing_strikes,
-    impact_revolutions,
-    passage_revolutions,
-    renewal_blocks,
-    stribeck_load,
-    with_entries,
-)
+from data_synth.bearings import bearing_strikes, passage_revolutions
+from data_synth.load_zone import LoadZone, stribeck_load
 from data_synth.scene import BearingFault
+from data_synth.slip import Slip, renewals
 from hums.orders import BearingOrders
 
 # 12 balls of 7.12 mm on 38.5 mm, 0 deg, inner ring turning: published per turn of the shaft
@@ -53,6 +46,12 @@ def strikes(kind, *, slip=None, zone=None, span=(0.0, 400.0), seed=0, **changes)
 
 def fault(**changes):
     return BearingFault(**{"kind": "inner_race", "component": "input bearing", "size_mm": 1.0, **changes})
+
+
+def impact_revolutions(*, order, fault, span_rev, rng):
+    knots, first = renewals(order=order, slip=fault, span_rev=span_rev, rng=rng)
+    assert first == -1
+    return knots[1:-1]
 
 
 def test_without_slip_impacts_are_evenly_spaced():
@@ -102,14 +101,6 @@ def test_lines_melt_as_renewal_theory_says(line, expected):
     # 1500 values of a chi-square with two degrees of freedom: 2.6 %, 4 of that. A train of 2000 is too short by
     # (expected / 2000) of itself for the line it resolves: 2 % at most
     assert np.mean(power) == pytest.approx(expected, rel=0.12)
-
-
-def test_blocks_are_the_whole_train_in_constant_memory():
-    whole = impact_revolutions(order=3.6, fault=Slip(), span_rev=(-1, 9000), rng=np.random.default_rng(5))
-    blocks = list(renewal_blocks(order=3.6, slip=Slip(), span_rev=(-1, 9000), rng=np.random.default_rng(5)))
-    assert np.array_equal(np.concatenate(blocks), whole)
-    assert max(block.size for block in blocks) <= 4096
-    assert np.all(np.diff(whole) > 0)
 
 
 @pytest.mark.parametrize(
@@ -186,12 +177,6 @@ def test_a_spall_is_passed_at_the_speed_of_the_contact():
     assert turned == pytest.approx(1e-3 / (math.pi * D * BSF), rel=2e-6)
     with pytest.raises(ValueError, match=r"keep it below 0.00821"):  # pi 38.5 / 2 (1 - 0.0342) / 7.1096 mm
         passage_revolutions("inner_race", rates=rates(), size_m=9e-3, pitch_diameter_m=PITCH, element_diameter_m=D)
-
-
-def test_each_impact_has_its_entry():
-    revolutions, weights = with_entries(np.array([1.0, 1.1]), np.array([1.0, 0.5]), passage_rev=0.02, entry_share=-0.3)
-    assert_allclose(revolutions, [0.98, 1, 1.08, 1.1], rtol=1e-14)
-    assert_allclose(weights, [-0.3, 1, -0.15, 0.5], rtol=1e-14)
 
 
 @pytest.mark.parametrize(

@@ -72,8 +72,9 @@ def test_the_command_explains_and_writes_nothing(synth, name, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     code, out, err = synth(name, "--explain")
     assert (code, err) == (0, "")
-    fidelity = load_scene(name).fidelity
-    assert out.startswith(f"two-stage, {fidelity}: 10 s of 1 channel(s) at 50000 Hz, 500000 samples each\n")
+    scene = load_scene(name)
+    what = f"10 s of 1 channel(s) at {scene.rate_hz:g} Hz, {scene.samples} samples each"
+    assert out.startswith(f"{scene.gearbox.name}, {scene.fidelity}: {what}\n")
     assert "on one core" in out
     assert not list(tmp_path.iterdir())
 

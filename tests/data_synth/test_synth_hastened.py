@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 import pytest
 
-from data_synth import SceneError, explain, load_scene
+from data_synth import SceneError, explain, load_scene, simulate
 from data_synth.hastened import factor_of, hastened
 from data_synth.room import free_memory_bytes, refuse_too_large
 from data_synth.simulation import random_stream
@@ -119,6 +119,17 @@ def test_the_limit_is_what_is_free(monkeypatch, tmp_path):
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 100_000_000}))
     with pytest.raises(SceneError, match=r"needs 0\.12 GB on the disk of"):
         refuse_too_large(scene, tmp_path / "a.h5")
+
+
+def test_simulate_refuses_what_the_command_refuses(monkeypatch):
+    with pytest.raises(SceneError, match=r"has 432000000000 samples of 1 row\(s\) and needs .* GB of memory, but"):
+        simulate(load_scene("demo").changed(duration_s=100 * DAY_S), seed=1)
+    scene = load_scene("gears-in-motion").changed(duration_s=300.0)  # 120 MB of samples, and as much for the gears
+    monkeypatch.setattr("data_synth.room.free_memory_bytes", lambda: 250_000_000)
+    with pytest.raises(SceneError, match=r"needs 0\.2[89]\d? GB of memory, but 0\.25 GB are free"):
+        simulate(scene, seed=1)
+    with pytest.raises(SceneError, match=r"samples of 14 row\(s\)"):  # 5 links and 4 rollers' and cages' angles too
+        simulate(scene, seed=1, phases=True, by_source=True)
 
 
 def test_free_memory_is_less_than_the_machine_has():

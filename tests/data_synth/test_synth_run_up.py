@@ -98,3 +98,13 @@ def test_a_load_that_changes_sides_bends_where_the_shaft_turns_back():
 def test_a_load_that_drives_is_refused_when_it_races_away():
     with pytest.raises(ValueError, match="races away after"):
         run_up(constant(1.0), load=LoadLaw(quadratic_nm_s2=-1.0), inertia_kg_m2=1.0, duration_s=3.0)  # tan t
+
+
+def test_a_day_at_top_speed_is_one_piece():
+    law = LoadLaw(quadratic_nm_s2=0.0075)
+    angle = run_up(constant(75.0), load=law, inertia_kg_m2=0.04, duration_s=86_400.0)
+    assert angle.times_s.size < 100
+    # the square root of 1e4 in rad/s, and the turns of the hyperbolic tangent: tau ln(2) less than at top speed
+    tau = 0.04 / 0.0075 / 100
+    assert float(angle.speed_hz(86_400.0)) * 2 * np.pi == pytest.approx(100, rel=1e-14)
+    assert float(angle.revolutions(86_400.0)) * 2 * np.pi == pytest.approx(100 * (86_400 - tau * np.log(2)), rel=1e-14)

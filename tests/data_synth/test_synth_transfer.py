@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
-from scipy.signal import StateSpace, lsim
 
+from data_synth.pole_filter import AHEAD, PoleFilter, step_weights
+from data_synth.sensors import Cascade, through
 from data_synth.transfer import MeasuredPath, ModalPath
 
 RATE = 20_000.0
@@ -44,61 +45,34 @@ def test_the_response_is_that_of_an_oscillator():
     assert path.impulse(-1e-9) == 0
 
 
+def test_what_is_sampled_passes_the_poles_as_the_response_says():
+    # a sum of sines below a fifth of the rate, long after its beginning
+    poles, residues = through(PATH, Cascade())
+    times, frequencies = np.arange(20_000) / RATE, np.array([200.0, 790.0, 1900.0, 3900.0])
+    force = np.cos(2 * np.pi * np.outer(times, frequencies)).sum(axis=1)
+    whole = PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=RATE).push(force)[AHEAD:]
+    expected = (np.exp(2j * np.pi * np.outer(times, frequencies)) @ PATH.response(frequencies)).real[:-AHEAD]
+    # 1e-4 up to a tenth of the rate, 5e-3 up to a fifth
+    assert_allclose(whole[8000:], expected[8000:], atol=3e-3 * np.max(np.abs(expected)))
+    running = PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=RATE)
+    parts = [running.push(block) for block in blocks(force, [1, 37, 4000])]
+    assert_allclose(np.concatenate(parts)[AHEAD:], whole, atol=1e-12 * np.max(np.abs(whole)))
+
+
+@pytest.mark.parametrize("pole", [-1e-9 + 3e-9j, -5e-5 + 8e-5j, -2e-3 + 5e-3j, -0.01 + 0.2j, -1.0 + 2.0j])
+def test_weights_of_a_step_keep_their_digits(pole):
+    late, early = step_weights(np.array([pole]))
+    # the integral of exp(p (1 - s)) s and (1 - s) over a step, by 20 points of Gauss
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    s, w = (nodes + 1) / 2, weights / 2
+    wave = np.exp(pole * (1 - s))
+    assert late[0] == pytest.approx(np.sum(w * wave * s), rel=1e-12)
+    assert early[0] == pytest.approx(np.sum(w * wave * (1 - s)), rel=1e-12)
+
+
 def blocks(data, sizes):
     edges = np.cumsum([0, *sizes, len(data)])
     return [data[a:b] for a, b in pairwise(edges) if a < len(data)]
-
-
-def test_a_sampled_force_is_linear_between_its_samples():
-    # lsim steps a state space of real matrices with the matrix exponential, linear between samples
-    force = np.random.default_rng(0).standard_normal(400)
-    dynamics, drive, read = [], [], []
-    for pole, residue in zip(PATH.poles, PATH.residues, strict=True):
-        dynamics.append(np.array([[pole.real, -pole.imag], [pole.imag, pole.real]]))
-        drive.append([1.0, 0.0])
-        read.append([2 * residue.real, -2 * residue.imag])
-    a = np.zeros((4, 4))
-    a[:2, :2], a[2:, 2:] = dynamics
-    system = StateSpace(a, np.concatenate(drive)[:, None], np.concatenate(read)[None], np.zeros((1, 1)))
-    expected = lsim(system, force, np.arange(400) / RATE)[1]
-    found = PATH.force_filter(rate_hz=RATE).push(force)
-    assert_allclose(found, expected, atol=1e-11 * np.max(np.abs(expected)))
-
-
-def test_slow_modes_keep_their_digits():
-    # a mode at a thousandth of a millionth of the rate, where the weights of the recursion would cancel: for a constant
-    # force its response is the integral of the impulse response
-    path = ModalPath(frequencies_hz=np.array([1e-5]), damping_ratios=np.array([0.5]), residues=np.array([1.0 + 0.3j]))
-    found = path.force_filter(rate_hz=1e4).push(np.ones(1000))
-    times = np.arange(1000) / 1e4
-    pole, residue = path.poles[0], path.residues[0]
-    assert_allclose(found, 2 * (residue * np.expm1(pole * times) / pole).real, rtol=1e-10, atol=1e-18)
-
-
-def test_blocks_of_any_size_make_one_record():
-    force = np.random.default_rng(1).standard_normal(1000)
-    whole = PATH.force_filter(rate_hz=RATE).push(force)
-    running = PATH.force_filter(rate_hz=RATE)
-    parts = [running.push(block) for block in blocks(force, [1, 0, 37, 400])]
-    assert_allclose(np.concatenate(parts), whole, atol=1e-12)
-
-
-def test_impacts_ring_from_their_very_instant():
-    struck = np.array([-0.004, -1e-5, 0.0, 0.0123456789, 0.0129, 0.02, 0.0499])
-    size = np.array([1.0, 2.0, -1.0, 0.5, 1.5, 4.0, 1.0])
-    times = np.arange(1000) / RATE
-    expected = sum(value * PATH.impulse(times - at) for at, value in zip(struck, size, strict=True))
-    whole = PATH.impact_filter(rate_hz=RATE).push(struck, size, samples=1000)
-    assert_allclose(whole, expected, atol=1e-11)
-    running, found = PATH.impact_filter(rate_hz=RATE), []
-    for start, stop in ((0, 10), (10, 260), (260, 1000)):
-        first = np.maximum(np.ceil(struck * RATE), 0)
-        now = (first >= start) & (first < stop)
-        found.append(running.push(struck[now], size[now], samples=stop - start))
-    assert_allclose(np.concatenate(found), expected, atol=1e-11)
-    assert np.all(np.abs(PATH.impulse([PATH.ring_seconds(), 2.0])) < 1e-11 * np.max(np.abs(PATH.impulse(times))))
-    with pytest.raises(ValueError, match="do not belong to the block"):
-        running.push([0.01], [1.0], samples=10)
 
 
 SMOOTH = ModalPath(
@@ -154,8 +128,7 @@ def test_nothing_lies_outside_of_what_was_measured():
     [
         (lambda: measured().fir(rate_hz=RATE, taps=20), "taps = 20 leave out"),
         (lambda: measured().fir(rate_hz=RATE, taps=1), "taps = 1"),
-        (lambda: PATH.force_filter(rate_hz=RATE).push([1.0, np.nan]), "never forget"),
-        (lambda: PATH.impact_filter(rate_hz=RATE).push([np.nan], [1.0], samples=3), "never forget"),
+        (lambda: measured(path=SMOOTH).fir(rate_hz=RATE, taps=2048).filter().push([1.0, np.nan]), "never forget"),
         (lambda: MeasuredPath(frequencies_hz=np.array([1.0, 0.5]), values=np.ones(2)), "has to rise"),
         (lambda: MeasuredPath(frequencies_hz=np.array([1.0, 2.0]), values=np.array([1, np.nan])), "NaN"),
         (lambda: MeasuredPath(frequencies_hz=np.ones(1), values=np.ones(1)), "give two alike"),

@@ -135,9 +135,73 @@ def test_gaps_in_step_with_a_shaft_are_owned_up_to():
     }
     truth = np.array([1.2, 0.0, 0.5, 0.0])[:, None]
     fast = track_orders(x, **settings, method="fast")
-    off = np.abs(np.abs(fast.complex_amplitude) - truth).max()
-    assert 1e-3 * 1.2 < off < fast.error_bound * 1.2
+    assert fast.error_bound > 0.05  # the share of samples that are missing; what others leave there is taken out
+    assert np.abs(np.abs(fast.complex_amplitude) - truth).max() < 2e-3 < fast.error_bound * 1.2
     auto = track_orders(x, **settings)
     assert auto.method == "exact"
     # The noise decides with the waveform what is clipped, which biases amplitudes by a part of its 0.02.
-    assert np.abs(np.abs(auto.complex_amplitude) - truth).max() < 2e-3 < off / 2
+    assert np.abs(np.abs(auto.complex_amplitude) - truth).max() < 2e-3
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_lines_that_leak_at_ends_and_at_a_step_of_the_speed_stay_within_the_bound(poles, seed):
+    """Ten slow lines within a few bandwidths of one another, each too weak a leak to be coupled, all together not."""
+    rng = np.random.default_rng(seed)
+    speed = rng.uniform(0.005, 0.02)
+    step = rng.choice([-0.6, -0.3, 0.3, 0.6, 1.0, 1.8]) * speed
+    at = int(rng.uniform(40_000, 60_000))
+    bandwidth = 10 ** rng.uniform(-3.9, -3.5)
+    n = np.arange(100_000)
+    phase = speed * n + step * np.maximum(n - at, 0)
+    orders = np.array([1, 2, 3, 4.6, 7.1, 12.3, 20, 27, 36, 54])
+    size = rng.uniform(0.3, 1, 10)
+    x = np.sum(size[:, None] * np.cos(orders[:, None] * phase + rng.uniform(0, 6, (10, 1))), axis=0)
+    settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": bandwidth, "rate_hz": 1.0, "poles": poles}
+    tracks = track_orders(x, **settings, method="fast", noise_variance=0.01, output_every=100)
+    off = np.abs(np.abs(tracks.complex_amplitude) - size[:, None])
+    # Amplitudes that stand still are found by the exact smoother to the part of its prior, 1e-6.
+    assert off.max() < tracks.error_bound * size.max() < 5e-3
+
+
+@pytest.mark.parametrize("several", [2, 3])
+def test_whole_orders_are_those_tracked_alone_where_they_leak_nothing(several):
+    rng = np.random.default_rng(4)
+    phase = 2 * np.pi / 512 * np.arange(120_000)
+    orders = np.arange(1, 20 * several)
+    x = np.sum(np.cos(orders[:, None] * phase + orders[:, None]), axis=0) + rng.standard_normal(phase.size)
+    settings = {"phase_rad": phase, "bandwidth_orders": 0.05, "samples_per_rev": 512, "poles": 2, "output_every": 500}
+    together = track_orders(x, orders=orders, method="fast", **settings)
+    alone = track_orders(x, orders=orders[[0, 7]], method="fast", **settings)
+    middle = slice(60, -60)
+    difference = np.abs(together.complex_amplitude[[0, 7]] - alone.complex_amplitude)[:, middle]
+    # The others are untracked in the second: what the smoother lets through, 1/(1 + 0.41 * 40^4), of each of them.
+    assert difference.max() < 1e-4
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("orders", [[1, 1, 2.3], [0, 1, 0, 1, 1]])
+def test_orders_that_are_one_and_the_same_share_their_sum(poles, orders):
+    n = np.arange(30_000)
+    phase = 0.3 * n
+    x = 0.4 + np.cos(phase + 1) + 0.7 * np.cos(2.3 * phase) + 0.1 * np.random.default_rng(0).standard_normal(n.size)
+    settings = {"phase_rad": phase, "bandwidth_hz": 4e-4, "rate_hz": 1.0, "poles": poles, "noise_variance": 0.01}
+    exact, fast = (track_orders(x, orders=orders, method=m, output_every=50, **settings) for m in ("exact", "fast"))
+    assert np.isfinite(fast.error_bound)
+    sums = [[np.sum(t.complex_amplitude[np.equal(orders, o)], axis=0) for o in set(orders)] for t in (exact, fast)]
+    # The sum is as sure as if it were alone: to some hundredths of 0.003; of its parts nothing is known but a prior,
+    # which grows faster in a walk from knot to knot than from sample to sample while both are in their first steps.
+    assert np.abs(np.subtract(*sums)).max() < 2e-3
+    assert_allclose(fast.std, exact.std, rtol={1: 1e-3, 2: 0.02, 3: 0.06, 4: 0.15}[poles])
+
+
+@pytest.mark.parametrize(("poles", "method"), [(1, "fast"), (2, "exact"), (4, "exact")])
+def test_lines_within_half_a_bandwidth_of_each_other_are_left_to_the_exact_method(poles, method, monkeypatch):
+    monkeypatch.setattr(tracker, "EXACT_WORK", 0)
+    n = np.arange(30_000)
+    phase, bandwidth = 0.3 * n, 3e-4
+    orders = [1, 1 + 0.2 * bandwidth * 2 * np.pi / 0.3]
+    x = np.cos(phase + 1) + 0.1 * np.random.default_rng(0).standard_normal(n.size)
+    settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": bandwidth, "rate_hz": 1.0, "poles": poles}
+    assert track_orders(x, **settings).method == method
+    assert np.isfinite(track_orders(x, **settings, method="fast").error_bound) == (method == "fast")

@@ -205,7 +205,7 @@ def test_silence_is_silence():
 def test_fields_are_labelled():
     x, phase = tone(900)
     tracks = track_orders(x, phase_rad=phase, orders=[3, 1], bandwidth_hz=0.01, rate_hz=1.0, output_every=100)
-    sizes = {"order": 2, "output": 9, "lag": 20}
+    sizes = {"order": 2, "output": 9, "settling": 9, "lag": 20}
     for field in fields(OrderTracks):
         value = getattr(tracks, field.name)
         if isinstance(value, np.ndarray):

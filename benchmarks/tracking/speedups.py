@@ -1,0 +1,57 @@
+"""The causal one-pole filters against those of other packages, sample by sample."""
+
+from collections.abc import Sequence
+from functools import partial
+
+from jobs import Job, JobName, standard_job
+
+from tracking.clock import Effort, seconds_a_call
+from tracking.measuring import Row, only
+from tracking.tables import table
+from tracking.targets import Target, difference
+
+NEEDED = {"filterpy": 300, "statsmodels": 60}  # times as fast
+JOBS: tuple[JobName, ...] = ("J1 run-up", "J3 angle")
+
+
+def speedups(rows: Sequence[Row], effort: Effort) -> tuple[list[str], list[Target]]:
+    """Compare seconds a sample: on the same excerpt, and, ours, on the whole record, as it is used.
+
+    A slow package's time grows with the samples; a record of ours has to start up, which an excerpt makes much of.
+    """
+    lines, found = [], []
+    for name in JOBS:
+        excerpt = standard_job(name, samples=effort.excerpt)
+        mine = only(rows, name, kind="filter", poles=1, outputs="all")
+        for theirs in (row for row in rows if row.job.name == name and row.setting.label in NEEDED):
+            alike = [_on_excerpt(excerpt, theirs, row, effort) for row in mine]
+            whole = [theirs.time / row.time for row in mine]
+            for row, ratio, full in zip(mine, alike, whole, strict=True):
+                apart = difference(excerpt, row.setting.run, theirs.setting.run, row.bandwidth)
+                compared = f"{ratio:.3g}", f"{full:.3g}", f"{apart:.1e}"
+                lines.append((name, theirs.setting.label, row.setting.method, *compared))
+            if mine:
+                found += _targets(theirs, max(alike), max(whole), excerpt.samples)
+    both = f"both on {effort.excerpt:,} samples"
+    head = ("job", "peer", "our method", both, f"ours on the whole record, theirs on {effort.excerpt:,}", "difference")
+    return table(head, lines), found
+
+
+def _on_excerpt(job: Job, theirs: Row, mine: Row, effort: Effort) -> float:
+    """How many times as fast ours is on one and the same record."""
+    slow, quick = (seconds_a_call(partial(row.setting.run, job, mine.bandwidth), effort) for row in (theirs, mine))
+    return slow / quick
+
+
+def _targets(theirs: Row, alike: float, whole: float, samples: int) -> list[Target]:
+    peer = theirs.setting.label
+    what = f"{theirs.job.name[:2]} causal, 1 pole, time a sample against {peer}"
+    cases = (
+        (f"{what}: both on {samples:,}", alike),
+        (f"{what}: ours on all {theirs.job.samples:,}, {peer} on {samples:,}", whole),
+    )
+    needed = NEEDED[peer]
+    return [
+        Target(what=what, needed=f"{needed} times as fast", measured=f"{x:.3g} times as fast", passed=x >= needed)
+        for what, x in cases
+    ]

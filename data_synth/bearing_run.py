@@ -1,0 +1,104 @@
+"""A bearing of a scene that moves: driven by the scene, rolling as its strikes say, in blocks of constant memory."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from data_synth.bearing_dynamics import BearingModel, move_bearing
+from data_synth.bearing_faults import bearing_fault, bearing_model, pressing_n, settle_s, zone_order
+from data_synth.bearings import BearingStrikes
+from data_synth.faults import ImpactTrain
+from data_synth.profile import Array
+from data_synth.scene import SceneError
+from data_synth.stage import Stage
+
+_PER_RADIAN = 2.5  # steps to a radian of the fastest motion: the classical method then loses 1e-5 of it in a step
+_BLOCK = 16384  # steps of which all is kept at once
+_GROWS_S = 0.01  # how often a growing spall grows
+_DOWN = 0.25  # of a turn
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunningBearing:
+    """A bearing ready to run.
+
+    Attributes
+    ----------
+    stage : Stage
+    number : int
+        Of its fault, from 0.
+    strikes : BearingStrikes
+    per_sample : int
+        Steps of time to a sample of the channels.
+    early : int
+        Steps before time zero, in which its start from rest dies away.
+    """
+
+    stage: Stage
+    number: int
+    strikes: BearingStrikes
+    per_sample: int
+    early: int
+
+    def blocks(self, *, steps: int) -> Iterator[dict[str, Array]]:
+        """Yield what the pedestal tells, from `early` steps before time zero, `steps` in all.
+
+        ``acceleration`` (n,) of its resonator, upwards in m s-2; ``force`` (n,) of the elements on it, upwards in N.
+
+        Raises
+        ------
+        SceneError
+            A motion that the steps cannot follow.
+        """
+        scene, state = self.stage.scene, None
+        step_s = 1 / (self.per_sample * scene.rate_hz)
+        fault, size = bearing_fault(scene, self.number), self.stage.sizes[self.number]
+        grows = math.ceil(_GROWS_S / step_s) if fault.growth is not None else _BLOCK
+        for begin in range(-self.early, steps - self.early, block := min(grows, _BLOCK)):
+            count = min(block, steps - self.early - begin)
+            middle_s = max((begin + count / 2) * step_s, 0.0)
+            model = bearing_model(scene, fault, size_mm=fault.size_mm * float(size.size(middle_s)))
+            cage, spot, load_n = self._driven((begin + np.arange(2 * count + 1) / 2) * step_s)
+            try:
+                motion = move_bearing(
+                    model, cage_turns=cage, spot_turns=spot, load_n=load_n, step_s=step_s, state=state
+                )
+            except ValueError as caught:
+                raise SceneError(
+                    f"fault {self.number + 1}: the bearing cannot be followed in time: {caught}."
+                ) from None
+            state, shaft = motion.state, model.shaft
+            force = load_n[1, :-1:2] - shaft.mass_kg * motion.acceleration_m_s2[:-1, 1]
+            force -= shaft.damping_n_s_m * motion.velocity_m_s[:-1, 1]
+            force -= shaft.stiffness_n_m * motion.displacement_m[:-1, 1]
+            yield {"acceleration": np.ascontiguousarray(motion.acceleration_m_s2[:-1, 4]), "force": force}
+
+    def _driven(self, times_s: Array) -> tuple[Array, Array, Array]:
+        """Return turns of cage and spot (n,), and the load in N (2, n)."""
+        stage, rolling = self.stage, self.strikes.rolling
+        fault = bearing_fault(stage.scene, self.number)
+        times = np.clip(times_s, stage.drive.start_s, stage.scene.duration_s)
+        revolutions = stage.drive.angle.revolutions(times)
+        on_element = fault.kind == "rolling_element"
+        spot = rolling.passed(revolutions) / 2 if on_element else rolling.spot_turns(revolutions) - _DOWN
+        zone = zone_order(stage.scene, fault) * revolutions - _DOWN
+        load_n = pressing_n(fault, load=stage.drive.load(times), turns=zone)
+        return rolling.cage_turns(revolutions) - _DOWN, spot, load_n
+
+
+def bearing_of(stage: Stage, number: int, train: ImpactTrain) -> RunningBearing:
+    """Return the bearing of fault `number` (from 0), which is struck as `train` says, at rest."""
+    scene = stage.scene
+    fault = bearing_fault(scene, number)
+    assert fault.five_dof is not None and train.strikes is not None  # noqa: S101, PT018 - only such bearings run
+    model = bearing_model(scene, fault, size_mm=fault.size_mm)
+    steps = steps_per_sample(model, force_n=fault.five_dof.load_n, rate_hz=scene.rate_hz)
+    early = math.ceil(settle_s(scene, fault) * scene.rate_hz) * steps
+    return RunningBearing(stage=stage, number=number, strikes=train.strikes, per_sample=steps, early=early)
+
+
+def steps_per_sample(model: BearingModel, *, force_n: float, rate_hz: float) -> int:
+    """Return how many steps to a sample follow a bearing under a load."""
+    return max(2, math.ceil(_PER_RADIAN * model.highest_rad_s(force_n) / rate_hz))

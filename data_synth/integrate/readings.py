@@ -1,0 +1,133 @@
+"""What is read of a motion at each sample, and the channels that come of it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from data_synth.integrate.assembled import Assembled
+from data_synth.integrate.problem import Array, Output
+
+
+@dataclass(frozen=True, kw_only=True)
+class Readings:
+    """What a stepper reads from x at each sample, and how readings become the channels asked for.
+
+    ``rows`` (readings, 2 n) and ``constant`` (readings,): the channels' linear part, then, where accelerations or
+    mesh forces are asked for, the deflections, the dragged velocities and the tied angle.
+    """
+
+    assembled: Assembled
+    output: Output
+    rows: Array
+    constant: Array
+    forces: Array
+    accelerations: Array
+
+    @classmethod
+    def of(cls, assembled: Assembled, output: Output) -> "Readings":
+        """Prepare the rows."""
+        modes, size, channels = assembled.flow.modes, assembled.size, output.channels
+        for name, given in output.maps.items():
+            width = assembled.backlashes.size if name.endswith("mesh_force") else size
+            if given.shape != (channels, width) or not np.all(np.isfinite(given)):
+                raise ValueError(f"output.{name} must be finite ({channels}, {width}); its shape is {given.shape}.")
+        rows, constant = np.zeros((channels, 2 * size)), np.zeros(channels)
+        accelerations = np.zeros((channels, size))
+        if output.displacement is not None:
+            rows += assembled.displacement_rows(modes.rows(output.displacement))
+        if output.velocity is not None:
+            rows += assembled.velocity_rows(output.velocity @ modes.shapes)
+        if output.acceleration is not None:
+            accelerations = output.acceleration @ modes.shapes
+            rows += accelerations @ assembled.flow.generator[size:]
+            constant += accelerations @ assembled.flow.drive[size:]
+        hats, forces = output.hat_mesh_force is not None, np.zeros((channels, assembled.backlashes.size))
+        if output.mesh_force is not None and not hats:  # with hats, a stepper reads forces at samples as well
+            forces = output.mesh_force
+        if output.acceleration is not None or forces.any():
+            further = [
+                assembled.displacement_rows(assembled.deflections),
+                assembled.velocity_rows(assembled.drags),
+                assembled.displacement_rows(assembled.tied.reshape(-1, size)),
+            ]
+            rows = np.vstack([rows, *further])
+        constant = np.concatenate([constant, np.zeros(rows.shape[0] - channels)])
+        return cls(
+            assembled=assembled,
+            output=output,
+            rows=np.ascontiguousarray(rows),
+            constant=constant,
+            forces=forces,
+            accelerations=accelerations,
+        )
+
+    def shares(self) -> Array:
+        """Return how much of each reading (readings, modes) every mode is, where a mesh force jumps: norms are one."""
+        a = self.assembled
+        pushed = np.max(np.abs(a.equations.pushes), axis=1, initial=0.0)
+        # a mode that a jump sets off swings by the same in w y and in y'
+        swing = np.where(a.flow.modes.frequencies > 0, pushed / a.flow.modes.scales, 0.0)
+        reach = np.hypot(self.rows[:, : a.size], self.rows[:, a.size :]) * swing
+        whole = np.linalg.norm(reach, axis=1, keepdims=True)
+        return np.asarray(reach / np.where(whole > 0, whole, 1.0))
+
+    def at(self, x: Array, time_s: float) -> Array:
+        """Return the readings (1, readings) of a state."""
+        read = (self.rows @ x + self.constant)[None]
+        if self.output.hat_mesh_force is None:
+            return np.asarray(read)
+        a = self.assembled
+        deflections = x[: a.size] @ a.equations.seen[:, : a.backlashes.size]
+        now = np.array([time_s])
+        turns = a.tied @ (x[: a.size] / a.flow.modes.scales) if a.tied.size else a.revolutions(now)
+        felt = _mesh_forces(a, deflections[None], np.atleast_1d(turns), now)
+        return np.hstack([read, felt, felt])
+
+    def channels(self, readings: Array, times_s: Array) -> Array:
+        """Return the channels (times, channels) of readings (times, readings)."""
+        hats, forces = self.output.hat_mesh_force, self.output.mesh_force
+        if hats is None:
+            return self._values(readings, times_s)
+        count, meshes = self.rows.shape[0], self.assembled.backlashes.size
+        values = self._values(readings[:, :count], times_s) + readings[:, count : count + meshes] @ hats.T
+        return np.asarray(values if forces is None else values + readings[:, count + meshes :] @ forces.T)
+
+    def _values(self, readings: Array, times_s: Array) -> Array:
+        """Return the channels without what a stepper reads of mesh forces."""
+        count = self.output.channels
+        if readings.shape[1] == count:
+            return readings
+        a = self.assembled
+        meshes, drags = a.backlashes.size, a.drag_factors.size
+        values, deflections = readings[:, :count].copy(), readings[:, count : count + meshes]
+        speeds = readings[:, count + meshes : count + meshes + drags]
+        revolutions = readings[:, -1] if a.tied.size else a.revolutions(times_s)
+        force = _mesh_forces(a, deflections, revolutions, times_s)
+        extra = force - a.means * deflections
+        values += force @ self.forces.T - extra @ (self.accelerations @ a.deflections.T).T
+        if a.rubs_in.size:
+            values += _rubbing_forces(a, force, revolutions) @ (self.accelerations @ a.rubbing.T).T
+        values -= (a.drag_factors * speeds * np.abs(speeds)) @ (self.accelerations @ a.drags.T).T
+        loads = a.loads(times_s)
+        return np.asarray(values + loads @ self.accelerations.T if loads.size else values)
+
+
+def _mesh_forces(a: Assembled, deflections: Array, revolutions: Array, times_s: Array) -> Array:
+    """Return ``k f(delta - e)`` (times, meshes)."""
+    forces = np.empty_like(deflections)
+    for number, mesh in enumerate(a.problem.system.meshes):
+        phase = mesh.cycles_per_rev * revolutions
+        stiffness, error = mesh.teeth_at(phase, times_s)
+        pressed = deflections[:, number] - error
+        apart = pressed - np.clip(pressed, -mesh.backlash_m, mesh.backlash_m)
+        forces[:, number] = stiffness * apart
+    return forces
+
+
+def _rubbing_forces(a: Assembled, forces: Array, revolutions: Array) -> Array:
+    """Return what rubs (times, rubbing), of mesh forces (times, meshes)."""
+    columns = []
+    for number, mesh in enumerate(a.problem.system.meshes):
+        driving = np.maximum(forces[:, number], 0.0) if mesh.backlash_m > 0 else forces[:, number]
+        columns += [driving * rub.share(mesh.cycles_per_rev * revolutions) for rub in mesh.friction]
+    return np.stack(columns, axis=1)

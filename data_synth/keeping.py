@@ -1,0 +1,153 @@
+"""Which motions of a gearbox are simulated, and what those that are left out do instead.
+
+A motion that is left out rests or, where a carrier holds the body, follows the carrier as if its bearing were rigid: so
+a planet that only turns rides on its carrier.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from data_synth.assembly import Assembly
+from data_synth.mechanics import Array, Coordinates, Mesh, Spring, System
+
+LEVELS = ("torsional", "lateral", "full")
+_ACROSS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_UPRIGHT = 1 - 1e-9
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kept:
+    """The motions that are simulated.
+
+    Attributes
+    ----------
+    system : System
+        Of these motions alone. What a turning frame adds to its stiffness, ``(Omega / omega)^2`` of it, is left out,
+        for it would let what turns freely run away; its gyroscopic terms are in it.
+    numbers : (k,) array
+        Their numbers among all motions.
+    follow : (dof, dof) array
+        How all motions follow each of them, those that rest included.
+    """
+
+    system: System
+    numbers: Array = field(repr=False)
+    follow: Array = field(repr=False)
+
+    @property
+    def moving(self) -> Array:
+        """How all motions follow those that are simulated, (dof, k)."""
+        return np.asarray(self.follow[:, self.numbers])
+
+
+def kept_of(whole: Assembly, levels: Mapping[str, str]) -> Kept:
+    """Return the motions of a gearbox at these levels.
+
+    Parameters
+    ----------
+    whole : Assembly
+        In the plane, or in space.
+    levels : mapping of mesh to "torsional", "lateral" or "full"
+        A body has the motions of the highest of its meshes, a carrier those of its planets. Where axes cross, lateral
+        motion is that along all three directions, and full motion tilts as well.
+    """
+    at = whole.at
+    follow, numbers = np.eye(len(at.names)), []
+    highest = _highest(whole, levels)
+    crossed = any(abs(body.axis[2]) < _UPRIGHT for body in whole.bodies)
+    lateral = ("x", "y", "z", "rotation") if crossed else ("x", "y", "rotation")
+    kept = {"torsional": ("rotation",), "lateral": lateral, "full": None}
+    for name in _holders_first(whole):
+        body, holder = at.bodies[name], _holder(whole, name)
+        motions = kept[LEVELS[highest.get(name, 0)]]
+        for motion in body.motions:
+            number = at.index[name, motion]
+            if motions is None or motion in motions:
+                numbers.append(number)
+            elif holder is not None:
+                row = _follows(at, name, motion, holder)
+                follow[number] = row @ follow
+    chosen = np.unique(numbers)
+    return Kept(system=_reduced(whole, follow[:, chosen], chosen), numbers=chosen, follow=follow)
+
+
+def _highest(whole: Assembly, levels: Mapping[str, str]) -> dict[str, int]:
+    """Return the number of the highest level of each body, or piece of one."""
+    parts = whole.parts
+    found: dict[str, int] = {}
+    for contact in parts.contacts:
+        for link in contact.links:
+            body = parts.body(link)
+            joint = parts.kinematics.joints.get(body)
+            pieces = [parts.piece(body, contact.carrier)]
+            if joint is not None and joint.carried_by == contact.carrier != parts.frame:
+                pieces.append(parts.piece(contact.carrier, contact.carrier))
+            for name in pieces:
+                found[name] = max(found.get(name, 0), LEVELS.index(levels[contact.mesh]))
+    return found
+
+
+def _holder(whole: Assembly, name: str) -> str | None:
+    """Return the body, or its piece, that holds a body; None where that is the frame."""
+    joint = whole.parts.kinematics.joints.get(name)
+    if joint is None or joint.carried_by == whole.parts.frame:
+        return None
+    return whole.parts.piece(joint.carried_by, joint.carried_by)
+
+
+def _holders_first(whole: Assembly) -> list[str]:
+    waiting, found = [body.name for body in whole.bodies], list[str]()
+    while waiting:
+        ready = [name for name in waiting if (holder := _holder(whole, name)) is None or holder in found]
+        found += ready
+        waiting = [name for name in waiting if name not in ready]
+    return found
+
+
+def _follows(at: Coordinates, name: str, motion: str, holder: str) -> Array:
+    """Return the row (dof,) by which a motion of a body follows the one that holds it."""
+    body = at.bodies[name]
+    if motion in _ACROSS:
+        return at.point(holder, body.centre_m, _ACROSS[motion])
+    return at.turn(holder, body.turning(motion))
+
+
+def _reduced(whole: Assembly, moving: Array, chosen: Array) -> System:
+    system = whole.system
+    plain = np.array_equal(moving, np.eye(len(system.names))[:, chosen])
+
+    def square(matrix: Array) -> Array:
+        if plain:
+            return np.asarray(matrix[np.ix_(chosen, chosen)])
+        return np.asarray(moving.T @ matrix @ moving)
+
+    def row(direction: Array) -> Array:
+        found = direction @ moving
+        return np.asarray(np.where(np.abs(found) > _ROUNDING * np.max(np.abs(direction)), found, 0.0))
+
+    mass = square(system.mass)
+    springs = tuple(replace(spring, direction=row(spring.direction)) for spring in whole.springs)
+    springs = tuple(spring for spring in springs if spring.direction.any())
+    gyroscopic = np.zeros(mass.shape) if system.gyroscopic is None else square(system.gyroscopic)
+    gyroscopic = (gyroscopic - gyroscopic.T) / 2
+    size = chosen.size
+    return System(
+        mass=(mass + mass.T) / 2,
+        damping=_sum(size, [(spring.damping, spring) for spring in springs]),
+        stiffness=_sum(size, [(spring.stiffness, spring) for spring in springs]),
+        gyroscopic=gyroscopic if gyroscopic.any() else None,
+        meshes=tuple(replace(mesh, direction=row(mesh.direction)) for mesh in system.meshes),
+        names=tuple(system.names[number] for number in chosen),
+        springs=springs,
+    )
+
+
+def _sum(size: int, pairs: list[tuple[float, Spring | Mesh]]) -> Array:
+    """Return the sum of ``constant g g'``, (size, size)."""
+    total = np.zeros((size, size))
+    for constant, joined in pairs:
+        total += constant * np.outer(joined.direction, joined.direction)
+    return total

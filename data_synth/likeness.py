@@ -1,0 +1,75 @@
+"""How far cheaper motions are from the full one, as far as linear responses tell it: in a moment, without a run."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from data_synth.combs import ComplexArray
+from data_synth.mesh_response import Response, ToothForces
+from data_synth.profile import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Likeness:
+    """Powers in the channels, (sensor,) in squares of their units, means over some instants of the truth.
+
+    Attributes
+    ----------
+    whole : Response
+        That of the full motion.
+    forces : mapping of mesh to ToothForces
+    instants : tuple of int
+    """
+
+    whole: Response
+    forces: Mapping[str, ToothForces] = field(repr=False)
+    instants: tuple[int, ...]
+
+    @cached_property
+    def loudness(self) -> dict[str, Array]:
+        """What each mesh puts into the channels."""
+        return {name: self._power(name, lambda heard, _force, _instant: heard) for name in self.forces}
+
+    @cached_property
+    def multiplied(self) -> dict[str, Array]:
+        """What lines of the linear response leave out: the vibration of each mesh, multiplied by its own stiffness."""
+        return {name: self._power(name, self._left_over) for name in self.forces}
+
+    @property
+    def total(self) -> Array:
+        """What all meshes put into the channels."""
+        return np.asarray(np.sum([*self.loudness.values()], axis=0))
+
+    @property
+    def linear(self) -> bool:
+        """Whether nothing multiplies vibration: constant stiffnesses, and no gap."""
+        constant = all(np.ptp(force.stiffness) <= 1e-12 * np.max(force.stiffness) for force in self.forces.values())
+        return constant and all(mesh.backlash_m == 0 for mesh in self.whole.motion.system.meshes)
+
+    def unlike(self, name: str, other: Response) -> Array:
+        """Return what the lines of a mesh differ by from those of another motion."""
+        number = other.number(name)
+
+        def difference(heard: ComplexArray, force: ToothForces, instant: int) -> ComplexArray:
+            return other.channels(number, self._frequencies_hz(force, instant)) * force.at(instant) - heard
+
+        return self._power(name, difference)
+
+    def _left_over(self, _heard: ComplexArray, force: ToothForces, instant: int) -> ComplexArray:
+        number, frequencies = self.whole.number(force.mesh), self._frequencies_hz(force, instant)
+        deflection = self.whole.deflection(number, frequencies) * force.at(instant)
+        lacking = force.left_over(deflection, instant, mean=float(self.whole.means[number]))
+        return self.whole.channels(number, frequencies) * lacking
+
+    def _power(self, name: str, lines: Callable[[ComplexArray, ToothForces, int], ComplexArray]) -> Array:
+        force, number = self.forces[name], self.whole.number(name)
+        powers = []
+        for instant in self.instants:
+            heard = self.whole.channels(number, self._frequencies_hz(force, instant)) * force.at(instant)
+            powers.append(np.sum(np.abs(lines(heard, force, instant)) ** 2, axis=1) / 2)
+        return np.asarray(np.mean(powers, axis=0))
+
+    def _frequencies_hz(self, force: ToothForces, instant: int) -> Array:
+        return np.asarray(force.orders * self.whole.motion.stage.speed_hz[instant])

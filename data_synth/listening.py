@@ -1,0 +1,181 @@
+"""By which ways sensors hear gears that vibrate: through the housing, or by declared ways from single links.
+
+A declared way starts from all that holds a link, along the direction of its sensor; the housing then passes the rest.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from data_synth.assembly import Assembly
+from data_synth.chain import Sensor
+from data_synth.combs import ComplexArray
+from data_synth.housing import Housing
+from data_synth.impacts import measured_filter
+from data_synth.meshing import declared_of
+from data_synth.pole_filter import AHEAD, PoleFilter
+from data_synth.profile import Array
+from data_synth.scene import Scene, SceneError
+from data_synth.sensors import linear_chain, through
+from data_synth.transfer import FirPath, MeasuredPath
+from data_synth.ways import Way, ways_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Listener:
+    """A way by which a sensor hears gears.
+
+    Attributes
+    ----------
+    number : int
+        Of the sensor.
+    source : str or None
+        The link or bearing it comes from; None for the housing, which passes all that have no way of their own.
+    """
+
+    number: int
+    source: str | None = None
+    way: Way | None = field(default=None, repr=False)
+
+    def response(self, scene: Scene, frequency_hz: Array) -> ComplexArray:
+        """Return Z in the channel for 1 N at frequencies, any shape."""
+        sensor = scene.sensors[self.number]
+        if self.way is None:
+            return self._housing(scene, sensor, scene.rate_hz).response(frequency_hz)
+        return np.asarray(self.way.response(frequency_hz) * linear_chain(sensor).response(frequency_hz))
+
+    def at_work(self, scene: Scene, *, rate_hz: float) -> "Hearing":
+        """Return the way at rest, for a force at `rate_hz`."""
+        sensor = scene.sensors[self.number]
+        if isinstance(self.way, MeasuredPath):
+            fir = measured_filter(self.way, linear_chain(sensor), rate_hz=rate_hz, sensor=sensor)
+            return Hearing(push=_Settled(fir).push, lag=round(fir.delay_s * rate_hz))
+        if self.way is None:
+            return Hearing(push=self._housing(scene, sensor, rate_hz).push, lag=AHEAD)
+        poles, residues = through(self.way, linear_chain(sensor), sensor=sensor.name)
+        return Hearing(push=PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=rate_hz).push, lag=AHEAD)
+
+    def _housing(self, scene: Scene, sensor: Sensor, rate_hz: float) -> Housing:
+        declared = declared_of(scene)
+        return Housing(
+            mass_kg=declared.housing_kg, mounts=declared.mounts, path=scene.path, sensor=sensor, rate_hz=rate_hz
+        )
+
+
+@dataclass(kw_only=True)
+class Hearing:
+    """A way at work, which may wait for one that lags more."""
+
+    push: Callable[..., Array]
+    lag: int
+    _kept: Array = field(default_factory=lambda: np.empty(0), init=False, repr=False)
+
+    def heard(self, force: Array, *, at_once: Array, lag: int) -> Array:
+        """Return the response (n,) that the next samples (n,) of the force allow, `lag` of them late."""
+        now, waits = self.push(np.ascontiguousarray(force), at_once=at_once), lag - self.lag
+        if not waits:
+            return now
+        joined = np.concatenate([self._kept if self._kept.size else np.full(waits, now[0]), now])
+        self._kept = joined[now.size :]
+        return joined[: now.size]
+
+
+class _Settled:
+    """A filter of taps whose input was constant before its first sample."""
+
+    def __init__(self, fir: FirPath) -> None:
+        self._filter, self._still = fir.filter(), float(np.sum(fir.taps))
+        self._first: float | None = None
+
+    def push(self, force: Array, *, at_once: Array) -> Array:
+        """Return the response (n,) to the next n samples; those `at_once` are for filters that pass some so."""
+        del at_once
+        if self._first is None:
+            self._first = float(force[0])
+        return self._filter.push(force - self._first) + self._still * self._first
+
+
+def listeners_of(scene: Scene) -> tuple[Listener, ...]:
+    """Return how the sensors of a scene hear gears: each through the housing, then by declared ways.
+
+    Raises
+    ------
+    SceneError
+        A way from a mesh, which is heard by what holds its gears.
+    """
+    numbers = {sensor.name: number for number, sensor in enumerate(scene.sensors)}
+    declared = [
+        Listener(number=numbers[sensor], source=source, way=way) for (source, sensor), way in ways_of(scene).items()
+    ]
+    for listener in declared:
+        if listener.source in {mesh.name for mesh in scene.gearbox.meshes}:
+            raise SceneError(
+                f'fidelity = "{scene.fidelity}": a transfer starts from the mesh "{listener.source}", but teeth that '
+                "vibrate are heard by what holds their gears; name a link or a bearing."
+            )
+    return (*(Listener(number=number) for number in range(len(numbers))), *declared)
+
+
+def loudness(scene: Scene, whole: Assembly, listener: Listener, listeners: tuple[Listener, ...]) -> dict[str, float]:
+    """Return how loud a listener hears what holds each body, and the teeth of the frame.
+
+    By a way of its own that is what holds its source; through the housing all that has none to this sensor.
+    """
+    sensor = scene.sensors[listener.number]
+    weights = _weights(scene, whole, sensor)
+    taken: dict[str, str] = {}
+    for other in listeners:
+        if other.source is None or other.number != listener.number:
+            continue
+        for body in sorted(_holders(scene, whole, other.source)):
+            if taken.setdefault(body, other.source) != other.source:
+                raise SceneError(
+                    f'transfers lead to sensor "{sensor.name}" from "{taken[body]}" and "{other.source}", which both '
+                    f'hold "{body}" and are heard as one; keep one of them.'
+                )
+    mine = _holders(scene, whole, listener.source) if listener.source is not None else set()
+    return {
+        body: float(body in mine) if listener.source is not None else weight * (body not in taken)
+        for body, weight in weights.items()
+    }
+
+
+def _holders(scene: Scene, whole: Assembly, source: str) -> set[str]:
+    """Return the bodies that a link or bearing stands for: of a bearing the rings that are not the frame."""
+    gearbox, parts = scene.gearbox, whole.parts
+    for bearing in gearbox.bearings:
+        if source in bearing.names:
+            rings = {link for ring in (bearing.inner_ring, bearing.outer_ring) for link in gearbox.instances(ring)}
+            return {parts.body(link) for link in rings} - {parts.frame}
+    return {parts.body(link) for link in gearbox.instances(source)}
+
+
+def _weights(scene: Scene, whole: Assembly, sensor: Sensor) -> dict[str, float]:
+    """Return how loud a sensor hears what holds each body, and the teeth of the frame."""
+    declared, gearbox, parts = declared_of(scene), scene.gearbox, whole.parts
+    bodies, frame = parts.kinematics.bodies, parts.frame
+    stands = {sensor.on}
+    for mesh in gearbox.meshes:
+        if mesh.name == sensor.on:
+            stands |= {gear.link for gear in mesh.gears}
+    for bearing in gearbox.bearings:
+        if sensor.on in bearing.names:
+            rings = {link for ring in (bearing.inner_ring, bearing.outer_ring) for link in gearbox.instances(ring)}
+            stands |= {link for link in rings if bodies[link] != frame}
+    near = {parts.body(link) for name in stands if name in _known(scene) for link in gearbox.instances(name)}
+    heard = [*parts.kinematics.joints, *parts.held, frame]
+    weights = {body: 1.0 if body in near else declared.elsewhere for body in heard}
+    for hearing in declared.hearing:
+        if hearing.sensor not in [other.name for other in scene.sensors]:
+            raise SceneError(f'dynamics.hearing names "{hearing.sensor}", which is no sensor of this scene.')
+        for link, weight in hearing.links:
+            if link not in _known(scene):
+                raise SceneError(f'dynamics.hearing names "{link}", which is no link with bearings in this gearbox.')
+            if hearing.sensor == sensor.name:
+                weights |= {parts.body(name): weight for name in gearbox.instances(link)}
+    return weights
+
+
+def _known(scene: Scene) -> set[str]:
+    return {*scene.gearbox.links, *scene.gearbox.copied}

@@ -1,0 +1,104 @@
+"""The gearbox of a scene, assembled: what the scene declares of its bodies, bearings and meshes put together."""
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from data_synth.assembly import Assembly, Holding, Inertia, assemble_parts
+from data_synth.layout import direction_of
+from data_synth.mesh import Constant
+from data_synth.meshing import Gears, declared_of
+from data_synth.parts import MeshProperties
+from data_synth.scene import Scene, SceneError
+from data_synth.stage import Stage
+from hums.kinematics import Kinematics
+
+_PARALLEL = 1e-9
+
+
+def machine_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()) -> Assembly:
+    """Return the gearbox of a scene in the plane, or in space where its axes cross or a mesh has full motion.
+
+    What planets make turn is seen from their carrier, with the gyroscopic terms of the mean speed; a run-up, which has
+    none, leaves them out.
+
+    Parameters
+    ----------
+    stage : Stage
+    gears : Gears
+    levels : mapping of mesh to "torsional", "lateral" or "full"
+    springs : collection of mesh
+        Whose teeth are but a spring of their mean stiffness.
+
+    Raises
+    ------
+    SceneError
+        What `data_synth.assembly.assemble` refuses.
+    """
+    scene, kinematics = stage.scene, gears.kinematics
+    declared, full = declared_of(scene), "full" in levels.values()
+    try:
+        return assemble_parts(
+            kinematics,
+            motions="space" if full or crossed(kinematics) else "plane",
+            inertias={
+                name: Inertia(mass_kg=item.mass_kg, inertia_kgm2=item.inertia_kg_m2)
+                for link, item in declared.links
+                for name in _copies(scene, link)
+            },
+            supports=dict(_supports(scene, kinematics)),
+            meshes=dict(_meshes(gears, springs)),
+            speed_rad_s=_speed_rad_s(stage, kinematics) if full or carries(kinematics) else 0.0,
+            turning_with="carriers",
+        )
+    except ValueError as caught:
+        raise SceneError(f"dynamics: {caught}") from None
+
+
+def crossed(kinematics: Kinematics) -> bool:
+    """Whether some axis is not parallel to the others."""
+    first, *others = (direction_of(kinematics, body) for body in kinematics.joints)
+    return any(abs(abs(float(first @ other)) - 1) > _PARALLEL for other in others)
+
+
+def carries(kinematics: Kinematics) -> bool:
+    """Whether something turns that carries planets."""
+    return any(joint.carried_by != kinematics.mechanism.frame for joint in kinematics.joints.values())
+
+
+def _speed_rad_s(stage: Stage, kinematics: Kinematics) -> float:
+    if stage.scene.speed.run_up is not None and carries(kinematics):
+        return 0.0
+    return 2 * math.pi * float(np.mean(stage.speed_hz))
+
+
+def _copies(scene: Scene, name: str) -> tuple[str, ...]:
+    """Return the links that a name stands for, or the name itself."""
+    return scene.gearbox.instances(name) if name in scene.gearbox.copied else (name,)
+
+
+def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, Holding]]:
+    for link, item in declared_of(scene).bearings:
+        if kinematics.bodies.get(link) == kinematics.mechanism.frame and not item.torsion_nm_rad:
+            raise SceneError(
+                f'dynamics.bearings holds "{link}", which is rigid with "{scene.gearbox.frame}" else, but not against '
+                "turning; give torsion_nm_rad, or leave it out."
+            )
+        hold = Holding(
+            radial=item.radial_n_m,
+            axial=item.axial_n_m,
+            tilt=item.tilt_nm_rad,
+            torsion=item.torsion_nm_rad,
+            damping_s=item.damping_s,
+        )
+        yield from ((name, hold) for name in _copies(scene, link))
+
+
+def _meshes(gears: Gears, springs: Collection[str]) -> Iterator[tuple[str, MeshProperties]]:
+    for name, teeth in gears.teeth.items():
+        given = teeth.properties
+        if gears.meshes[name] in springs and given.stiffness is not None:
+            given = replace(given, stiffness=Constant(mean=given.stiffness.mean), error=None)
+        yield name, given

@@ -1,0 +1,115 @@
+"""Where the parts of a bearing truly are while a defect is struck with slip.
+
+One slip drives all: between two strikes cage and elements go on by exactly what pure rolling gives them from one to the
+next, evenly with the reference shaft. So where they are follows from the strikes themselves.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from data_synth.profile import Array
+
+if TYPE_CHECKING:
+    from hums.orders import BearingOrders
+
+KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
+
+
+def strike_order(kind: str, rates: "BearingOrders") -> float:
+    """Return how often a defect is struck in a revolution of the reference shaft under pure rolling.
+
+    Raises
+    ------
+    ValueError
+        An unknown kind, or one that is never struck.
+    """
+    if kind not in KINDS:
+        raise ValueError(f'kind = "{kind}" is no bearing fault; valid: {", ".join(KINDS)}')
+    order = float(getattr(rates, kind))
+    if order == 0:
+        raise ValueError(f'{kind} of "{rates.name}" is never struck: its parts stand still against each other')
+    return order
+
+
+def signed_cage(rates: "BearingOrders") -> float:
+    """Return the turns of the cage under pure rolling as the load zone sees them, signed like those of the rings."""
+    return rates.outer_ring + _way(rates) * rates.cage_to_outer
+
+
+def _way(rates: "BearingOrders") -> float:
+    return math.copysign(1.0, rates.inner_ring - rates.outer_ring)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rolling:
+    """How a bearing rolls, by the strikes of one defect.
+
+    All turns are as who carries the bearing sees them, that is the load zone, and signed like those of the reference.
+
+    Attributes
+    ----------
+    kind : {"inner_race", "outer_race", "rolling_element", "cage"}
+    rates : BearingOrders
+        In orders, under pure rolling.
+    knots_rev : (n,) array
+        Revolutions of the reference shaft at the strikes, rising: one before all of interest, those of interest, one
+        after them.
+    first : int
+        Number of the first knot: strike 0 is the first within the record, or nearly so.
+    place_turns : float
+        Of the struck spot at revolution zero, from where the load is greatest: that of a ring, or of the cage at strike
+        0 for a spot of an element or of the cage.
+    """
+
+    kind: str
+    rates: "BearingOrders"
+    knots_rev: Array = field(repr=False, metadata={"dims": ("knot",), "units": "rev"})
+    first: int
+    place_turns: float
+
+    def passed(self, revolutions: ArrayLike) -> Array:
+        """Return the phase of the defect in turns (n,): whole at each strike, and even with the shaft between two."""
+        return np.asarray(
+            np.interp(np.asarray(revolutions), self.knots_rev, self.first + np.arange(self.knots_rev.size))
+        )
+
+    def spot_turns(self, revolutions: ArrayLike) -> Array:
+        """Return the turns of the struck spot (n,), from where the load is greatest."""
+        return self._spot(np.asarray(revolutions, dtype=np.float64), self.passed(revolutions))
+
+    def cage_turns(self, revolutions: ArrayLike) -> Array:
+        """Return the turns of the cage (n,): element 1 of Z is where the load is greatest at whole ones."""
+        return self._cage(np.asarray(revolutions, dtype=np.float64), self.passed(revolutions))
+
+    def element_turns(self, revolutions: ArrayLike) -> Array:
+        """Return the turns of an element about its own axis, relative to the cage, (n,); it meets both races in one."""
+        struck = strike_order(self.kind, self.rates)
+        return np.asarray(self.rates.rolling_element / 2 / struck * self.passed(revolutions))
+
+    @property
+    def numbers(self) -> NDArray[np.int_]:
+        """Numbers of the strikes of interest, (n - 2,)."""
+        return self.first + 1 + np.arange(self.knots_rev.size - 2)
+
+    def at_strikes(self) -> tuple[Array, Array]:
+        """Return the turns of spot and cage, (n - 2,), at the strikes of interest."""
+        struck, number = self.knots_rev[1:-1], self.numbers
+        return self._spot(struck, number), self._cage(struck, number)
+
+    def _spot(self, revolutions: Array, passed: ArrayLike) -> Array:
+        if self.kind == "outer_race":
+            return np.asarray(self.place_turns + self.rates.outer_ring * revolutions)
+        if self.kind == "inner_race":
+            return np.asarray(self.place_turns + self.rates.inner_ring * revolutions)
+        cage = signed_cage(self.rates)
+        advance = 1.0 if self.kind == "cage" else abs(cage) / self.rates.rolling_element
+        return np.asarray(self.place_turns + math.copysign(advance, cage) * np.asarray(passed))
+
+    def _cage(self, revolutions: Array, passed: ArrayLike) -> Array:
+        spot, way = self._spot(revolutions, passed), _way(self.rates)
+        ahead = {"outer_race": way, "inner_race": -way}.get(self.kind, 0.0)
+        return np.asarray(spot + ahead * np.asarray(passed) / self.rates.elements) if ahead else spot

@@ -1,0 +1,47 @@
+"""The ways that a scene declares from sources to sensors, in the units of the sensors."""
+
+import math
+
+import numpy as np
+
+from data_synth.frf import ModeOfPath, Transfer
+from data_synth.path import ring_seconds
+from data_synth.scene import Scene
+from data_synth.transfer import MeasuredPath, ModalPath
+
+_STANDARD_GRAVITY = 9.80665
+Way = ModalPath | MeasuredPath
+Ways = dict[tuple[str, str], Way]
+
+
+def ways_of(scene: Scene) -> Ways:
+    """Return the declared ways by source and sensor: response, in the units of the sensors' motion, for one N."""
+    return {(item.source, item.sensor): _way(item, scene.sensors[0].units) for item in scene.transfers}
+
+
+def followed_s(scene: Scene, source: str) -> float:
+    """Return how long after a source is struck its sound has died away in every channel."""
+    ringing = [way.ring_seconds() for (of, _), way in ways_of(scene).items() if of == source]
+    return max([ring_seconds(scene.resonance), *ringing])
+
+
+def _way(transfer: Transfer, units: str) -> Way:
+    one = {("m s-2", "g"): 1 / _STANDARD_GRAVITY, ("g", "m s-2"): _STANDARD_GRAVITY}
+    factor = one.get((transfer.units, units), 1.0)
+    if transfer.lines is not None:
+        hz, real, imaginary = np.array(transfer.lines).T
+        return MeasuredPath(frequencies_hz=hz, values=factor * (real + 1j * imaginary))
+    modes = transfer.modes or ()
+    return ModalPath(
+        frequencies_hz=np.array([mode.frequency_hz for mode in modes]),
+        damping_ratios=np.array([mode.damping_ratio for mode in modes]),
+        residues=factor * np.array([_residue(mode) for mode in modes], dtype=np.complex128),
+    )
+
+
+def _residue(mode: ModeOfPath) -> complex:
+    if mode.residue is not None:
+        return complex(*mode.residue)
+    # of gain w_n^2 / (w_n^2 - w^2 + 2 j zeta w_n w)
+    natural = 2 * math.pi * mode.frequency_hz
+    return -0.5j * (mode.gain or 0.0) * natural / math.sqrt(1 - mode.damping_ratio**2)

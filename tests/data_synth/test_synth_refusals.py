@@ -1,0 +1,63 @@
+"""Scenes that cannot be: each is refused with a sentence that names the thing, its value and what to do."""
+
+import pytest
+
+from data_synth import Scene, SceneError, load_scene, make_dataset, simulate
+from data_synth.plan import PlanError
+
+DEMO = load_scene("gears-in-motion").model_dump(mode="json", by_alias=True, exclude_none=True)
+
+
+def changed(**changes):
+    return Scene.from_mapping({**DEMO, "duration_s": 0.1, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        (
+            {"fault": [{"kind": "spall", "component": "stage 3/pinion", "size_mm": 1.0}]},
+            'fault 1: spall has no component "stage 3/pinion"; valid: "stage 1/pinion", "stage 1/intermediate", ',
+        ),
+        (
+            {"torque": {"link": "housing", "nm": 450}},
+            'torque names the link "housing", which does not turn, so no path takes its power on; name one that does',
+        ),
+        (
+            {"torque": {"link": "input", "nm": 20}},
+            'and the reference "input" drives; name the link that takes the power out as dynamics.load_on',
+        ),
+        (
+            {"dynamics": {**DEMO["dynamics"], "bearings": {"output": {"radial_n_m": -1e8}}}},
+            "radial_n_m = -100000000.0: input should be greater than 0",
+        ),
+        (
+            {"dynamics": {**DEMO["dynamics"], "meshes": {"stage 1": {"stiffness_n_m": -6e8}}}},
+            "stiffness_n_m = -600000000.0: input should be greater than 0",
+        ),
+        (
+            {"sensor": [{**DEMO["sensor"][0], "on": "nothing"}]},
+            'sensor "input vertical" is on "nothing", which is no bearing, link or mesh of gearbox "two-stage"',
+        ),
+        (
+            {"speed": {"link": "input", "rpm": 90_000}},
+            '"stage 1", 23, at top speed; raise rate_hz, or lower the speed: the highest order that fits is 16.67.',
+        ),
+        (
+            {"fidelity": "kinematic", "speed": {"link": "input", "rpm": 30_000}},
+            "raise rate_hz, or lower excitation.harmonics: the highest order that fits is 50.",
+        ),
+    ],
+)
+def test_a_bad_scene_gets_a_sentence(changes, sentence):
+    with pytest.raises(SceneError) as caught:
+        simulate(changed(**changes), seed=1)
+    assert sentence in str(caught.value)
+
+
+def test_a_plan_larger_than_the_disk_gets_a_sentence(monkeypatch, tmp_path):
+    plan = tmp_path / "plan.toml"
+    plan.write_text('scene = "gears-in-motion"\nrecords = 1000\nseed = 1\n', encoding="utf-8")
+    monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 1_000_000_000}))
+    with pytest.raises(PlanError, match=r"1000 records of 2 MB need 2 GB, but 1 GB are free at .*Lower records"):
+        make_dataset(plan, tmp_path / "set")
