@@ -221,9 +221,14 @@ def split_steps(
                 start, stop = revolutions[number], revolutions[number + 1]
             for m in range(meshes):
                 begin, end = cycles[m] * start, cycles[m] * stop
-                now, then, share = m, m, 0.0
-                if stages is not None:
-                    now, then, share = tables_at(m, equations.stiffness_later[m], stages[number, m])
+                if stages is None:
+                    a0[m], a1[m], a2[m] = moments_of_step(
+                        stiffnesses, m, begin, end, at_start, at_stop, tied.size > 0
+                    )
+                    for i in range(3):
+                        at_start[m, i] = at_stop[m, i]
+                    continue
+                now, then, share = tables_at(m, equations.stiffness_later[m], stages[number, m])
                 a0[m] = a1[m] = a2[m] = 0.0
                 table, part = now, 1.0 - share
                 while True:

@@ -24,7 +24,9 @@ def located(waves: Waves, which: int, phase: float) -> tuple[int, float]:
     """Return the segment of a phase and how far into the period it lies."""
     period = waves.periods[which]
     x = phase - math.floor(phase / period) * period
-    last = waves.segments[which + 1] - 1
+    low, last = waves.segments[which], waves.segments[which + 1] - 1
+    if low == last:
+        return low, x
     place = waves.signs[which] + int(x * waves.sign_rates[which])
     low = waves.signposts[min(place, waves.signs[which + 1] - 1)]
     while low < last and waves.starts[low + 1] <= x:
