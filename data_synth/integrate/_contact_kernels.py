@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth._compile import compiled, compiled_inside
-from data_synth.integrate._transition_kernels import apply_columns
+from data_synth.integrate._transition_kernels import apply_columns, follow_series
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -158,13 +158,7 @@ def contact_steps(
                 where, who, after = next_contact(deflections, half_gaps, touching, edge, part, room)
                 meets = where <= part and contacts < MOST_CONTACTS
                 part = where if meets else part
-                for i in range(size):
-                    other[i] = terms[(count - 1) * size + i]
-                for term in range(count - 2, -1, -1):
-                    for i in range(size):
-                        other[i] = terms[term * size + i] + part * other[i]
-                for i in range(size):
-                    x[i] += part * other[i]
+                follow_series(x, other, terms, part)
                 left = left - part * last if part * last < left else 0.0
                 edge = who if meets else -1
                 if meets:

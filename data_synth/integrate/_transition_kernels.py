@@ -52,6 +52,20 @@ def apply_columns(columns: Array, added: Array, x: Array, out: Array) -> None:
 
 
 @compiled_inside
+def follow_series(x: Array, other: Array, terms: Array, part: float) -> None:
+    """Add the power series whose coefficients are `terms`, one after the other from the first power on, to x."""
+    size = x.size
+    count = terms.size // size
+    for i in range(size):
+        other[i] = terms[(count - 1) * size + i]
+    for term in range(count - 2, -1, -1):
+        for i in range(size):
+            other[i] = terms[term * size + i] + part * other[i]
+    for i in range(size):
+        x[i] += part * other[i]
+
+
+@compiled_inside
 def pass_time(x: Array, other: Array, terms: Array, flows: Flows, kind: int, share: float) -> None:
     """Let the flow act for a share below 1 of a unit: by halves, quarters, ..., then by its power series."""
     size, last = x.size, 1.0
@@ -63,14 +77,7 @@ def pass_time(x: Array, other: Array, terms: Array, flows: Flows, kind: int, sha
             for i in range(size):
                 x[i] = other[i]
     apply_columns(flows.series[kind], flows.series_gains[kind], x, terms)
-    part, count = share / last, terms.size // size
-    for i in range(size):
-        other[i] = terms[(count - 1) * size + i]
-    for term in range(count - 2, -1, -1):
-        for i in range(size):
-            other[i] = terms[term * size + i] + part * other[i]
-    for i in range(size):
-        x[i] += part * other[i]
+    follow_series(x, other, terms, share / last)
 
 
 @compiled_inside
