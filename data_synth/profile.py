@@ -92,6 +92,8 @@ class ShaftAngle:
         return np.asarray(knots - self._since_first_knot(np.zeros(1), knots)[0])
 
     def _since_first_knot(self, times_s: Array, knots_rev: Array) -> Array:
+        if self.times_s.size == 1:
+            return np.asarray(knots_rev[0] + self.speeds_hz[0] * (times_s - self.times_s[0]))
         piece = np.searchsorted(self.times_s, times_s, side="right")
         since = times_s - self._starts_s[piece]
         starts_rev = np.concatenate([knots_rev[:1], knots_rev])[piece]

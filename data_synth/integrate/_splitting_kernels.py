@@ -62,18 +62,17 @@ def flow_at_once(
 
 
 @compiled_inside
-def drag_for(x: Array, size: int, time: float, drags: Array, factors: Array, forward: bool) -> None:
+def drag_for(x: Array, time: float, drags: Array, factors: Array, inverse_masses: Array, forward: bool) -> None:
     """Let ``v' = -(c / m) v abs(v)`` act for a time, exactly, on each dragged velocity."""
-    count = factors.size
+    count, size = drags.shape
     for n in range(count):
         d = n if forward else count - 1 - n
         row = drags[d]
-        speed = inverse_mass = 0.0
+        speed = 0.0
         for i in range(size):
             speed += row[i] * x[size + i]
-            inverse_mass += row[i] * row[i]
-        slower = speed / (1.0 + factors[d] * inverse_mass * abs(speed) * time)
-        change = (slower - speed) / inverse_mass
+        braked = factors[d] * abs(speed) * time
+        change = -speed * braked / (1.0 + inverse_masses[d] * braked)
         for i in range(size):
             x[size + i] += row[i] * change
 
@@ -197,8 +196,11 @@ def split_steps(
     other = np.empty(2 * size)
     a0, a1, a2 = np.empty(meshes), np.empty(meshes), np.empty(meshes)
     delta, impulse = np.zeros(meshes), np.zeros(meshes)
+    errors = np.zeros((3, meshes))
     pressed, touching, short = np.zeros(meshes), np.zeros(meshes), np.zeros(meshes)
-    tables = stiffnesses.means.size
+    tables, inverse_masses = stiffnesses.means.size, np.empty(drag_factors.size)
+    for d in range(drag_factors.size):
+        inverse_masses[d] = np.sum(drags[d] * drags[d])
     at_start, at_stop = np.full((tables, 3), np.nan), np.full((tables, 3), np.nan)
     sixth, two_thirds, cube = step / 6, step * 2 / 3, step**3
     stop = 0.0
@@ -222,9 +224,7 @@ def split_steps(
             for m in range(meshes):
                 begin, end = cycles[m] * start, cycles[m] * stop
                 if stages is None:
-                    a0[m], a1[m], a2[m] = moments_of_step(
-                        stiffnesses, m, begin, end, at_start, at_stop, tied.size > 0
-                    )
+                    a0[m], a1[m], a2[m] = moments_of_step(stiffnesses, m, begin, end, at_start, at_stop, tied.size > 0)
                     for i in range(3):
                         at_start[m, i] = at_stop[m, i]
                     continue
@@ -241,6 +241,14 @@ def split_steps(
                     if table == then:
                         break
                     table, part = then, share
+            for m in range(meshes):
+                if error_of[m] >= 0:
+                    now, then, share = error_of[m], error_of[m], 0.0
+                    if stages is not None:
+                        now, then, share = tables_at(error_of[m], equations.error_later[m], stages[number, m])
+                    for node in range(3):
+                        phase = cycles[m] * (start + 0.5 * node * (stop - start))
+                        errors[node, m] = between(equations.errors, now, then, share, phase)
             for node in range(3):
                 if node == 1 or node == 2:  # noqa: PLR1714, PLR2004
                     if classical:
@@ -249,15 +257,9 @@ def split_steps(
                         flow_at_once(x, other, half, pushes, impulse, seen, delta)
                 weight = two_thirds if node == 1 else sixth
                 if node < 2:  # noqa: PLR2004
-                    drag_for(x, size, two_thirds / 2 if node == 1 else sixth, drags, drag_factors, True)
+                    drag_for(x, two_thirds / 2 if node == 1 else sixth, drags, drag_factors, inverse_masses, True)
                 for m in range(meshes):
-                    gap = delta[m]
-                    if error_of[m] >= 0:
-                        phase = cycles[m] * (start + 0.5 * node * (stop - start))
-                        now, then, share = error_of[m], error_of[m], 0.0
-                        if stages is not None:
-                            now, then, share = tables_at(error_of[m], equations.error_later[m], stages[number, m])
-                        gap -= between(equations.errors, now, then, share, phase)
+                    gap = delta[m] - errors[node, m]
                     pressed[m], touching[m] = dead_zone(gap, equations.backlashes[m], equations.backs[m])
                     strength = a0[m] - 0.2 * a2[m] if node == 1 else a0[m] + (node - 1) * a1[m] + 0.4 * a2[m]
                     impulse[m] = weight * (strength * pressed[m] - means[m] * delta[m])
@@ -285,11 +287,11 @@ def split_steps(
                         x[size + i] += weight * load[i]
                 if node == 1 and drag_factors.size:
                     push(x, pushes, impulse)
-                    drag_for(x, size, two_thirds / 2, drags, drag_factors, False)
+                    drag_for(x, two_thirds / 2, drags, drag_factors, inverse_masses, False)
                     for m in range(meshes):
                         impulse[m] = 0.0
             push(x, pushes, impulse)
-            drag_for(x, size, sixth, drags, drag_factors, False)
+            drag_for(x, sixth, drags, drag_factors, inverse_masses, False)
         if felt is not None:
             for m in range(coming.size):
                 now, then, share = m, m, 0.0

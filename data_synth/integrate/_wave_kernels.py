@@ -137,10 +137,11 @@ def legendre(
     width = stop - start
     if abs(width) < SHORT:
         return legendre_short(waves, which, start, stop)
-    first0 = (after[0] - before[0]) / width
-    rise1 = (after[1] - before[1]) / width
-    first1 = (after[0] - rise1) / width
-    first2 = (after[0] - 2 * (after[1] - (after[2] - before[2]) / width) / width) / width
+    per_width = 1.0 / width  # one division, for which the next look-ups need not wait
+    first0 = (after[0] - before[0]) * per_width
+    rise1 = (after[1] - before[1]) * per_width
+    first1 = (after[0] - rise1) * per_width
+    first2 = (after[0] - 2 * (after[1] - (after[2] - before[2]) * per_width) * per_width) * per_width
     return (
         first0 + waves.means[which],
         3 * (2 * first1 - first0),

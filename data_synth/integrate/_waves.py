@@ -90,7 +90,9 @@ def _table(function: Wave) -> tuple[Array, Array, Integers, Integers, Array, flo
         starts, widths, counts, rows, error = _fitted(function, breaks, density)
         if error <= _FIT or density >= _DENSEST:
             break
-        density *= 2
+        # the misfit falls with the power DEGREE + 1, so half of what that asks for is never too much
+        doublings = int(np.log2(error / _FIT) / (DEGREE + 1))
+        density = min(density * 2 ** max(1, doublings), _DENSEST)
     mean, rows = _with_integrals(rows, widths)
     firsts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
     return starts, counts / np.diff(breaks), firsts, counts.astype(np.int64), rows, mean
