@@ -22,7 +22,8 @@ from data_synth.stage import Stage, staged
 _SETUP_S, _WRITE_S, _WRITE_S_PER_BYTE = 0.02, 0.05, 2e-9
 _PER_LINE, _PER_SOURCE, _PER_POLE, _PER_NOISE = 0.5e-9, 8e-9, 5e-9, 12e-9  # s a sample and channel
 _PER_CONTACT = 0.14e-6  # s a step and element of a bearing that moves
-_TEETH_S, _PER_STEP, _PER_DEGREE = 0.3, 0.3e-6, 0.06e-6  # s for teeth of gears that vibrate, and s a step of time
+_TEETH_S = 0.3  # s for teeth of gears that vibrate, and s a step of time, for each motion, and each pair of meshes:
+_PER_STEP, _PER_DEGREE, _PER_PAIR = 0.5e-6, 0.015e-6, 0.06e-6
 _TEETH = {LEFT_OUT: "nothing", SPRING: "a spring", KINEMATIC: "lines"}
 _LEVELS = {
     LEFT_OUT: "no sensor hears it above the floor: what is behind its teeth turns along",
@@ -216,11 +217,12 @@ def _gears(stage: Stage, gears: Gears, choice: Choice) -> Iterator[Part]:
     else:
         steps = motion.steps() * motion.denser
         running = scene.samples + motion.settle_s * scene.rate_hz
+        dof, meshes = motion.system.dof, len(motion.system.meshes)
         yield Part(
             name="fidelity",
-            what=f"{motion.system.dof} degrees of freedom, {steps} step(s) a sample",
+            what=f"{dof} degrees of freedom, {steps} step(s) a sample",
             why=f"{choice}, error below {motion.error:g}",
-            seconds=_TEETH_S + running * steps * (_PER_STEP + _PER_DEGREE * motion.system.dof),
+            seconds=_TEETH_S + running * steps * (_PER_STEP + _PER_DEGREE * dof + _PER_PAIR * meshes**2),
         )
     for name, level in choice.levels.items():
         if level in _TEETH or motion is None:
