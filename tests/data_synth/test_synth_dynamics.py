@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from declared_pair import declared_pair
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
@@ -21,21 +22,6 @@ from data_synth.stage import staged
 from data_synth.tooth_changes import damaged_teeth, errors_of
 from hums.record import check_record
 
-GEARBOX = {
-    "name": "pair",
-    "frame": "housing",
-    "reference": "pinion",
-    "axes": {"in": ["housing", "pinion"], "out": ["housing", "wheel"]},
-    "mesh": [
-        {
-            "name": "mesh",
-            "teeth": {"pinion": 20, "wheel": 40},
-            "module_mm": 4,
-            "face_width_mm": 30,
-            "pressure_angle_deg": 20,
-        }
-    ],
-}
 DYNAMICS = {
     "links": {
         "pinion": {"mass_kg": 5, "inertia_kg_m2": 0.01},
@@ -50,7 +36,7 @@ DYNAMICS = {
     "error": 1e-4,
 }
 PAIR = {
-    "gearbox": GEARBOX,
+    "gearbox": declared_pair(),
     "rate_hz": 20_000,
     "duration_s": 0.2,
     "fidelity": "lateral",

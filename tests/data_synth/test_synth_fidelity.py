@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from declared_pair import declared_pair
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
@@ -190,15 +191,8 @@ PAIR_MESH = {"shape": "constant", "stiffness_n_m": 8e7, "error_um": 3}
 
 
 def pair(fidelity, *, meshes, **changes):
-    gears = {"name": "mesh", "teeth": {"pinion": 20, "wheel": 40}, "module_mm": 4, "face_width_mm": 30}
     table = {
-        "gearbox": {
-            "name": "pair",
-            "frame": "housing",
-            "reference": "pinion",
-            "axes": {"in": ["housing", "pinion"], "out": ["housing", "wheel"]},
-            "mesh": [{**gears, "pressure_angle_deg": 20}],
-        },
+        "gearbox": declared_pair(),
         "rate_hz": 20_000,
         "duration_s": 0.2,
         "fidelity": fidelity,

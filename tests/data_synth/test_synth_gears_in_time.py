@@ -6,6 +6,7 @@ from functools import partial
 import numba
 import numpy as np
 import pytest
+from declared_pair import declared_pair
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
@@ -26,21 +27,7 @@ BASE = 0.064407457476496844, 0.11271305058386948  # Wijianto's radii, 36 and 63 
 MODULE_MM = 2e3 * BASE[0] / 36 / np.cos(ALPHA)
 ONE = INERTIAS[1] + 1.75**2 * INERTIAS[0]  # all that turns, as the gear feels it
 SCENE = {
-    "gearbox": {
-        "name": "pair",
-        "frame": "housing",
-        "reference": "pinion",
-        "axes": {"in": ["housing", "pinion"], "out": ["housing", "gear"]},
-        "mesh": [
-            {
-                "name": "mesh",
-                "teeth": {"pinion": 36, "gear": 63},
-                "module_mm": MODULE_MM,
-                "face_width_mm": 30,
-                "pressure_angle_deg": 20,
-            }
-        ],
-    },
+    "gearbox": declared_pair(teeth=(36, 63), wheel="gear", module_mm=MODULE_MM),
     "rate_hz": 20_000,
     "duration_s": 0.3,
     "fidelity": "lateral",

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from declared_pair import declared_pair
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
@@ -24,23 +25,8 @@ SEED = 3
 
 
 def scene(fidelity="full", *, hand="right", shape="constant", direction=(0, 0, 1), **changes):
-    mesh = {
-        "name": "mesh",
-        "teeth": {"pinion": 20, "wheel": 40},
-        "module_mm": 4,
-        "face_width_mm": 30,
-        "pressure_angle_deg": 20,
-        "helix_angle_deg": 15,
-        "hand": hand,
-    }
     table = {
-        "gearbox": {
-            "name": "helical pair",
-            "frame": "housing",
-            "reference": "pinion",
-            "axes": {"in": ["housing", "pinion"], "out": ["housing", "wheel"]},
-            "mesh": [mesh],
-        },
+        "gearbox": declared_pair(name="helical pair", helix_angle_deg=15, hand=hand),
         "rate_hz": 20_000,
         "duration_s": 0.1,
         "fidelity": fidelity,

@@ -5,6 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 import tomli_w
+from declared_pair import declared_pair
 from numpy.testing import assert_allclose
 from scipy.signal import freqs
 
@@ -209,21 +210,7 @@ def test_lines_too_far_apart_are_refused():
 # ---- gears that vibrate ------------------------------------------------------------------------------------------
 
 PAIR = {
-    "gearbox": {
-        "name": "pair",
-        "frame": "housing",
-        "reference": "pinion",
-        "axes": {"in": ["housing", "pinion"], "out": ["housing", "wheel"]},
-        "mesh": [
-            {
-                "name": "mesh",
-                "teeth": {"pinion": 20, "wheel": 40},
-                "module_mm": 4,
-                "face_width_mm": 30,
-                "pressure_angle_deg": 20,
-            }
-        ],
-    },
+    "gearbox": declared_pair(),
     "rate_hz": RATE,
     "duration_s": 1.0,
     "fidelity": "lateral",
