@@ -45,6 +45,16 @@ def test_jitter_is_independent_from_pulse_to_pulse():
     assert abs(np.mean(errors[1:] * errors[:-1])) < 4 / np.sqrt(8000) * 1e-10
 
 
+def test_jitter_keeps_lines_where_slip_melts_them():
+    # dynamics.md: independent errors of sigma periods leave exp(-(2 pi k sigma)^2) of the power of line k
+    period_s, sigma = 1 / 80, 0.01
+    pulses = recorded(jitter={"std_s": sigma * period_s})
+    k = np.array([5, 10, 20])
+    lines = np.mean(np.exp(2j * np.pi * np.outer(k, pulses.times_s / period_s)), axis=1)
+    # a quadrature of the mean of 8000 phasors errs by at most 1 / sqrt(16000); four times that
+    assert_allclose(np.abs(lines), np.exp(-((2 * np.pi * k * sigma) ** 2) / 2), atol=4 / np.sqrt(16000))
+
+
 def test_uneven_marks_repeat_every_turn():
     pulses = recorded(uneven={"deg": [1.0, 3.0, -2.0, 1.0]})
     # errors count from the first mark, in degrees of a shaft that makes 20 turns a second
