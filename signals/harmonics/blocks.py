@@ -165,12 +165,8 @@ class BlockEstimate(Estimate):
 
     @property
     def std_spacing(self) -> int:
-        """Samples from one knot to the next."""
+        """Samples from one knot to the next: standard deviations are linear in between."""
         return self.length
-
-    def std(self, noise: Floats) -> Floats:
-        """(channel, order, knot) array, linear in between."""
-        return np.sqrt(self.variance * noise[:, None, None])
 
 
 def _residuals(grid: Grid, pieces: Floats, explained: Floats, startup: int) -> tuple[Floats, Floats]:

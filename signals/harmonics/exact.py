@@ -9,15 +9,14 @@ from math import prod
 
 import numpy as np
 
+from signals._memory import LINE, room
 from signals.harmonics import _sample_kernels
 from signals.harmonics._chain import Chain, Flags, Floats, State, look_interval, padded, smooth_chain
 from signals.harmonics._tally import Tally
-from signals.harmonics.model import Complexes, Estimate, Estimator, HarmonicModel, Indices
+from signals.harmonics.model import Complexes, Estimate, Estimator, HarmonicModel, Indices, lost
 
-# Samples whose angles are gathered at a time.
-SAMPLES_AT_ONCE = 1 << 15
-# Numbers in a line of the cache.
-LINE = 8
+# Samples filtered at a time: what comes of them is looked at while it is in the cache.
+SAMPLES_AT_ONCE = 1 << 14
 
 
 def exact(
@@ -83,6 +82,11 @@ def filter_on(
     -------
     amplitude : (channel, order, output) array.
     variance : (order, output) array, mean over the quadratures.
+
+    Raises
+    ------
+    FloatingPointError
+        The covariance lost its digits.
     """
     channels, samples = x.shape
     skip = -first % output_every
@@ -90,29 +94,30 @@ def filter_on(
     amplitude = _lined(channels, model.orders.size, 2 * outputs)
     variance = _lined(model.orders.size, outputs)
     places, interval, done = _places(model), look_interval(memory(model)), 0
+    steady = _walk(model, slice(0, 1)) if model.bandwidth.shape[1] == 1 else None
     for begin in range(0, samples, SAMPLES_AT_ONCE):
         span = slice(begin, min(begin + SAMPLES_AT_ONCE, samples))
-        size = span.stop - begin
+        size, before = span.stop - begin, done
         innovations, roots = np.empty((size, 1, channels)), np.empty((size, 1))
         done = _sample_kernels.filter_samples(
-            model.plan.recipe, places, model.phase(span), np.ascontiguousarray(x[:, span]), _walk(model, span),
-            interval, state.status, state.vector, state.matrix, innovations, roots, (skip - begin) % output_every,
-            output_every, done, amplitude, variance,
+            model.plan.recipe, places, model.phase(span), np.ascontiguousarray(x[:, span]),
+            _walk(model, span) if steady is None else steady, interval, state.status, state.vector, state.matrix,
+            innovations, roots, (skip - begin) % output_every, output_every, done, amplitude, variance,
         )  # fmt: skip
+        if not variance[:, before:done].min(initial=np.inf) > 0:
+            raise lost(model, "exact")
         tally.add(innovations, roots, skip=startup - first - begin)
     return amplitude.view(np.complex128)[..., :outputs], variance[:, :outputs]
 
 
 def _lined(*shape: int) -> Floats:
-    """Return an empty array whose rows begin where lines of the cache do, and are a little longer than asked for.
+    """Return room whose rows begin where lines of the cache do, and are a little longer than asked for.
 
     Rows at distances of whole pages would fight for the same lines.
     """
     lines = shape[-1] // LINE + 1
     lines += lines % LINE == 0
-    room = np.empty(prod(shape[:-1]) * lines * LINE + LINE)
-    start = -(room.ctypes.data // room.itemsize) % LINE
-    return room[start : start + room.size - LINE].reshape(*shape[:-1], lines * LINE)
+    return room(prod(shape[:-1]) * lines * LINE).reshape(*shape[:-1], lines * LINE)
 
 
 def chain_of(model: HarmonicModel, x: Floats, wanted: Flags) -> Chain:

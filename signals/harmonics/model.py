@@ -32,7 +32,6 @@ BandwidthUnits = Literal["hz", "orders"]
 # Standard deviations of the noise: wide enough to be forgotten at once (over m samples it moves an amplitude
 # by 2e-6 / m of itself), narrow enough that its square does not drown what follows in rounding.
 PRIOR_STD = 1e3
-_OUTPUTS_AT_ONCE = 1 << 12  # whose variances of some dozen orders stay in the cache
 LAGS = 20  # of the autocorrelation of the innovations
 
 
@@ -65,11 +64,12 @@ class OrderTracks:
     Attributes
     ----------
     complex_amplitude : ([channel,] order, output) array, Z.
-    settling_std : ([channel,] order, settling) array, `std` of the first outputs, which has settled at the last of
-        these; of all outputs, but for a filter with settled gains; for the fast smoother those at its knots.
+    settling_variance : ([channel,] order, settling) array, mean variance of the two parts of an amplitude where R = 1,
+        of the first outputs: it has settled at the last of these. Of all outputs, but for a filter with settled
+        gains; for the fast smoother at its knots.
     std_spacing : samples from one of these to the next where they are those at knots; None where of outputs.
+    angle_std : (order, output or 1) array, standard deviation of `order phase_rad`; None where that is taken as known.
     flags : (order, output) array of `OutputFlag`.
-    sample_index : (output,) array, the sample each output belongs to.
     orders : (order,) array, cycles per revolution of the order's own shaft.
     shafts : name of each order's shaft; empty where one unnamed phase was given.
     bandwidth : (order,) array, full -3 dB width of the steady-state smoother, as given; the mean where it varies.
@@ -91,6 +91,8 @@ class OrderTracks:
     whiteness : ([channel,]) mean of the squared autocorrelation times the samples it was taken from: near 1 where
         the innovations are white, above where the record holds lines or bands that no order explains.
     samples : how many samples the record has.
+    output_every : samples from one output to the next.
+    first_output : the sample of the first output.
     innovations : ([channel,] sample) array where asked for: what each sample adds to its prediction from those before
         it, in the unit of the record; NaN where it is missing.
     normalised_innovation_squared : of the same shape: their squares over their variances. Where the model holds, each
@@ -98,9 +100,8 @@ class OrderTracks:
     """
 
     complex_amplitude: Complexes = field(metadata={"dims": ("channel", "order", "output"), "units": "signal"})
-    settling_std: Floats = field(metadata={"dims": ("channel", "order", "settling"), "units": "signal"})
+    settling_variance: Floats = field(metadata={"dims": ("channel", "order", "settling"), "units": "1"})
     flags: NDArray[np.uint8] = field(metadata={"dims": ("order", "output"), "units": "1"})
-    sample_index: Indices = field(metadata={"dims": ("output",), "units": "1"})
     orders: Floats = field(metadata={"dims": ("order",), "units": "1"})
     bandwidth: Floats = field(metadata={"dims": ("order",), "units": "as bandwidth_units"})
     innovation_autocorrelation: Floats = field(metadata={"dims": ("channel", "lag"), "units": "1"})
@@ -116,20 +117,31 @@ class OrderTracks:
     innovation_mean_square: float | Floats
     whiteness: float | Floats
     samples: int
+    output_every: int
+    first_output: int = 0
     std_spacing: int | None = None
+    angle_std: Floats | None = field(default=None, metadata={"dims": ("order", "output"), "units": "rad"})
     innovations: Floats | None = field(default=None, metadata={"dims": ("channel", "sample"), "units": "signal"})
     normalised_innovation_squared: Floats | None = field(
         default=None, metadata={"dims": ("channel", "sample"), "units": "1"}
     )
 
     @cached_property
+    def sample_index(self) -> Indices:
+        """(output,) array, the sample each output belongs to."""
+        return np.arange(self.first_output, self.samples, self.output_every)
+
+    @cached_property
     def std(self) -> Floats:
         """([channel,] order, output) array, `sqrt(E|Zhat - Z|^2 / 2)`; for order 0 that of the real part.
 
-        Where it settles before the last output, or is linear between knots, made from `settling_std` when it is first
-        asked for.
+        Made from `settling_variance`, the noise and `angle_std` when it is first asked for.
         """
-        return spread_std(self.settling_std, self.std_spacing, self.sample_index)
+        known = self.settling_variance * np.asarray(self.noise_variance)[..., None, None]
+        std = _spread(np.sqrt(known, out=known), self.std_spacing, self.sample_index)
+        if self.angle_std is not None:
+            np.sqrt(std**2 + (self.angle_std * np.abs(self.complex_amplitude)) ** 2 / 2, out=std)
+        return std
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -260,27 +272,14 @@ class Estimate:
 
     @property
     def std_spacing(self) -> int | None:
-        """Samples from one standard deviation to the next where they are not those of outputs."""
+        """Samples from one variance to the next where they are not those of outputs."""
         return None
 
-    def std(self, noise: Floats) -> Floats:
-        """(channel, order, output) standard deviations for noise of these variances, (channel,), of as many outputs.
 
-        With one channel, in place of `variance`: at an output a sample these are the largest arrays there are.
-        """
-        own = self.variance[None]
-        std = own if noise.size == 1 else np.empty((noise.size, *self.variance.shape))
-        for first in range(0, own.shape[-1], _OUTPUTS_AT_ONCE):
-            part = std[..., first : first + _OUTPUTS_AT_ONCE]
-            np.multiply(own[..., first : first + _OUTPUTS_AT_ONCE], noise[:, None, None], out=part)
-            np.sqrt(part, out=part)
-        return std
-
-
-def spread_std(values: Floats, spacing: int | None, sample_index: Indices) -> Floats:
+def _spread(values: Floats, spacing: int | None, sample_index: Indices) -> Floats:
     """Return standard deviations at all outputs: linear between those `spacing` samples apart, or the last one held."""
     if spacing is None:
-        return held(values, sample_index.size)
+        return _held(values, sample_index.size)
     from signals.harmonics._block_kernels import evaluate  # noqa: PLC0415  (for the fast smoother alone)
 
     pieces = np.zeros((*values.shape[:-1], values.shape[-1] - 1, 4))
@@ -291,7 +290,17 @@ def spread_std(values: Floats, spacing: int | None, sample_index: Indices) -> Fl
     return spread
 
 
-def held(values: Floats, outputs: int) -> Floats:
+def _held(values: Floats, outputs: int) -> Floats:
     """Return values of the first outputs, along the last axis, with the last one held for the outputs after them."""
     after = outputs - values.shape[-1]
     return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, after)], mode="edge") if after else values
+
+
+def lost(model: HarmonicModel, method: Method) -> FloatingPointError:
+    """Return what is raised where a covariance has lost its digits."""
+    return FloatingPointError(
+        f"method={method!r}: the covariance is not positive definite in double precision, with poles={model.poles}, "
+        f"a narrowest bandwidth of {model.bandwidth.max(axis=1).min():.3g} cycles a sample and a prior of "
+        f"{model.prior_std:.3g} standard deviations of the noise; take fewer poles, a lower rate, a wider bandwidth or "
+        "a smaller initial_std."
+    )

@@ -14,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from signals._lanes import WIDE
+from signals._memory import room
 from signals.harmonics import _settled_kernels
 from signals.harmonics._tally import Tally
 from signals.harmonics.bandwidth import Bandwidth
@@ -69,7 +70,8 @@ def settled(model: HarmonicModel, x: Floats, *, output_every: int, startup: int,
     begin = min(startup_samples(model), samples)
     state, tally = start(model, channels=channels), Tally.empty(channels=channels)
     head = replace(model, phases=tuple(phase[:begin] for phase in model.phases))
-    amplitude = _aligned((channels, model.orders.size, ceil(samples / output_every)))
+    shape = channels, model.orders.size, ceil(samples / output_every)
+    amplitude = room(2 * prod(shape)).view(np.complex128).reshape(shape)
     first = ceil(begin / output_every)
     amplitude[..., :first], variance = filter_on(
         head, x[:, :begin], state, tally, first=0, output_every=output_every, startup=startup
@@ -122,13 +124,6 @@ def _gains(model: HarmonicModel) -> tuple[Floats, float]:
     shares = np.stack([_bandwidth(model, width).filter_shares for width in widths], axis=1)[:, which]
     noise = np.where(model.orders == 0, 1.0, 2.0)
     return np.ascontiguousarray(noise * shares), float(1 / np.sqrt(1 + np.sum(noise * shares[0] / (1 - shares[0]))))
-
-
-def _aligned(shape: tuple[int, int, int]) -> Complexes:
-    """Return room that begins where a line of the cache does: four amplitudes that cross it are written twice."""
-    room = np.empty(prod(shape) + 3, dtype=np.complex128)
-    start = -(room.ctypes.data // room.itemsize) % 4
-    return room[start : start + prod(shape)].reshape(shape)
 
 
 def _rises(poles: int) -> Floats:

@@ -295,7 +295,6 @@ class OrderTracker:
         index = np.arange(first + -first % self._every, self._done, self._every)
         nothing = np.empty((channels, orders, 0), dtype=np.complex128), np.empty((orders, 0))
         amplitude, variance = (np.concatenate(part, axis=-1) for part in zip(nothing, *found, strict=True))
-        std = np.sqrt(variance * self._noise) * np.ones((channels, 1, 1))
         near = index < 0.5 / self._model.bandwidth
         tally, counted = self._tally, self._tally.count > 0
         mean_square = tally.mean_square if counted else np.full(channels, np.nan)
@@ -304,10 +303,9 @@ class OrderTracker:
         one = self._one
         return OrderTracks(
             complex_amplitude=amplitude[0] if one else amplitude,
-            settling_std=std[0] if one else std,
+            settling_variance=variance if one else np.broadcast_to(variance, amplitude.shape),
             flags=np.where(near, OutputFlag.NEAR_END, OutputFlag.NONE).astype(np.uint8),
             unresolved=(),
-            sample_index=index,
             orders=self._model.orders,
             shafts=self._names,
             bandwidth=self._width.given,
@@ -322,6 +320,8 @@ class OrderTracker:
             innovation_autocorrelation=correlation[0] if one else correlation,
             whiteness=_own(np.mean(correlation**2, axis=1) * tally.count, one=one),
             samples=self._done,
+            output_every=self._every,
+            first_output=first + -first % self._every,
         )
 
 

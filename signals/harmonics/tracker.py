@@ -24,7 +24,7 @@ from signals.harmonics.model import (
     Method,
     Order,
     OrderTracks,
-    spread_std,
+    lost,
 )
 from signals.harmonics.separability import flag_outputs
 from signals.harmonics.settled import ripple, settled
@@ -139,6 +139,8 @@ def track_orders(
         innovations=innovations,
     )
     phase_std = check_phase_std(phase_std_rad, shafts=shafts, shaft=shaft, samples=samples)
+    phase_every = task.output_every if phase_std is not None and phase_std.shape[1] > 1 else 1
+    angle_std = None if phase_std is None else order_numbers[:, None] * phase_std[:, ::phase_every]
     patterns, pattern = _missing_patterns(record)
     chosen = _choose(method, task, patterns)
     estimates = [
@@ -156,27 +158,24 @@ def track_orders(
     ]
     logs = [np.full(noise.size, e.innovation_log_variance) for e, noise in zip(estimates, noises, strict=True)]
     amplitude = of_channels([estimate.amplitude for estimate in estimates])
-    std = of_channels([estimate.std(noise) for estimate, noise in zip(estimates, noises, strict=True)])
+    variance = of_channels(
+        [np.broadcast_to(e.variance, (len(e.amplitude), *e.variance.shape)) for e in estimates],
+    )
     noise = of_channels(noises).astype(np.float64)
     mean_square = of_channels([estimate.innovation_mean_square for estimate in estimates])
     autocorrelation = of_channels([estimate.innovation_autocorrelation for estimate in estimates])
     counted = min(estimate.innovation_samples for estimate in estimates)
-    every, spacing = task.output_every, estimates[0].std_spacing
-    sample_index = np.arange(0, samples, every)
+    every = task.output_every
     flags, pairs = flag_outputs(model, np.logical_and.reduce(patterns), every=every, estimator=estimator)
-    if phase_std is not None:
-        turn = order_numbers[:, None] * phase_std[:, :: every if phase_std.shape[1] > 1 else 1]
-        std, spacing = spread_std(std, spacing, sample_index), None
-        np.sqrt(std**2 + (turn * np.abs(amplitude)) ** 2 / 2, out=std)
     left, squared = _innovations(estimates, noises) if innovations else ([], [])
     one = np.ndim(x) == 1
     return OrderTracks(
         complex_amplitude=_squeeze(amplitude, one),
-        settling_std=_squeeze(std, one),
-        std_spacing=spacing,
+        settling_variance=_squeeze(variance, one),
+        std_spacing=estimates[0].std_spacing,
+        angle_std=angle_std,
         flags=flags,
         unresolved=pairs,
-        sample_index=sample_index,
         orders=order_numbers,
         shafts=shafts,
         bandwidth=bandwidth.given,
@@ -191,6 +190,7 @@ def track_orders(
         innovation_autocorrelation=_squeeze(autocorrelation, one),
         whiteness=_scalar(np.mean(autocorrelation**2, axis=1) * counted, one),
         samples=samples,
+        output_every=every,
         innovations=_squeeze(of_channels(left), one) if innovations else None,
         normalised_innovation_squared=_squeeze(of_channels(squared), one) if innovations else None,
     )
@@ -343,19 +343,11 @@ def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_]) -> Est
 
             estimate = reference.track(model, x, estimator=task.estimator, output_every=every, startup=startup)
     except np.linalg.LinAlgError as error:
-        raise _lost(method, model) from error
-    if not estimate.variance.min() > 0:
-        raise _lost(method, model)
+        raise lost(model, method) from error
+    filtered = task.estimator == "filter" and method != "reference"  # which looks while it goes
+    if not filtered and not estimate.variance.min() > 0:
+        raise lost(model, method)
     return estimate
-
-
-def _lost(method: Method, model: HarmonicModel) -> FloatingPointError:
-    return FloatingPointError(
-        f"method={method!r}: the covariance is not positive definite in double precision, with poles={model.poles}, "
-        f"a narrowest bandwidth of {model.bandwidth.max(axis=1).min():.3g} cycles a sample and a prior of "
-        f"{model.prior_std:.3g} standard deviations of the noise; take fewer poles, a lower rate, a wider bandwidth or "
-        "a smaller initial_std."
-    )
 
 
 def _innovations(estimates: list[Estimate], noises: list[Floats]) -> tuple[list[Floats], list[Floats]]:

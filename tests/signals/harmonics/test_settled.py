@@ -115,7 +115,7 @@ def test_amplitudes_do_not_depend_on_what_follows():
 def test_std_is_that_of_the_exact_filter_and_then_settles(poles):
     settings = SETTINGS | {"x": record(), "bandwidth_hz": 1.0, "poles": poles, "noise_variance": 0.09}
     exact, fast = (track_orders(**settings, method=method) for method in ("exact", "fast"))
-    known = fast.settling_std.shape[1]
+    known = fast.settling_variance.shape[1]
     assert 100 < known < N // 5  # compact
     assert fast.std.shape == (4, N)
     assert fast.std is fast.std
@@ -124,7 +124,7 @@ def test_std_is_that_of_the_exact_filter_and_then_settles(poles):
         orders=SETTINGS["orders"], bandwidth=1.0, rate=RATE, poles=poles, noise_variance=0.09, estimator="filter"
     )
     assert_allclose(fast.std[:, known - 1 :], np.broadcast_to(alone[:, None], (4, N - known + 1)), rtol=1e-12)
-    assert exact.settling_std is exact.std
+    assert_allclose(exact.std, np.sqrt(0.09 * exact.settling_variance), rtol=1e-15)
 
 
 def test_std_takes_in_the_angle_at_every_output():
@@ -150,7 +150,7 @@ def test_auto_filters_gaps_exactly():
 def test_settled_filter_shares_channels():
     x = np.stack([record(noise=0.1), record(noise=0.4)])
     both = track_orders(**SETTINGS, x=x, bandwidth_hz=1.0, method="fast", output_every=50)
-    assert both.settling_std.shape[1] < both.std.shape[2] == N // 50
+    assert both.settling_variance.shape[1] < both.std.shape[2] == N // 50
     for channel, values in enumerate(x):
         alone = track_orders(**SETTINGS, x=values, bandwidth_hz=1.0, method="fast", output_every=50)
         assert_array_equal(both.complex_amplitude[channel], alone.complex_amplitude)
