@@ -1,7 +1,7 @@
 """The one door to numba: compiled kernels, cached on disk."""
 
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
@@ -28,6 +28,17 @@ def compiled_exactly(kernel: Callable[P, R]) -> Callable[P, R]:
     return _compile(kernel, set())
 
 
-def _compile(kernel: Callable[P, R], freedoms: set[str]) -> Callable[P, R]:
-    build = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=freedoms or False)
+def compiled_inside(kernel: Callable[P, R]) -> Callable[P, R]:
+    """Compile `kernel` as `compiled` does, to become part of the kernels that call it.
+
+    It counts no references to the arrays it is handed: counting, at every call and for each array, holds up all else
+    that the processor does. So it must neither make arrays nor return any.
+    """
+    return _compile(kernel, {"contract"}, inside=True)
+
+
+def _compile(kernel: Callable[P, R], freedoms: set[str], *, inside: bool = False) -> Callable[P, R]:
+    build = cast("Any", numba.njit)(  # `_nrt`, its count of references, has no public name
+        cache=True, nogil=True, error_model="numpy", fastmath=freedoms or False, _nrt=not inside, forceinline=inside
+    )
     return cast("Callable[P, R]", build(kernel))

@@ -78,9 +78,7 @@ def _whiten(_: object, tile: Any, at: object, target: Any, place: object) -> Any
     def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
         joint, at, white, place = values
         apart = ir.Constant(at.type, WIDE)
-        multiply_add = cast("Any", cgutils).get_or_insert_function(
-            builder.module, ir.FunctionType(_VECTOR, [_VECTOR] * 3), f"llvm.fma.v{WIDE}f64"
-        )
+        multiply_add = _multiply_adder(builder)
         root_of = cast("Any", cgutils).get_or_insert_function(
             builder.module, ir.FunctionType(_DOUBLE, [_DOUBLE]), "llvm.sqrt.f64"
         )
@@ -109,6 +107,95 @@ def _whiten(_: object, tile: Any, at: object, target: Any, place: object) -> Any
     return wide_type(tile, types.intp, target, types.intp), build
 
 
+def _tile(_: object, source: Any, at: object) -> Any:  # noqa: ANN401, ARG001
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+        apart = ir.Constant(values[1].type, WIDE)
+        rows = _loaded(context, builder, signature.args[0], values[0], values[1], apart, count=WIDE)
+        return context.make_tuple(builder, signature.return_type, rows)
+
+    return _wide_tuple(WIDE)(source, types.intp), build
+
+
+def _put_tile(_: object, target: Any, at: object, tile: Any) -> Any:  # noqa: ANN401, ARG001
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+        apart = ir.Constant(values[1].type, WIDE)
+        places = _places(context, builder, signature.args[0], values[0], values[1], apart, count=WIDE)
+        for row, place in enumerate(places):
+            builder.store(builder.extract_value(values[2], row), place, align=8)
+        return context.get_dummy_value()
+
+    return types.void(target, types.intp, tile), build
+
+
+def _multiply_adder(builder: Any) -> Any:  # noqa: ANN401
+    kind = ir.FunctionType(_VECTOR, [_VECTOR] * 3)
+    return cast("Any", cgutils).get_or_insert_function(builder.module, kind, f"llvm.fma.v{WIDE}f64")
+
+
+def _spread_numbers(context: Any, builder: Any, kind: Any, array: Any, at: Any, apart: Any) -> list[Any]:  # noqa: ANN401
+    """Return eight numbers so far apart, each as lanes."""
+    data, spread = context.make_array(kind)(context, builder, array).data, []
+    for row in range(WIDE):
+        index = builder.add(at, builder.mul(apart, ir.Constant(apart.type, row)))
+        undefined = ir.Constant(_VECTOR, ir.Undefined)
+        alone = builder.insert_element(undefined, builder.load(builder.gep(data, [index])), _INDEX(0))
+        spread.append(_spread_lane(builder, alone, 0))
+    return spread
+
+
+def _outer_product(_: object, source: Any, at: object, apart: object, row: Any, tile: Any) -> Any:  # noqa: ANN401, ARG001
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+        numbers = _spread_numbers(context, builder, signature.args[0], *values[:3])
+        add = _multiply_adder(builder)
+        rows = [
+            builder.call(add, [number, values[3], builder.extract_value(values[4], k)])
+            for k, number in enumerate(numbers)
+        ]
+        return context.make_tuple(builder, signature.return_type, rows)
+
+    return tile(source, types.intp, types.intp, row, tile), build
+
+
+def _inner_product(_: object, source: Any, at: object, apart: object, tile: Any, row: Any) -> Any:  # noqa: ANN401, ARG001
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+        add, total = _multiply_adder(builder), values[4]
+        for k, number in enumerate(_spread_numbers(context, builder, signature.args[0], *values[:3])):
+            total = builder.call(add, [number, builder.extract_value(values[3], k), total])
+        return total
+
+    return row(source, types.intp, types.intp, tile, row), build
+
+
+def _upper_product(_: object, source: Any, at: object, tile: Any) -> Any:  # noqa: ANN401, ARG001
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+        add, one = _multiply_adder(builder), ir.Constant(values[1].type, 1)
+        rows = [ir.Constant(_VECTOR, None)] * WIDE
+        for k in range(WIDE):
+            at = builder.add(values[1], ir.Constant(values[1].type, WIDE * k))
+            numbers = _spread_numbers(context, builder, signature.args[0], values[0], at, one)
+            for j in range(k, WIDE):
+                rows[j] = builder.call(add, [numbers[j], builder.extract_value(values[2], k), rows[j]])
+        return context.make_tuple(builder, signature.return_type, rows)
+
+    return tile(source, types.intp, tile), build
+
+
+def _times_tile(_: object, a: Any, b: object) -> Any:  # noqa: ANN401, ARG001
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+        rows = [builder.fmul(*(builder.extract_value(value, k) for value in values)) for k in range(WIDE)]
+        return context.make_tuple(builder, signature.return_type, rows)
+
+    return a(a, a), build
+
+
+def _negative_tile(_: object, a: Any) -> Any:  # noqa: ANN401
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+        rows = [builder.fneg(builder.extract_value(values[0], k)) for k in range(WIDE)]
+        return context.make_tuple(builder, signature.return_type, rows)
+
+    return a(a), build
+
+
 # The columns, as lanes, of eight rows that begin at an index and lie so far apart.
 transposed: Callable[..., Any] = intrinsic(_transposed)
 # The same of four rows of four pairs of numbers, which stay together.
@@ -116,3 +203,14 @@ pairs_transposed: Callable[..., Any] = intrinsic(_pairs_transposed)
 # From a symmetric positive definite tile S at an index to an upper triangular tile W at another, `W^T S W = 1`. The
 # diagonal of W is returned; of S, the upper triangle counts.
 whiten: Callable[..., Any] = intrinsic(_whiten)
+# A tile at an index, row after row, and back.
+load_tile: Callable[..., Any] = intrinsic(_tile)
+store_tile: Callable[..., None] = intrinsic(_put_tile)
+# A tile plus the products of eight numbers, which begin at an index and lie so far apart, each with the same row.
+add_outer: Callable[..., Any] = intrinsic(_outer_product)
+# A row plus the products of eight such numbers with the rows of a tile.
+add_inner: Callable[..., Any] = intrinsic(_inner_product)
+# The product W^T T of an upper triangular tile W at an index and another.
+upper_product: Callable[..., Any] = intrinsic(_upper_product)
+times_tile: Callable[..., Any] = intrinsic(_times_tile)
+negative_tile: Callable[..., Any] = intrinsic(_negative_tile)

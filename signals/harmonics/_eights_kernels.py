@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled
+from signals._compile import compiled, compiled_inside
 from signals._lanes import WIDE, load_wide, negative, plus, spread_wide, store, times, total
 from signals._tiles import pairs_transposed, transposed
 from signals.harmonics._octet_kernels import (
@@ -15,9 +15,11 @@ from signals.harmonics._octet_kernels import (
     H,
     aligned,
     close_octet,
+    entry,
     follow,
     innovate,
     open_octet,
+    place,
     section,
     spread_variances,
 )
@@ -26,6 +28,11 @@ from signals.harmonics._open_kernels import Outputs, Span
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+# Columns, and those that tiles hold.
+Sizes = tuple[int, int]
+# The room; the means predicted for the next sample, (channel, stride), and filtered, (channel, tile, sample, column);
+# data and innovations, (channel, sample); one over the standard deviations of these.
+Work = tuple[Floats, Floats, Floats, Floats, Floats, Floats]
 # Orders whose pairs of columns fill lanes.
 _ORDERS = WIDE // 2
 
@@ -40,14 +47,31 @@ def filter_eights(
 
     In the room the two columns of an order stand side by side, the second empty where there is no imaginary part.
     """
-    (start, stop), (following, every, output) = span, outputs
     channels, orders = len(x), places.shape[1]
     columns = 2 * orders + 2 * orders % _ORDERS
     stride = columns + -columns % WIDE
-    room, own_roots = aligned(section(SECTIONS, stride)), aligned(WIDE)
-    middle, levels = aligned(stride * channels), aligned(WIDE * stride * channels)
-    data, found = aligned(WIDE * channels), aligned(WIDE * channels)
+    room, middle, levels = (
+        aligned(section(SECTIONS, stride)),
+        aligned(stride * channels),
+        aligned(WIDE * stride * channels),
+    )
+    data, found, own_roots = aligned(WIDE * channels), aligned(WIDE * channels), aligned(WIDE)
     _carry(True, places, stride, room, middle, mean, covariance)
+    _take(
+        places, (cosine, sine), offset, x, span, walk, (columns, stride),
+        (room, middle, levels, data, found, own_roots), innovations, roots, outputs, amplitude, variance,
+    )  # fmt: skip
+    _carry(False, places, stride, room, middle, mean, covariance)
+
+
+@compiled_inside
+def _take(
+    places: Integers, phasors: tuple[Floats, Floats], offset: int, x: Floats, span: Span, walk: Floats, sizes: Sizes,
+    work: Work, innovations: Floats, roots: Floats, outputs: Outputs, amplitude: Floats, variance: Floats,
+) -> None:  # fmt: skip
+    """Take the samples in, eight by eight."""
+    (start, stop), (following, every, output), (columns, stride) = span, outputs, sizes
+    (cosine, sine), (room, middle, levels, data, found, own_roots) = phasors, work
     for first in range(start, stop, WIDE):
         count = min(WIDE, stop - first)
         complete = count == WIDE and _complete(x, first)
@@ -72,10 +96,9 @@ def filter_eights(
     spread_variances(room, stride)
     rest = start + (stop - start - 1) // WIDE * WIDE
     _emit(places, room, stride, levels, rest, stop, following, every, output, amplitude, variance)
-    _carry(False, places, stride, room, middle, mean, covariance)
 
 
-@compiled
+@compiled_inside
 def _note(
     x: Floats, first: int, count: int, complete: bool, own_roots: Floats, found: Floats, innovations: Floats,
     roots: Floats,
@@ -92,7 +115,7 @@ def _note(
             innovations[first + i, 0, k] = found[k * WIDE + i]
 
 
-@compiled
+@compiled_inside
 def _carry(
     into: bool, places: Integers, stride: int, room: Floats, middle: Floats, mean: Floats, covariance: Floats
 ) -> None:
@@ -113,20 +136,21 @@ def _carry(
                     if b < 0 or column > row:
                         continue
                     if into:
-                        room[row * stride + column] = covariance[0, a, b]
-                        # Tiles on the diagonal are whole.
-                        room[column * stride + row] = covariance[0, a, b]
+                        room[entry(row, column, stride)] = covariance[0, a, b]
+                        if row // WIDE == column // WIDE:
+                            # The tile on the diagonal is whole.
+                            room[entry(column, row, stride)] = covariance[0, a, b]
                     else:
-                        covariance[0, a, b] = covariance[0, b, a] = room[row * stride + column]
+                        covariance[0, a, b] = covariance[0, b, a] = room[entry(row, column, stride)]
 
 
-@compiled
+@compiled_inside
 def _complete(x: Floats, first: int) -> bool:
     """Tell whether none of eight samples is missing. No is said as well where their sum overflows."""
     return bool(np.isfinite(total(load_wide(x, first))))
 
 
-@compiled
+@compiled_inside
 def _walk_to(places: Integers, walk: Floats, first: int, count: int, room: Floats, stride: int) -> None:
     """Fill in the variances that are walked from the first of the samples to each."""
     walked = section(WALKED, stride)
@@ -139,7 +163,7 @@ def _walk_to(places: Integers, walk: Floats, first: int, count: int, room: Float
                     so_far += walk[first + i if len(walk) > 1 else 0, a]
 
 
-@compiled
+@compiled_inside
 def _walk_on(places: Integers, walk: Floats, first: int, count: int, room: Floats, stride: int) -> None:
     """Fill in the variances that are walked from each sample to the next, and in all."""
     steps, ahead = section(STEPS, stride), section(AHEAD, stride)
@@ -149,12 +173,12 @@ def _walk_on(places: Integers, walk: Floats, first: int, count: int, room: Float
             if a >= 0:
                 for i in range(count):
                     step = walk[first + i if len(walk) > 1 else 0, a]
-                    room[steps + i * stride + to] = step
+                    room[steps + place(to) + WIDE * i] = step
                     so_far += step
                 room[ahead + to] = so_far
 
 
-@compiled
+@compiled_inside
 def _measure(
     places: Integers, cosine: Floats, sine: Floats, at: int, x: Floats, first: int, count: int, complete: bool,
     room: Floats, stride: int, data: Floats,
@@ -181,7 +205,7 @@ def _measure(
                 room[to + WIDE] = -sine[row, at + i] if seen else 0.0
 
 
-@compiled
+@compiled_inside
 def _emit(
     places: Integers, room: Floats, stride: int, levels: Floats, first: int, last: int, following: int, every: int,
     output: int, amplitude: Floats, variance: Floats,
@@ -194,11 +218,11 @@ def _emit(
         for channel in range(len(amplitude)):
             for tile in range(0, orders, _ORDERS):
                 for half in range(0, WIDE, _ORDERS):
-                    lanes = pairs_transposed(levels, (channel * WIDE + half) * stride + 2 * tile, stride)
+                    lanes = pairs_transposed(levels, channel * WIDE * stride + 2 * WIDE * tile + WIDE * half, WIDE)
                     to = (channel * orders + tile) * amplitude.shape[2] + 2 * (output + half)
                     _put(lanes, amplitude, to, amplitude.shape[2], orders - tile)
         for tile in range(0, orders, _ORDERS):
-            parts = transposed(room, variances + 2 * tile, stride)
+            parts = transposed(room, variances + 2 * WIDE * tile, WIDE)
             half = spread_wide(0.5)
             a, b = times(half, plus(parts[0], parts[1])), times(half, plus(parts[2], parts[3]))
             c, d = times(half, plus(parts[4], parts[5])), times(half, plus(parts[6], parts[7]))
@@ -212,17 +236,17 @@ def _emit(
         i = following - first
         for k in range(orders):
             for channel in range(len(amplitude)):
-                at = (channel * WIDE + i) * stride + 2 * k
+                at = channel * WIDE * stride + place(2 * k) + WIDE * i
                 amplitude[channel, k, 2 * output] = levels[at]
                 amplitude[channel, k, 2 * output + 1] = levels[at + 1]
-            at = variances + i * stride + 2 * k
+            at = variances + place(2 * k) + WIDE * i
             variance[k, output] = room[at] if places[2, k] < 0 else 0.5 * (room[at] + room[at + 1])
         following += every
         output += 1
     return following, output
 
 
-@compiled
+@compiled_inside
 def _put(lanes: tuple[Floats, Floats, Floats, Floats], target: Floats, to: int, apart: int, count: int) -> None:
     """Put up to four times eight numbers in a flat array, so far apart."""
     store(target, to, lanes[0])
