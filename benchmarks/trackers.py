@@ -15,55 +15,103 @@ if __name__ == "__main__":  # the libraries read these once, when they are impor
 
 from functools import partial
 from pathlib import Path
-from typing import get_args
 
-from jobs import JobName
-from tracking.clock import Effort
-from tracking.measuring import measure, only
+from tracking.channels import channels
+from tracking.clock import ONCE_S, SLOW_S, Effort
+from tracking.coverage import coverage
+from tracking.fresh import fresh
+from tracking.measuring import Row, measure, only
+from tracking.options import options
 from tracking.picture import draw
-from tracking.scaling import scaling
-from tracking.settings import our_settings, peer_settings
+from tracking.scaling import FITTED, SAMPLE_BY_SAMPLE, scaling
+from tracking.settings import EVERYWHERE, our_settings, peer_settings
+from tracking.slipping import slipping
 from tracking.speedups import speedups
 from tracking.tables import job_table, table
-from tracking.targets import targets
+from tracking.targets import Target, targets
 
 from hums.plots import save_figure
 
 NOTE = """\
 Made by `python benchmarks/trackers.py`, one thread. Time as a multiple of `numpy.fft.rfft` of the same record, the two
-timed in turn ({repeats} times, {slow} where a call takes more than a second) and their medians divided; compilation is
-apart. Error: `sqrt(sum |Z' - Z|^2 / sum |Z|^2)` over all orders and the middle 90 % of the outputs. Bandwidth: the best
-of a search on the job itself, one number for all orders, in Hz (J3: in orders). Memory: how far the process grew.
-Records: J1 ten orders of a shaft that runs up from 10 to 40 Hz in 20 s; J2 orders 20 and 20.2 of it, crossed by a line
-at 300 Hz; J3 the ten orders at 512 samples a turn; a million samples each, in noise of variance 1 (`jobs.py`)."""
+timed in turn ({repeats} times, {slow_repeats} where a call takes more than {slow_s:g} s, once where more than
+{once_s:g} s) and their medians divided; compilation is apart. A call finds the memory that the one before it left, and
+makes no `std`: see "First calls" for what these cost. Error: `sqrt(sum |Z' - Z|^2 / sum |Z|^2)` over all orders and the
+middle 90 % of the outputs. Bandwidth: the best of a search on the job itself, one number for all orders, in Hz (J3: in
+orders). Memory: how far the process grew. Records: J1 ten orders of a shaft that runs up from 10 to 40 Hz in 20 s; J2
+orders 20 and 20.2 of it, crossed by a line at 300 Hz; J3 the ten orders at 512 samples a turn; a million samples each,
+in noise of variance 1 (`jobs.py`)."""
+
+SPEEDUPS = """\
+Difference: root of the mean square over all outputs of the excerpt, from the first on, as a part of theirs."""
+
+FRESH = """\
+Tracks make `std` when it is first asked for, and the memory of tracks that are gone is used again. The times above are
+those of a call again. A first call finds fresh memory, which the system clears page by page while it is written."""
+
+OPTIONS = """\
+On J1, outputs every 200: the fast smoother with 2 poles and the exact filter with 1, each with one setting more."""
+
+CHANNELS = """\
+Records of one channel and of {channels}, which share their phases; outputs every 200, in rffts of one channel."""
+
+COVERAGE = """\
+Each order has the bandwidth that `likely_bandwidth` gives it, the noise is estimated. Of a normal distribution 95 % lie
+within 1.96 standard deviations; the envelopes of the jobs are sums of sines, no random walks, so that it need not be
+95 % here. The likeliest bandwidth is the one that explains the record, not the one with the least error."""
+
+SLIPPING = """\
+A line of amplitude 1 in noise of variance 1, whose order is 0.6 to 1.4 % below the nominal 9.46, a million samples at
+512 a turn; all estimators 0.02 orders wide. Error: of the line's complex amplitude beside the nominal order's phase,
+root of the mean square."""
+
+SCALING = """\
+In rffts of a million samples. The verdicts are on the exponent that fits the {fitted} largest sizes. Where orders grow,
+they lie in a record of {grown:,} samples at 512 a turn, {exact:,} for the exact estimators, coupled ones a bandwidth
+apart. A smoother integrates out what all coupled orders do from one knot to the next (fast) or from sample to sample
+(exact), which grows with their cube. Summing up the samples between knots grows with their square; the narrower the
+bandwidth, the fewer the knots, and the more orders it takes for the cube to outweigh it."""
 
 
 def main(folder: Path, *, effort: Effort | None = None) -> int:
     """Measure, and write the tables and the picture."""
     effort = effort or Effort()
     settings = our_settings() + (peer_settings() if effort.with_peers else [])
-    names: tuple[JobName, ...] = get_args(JobName)
-    rows, refusals = measure(names, settings, effort)
-    faster, fast_enough = speedups(rows, effort)
-    widths = {row.setting.family: row.bandwidth for row in only(rows, "J1")}
-    grown, straight = scaling((widths.get("smoother 2", 1.0), widths.get("filter 1", 1.0)), effort)
-    verdicts = [
-        (target.what, target.needed, target.measured, "yes" if target.passed else "**no**")
-        for target in [*targets(rows), *fast_enough, *straight]
-    ]
-    note = NOTE.format(repeats=effort.repeats, slow=effort.slow_repeats)
-    lines = ["# Trackers: time against error", "", note, "", "![Time against error](trackers.svg)", ""]
-    lines += ["## Targets", "", *table(("what", "needed", "measured", "reached"), verdicts)]
-    for name in names:
-        lines += [f"## {name}", "", *job_table(only(rows, name))]
-    lines += ["## Times as fast as other packages, a sample", "", *faster] if effort.with_peers else []
-    lines += ["## Scaling", "", *grown]
-    lines += ["## Left out", "", *(f"- {refusal}" for refusal in refusals), ""] if refusals else []
+    rows, refusals = measure(EVERYWHERE, settings, effort)
+    lines = _report(rows, refusals, effort)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "trackers.md").write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
-    save_figure(partial(draw, rows), folder / "trackers.svg", width=11, height=4.6)
+    save_figure(partial(draw, rows), folder / "trackers.svg", width=11, height=5.4)
     print("\n".join(lines))  # noqa: T201
     return 0
+
+
+def _report(rows: list[Row], refusals: list[str], effort: Effort) -> list[str]:
+    faster, fast_enough = speedups(rows, effort)
+    honest, held = coverage(effort)
+    widths = {row.setting.family: row.bandwidth for row in only(rows, "J1")}
+    grown, straight = scaling((widths.get("smoother 2", 1.0), widths.get("filter 1", 1.0)), effort)
+    about = SCALING.format(fitted=FITTED, grown=effort.grown, exact=SAMPLE_BY_SAMPLE)
+    note = NOTE.format(repeats=effort.repeats, slow_repeats=effort.slow_repeats, slow_s=SLOW_S, once_s=ONCE_S)
+    lines = ["# Trackers: time against error", "", note, "", "![Time against error](trackers.svg)", ""]
+    lines += ["## Targets", "", *_verdicts([*targets(rows), *fast_enough, *held, *straight])]
+    for name in EVERYWHERE:
+        lines += [f"## {name}", "", *job_table(only(rows, name))]
+    if effort.with_peers:
+        lines += ["## Times as fast as other packages, a sample", "", *faster, SPEEDUPS, ""]
+    lines += ["## First calls, and `std`", "", FRESH, "", *fresh(rows, effort)]
+    lines += ["## Other settings", "", OPTIONS, "", *options(effort)]
+    lines += ["## Several channels", "", CHANNELS.format(channels=effort.channels), "", *channels(effort)]
+    lines += ["## What `std` holds", "", COVERAGE, "", *honest]
+    lines += ["## A line that slips", "", SLIPPING, "", *slipping(effort)]
+    lines += ["## Scaling", "", about, "", *grown]
+    lines += ["## Left out", "", *(f"- {refusal}" for refusal in refusals), ""] if refusals else []
+    return lines
+
+
+def _verdicts(found: list[Target]) -> list[str]:
+    lines = [(target.what, target.needed, target.measured, "yes" if target.passed else "**no**") for target in found]
+    return table(("what", "needed", "measured", "reached"), lines)
 
 
 if __name__ == "__main__":

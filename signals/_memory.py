@@ -8,6 +8,7 @@ back at once.
 
 import mmap
 from collections import deque
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -28,14 +29,15 @@ _HUGE: int | None = getattr(mmap, "MADV_HUGEPAGE", None)
 _waiting: deque[mmap.mmap] = deque(maxlen=WAITING)
 
 
-def room(count: int) -> NDArray[np.float64]:
-    """Return an array of so many numbers, whichever, that begins where a line of the cache does."""
+def room(*shape: int) -> NDArray[np.float64]:
+    """Return an array of numbers, whichever, that begins where a line of the cache does."""
+    count = prod(shape)
     size = count * np.dtype(np.float64).itemsize
     if size < LARGE or _OFFER is None:
         array = np.empty(count + LINE)
         start = -(array.ctypes.data // array.itemsize) % LINE
-        return array[start : start + count]
-    return np.asarray(_Loan(_found(size) or _fresh(size), _OFFER))[:count]
+        return array[start : start + count].reshape(shape)
+    return np.asarray(_Loan(_found(size) or _fresh(size), _OFFER))[:count].reshape(shape)
 
 
 def _found(size: int) -> mmap.mmap | None:

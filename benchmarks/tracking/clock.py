@@ -12,7 +12,10 @@ from typing import Literal
 import numpy as np
 from jobs import Floats
 
-SLOW_S = 1.0  # of a call, from which on it is repeated less often
+from signals import _memory
+
+SLOW_S = 0.5  # of a call, from which on it is repeated less often
+ONCE_S = 3.0  # from which on the run that finds the error is the one that is timed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,21 +27,32 @@ class Effort:
     samples : of each job; None for all.
     excerpt : samples given to what is too slow for a whole job.
     repeats, slow_repeats : of a timing.
-    search : evaluations in the search of a bandwidth.
+    search, slow_search : evaluations in the search of a bandwidth, the second where they are slow.
     with_peers : whether other packages run too.
-    lengths : numbers of samples, for the first table of scaling.
-    separable, coupled : numbers of orders, for the other two.
+    channels : of the record with several.
+    poles : for which the likeliest bandwidths are searched.
+    lengths : numbers of samples, for the scaling with samples.
+    separable, coupled : numbers of orders, for the scaling with orders.
+    grown : samples in a record where orders grow, for the smoother on blocks.
     """
 
     samples: int | None = None
     excerpt: int = 20_000
     repeats: int = 15
-    slow_repeats: int = 3
+    slow_repeats: int = 5
     search: int = 14
+    slow_search: int = 8
     with_peers: bool = True
-    lengths: tuple[int, ...] = (125_000, 250_000, 500_000, 1_000_000)
+    channels: int = 8
+    poles: tuple[int, ...] = (1, 2, 3, 4)
+    lengths: tuple[int, ...] = (500_000, 1_000_000, 2_000_000, 4_000_000, 8_000_000)
     separable: tuple[int, ...] = (10, 20, 50, 100, 200)
-    coupled: tuple[int, ...] = (2, 5, 10, 15, 20)
+    coupled: tuple[int, ...] = (5, 10, 20, 40, 60, 80)
+    grown: int = 250_000
+
+    def repeats_of(self, took: float) -> int:
+        """How often a call of so many seconds is timed."""
+        return self.repeats if took < SLOW_S else self.slow_repeats
 
 
 def seconds(call: Callable[[], object]) -> float:
@@ -50,19 +64,31 @@ def seconds(call: Callable[[], object]) -> float:
 
 def seconds_a_call(call: Callable[[], object], effort: Effort) -> float:
     """Return the median of several calls, after one that warms up."""
-    repeats = effort.repeats if seconds(call) < SLOW_S else effort.slow_repeats
-    return statistics.median(seconds(call) for _ in range(repeats))
+    return statistics.median(seconds(call) for _ in range(effort.repeats_of(seconds(call))))
 
 
-def time_in_ffts(call: Callable[[], object], record: Floats, effort: Effort) -> float:
-    """Time a call that has run before, in those of an rfft of the record, both in turn."""
-    repeats = effort.repeats if seconds(call) < SLOW_S else effort.slow_repeats
-    both = [(seconds(call), seconds(lambda: np.fft.rfft(record))) for _ in range(repeats)]
+def time_in_ffts(call: Callable[[], object], record: Floats, effort: Effort, *, took: float | None = None) -> float:
+    """Time a call in those of an rfft of the record, both in turn.
+
+    Parameters
+    ----------
+    call : has run before, so that all is compiled.
+    record : of the rfft.
+    effort : how often to repeat.
+    took : seconds of that run, which stand for the call where they are many; by default it runs again first.
+    """
+    once = seconds(call) if took is None else took
+    repeats = range(effort.repeats_of(once))
+    both = [(once if once > ONCE_S else seconds(call), seconds(lambda: np.fft.rfft(record))) for _ in repeats]
     return statistics.median(mine for mine, _ in both) / statistics.median(fft for _, fft in both)
 
 
 def give_back() -> None:
-    """Return freed memory to the system, where the C library can: what grows into it would not show."""
+    """Return freed memory to the system, as far as it can be: a call then finds it fresh, and what it grows shows.
+
+    The room of large results that are gone waits in `signals` for the next ones, which else find it at hand.
+    """
+    _memory._waiting.clear()  # noqa: SLF001  (no user needs a door to this)
     with contextlib.suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
 

@@ -1,5 +1,6 @@
 """Every setting on every job, at the bandwidth that suits it best there: time, error, memory."""
 
+import contextlib
 import dataclasses
 import sys
 from collections.abc import Iterable, Sequence
@@ -10,8 +11,8 @@ import numpy as np
 from jobs import Job, JobName, standard_job
 from scipy.optimize import minimize_scalar
 
-from tracking.clock import Effort, give_back, resident_mb, time_in_ffts
-from tracking.settings import Run, Setting
+from tracking.clock import SLOW_S, Effort, give_back, resident_mb, seconds, time_in_ffts
+from tracking.settings import Run, Setting, Tracks
 
 # What an estimator may answer instead of numbers; the report says so and goes on.
 REFUSED = (ValueError, ArithmeticError, np.linalg.LinAlgError, ImportError)
@@ -46,9 +47,12 @@ def best_bandwidth(job: Job, run: Run, effort: Effort) -> float:
             failed.append(error)
             return 10.0
 
+    with contextlib.suppress(*REFUSED):
+        run(standard_job(job.name, samples=min(effort.excerpt, job.samples)), unit)  # compiles
+    evaluations = effort.search if seconds(lambda: log_error(0.0)) < SLOW_S else effort.slow_search
     bounds = tuple(np.log(BANDWIDTH_HZ))
     found: Any = minimize_scalar(
-        log_error, bounds=bounds, method="bounded", options={"xatol": 5e-3, "maxiter": effort.search}
+        log_error, bounds=bounds, method="bounded", options={"xatol": 5e-3, "maxiter": evaluations}
     )
     if found.fun == 10.0:  # noqa: PLR2004  (nothing ran)
         raise failed[0]
@@ -74,9 +78,8 @@ def measure(names: Iterable[JobName], settings: Sequence[Setting], effort: Effor
     return rows, [f"{', '.join(names)}: {why}" for why, names in refused.items()]
 
 
-def _check_causal(job: Job, run: Run, bandwidth: float, effort: Effort) -> None:
+def _check_causal(record: Job, run: Run, bandwidth: float) -> None:
     """Refuse a filter whose outputs change with later samples: it would beat all others for the wrong reason."""
-    record = standard_job(job.name, samples=min(effort.excerpt, job.samples))
     half = record.samples // 2
     later = np.where(np.arange(record.samples) < half, record.x, 2 - 3 * record.x)
     (one, at), (other, _) = (run(dataclasses.replace(record, x=x), bandwidth) for x in (record.x, later))
@@ -86,19 +89,24 @@ def _check_causal(job: Job, run: Run, bandwidth: float, effort: Effort) -> None:
 
 
 def _measured(job: Job, setting: Setting, bandwidth: float, effort: Effort, rows: list[Row]) -> Row:
+    excerpt = standard_job(job.name, samples=min(effort.excerpt, job.samples))
     short = setting.excerpt_of is not None
-    record = standard_job(job.name, samples=min(effort.excerpt, job.samples)) if short else job
-    setting.run(record, bandwidth)  # compiles
+    record = excerpt if short else job
+    setting.run(excerpt, bandwidth)  # compiles
     if setting.family.startswith("filter"):
-        _check_causal(job, setting.run, bandwidth, effort)
+        _check_causal(excerpt, setting.run, bandwidth)
+    if setting.prepare is not None:
+        setting.prepare(record)
     give_back()
-    before = resident_mb("VmRSS")
-    error = record.error(*setting.run(record, bandwidth))
+    before, answers = resident_mb("VmRSS"), list[Tracks]()
+    took = seconds(lambda: answers.append(setting.run(record, bandwidth)))
     memory = np.nan if short else resident_mb("VmHWM") - before
+    error = record.error(*answers.pop())
     if short:
         alike = [row.error for row in rows if (row.job.name, row.setting.label) == (job.name, setting.excerpt_of)]
         error = alike[0] if alike else np.nan
-    times = time_in_ffts(lambda: setting.run(record, bandwidth), job.x, effort) * job.samples / record.samples
+    times = time_in_ffts(lambda: setting.run(record, bandwidth), job.x, effort, took=took)
+    times *= job.samples / record.samples
     return Row(job=job, setting=setting, bandwidth=bandwidth, time=times, error=error, memory=memory)
 
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import NullLocator
 from matplotlib.transforms import Bbox
 
@@ -79,8 +78,9 @@ def _label(rows: Sequence[Row], panel: "Axes") -> None:
     back = panel.transData.inverted()
     for mine in _lines(rows):
         colour = INK if mine[0].setting.kind == "peer" else COLOURS[mine[0].setting.kind]
-        text = panel.text(1, 1, mine[0].setting.label, fontsize=6, color=colour, va="center", ha="center", zorder=4)
-        text.set_path_effects([withStroke(linewidth=2, foreground="white")])
+        named = f" {mine[0].setting.label.removesuffix(', all')} "  # open marks say "all"; spaces keep names apart
+        text = panel.text(1, 1, named, fontsize=6, color=colour, va="center", ha="center", zorder=4)
+        text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.2})  # an outline of letters fills a megabyte
         text.set_in_layout(False)
         half = np.array([text.get_window_extent().width, text.get_window_extent().height]) / 2
         places = []

@@ -1,95 +1,160 @@
 """How time grows with samples and with orders."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from jobs import SAMPLES_PER_REV, standard_job
-from numpy.typing import NDArray
+from jobs import RATE_HZ, SAMPLES_PER_REV, TEN_ORDERS, Floats
 
 from signals.harmonics import track_orders
 from tracking.clock import Effort, seconds, time_in_ffts
 from tracking.measuring import REFUSED
-from tracking.settings import DECIMATED, ours
+from tracking.settings import DECIMATED
 from tracking.tables import table
 from tracking.targets import Target
 
+UNIT = 1_000_000  # samples of the rfft
+FITTED = 3  # sizes, the largest, through which the exponent goes
+REPEATS = 5
 LONGEST_S = 30.0  # of one call; larger sizes are not tried
 LINEAR, QUADRATIC = 1.1, 2.1  # exponents, a tenth of them left to the clock
+SAMPLE_BY_SAMPLE = 5_000  # samples in a record where orders grow, for the exact estimators
+
+
+@dataclass(frozen=True, kw_only=True)
+class Growth:
+    """What grows, how far, and what its time may do.
+
+    Attributes
+    ----------
+    what : of it, as the table says it.
+    bound : on the exponent.
+    sizes : to be timed.
+    make : from a size to the call.
+    """
+
+    what: str
+    bound: float
+    sizes: Sequence[int]
+    make: Callable[[int], Callable[[], object]]
 
 
 def scaling(bandwidths: tuple[float, float], effort: Effort) -> tuple[list[str], list[Target]]:
-    """Time against samples (J1), separable orders and coupled ones; `bandwidths` of smoother and filter in Hz."""
-    smooth = ours("smoother", "fast", poles=2, every=DECIMATED).run
-    causal = ours("filter", "auto", poles=1).run
-    tables: list[tuple[str, float, Sequence[int], Callable[[int], Callable[[], object]]]] = [
-        (
-            f"J1 smoother, 2 poles, every {DECIMATED}: samples",
-            LINEAR,
-            effort.lengths,
-            lambda n: partial(smooth, standard_job("J1 run-up", samples=n), bandwidths[0]),
+    """Time against samples and against orders; `bandwidths` in Hz of smoother and filter on J1."""
+    lines: list[tuple[str, ...]] = []
+    found = []
+    for growth in _growths(bandwidths, effort):
+        times = _timed(growth, effort)
+        sizes, logs = list(times), np.log(np.array(list(times.items())).reshape(-1, 2))
+        steps = ["", *(f"{rise / run:.2f}" for run, rise in np.diff(logs, axis=0))]
+        lines += [
+            (growth.what, f"{size:,}", f"{times[size]:.3g}", step) for size, step in zip(sizes, steps, strict=False)
+        ]
+        needed = f"exponent {growth.bound:g}, up to {growth.sizes[-1]:,}"
+        passed, measured = False, f"{len(sizes)} sizes ran"
+        if len(sizes) > 1:
+            late = logs[-FITTED:]
+            power = float(np.polyfit(late[:, 0], late[:, 1], 1)[0])
+            passed = power <= growth.bound and len(sizes) == len(growth.sizes)
+            measured = f"exponent {power:.2f} from {sizes[-len(late)]:,} to {sizes[-1]:,}"
+        found.append(Target(what=growth.what, needed=needed, measured=measured, passed=passed))
+    return table(("what grows", "how many", "time", "exponent since the size before"), lines), found
+
+
+def _growths(bandwidths: tuple[float, float], effort: Effort) -> list[Growth]:
+    smooth: dict[str, Any] = {"method": "fast", "poles": 2, "output_every": DECIMATED}
+    exact: dict[str, Any] = {"method": "exact", "poles": 1, "output_every": DECIMATED}
+    late, causal = (partial(_run_up, bandwidth_hz=bandwidth) for bandwidth in bandwidths)
+    few = effort.coupled[:-2] if len(effort.coupled) > FITTED else effort.coupled
+    return [
+        Growth(
+            what=f"J1 going on, smoother, fast, 2 poles, every {DECIMATED}: samples",
+            bound=LINEAR,
+            sizes=effort.lengths,
+            make=partial(late, **smooth),
         ),
-        (
-            "J1 filter, 1 pole, all outputs: samples",
-            LINEAR,
-            effort.lengths,
-            lambda n: partial(causal, standard_job("J1 run-up", samples=n), bandwidths[1]),
+        Growth(
+            what="J1 going on, filter, exact, 1 pole, all outputs: samples",
+            bound=LINEAR,
+            sizes=effort.lengths[: max(2, len(effort.lengths) - 2)],  # amplitudes of the others would fill gigabytes
+            make=partial(causal, method="exact", poles=1, estimator="filter"),
         ),
-        (
-            "smoother, 2 poles: whole orders 1, 2, 3, ...",
-            LINEAR,
-            effort.separable,
-            lambda n: partial(_noise_tracked, np.arange(1.0, n + 1), effort),
+        Growth(
+            what="smoother, fast, 2 poles: orders 1, 2, 3, ..., 0.05 wide, separable",
+            bound=LINEAR,
+            sizes=effort.separable,
+            make=partial(_orders, effort.grown, 1.0, 1.0, 0.05, **smooth),
         ),
-        (
-            "smoother, 2 poles: orders 20, 20.01, 20.02, ...",
-            QUADRATIC,
-            effort.coupled,
-            lambda n: partial(_noise_tracked, 20 + 0.01 * np.arange(n), effort),
+        Growth(
+            what="smoother, fast, 2 poles: orders 20, 20.011, ..., 0.011 wide as on J3, coupled",
+            bound=QUADRATIC,
+            sizes=effort.coupled,
+            make=partial(_orders, effort.grown, 20.0, 0.011, 0.011, **smooth),
+        ),
+        Growth(
+            what="smoother, fast, 2 poles: orders 20, 20.05, ..., 0.05 wide, coupled",
+            bound=QUADRATIC,
+            sizes=effort.coupled,
+            make=partial(_orders, effort.grown, 20.0, 0.05, 0.05, **smooth),
+        ),
+        Growth(
+            what="filter, exact, 1 pole: the same orders",
+            bound=QUADRATIC,
+            sizes=effort.coupled,
+            make=partial(_orders, SAMPLE_BY_SAMPLE, 20.0, 0.05, 0.05, **exact, estimator="filter"),
+        ),
+        Growth(
+            what="smoother, exact, 1 pole: the same orders",
+            bound=QUADRATIC,
+            sizes=few,
+            make=partial(_orders, SAMPLE_BY_SAMPLE, 20.0, 0.05, 0.05, **exact),
         ),
     ]
-    lines, found = [], []
-    for what, bound, sizes, make in tables:
-        times = _growing(sizes, make, effort)
-        lines += [(what, f"{size:,}", f"{time:.3g}") for size, time in times.items()]
-        late = np.log(list(times.items())[-3:])
-        power = float(np.polyfit(late[:, 0], late[:, 1], 1)[0]) if len(late) > 1 else np.nan
-        measured = f"exponent {power:.2f} up to {max(times, default=0):,}"
-        passed = power <= bound and len(times) == len(sizes)
-        found.append(
-            Target(what=what, needed=f"exponent {bound:g}, to {sizes[-1]:,}", measured=measured, passed=passed)
-        )
-    return table(("what grows", "how many", "time"), lines), found
 
 
-def _growing(sizes: Sequence[int], make: Callable[[int], Callable[[], object]], effort: Effort) -> dict[int, float]:
-    """Time a call at each size, in rffts of the longest record, as far as one call may last."""
+def _timed(growth: Growth, effort: Effort) -> dict[int, float]:
+    """Time a call at each size, in rffts of a million samples, as far as one call may last."""
     times: dict[int, float] = {}
-    took, record = 0.0, np.ones(max(effort.lengths))
-    for size in sizes:
+    took, record, less = 0.0, np.ones(UNIT), replace(effort, repeats=min(REPEATS, effort.repeats))
+    for size in growth.sizes:
         if times and took * (size / max(times)) ** 3 > LONGEST_S:
             break
-        call = make(size)
+        call = growth.make(size)
         try:
-            call()
+            took = seconds(call)
         except REFUSED:
             break
-        took = seconds(call)
-        times[size] = time_in_ffts(call, record, effort)
+        if not times:
+            took = seconds(call)  # without what it takes to compile
+        times[size] = time_in_ffts(call, record, less, took=took)
     return times
 
 
-def _noise_tracked(orders: NDArray[Any], effort: Effort) -> object:
-    """Smooth plain noise sampled in angle; what it holds does not change how long it takes."""
-    samples = max(effort.lengths) // 4
-    return track_orders(
-        np.random.default_rng(0).standard_normal(samples),
-        phase_rad=2 * np.pi / SAMPLES_PER_REV * np.arange(samples),
-        orders=orders,
-        bandwidth_orders=0.05,
-        samples_per_rev=SAMPLES_PER_REV,
-        poles=2,
-        method="fast",
-        output_every=DECIMATED,
-    )
+def _noise(samples: int) -> Floats:
+    """Plain noise: what a record holds hardly changes how long it takes."""
+    return np.random.default_rng(0).standard_normal(samples)
+
+
+def _run_up(samples: int, *, bandwidth_hz: float, **settings: Any) -> Callable[[], object]:  # noqa: ANN401
+    """Track the ten orders of J1, whose shaft goes on to gain speed for as long as the record lasts."""
+    t = np.arange(samples) / RATE_HZ
+    phase_rad = 2 * np.pi * (10 * t + 0.75 * t**2)
+    given: dict[str, Any] = {"orders": TEN_ORDERS, "bandwidth_hz": bandwidth_hz, "rate_hz": RATE_HZ}
+    return partial(track_orders, _noise(samples), phase_rad=phase_rad, **given, **settings)
+
+
+def _orders(
+    samples: int,
+    first: float,
+    apart: float,
+    bandwidth: float,
+    count: int,
+    **settings: Any,  # noqa: ANN401
+) -> Callable[[], object]:
+    """Track so many orders in a record sampled in angle."""
+    phase_rad = 2 * np.pi / SAMPLES_PER_REV * np.arange(samples)
+    orders = first + apart * np.arange(count)
+    given: dict[str, Any] = {"orders": orders, "bandwidth_orders": bandwidth, "samples_per_rev": SAMPLES_PER_REV}
+    return partial(track_orders, _noise(samples), phase_rad=phase_rad, **given, **settings)

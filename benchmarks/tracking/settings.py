@@ -1,6 +1,6 @@
 """Every way to track orders that the report compares: ours, and those of other packages."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, get_args
@@ -10,12 +10,16 @@ import peers
 from jobs import Floats, Job, JobName
 from numpy.typing import NDArray
 
-from signals.harmonics import track_orders
+from signals.harmonics import OrderTracker, track_orders
 
-Run = Callable[[Job, float], tuple[NDArray[np.complex128], NDArray[Any]]]
+Tracks = tuple[NDArray[np.complex128], NDArray[Any]]
+Run = Callable[[Job, float], Tracks]
 Kind = Literal["smoother", "filter", "peer"]
 
 DECIMATED = 200  # samples from one output to the next, where not all are wanted
+FED = 4096  # samples of a block that a stream is fed with
+LAG = 20_000  # samples that its smoother waits for at least: 0.4 s, or 39 turns
+EVERYWHERE: tuple[JobName, ...] = get_args(JobName)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +36,7 @@ class Setting:
     search : what the search of the bandwidth runs: `run` or something quicker with the same errors.
     on : the jobs it runs on.
     excerpt_of : the estimator whose error it shares, if it runs on an excerpt and its time is scaled up.
+    prepare : makes for a job what is not timed.
     """
 
     kind: Kind
@@ -43,11 +48,12 @@ class Setting:
     run: Run
     family: str
     search: Run
-    on: tuple[JobName, ...] = get_args(JobName)
+    on: tuple[JobName, ...] = EVERYWHERE
     excerpt_of: str | None = None
+    prepare: Callable[[Job], object] | None = None
 
 
-def _track(job: Job, bandwidth: float, **settings: Any) -> tuple[NDArray[np.complex128], NDArray[np.int64]]:  # noqa: ANN401
+def _track(job: Job, bandwidth: float, **settings: Any) -> Tracks:  # noqa: ANN401
     tracks = track_orders(**job.tracking(bandwidth), **settings)
     return tracks.complex_amplitude, tracks.sample_index
 
@@ -59,7 +65,7 @@ def ours(
     poles: int,
     every: int = 1,
     rtol: float | None = None,
-    on: tuple[JobName, ...] = get_args(JobName),
+    on: tuple[JobName, ...] = EVERYWHERE,
 ) -> Setting:
     """Return a setting of `track_orders`; `rtol` None is its default."""
     tolerance: dict[str, Any] = {} if rtol is None else {"rtol": rtol}
@@ -77,33 +83,108 @@ def ours(
     )
 
 
+def apart(*, poles: int) -> Setting:
+    """Return the smoother that takes every order for the only one."""
+    return Setting(
+        kind="smoother",
+        label=f"smoother {poles}, each alone",
+        estimator="smoother, each alone",
+        method="fast, coupled=False",
+        poles=poles,
+        outputs=f"every {DECIMATED}",
+        run=partial(_track, method="fast", poles=poles, output_every=DECIMATED, coupled=False),
+        family=f"smoother {poles}",
+        search=partial(_track, poles=poles, output_every=DECIMATED),
+    )
+
+
+def stream(job: Job, bandwidth: float, *, poles: int, lag: int | None = None, output_every: int = 1) -> Tracks:
+    """Feed a job to an `OrderTracker`, block by block; the lag is a third of the record at most."""
+    late = None if lag is None else min(lag, job.samples // 3)
+    names = ("bandwidth_orders", "samples_per_rev") if job.per_revolution else ("bandwidth_hz", "rate_hz")
+    rates: dict[str, Any] = dict(zip(names, (bandwidth, job.rate), strict=True))
+    tracker = OrderTracker(
+        orders=job.orders, noise_variance=1.0, poles=poles, lag=late, output_every=output_every, **rates
+    )
+    parts = []
+    for start in range(0, job.samples, FED):
+        block = slice(start, start + FED)
+        if isinstance(job.phase_rad, Mapping):
+            parts.append(tracker.update(job.x[block], phase_rad={s: p[block] for s, p in job.phase_rad.items()}))
+        else:
+            parts.append(tracker.update(job.x[block], phase_rad=job.phase_rad[block]))
+    parts.append(tracker.finish())
+    amplitude = np.concatenate([part.complex_amplitude for part in parts], axis=-1)
+    return amplitude, np.concatenate([part.sample_index for part in parts])
+
+
+def streams() -> list[Setting]:
+    """Return the causal filter in blocks, and the smoother that waits for some samples only."""
+    causal, late = ours("filter", "exact", poles=1), ours("smoother", "fast", poles=1, every=DECIMATED)
+    fed = Setting(
+        kind="filter",
+        label="filter 1, in blocks, all",
+        estimator="filter in blocks",
+        method=f"exact, {FED:,} samples at a time",
+        poles=1,
+        outputs="all",
+        run=partial(stream, poles=1),
+        family=causal.family,
+        search=causal.search,
+    )
+    lagged = Setting(
+        kind="smoother",
+        label="fixed lag 1",
+        estimator="fixed-lag smoother",
+        method=f"exact, lag {LAG:,}",
+        poles=1,
+        outputs=late.outputs,
+        run=partial(stream, poles=1, lag=LAG, output_every=DECIMATED),
+        family=late.family,
+        search=late.search,
+    )
+    return [fed, lagged]
+
+
 def our_settings() -> list[Setting]:
-    """Return every estimator and method of `track_orders` at several poles, tolerances and outputs."""
+    """Return every estimator and method of ours at several poles, tolerances and outputs."""
     smoothers = [
         ours("smoother", "fast", poles=poles, every=DECIMATED, rtol=rtol)
         for poles in (1, 2, 3, 4)
         for rtol in (1e-2, None, 1e-4)
     ]
     smoothers += [ours("smoother", "fast", poles=poles) for poles in (1, 2)]
-    smoothers += [ours("smoother", "exact", poles=poles, every=DECIMATED, on=("J3 angle",)) for poles in (1, 2)]
-    return smoothers + [ours("filter", method, poles=poles) for method in ("exact", "fast") for poles in (1, 2)]
+    smoothers += [apart(poles=2)]
+    smoothers += [ours("smoother", "exact", poles=poles, every=DECIMATED) for poles in (1, 2)]
+    filters = [ours("filter", method, poles=poles) for method in ("exact", "fast") for poles in (1, 2, 3, 4)]
+    fed, lagged = streams()
+    return [*smoothers, lagged, *filters, fed]
 
 
-def _given(job: Job, bandwidth: float, *, kept: dict[tuple[str, int], Floats]) -> peers.Tracks:
-    key = job.name, job.samples
-    if key not in kept:
-        for other in [other for other in kept if other[0] != job.name]:
-            del kept[other]
-        kept[key] = peers.regressors(job)
-    return peers.compiled_filter_given(job, bandwidth, rows=kept[key])
+class _Given:
+    """The filter on regressors made beforehand, those of one job at a time."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[str, int], Floats] = {}
+
+    def prepare(self, job: Job) -> Floats:
+        """Return the regressors of a job, made the first time."""
+        key = job.name, job.samples
+        if key not in self._made:
+            self._made = {key: peers.regressors(job)}
+        return self._made[key]
+
+    def run(self, job: Job, bandwidth: float) -> Tracks:
+        """Track a job."""
+        return peers.compiled_filter_given(job, bandwidth, rows=self.prepare(job))
 
 
 def peer_settings() -> list[Setting]:
-    """Return the other packages' ways; the first call of one makes what is not timed."""
+    """Return the other packages' ways."""
     alone = partial(peers.vold_kalman_alone, poles=2, block=peers.BLOCK)
     coupled = partial(peers.vold_kalman_coupled, poles=2)
     blocks = f"every {peers.BLOCK}"
-    causal = next(s for s in our_settings() if s.family == "filter 1")
+    causal = ours("filter", "exact", poles=1)
 
     def peer(label: str, method: str, poles: int, run: Run, **settings: Any) -> Setting:  # noqa: ANN401
         usual: dict[str, Any] = {"outputs": "all", "family": label, "search": run}
@@ -113,7 +194,7 @@ def peer_settings() -> list[Setting]:
         )
 
     one: dict[str, Any] = {"family": causal.family, "search": causal.search}
-    given = partial(_given, kept={})
+    given = _Given()
     slow = one | {"excerpt_of": "numba"}
     return [
         peer("Butterworth", "demodulation, scipy sosfiltfilt", 2, peers.demodulated),
@@ -128,7 +209,7 @@ def peer_settings() -> list[Setting]:
         ),
         peer("VK coupled, sums", "scipy solveh_banded on sums", 2, coupled, outputs=blocks),
         peer("numba", "covariance filter", 1, peers.compiled_filter, **one),
-        peer("numba, given sines", "covariance filter", 1, given, **one),
+        peer("numba, given sines", "covariance filter", 1, given.run, **one, prepare=given.prepare),
         peer("filterpy", "covariance filter", 1, peers.filterpy_filter, **slow),
         peer("statsmodels", "covariance filter", 1, peers.statsmodels_filter, **slow),
     ]

@@ -22,7 +22,7 @@ def speedups(rows: Sequence[Row], effort: Effort) -> tuple[list[str], list[Targe
     lines, found = [], []
     for name in JOBS:
         excerpt = standard_job(name, samples=effort.excerpt)
-        mine = only(rows, name, kind="filter", poles=1, outputs="all")
+        mine = only(rows, name, estimator="filter", poles=1, outputs="all")
         for theirs in (row for row in rows if row.job.name == name and row.setting.label in NEEDED):
             alike = [_on_excerpt(excerpt, theirs, row, effort) for row in mine]
             whole = [theirs.time / row.time for row in mine]

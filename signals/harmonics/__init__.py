@@ -9,21 +9,21 @@ if TYPE_CHECKING:
     from signals.harmonics.bandwidth import process_variance as process_variance
     from signals.harmonics.bandwidth import smoother_bandwidth as smoother_bandwidth
     from signals.harmonics.likelihood import likely_bandwidth as likely_bandwidth
-    from signals.harmonics.model import OrderTracks as OrderTracks
-    from signals.harmonics.model import OutputFlag as OutputFlag
     from signals.harmonics.slip import SlippingTrack as SlippingTrack
     from signals.harmonics.slip import track_slipping_order as track_slipping_order
     from signals.harmonics.stream import OrderTracker as OrderTracker
     from signals.harmonics.tracker import track_orders as track_orders
+    from signals.harmonics.tracks import OrderTracks as OrderTracks
+    from signals.harmonics.tracks import OutputFlag as OutputFlag
     from signals.harmonics.vold_kalman import vold_kalman_filter as vold_kalman_filter
     from signals.harmonics.waveform import order_waveform as order_waveform
     from signals.harmonics.waveform import residual_record as residual_record
 
 _HOME = {
     "Bandwidth": "signals.harmonics.bandwidth",
-    "OrderTracks": "signals.harmonics.model",
+    "OrderTracks": "signals.harmonics.tracks",
     "OrderTracker": "signals.harmonics.stream",
-    "OutputFlag": "signals.harmonics.model",
+    "OutputFlag": "signals.harmonics.tracks",
     "SlippingTrack": "signals.harmonics.slip",
     "isolated_std": "signals.harmonics.bandwidth",
     "likely_bandwidth": "signals.harmonics.likelihood",

@@ -1,8 +1,7 @@
-"""From samples to sums over blocks, and from amplitudes at the knots between blocks back to samples.
+"""From samples to moments of blocks, and from amplitudes at the knots between blocks back to samples.
 
 Block `i` holds the samples from `i length` up to `(i + 1) length`; knots lie at its first sample and at that of the
-next. Within a block, u runs from 0 to 1. A sample weighs `1 - u` at the knot before it and `u` at the one after:
-hats over two blocks each, which add up to one.
+next. Within a block, u runs from 0 to 1, and a moment is a sum of something times a power of it.
 """
 
 import numpy as np
@@ -26,11 +25,12 @@ def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: in
     phase : (shaft, sample) array in rad.
     orders, shaft : (order,) arrays, cycles per revolution and the shaft they count.
     length : samples in a block.
-    sums : (order, block, channel, 4) array, filled: of x cos, u x cos, -x sin, -u x sin.
+    sums : (order, block, pair channel, 4) array, filled: of x cos, u x cos, -x sin, -u x sin of every channel; of u^2
+        times these; and so on for as many pairs of moments as there is room for.
     """
     work = workspace(len(phase), ROWS)
     cosine, sine = np.zeros((ROWS, PIECE)), np.zeros((ROWS, PIECE))
-    plain, late = np.empty((len(x), PIECE)), np.empty((len(x), PIECE))
+    plain, late = np.empty((sums.shape[2], PIECE)), np.empty((sums.shape[2], PIECE))
     sums[:] = 0.0
     for block in range(sums.shape[1]):
         stop = min((block + 1) * length, x.shape[1])
@@ -45,7 +45,10 @@ def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: in
 
 @compiled
 def _fill_weighted(x: Floats, first: int, last: int, block: int, length: int, plain: Floats, late: Floats) -> None:
-    """Copy samples, and copy them weighted by their places in a block, with zeros behind to a whole stride."""
+    """Copy samples, and copy them weighted by their places in a block, with zeros behind to a whole stride.
+
+    Where there is room for more than the channels, these follow: times the squares of places, and so on.
+    """
     place, step, size = (first - block * length) / length, 1.0 / length, last - first
     for channel in range(len(x)):
         for n in range(size):
@@ -53,6 +56,10 @@ def _fill_weighted(x: Floats, first: int, last: int, block: int, length: int, pl
             late[channel, n] = (place + step * n) * x[channel, first + n]
         for n in range(size, -(-size // STRIDE) * STRIDE):
             plain[channel, n] = late[channel, n] = 0.0
+    for row in range(len(x), len(plain)):
+        for n in range(-(-size // STRIDE) * STRIDE):
+            plain[row, n] = (place + step * n) * late[row - len(x), n]
+            late[row, n] = (place + step * n) * plain[row, n]
 
 
 @compiled
@@ -82,43 +89,60 @@ def _add_moments(
 
 @compiled_sums
 def correlate(seen: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, sums: Floats) -> None:
-    """Fill the moments of every two columns of the model, block by block.
+    """Fill the moments of the products of every two columns of the model, block by block.
 
     Parameters
     ----------
     seen : (1, sample) array, 0 where missing, else 1.
     phase, orders, shaft, length : as for `project`.
-    sums : (block, 2, 2 order, 2 order) array, filled: of the products of cos and -sin of all orders (all cos first),
-        and of u times these.
+    sums : (block, moment, 2 order, 2 order) array, filled: of the products of cos and -sin of all orders (all cos
+        first), of u times these, of u^2 times these, and so on.
     """
-    width = 2 * orders.size
+    width, moments = 2 * orders.size, sums.shape[1]
     work = workspace(len(phase), orders.size)
-    columns, late = np.zeros((width, PIECE)), np.zeros((width, PIECE))
-    there, late_there = np.empty((1, PIECE)), np.empty((1, PIECE))
+    columns = np.zeros((moments // 2 + 1, width, PIECE))  # times powers of u
     sums[:] = 0.0
     for block in range(len(sums)):
         stop = min((block + 1) * length, seen.shape[1])
         for first in range(block * length, stop, PIECE):
             last = min(first + PIECE, stop)
-            _fill_weighted(seen, first, last, block, length, there, late_there)
+            plain = columns[0]
             begin_piece(work, phase, first, last)
-            fill_steady(work, orders, shaft, phase, first, last, columns[: orders.size], columns[orders.size :])
+            fill_steady(work, orders, shaft, phase, first, last, plain[: orders.size], plain[orders.size :])
+            _fill_powers(seen[0][first:last], (first - block * length) / length, 1.0 / length, columns)
             size = -(-(last - first) // STRIDE) * STRIDE
-            for a in range(width):
-                sign = 1.0 if a < orders.size else -1.0
-                for n in range(size):
-                    value = sign * columns[a, n]
-                    columns[a, n] = there[0, n] * value
-                    late[a, n] = late_there[0, n] * value
-            _add_products(columns, late, size, block, sums)
+            for half in range((moments - 1) // 2):
+                if 2 * half + 3 < moments:
+                    _add_products(columns[half], columns[half + 1], size, sums[block, 2 * half :])
+                else:
+                    _add_squares(columns[half], columns[half + 1], size, sums[block, 2 * half :])
+            if moments % 2 == 0:
+                _add_products(columns[moments // 2 - 1], columns[moments // 2], size, sums[block, moments - 2 :])
         for a in range(width):
             for b in range(a):
                 sums[block, :, b, a] = sums[block, :, a, b]
 
 
 @compiled
-def _add_products(columns: Floats, late: Floats, size: int, block: int, sums: Floats) -> None:
-    """Add the sums of products of every two columns, and of the same two late, to those of a block."""
+def _fill_powers(seen: Floats, place: float, step: float, columns: Floats) -> None:
+    """Weight cosines and sines, (power, column, sample), and turn the latter round; fill in their further powers."""
+    width = columns.shape[1]
+    for a in range(width):
+        row = columns[0, a]
+        sign = 1.0 if 2 * a < width else -1.0
+        for n in range(seen.size):
+            row[n] *= sign * seen[n]
+        for n in range(seen.size, row.size):
+            row[n] = 0.0
+        for power in range(1, len(columns)):
+            lower, higher = columns[power - 1, a], columns[power, a]
+            for n in range(row.size):
+                higher[n] = (place + step * n) * lower[n]
+
+
+@compiled
+def _add_products(columns: Floats, late: Floats, size: int, sums: Floats) -> None:
+    """Add the sums of products of every two columns, and of one late with the other, to two moments of a block."""
     for a in range(0, len(columns), 2):
         for b in range(0, a + 1, 2):
             # Two columns with two: what is read serves eight sums.
@@ -132,14 +156,40 @@ def _add_products(columns: Floats, late: Floats, size: int, block: int, sums: Fl
                 a1, late1 = load_wide(columns, one + PIECE + n), load_wide(late, one + PIECE + n)
                 p10, p11 = multiply_add(a1, b0, p10), multiply_add(a1, b1, p11)
                 q10, q11 = multiply_add(late1, b0, q10), multiply_add(late1, b1, q11)
-            sums[block, 0, a, b] += total(p00)
-            sums[block, 0, a, b + 1] += total(p01)
-            sums[block, 0, a + 1, b] += total(p10)
-            sums[block, 0, a + 1, b + 1] += total(p11)
-            sums[block, 1, a, b] += total(q00)
-            sums[block, 1, a, b + 1] += total(q01)
-            sums[block, 1, a + 1, b] += total(q10)
-            sums[block, 1, a + 1, b + 1] += total(q11)
+            _add_tile(sums[0], a, b, total(p00), total(p01), total(p10), total(p11))
+            _add_tile(sums[1], a, b, total(q00), total(q01), total(q10), total(q11))
+
+
+@compiled
+def _add_squares(columns: Floats, late: Floats, size: int, sums: Floats) -> None:
+    """Add these, and the sums of products of every two late columns, to three moments of a block."""
+    for a in range(0, len(columns), 2):
+        for b in range(0, a + 1, 2):
+            one, other = a * PIECE, b * PIECE
+            p00 = p01 = p10 = p11 = q00 = q01 = q10 = q11 = r00 = r01 = r10 = r11 = spread_wide(0.0)
+            for n in range(0, size, WIDE):
+                b0, b1 = load_wide(columns, other + n), load_wide(columns, other + PIECE + n)
+                a0, late0 = load_wide(columns, one + n), load_wide(late, one + n)
+                p00, p01 = multiply_add(a0, b0, p00), multiply_add(a0, b1, p01)
+                q00, q01 = multiply_add(late0, b0, q00), multiply_add(late0, b1, q01)
+                a1, late1 = load_wide(columns, one + PIECE + n), load_wide(late, one + PIECE + n)
+                p10, p11 = multiply_add(a1, b0, p10), multiply_add(a1, b1, p11)
+                q10, q11 = multiply_add(late1, b0, q10), multiply_add(late1, b1, q11)
+                b0, b1 = load_wide(late, other + n), load_wide(late, other + PIECE + n)
+                r00, r01 = multiply_add(late0, b0, r00), multiply_add(late0, b1, r01)
+                r10, r11 = multiply_add(late1, b0, r10), multiply_add(late1, b1, r11)
+            _add_tile(sums[0], a, b, total(p00), total(p01), total(p10), total(p11))
+            _add_tile(sums[1], a, b, total(q00), total(q01), total(q10), total(q11))
+            _add_tile(sums[2], a, b, total(r00), total(r01), total(r10), total(r11))
+
+
+@compiled
+def _add_tile(sums: Floats, a: int, b: int, s00: float, s01: float, s10: float, s11: float) -> None:
+    """Add to two rows and two columns of a matrix."""
+    sums[a, b] += s00
+    sums[a, b + 1] += s01
+    sums[a + 1, b] += s10
+    sums[a + 1, b + 1] += s11
 
 
 @compiled

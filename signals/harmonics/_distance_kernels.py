@@ -98,3 +98,37 @@ def dwell(frequency: Floats, bandwidth: Floats, lengths: Floats) -> bool:
                 if memories >= 1.0:
                     return True
     return False
+
+
+@compiled
+def close_so_far(
+    frequency: Floats, bandwidth: Floats, lengths: Floats, turns: Floats, together: Floats, flagged: NDArray[np.bool_]
+) -> None:
+    """Find where lines come within half a bandwidth of each other, or have not yet parted by a turn.
+
+    Parameters
+    ----------
+    frequency : (order, 1 + stretch) array in cycles a sample, first those of the stretch before.
+    bandwidth : (order,) array in cycles a sample.
+    lengths : (stretch,) array, samples in each.
+    turns, together : (order, order) arrays, updated above the diagonal: by how much two lines have parted so far, and
+        in how many samples they were within half a bandwidth.
+    flagged : (order, stretch) array, set where an order is close to another.
+    """
+    for k in range(len(frequency)):
+        for other in range(k + 1, len(frequency)):
+            near = 0.5 * max(bandwidth[k], bandwidth[other])
+            for n in range(lengths.size):
+                distance = 0.5
+                for sign in (-1.0, 1.0):
+                    before = frequency[other, n] + sign * frequency[k, n]
+                    before -= (before + _ROUND) - _ROUND
+                    now = frequency[other, n + 1] + sign * frequency[k, n + 1]
+                    now -= (now + _ROUND) - _ROUND
+                    crossed = before * now < 0.0 and max(abs(before), abs(now)) < NEAR
+                    distance = 0.0 if crossed else min(distance, abs(now))
+                turns[k, other] += distance * lengths[n]
+                if distance < near:
+                    together[k, other] += lengths[n]
+                if distance < near or turns[k, other] < 1.0:
+                    flagged[k, n] = flagged[other, n] = True

@@ -13,7 +13,7 @@ Widths are multiples of LANES; what is filled up has no variance and is never me
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled
+from signals._compile import compiled, compiled_inside
 from signals._lanes import LANES, load, multiply_add, spread, store, times, total
 from signals.harmonics._levels_kernels import filter_levels
 from signals.harmonics._row_kernels import add_row, shear
@@ -25,7 +25,7 @@ Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
-@compiled
+@compiled_inside
 def _weigh(pairs: bool, covariance: Floats, rows: Floats, row: int, gain: Floats, width: int) -> None:
     """Fill the gain, not yet scaled, with `P h`; h starts at `row` in the flat array `rows`."""
     n = gain.shape[1]
@@ -34,7 +34,7 @@ def _weigh(pairs: bool, covariance: Floats, rows: Floats, row: int, gain: Floats
         add_row(pairs, gain, 0, rows[row + a], 0.0, covariance, a * n, n)
 
 
-@compiled
+@compiled_inside
 def _measure(
     rows: Floats, row: int, width: int, data: Floats, datum: int, mean: Floats, gain: Floats, scaled: Floats,
     innovations: Floats,
@@ -71,7 +71,7 @@ def _measure(
     return float(root)
 
 
-@compiled
+@compiled_inside
 def _measure_pairs(
     rows: Floats, row: int, width: int, data: Floats, datum: int, mean: Floats, gain: Floats, scaled: Floats,
     innovations: Floats,
@@ -97,7 +97,7 @@ def _measure_pairs(
     return root[0]
 
 
-@compiled
+@compiled_inside
 def _sweep(
     pairs: bool, moves: bool, covariance: Floats, scaled: Floats, rows: Floats, row: int, gain: Floats, walk: Floats,
     q: int, width: int,
@@ -133,7 +133,7 @@ def _sweep(
     _weigh(pairs, covariance, rows, row, gain, width)
 
 
-@compiled
+@compiled_inside
 def _move(pairs: bool, mean: Floats, width: int) -> None:
     """Move the means over one transition."""
     n = mean.shape[2]

@@ -13,23 +13,24 @@ Floats = NDArray[np.float64]
 
 
 @compiled
-def _measure(gram: Floats, data: Floats, offset: float, matrix: Floats, vector: Floats, weights: Floats) -> None:
+def _measure(gram: Floats, data: Floats, shapes: Floats, matrix: Floats, vector: Floats) -> None:
     """Add what a knot's measurement says of the state."""
-    width = gram.shape[0]
-    poles = matrix.shape[0] // width
-    weights[0] = 1.0
-    for k in range(1, poles):
-        weights[k] = weights[k - 1] * (offset + k - 1) / k
+    width, poles = gram.shape[1], len(shapes)
     for i in range(poles):
-        for a in range(width):
-            for k in range(poles):
-                both = weights[i] * weights[k]
+        for m in range(poles):
+            if shapes[i, m] != 0.0:
+                for a in range(width):
+                    for lane in range(vector.shape[1]):
+                        vector[i * width + a, lane] += shapes[i, m] * data[m, a, lane]
+        for k in range(poles):
+            for m in range(2 * poles - 1):
+                both = 0.0
+                for n in range(max(0, m - poles + 1), min(m + 1, poles)):
+                    both += shapes[i, n] * shapes[k, m - n]
                 if both != 0.0:
-                    for b in range(width):
-                        matrix[i * width + a, k * width + b] += both * gram[a, b]
-            if weights[i] != 0.0:
-                for lane in range(vector.shape[1]):
-                    vector[i * width + a, lane] += weights[i] * data[a, lane]
+                    for a in range(width):
+                        for b in range(width):
+                            matrix[i * width + a, k * width + b] += both * gram[m, a, b]
 
 
 @compiled
@@ -96,7 +97,7 @@ def _forget(walk_variance: Floats, matrix: Floats, vector: Floats, column: Float
         for b in range(a + 1, size):
             matrix[b, a] = left * column[b]
         for lane in range(vector.shape[1]):
-            vector[a, lane] /= loss
+            vector[a, lane] *= left
     for a in range(size):
         for b in range(a):
             matrix[b, a] = matrix[a, b]
@@ -107,7 +108,7 @@ def _forget(walk_variance: Floats, matrix: Floats, vector: Floats, column: Float
 def forward(
     gram: Floats,
     data: Floats,
-    offset: Floats,
+    shapes: Floats,
     walk_variance: Floats,
     matrix: Floats,
     vector: Floats,
@@ -118,9 +119,9 @@ def forward(
 
     Parameters
     ----------
-    gram : (knot, width, width) array, information on the levels; (1, width, width) when all are alike.
-    data : (knot, width, lane) array, information times data.
-    offset : (knot,) array, where the data lie from the knot, in spacings.
+    gram : (knot, moment, width, width) array, moments of the information on the levels; (1, ...) when all are alike.
+    data : (knot, pole, width, lane) array, moments of information times data.
+    shapes : (pole, pole) array, what each block of the state adds to levels, as coefficients of powers of the place.
     walk_variance : (knot or 1, width) array, of the increments that follow each knot.
     matrix, vector : (state, state) and (state, lane) arrays: before the first knot's data on entry, before those of
         the knot after the last on return.
@@ -130,12 +131,12 @@ def forward(
     -------
     sum over the increments of the log of `1 + variance information`.
     """
-    width = gram.shape[1]
+    width = gram.shape[2]
     poles = vector.shape[0] // width
-    weights, column = np.empty(poles), np.empty(vector.shape[0])
+    column = np.empty(vector.shape[0])
     log_determinant = 0.0
     for knot in range(len(data)):
-        _measure(gram[min(knot, len(gram) - 1)], data[knot], offset[knot], matrix, vector, weights)
+        _measure(gram[min(knot, len(gram) - 1)], data[knot], shapes, matrix, vector)
         if len(matrices):
             matrices[knot] = matrix
             vectors[knot] = vector
@@ -197,15 +198,17 @@ def _meet(
         for b in range(a):
             for lane in range(vector.shape[1]):
                 solved[a, lane] -= root[a, b] * solved[b, lane]
+        inverse = 1.0 / root[a, a]
         for lane in range(vector.shape[1]):
-            solved[a, lane] /= root[a, a]
+            solved[a, lane] *= inverse
     for a in range(width - 1, -1, -1):
         row = differences + a
         for b in range(a + 1, width):
             for lane in range(vector.shape[1]):
                 solved[row, lane] -= root[differences + b, row] * levels[b, lane]
+        inverse = 1.0 / root[row, row]
         for lane in range(vector.shape[1]):
-            levels[a, lane] = solved[row, lane] / root[row, row]
+            levels[a, lane] = inverse * solved[row, lane]
     # Columns of the triangle's inverse, in place: their squared lengths are the variances.
     for a in range(width):
         column = differences + a
@@ -226,7 +229,7 @@ def _meet(
 def backward(
     gram: Floats,
     data: Floats,
-    offset: Floats,
+    shapes: Floats,
     walk_variance: Floats,
     matrix: Floats,
     vector: Floats,
@@ -235,31 +238,32 @@ def backward(
     levels: Floats,
     variances: Floats,
 ) -> bool:
-    """Gather, from the last knot of a stretch to its first, what later data say, and meet what `forward` left.
+    """Gather, from the last knot of a stretch to its first, what later data say, and meet what `forward` left, if any.
 
     Parameters
     ----------
-    gram, data, offset, matrices, vectors : as for `forward`.
+    gram, data, shapes, matrices, vectors : as for `forward`.
     walk_variance : (knot or 1, width) array, of the increments that precede each knot.
     matrix, vector : from the data after the stretch, of its last knot, on entry; from the stretch on too, of the knot
         before its first, on return.
-    levels : (knot, width, lane) array, filled.
-    variances : (knot, width) array, filled.
+    levels : (knot, width, lane) array, filled where `forward` left something.
+    variances : (knot, width) array, filled likewise.
 
     Returns
     -------
     False where rounding has eaten up what is known.
     """
-    size, width = matrix.shape[0], gram.shape[1]
+    size, width = matrix.shape[0], gram.shape[2]
     poles = size // width
-    weights, column = np.empty(poles), np.empty(size)
+    column = np.empty(size)
     both, root = np.zeros((size, size)), np.zeros((size, size))
     solved = np.empty((size, max(vector.shape[1], 1)))
     for knot in range(len(data) - 1, -1, -1):
-        past = matrices[knot], vectors[knot]
-        if not _meet(matrix, vector, *past, both, root, solved, column, levels[knot], variances[knot]):
-            return False
-        _measure(gram[min(knot, len(gram) - 1)], data[knot], offset[knot], matrix, vector, weights)
+        if len(matrices):
+            past = matrices[knot], vectors[knot]
+            if not _meet(matrix, vector, *past, both, root, solved, column, levels[knot], variances[knot]):
+                return False
+        _measure(gram[min(knot, len(gram) - 1)], data[knot], shapes, matrix, vector)
         for block in range(poles - 1):
             _add_block(matrix, vector, width, block + 1, block, 1.0)
         _forget(walk_variance[min(knot, len(walk_variance) - 1)], matrix, vector, column)

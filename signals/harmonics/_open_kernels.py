@@ -21,7 +21,7 @@ References
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled
+from signals._compile import compiled, compiled_inside
 from signals._lanes import (
     WIDE,
     load_wide,
@@ -107,7 +107,6 @@ def filter_open(
     One by one: what little the first samples tell hangs on every digit, which sums over eight round differently
     wherever a record is cut. The other parameters are as for `filter_samples`.
     """
-    (start, stop), (following, every, output) = span, outputs
     channels, n = mean.shape[1], mean.shape[2]
     stride = n + -n % WIDE
     # P, V, V^T; then vectors: h, the gain, a, V a, what V's columns change by, the variances V leaves open, the means.
@@ -121,6 +120,24 @@ def filter_open(
             room[h + 5 * stride + a] += covariance[1, a, b] * covariance[1, a, b]
         for channel in range(channels):
             room[middle + channel * stride + a] = mean[0, channel, a]
+    _take_all(places, cosine, sine, offset, x, span, walk, n, room, innovations, roots, outputs, amplitude, variance)
+    for a in range(n):
+        for b in range(n):
+            covariance[0, a, b] = room[a * stride + b]
+            covariance[1, a, b] = room[factor_ + a * stride + b]
+        for channel in range(channels):
+            mean[0, channel, a] = room[middle + channel * stride + a]
+
+
+@compiled_inside
+def _take_all(
+    places: Integers, cosine: Floats, sine: Floats, offset: int, x: Floats, span: Span, walk: Floats, n: int,
+    room: Floats, innovations: Floats, roots: Floats, outputs: Outputs, amplitude: Floats, variance: Floats,
+) -> None:  # fmt: skip
+    """Take the samples in, one by one."""
+    (start, stop), (following, every, output) = span, outputs
+    stride = n + -n % WIDE
+    h = 3 * n * stride
     for i in range(start, stop):
         if np.isnan(x[0, i]):
             roots[i, 0] = 0.0
@@ -132,7 +149,7 @@ def filter_open(
                     room[h + places[2, k]] = -sine[places[0, k], offset + i - start]
             roots[i, 0] = _take(room, n, stride, x, i, innovations)
         if i == following:
-            _put(places, room, n, stride, channels, output, amplitude, variance)
+            _put(places, room, n, stride, len(x), output, amplitude, variance)
             following += every
             output += 1
         row = (i if len(walk) > 1 else 0) * n
@@ -141,15 +158,9 @@ def filter_open(
             k = a * stride + a - a % WIDE
             diagonal = load_wide(_SELF, WIDE * (a % WIDE))
             store(room, k, multiply_add(repeat_wide(walk, row + a), diagonal, load_wide(room, k)))
-    for a in range(n):
-        for b in range(n):
-            covariance[0, a, b] = room[a * stride + b]
-            covariance[1, a, b] = room[factor_ + a * stride + b]
-        for channel in range(channels):
-            mean[0, channel, a] = room[middle + channel * stride + a]
 
 
-@compiled
+@compiled_inside
 def _dot(room: Floats, one: int, other: int, stride: int) -> float:
     lanes = spread_wide(0.0)
     for b in range(0, stride, WIDE):
@@ -157,7 +168,7 @@ def _dot(room: Floats, one: int, other: int, stride: int) -> float:
     return float(total(lanes))
 
 
-@compiled
+@compiled_inside
 def _take(room: Floats, n: int, stride: int, x: Floats, i: int, innovations: Floats) -> float:
     """Take a sample in, with the room as `filter_open` fills it. Return one over the innovation's deviation."""
     factor_, turned, h = n * stride, 2 * n * stride, 3 * n * stride
@@ -203,7 +214,7 @@ def _take(room: Floats, n: int, stride: int, x: Floats, i: int, innovations: Flo
     return float(root / deviation)
 
 
-@compiled
+@compiled_inside
 def _spread(room: Floats, n: int, stride: int) -> None:
     """Subtract from P, V and V^T what a sample tells, and fill in the variances V leaves open."""
     factor_, turned, h = n * stride, 2 * n * stride, 3 * n * stride
@@ -224,7 +235,7 @@ def _spread(room: Floats, n: int, stride: int) -> None:
         store(room, left + b, squares)
 
 
-@compiled
+@compiled_inside
 def _put(
     places: Integers, room: Floats, n: int, stride: int, channels: int, output: int, amplitude: Floats,
     variance: Floats,

@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled
+from signals._compile import compiled_inside
 from signals._lanes import LANES, load, multiply_add, plus, spread, store
 from signals.harmonics._twofold import add, add_product
 
 Floats = NDArray[np.float64]
 
 
-@compiled
+@compiled_inside
 def add_row(
     pairs: bool, target: Floats, at: int, high: float, low: float, source: Floats, start: int, count: int
 ) -> None:
@@ -34,7 +34,7 @@ def add_row(
             store(target, at + c, multiply_add(factor, load(source, start + c), load(target, at + c)))
 
 
-@compiled
+@compiled_inside
 def shear(pairs: bool, matrix: Floats, target: int, source: int, width: int) -> None:
     """Add block `source` to block `target` of rows and columns: `E M E^T`.
 

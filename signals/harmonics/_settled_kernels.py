@@ -16,7 +16,7 @@ Arrays are flat where eight samples stand side by side: (eight, order, sample).
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled, compiled_sums
+from signals._compile import compiled, compiled_inside, compiled_sums
 from signals._lanes import (
     WIDE,
     Lanes,
@@ -131,7 +131,7 @@ def _unevenness(phase: Floats, step: float) -> float:
     return squares / phase.size
 
 
-@compiled
+@compiled_inside
 def _even(orders: Floats, shaft: Indices, phase: Floats, first: int, size: int) -> bool:
     """Tell whether all shafts turn by even steps."""
     for number in range(len(phase)):
@@ -146,7 +146,7 @@ def _even(orders: Floats, shaft: Indices, phase: Floats, first: int, size: int) 
     return True
 
 
-@compiled
+@compiled_inside
 def _begin_even(
     orders: Floats, shaft: Indices, phase: Floats, first: int, size: int, angles: Floats, turns: Floats,
     other_turns: Floats,
@@ -162,7 +162,7 @@ def _begin_even(
     fill_phasors(1.0, angles, turns, other_turns)
 
 
-@compiled
+@compiled_inside
 def _by_eights(
     row: Indices, rows: Floats, other_rows: Floats, count: int, size: int, cosine: Floats, sine: Floats
 ) -> None:
@@ -174,7 +174,7 @@ def _by_eights(
             store(sine, n * count + WIDE * k, negative(load_wide(other, n)))
 
 
-@compiled
+@compiled_inside
 def _invert(response: Floats, cosine: Floats, sine: Floats, eight: int, triangle: Floats, inverses: Floats) -> None:
     """Fill the inverse of the triangle of eight samples, column by column."""
     count = len(response)
@@ -206,13 +206,13 @@ def _invert(response: Floats, cosine: Floats, sine: Floats, eight: int, triangle
         store(inverses, to + WIDE * j, column)
 
 
-@compiled
+@compiled_inside
 def _turned(c: Lanes, s: Lanes, cosine: Floats, sine: Floats, at: int) -> Lanes:
     """Return the cosines of angles counted from one of them."""
     return multiply_add(c, repeat_wide(cosine, at), times(s, repeat_wide(sine, at)))
 
 
-@compiled
+@compiled_inside
 def _follow(
     data: Floats, size: int, even: bool, phasors: Phasors, inverses: Floats, gains: Floats, rises: Floats,
     real: Floats, imaginary: Floats, levels: Floats, other_levels: Floats, ahead: int, every: int, output: int,

@@ -125,18 +125,25 @@ def _take(
     """
     total, count = 0.0, 0
     full = np.diag(information).copy()
-    for i in range(mean.size):
-        # A direction that the block cannot see leaves only rounding on its pivot.
-        if not information[i, i] > 1e-12 * full[i]:
-            continue
+    for _ in range(mean.size):
+        # A block sees no more directions than it has samples: the clearest first, else rounding passes for others.
+        i, clearest = -1, 1e-12
+        for a in range(mean.size):
+            if information[a, a] > clearest * full[a]:
+                i, clearest = a, information[a, a] / full[a]
+        if i < 0:
+            break
         root = np.sqrt(information[i, i])
         datum = score[i] / root
-        row[:i] = 0.0
-        row[i:] = information[i:, i] / root
-        for a in range(i, mean.size):
+        for a in range(mean.size):
+            row[a] = information[a, i] / root
+        for a in range(mean.size):
             score[a] -= row[a] * datum
-            for b in range(i, mean.size):
+            for b in range(mean.size):
                 information[a, b] -= row[a] * row[b]
+        # Done with, and nothing is left of it but rounding.
+        information[i, :] = 0.0
+        information[:, i] = 0.0
         total += _update(row, datum, at, mean, covariance, gain)
         count += 1
     return total, count
@@ -166,20 +173,29 @@ def _turn(at: Floats, ahead: float, turn: float, mean: Floats, F: Floats) -> Non
 @compiled
 def _move(F: Floats, walk: float, slip_walk: float, covariance: Floats, moved: Floats) -> None:
     """Turn P into `F P F^T + Q`; leave F P in `moved`."""
-    size = len(F)
+    # F couples the two parts of an amplitude to each other and to the slip, and nothing else.
+    size, last = len(F), len(F) - 1
+    harmonics = size // 2
+    for b in range(size):
+        for k in range(harmonics):
+            real, imaginary = covariance[k, b], covariance[harmonics + k, b]
+            moved[k, b] = F[k, k] * real + F[k, harmonics + k] * imaginary + F[k, last] * covariance[last, b]
+            moved[harmonics + k, b] = F[harmonics + k, k] * real + F[harmonics + k, harmonics + k] * imaginary
+            moved[harmonics + k, b] += F[harmonics + k, last] * covariance[last, b]
+        moved[last, b] = covariance[last, b]
     for a in range(size):
-        for b in range(size):
-            moved[a, b] = 0.0
-            for i in range(size):
-                moved[a, b] += F[a, i] * covariance[i, b]
+        for k in range(harmonics):
+            real, imaginary, slip = moved[a, k], moved[a, harmonics + k], moved[a, last]
+            covariance[a, k] = F[k, k] * real + F[k, harmonics + k] * imaginary + F[k, last] * slip
+            covariance[a, harmonics + k] = F[harmonics + k, k] * real + F[harmonics + k, harmonics + k] * imaginary
+            covariance[a, harmonics + k] += F[harmonics + k, last] * slip
+        covariance[a, last] = moved[a, last]
     for a in range(size):
         for b in range(a + 1):
             # The change of the slip turns the line by half of what the slip before it does.
-            covariance[a, b] = slip_walk * F[a, -1] * F[b, -1]
-            covariance[a, b] *= (0.5 if a < size - 1 else 1.0) * (0.5 if b < size - 1 else 1.0)
-            covariance[a, b] += walk if a == b and a < size - 1 else 0.0
-            for i in range(size):
-                covariance[a, b] += moved[a, i] * F[b, i]
+            change = slip_walk * F[a, last] * F[b, last]
+            change *= (0.5 if a < last else 1.0) * (0.5 if b < last else 1.0)
+            covariance[a, b] += change + (walk if a == b and a < last else 0.0)
             covariance[b, a] = covariance[a, b]
 
 

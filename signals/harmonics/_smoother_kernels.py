@@ -6,7 +6,7 @@ Steps are those of `_filter_kernels`; matrices have low parts beside the high on
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled
+from signals._compile import compiled, compiled_inside
 from signals._lanes import LANES
 from signals.harmonics._row_kernels import add_row, shear
 from signals.harmonics._settling_kernels import LEAST_PIVOT, LOOK_TWOFOLD, least_pivot
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-@compiled
+@compiled_inside
 def _informed(information: Floats, walk: Floats, work: Floats) -> bool:
     """Tell whether doubles do for this information; what never walks is filling."""
     for a in range(len(information)):
@@ -25,7 +25,7 @@ def _informed(information: Floats, walk: Floats, work: Floats) -> bool:
     return least_pivot(information, work) >= LEAST_PIVOT
 
 
-@compiled
+@compiled_inside
 def _retreat(pairs: bool, walk: Floats, vector: Floats, information: Floats, column: Floats) -> None:
     """Move later knowledge back over one transition: `F^T J F`, then each unknown increment integrated out."""
     channels, n = vector.shape[1:]

@@ -34,6 +34,8 @@ Complexes = NDArray[np.complex128]
 
 HALF_POWER = np.sqrt(2) - 1
 MOST_POLES = 4
+# More than any causal filter's width over that of its smoother: four narrow poles have 4.08.
+WIDEST_RATIO = 8.0
 
 
 def process_variance(
@@ -95,11 +97,8 @@ def isolated_std(
     """
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     c, u = _factors(np.asarray(bandwidth, dtype=np.float64) / rate, poles)
-    if estimator == "filter":
-        share = -np.expm1(np.log1p(-u).sum(axis=-1).real)
-    else:
-        share = np.mean(c / (c - 2 * u), axis=-1).real
-    return np.asarray(np.sqrt(_noise_seen(orders, noise_variance) * share))
+    passed = -np.expm1(_log_radius(u).sum(axis=-1)) if estimator == "filter" else np.mean(c / (c - 2 * u), axis=-1).real
+    return np.asarray(np.sqrt(_noise_seen(orders, noise_variance) * passed))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,8 +155,9 @@ class Bandwidth:
 
     def smoother_gain(self, offset: ArrayLike) -> Floats:
         """Gain of the smoother for an envelope that turns by `offset` cycles a sample: real, no phase."""
-        x = (2 * np.sin(np.pi * np.asarray(offset, dtype=np.float64))) ** 2
-        return np.asarray(1 / (1 + x**self.poles / _ratio(self.width, self.poles)))
+        sine = np.sin(np.pi * np.asarray(offset, dtype=np.float64)) / np.sin(0.5 * np.pi * self.width)
+        with np.errstate(over="ignore"):  # far off a narrow band nothing is passed
+            return np.asarray(1 / (1 + HALF_POWER * sine ** (2 * self.poles)))
 
     def filter_gain(self, offset: ArrayLike) -> Complexes:
         """Complex gain of the causal steady-state filter at the same process noise; `offset` in cycles a sample."""
@@ -184,7 +184,7 @@ class Bandwidth:
     def filter_decay(self) -> float:
         """What the slowest closed-loop pole of the causal filter loses a sample: 1 over its memory in samples."""
         _, u = _factors(self.width, self.poles)
-        return float(-np.log1p(-u).real.max())
+        return float(-_log_radius(u).max())
 
     @property
     def filter_width_ratio(self) -> float:
@@ -194,7 +194,7 @@ class Bandwidth:
         def above(share: float) -> float:
             return float(np.abs(self.filter_gain(0.5 * share * self.width)) ** 2) - 0.5
 
-        start, end = self._peak_share, 1 / self.width
+        start, end = self._peak_share, min(WIDEST_RATIO, 1 / self.width)
         if above(end) > 0:
             return float("nan")
         return float(brentq(above, start, end, xtol=1e-12))
@@ -233,6 +233,11 @@ def _width(ratio: Floats, poles: int) -> Floats:
     """Return the width in cycles a sample for q / N, NaN where there is none."""
     sine = 0.5 * (HALF_POWER * ratio) ** (0.5 / poles)
     return np.where(sine <= 1.0, np.arcsin(np.minimum(sine, 1.0)) * (2 / np.pi), np.nan)
+
+
+def _log_radius(u: Complexes) -> Floats:
+    """Return the logarithm of `abs(1 - u)`, to full relative precision where u is small."""
+    return np.asarray(0.5 * np.log1p(np.abs(u) ** 2 - 2 * u.real))
 
 
 def _factors(width: ArrayLike, poles: int) -> tuple[Complexes, Complexes]:

@@ -1,13 +1,14 @@
 """The fast smoother: the record condensed to a grid of knots, and smoothed there.
 
-Each knot sums up the samples round it, weighted by a hat over two blocks (see `_block_kernels`), as if amplitudes
-stood still under a hat: what a Kalman chain over the knots needs to know of them. Hats add up to one, so that every
-sample counts once. The error is of second order in (bandwidth times block): hats flatten an envelope at the edge of
-the band by (pi bandwidth block)^2 / 12, and what moves under a hat leaks into other orders only by that much, since
-the spectrum of a hat has double zeros where images fold. Between knots amplitudes are cubic (linear for one pole,
-whose envelopes have no slope).
+Between knots an amplitude is taken for a polynomial of as many terms as its walk has poles (one pole: for steady under
+a hat over two blocks). What the samples of a block say of it is a few moments, sums of them times powers of their
+place (see `_block_kernels`), and what a Kalman chain over the knots needs to know. So a walk that grows without bound,
+as several poles let it, is followed as well as one that stands still. The error is of second order in (bandwidth times
+block): at the edge of the band (pi bandwidth block)^2 / 12 of an envelope, and what moves within a block leaks into
+other orders only by that much, since the spectrum of what a knot weighs has double zeros where images fold. Between
+knots the result is cubic (linear for one pole, whose envelopes have no slope).
 
-Orders that do not disturb one another share small chains; those that do are smoothed together, with the sums of
+Orders that do not disturb one another share small chains; those that do are smoothed together, with the moments of
 their products. See `docs/trackers.md`.
 """
 
@@ -17,11 +18,13 @@ from math import ceil, inf, pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from signals._memory import room
 from signals.harmonics import _block_kernels
-from signals.harmonics.coupling import Levels, couple, smooth_apart
+from signals.harmonics.coupling import couple
 from signals.harmonics.grid import Grid, pieces_between
 from signals.harmonics.model import LAGS, Estimate, Floats, HarmonicModel, Indices
 from signals.harmonics.separability import Closeness
+from signals.harmonics.smoothing import Levels, Smoothed, smooth_apart
 
 FEWEST_BLOCKS = 64
 # A one-pole walk moves as much within a block as a block's own noise tells: measured, at this part of 1 / bandwidth
@@ -30,6 +33,13 @@ LONGEST_ONE_POLE = 1 / 200
 # Samples whose residuals are summed up, in evenly spread stretches: enough to tell the noise variance to 0.6 %.
 RESIDUAL_SAMPLES = 1 << 16
 STRETCHES = 16
+# Variances change over blocks, if so fast: one sample in so many stands for the others.
+SPARSE = 16
+# Neighbours that leak more are coupled, whatever tolerance is given: to take more of them out later costs more.
+LARGEST_LEAK = 1e-3
+# Where a tolerance of the largest amplitude is more than this part of a standard deviation, orders are kept out of one
+# another by what they are found to be.
+SMALL_PART = 0.3
 
 
 def block_length(model: HarmonicModel, samples: int, rtol: float) -> int:
@@ -57,10 +67,9 @@ def scattered_share(seen: NDArray[np.bool_], length: int) -> float:
 
 
 def blurs(model: HarmonicModel) -> bool:
-    """Say whether blocks tell some orders apart better than the record does.
+    """Say whether lines stay so close that blocks may not have the digits to tell them apart.
 
-    Lines that stay within half a bandwidth of each other differ in what an amplitude with slopes may do, too. Under a
-    hat amplitudes stand still, and so what tells the lines apart there is taken for sure.
+    Those within half a bandwidth of each other differ in little but what amplitudes with slopes may do, too.
     """
     if model.poles == 1:
         return False
@@ -90,24 +99,32 @@ def fast(
     output_every : samples between outputs.
     startup : first sample whose residual and innovation count in the statistics.
     coupled : whether orders that disturb one another are smoothed together; if not, each is smoothed on its own.
-    tolerance : part of an amplitude that a neighbour may disturb without being coupled.
+    tolerance : part of an amplitude that a neighbour may disturb without being coupled, `LARGEST_LEAK` at the most.
     """
+    tolerance = min(tolerance, LARGEST_LEAK)
     kept, member = _one_of_each(model) if coupled else (np.arange(model.orders.size), np.arange(model.orders.size))
     one_each = model if kept.size == member.size else model.subset(kept)
     grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=tolerance, shared=np.bincount(member))
-    levels, variances, log_variances = smooth_apart(grid, startup // length)
+    smoothed = smooth_apart(grid, startup // length)
     bound = max(droop(model, length), scattered_share(seen, length))
+    coupling = None
     if coupled:
         closeness = Closeness(one_each, grid.samples)
-        left = couple(grid, closeness, startup // length, levels, variances, log_variances)
-        bound = inf if model.poles > 1 and closeness.dwell() else max(bound, tolerance, left)
-    pieces = pieces_between(levels, cubic=model.poles > 1)
-    mean_square, autocorrelation = _residuals(grid, pieces, variances.sum(axis=0), startup)
+        coupling = couple(grid, closeness, smoothed)
+        bound = max(bound, tolerance, coupling.left if coupling else 0.0)
+        if coupling and model.poles > 1 and closeness.dwell():
+            bound = inf  # what others leave in their difference does not fade in a memory
+    pieces, residuals = _explained(grid, smoothed, startup)
+    if coupling and _towers(smoothed, residuals[0], tolerance):
+        coupling.mend_all(smoothed)
+        pieces, residuals = _explained(grid, smoothed, startup)
+    mean_square, autocorrelation, counted = residuals
+    observed = int(np.count_nonzero(grid.seen[startup:]))
+    levels, variances = smoothed.levels, smoothed.variances
     if kept.size < member.size:
         levels, variances = _shared_out(grid, member, levels, variances)
         pieces = pieces_between(levels, cubic=model.poles > 1)
-    outputs = ceil(grid.samples / output_every)
-    amplitudes = np.empty((*levels.shape[:2], outputs), dtype=np.complex128)
+    amplitudes = room(*levels.shape[:2], 2 * ceil(grid.samples / output_every)).view(np.complex128)
     for channel, values in enumerate(amplitudes):
         _block_kernels.evaluate_complex(pieces[channel], length, output_every, values.view(np.float64))
     return BlockEstimate(
@@ -115,11 +132,24 @@ def fast(
         variance=variances,
         length=length,
         innovation_mean_square=mean_square,
-        innovation_log_variance=float(log_variances.sum()) / max(int(np.count_nonzero(grid.seen[startup:])), 1),
+        innovation_log_variance=float(smoothed.log_variances.sum()) / max(observed, 1),
         innovation_autocorrelation=autocorrelation,
-        innovation_samples=min(RESIDUAL_SAMPLES, grid.samples - startup),
+        innovation_samples=min(counted, observed),
         error_bound=bound,
     )
+
+
+def _explained(grid: Grid, smoothed: Smoothed, startup: int) -> tuple[Floats, tuple[Floats, Floats, int]]:
+    """Return amplitudes between the knots, and what `_residuals` makes of them."""
+    pieces = pieces_between(smoothed.levels, cubic=grid.model.poles > 1)
+    return pieces, _residuals(grid, pieces, smoothed.variances.sum(axis=0), startup)
+
+
+def _towers(smoothed: Smoothed, noise: Floats, tolerance: float) -> bool:
+    """Say whether a tolerance of the largest amplitude is more than a small part of the least standard deviation."""
+    std = np.sqrt(smoothed.variances.min() * noise)
+    largest = np.abs(smoothed.levels).max(axis=(1, 2))
+    return bool(np.any(tolerance * largest > SMALL_PART * std))
 
 
 def _one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:
@@ -169,7 +199,7 @@ class BlockEstimate(Estimate):
         return self.length
 
 
-def _residuals(grid: Grid, pieces: Floats, explained: Floats, startup: int) -> tuple[Floats, Floats]:
+def _residuals(grid: Grid, pieces: Floats, explained: Floats, startup: int) -> tuple[Floats, Floats, int]:
     """Mean square and autocorrelation of what the amplitudes leave of stretches of the record.
 
     Where the model holds, the variance of a residual is R less that of the fitted waveform, which is the sum of the
@@ -186,16 +216,19 @@ def _residuals(grid: Grid, pieces: Floats, explained: Floats, startup: int) -> t
     -------
     mean_square : (channel,) array, an estimate of R.
     autocorrelation : (channel, lag) array, at lags from one sample on.
+    counted : how many residuals; more than samples where stretches overlap.
     """
     channels, model = len(grid.x), grid.model
     length = min(RESIDUAL_SAMPLES // STRETCHES, grid.samples - startup)
     starts = np.unique(np.linspace(startup, grid.samples - length, STRETCHES).astype(np.int64))
-    products, left = np.zeros((channels, LAGS + 1)), 0.0
+    products, left, counted = np.zeros((channels, LAGS + 1)), 0.0, 0
     for start in starts:
         samples = slice(int(start), int(start) + length)
         seen = grid.seen[samples]
-        knots = (np.arange(samples.start, samples.stop)[seen] / grid.length).round().astype(np.int64)
-        left += float(np.sum(1 - explained[knots].clip(max=0.5)))
+        there = np.flatnonzero(seen)
+        counted += there.size
+        knots = ((samples.start + there[::SPARSE]) / grid.length).round().astype(np.int64)
+        left += there.size * float(np.mean(1 - explained[knots].clip(max=0.5))) if there.size else 0.0
         phase = grid.model.phase(samples)
         for channel in range(channels):
             wave = np.zeros(length)
@@ -207,4 +240,4 @@ def _residuals(grid: Grid, pieces: Floats, explained: Floats, startup: int) -> t
                 products[channel, lag] += rest[lag:] @ rest[: length - lag]
     power = products[:, :1]
     autocorrelation = np.divide(products[:, 1:], power, out=np.zeros((channels, LAGS)), where=power > 0)
-    return power[:, 0] / max(left, 1.0), autocorrelation
+    return power[:, 0] / max(left, 1.0), autocorrelation, counted

@@ -5,8 +5,6 @@ information filter backward, and they meet at the outputs, stretch by stretch, s
 grows with the square root of the record.
 """
 
-from math import prod
-
 import numpy as np
 
 from signals._memory import LINE, room
@@ -117,7 +115,7 @@ def _lined(*shape: int) -> Floats:
     """
     lines = shape[-1] // LINE + 1
     lines += lines % LINE == 0
-    return room(prod(shape[:-1]) * lines * LINE).reshape(*shape[:-1], lines * LINE)
+    return room(*shape[:-1], lines * LINE)
 
 
 def chain_of(model: HarmonicModel, x: Floats, wanted: Flags) -> Chain:

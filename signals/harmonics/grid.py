@@ -1,4 +1,9 @@
-"""A record in blocks: what samples say at the knots between them, and amplitudes at the knots back at the samples."""
+"""A record in blocks: what samples say at the knots between them, and amplitudes at the knots back at the samples.
+
+With one pole a knot stands for the samples under a hat, which falls from 1 at the knot to 0 at its neighbours: their
+first two moments. With more, amplitudes are polynomials from knot to knot, and a knot stands for the block before it:
+as many moments as there are poles, and of what is squared one less than twice as many.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +20,7 @@ from signals.harmonics.model import Floats, HarmonicModel, Indices
 
 SAMPLES_AT_ONCE = 1 << 16
 # Angle by which a jump of the speed may lead the highest order astray within a block.
-LARGEST_KINK_RAD = 0.1
+LARGEST_KINK_RAD = 0.03
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,23 +72,45 @@ class Grid:
             last = min(first + at_once, last_block)
             yield slice(first * self.length, min(last * self.length, self.samples)), slice(first, last)
 
+    @property
+    def squares(self) -> int:
+        """How many moments of a block tell what is known of amplitudes there."""
+        return max(2 * self.model.poles - 1, 2)
+
+    def counts(self, weight: Floats, moments: int) -> Floats:
+        """(block, moment) sums of the weights of samples from the start of a block on, times powers of u."""
+        filled = np.pad(weight, (0, -weight.size % self.length)).reshape(-1, self.length)
+        return np.asarray(filled @ self.powers(moments))
+
+    def powers(self, moments: int) -> Floats:
+        """(sample of a block, moment) array, powers of u."""
+        return (np.arange(self.length) / self.length)[:, None] ** np.arange(moments)
+
     @cached_property
-    def weights(self) -> tuple[Floats, Floats]:
-        """Observed samples under each hat, and how far their centre lies from the knot, in blocks."""
-        u = np.arange(self.length) / self.length
-        powers = np.stack([np.ones(self.length), u, u**2], axis=1)
-        moments = np.repeat(powers.sum(axis=0)[:, None], self.blocks, axis=1)
+    def seen_counts(self) -> Floats:
+        """(block, moment) sums over the samples seen of powers of u."""
+        counts = np.repeat(self.powers(self.squares).sum(axis=0)[None], self.blocks, axis=0)
         whole = np.logical_and.reduceat(self.seen, np.arange(0, self.samples, self.length))
         whole[-1] &= self.samples % self.length == 0
-        for block in np.flatnonzero(~whole):
-            seen = self.seen[block * self.length : (block + 1) * self.length]
-            moments[:, block] = seen @ powers[: seen.size]
-        count, first, second = moments
-        weight = at_knots(np.stack([count, first]))
-        moment = np.zeros(self.blocks + 1)
-        moment[:-1] += first - second
-        moment[1:] -= first - second
-        return weight, np.divide(moment, weight, out=np.zeros_like(moment), where=weight > 0)
+        for samples, blocks in self.runs(~whole):
+            counts[blocks] = self.counts(self.seen[samples].astype(np.float64), self.squares)
+        return counts
+
+    @cached_property
+    def shares(self) -> Floats:
+        """(knot,) array, the share of the samples under each hat that are seen."""
+        return under_hats(self.seen_counts) / self.length
+
+    def runs(self, blocks: NDArray[np.bool_]) -> Iterator[tuple[slice, slice]]:
+        """Yield ranges of samples, and the ranges of blocks they fill, that make up some of the blocks."""
+        edges = np.flatnonzero(np.diff(blocks, prepend=False, append=False)).reshape(-1, 2)
+        for first, last in edges.tolist():
+            yield from self.spans(first, last)
+
+    def taper(self, knots: NDArray[np.bool_], samples: slice) -> Floats:
+        """(sample,) array, sum of the hats of some knots."""
+        place = np.arange(samples.start, samples.stop) / self.length
+        return np.asarray(np.interp(place, np.arange(self.knots), knots.astype(np.float64)))
 
     @cached_property
     def kinked(self) -> NDArray[np.bool_]:
@@ -126,52 +153,59 @@ class Grid:
         return variance
 
     @cached_property
-    def data(self) -> Floats:
-        """(order, knot, channel, 2) array, sums under the hats of the record times cos and -sin."""
-        orders = np.arange(self.model.orders.size)
-        sums = np.empty((orders.size, self.blocks, len(self.x), 4))
-        for samples, blocks in self.spans(0, self.blocks):
-            self.project(self.x[:, samples], samples, orders, sums[:, blocks])
-        return hat_sums(sums).swapaxes(0, 1)
+    def moments(self) -> Floats:
+        """(order, block, pair channel, 4) array of the record: see `project` in `_block_kernels`."""
+        return self.project(self.x, slice(0, self.blocks), np.arange(self.model.orders.size))
 
-    def project(self, x: Floats, samples: slice, orders: Indices, sums: Floats) -> None:
-        """Fill the moments of values, (channel, sample), of some samples against some orders: see `project` there."""
-        values = x if self.seen[samples].all() else np.where(self.seen[samples], x, 0.0)
-        part = np.empty(sums.shape)
-        model, phase = self.model, self.model.phase(samples)
-        _block_kernels.project(
-            np.ascontiguousarray(values), phase, model.orders[orders], model.shaft[orders], self.length, part
-        )
-        sums[:] = part
+    def project(self, x: Floats, blocks: slice, orders: Indices) -> Floats:
+        """Return the moments, as above, of values, (channel, sample), of some blocks against some orders."""
+        model, pairs = self.model, -(-self.model.poles // 2)
+        sums = np.empty((orders.size, blocks.stop - blocks.start, pairs * len(x), 4))
+        start = blocks.start * self.length
+        for samples, some in self.spans(blocks.start, blocks.stop):
+            values, seen = x[:, samples.start - start : samples.stop - start], self.seen[samples]
+            values = np.ascontiguousarray(values if seen.all() else np.where(seen, values, 0.0))
+            part = np.empty((orders.size, some.stop - some.start, *sums.shape[2:]))
+            phase = model.phase(samples)
+            _block_kernels.project(values, phase, model.orders[orders], model.shaft[orders], self.length, part)
+            sums[:, some.start - blocks.start : some.stop - blocks.start] = part
+        return sums
+
+    def data(self, moments: Floats) -> Floats:
+        """(knot, pole, order, channel, 2) array: of all blocks, in a row, what knots stand for."""
+        orders, blocks = moments.shape[:2]
+        parts = moments.reshape(orders, blocks, -1, len(self.x), 2, 2).transpose(1, 2, 5, 0, 3, 4)
+        return self.at_knots(parts.reshape(blocks, -1, orders, len(self.x), 2)[:, : max(self.model.poles, 2)])
+
+    def at_knots(self, moments: Floats) -> Floats:
+        """(knot, moment, ...) array from (block, moment, ...): of all blocks, in a row, what knots stand for."""
+        if self.model.poles == 1:
+            return under_hats(moments)[:, None]
+        return np.concatenate([np.zeros_like(moments[:1]), moments])
 
     def gram(self, orders: Indices, knots: slice) -> Floats:
-        """(knot, column, column) array, sums under the hats of products of the columns of some orders."""
+        """(knot, moment, column, column) array, of products of the columns of some orders what knots stand for."""
         first, last = max(knots.start - 1, 0), min(knots.stop, self.blocks)
-        sums = np.empty((last - first, 2, 2 * orders.size, 2 * orders.size))
+        sums = np.empty((last - first, self.squares, 2 * orders.size, 2 * orders.size))
         model = self.model
         for samples, blocks in self.spans(first, last):
-            seen = self.seen[None, samples].astype(np.float64)
-            phase = self.model.phase(samples)
+            seen, phase = self.seen[None, samples].astype(np.float64), model.phase(samples)
             part = sums[blocks.start - first : blocks.stop - first]
             _block_kernels.correlate(seen, phase, model.orders[orders], model.shaft[orders], self.length, part)
-        turning = np.flatnonzero(self.model.orders[orders])
-        columns = np.concatenate([np.arange(orders.size), orders.size + turning])
-        hats = at_knots(sums.swapaxes(0, 1))[knots.start - first : knots.stop - first]
-        return np.ascontiguousarray(hats[:, columns[:, None], columns])
+        if orders.size > np.count_nonzero(self.model.orders[orders]):
+            turning = np.flatnonzero(self.model.orders[orders])
+            columns = np.concatenate([np.arange(orders.size), orders.size + turning])
+            sums = sums[:, :, columns[:, None], columns]
+        return np.ascontiguousarray(self.at_knots(sums)[knots.start - first : knots.stop - first])
 
 
-def at_knots(moments: Floats) -> Floats:
-    """Turn a block's sums, (2, block, ...) plain and times u, into sums under hats, (knot, ...)."""
-    plain, weighted = moments
+def under_hats(moments: Floats) -> Floats:
+    """Turn first two moments of blocks, (block, moment, ...), into sums under hats, (knot, ...)."""
+    plain, late = moments[:, 0], moments[:, 1]
     sums = np.zeros((len(plain) + 1, *plain.shape[1:]))
-    sums[:-1] = plain - weighted
-    sums[1:] += weighted
+    sums[:-1] = plain - late
+    sums[1:] += late
     return sums
-
-
-def hat_sums(sums: Floats) -> Floats:
-    """(knot, order, channel, 2) array, sums under hats of x cos and -x sin, from a `project`'s (order, block, ...)."""
-    return at_knots(sums.reshape(*sums.shape[:3], 2, 2).transpose(4, 1, 0, 2, 3))
 
 
 def pieces_between(values: NDArray[np.complex128] | Floats, *, cubic: bool) -> Floats:

@@ -10,21 +10,57 @@ from signals._checks import nearest, number, positive
 from signals.harmonics.model import BandwidthUnits, Floats, Indices, Order
 
 SAMPLES_AT_ONCE = 1 << 15  # whose passing arrays stay in the cache
+# From sample to sample, in rad. Half the rate itself is legal; angles of exactly that round to either side.
+MOST_TURN = np.pi * (1 + 1e-9)
+# Numbers outside leave too little room for sums of their squares.
+SMALLEST, LARGEST = 1e-120, 1e120
+# Below it, in cycles a sample, the squares of bandwidths are lost.
+NARROWEST = 1e-100
 
 
 def check_record(x: ArrayLike) -> Floats:
     """Return the record as a (channel, sample) array of floats, NaN where a sample is missing, or refuse it."""
     values = np.atleast_2d(_real_array("x", x, dims=(1, 2)))
-    if not all_finite(values):
-        infinite = np.argwhere(np.isinf(values))
-        if len(infinite):
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = np.vdot(values, values)
+    if not squares < LARGEST**2:  # a missing sample, too, brings us here
+        largest = max(np.fmax.reduce(values, axis=None), -np.fmin.reduce(values, axis=None))
+        if np.isinf(largest):
+            infinite = np.argwhere(np.isinf(values))
             channel, sample = infinite[0]
             place = f"{sample}" if np.ndim(x) == 1 else f"{channel}, {sample}"
             raise ValueError(
                 f"x[{place}]={values[channel, sample]} (and {len(infinite) - 1} more) is infinite; "
                 "samples must be finite, or NaN where missing: mark bad samples as NaN."
             )
+        if largest > LARGEST:
+            raise ValueError(
+                f"x reaches {largest:.3g}, above {LARGEST:g}, and its squares would overflow; scale the record to "
+                "another unit, or mark bad samples as NaN."
+            )
     return values
+
+
+def check_noise_variance(value: object) -> float:
+    """Return the variance of the noise, or refuse it."""
+    noise = positive(value, name="noise_variance")
+    if not SMALLEST**2 < noise < LARGEST**2:
+        raise ValueError(
+            f"noise_variance={noise:g} must lie between {SMALLEST**2:g} and {LARGEST**2:g}, where doubles keep its "
+            "digits; scale the record to another unit."
+        )
+    return noise
+
+
+def check_initial_std(value: object, *, noise: float) -> float:
+    """Return the prior's standard deviation in those of the noise, or refuse it."""
+    std = positive(value, name="initial_std")
+    if not SMALLEST < std / np.sqrt(noise) < LARGEST:
+        raise ValueError(
+            f"initial_std={std:g} is {std / np.sqrt(noise):g} standard deviations of the noise; doubles keep the "
+            f"digits between {SMALLEST:g} and {LARGEST:g} of them: choose one in between."
+        )
+    return float(std / np.sqrt(noise))
 
 
 def all_finite(values: Floats) -> bool:
@@ -158,10 +194,11 @@ def _check_range(width: Floats, cycles: Floats, *, names: tuple[str, str], rate:
             else "half of the rate"
         )
         raise ValueError(f"{names[0]}={value:g} must be above 0 and below {below}; choose one in between.")
-    if not cycles.any(axis=1).all():
+    widest = cycles.max(axis=1)
+    if widest.min() < NARROWEST:
         raise ValueError(
-            f"{names[0]} is 0 cycles a sample throughout for order number {int(np.argmin(cycles.any(axis=1)))}; the "
-            "bandwidth must be above 0 somewhere: is its shaft at rest?"
+            f"{names[0]} is {widest.min():g} cycles a sample at most for order number {int(widest.argmin())}; it must "
+            f"reach {NARROWEST:g} somewhere: choose a wider one, or is the shaft at rest?"
         )
 
 
@@ -264,8 +301,7 @@ def _check_below_half_rate(pairs: list[tuple[str, float]], phases: Mapping[str, 
     advance = {shaft: _largest_step(phase) for shaft, phase in phases.items()}
     for shaft, order in pairs:
         step, at = advance[shaft]
-        # Half the rate itself is legal; angles of exactly that round to either side.
-        if order * step > np.pi * (1 + 1e-9):
+        if order * step > MOST_TURN:
             raise ValueError(
                 f"{_label(shaft, order)} turns by {order * step:.4g} rad between samples {at} and {at + 1}; more "
                 "than pi is above half of the rate: drop the order, raise the rate, or mend the phase there."

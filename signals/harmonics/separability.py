@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from signals.harmonics import _distance_kernels
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.model import Estimator, Floats, HarmonicModel, Indices, OutputFlag, UnresolvedPair
+from signals.harmonics.model import Estimator, Floats, HarmonicModel, Indices
+from signals.harmonics.tracks import OutputFlag, UnresolvedPair
 
 Gain = Callable[[Bandwidth, Floats], Floats]
+Seen = NDArray[np.bool_]
+Marks = NDArray[np.uint8]
 
 # Stretches of the record over which speeds are averaged when lines are compared: for more orders than these, fewer.
 STRETCHES = 512
@@ -58,10 +61,7 @@ class Closeness:
 
     def to_images(self) -> Floats:
         """(order, stretch) array of distances to the order's own image: small at rest, and at half the rate."""
-        twice = 2 * self.frequency
-        distance = np.abs(twice - np.round(twice))
-        distance[self.model.orders == 0] = np.inf
-        return np.asarray(distance)
+        return distances_to_images(self.model.orders, self.frequency)
 
     @cached_property
     def nearest(self) -> Floats:
@@ -100,7 +100,7 @@ class Closeness:
         frequency, bandwidth = np.ascontiguousarray(self.frequency), np.ascontiguousarray(self.bandwidth)
         return _distance_kernels.dwell(frequency, bandwidth, lengths)
 
-    def unresolved(self) -> tuple[list[UnresolvedPair], NDArray[np.uint8]]:
+    def unresolved(self) -> tuple[list[UnresolvedPair], Marks]:
         """Compare distances with bandwidths.
 
         Returns
@@ -118,7 +118,7 @@ class Closeness:
         pairs = [UnresolvedPair(int(k), int(other), float(shares[k, other])) for k, other in np.argwhere(shares)]
         return pairs, flags
 
-    def at_outputs(self, flags: NDArray[np.uint8], outputs: Indices) -> NDArray[np.uint8]:
+    def at_outputs(self, flags: Marks, outputs: Indices) -> Marks:
         """(order, output) flags from those of the stretches."""
         if not flags.any():
             return np.zeros((len(flags), outputs.size), dtype=np.uint8)
@@ -126,39 +126,85 @@ class Closeness:
         return np.repeat(flags, np.bincount(stretch, minlength=flags.shape[1]), axis=1)
 
 
+def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
+    """(order, stretch) distances of frequencies to their own images, in cycles a sample; the mean has none."""
+    twice = 2 * frequency
+    distance = np.abs(twice - np.round(twice))
+    distance[orders == 0] = np.inf
+    return np.asarray(distance)
+
+
 def flag_outputs(
-    model: HarmonicModel, seen: NDArray[np.bool_], *, every: int, estimator: Estimator
-) -> tuple[NDArray[np.uint8], tuple[UnresolvedPair, ...]]:
-    """Return the (order, output) flags of a record's outputs, and the pairs of orders that are not separable.
+    model: HarmonicModel, patterns: list[Seen], *, every: int, estimator: Estimator
+) -> tuple[list[Marks], tuple[UnresolvedPair, ...]]:
+    """Return the flags of a record's outputs, and the pairs of orders that are not separable.
 
     Parameters
     ----------
     model : what is estimated.
-    seen : (sample,) array, whether the sample is there.
+    patterns : (sample,) arrays, whether the sample is there, as channels have them.
     every : samples between outputs.
     estimator : "smoother" or "filter", which knows no later samples.
+
+    Returns
+    -------
+    flags : (order, output) array for each pattern.
+    unresolved : as `OrderTracks` has it.
     """
-    outputs = np.arange(0, seen.size, every)
-    closeness = Closeness(model, seen.size)
-    pairs, flags = closeness.unresolved()
-    found = closeness.at_outputs(flags, outputs)
-    half = [np.maximum(0.5 / np.maximum(row, 0.5 / seen.size), 1.0) for row in model.bandwidth]
-    whole = bool(seen.all())
-    observed = np.array([0, seen.size - 1]) if whole else np.flatnonzero(seen)
-    first, last = (int(observed[0]), int(observed[-1])) if observed.size else (seen.size, -1)
-    for k, reach in enumerate(half):
-        found[k, : max(0, ceil((first + reach[0]) / every))] |= np.uint8(OutputFlag.NEAR_END)
-        if estimator == "smoother":
-            found[k, max(0, ceil((last - reach[-1]) / every)) :] |= np.uint8(OutputFlag.NEAR_END)
-    if not whole:
-        before = np.concatenate([[0], np.cumsum(seen)])
-        for k, reach in enumerate(half):
-            span = (reach if reach.size == 1 else reach[::every]).astype(np.int64)
-            start = np.maximum(outputs - span, 0)
-            stop = np.minimum(outputs + (span if estimator == "smoother" else 0) + 1, seen.size)
-            there = before[stop] - before[start]
-            found[k] |= np.uint8(OutputFlag.NEAR_GAP) * (there <= 0.75 * (stop - start))
+    samples = patterns[0].size
+    outputs = np.arange(0, samples, every)
+    closeness = Closeness(model, samples)
+    pairs, of_stretches = closeness.unresolved()
+    close = closeness.at_outputs(of_stretches, outputs)
+    longest = 0.5 / samples
+    reach = [half_memory(np.maximum(row if row.size == 1 else row[::every], longest)) for row in model.bandwidth]
+    found = []
+    for seen in patterns:
+        flags = close if len(patterns) == 1 else close.copy()
+        whole = bool(seen.all())
+        observed = np.array([0, samples - 1]) if whole else np.flatnonzero(seen)
+        first, last = (int(observed[0]), int(observed[-1])) if observed.size else (samples, -1)
+        flag_ends(flags, outputs, reach, first=first, last=last if estimator == "smoother" else None)
+        if not whole:
+            flag_gaps(flags, outputs, reach, seen, later=estimator == "smoother")
+        found.append(flags)
     return found, tuple(pairs)
+
+
+def half_memory(bandwidth: Floats) -> Floats:
+    """Return the samples on either side that tell most of an output: half of 1 over the bandwidth, one at least."""
+    return np.asarray(np.maximum(0.5 / bandwidth, 1.0))
+
+
+def flag_ends(flags: Marks, outputs: Indices, reach: list[Floats], *, first: int, last: int | None) -> None:
+    """Add NEAR_END to (order, output) flags.
+
+    Parameters
+    ----------
+    flags : updated.
+    outputs : (output,) array, ascending, the sample of each.
+    reach : `half_memory` of each order, (1,) or (output,).
+    first, last : the first and the last sample that is there; no last one for a filter, which looks back only.
+    """
+    for row, half in zip(flags, reach, strict=True):
+        row[: _from(outputs, first + half[0])] |= np.uint8(OutputFlag.NEAR_END)
+        if last is not None:
+            row[_from(outputs, last - half[-1]) :] |= np.uint8(OutputFlag.NEAR_END)
+
+
+def _from(outputs: Indices, sample: float) -> int:
+    """Return the place of the first output at or after a sample; as an integer: for a float all would be converted."""
+    return int(np.searchsorted(outputs, ceil(min(sample, outputs[-1] + 1.0)))) if outputs.size else 0
+
+
+def flag_gaps(flags: Marks, outputs: Indices, reach: list[Floats], seen: Seen, *, later: bool) -> None:
+    """Add NEAR_GAP to (order, output) flags; `outputs` count the samples of `seen`, `later` ones of which tell, too."""
+    before = np.concatenate([[0], np.cumsum(seen)])
+    for k, half in enumerate(reach):
+        span = half.astype(np.int64)
+        start = np.maximum(outputs - span, 0)
+        stop = np.minimum(outputs + (span if later else 0) + 1, seen.size)
+        flags[k] |= np.uint8(OutputFlag.NEAR_GAP) * (before[stop] - before[start] <= 0.75 * (stop - start))
 
 
 def leaks(received: Floats, amplitude: Floats) -> Floats:

@@ -8,7 +8,7 @@ order's complex amplitude, since a real sample shows half of what turns.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import ceil, comb, log, prod
+from math import ceil, comb, log
 from typing import TypeVar
 
 import numpy as np
@@ -70,8 +70,7 @@ def settled(model: HarmonicModel, x: Floats, *, output_every: int, startup: int,
     begin = min(startup_samples(model), samples)
     state, tally = start(model, channels=channels), Tally.empty(channels=channels)
     head = replace(model, phases=tuple(phase[:begin] for phase in model.phases))
-    shape = channels, model.orders.size, ceil(samples / output_every)
-    amplitude = room(2 * prod(shape)).view(np.complex128).reshape(shape)
+    amplitude = room(channels, model.orders.size, 2 * ceil(samples / output_every)).view(np.complex128)
     first = ceil(begin / output_every)
     amplitude[..., :first], variance = filter_on(
         head, x[:, :begin], state, tally, first=0, output_every=output_every, startup=startup

@@ -37,7 +37,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import choice, positive, real_vector, whole
-from signals.harmonics._slip_search import Line, Ridge, search
+from signals.harmonics._slip_record import Line, SlipRecord, check_samples
+from signals.harmonics._slip_search import Ridge, search
 from signals.harmonics.inputs import CheckedBandwidth, check_bandwidth
 from signals.harmonics.model import BandwidthUnits, Estimator
 from signals.harmonics.slip_chain import SlipChain, SlipPath, Status, extended_filter, in_blocks, iterate, starts
@@ -49,6 +50,8 @@ Whole = NDArray[np.int64]
 MOST_HARMONICS = 16
 # Noise alone passes for a line at most this often.
 _FALSE_ALARM = 0.01
+# Standard deviation of a phase that nobody knows: evenly spread over a turn.
+_UNKNOWN_PHASE = np.pi / np.sqrt(3)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,8 +65,9 @@ class SlippingTrack:
     ----------
     complex_amplitude : (harmonic, output) array, Z relative to the slipped phase.
     std : (harmonic, output) array, `sqrt(E|Zhat - Z|^2 / 2)` where the slipped phase is taken as given.
-    amplitude_std : (harmonic, output) array, of `abs(Z)`.
-    phase_std_rad : (harmonic, output) array, of the harmonic's whole phase; beyond about 1 the phase is unknown.
+    amplitude_std : (harmonic, output) array, of `abs(Z)`; where Z is 0, and has no direction, equal to `std`.
+    phase_std_rad : (harmonic, output) array, of the harmonic's whole phase; beyond about 1 the phase is unknown. At
+        most pi / sqrt(3), that of a phase spread evenly over a turn: so where Z is 0, or there is no line.
     slip : (output,) array, relative deviation: the line is at `order (1 + slip)`.
     slip_std : (output,) array; without a line at least that of an even spread over +- largest_slip.
     slip_phase_rad : (output,) array, the fundamental's turn beyond `order phase`, zero at the first output.
@@ -77,8 +81,9 @@ class SlippingTrack:
     noise_variance : R, as given or as measured beside the line.
     innovation_mean_square : mean of the squared innovations over their variances: near 1 when R, bandwidth and
         slip_change_per_rev suit the record.
-    false_alarm_probability : bound on the probability that white Gaussian noise of variance R has a path of slips
-        with as much power; it does not know whether the line is the one looked for or a neighbour.
+    false_alarm_probability : bound on the probability that white Gaussian noise has a path of slips with as much
+        power over R, an R measured from few cells being too small now and then; it does not know whether the line
+        is the one looked for or a neighbour.
     status : "converged"; "not converged": the last step still mattered, read the numbers with care; "single
         pass": the filter does not iterate; "no line": the false alarm probability is above 0.01, and
         amplitude and slip are those of the loudest noise.
@@ -152,9 +157,11 @@ def track_slipping_order(
     estimator : "smoother" uses all samples for each output; "filter" this block and those before it, save for
         its first slip, which is where the search found the line in the first stretch of the record. It corrects
         the phase along the tangent, which leaves its amplitudes too large by half of `amplitude_std` or so.
-    output_every : samples in a block, which gives one output. Default a 200th of 1 / bandwidth, or less where
-        the slip's walk needs it.
-    noise_variance : variance R of white noise as dense as that about the line; measured beside it unless given.
+    output_every : samples from one output to the next. Default a 200th of 1 / bandwidth, or less where the slip's
+        walk needs it: the blocks in which amplitude and slip are held constant. Fewer outputs leave these blocks
+        as they are, more make them shorter.
+    noise_variance : variance R of white noise as dense as that about the line; measured beside it unless given,
+        which takes a hundred samples or so.
     most_iterations : Gauss-Newton steps before the smoother gives up.
 
     Returns
@@ -168,7 +175,8 @@ def track_slipping_order(
     FloatingPointError
         The covariance lost its digits.
     """
-    record = _record(x)
+    given = None if noise_variance is None else positive(noise_variance, name="noise_variance")
+    record = check_samples(x, noise_variance=given)
     phase = real_vector(phase_rad, name="phase_rad")
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     line = Line(
@@ -177,7 +185,12 @@ def track_slipping_order(
         largest_slip=positive(largest_slip, name="largest_slip"),
         slip_change=positive(slip_change_per_rev, name="slip_change_per_rev"),
     )
-    line.check(record, phase)
+    if phase.size != record.size:
+        raise ValueError(
+            f"phase_rad has {phase.size} values for {record.size} samples of x; give one angle per sample."
+        )
+    shaft = SlipRecord(x=record, phase=phase)
+    line.check(shaft)
     bandwidth = check_bandwidth(
         bandwidth_hz=bandwidth_hz,
         bandwidth_orders=bandwidth_orders,
@@ -187,11 +200,10 @@ def track_slipping_order(
         phases=(phase,),
     )
     width = bandwidth.cycles[0]
-    given = None if noise_variance is None else positive(noise_variance, name="noise_variance")
     every = None if output_every is None else whole(output_every, name="output_every", least=1)
     limit = whole(most_iterations, name="most_iterations", least=1)
-    ridge = search(record, phase, line, memory=1 / float(width.mean()), noise_variance=given)
-    chain = in_blocks(record, phase, line, width=width, noise_variance=ridge.noise_variance, block=every)
+    ridge = search(shaft, line, width=width, noise_variance=given)
+    chain = in_blocks(shaft, line, width=width, noise_variance=ridge.noise_variance, every=every)
     status: Status = "single pass"
     if estimator == "filter":
         path, objective = extended_filter(chain, ridge), np.empty(0)
@@ -210,19 +222,6 @@ def track_slipping_order(
     )
 
 
-def _record(x: ArrayLike) -> Floats:
-    record = real_vector(x, name="x", minimum=4, finite=False)
-    infinite = np.flatnonzero(np.isinf(record))
-    if infinite.size:
-        raise ValueError(
-            f"x[{infinite[0]}]={record[infinite[0]]} (and {infinite.size - 1} more) is infinite; "
-            "samples must be finite, or NaN where missing: mark bad samples as NaN."
-        )
-    if np.isnan(record).all():
-        raise ValueError(f"x has {record.size} samples, all of them missing (NaN); observed ones are needed.")
-    return record
-
-
 def _result(
     chain: SlipChain,
     path: SlipPath,
@@ -234,31 +233,26 @@ def _result(
     status: Status,
     objective: Floats,
 ) -> SlippingTrack:
-    harmonics = line.harmonics
-    real, imaginary = path.means[:, :harmonics].T, path.means[:, harmonics:-1].T
-    k = np.arange(harmonics)
-    var_real = path.covariances[:, k, k].T
-    var_imaginary = path.covariances[:, harmonics + k, harmonics + k].T
-    both = path.covariances[:, k, harmonics + k].T
-    size = np.hypot(real, imaginary)
-    c, s = real / size, imaginary / size
-    along = c * c * var_real + 2 * c * s * both + s * s * var_imaginary
-    across = s * s * var_real - 2 * c * s * both + c * c * var_imaginary
-    slip = path.means[:, -1].copy()
-    slip_phase = np.concatenate([[0.0], np.cumsum(0.5 * (slip[:-1] + slip[1:]) * chain.turns)])
-    slip_std = np.sqrt(path.covariances[:, -1, -1])
+    harmonics, outputs = line.harmonics, chain.outputs
+    means, covariances = path.means[outputs], path.covariances[outputs]
+    amplitude, std, amplitude_std, phase_std = _polar(means, covariances, harmonics)
+    turns = 0.5 * (path.means[:-1, -1] + path.means[1:, -1]) * chain.turns
+    slip_phase = np.append(0.0, np.cumsum(turns))[outputs]
+    slip_phase -= slip_phase[0]
+    slip_std = np.sqrt(covariances[:, -1, -1])
     if status == "no line":
         slip_std = np.maximum(slip_std, line.largest_slip / np.sqrt(3))
+        phase_std[:] = _UNKNOWN_PHASE
     unit = 1 / chain.scale
     return SlippingTrack(
-        complex_amplitude=np.asarray(unit * (real + 1j * imaginary) * np.exp(-1j * np.outer(k + 1, slip_phase))),
-        std=unit * np.sqrt((var_real + var_imaginary) / 2),
-        amplitude_std=unit * np.sqrt(along),
-        phase_std_rad=np.sqrt(across) / size,
-        slip=slip,
+        complex_amplitude=unit * amplitude * np.exp(-1j * np.outer(np.arange(1, harmonics + 1), slip_phase)),
+        std=unit * std,
+        amplitude_std=unit * amplitude_std,
+        phase_std_rad=phase_std,
+        slip=means[:, -1],
         slip_std=slip_std,
         slip_phase_rad=slip_phase,
-        sample_index=chain.centres,
+        sample_index=chain.centres[outputs],
         order=line.order,
         largest_slip=line.largest_slip,
         slip_change_per_rev=line.slip_change,
@@ -272,3 +266,22 @@ def _result(
         iterations=max(0, objective.size - 1),
         objective=objective,
     )
+
+
+def _polar(means: Floats, covariances: Floats, harmonics: int) -> tuple[Complexes, Floats, Floats, Floats]:
+    """Amplitudes, `std` of their parts, and standard deviations along them and of their phase in rad."""
+    k = np.arange(harmonics)
+    real, imaginary = means[:, :harmonics].T, means[:, harmonics:-1].T
+    var_real = covariances[:, k, k].T
+    var_imaginary = covariances[:, harmonics + k, harmonics + k].T
+    both = covariances[:, k, harmonics + k].T
+    std = np.sqrt((var_real + var_imaginary) / 2)
+    size = np.hypot(real, imaginary)
+    c, s = (np.divide(part, size, out=np.zeros_like(size), where=size > 0) for part in (real, imaginary))
+    # A difference of parts can be as small as their rounding, but not smaller.
+    least = np.finfo(np.float64).eps * std**2
+    along = np.sqrt(np.maximum(c * c * var_real + 2 * c * s * both + s * s * var_imaginary, least))
+    across = np.sqrt(np.maximum(s * s * var_real - 2 * c * s * both + c * c * var_imaginary, least))
+    phase_std = np.full_like(size, _UNKNOWN_PHASE)
+    np.divide(across, size, out=phase_std, where=across < _UNKNOWN_PHASE * size)
+    return real + 1j * imaginary, std, np.where(size > 0, along, std), phase_std

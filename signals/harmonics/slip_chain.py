@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics import _slip_kernels
-from signals.harmonics._slip_search import Line, Ridge
+from signals.harmonics._slip_record import Line, SlipRecord
+from signals.harmonics._slip_search import Ridge
 from signals.harmonics.bandwidth import process_variance
 from signals.harmonics.model import PRIOR_STD
 
@@ -46,6 +47,8 @@ class SlipChain:
 
     Attributes
     ----------
+    turning : (block,) array, `SlipRecord.turning` in their middles.
+    outputs : (output,) array, the blocks that are put out.
     prior_mean : (state,) array, before the first sample.
     prior_std : (state,) array.
     """
@@ -56,6 +59,8 @@ class SlipChain:
     scale: float
     edges: Whole
     centres: Whole
+    turning: Floats
+    outputs: Whole
     turns: Floats
     walks: Floats
     slip_walks: Floats
@@ -131,55 +136,67 @@ class SlipChain:
         return SlipPath(means=means, covariances=covariances, innovation_mean_square=total / max(count, 1))
 
     def _lost(self) -> FloatingPointError:
+        loudest = float(np.nanmax(np.abs(self.x))) * self.scale
         return FloatingPointError(
-            f"the covariance of {len(self.centres)} blocks is not positive definite in double precision; take a "
-            "larger slip_change_per_rev, a wider bandwidth or longer blocks (output_every)."
+            f"the covariance of {len(self.centres)} blocks is not positive definite in double precision, with x of up "
+            f"to {loudest:.2g} times the noise; take a larger slip_change_per_rev, a wider bandwidth "
+            "or, where that is more than the record is good for, a larger noise_variance."
         )
 
 
-def in_blocks(
-    x: Floats, phase: Floats, line: Line, *, width: Floats, noise_variance: float, block: int | None
-) -> SlipChain:
+def in_blocks(record: SlipRecord, line: Line, *, width: Floats, noise_variance: float, every: int | None) -> SlipChain:
     """Cut the record into blocks; `width` is the bandwidth in cycles a sample, one number or one a sample."""
-    per_rev = x.size * 2 * pi / abs(float(phase[-1] - phase[0]))
-    if block is None:
-        block = max(1, int(min(_BLOCK / float(width.max()), _SLIP_BLOCK * line.steady_rev * per_rev)))
-        block -= (block + 1) % 2 if block > 1 else 0  # an odd number of samples has a middle one
-    edges = np.append(np.arange(0, max(1, x.size - block // 2), block), x.size)
+    edges, outputs = _cut(record, line, width=width, every=every)
     centres = (edges[:-1] + edges[1:] - 1) // 2
-    steps = np.diff(phase[centres])
+    turning = record.turning[centres]
     walk = process_variance(orders=[line.order], bandwidth=width, rate=1.0, poles=1, noise_variance=1.0)
     walks = np.diff(np.cumsum(walk)[centres]) if walk.size > 1 else walk[0] * np.diff(centres)
     # Where the bandwidth is nothing, or the shaft rests, the variance is; but it has to be divided by.
     walks = np.maximum(walks, 1e-12 * walk.max())
-    walks[_breaks(x, phase, edges, line)] = PRIOR_STD**2
+    walks[_breaks(record, edges, line)] = PRIOR_STD**2
     prior_std = np.full(2 * line.harmonics + 1, PRIOR_STD)
     prior_std[-1] = line.largest_slip
     return SlipChain(
-        x=x,
-        phase=phase,
+        x=record.x,
+        phase=record.phase,
         order=line.order,
         scale=float(1 / np.sqrt(noise_variance)),
         edges=edges,
         centres=centres,
-        turns=line.order * steps,
+        turning=turning,
+        outputs=outputs,
+        turns=line.order * np.diff(record.phase[centres]),
         walks=walks,
-        slip_walks=line.slip_change**2 * np.maximum(np.abs(steps) / (2 * pi), 1e-9),
+        slip_walks=line.slip_change**2 * np.maximum(np.diff(turning) / (2 * pi), 1e-9),
         prior_mean=np.zeros(prior_std.size),
         prior_std=prior_std,
     )
 
 
-def _breaks(x: Floats, phase: Floats, edges: Whole, line: Line) -> Whole:
+def _cut(record: SlipRecord, line: Line, *, width: Floats, every: int | None) -> tuple[Whole, Whole]:
+    """First samples of the blocks and one past the last; the blocks that are put out."""
+    n = record.x.size
+    longest = max(1, int(min(_BLOCK / float(width.max()), _SLIP_BLOCK * line.steady_rev * record.per_rev)))
+    longest -= (longest + 1) % 2 if longest > 1 else 0  # an odd number of samples has a middle one
+    every = every or longest
+    groups = np.append(np.arange(0, max(1, n - every // 2), every), n)
+    # As many blocks to an output as make none too long.
+    shares = -(-np.diff(groups) // longest) if every > longest else np.ones(groups.size - 1, dtype=np.int64)
+    first = np.append(0, np.cumsum(shares))
+    edges = np.interp(np.arange(first[-1] + 1), first, groups).round().astype(np.int64)
+    return edges, first[:-1] + shares // 2
+
+
+def _breaks(record: SlipRecord, edges: Whole, line: Line) -> Whole:
     """Transitions amid gaps so long that the phase cannot be carried across.
 
     How many turns the line made there is unknown, so its phase afterwards must not pin down its slip within.
     """
-    observed = np.add.reduceat(~np.isnan(x), edges[:-1]) > 0
+    observed = np.add.reduceat(~np.isnan(record.x), edges[:-1]) > 0
     seen = np.flatnonzero(observed)
     gaps = np.diff(seen)
     before, after = seen[:-1][gaps > 1], seen[1:][gaps > 1]
-    turned = np.abs(phase[edges[after]] - phase[edges[before + 1] - 1]) / (2 * pi)
+    turned = (record.turning[edges[after]] - record.turning[edges[before + 1] - 1]) / (2 * pi)
     long = turned > line.steady_rev
     return np.asarray((before[long] + after[long]) // 2, dtype=np.int64)
 
@@ -195,8 +212,7 @@ def extended_filter(chain: SlipChain, ridge: Ridge, *, smooth: bool = False) -> 
 def starts(chain: SlipChain, ridge: Ridge) -> list[Floats]:
     """Trajectories to start from: the amplitudes that go best with the ridge's slips; the filter's, smoothed."""
     states = np.zeros((chain.centres.size, chain.size))
-    forwards = np.sign(chain.phase[-1] - chain.phase[0])
-    states[:, -1] = np.interp(forwards * chain.phase[chain.centres], forwards * ridge.angle_rad, ridge.slip)
+    states[:, -1] = np.interp(chain.turning, ridge.turning, ridge.slip)
     _, informations, scores = chain.condense(states)
     given = chain.run(states, condensed=(informations, scores)).means
     # At zero amplitude nothing depends on the slip, which the sweep therefore returned to its prior.

@@ -14,32 +14,25 @@ References
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from math import ceil
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from signals._checks import positive, whole
-from signals.harmonics._chain import Chain, Knowledge, State, advance, look_back, nothing_known, smooth_on
-from signals.harmonics._tally import Tally
+from signals._checks import whole
+from signals.harmonics._stored import array
 from signals.harmonics.bandwidth import MOST_POLES
-from signals.harmonics.exact import chain_of, filter_on, parts, start
-from signals.harmonics.inputs import check_bandwidth, check_orders, check_record
-from signals.harmonics.model import (
-    PRIOR_STD,
-    BandwidthUnits,
-    Complexes,
-    Floats,
-    HarmonicModel,
-    Order,
-    OrderTracks,
-    OutputFlag,
+from signals.harmonics.inputs import (
+    MOST_TURN,
+    check_bandwidth,
+    check_initial_std,
+    check_noise_variance,
+    check_orders,
+    check_record,
 )
-
-_TALLY = ("square", "products", "pairs", "recent", "recent_seen", "log_variance", "count")
-_STATE = ("vector", "matrix", "status")
+from signals.harmonics.model import PRIOR_STD, BandwidthUnits, Floats, HarmonicModel, Order
+from signals.harmonics.running import Outputs, Running
+from signals.harmonics.tracks import OrderTracks
 
 
 class OrderTracker:
@@ -79,8 +72,8 @@ class OrderTracker:
         lag: int | None = None,
         output_every: int = 1,
     ) -> None:
-        self._noise = positive(noise_variance, name="noise_variance")
-        std = PRIOR_STD * np.sqrt(self._noise) if initial_std is None else positive(initial_std, name="initial_std")
+        self._noise = check_noise_variance(noise_variance)
+        std = PRIOR_STD * np.sqrt(self._noise) if initial_std is None else initial_std
         numbers, self._names, shaft, _ = check_orders(orders, _at_rest(orders), samples=1)
         if bandwidth_orders is not None and rate_hz is not None and bandwidth_hz is None:
             raise ValueError(
@@ -106,7 +99,7 @@ class OrderTracker:
             phases=(),
             bandwidth=self._width.cycles,
             poles=whole(poles, name="poles", least=1, most=MOST_POLES),
-            prior_std=float(std / np.sqrt(self._noise)),
+            prior_std=check_initial_std(std, noise=self._noise),
         )
         self._lag = None if lag is None else whole(lag, name="lag", least=1)
         self._every = whole(output_every, name="output_every", least=1)
@@ -122,12 +115,7 @@ class OrderTracker:
             "output_every": self._every,
         }
         self._one = True
-        self._state: State | None = None
-        self._tally = Tally.empty(channels=1)
-        # Samples given out, and those that wait for later ones, with their angles.
-        self._done = 0
-        self._x = np.empty((1, 0))
-        self._phase = np.empty((self._shafts(), 0))
+        self._running: Running | None = None
         self._last_phase = np.full(self._shafts(), np.nan)
 
     def update(self, x: ArrayLike, *, phase_rad: ArrayLike | Mapping[str, ArrayLike]) -> OrderTracks:
@@ -143,8 +131,11 @@ class OrderTracker:
         Returns
         -------
         OrderTracks
-            `sample_index` counts from the start of the stream; the innovations are those of all samples so far. Of the
-            flags only NEAR_END is set, at the start: to tell the others takes the whole record.
+            `sample_index` counts from the start of the stream; what it says of the innovations and the pairs that are
+            `unresolved` is of all samples so far. Flags are those that can be given at the time: speeds are means over
+            stretches of a quarter of 1 / bandwidth at the most, of which a filter knows the last whole one, and lines
+            are not separable while they have not parted by a turn. With a lag, the last sample that an output has
+            waited for is an end.
         """
         block = self._check_block(x)
         names = self._names or ("",) * self._model.orders.size
@@ -153,22 +144,16 @@ class OrderTracker:
         phase = np.stack(angles)
         self._check_continuity(phase)
         self._last_phase = phase[:, -1].copy()
-        if self._state is None:
+        if self._running is None:
             self._one = np.ndim(x) == 1
-            self._state = start(self._model, channels=len(block))
-            self._tally = Tally.empty(channels=len(block))
-            self._x = np.empty((len(block), 0))
-        if self._lag is None:
-            return self._filter(block, phase)
-        return self._gather(block, phase)
+            self._running = self._begun(len(block))
+        return self._tracks(self._running, self._running.done, self._running.take(block, phase))
 
     def finish(self) -> OrderTracks:
         """Return the outputs that a lag still keeps back: the stream has ended."""
-        if self._state is None:
+        if self._running is None:
             raise ValueError("finish() before any update(): the stream is empty; pass its samples to update() first.")
-        first, waiting = self._done, self._x.shape[1]
-        found = [self._smooth(waiting, nothing_known(self._state))] if waiting else []
-        return self._tracks(found, first)
+        return self._tracks(self._running, self._running.done, self._running.finish())
 
     def state(self) -> dict[str, Any]:
         """Return all there is to know to go on later: numbers, strings and arrays under plain names.
@@ -176,36 +161,32 @@ class OrderTracker:
         `numpy.savez(path, **tracker.state())` keeps it; `OrderTracker.from_state(numpy.load(path))` goes on from there.
         """
         kept = {f"setting_{name}": value for name, value in self._settings.items()}
-        kept |= {"one_channel": self._one, "started": self._state is not None, "done": self._done}
-        kept |= {"x": self._x.copy(), "phase": self._phase.copy(), "last_phase": self._last_phase.copy()}
-        if self._state is not None:
-            kept |= {f"state_{name}": getattr(self._state, name).copy() for name in _STATE}
-        kept |= {f"tally_{name}": np.copy(getattr(self._tally, name)) for name in _TALLY}
-        return kept
+        kept |= {"one_channel": self._one, "channels": 0, "last_phase": self._last_phase.copy()}
+        return kept if self._running is None else kept | {"channels": len(self._running.x)} | self._running.stored()
 
     @classmethod
     def from_state(cls, state: Mapping[str, Any]) -> "OrderTracker":
         """Return the tracker whose `state()` this was."""
-        missing = {"setting_orders", "started", "x"} - set(state)
+        settings = {key[8:]: np.asarray(state[key]) for key in state if key.startswith("setting_")}
+        missing = {"shafts", "orders", "noise_variance", "lag"} - set(settings)
         if missing:
             raise ValueError(
-                f"state lacks {', '.join(sorted(missing))}: pass what OrderTracker.state() returned, or what "
-                "numpy.load returns of it."
+                f"state lacks {', '.join(f'setting_{name}' for name in sorted(missing))}: pass what "
+                "OrderTracker.state() returned, or what numpy.load made of it."
             )
-        settings = {key[8:]: np.asarray(state[key]) for key in state if key.startswith("setting_")}
         shafts, orders = settings.pop("shafts").tolist(), settings.pop("orders").tolist()
         plain: dict[str, Any] = {key: value if value.ndim else value.item() for key, value in settings.items()}
         plain["lag"] = plain["lag"] or None
         tracker = cls(orders=list(zip(shafts, orders, strict=True)) if shafts else orders, **plain)
-        tracker._one, tracker._done = bool(state["one_channel"]), int(state["done"])
-        tracker._x, tracker._phase = np.array(state["x"]), np.array(state["phase"])
-        tracker._last_phase = np.array(state["last_phase"])
-        if state["started"]:
-            tracker._state = State(*(np.array(state[f"state_{name}"]) for name in _STATE))
-        for name in _TALLY:
-            value = np.array(state[f"tally_{name}"])
-            setattr(tracker._tally, name, value if value.ndim else value.item())
+        tracker._one, channels = bool(array(state, "one_channel", ())), int(array(state, "channels", ()))
+        tracker._last_phase = array(state, "last_phase", (tracker._shafts(),)).astype(np.float64)
+        if channels:
+            tracker._running = tracker._begun(channels)
+            tracker._running.restore(state)
         return tracker
+
+    def _begun(self, channels: int) -> Running:
+        return Running(self._model, channels=channels, shafts=self._shafts(), lag=self._lag, every=self._every)
 
     def _shaft_names(self) -> list[str]:
         """Names of the shafts in the order in which the model counts them."""
@@ -216,10 +197,11 @@ class OrderTracker:
 
     def _check_block(self, x: ArrayLike) -> Floats:
         block = check_record(x)
-        if self._state is not None and (len(block) != len(self._x) or (np.ndim(x) == 1) != self._one):
+        channels = len(block) if self._running is None else len(self._running.x)
+        if self._running is not None and (len(block) != channels or (np.ndim(x) == 1) != self._one):
             raise ValueError(
                 f"x has shape {np.shape(x)}, but the stream began with "
-                f"{'one plain channel' if self._one else f'{len(self._x)} channels'}; pass blocks of the same channels."
+                f"{'one plain channel' if self._one else f'{channels} channels'}; pass blocks of the same channels."
             )
         missing = np.isnan(block)
         if not (missing == missing[0]).all():
@@ -233,7 +215,7 @@ class OrderTracker:
         for number, name in enumerate(self._shaft_names()):
             highest = self._model.orders[self._model.shaft == number].max()
             jump = phase[number, 0] - self._last_phase[number]
-            if highest * abs(jump) > np.pi:
+            if highest * abs(jump) > MOST_TURN:
                 label = f"phase_rad[{name!r}]" if name else "phase_rad"
                 raise ValueError(
                     f"{label} jumps by {jump:.4g} rad from the last block to this one, "
@@ -241,85 +223,34 @@ class OrderTracker:
                     f"{self._last_phase[number]:.6g} rad."
                 )
 
-    def _part(self, phase: Floats) -> HarmonicModel:
-        return replace(self._model, phases=tuple(phase))
-
-    def _startup(self) -> int:
-        return ceil(1 / float(self._model.bandwidth.min())) + self._model.state_size
-
-    def _filter(self, block: Floats, phase: Floats) -> OrderTracks:
-        first = self._done
-        self._done += block.shape[1]
-        found = filter_on(
-            self._part(phase), block, self._begun(), self._tally,
-            first=first, output_every=self._every, startup=self._startup(),
-        )  # fmt: skip
-        return self._tracks([found], first)
-
-    def _gather(self, block: Floats, phase: Floats) -> OrderTracks:
-        lag, first, found = self._lag or 1, self._done, []
-        for begin in range(0, block.shape[1], lag):
-            # No more than a segment at a time, so that what waits stays below three.
-            span = slice(begin, begin + lag)
-            self._x = np.concatenate([self._x, block[:, span]], axis=1)
-            self._phase = np.concatenate([self._phase, phase[:, span]], axis=1)
-            if self._x.shape[1] >= 2 * lag:
-                ahead = self._begun().copy()
-                advance(self._waiting(slice(0, lag)), ahead)
-                found.append(self._smooth(lag, look_back(self._waiting(slice(lag, 2 * lag)), ahead)))
-        return self._tracks(found, first)
-
-    def _smooth(self, samples: int, later: Knowledge) -> tuple[Complexes, Floats]:
-        """Smooth the first of the waiting samples, and let them go."""
-        chain = self._waiting(slice(0, samples))
-        levels, variances = smooth_on(chain, self._begun(), later, self._tally, self._startup() - self._done)
-        self._done += samples
-        self._x, self._phase = self._x[:, samples:].copy(), self._phase[:, samples:].copy()
-        return parts(self._model, levels, variances)
-
-    def _waiting(self, span: slice) -> Chain:
-        """Return some of the waiting samples as a chain."""
-        x, phase = self._x[:, span], self._phase[:, span]
-        wanted = np.zeros(x.shape[1], dtype=np.bool_)
-        wanted[-(self._done + span.start) % self._every :: self._every] = True
-        return chain_of(self._part(phase), x, wanted)
-
-    def _begun(self) -> State:
-        if self._state is None:
-            self._state = start(self._model, channels=len(self._x))
-        return self._state
-
-    def _tracks(self, found: list[tuple[Complexes, Floats]], first: int) -> OrderTracks:
+    def _tracks(self, running: Running, first: int, parts: list[Outputs]) -> OrderTracks:
         """Return the tracks of the samples from `first` up to those done."""
-        orders, channels = self._model.orders.size, len(self._x)
-        index = np.arange(first + -first % self._every, self._done, self._every)
-        nothing = np.empty((channels, orders, 0), dtype=np.complex128), np.empty((orders, 0))
-        amplitude, variance = (np.concatenate(part, axis=-1) for part in zip(nothing, *found, strict=True))
-        near = index < 0.5 / self._model.bandwidth
-        tally, counted = self._tally, self._tally.count > 0
-        mean_square = tally.mean_square if counted else np.full(channels, np.nan)
-        correlation = tally.autocorrelation if counted else np.zeros_like(tally.products)
-        growth = np.exp(tally.log_variance / tally.count) if counted else np.nan
+        channels, tally = len(running.x), running.tally
+        found = Outputs.joined(parts, channels=channels, orders=self._model.orders.size)
+        none = 0.0 if tally.count else np.nan
+        correlation = tally.autocorrelation + none
+        growth = np.exp(tally.log_variance / max(tally.count, 1)) + none
         one = self._one
         return OrderTracks(
-            complex_amplitude=amplitude[0] if one else amplitude,
-            settling_variance=variance if one else np.broadcast_to(variance, amplitude.shape),
-            flags=np.where(near, OutputFlag.NEAR_END, OutputFlag.NONE).astype(np.uint8),
-            unresolved=(),
+            complex_amplitude=found.amplitude[0] if one else found.amplitude,
+            settling_variance=found.variance if one else np.broadcast_to(found.variance, found.amplitude.shape),
+            flags=found.flags if one else np.broadcast_to(found.flags, found.amplitude.shape),
+            unresolved=running.watch.unresolved,
             orders=self._model.orders,
             shafts=self._names,
             bandwidth=self._width.given,
             bandwidth_units=self._width.units,
+            bandwidth_cycles=self._width.cycles[:, 0],
             poles=self._model.poles,
             estimator="filter" if self._lag is None else "smoother",
             method="exact",
             error_bound=0.0,
             noise_variance=self._noise if one else np.full(channels, self._noise),
             innovation_variance=self._noise * growth if one else np.full(channels, self._noise * growth),
-            innovation_mean_square=_own(mean_square / self._noise, one=one),
+            innovation_mean_square=_own(tally.mean_square / self._noise + none, one=one),
             innovation_autocorrelation=correlation[0] if one else correlation,
             whiteness=_own(np.mean(correlation**2, axis=1) * tally.count, one=one),
-            samples=self._done,
+            samples=running.done,
             output_every=self._every,
             first_output=first + -first % self._every,
         )

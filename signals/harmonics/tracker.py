@@ -13,23 +13,29 @@ from signals._checks import choice, positive, whole
 from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.blocks import block_length, blurs, fast, scattered_share
 from signals.harmonics.exact import exact
-from signals.harmonics.inputs import all_finite, check_bandwidth, check_orders, check_phase_std, check_record
+from signals.harmonics.inputs import (
+    check_bandwidth,
+    check_initial_std,
+    check_noise_variance,
+    check_orders,
+    check_phase_std,
+    check_record,
+)
 from signals.harmonics.model import (
     PRIOR_STD,
     Estimate,
     Estimator,
     Floats,
     HarmonicModel,
-    Indices,
     Method,
     Order,
-    OrderTracks,
     lost,
 )
+from signals.harmonics.noise import of_innovations
+from signals.harmonics.patterns import Patterns
 from signals.harmonics.separability import flag_outputs
 from signals.harmonics.settled import ripple, settled
-
-_Array = NDArray[Any]
+from signals.harmonics.tracks import OrderTracks
 
 # With fewer samples a block, condensing them gains nothing.
 SHORTEST_BLOCK = 12
@@ -68,7 +74,9 @@ def track_orders(
     Parameters
     ----------
     x : (sample,) array, the record in any unit, or (channel, sample) for several with the same phase; NaN marks a
-        missing sample.
+        missing sample. Channels that miss the same samples, or none, share all the work but that on their data:
+        covariances, phasors, sums of their products. Each further pattern of missing samples costs as much as a record
+        of its own.
     phase_rad : (sample,) array, shaft angle in rad, or a mapping from shaft name to such an array.
     orders : cycles per revolution, one number an order; with a mapping, (shaft, order) pairs. 0 is the mean.
     bandwidth_hz : full -3 dB width of the smoother in Hz, with `rate_hz`: one for all orders, one each, or, where it
@@ -87,7 +95,7 @@ def track_orders(
         blocks would be too short, short gaps break them up, or lines stay within half a bandwidth of each other, else
         fast. The result says which.
     output_every : samples from one output to the next.
-    coupled : False estimates every order on its own, as if there were no others.
+    coupled : False estimates every order on its own, as if there were no others: by the fast smoother only.
     rtol : error that "fast" may make, as a part of the amplitude, for an envelope at the edge of the bandwidth.
     noise_variance : variance R of the white noise in `x`; estimated from the record unless given.
     initial_std : standard deviation of each part of an amplitude about zero before the first sample, in the unit
@@ -140,59 +148,35 @@ def track_orders(
     )
     phase_std = check_phase_std(phase_std_rad, shafts=shafts, shaft=shaft, samples=samples)
     phase_every = task.output_every if phase_std is not None and phase_std.shape[1] > 1 else 1
-    angle_std = None if phase_std is None else order_numbers[:, None] * phase_std[:, ::phase_every]
-    patterns, pattern = _missing_patterns(record)
-    chosen = _choose(method, task, patterns)
-    estimates = [
-        _run(chosen, task, record[pattern == number] if len(patterns) > 1 else record, seen)
-        for number, seen in enumerate(patterns)
-    ]
-    place = np.argsort(np.argsort(pattern, kind="stable"))
-
-    def of_channels(parts: list[_Array]) -> _Array:
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)[place]
-
-    noises = [
-        estimate.innovation_mean_square if noise_variance is None else np.full(len(estimate.amplitude), noise_variance)
-        for estimate in estimates
-    ]
-    logs = [np.full(noise.size, e.innovation_log_variance) for e, noise in zip(estimates, noises, strict=True)]
-    amplitude = of_channels([estimate.amplitude for estimate in estimates])
-    variance = of_channels(
-        [np.broadcast_to(e.variance, (len(e.amplitude), *e.variance.shape)) for e in estimates],
-    )
-    noise = of_channels(noises).astype(np.float64)
-    mean_square = of_channels([estimate.innovation_mean_square for estimate in estimates])
-    autocorrelation = of_channels([estimate.innovation_autocorrelation for estimate in estimates])
-    counted = min(estimate.innovation_samples for estimate in estimates)
-    every = task.output_every
-    flags, pairs = flag_outputs(model, np.logical_and.reduce(patterns), every=every, estimator=estimator)
-    left, squared = _innovations(estimates, noises) if innovations else ([], [])
+    patterns = Patterns.of(record)
+    chosen = _choose(method, task, patterns.seen)
     one = np.ndim(x) == 1
+    startups = [
+        _startup(task, seen, name="x" if one else f"x[{channel}]")
+        for seen, channel in zip(patterns.seen, patterns.first_channels, strict=True)
+    ]
+    estimates = [_run(chosen, task, *part) for part in zip(patterns.records, patterns.seen, startups, strict=True)]
+    flags, pairs = flag_outputs(model, patterns.seen, every=task.output_every, estimator=estimator)
+    variance = patterns.shared([estimate.variance for estimate in estimates])
     return OrderTracks(
-        complex_amplitude=_squeeze(amplitude, one),
+        complex_amplitude=_squeeze(patterns.joined([estimate.amplitude for estimate in estimates]), one),
         settling_variance=_squeeze(variance, one),
         std_spacing=estimates[0].std_spacing,
-        angle_std=angle_std,
-        flags=flags,
+        angle_std=None if phase_std is None else order_numbers[:, None] * phase_std[:, ::phase_every],
+        flags=_squeeze(patterns.shared(flags), one),
         unresolved=pairs,
         orders=order_numbers,
         shafts=shafts,
         bandwidth=bandwidth.given,
         bandwidth_units=bandwidth.units,
+        bandwidth_cycles=bandwidth.cycles.mean(axis=1),
         poles=model.poles,
         estimator=estimator,
         method=chosen,
         error_bound=max(estimate.error_bound for estimate in estimates),
-        noise_variance=_scalar(noise, one),
-        innovation_variance=_scalar(noise * np.exp(of_channels(logs)), one),
-        innovation_mean_square=_scalar(np.ones(len(record)) if noise_variance is None else mean_square / noise, one),
-        innovation_autocorrelation=_squeeze(autocorrelation, one),
-        whiteness=_scalar(np.mean(autocorrelation**2, axis=1) * counted, one),
         samples=samples,
-        output_every=every,
-        innovations=_squeeze(of_channels(left), one) if innovations else None,
-        normalised_innovation_squared=_squeeze(of_channels(squared), one) if innovations else None,
+        output_every=task.output_every,
+        **{name: _squeeze(value, one) for name, value in of_innovations(patterns, estimates, noise_variance).items()},
     )
 
 
@@ -226,46 +210,28 @@ def _rtol(rtol: float) -> float:
 
 def _prior_std(initial_std: float | None, noise_variance: float | None) -> float:
     """Return the prior's standard deviation in those of the noise."""
-    noise = None if noise_variance is None else positive(noise_variance, name="noise_variance")
+    noise = None if noise_variance is None else check_noise_variance(noise_variance)
     if initial_std is None:
         return PRIOR_STD
-    std = positive(initial_std, name="initial_std")
     if noise is None:
+        std = positive(initial_std, name="initial_std")
         raise ValueError(
             f"initial_std={std:g} weighs against the noise, whose variance is not given; "
             "pass noise_variance too, or neither."
         )
-    return float(std / np.sqrt(noise))
+    return check_initial_std(initial_std, noise=noise)
 
 
-def _missing_patterns(record: Floats) -> tuple[list[NDArray[np.bool_]], Indices]:
-    """Return the distinct patterns of observed samples, and which each channel has.
-
-    Channels that miss the same samples share all but their data.
-    """
-    patterns: dict[bytes, int] = {}
-    masks: list[NDArray[np.bool_]] = []
-    pattern = np.empty(len(record), dtype=np.int64)
-    for channel, values in enumerate(record):
-        whole = all_finite(values)
-        seen = np.ones(values.size, dtype=np.bool_) if whole else ~np.isnan(values)
-        key = b"" if whole else seen.tobytes()
-        if key not in patterns:
-            patterns[key] = len(masks)
-            masks.append(seen)
-        pattern[channel] = patterns[key]
-    return masks, pattern
-
-
-def _startup(task: _Task, seen: NDArray[np.bool_]) -> int:
+def _startup(task: _Task, seen: NDArray[np.bool_], *, name: str) -> int:
     """First sample whose innovation counts: after the smoother's memory, or halfway in a short record."""
     model = task.model
     observed = int(np.count_nonzero(seen))
     needed = 2 * model.state_size
     if not task.noise_given and observed < needed:
         raise ValueError(
-            f"x has {observed} observed samples of {seen.size}; to estimate the noise beside {model.orders.size} "
-            f"orders with poles={model.poles}, {needed} are needed: pass noise_variance, or more samples."
+            f"{name} has {observed} observed samples of {seen.size}; to estimate the noise beside {model.orders.size} "
+            f"orders with poles={model.poles}, {needed} are needed: pass noise_variance, or more samples"
+            f"{'.' if name == 'x' else ', or leave this channel out: without noise it has no std.'}"
         )
     widest = model.bandwidth.max(axis=1)
     memory = min(ceil(1 / widest.min()) + model.state_size, observed // 2)
@@ -317,9 +283,8 @@ def _never_settles(task: _Task, *, whole: bool) -> str:
     return ""
 
 
-def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_]) -> Estimate:
+def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_], startup: int) -> Estimate:
     model, every = task.model, task.output_every
-    startup = _startup(task, seen)
     try:
         if method == "fast" and task.estimator == "filter":
             return settled(model, x, output_every=every, startup=startup, error_bound=task.ripple)
@@ -350,22 +315,8 @@ def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_]) -> Est
     return estimate
 
 
-def _innovations(estimates: list[Estimate], noises: list[Floats]) -> tuple[list[Floats], list[Floats]]:
-    """Return the innovations in the unit of the record, and their squares over their variances."""
-    left, squared = [], []
-    for estimate, noise in zip(estimates, noises, strict=True):
-        scaled, roots = estimate.innovations, estimate.innovation_roots
-        assert scaled is not None  # noqa: S101  (the exact method was asked for them)
-        assert roots is not None  # noqa: S101
-        there = roots > 0
-        left.append(np.divide(scaled, roots, out=np.full(scaled.shape, np.nan), where=there))
-        squared.append(np.divide(scaled**2, noise[:, None], out=np.full(scaled.shape, np.nan), where=there))
-    return left, squared
-
-
 def _squeeze(values: Any, one: bool) -> Any:  # noqa: ANN401
-    return values[0] if one else values
-
-
-def _scalar(values: Floats, one: bool) -> Any:  # noqa: ANN401
-    return float(values[0]) if one else values
+    """Leave out the axis of channels, where there is one without it."""
+    if not one:
+        return values
+    return values[0] if values.ndim > 1 else float(values[0])

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.model import Method, Order, OrderTracks
+from signals.harmonics.model import Method, Order
 from signals.harmonics.tracker import track_orders
+from signals.harmonics.tracks import OrderTracks
 
 
 def vold_kalman_filter(

@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 from signals.harmonics import _block_kernels
 from signals.harmonics.grid import pieces_between
 from signals.harmonics.inputs import check_orders, check_record
-from signals.harmonics.model import Floats, OrderTracks
+from signals.harmonics.model import Floats
+from signals.harmonics.tracks import OrderTracks
 
 
 def order_waveform(
@@ -34,6 +35,11 @@ def order_waveform(
     ValueError
         A place or a phase does not belong to these tracks.
     """
+    if tracks.first_output > 0 or tracks.sample_index.size == 0:
+        raise ValueError(
+            f"tracks have {tracks.sample_index.size} outputs from sample {tracks.first_output} on: a later block of "
+            "a stream. Waveforms are made from tracks that begin with the record; take those of track_orders."
+        )
     chosen = np.arange(tracks.orders.size) if places is None else np.asarray(places, dtype=np.int64)
     if chosen.size and not (chosen.min() >= 0 and chosen.max() < tracks.orders.size):
         raise ValueError(
@@ -41,7 +47,6 @@ def order_waveform(
         )
     own = list(zip(tracks.shafts, tracks.orders.tolist(), strict=True)) if tracks.shafts else tracks.orders
     orders, _, shaft, phases = check_orders(own, phase_rad, samples=tracks.samples)
-    every = int(tracks.sample_index[1]) if tracks.sample_index.size > 1 else tracks.samples
     amplitude = tracks.complex_amplitude
     amplitude = (amplitude if amplitude.ndim == 3 else amplitude[None])[:, chosen]  # noqa: PLR2004
     waves = np.zeros((len(amplitude), tracks.samples))
@@ -51,7 +56,7 @@ def order_waveform(
         pieces = pieces_between(amplitude, cubic=tracks.poles > 1)
         for pieces_of_channel, wave in zip(pieces, waves, strict=True):
             _block_kernels.remodulate(
-                pieces_of_channel, every, np.stack(phases), orders[chosen], shaft[chosen], 0, wave
+                pieces_of_channel, tracks.output_every, np.stack(phases), orders[chosen], shaft[chosen], 0, wave
             )
     return waves if tracks.complex_amplitude.ndim == 3 else waves[0]  # noqa: PLR2004
 

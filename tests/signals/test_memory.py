@@ -32,6 +32,11 @@ def test_room_has_the_size_asked_for_and_begins_a_line(count):
     assert place(array) % 64 == 0
 
 
+@pytest.mark.parametrize("shape", [(3, 5), (2, COUNT // 4, 3)])
+def test_room_has_the_shape_asked_for(shape):
+    assert room(*shape).shape == shape
+
+
 @kept
 def test_room_of_a_result_that_is_gone_is_used_again():
     first = room(COUNT)

@@ -37,6 +37,21 @@ def test_narrow_causal_filter_is_the_known_one(poles):
     assert narrow.filter_peak_db == pytest.approx(PEAK_DB[poles], abs=0.06)  # printed to one
 
 
+@pytest.mark.parametrize("poles", POLES)
+@pytest.mark.parametrize("width", [1e-9, 1e-17, 1e-40])
+def test_bandwidths_below_the_last_digit_of_one_keep_theirs(poles, width):
+    """Butterworth's circle: of its radius a, a^2p = q / N, the slowest root has the sine of pi / 2p."""
+    radius = np.pi * width * (np.sqrt(2) - 1) ** (-1 / (2 * poles))
+    sines = np.sin(np.pi * (2 * np.arange(poles) + 1) / (2 * poles))
+    narrow = Bandwidth(width=width, poles=poles)
+    # The circle itself is good to a part of the width.
+    assert_allclose(narrow.filter_decay, radius * sines.min(), rtol=1e-8)
+    assert narrow.filter_width_ratio == pytest.approx(WIDTH_RATIO[poles], abs=6e-4)
+    std = isolated_std(orders=[1], bandwidth=width, rate=1.0, poles=poles, noise_variance=0.5, estimator="filter")
+    assert_allclose(std**2, radius * sines.sum(), rtol=1e-8)
+    assert_allclose(narrow.smoother_gain([0.0, width / 2, 0.1]), [1, np.sqrt(0.5), 0], rtol=1e-8, atol=1e-8)
+
+
 def test_the_theory_page_prints_the_same_figures():
     page = Path(__file__).parents[3].joinpath("docs", "trackers.md").read_text(encoding="utf-8")
     rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line[:2] == "| " and line[2:3].isdigit()]

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from jobs import standard_job
 from numpy.testing import assert_allclose
 
-from signals.harmonics import process_variance
+from signals.harmonics import process_variance, smoother_bandwidth, track_orders
 from signals.harmonics._chain import Chain, advance, filter_chain, smooth_chain
 
 exact_number = np.vectorize(Decimal, otypes=[object])
@@ -215,12 +216,44 @@ def test_a_bandwidth_that_varies():
 
 
 def test_ten_orders_from_a_prior_of_a_million_noises():
-    """The run-up at 50 kHz on its first 6,000 samples: after one turn and a fifth of a shaft with 20 quadratures."""
-    t = np.arange(6000) / 50_000
+    """The start of the run-up, at half its rate: one turn and a fifth of a shaft with 20 quadratures."""
+    t = np.arange(3000) / 25_000
     rows = harmonics(2 * np.pi * (10 * t + 0.75 * t**2), [1, 2, 3, 4.6, 7.1, 12.3, 20, 27, 36, 54])
-    x = rows @ np.resize(AMPLITUDES, 20) + np.random.default_rng(1).standard_normal(6000)
-    case = Problem(rows, x, np.full((1, 20), 1e-9), np.full((1, 20), 1e12))
+    x = rows @ np.resize(AMPLITUDES, 20) + np.random.default_rng(1).standard_normal(3000)
+    case = Problem(rows, x, np.full((1, 20), 2e-9), np.full((1, 20), 1e12))
     check(case, every=500, memory=1e5)
+
+
+def sixty_digits(rows, x, q, prior):
+    """(sample, column) filtered levels and standard deviations, of one pole in unit noise, by the textbook."""
+    levels, deviations = np.empty(rows.shape), np.empty(rows.shape)
+    with localcontext() as context:
+        context.prec = 60
+        count, walk = rows.shape[1], Decimal(q)
+        mean, covariance = exact_number(np.zeros(count)), exact_number(prior * np.eye(count))
+        for n, h in enumerate(exact_number(rows)):
+            gain = covariance @ h
+            variance = 1 + h @ gain
+            mean = mean + gain * ((Decimal(x[n]) - h @ mean) / variance)
+            covariance = covariance - gain[:, None] * (gain / variance)
+            levels[n], deviations[n] = mean, np.sqrt(np.diagonal(covariance).astype(float))
+            covariance[np.diag_indices(count)] += walk
+    return levels, deviations
+
+
+# As docs/trackers.md says it: how far the run-up's start is off, of an amplitude or of its std, whichever is larger.
+@pytest.mark.parametrize(("initial_std", "rtol"), [(1e3, 1e-11), (1e6, 2e-8)])
+def test_the_start_of_a_run_up_is_that_of_sixty_digits(initial_std, rtol):
+    job = standard_job("J1 run-up", samples=3000)
+    bandwidth = smoother_bandwidth(orders=[1.0], process_variance=[1e-9], rate=50_000, poles=1, noise_variance=1.0)[0]
+    tracks = track_orders(
+        **job.tracking(bandwidth), noise_variance=1.0, initial_std=initial_std, estimator="filter", method="exact"
+    )
+    levels, deviations = sixty_digits(harmonics(job.phase_rad, job.orders), job.x, 1e-9, initial_std**2)
+    amplitude, std = levels[:, :10] + 1j * levels[:, 10:], np.hypot(deviations[:, :10], deviations[:, 10:]) / np.sqrt(2)
+    assert_allclose(tracks.std, std.T, rtol=rtol)
+    off = np.abs(tracks.complex_amplitude - amplitude.T) / np.maximum(np.abs(amplitude), std).T
+    assert off.max() < rtol
 
 
 @settings(deadline=None, max_examples=40)

@@ -30,12 +30,130 @@ def test_fast_is_close_to_exact(poles, gap):
     exact = track_orders(x, method="exact", **settings)
     fast = track_orders(x, method="fast", **settings)
     difference = np.abs(fast.complex_amplitude - exact.complex_amplitude)
-    # Blocks of 12 (one pole) and 87 samples, 1/200 and 1/29 of rate / bandwidth: what moves within a block counts
-    # for some per cent of std, most where a gap or an end cuts a hat, whose data then lie off its knot.
-    assert np.sqrt(np.mean(difference**2)) < 5e-2 * exact.std.mean()
-    assert difference.max() < 0.5 * exact.std.max()
-    assert_allclose(fast.std, exact.std, rtol=1.5e-2)
+    # Blocks of 12 (one pole) and 87 samples, 1/200 and 1/29 of rate / bandwidth, at ends and gaps as in between.
+    assert np.sqrt(np.mean(difference**2)) < 5e-3 * exact.std.mean()
+    assert difference.max() < 0.05 * exact.std.max()
+    # Straight from knot to knot, where it rises to an end.
+    assert_allclose(fast.std, exact.std, rtol=6e-3)
     assert_allclose(fast.innovation_variance, exact.innovation_variance, rtol=1e-3)
+
+
+def troubled(seed, *, size):
+    """Three orders and a mean of some size in noise 1, on a run-up with a jump of the speed; two gaps."""
+    rng = np.random.default_rng(seed)
+    n = np.arange(20_000)
+    phase = 2 * np.pi * (0.03 * n + 0.004 * n**2 / n.size) + 0.11 * np.maximum(n - rng.integers(11_000, 13_000), 0)
+    orders = np.array([0, 1, 2.3, 4])
+    envelopes = size * np.array([0.3, 1, 0.5j, 0.2])[:, None]
+    envelopes = envelopes * (1 + 0.3 * np.sin(4 * np.pi * n / n.size + orders[:, None]))
+    x = np.sum(envelopes * np.exp(1j * orders[:, None] * phase), axis=0).real + rng.standard_normal(n.size)
+    gap = rng.integers(4000, 6000)
+    x[gap : gap + 500] = x[15_000:15_007] = np.nan
+    return x, {"phase_rad": phase, "orders": orders, "bandwidth_hz": 1e-3, "rate_hz": 1.0, "noise_variance": 1.0}
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("size", [0, 0.1, 1, 30, 1e4])
+def test_error_bound_holds_everywhere_but_for_a_small_part_of_std(poles, size):
+    """At all outputs: ends, gaps and the jump among them. Of signals it is the bound that holds, of noise the part."""
+    x, settings = troubled(poles, size=size)
+    exact, fast = (track_orders(x, poles=poles, method=m, output_every=7, **settings) for m in ("exact", "fast"))
+    largest = np.abs(exact.complex_amplitude).max()
+    difference = np.abs(fast.complex_amplitude - exact.complex_amplitude)
+    assert np.all(difference < fast.error_bound * largest + 0.02 * exact.std)
+    assert fast.error_bound < 2e-3
+    assert_allclose(fast.std, exact.std, rtol=6e-3)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("share", [0.45, 0.8])
+@pytest.mark.parametrize("order", [1.01, 1.05])
+def test_lines_are_told_apart_by_few_of_the_samples(poles, share, order):
+    """Under no hat is more there than some half, or a fifth, of the samples."""
+    rng = np.random.default_rng(0)
+    phase = 2 * np.pi * 0.03 * np.arange(15_000)
+    x = np.cos(phase + 1) + 0.5 * np.cos(order * phase) + 0.1 * rng.standard_normal(phase.size)
+    x[rng.uniform(size=x.size) < share] = np.nan
+    settings = {"phase_rad": phase, "orders": [1, order], "bandwidth_hz": 1e-3, "rate_hz": 1.0, "poles": poles}
+    exact, fast = (
+        track_orders(x, noise_variance=0.01, output_every=20, method=m, **settings) for m in ("exact", "fast")
+    )
+    # Together they are what the samples say, with no sample's leak into anything.
+    assert np.all(np.abs(fast.complex_amplitude - exact.complex_amplitude) < 0.02 * exact.std)
+    assert_allclose(fast.std, exact.std, rtol=6e-3)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+def test_near_ends_a_close_pair_has_what_it_tells_from_beyond(poles):
+    """Lines an eighth of a bandwidth apart, which share out for far longer than a memory, beside two others."""
+    rng = np.random.default_rng(82)
+    phase = 0.86 * np.arange(4400)
+    orders = np.array([0.81, 1.344, 2.593, 2.603])
+    x = 0.2 * np.cos(orders[:, None] * phase).sum(axis=0) + rng.standard_normal(phase.size)
+    settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": 0.011, "rate_hz": 1.0, "poles": poles}
+    exact, fast = (track_orders(x, noise_variance=1.0, output_every=3, method=m, **settings) for m in ("exact", "fast"))
+    # Blocks of 1 and 3 samples: as from 1 / bandwidth on.
+    assert np.all(np.abs(fast.complex_amplitude - exact.complex_amplitude) < 0.08 * exact.std)
+    assert_allclose(fast.std, exact.std, rtol=0.01)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("samples", [1, 2, 5, 30, 70, 600])
+def test_a_short_record_is_that_of_the_exact_smoother(samples, poles):
+    """Shorter than a turn, or than the memory: there is nothing that orders could be told apart by beforehand."""
+    n = np.arange(samples)
+    x = 2 * np.cos(0.3 * n) + 0.1 * np.random.default_rng(samples).standard_normal(samples)
+    settings = {"phase_rad": 0.3 * n, "orders": [1, 1.8], "bandwidth_hz": 1e-3, "rate_hz": 1.0, "poles": poles}
+    exact, fast = (track_orders(x, noise_variance=0.01, method=m, **settings) for m in ("exact", "fast"))
+    # A block is a sample up to 128 of these.
+    difference = np.abs(fast.complex_amplitude - exact.complex_amplitude)
+    assert np.all(difference < (1e-6 if samples < 128 else 0.02) * exact.std)
+    assert_allclose(fast.std, exact.std, rtol=1e-6 if samples < 128 else 6e-3)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+def test_without_any_sample_the_prior_is_left_and_grows(poles):
+    n = np.arange(3000)
+    settings = {"phase_rad": 0.3 * n, "orders": [0, 1, 2.3], "bandwidth_hz": 4e-3, "rate_hz": 1.0, "poles": poles}
+    exact, fast = (
+        track_orders(np.full(n.size, np.nan), noise_variance=1.0, initial_std=2.0, method=m, **settings)
+        for m in ("exact", "fast")
+    )
+    assert np.all(fast.complex_amplitude == 0)
+    # Differences of several samples are a little larger than those of one, together, while both are in their first.
+    assert_allclose(fast.std, exact.std, rtol={1: 1e-9, 2: 6e-3, 3: 0.05, 4: 0.12}[poles])
+    assert_allclose(fast.std[:, 1500:], exact.std[:, 1500:], rtol=0.02)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("bandwidth", [1e-6, 1e-7])
+def test_a_memory_of_a_million_samples_and_more(poles, bandwidth):
+    n = np.arange(1_000_000)
+    phase = 2 * np.pi * 0.05 * n
+    x = np.cos(phase + 0.5) + 0.4 * np.cos(2.3 * phase) + 0.5 * np.random.default_rng(poles).standard_normal(n.size)
+    settings = {"rate_hz": 1.0, "poles": poles}
+    tracks = track_orders(
+        x, phase_rad=phase, orders=[1, 2.3], bandwidth_hz=bandwidth, noise_variance=0.25, output_every=1000,
+        method="fast", **settings,
+    )  # fmt: skip
+    error = np.abs(tracks.complex_amplitude - np.array([[np.exp(0.5j)], [0.4]])) / tracks.std
+    assert error.max() < 4.5  # a few independent numbers, all in all
+    # A thousand samples tell as much as one of a thousandth of the noise; their middle is half of a thousandth off.
+    few = track_orders(
+        np.zeros(1000), phase_rad=0.4 * np.arange(1000), orders=[1], bandwidth_hz=1000 * bandwidth,
+        noise_variance=0.25e-3, initial_std=500.0, method="exact", **settings,
+    )  # fmt: skip
+    assert_allclose(tracks.std, np.repeat(few.std, 2, axis=0), rtol=0.01)
+
+
+def test_a_sample_tells_one_quadrature():
+    tracks = track_orders(
+        [2.0], phase_rad=[0.0], orders=[1], bandwidth_hz=0.1, rate_hz=1.0, noise_variance=1.0, initial_std=3.0,
+        method="fast",
+    )  # fmt: skip
+    # One equation, x = a + v: the posterior mean is 9 / 10 of it; the other quadrature keeps its prior.
+    assert_allclose(tracks.complex_amplitude, 1.8)
+    assert_allclose(tracks.std, np.sqrt((0.9 + 9) / 2))
 
 
 @pytest.mark.parametrize("poles", [1, 2, 3, 4])
@@ -82,10 +200,8 @@ def test_fast_takes_blocks_too_short_to_tell_orders_apart():
     exact = track_orders(
         x, phase_rad=phase, orders=[1, 2, 3, 4], bandwidth_hz=4e-4, rate_hz=1.0, method="exact", output_every=500
     )
-    # Half a hat's data lie a third of a block off its knot: most of the difference is at the ends.
     difference = np.abs(tracks.complex_amplitude - exact.complex_amplitude) / exact.std
-    assert difference.max() < 0.08
-    assert np.median(difference) < 0.01
+    assert difference.max() < 0.02
 
 
 def test_auto_says_what_it_picked(monkeypatch):
@@ -204,4 +320,9 @@ def test_lines_within_half_a_bandwidth_of_each_other_are_left_to_the_exact_metho
     x = np.cos(phase + 1) + 0.1 * np.random.default_rng(0).standard_normal(n.size)
     settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": bandwidth, "rate_hz": 1.0, "poles": poles}
     assert track_orders(x, **settings).method == method
-    assert np.isfinite(track_orders(x, **settings, method="fast").error_bound) == (method == "fast")
+    # With the noise given, so that both know it; slopes, too, are told apart.
+    exact, fast = (
+        track_orders(x, method=m, noise_variance=0.01, output_every=50, **settings) for m in ("exact", "fast")
+    )
+    assert np.all(np.abs(fast.complex_amplitude - exact.complex_amplitude) < 0.02 * exact.std)
+    assert_allclose(fast.std, exact.std, rtol=6e-3)

@@ -161,7 +161,7 @@ def test_a_line_60_db_below_its_neighbour_keeps_its_amplitude(poles):
     answer = case.least_squares()
     exact, fast = case.track(), case.track("fast")
     assert_equal_to(exact, answer, rtol=1e-7)
-    # Steady lines are steady under a hat: blocks of 2 and 17 samples cost a hundredth of std.
+    # Blocks of 2 and 17 samples cost a hundredth of std.
     assert np.max(np.abs(fast.complex_amplitude - answer[0]) / answer[1]) < 0.02
     assert_allclose(fast.std, answer[1], rtol=5e-3)
     # The weak line is 1: known to 0.12 % and 0.08 % in the middle, and true to that.
@@ -204,8 +204,8 @@ def test_an_order_that_fades_in(poles):
     answer = case.least_squares()
     exact, fast = case.track(), case.track("fast")
     assert_equal_to(exact, answer, rtol=1e-9)
-    # Ends cost blocks of 8 samples (two poles) a quarter of std; one pole takes single samples.
-    assert np.max(np.abs(fast.complex_amplitude - answer[0]) / answer[1]) < 0.3
+    # Blocks of 8 samples (two poles) take a thousandth off where the rise begins; one pole takes single samples.
+    assert np.max(np.abs(fast.complex_amplitude - answer[0]) / answer[1]) < 0.1
     # Before and after the rise, two memories (1 / bandwidth is 250 samples) off, it is what it is; the other all along.
     early, late = slice(0, 40), slice(110, None)
     for tracks in (exact, fast):
@@ -260,8 +260,8 @@ def test_a_shaft_at_rest_or_reversing_is_least_squares_and_flagged(turn, still, 
     answer = case.least_squares()
     exact, fast = case.track(), case.track("fast")
     assert_equal_to(exact, answer)
-    # Single samples with one pole; blocks of 8 with two, whose ends cost the most.
-    assert np.max(np.abs(fast.complex_amplitude - answer[0]) / answer[1]) < 0.1
+    # Single samples with one pole; blocks of 8 with two.
+    assert np.max(np.abs(fast.complex_amplitude - answer[0]) / answer[1]) < 0.02
     assert_allclose(fast.std, answer[1], rtol=1e-2)
     at, turning = still // 50, 500 // 50
     for tracks in (exact, fast):
@@ -370,8 +370,8 @@ def test_fast_bears_a_prior_of_a_million_noises(poles):
         x=x, phase=phase, orders=(0.0, 1.0, 2.3), bandwidth=2e-3, poles=poles, noise=0.25, initial_std=5e5, every=100
     )
     exact, fast = case.track(), case.track("fast")
-    # The exact method is held against more digits at such priors elsewhere. Ends cost blocks the most.
-    assert np.max(np.abs(fast.complex_amplitude - exact.complex_amplitude) / exact.std) < 0.3
+    # The exact method is held against more digits at such priors elsewhere.
+    assert np.max(np.abs(fast.complex_amplitude - exact.complex_amplitude) / exact.std) < 0.02
     assert_allclose(fast.std, exact.std, rtol=0.02)
 
 
@@ -417,14 +417,14 @@ def test_at_half_the_rate_what_is_observed_is_found_beside_another_order(poles):
         x=x, phase=phase, orders=(1.0, 0.2), bandwidth=2e-3, poles=poles, noise=0.25, initial_std=500.0, every=50
     )
     amplitude, std = case.least_squares()
-    # Blocks of 2 and 17 samples: some per cent of std, most at the ends.
-    for tracks, part in ((case.track(), 1e-7), (case.track("fast"), 0.15)):
+    # Blocks of 2 and 17 samples.
+    for tracks, part in ((case.track(), 1e-7), (case.track("fast"), 0.03)):
         # Of order 1 the cosine alone is seen. The sine is not: it keeps the prior and drowns the rest in `std`.
         error = tracks.complex_amplitude - amplitude
         assert np.all(np.abs(error.real) < part * std[1])
         assert np.all(np.abs(error[1]) < part * std[1])
         assert np.all(tracks.std[0] > 350)
-        assert_allclose(tracks.std[1], std[1], rtol=0.05 * part)
+        assert_allclose(tracks.std[1], std[1], rtol=0.1 * part)
         assert np.all(tracks.flags[0] & OutputFlag.ONE_QUADRATURE)
         assert not np.any(tracks.flags[1] & OutputFlag.ONE_QUADRATURE)
 
@@ -516,8 +516,10 @@ def test_a_stream_is_cut_and_kept_while_its_prior_is_open(cut):
     amplitude, std = (np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in
                       ("complex_amplitude", "std"))  # fmt: skip
     assert_allclose(std, whole.std, rtol=1e-12)
-    # The last digits of sines, 1e-16, depend on where a block begins; a prior of 1000 magnifies them, some dozen times.
-    assert np.max(np.abs(amplitude - whole.complex_amplitude) / whole.std) < 1e-11
+    # The last digits of sines depend on where a block begins. Three orders in a third of a turn magnify them: to move
+    # each angle by its last digit moves these estimates by 1.6e-12 to 2.6e-12.
+    off = np.abs(amplitude - whole.complex_amplitude) / np.maximum(np.abs(whole.complex_amplitude), whole.std)
+    assert off.max() < 2e-12
 
 
 # Anything at all.

@@ -180,10 +180,11 @@ def test_without_slip_blocks_differ_little_from_the_plain_tracker(steady):
     assert_allclose(track.std[0], plain.std[0, track.sample_index], rtol=2e-3)
 
 
-@pytest.mark.parametrize("harmonics", [1, 2])
-def test_the_smoother_is_the_optimum_that_scipy_finds(harmonics):
-    samples_per_rev, noise, change, width, block = 40, 0.04, 2e-3, 0.05, 16
-    order = 3.3
+# The last has 25 numbers in a state, of which a block of 11 samples tells less than half.
+@pytest.mark.parametrize(("harmonics", "order", "block"), [(1, 3.3, 16), (2, 3.3, 16), (12, 1.3, 11)])
+def test_the_smoother_is_the_optimum_that_scipy_finds(harmonics, order, block):
+    # No block is above the default, 20 samples for the bandwidth and 11 or more for the slip.
+    samples_per_rev, noise, change, width = 40, 0.04, 3e-4, 0.01
     rng = np.random.default_rng(2)
     n = 20 * block
     slip = 0.01 + np.cumsum(change / np.sqrt(samples_per_rev) * rng.standard_normal(n))
@@ -288,7 +289,7 @@ def test_at_the_end_of_the_record_the_filter_agrees_with_the_smoother():
 @pytest.mark.parametrize(("harmonics", "noise"), [(1, 1.0), (3, 4.0)])
 def test_errors_are_within_the_stated_uncertainty(harmonics, noise):
     inside = []
-    for seed in range(40):
+    for seed in range(40 if harmonics == 1 else 15):
         x, phase, slip, truth = drawn(
             seed, revolutions=100, samples_per_rev=64, noise=noise, bandwidth=0.05, change=5e-4, harmonics=harmonics
         )
@@ -301,7 +302,6 @@ def test_errors_are_within_the_stated_uncertainty(harmonics, noise):
             bandwidth_orders=0.05,
             samples_per_rev=64,
             harmonics=harmonics,
-            output_every=16,
             noise_variance=noise,
         )
         assert track.status == "converged"
@@ -313,7 +313,7 @@ def test_errors_are_within_the_stated_uncertainty(harmonics, noise):
                 np.mean(np.abs(track.slip - slip[track.sample_index]) < 1.96 * track.slip_std),
             ]
         )
-    # Each record holds some 5 independent amplitudes and more slips: 200 in all, 95 % +- 1.5 %.
+    # Each record holds some 5 independent amplitudes a harmonic and more slips: 200 in all, 95 % +- 1.5 %.
     assert np.all(np.abs(np.mean(inside, axis=0) - 0.95) < 0.03)
 
 
@@ -421,7 +421,7 @@ GOOD = {
     ("change", "sentence"),
     [
         ({"phase_rad": np.arange(199)}, "phase_rad has 199 values for 200 samples of x; give one angle per sample"),
-        ({"phase_rad": np.zeros(200)}, "the shaft has not turned"),
+        ({"phase_rad": np.zeros(200)}, "phase_rad turns by 0 rad in all.* the shaft has turned too little"),
         ({"x": np.full(200, np.nan)}, "all of them missing"),
         ({"x": np.append(np.zeros(199), np.inf)}, r"x\[199\]=inf \(and 0 more\) is infinite"),
         ({"x": np.zeros(200)}, "no noise beside order 2 .* pass noise_variance"),

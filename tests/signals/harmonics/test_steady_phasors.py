@@ -45,34 +45,37 @@ def test_phasors_are_those_of_the_angles(turning, size):
 
 @pytest.mark.parametrize("turning", ["steady", "running up", "wild"])
 @pytest.mark.parametrize("length", [7, 100, 300])
-def test_moments_are_sums_of_the_record_times_its_phasors(turning, length):
+@pytest.mark.parametrize("pairs", [1, 2])
+def test_moments_are_sums_of_the_record_times_its_phasors(turning, length, pairs):
     rng = np.random.default_rng(0)
     x = rng.standard_normal((2, 1000))
     phase = np.stack([SHAFTS[turning], SHAFTS["steady"]])[:, :1000].copy()
-    sums = np.empty((ORDERS.size, -(-1000 // length), 2, 4))
+    sums = np.empty((ORDERS.size, -(-1000 // length), pairs * 2, 4))
     _block_kernels.project(x, phase, ORDERS, SHAFT, length, sums)
     angle = ORDERS[:, None] * phase[SHAFT]
     u = np.arange(1000) % length / length
     parts = np.stack([np.cos(angle), u * np.cos(angle), -np.sin(angle), -u * np.sin(angle)])
     starts = np.arange(0, 1000, length)
-    expected = np.add.reduceat(parts[:, :, None] * x, starts, axis=-1)  # part, order, channel, block
+    x = np.concatenate([u ** (2 * pair) * x for pair in range(pairs)])
+    expected = np.add.reduceat(parts[:, :, None] * x, starts, axis=-1)  # part, order, pair channel, block
     # Some hundred terms of order 1, each to the 4e-12 of its angle.
     assert_allclose(sums, expected.transpose(1, 3, 2, 0), rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("length", [9, 130, 300])
-def test_products_are_sums_over_the_samples_seen(length):
+@pytest.mark.parametrize("moments", [2, 3, 5, 7])
+def test_products_are_sums_over_the_samples_seen(length, moments):
     rng = np.random.default_rng(1)
     seen = (rng.uniform(size=(1, 700)) > 0.2).astype(float)
     phase = np.stack([SHAFTS["running up"], SHAFTS["wild"]])[:, :700].copy()
     width = 2 * ORDERS.size
-    sums = np.empty((-(-700 // length), 2, width, width))
+    sums = np.empty((-(-700 // length), moments, width, width))
     _block_kernels.correlate(seen, phase, ORDERS, SHAFT, length, sums)
     angle = ORDERS[:, None] * phase[SHAFT]
     columns = seen * np.concatenate([np.cos(angle), -np.sin(angle)])
     u = np.arange(700) % length / length
     for block, start in enumerate(range(0, 700, length)):
         here = slice(start, start + length)
-        for late, weight in enumerate((np.ones(700), u)):
-            expected = (weight * columns)[:, here] @ columns[:, here].T
-            assert_allclose(sums[block, late], expected, rtol=0, atol=1e-10)
+        for moment in range(moments):
+            expected = (u**moment * columns)[:, here] @ columns[:, here].T
+            assert_allclose(sums[block, moment], expected, rtol=0, atol=1e-10)

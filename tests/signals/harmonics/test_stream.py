@@ -39,19 +39,38 @@ def joined(tracks, name):
     return np.concatenate([getattr(part, name) for part in tracks], axis=-1)
 
 
+CUTS = st.lists(st.integers(1, 900), min_size=1, max_size=12).map(lambda sizes: [*sizes, 700])
+
+
 @settings(deadline=None, max_examples=15)
-@given(sizes=st.lists(st.integers(1, 900), min_size=1, max_size=12), poles=st.integers(1, 3))
+@given(sizes=CUTS, poles=st.integers(1, 4))
 def test_however_it_is_cut_the_filter_is_that_of_the_whole_record(sizes, poles):
     x, phase = record()
-    sizes = [*sizes, 700]
     tracks = stream(OrderTracker(poles=poles, **COMMON), x, phase, sizes)
     whole = track_orders(x, phase_rad=phase, estimator="filter", method="exact", poles=poles, **COMMON)
-    # The gain is weighed anew at the start of a block: rounding, amplified by little.
-    assert_allclose(joined(tracks, "complex_amplitude"), whole.complex_amplitude, rtol=0, atol=1e-12)
-    assert_allclose(joined(tracks, "std"), whole.std, rtol=1e-12)
-    assert_array_equal(joined(tracks, "sample_index"), whole.sample_index)
-    assert_allclose(tracks[-1].innovation_mean_square, whole.innovation_mean_square, rtol=1e-10)
-    assert_allclose(tracks[-1].innovation_autocorrelation, whole.innovation_autocorrelation, atol=1e-12)
+    assert_same(tracks, [whole])
+
+
+@settings(deadline=None, max_examples=8)
+@given(sizes=CUTS, poles=st.integers(1, 4), lag=st.sampled_from([40, 250]))
+def test_however_it_is_cut_a_fixed_lag_smoother_is_the_same(sizes, poles, lag):
+    x, phase = record()
+    pieces, whole = (
+        stream(OrderTracker(poles=poles, lag=lag, **COMMON), x, phase, blocks) for blocks in (sizes, [SAMPLES])
+    )
+    assert_same(pieces, whole)
+    assert_array_equal(joined(pieces, "flags"), joined(whole, "flags"))
+    assert pieces[-1].unresolved == whole[-1].unresolved
+
+
+def assert_same(tracks, others):
+    """The gain is weighed anew at the start of a block: rounding, amplified by little."""
+    assert_allclose(joined(tracks, "complex_amplitude"), joined(others, "complex_amplitude"), rtol=0, atol=1e-12)
+    assert_allclose(joined(tracks, "std"), joined(others, "std"), rtol=1e-12)
+    assert_array_equal(joined(tracks, "sample_index"), joined(others, "sample_index"))
+    # Sums of some thousand squares, added up in another order.
+    assert_allclose(tracks[-1].innovation_mean_square, others[-1].innovation_mean_square, rtol=1e-12)
+    assert_allclose(tracks[-1].innovation_autocorrelation, others[-1].innovation_autocorrelation, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("lag", [None, 250])
@@ -77,8 +96,9 @@ def test_a_tracker_goes_on_from_its_state(lag, channels, tmp_path):
     straight = stream(OrderTracker(**settings), x, phase, [700])
     for between in (kept, written):
         stopped = stream(OrderTracker(**settings), x, phase, [700], between=between)
-        for name in ("complex_amplitude", "std", "sample_index"):
+        for name in ("complex_amplitude", "std", "sample_index", "flags"):
             assert_array_equal(joined(stopped, name), joined(straight, name))
+        assert stopped[-1].unresolved == straight[-1].unresolved
         assert stopped[-1].innovation_mean_square == pytest.approx(straight[-1].innovation_mean_square, rel=1e-15)
 
 
@@ -189,10 +209,81 @@ def test_refused_blocks():
         tracker.update(np.where(np.arange(10) == 3, np.inf, 0.0), phase_rad=phase[100:110])
     with pytest.raises(ValueError, match="x misses different samples in different channels"):
         OrderTracker(**COMMON).update([[1.0, np.nan], [1.0, 2.0]], phase_rad=[0.0, 0.1])
-    with pytest.raises(ValueError, match="state lacks setting_orders, started, x"):
-        OrderTracker.from_state({})
     # A refused block leaves the tracker as it was.
     tracker.update(x[100:110], phase_rad=phase[100:110])
+
+
+@pytest.mark.parametrize("lag", [None, 200])
+def test_a_state_that_is_none_is_refused(lag):
+    x, phase = record()
+    tracker = OrderTracker(lag=lag, **COMMON)
+    tracker.update(x[:500], phase_rad=phase[:500])
+    state = tracker.state()
+    with pytest.raises(ValueError, match="state lacks setting_lag, setting_noise_variance, setting_orders"):
+        OrderTracker.from_state({})
+    for key in state:
+        if not key.startswith("setting_"):
+            with pytest.raises(ValueError, match=f"state lacks '{key}': pass what OrderTracker"):
+                OrderTracker.from_state({name: value for name, value in state.items() if name != key})
+            with pytest.raises(ValueError, match=rf"state\['{key}'\] has shape .*; needed numbers of shape"):
+                OrderTracker.from_state(state | {key: np.zeros((2, 3, 5, 7))})
+    with pytest.raises(ValueError, match=r"state\['x'\] has shape \(2, 9\) .*; needed numbers of shape \(1, any\)"):
+        OrderTracker.from_state(state | {"x": np.zeros((2, 9))})
+    with pytest.raises(ValueError, match=r"state\['phase'\] has shape \(1, 9\)"):
+        OrderTracker.from_state(state | {"phase": np.zeros((1, 9))})
+    with pytest.raises(ValueError, match=r"state\['state_vector'\] has shape \(2, 1, 8\) and type <U1"):
+        OrderTracker.from_state(state | {"state_vector": np.full((2, 1, 8), "a")})
+
+
+@pytest.mark.parametrize(("lag", "every"), [(None, 1), (None, 1000), (20, 1), (150, 1000)])
+def test_lost_digits_are_an_error_with_numbers(lag, every):
+    """Whether it is an output that shows it or the state alone."""
+    phase = 0.3 * np.arange(400)
+    tracker = OrderTracker(
+        orders=[0, 0.01, 0.02], bandwidth_hz=0.02, rate_hz=1.0, noise_variance=1.0, initial_std=1e60, poles=4, lag=lag,
+        output_every=every,
+    )  # fmt: skip
+    with pytest.raises(FloatingPointError, match=r"poles=4, a narrowest bandwidth of 0.02 .* prior of 1e\+60"):
+        tracker.update(np.cos(phase), phase_rad=phase)
+
+
+def covariance(state):
+    """That of a tracker's state, whose low parts are none, the rest of it, or a factor of what the prior left open."""
+    high, low = state["state_matrix"]
+    return high + [low, low, low @ low.T][state["state_status"][0]]
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    seed=st.integers(0, 10**6),
+    poles=st.integers(1, 4),
+    bandwidth=st.floats(1e-5, 0.1),
+    prior=st.floats(0.1, 1e6),
+    second=st.sampled_from([1.0, 1.0001, 2.0]),
+    motion=st.sampled_from(["steady", "rests", "reverses"]),
+    lag=st.sampled_from([None, 30]),
+)
+def test_covariances_of_states_are_symmetric_and_positive(seed, poles, bandwidth, prior, second, motion, lag):
+    rng = np.random.default_rng(seed)
+    n = np.arange(400)
+    phase = {"steady": 0.3 * n, "rests": 0.3 * np.clip(n, 100, 250), "reverses": 0.3 * np.abs(n - 200)}[motion]
+    x = np.where(rng.uniform(size=n.size) < 0.2, np.nan, rng.standard_normal(n.size))
+    x[120:200] = np.nan
+    tracker = OrderTracker(
+        orders=[0, 1, second], bandwidth_hz=bandwidth, rate_hz=1.0, noise_variance=1.0, initial_std=prior, poles=poles,
+        lag=lag,
+    )  # fmt: skip
+    for block in np.split(n, np.sort(rng.integers(1, 400, 12))):
+        if block.size:
+            tracker.update(x[block], phase_rad=phase[block])
+            matrix = covariance(tracker.state())
+            assert_allclose(matrix, matrix.T, rtol=1e-14, atol=0)
+            assert np.all(np.diagonal(matrix) >= 0)
+            seen = np.diagonal(matrix) > 0  # the others fill rows up
+            scale = np.sqrt(np.diagonal(matrix)[seen])
+            eigenvalues = np.linalg.eigvalsh(matrix[np.ix_(seen, seen)] / np.outer(scale, scale))
+            # A correlation of twenty columns whose entries are rounded to some 1e-16.
+            assert eigenvalues[0] >= -1e-12 * eigenvalues[-1]
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from signals.harmonics import track_orders
 
@@ -20,6 +21,22 @@ REFUSED = [
     ({"x": ["1", "2"]}, "x holds <U1 values; real numbers are needed"),
     ({"x": [1.0, None]}, "x=None must be a number, not NoneType"),
     ({"x": X[:, None, None]}, r"x has shape \(100, 1, 1\); needed one or two dimensions"),
+    (
+        {"x": [X, np.full(100, np.nan), X]},
+        r"x\[1\] has 0 observed samples of 100; .* pass noise_variance, or more samples, or leave this channel out",
+    ),
+    ({"x": 1e160 * X}, r"x reaches 1e\+160, above 1e\+120, and its squares would overflow; scale the record"),
+    ({"x": np.where(np.arange(100) == 7, -1e130, X)}, r"x reaches 1e\+130, above .* or mark bad samples as NaN"),
+    ({"x": [1e160 * X, np.full(100, np.nan)], "noise_variance": 1.0}, r"x reaches 1e\+160"),
+    ({"x": [X, 1e-160 * X]}, "x reaches no more than 1e-160 in channel 1, whose square is too small to tell the noise"),
+    ({"x": 1e-140 * X, "method": "fast"}, "x reaches no more than 1e-140 in channel 0"),
+    ({"noise_variance": 1e-300}, "noise_variance=1e-300 must lie between 1e-240 and 1e.240.*scale the record"),
+    ({"noise_variance": 1.0, "initial_std": 1e200}, r"initial_std=1e\+200 is 1e\+200 standard deviations of the noise"),
+    ({"noise_variance": 1e200, "initial_std": 1e-50}, "initial_std=1e-50 is 1e-150 standard deviations of the noise"),
+    (
+        {"bandwidth_hz": 1e-200},
+        "bandwidth_hz is 1e-200 cycles a sample at most for order number 0; it must reach 1e-100",
+    ),
     ({"x": HOLED}, "x has 3 observed samples of 100; to estimate the noise beside 1 orders with poles=1, 4 are needed"),
     ({"phase_rad": PHASE[1:]}, "phase_rad has 99 values for 100 samples of x; give one angle per sample"),
     ({"phase_rad": np.where(np.arange(100) > 90, np.nan, PHASE)}, r"phase_rad\[91\]=nan \(and 8 more\).*interpolate"),
@@ -63,7 +80,10 @@ REFUSED = [
     ({"bandwidth_hz": True}, "bandwidth_hz holds bool values"),
     ({"bandwidth_hz": [[0.1]]}, r"bandwidth_hz has shape \(1, 1\) .* needs the shape \(1, 100\)"),
     ({"bandwidth_hz": np.full((1, 100), -0.1)}, "bandwidth_hz=-0.1 must be above 0"),
-    ({"bandwidth_hz": np.zeros((1, 100))}, "bandwidth_hz is 0 cycles a sample throughout"),
+    (
+        {"bandwidth_hz": np.zeros((1, 100))},
+        "bandwidth_hz is 0 cycles a sample at most for order number 0; it must reach",
+    ),
     ({"coupled": False, "method": "exact"}, "coupled=False .* by the fast smoother only"),
     ({"rtol": 0.5}, "rtol=0.5 is above 0.1"),
     ({"phase_std_rad": -0.1}, "phase_std_rad=-0.1 must be zero or more"),
@@ -96,6 +116,36 @@ def test_refusal(change, sentence):
 
 def test_the_good_case_is_good():
     assert track_orders(**GOOD).method == "exact"
+
+
+@pytest.mark.parametrize("scale", [1e-118, 1e118])
+@pytest.mark.parametrize("method", ["exact", "fast"])
+@pytest.mark.parametrize("estimator", ["smoother", "filter"])
+def test_units_within_bounds_scale_the_answer_alone(scale, method, estimator):
+    rng = np.random.default_rng(0)
+    phase = 0.3 * np.arange(5000)
+    x = np.cos(phase) + 0.1 * rng.standard_normal(5000)
+    settings = {"phase_rad": phase, "orders": [1, 2], "bandwidth_hz": 0.002, "rate_hz": 1.0, "output_every": 50}
+    settings |= {"method": method, "estimator": estimator}
+    one, other = track_orders(x, **settings), track_orders(scale * x, **settings)
+    for name in ("complex_amplitude", "std"):
+        assert_allclose(getattr(other, name) / scale, getattr(one, name), rtol=1e-9)
+    assert other.whiteness == pytest.approx(one.whiteness, rel=1e-9)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize(("method", "estimator"), [("fast", "smoother"), ("fast", "filter"), ("exact", "smoother")])
+def test_an_amplitude_that_may_not_change_at_all_is_regression(poles, method, estimator):
+    rng = np.random.default_rng(0)
+    phase = 0.3 * np.arange(2000)
+    x = np.cos(phase + 0.5) + 0.1 * rng.standard_normal(2000)
+    tracks = track_orders(
+        x, phase_rad=phase, orders=[1], bandwidth_hz=1e-40, rate_hz=1.0, poles=poles, method=method, estimator=estimator
+    )
+    rows = np.stack([np.cos(phase), -np.sin(phase)], axis=1)
+    real, imaginary = np.linalg.lstsq(rows, x)[0]
+    # The prior pulls by some 1e-9; fast's hats, at the ends, leave some 1e-3 of std 3e-3.
+    assert abs(tracks.complex_amplitude[0, -1] - complex(real, imaginary)) < (1e-8 if method == "exact" else 1e-3)
 
 
 def test_a_few_samples_do_with_the_noise_given():
