@@ -79,7 +79,7 @@ def _take(
         _measure(places, cosine, sine, offset + first - start, x, first, count, complete, room, stride, data)
         if not steady:
             _walk_to(places, walk, first, count, room, stride)
-        open_octet(room, columns, stride, own_roots, 0)
+        open_octet(room, columns, stride, own_roots)
         if first > start:
             # The outputs of the eight before wait till here, where the processor waits for eight divisions in turn.
             follow(room, stride, middle, found, levels)

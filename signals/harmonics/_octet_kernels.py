@@ -148,15 +148,15 @@ def correlate(room: Floats, columns: int, stride: int) -> None:
 
 
 @compiled_inside
-def open_octet(room: Floats, columns: int, stride: int, roots: Floats, at: int) -> None:
-    """Find what makes eight innovations white; put one over their standard deviations in `roots` from `at` on.
+def open_octet(room: Floats, columns: int, stride: int, roots: Floats) -> None:
+    """Find what makes eight innovations white; put one over their standard deviations in `roots`.
 
     H, WALKED and P are read.
     """
     weigh(room, columns, stride)
     correlate(room, columns, stride)
     turn(room, stride)
-    store(roots, at, whiten(room, section(JOINT, stride), room, section(WHITE, stride)))
+    store(roots, 0, whiten(room, section(JOINT, stride), room, section(WHITE, stride)))
 
 
 @compiled_inside

@@ -113,8 +113,7 @@ class Closeness:
         lengths = np.diff(self.edges).astype(np.float64)
         bandwidth = np.ascontiguousarray(self.bandwidth)
         _distance_kernels.close(np.ascontiguousarray(self.frequency), bandwidth, lengths, close, shares)
-        flags = np.uint8(OutputFlag.NOT_SEPARABLE) * close
-        flags |= np.uint8(OutputFlag.ONE_QUADRATURE) * (self.to_images() < self.bandwidth / 2)
+        flags = marks(close, self.to_images() < self.bandwidth / 2)
         pairs = [UnresolvedPair(int(k), int(other), float(shares[k, other])) for k, other in np.argwhere(shares)]
         return pairs, flags
 
@@ -124,6 +123,12 @@ class Closeness:
             return np.zeros((len(flags), outputs.size), dtype=np.uint8)
         stretch = np.searchsorted(self.edges[1:-1], outputs, side="right")
         return np.repeat(flags, np.bincount(stretch, minlength=flags.shape[1]), axis=1)
+
+
+def marks(close: Seen, near_image: Seen) -> Marks:
+    """Return flags of lines that are close to others, and of those that are close to their own image."""
+    flags = np.uint8(OutputFlag.NOT_SEPARABLE) * close
+    return np.asarray(flags | np.uint8(OutputFlag.ONE_QUADRATURE) * near_image)
 
 
 def distances_to_images(orders: Floats, frequency: Floats) -> Floats:

@@ -15,8 +15,8 @@ import numpy as np
 from signals.harmonics import _distance_kernels
 from signals.harmonics._stored import restored, stored
 from signals.harmonics.model import Floats, HarmonicModel, Indices
-from signals.harmonics.separability import Marks, Seen, distances_to_images, flag_ends, flag_gaps, half_memory
-from signals.harmonics.tracks import OutputFlag, UnresolvedPair
+from signals.harmonics.separability import Marks, Seen, distances_to_images, flag_ends, flag_gaps, half_memory, marks
+from signals.harmonics.tracks import UnresolvedPair
 
 # Stretches in one over the largest bandwidth, at the least.
 STRETCHES = 4
@@ -176,6 +176,4 @@ _KEPT = ("end", "phase", "frequency", "flags", "turns", "together", "first_seen"
 
 def _marks(model: HarmonicModel, close: Seen, frequency: Floats) -> Marks:
     """(order, stretch) flags of lines at these frequencies, `close` to others or not."""
-    flags = np.uint8(OutputFlag.NOT_SEPARABLE) * close
-    flags |= np.uint8(OutputFlag.ONE_QUADRATURE) * (distances_to_images(model.orders, frequency) < model.bandwidth / 2)
-    return np.asarray(flags)
+    return marks(close, distances_to_images(model.orders, frequency) < model.bandwidth / 2)
