@@ -8,7 +8,7 @@ order's complex amplitude, since a real sample shows half of what turns.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import ceil, comb, log
+from math import ceil, comb, log, sqrt
 from typing import TypeVar
 
 import numpy as np
@@ -23,7 +23,7 @@ from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, 
 from signals.harmonics.separability import Closeness
 
 # Part of its settled value that the variance may still be off when the gains are fixed.
-UNSETTLED = 1e-3
+UNSETTLED = 1e-2
 SAMPLES_AT_ONCE = 1 << 17
 # Innovations correlated, of every stretch: enough for the lags, and little to do.
 CORRELATED = 1 << 12
@@ -32,17 +32,20 @@ _Values = TypeVar("_Values", Floats, Indices)
 
 
 def ripple(model: HarmonicModel, samples: int) -> float:
-    """Return how far other orders, and an order's own image, move its gain about the settled one, as a part of it.
+    """Return how far settled gains lead from the exact estimates, as a part of the error of these.
 
-    That is what the causal filter lets through at their distances, added up, wherever in the record they are least.
+    Other orders, and an order's own image, move its gain about the settled one, each by what the causal filter lets
+    through at its distance, wherever in the record that is least, and at a beat of its own: what they do adds up in
+    square. With more poles a loop takes less before it is unstable. Measured with walks of 2 to 20 orders evenly
+    apart, the estimates differed by 0.4 to 0.75 of this; from 1 on they may grow without bound.
     """
     nearest, widths = Closeness(model, samples).nearest, model.bandwidth[:, 0]
     largest = 0.0
     for width in np.unique(widths):
         distance = nearest[widths == width]
         gain = np.abs(_bandwidth(model, width).filter_gain(np.minimum(distance, 0.5)))
-        largest = max(largest, float(np.where(np.isfinite(distance), gain, 0.0).sum(axis=1).max()))
-    return largest
+        largest = max(largest, float(np.linalg.norm(np.where(np.isfinite(distance), gain, 0.0), axis=1).max()))
+    return sqrt(model.poles + 1) * largest
 
 
 def startup_samples(model: HarmonicModel) -> int:
@@ -72,12 +75,12 @@ def settled(model: HarmonicModel, x: Floats, *, output_every: int, startup: int,
     head = replace(model, phases=tuple(phase[:begin] for phase in model.phases))
     amplitude = room(channels, model.orders.size, 2 * ceil(samples / output_every)).view(np.complex128)
     first = ceil(begin / output_every)
-    amplitude[..., :first], variance = filter_on(
-        head, x[:, :begin], state, tally, first=0, output_every=output_every, startup=startup
+    variance = room(model.orders.size, min(first + 1, amplitude.shape[-1]))
+    filter_on(
+        head, x[:, :begin], state, tally, first=0, output_every=output_every, startup=startup, into=(amplitude, variance)
     )
     gains, root = _gains(model)
-    if first < amplitude.shape[-1]:
-        variance = np.append(variance, gains[0][:, None], axis=1)
+    variance[:, first:] = gains[0][:, None]
     square, count, log_variance = tally.square.copy(), tally.count, tally.log_variance
     for span, innovations in _filter_on(model, x, state.vector.sum(axis=0), gains, begin, output_every, amplitude):
         counted = innovations[:, max(startup - span.start, 0) :]

@@ -42,8 +42,8 @@ SHORTEST_BLOCK = 12
 # Multiplications, about a third of a nanosecond each, that the exact method may take where "auto" chooses.
 EXACT_WORK = 3e8
 LARGEST_RTOL = 0.1
-# Part of itself that a settled gain may leave out.
-LARGEST_RIPPLE = 0.3
+# Part of the exact filter's error by which settled gains may lead astray.
+LARGEST_RIPPLE = 0.7
 
 
 def track_orders(
@@ -96,7 +96,8 @@ def track_orders(
         fast. The result says which.
     output_every : samples from one output to the next.
     coupled : False estimates every order on its own, as if there were no others: by the fast smoother only.
-    rtol : error that "fast" may make, as a part of the amplitude, for an envelope at the edge of the bandwidth.
+    rtol : error that "fast" may make: as a part of the amplitude, for an envelope at the edge of the bandwidth; where
+        "auto" chooses a filter, as the part by which the error of the exact one may grow.
     noise_variance : variance R of the white noise in `x`; estimated from the record unless given.
     initial_std : standard deviation of each part of an amplitude about zero before the first sample, in the unit
         of `x`; needs `noise_variance`. Of the i-th difference it is `initial_std (2 pi bandwidth / rate)^i`.
@@ -194,7 +195,7 @@ class _Task:
 
     @cached_property
     def ripple(self) -> float:
-        """How far settled gains would be off."""
+        """How far settled gains would lead astray."""
         return ripple(self.model, self.model.phases[0].size)
 
 
@@ -260,7 +261,8 @@ def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[NDArra
     if not task.coupled:
         return "fast"
     if task.estimator == "filter":
-        return "exact" if unsettled or task.ripple > task.rtol else "fast"
+        # What settled gains add to the error, some 0.7 times the ripple, is independent of it: squares add up.
+        return "exact" if unsettled or task.ripple**2 / 4 > task.rtol else "fast"
     # Measured: an output costs what five samples do, and every sample its share of the trigonometry.
     work = (samples + 5 * samples / task.output_every) * (1000 + model.order_of_column.size * model.state_size**2)
     length = block_length(model, samples, task.rtol)
@@ -277,8 +279,8 @@ def _never_settles(task: _Task, *, whole: bool) -> str:
         return "the bandwidth varies, and the gains with it"
     if task.ripple > LARGEST_RIPPLE:
         return (
-            f"orders come so close, to one another, to zero or to half of the rate, that gains vary by "
-            f"{task.ripple:.2g} of themselves, above {LARGEST_RIPPLE:g}"
+            f"orders come so close, to one another, to zero or to half of the rate, that settled gains would be off by "
+            f"{task.ripple:.2g} of the filter's own error, above {LARGEST_RIPPLE:g}"
         )
     return ""
 
