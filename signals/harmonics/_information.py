@@ -19,6 +19,7 @@ References
 .. [2] M. Abramowitz, I. A. Stegun, "Handbook of mathematical functions", National Bureau of Standards 1964, 25.2.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from math import isqrt
@@ -60,14 +61,14 @@ class KnotChain:
 
     Attributes
     ----------
-    gram : (knot or 1, moment, width, width) array.
+    gram : (knot or 1, moment, width, width) array, or what gives it for a range of knots where all would be too much.
     data : (knot, pole, width, lane) array.
     walk_variance : (knot or 1, width) array.
     before : what is known of the state at the first knot before its data.
     after : what is known of it at the last knot from data after it.
     """
 
-    gram: Floats
+    gram: Floats | Callable[[slice], Floats]
     data: Floats
     walk_variance: Floats
     before: Knowledge
@@ -80,7 +81,10 @@ class KnotChain:
 
     def stretch(self, knots: slice) -> tuple[Floats, Floats, Floats]:
         """Gram and data of a range of knots, and the shapes of walks of so many poles."""
-        return (self.gram if len(self.gram) == 1 else self.gram[knots]), self.data[knots], shapes(self.data.shape[1])
+        data, shape = self.data[knots], shapes(self.data.shape[1])
+        if callable(self.gram):
+            return self.gram(knots), data, shape
+        return (self.gram if len(self.gram) == 1 else self.gram[knots]), data, shape
 
     def walk(self, knots: slice, *, shift: int) -> Floats:
         """Walk variances of a range of knots; with a shift of -1, of the knots before them."""

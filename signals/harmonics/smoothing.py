@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics._information import KnotChain, Knowledge, smooth_knots
+from signals.harmonics._ranked import FEWEST_COLUMNS, smooth_ranked
 from signals.harmonics.grid import Grid
 from signals.harmonics.model import Floats, Indices
 
@@ -195,10 +196,15 @@ def _together(grid: Grid, group: Indices, knots: slice, data: Floats, known: tup
     known : of the first knot before its data, and of the last one after it.
     """
     turning = grid.model.subset(group).turning
+    few = len(_columns(grid, group)) < FEWEST_COLUMNS
+
+    def gram(some: slice) -> Floats:
+        return grid.gram(group, slice(knots.start + some.start, knots.start + some.stop))
+
     sums = data.transpose(0, 1, 4, 2, 3)
     walk = grid.walk_variance(group)
     return KnotChain(
-        gram=grid.gram(group, knots),
+        gram=gram(slice(0, knots.stop - knots.start)) if few else gram,
         data=np.concatenate([sums[:, :, 0], sums[:, :, 1, turning]], axis=2),
         walk_variance=walk if len(walk) == 1 else walk[knots],
         before=known[0],
@@ -209,6 +215,6 @@ def _together(grid: Grid, group: Indices, knots: slice, data: Floats, known: tup
 def _solved(grid: Grid, group: Indices, chain: KnotChain, first: int) -> tuple[Levels, Floats, float]:
     """Return (channel, order, knot) levels of a group, (order, knot) variances, and the log variance of all."""
     model = grid.model.subset(group)
-    found, variance, log_variance = smooth_knots(chain, first=first)
+    found, variance, log_variance = smooth_ranked(chain, first=first) or smooth_knots(chain, first=first)
     levels = np.stack([model.amplitude(found[:, :, channel]) for channel in range(found.shape[2])])
     return levels, model.variance(variance), log_variance
