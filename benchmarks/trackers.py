@@ -68,9 +68,8 @@ root of the mean square."""
 SCALING = """\
 In rffts of a million samples. The verdicts are on the exponent that fits the {fitted} largest sizes. Where orders grow,
 they lie in a record of {grown:,} samples at 512 a turn, {exact:,} for the exact estimators, coupled ones a bandwidth
-apart. A smoother integrates out what all coupled orders do from one knot to the next (fast) or from sample to sample
-(exact), which grows with their cube. Summing up the samples between knots grows with their square; the narrower the
-bandwidth, the fewer the knots, and the more orders it takes for the cube to outweigh it."""
+apart. From 16 coupled orders on, the fast smoother takes in no more numbers at a knot than it tells; how many these are
+grows with the band that the orders cover."""
 
 
 def main(folder: Path, *, effort: Effort | None = None) -> int:

@@ -180,6 +180,39 @@ def _upper_product(_: object, source: Any, at: object, tile: Any) -> Any:  # noq
     return tile(source, types.intp, tile), build
 
 
+def _totals(_: object, a: Any) -> Any:  # noqa: ANN401
+    def build(_: object, builder: Any, __: object, values: Any) -> Any:  # noqa: ANN401
+        rows = [builder.extract_value(values[0], k) for k in range(WIDE)]
+        for size in (1, 2, 4):
+            _trade(builder, rows, rows_apart=size, numbers=size)
+            for i in range(0, WIDE, 2 * size):
+                rows[i] = builder.fadd(rows[i], rows[i + size])
+        return rows[0]
+
+    return wide_type(a), build
+
+
+def _spread_tile(_: object, source: Any, at: object) -> Any:  # noqa: ANN401, ARG001
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+        apart = ir.Constant(values[1].type, 1)
+        numbers = _spread_numbers(context, builder, signature.args[0], values[0], values[1], apart)
+        return context.make_tuple(builder, signature.return_type, numbers)
+
+    return _wide_tuple(WIDE)(source, types.intp), build
+
+
+def _multiply_add_tile(_: object, a: Any, b: Any, tile: object) -> Any:  # noqa: ANN401, ARG001
+    def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
+        add, rows = _multiply_adder(builder), []
+        for k in range(WIDE):
+            own, to = (builder.extract_value(value, k) for value in values[::2])
+            other = values[1] if b == a.dtype else builder.extract_value(values[1], k)
+            rows.append(builder.call(add, [own, other, to]))
+        return context.make_tuple(builder, signature.return_type, rows)
+
+    return a(a, b, a), build
+
+
 def _times_tile(_: object, a: Any, b: object) -> Any:  # noqa: ANN401, ARG001
     def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:  # noqa: ANN401
         rows = [builder.fmul(*(builder.extract_value(value, k) for value in values)) for k in range(WIDE)]
@@ -214,3 +247,9 @@ add_inner: Callable[..., Any] = intrinsic(_inner_product)
 upper_product: Callable[..., Any] = intrinsic(_upper_product)
 times_tile: Callable[..., Any] = intrinsic(_times_tile)
 negative_tile: Callable[..., Any] = intrinsic(_negative_tile)
+# The sum of each row of a tile.
+totals: Callable[..., Any] = intrinsic(_totals)
+# Eight numbers from an index on, each as lanes.
+spread_tile: Callable[..., Any] = intrinsic(_spread_tile)
+# A tile plus the products of the rows of another with those of a third, or all with the same row.
+multiply_add_tile: Callable[..., Any] = intrinsic(_multiply_add_tile)

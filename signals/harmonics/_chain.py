@@ -1,12 +1,14 @@
 """A random walk measured step by step: its filter and its smoother, stretch by stretch.
 
-A covariance filter goes forward, an information filter backward, and they meet at the outputs. Only the state
-at the start of each stretch is kept, and the filter runs through a stretch again when the backward one gets
-there: memory beyond the outputs grows with the square root of the number of steps.
+A filter goes forward, what later data say is gathered backward, and the two meet at the outputs. Only the state at the
+start of each stretch is kept, and the filter runs through a stretch again when the backward sweep gets there: memory
+beyond the outputs grows with the square root of the number of steps.
 
 The usual backward recursions, of Rauch, Tung and Striebel [1]_ and of Bryson and Frazier [2]_, subtract what the
 future adds from what the past left open. Where the first turn of a slow shaft leaves orders open for thousands of
-samples, that difference has no correct digit left; two kinds of knowledge only ever add up [3]_.
+samples, that difference has no correct digit left; two kinds of knowledge only ever add up [3]_. So the recursion of
+Bryson and Frazier, whose step costs no more than the filter's, goes from output to output only, and beside a filter of
+its own that begins with nothing open (`_segment_kernels`).
 
 References
 ----------
@@ -33,8 +35,8 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# Steps in a stretch at least, and numbers in the matrices of a stretch at most.
-SHORTEST_STRETCH = 256
+# Steps in a stretch at least, if outputs allow it, and numbers in the matrices at its outputs at most.
+SHORTEST_STRETCH = 4096
 STRETCH_NUMBERS = 1 << 20
 
 
@@ -109,10 +111,16 @@ class Chain:
         return look_interval(self.memory)
 
     def stretches(self) -> list[slice]:
-        """Ranges of about the square root of all steps: as much to keep in each as there are of them."""
-        size = padded(self.prior_variance).size
-        length = min(max(SHORTEST_STRETCH, isqrt(self.wanted.size)), ceil(STRETCH_NUMBERS / size**2))
-        return [slice(start, start + length) for start in range(0, self.wanted.size, length)]
+        """Ranges of as many steps as there are ranges, for long chains: fewer where there are many outputs."""
+        most = ceil(STRETCH_NUMBERS / padded(self.prior_variance).size ** 2)
+        length, outputs = max(SHORTEST_STRETCH, isqrt(self.wanted.size)), np.flatnonzero(self.wanted)
+        ranges, start = [], 0
+        while start < self.wanted.size:
+            following = outputs[np.searchsorted(outputs, start) + most :][:1]
+            stop = min(start + length, self.wanted.size, *following.tolist())
+            ranges.append(slice(start, stop))
+            start = stop
+        return ranges
 
     def prior(self) -> State:
         """State before the first step."""
@@ -172,58 +180,61 @@ def smooth_chain(chain: Chain, startup: int, *, keep: bool = False) -> tuple[Flo
     """
     state = chain.prior()
     tally = Tally.empty(channels=chain.channels, keep=keep)
-    levels, variances = smooth_on(chain, state, nothing_known(state), tally, startup)
+    starts = survey(chain, state, tally, startup)
+    levels, variances = smooth_back(chain, starts, nothing_known(state))
     return levels, variances, tally
 
 
-def smooth_on(chain: Chain, state: State, later: Knowledge, tally: Tally, startup: int) -> tuple[Floats, Floats]:
-    """Smooth all steps, given the state before them and what is known from data after them.
+def survey(chain: Chain, state: State, tally: Tally, startup: int) -> list[tuple[slice, State]]:
+    """Carry a state from before all steps to the step after the last; return the stretches and the state before each.
 
-    The state is carried to the step after the last, the other knowledge to before the first, and the innovations
-    from step `startup` on are counted.
+    The innovations from step `startup` on are counted.
+    """
+    starts = []
+    for stretch in chain.stretches():
+        starts.append((stretch, state.copy()))
+        filtered = _forward(chain, stretch, chain.steps(stretch), state, _none(chain, stretch), full=False)
+        tally.add(filtered.innovations, filtered.roots, skip=startup - stretch.start)
+    return starts
+
+
+def smooth_back(chain: Chain, starts: list[tuple[slice, State]], later: Knowledge) -> tuple[Floats, Floats]:
+    """Smooth all steps, given the states that `survey` found and what is known from data after them.
+
+    That knowledge is carried to before the first step, the states to the ends of their stretches.
 
     Returns
     -------
     levels : (channel, output, column) array.
     variances : (output, column) array.
     """
-    starts, parts = [], []
-    for stretch in chain.stretches():
-        starts.append((stretch, state.copy()))
-        filtered = _forward(chain, stretch, chain.steps(stretch), state, _none(chain, stretch), full=False)
-        tally.add(filtered.innovations, filtered.roots, skip=startup - stretch.start)
-    for stretch, start in reversed(starts):
-        parts.append(_smooth_stretch(chain, stretch, start, later))
+    parts = [_smooth_stretch(chain, stretch, start, later) for stretch, start in reversed(starts)]
     return _joined(parts[::-1], chain.columns)
 
 
 def look_back(chain: Chain, state: State) -> Knowledge:
-    """Return what all steps say of the state before them, and carry that state to the step after the last."""
-    later, opened = nothing_known(state), []
-    for stretch in chain.stretches():
-        before = bool(state.status[_settling_kernels.TWOFOLD])
-        _forward(chain, stretch, chain.steps(stretch), state, _none(chain, stretch), full=False)
-        opened.append((stretch, before or bool(state.status[_settling_kernels.TWOFOLD])))
-    for stretch, open_ in reversed(opened):
-        _gather(chain, stretch, open_, later, _none(chain, stretch))
+    """Return what all steps say of the state before them, where a filter knows this state."""
+    later = nothing_known(state)
+    for stretch in reversed(chain.stretches()):
+        _gather(chain, stretch, chain.steps(stretch), _open(state), later, _none(chain, stretch))
     return later
-
-
-def advance(chain: Chain, state: State) -> None:
-    """Carry a state from before all steps to the step after the last."""
-    for stretch in chain.stretches():
-        _forward(chain, stretch, chain.steps(stretch), state, _none(chain, stretch), full=False)
 
 
 def _none(chain: Chain, stretch: slice) -> Flags:
     return np.zeros_like(chain.wanted[stretch])
 
 
-def _gather(chain: Chain, stretch: slice, open_: bool, later: Knowledge, wanted: Flags) -> Knowledge:
+def _open(state: State) -> bool:
+    return bool(state.status[_settling_kernels.TWOFOLD])
+
+
+def _gather(
+    chain: Chain, stretch: slice, steps: tuple[Floats, Floats], open_: bool, later: Knowledge, wanted: Flags
+) -> Knowledge:
     """Carry later knowledge to before a stretch; return it where wanted. `open_`: as for the kernel."""
     outputs = int(np.count_nonzero(wanted))
     ahead = Knowledge(*(np.empty((outputs, *part.shape)) for part in later))
-    _smoother_kernels.backward(*chain.steps(stretch), chain.walk(stretch), open_, *later, wanted, *ahead)
+    _smoother_kernels.backward(*steps, chain.walk(stretch), chain.interval, open_, *later, wanted, *ahead)
     return ahead
 
 
@@ -237,11 +248,9 @@ def _smooth_stretch(chain: Chain, stretch: slice, start: State, later: Knowledge
 
     The state at its start is carried to its end, what is known from later data to its start.
     """
-    wanted = chain.wanted[stretch]
-    open_ = bool(start.status[_settling_kernels.TWOFOLD])
-    filtered = _forward(chain, stretch, chain.steps(stretch), start, wanted, full=True)
-    open_ |= bool(filtered.twofold.any()) or bool(start.status[_settling_kernels.TWOFOLD])
-    ahead = _gather(chain, stretch, open_, later, wanted)
+    wanted, steps, open_ = chain.wanted[stretch], chain.steps(stretch), _open(start)
+    filtered = _forward(chain, stretch, steps, start, wanted, full=True)
+    ahead = _gather(chain, stretch, steps, open_ or bool(filtered.twofold.any()) or _open(start), later, wanted)
     outputs, width = filtered.variances.shape
     levels, variances = np.empty((outputs, chain.channels, width)), np.empty((outputs, width))
     _smoother_kernels.meet(filtered.means, filtered.covariances, filtered.twofold, *ahead, levels, variances)

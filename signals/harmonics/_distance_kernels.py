@@ -39,6 +39,19 @@ def distances(one: Floats, other: Floats, folded: Floats, nearest: Floats) -> No
 
 
 @compiled
+def _least_of(values: Floats) -> float:
+    """Return the least of the values, which are lost: halves against each other, so that none waits for the last."""
+    size = values.size
+    while size > 1:
+        half = (size + 1) // 2
+        early, late = values[: size - half], values[half:size]
+        for n in range(late.size):
+            early[n] = min(early[n], late[n])
+        size = half
+    return float(values[0])
+
+
+@compiled
 def least(frequency: Floats, distance: Floats) -> None:
     """Fill the least distances of every two orders, (order, order), but for the diagonal.
 
@@ -50,23 +63,34 @@ def least(frequency: Floats, distance: Floats) -> None:
     for k in range(len(frequency)):
         for other in range(k):
             distances(frequency[k], frequency[other], folded, nearest)
-            distance[k, other] = distance[other, k] = nearest.min()
+            distance[k, other] = distance[other, k] = _least_of(nearest)
 
 
 @compiled
-def close(frequency: Floats, bandwidth: Floats, lengths: Floats, flagged: NDArray[np.bool_], shares: Floats) -> None:
+def close(
+    frequency: Floats,
+    bandwidth: Floats,
+    lengths: Floats,
+    distance: Floats,
+    flagged: NDArray[np.bool_],
+    shares: Floats,
+) -> None:
     """Find where lines come within half a bandwidth of each other, or never part by a turn.
 
     Parameters
     ----------
     frequency, bandwidth : (order, stretch) arrays in cycles a sample.
     lengths : (stretch,) array, samples in each.
+    distance : (order, order) array, as `least` fills it.
     flagged : (order, stretch) array, set where an order is close to another.
-    shares : (order, order) array, filled above the diagonal: the part of the record where two are close.
+    shares : (order, order) array of zeros, filled above the diagonal: the part of the record where two are close.
     """
     folded, nearest = np.empty(frequency.shape[1]), np.empty(frequency.shape[1])
+    samples, widest = lengths.sum(), [row.max() for row in bandwidth]
     for k in range(len(frequency)):
         for other in range(k + 1, len(frequency)):
+            if distance[k, other] >= max(0.5 * widest[k], 0.5 * widest[other], 1.0 / samples):
+                continue
             distances(frequency[k], frequency[other], folded, nearest)
             turns = 0.0
             for n in range(nearest.size):
@@ -76,7 +100,7 @@ def close(frequency: Floats, bandwidth: Floats, lengths: Floats, flagged: NDArra
                 if turns < 1.0 or nearest[n] < 0.5 * max(bandwidth[k, n], bandwidth[other, n]):
                     flagged[k, n] = flagged[other, n] = True
                     together += lengths[n]
-            shares[k, other] = together / lengths.sum()
+            shares[k, other] = together / samples
 
 
 @compiled

@@ -28,12 +28,12 @@ from signals._lanes import (
     multiply_add,
     negative,
     plus,
-    repeat_wide,
     spread_wide,
     store,
     times,
     total,
 )
+from signals._tiles import load_tile, multiply_add_tile, spread_tile, store_tile, times_tile, totals
 from signals.harmonics._octet_kernels import aligned
 from signals.harmonics._settling_kernels import COUNTDOWN, FACTORED, PAIRS, TWOFOLD, settled
 from signals.harmonics._twofold import add_product
@@ -51,7 +51,11 @@ MOST_FACTORED, LEAST_FACTORED = 1e13, 1e2
 # Samples between looks.
 LOOK_OPEN = 128
 
-_SELF = np.eye(WIDE).ravel()
+# Vectors in the room: h, the gain, a, what V a has become, what V's rows change by for each of a, what is walked;
+# then the means.
+H, GAIN, TOLD, REACH, CHANGE, WALK, MEANS = 0, 1, 2, 3, 4, 5, 6
+
+_SELF, _NOTHING = np.eye(WIDE).ravel(), np.zeros(WIDE * WIDE)
 
 
 @compiled
@@ -106,27 +110,37 @@ def filter_open(
 
     One by one: what little the first samples tell hangs on every digit, which sums over eight round differently
     wherever a record is cut. The other parameters are as for `filter_samples`.
+
+    P and V stand in one flat array, the *room*, tile after tile, vectors after them; all filled up to whole tiles.
     """
     channels, n = mean.shape[1], mean.shape[2]
     stride = n + -n % WIDE
-    # P, V, V^T; then vectors: h, the gain, a, V a, what V's columns change by, the variances V leaves open, the means.
-    room = aligned(stride * (3 * n + 6 + channels))
-    factor_, turned, h = n * stride, 2 * n * stride, 3 * n * stride
-    middle = h + 6 * stride
+    room = aligned(_vector(MEANS + channels, stride))
     for a in range(n):
         for b in range(n):
-            room[a * stride + b] = covariance[0, a, b]
-            room[factor_ + a * stride + b] = room[turned + b * stride + a] = covariance[1, a, b]
-            room[h + 5 * stride + a] += covariance[1, a, b] * covariance[1, a, b]
+            room[_entry(a, b, stride)] = covariance[0, a, b]
+            room[stride * stride + _entry(a, b, stride)] = covariance[1, a, b]
         for channel in range(channels):
-            room[middle + channel * stride + a] = mean[0, channel, a]
+            room[_vector(MEANS + channel, stride) + a] = mean[0, channel, a]
     _take_all(places, cosine, sine, offset, x, span, walk, n, room, innovations, roots, outputs, amplitude, variance)
     for a in range(n):
         for b in range(n):
-            covariance[0, a, b] = room[a * stride + b]
-            covariance[1, a, b] = room[factor_ + a * stride + b]
+            covariance[0, a, b] = room[_entry(a, b, stride)]
+            covariance[1, a, b] = room[stride * stride + _entry(a, b, stride)]
         for channel in range(channels):
-            mean[0, channel, a] = room[middle + channel * stride + a]
+            mean[0, channel, a] = room[_vector(MEANS + channel, stride) + a]
+
+
+@compiled_inside
+def _entry(row: int, column: int, stride: int) -> int:
+    """Return where an entry of P is; the same entry of V is a square of strides further on."""
+    return (row - row % WIDE) * stride + WIDE * (column - column % WIDE) + WIDE * (row % WIDE) + column % WIDE
+
+
+@compiled_inside
+def _vector(number: int, stride: int) -> int:
+    """Return where a vector starts."""
+    return stride * (2 * stride + number)
 
 
 @compiled_inside
@@ -137,7 +151,7 @@ def _take_all(
     """Take the samples in, one by one."""
     (start, stop), (following, every, output) = span, outputs
     stride = n + -n % WIDE
-    h = 3 * n * stride
+    h, walked = _vector(H, stride), _vector(WALK, stride)
     for i in range(start, stop):
         if np.isnan(x[0, i]):
             roots[i, 0] = 0.0
@@ -147,17 +161,51 @@ def _take_all(
                 room[h + places[1, k]] = cosine[places[0, k], offset + i - start]
                 if places[2, k] >= 0:
                     room[h + places[2, k]] = -sine[places[0, k], offset + i - start]
-            roots[i, 0] = _take(room, n, stride, x, i, innovations)
+            roots[i, 0] = _take(room, stride, x, i, innovations)
         if i == following:
-            _put(places, room, n, stride, len(x), output, amplitude, variance)
+            _put(places, room, stride, len(x), output, amplitude, variance)
             following += every
             output += 1
-        row = (i if len(walk) > 1 else 0) * n
-        for a in range(n):
-            # As lanes: what is loaded as lanes soon should be stored as lanes.
-            k = a * stride + a - a % WIDE
-            diagonal = load_wide(_SELF, WIDE * (a % WIDE))
-            store(room, k, multiply_add(repeat_wide(walk, row + a), diagonal, load_wide(room, k)))
+        if i == start or len(walk) > 1:
+            for a in range(n):
+                room[walked + a] = walk[i if len(walk) > 1 else 0, a]
+        for a in range(0, stride, WIDE):
+            k = _entry(a, a, stride)
+            store_tile(room, k, multiply_add_tile(load_tile(_SELF, 0), load_wide(room, walked + a), load_tile(room, k)))
+
+
+@compiled_inside
+def _take(room: Floats, stride: int, x: Floats, i: int, innovations: Floats) -> float:
+    """Take a sample in, with the room as `filter_open` fills it. Return one over the innovation's deviation."""
+    square, h, gain, told = stride * stride, _vector(H, stride), _vector(GAIN, stride), _vector(TOLD, stride)
+    reach, change, middle = _vector(REACH, stride), _vector(CHANGE, stride), _vector(MEANS, stride)
+    for b in range(0, stride, WIDE):
+        _weigh(room, b, stride)
+    root = 1.0 / np.sqrt(1.0 + _dot(room, h, gain, stride))
+    scale = spread_wide(root)
+    for b in range(0, stride, WIDE):
+        store(room, gain + b, times(load_wide(room, gain + b), scale))
+        store(room, told + b, times(load_wide(room, told + b), scale))
+    own = _dot(room, told, told, stride)
+    deviation = np.sqrt(1.0 + own)
+    share, less = spread_wide(1.0 / (deviation * (deviation + 1.0))), spread_wide(-own)
+    for a in range(0, stride, WIDE):
+        reached = _reached(room, square + stride * a, told, stride)
+        own_gain = load_wide(room, gain + a)
+        reached = multiply_add(less, own_gain, reached)
+        store(room, reach + a, reached)
+        store(room, change + a, negative(multiply_add(share, reached, own_gain)))
+        _add_products(room, stride * a, gain + a, gain, -1.0, stride)
+        _add_products(room, square + stride * a, change + a, told, 1.0, stride)
+    for channel in range(len(x)):
+        at = middle + channel * stride
+        new = (x[channel, i] - _dot(room, h, at, stride)) * root
+        innovations[i, 0, channel] = new / deviation
+        one, other = spread_wide(new), spread_wide(new / (1.0 + own))
+        for b in range(0, stride, WIDE):
+            level = multiply_add(one, load_wide(room, gain + b), load_wide(room, at + b))
+            store(room, at + b, multiply_add(other, load_wide(room, reach + b), level))
+    return float(root / deviation)
 
 
 @compiled_inside
@@ -169,85 +217,58 @@ def _dot(room: Floats, one: int, other: int, stride: int) -> float:
 
 
 @compiled_inside
-def _take(room: Floats, n: int, stride: int, x: Floats, i: int, innovations: Floats) -> float:
-    """Take a sample in, with the room as `filter_open` fills it. Return one over the innovation's deviation."""
-    factor_, turned, h = n * stride, 2 * n * stride, 3 * n * stride
-    gain, told, reach, change, middle = h + stride, h + 2 * stride, h + 3 * stride, h + 4 * stride, h + 6 * stride
-    for b in range(0, stride, WIDE):
-        even, odd, even_told, odd_told = spread_wide(0.0), spread_wide(0.0), spread_wide(0.0), spread_wide(0.0)
-        for a in range(0, n, 2):
-            k = a * stride + b
-            weight = repeat_wide(room, h + a)
-            even = multiply_add(weight, load_wide(room, k), even)
-            even_told = multiply_add(weight, load_wide(room, factor_ + k), even_told)
-            weight = repeat_wide(room, h + a + 1)
-            odd = multiply_add(weight, load_wide(room, k + stride), odd)
-            odd_told = multiply_add(weight, load_wide(room, factor_ + k + stride), odd_told)
-        store(room, gain + b, plus(even, odd))
-        store(room, told + b, plus(even_told, odd_told))
-    root = 1.0 / np.sqrt(1.0 + _dot(room, h, gain, stride))
-    scale = spread_wide(root)
-    for b in range(0, stride, WIDE):
-        store(room, gain + b, times(load_wide(room, gain + b), scale))
-        store(room, told + b, times(load_wide(room, told + b), scale))
-    own = _dot(room, told, told, stride)
-    deviation = np.sqrt(1.0 + own)
-    share = spread_wide(1.0 / (deviation * (deviation + 1.0)))
-    for b in range(0, stride, WIDE):
-        even, odd = times(spread_wide(-own), load_wide(room, gain + b)), spread_wide(0.0)
-        for d in range(0, n, 2):
-            k = turned + d * stride + b
-            even = multiply_add(repeat_wide(room, told + d), load_wide(room, k), even)
-            odd = multiply_add(repeat_wide(room, told + d + 1), load_wide(room, k + stride), odd)
-        even = plus(even, odd)
-        store(room, reach + b, even)
-        store(room, change + b, negative(multiply_add(share, even, load_wide(room, gain + b))))
-    for channel in range(len(x)):
-        at = middle + channel * stride
-        new = (x[channel, i] - _dot(room, h, at, stride)) * root
-        innovations[i, 0, channel] = new / deviation
-        one, other = spread_wide(new), spread_wide(new / (1.0 + own))
-        for b in range(0, stride, WIDE):
-            level = multiply_add(one, load_wide(room, gain + b), load_wide(room, at + b))
-            store(room, at + b, multiply_add(other, load_wide(room, reach + b), level))
-    _spread(room, n, stride)
-    return float(root / deviation)
+def _weigh(room: Floats, column: int, stride: int) -> None:
+    """Find eight numbers of the gain and of a, not yet scaled."""
+    h, known, left = _vector(H, stride), load_tile(_NOTHING, 0), load_tile(_NOTHING, 0)
+    for a in range(0, stride, WIDE):
+        k, weights = stride * a + WIDE * column, spread_tile(room, h + a)
+        known = multiply_add_tile(weights, load_tile(room, k), known)
+        left = multiply_add_tile(weights, load_tile(room, stride * stride + k), left)
+    store(room, _vector(GAIN, stride) + column, _summed(known))
+    store(room, _vector(TOLD, stride) + column, _summed(left))
 
 
 @compiled_inside
-def _spread(room: Floats, n: int, stride: int) -> None:
-    """Subtract from P, V and V^T what a sample tells, and fill in the variances V leaves open."""
-    factor_, turned, h = n * stride, 2 * n * stride, 3 * n * stride
-    gain, told, change, left = h + stride, h + 2 * stride, h + 4 * stride, h + 5 * stride
+def _summed(tile):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202  (lanes)
+    """Return the sum of a tile's rows."""
+    early = plus(plus(tile[0], tile[1]), plus(tile[2], tile[3]))
+    return plus(early, plus(plus(tile[4], tile[5]), plus(tile[6], tile[7])))
+
+
+@compiled_inside
+def _reached(room, at, weights, stride):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202  (lanes)
+    """Return the sums of eight rows' columns, each with its weight."""
+    sums = load_tile(_NOTHING, 0)
     for b in range(0, stride, WIDE):
-        own_gain, own_told = load_wide(room, gain + b), load_wide(room, told + b)
-        own_change, squares = load_wide(room, change + b), spread_wide(0.0)
-        own_gain = negative(own_gain)
-        for a in range(n):
-            k = a * stride + b
-            store(room, k, multiply_add(repeat_wide(room, gain + a), own_gain, load_wide(room, k)))
-            k = factor_ + a * stride + b
-            store(room, k, multiply_add(repeat_wide(room, change + a), own_told, load_wide(room, k)))
-            k = turned + a * stride + b
-            value = multiply_add(repeat_wide(room, told + a), own_change, load_wide(room, k))
-            store(room, k, value)
-            squares = multiply_add(value, value, squares)
-        store(room, left + b, squares)
+        sums = multiply_add_tile(load_tile(room, at + WIDE * b), load_wide(room, weights + b), sums)
+    return totals(sums)
+
+
+@compiled_inside
+def _add_products(room: Floats, at: int, weights: int, row: int, sign: float, stride: int) -> None:
+    """Add a row to eight rows, each times its weight."""
+    numbers, lanes = spread_tile(room, weights), spread_wide(sign)
+    for b in range(0, stride, WIDE):
+        k = at + WIDE * b
+        store_tile(room, k, multiply_add_tile(numbers, times(lanes, load_wide(room, row + b)), load_tile(room, k)))
 
 
 @compiled_inside
 def _put(
-    places: Integers, room: Floats, n: int, stride: int, channels: int, output: int, amplitude: Floats,
-    variance: Floats,
-) -> None:  # fmt: skip
-    left, middle = (3 * n + 5) * stride, (3 * n + 6) * stride
+    places: Integers, room: Floats, stride: int, channels: int, output: int, amplitude: Floats, variance: Floats
+) -> None:
+    """Put an output in its place."""
+    both, middle = _vector(REACH, stride), _vector(MEANS, stride)
+    for a in range(0, stride, WIDE):
+        sums = times_tile(load_tile(_SELF, 0), load_tile(room, _entry(a, a, stride)))
+        for b in range(0, stride, WIDE):
+            tile = load_tile(room, stride * (stride + a) + WIDE * b)
+            sums = multiply_add_tile(tile, tile, sums)
+        store(room, both + a, totals(sums))
     for k in range(places.shape[1]):
         real, imaginary = places[1, k], places[2, k]
         for channel in range(channels):
             at = middle + channel * stride
             amplitude[channel, k, 2 * output] = room[at + real]
             amplitude[channel, k, 2 * output + 1] = room[at + imaginary] if imaginary >= 0 else 0.0
-        both = room[real * (stride + 1)] + room[left + real]
-        if imaginary >= 0:
-            both = 0.5 * (both + room[imaginary * (stride + 1)] + room[left + imaginary])
-        variance[k, output] = both
+        variance[k, output] = 0.5 * (room[both + real] + room[both + (imaginary if imaginary >= 0 else real)])

@@ -18,7 +18,8 @@ from math import factorial, frexp, ldexp, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled, compiled_sums
+from signals._compile import compiled, compiled_inside, compiled_sums
+from signals._lanes import WIDE, load_wide, minus, multiply_add, plus, spread_wide, store, times
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -47,20 +48,52 @@ _C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16, _C18, _C20 = ((-1) ** (n // 2) / fac
 @compiled
 def fill_phasors(order: float, phase: Floats, cosine: Floats, sine: Floats) -> None:
     """Fill `cosine` and `sine`, (sample,) arrays, with those of `order * phase`, phase in rad."""
-    for n in range(phase.size):
-        angle = order * phase[n]
-        multiple = (angle * _PER_PI + _ROUND) - _ROUND
-        rest = ((angle - multiple * _PI_HIGH) - multiple * _PI_MIDDLE) - multiple * _PI_LOW
-        half = 0.5 * multiple
-        # Half a multiple is a whole number, or half away from one: where both functions change their sign.
-        sign = 1.0 - 4.0 * abs(half - ((half + _ROUND) - _ROUND))
-        s = rest * rest
-        odd = _S9 + s * (_S11 + s * (_S13 + s * (_S15 + s * (_S17 + s * _S19))))
-        odd = 1.0 + s * (_S3 + s * (_S5 + s * (_S7 + s * odd)))
-        even = _C10 + s * (_C12 + s * (_C14 + s * (_C16 + s * (_C18 + s * _C20))))
-        even = 1.0 + s * (_C2 + s * (_C4 + s * (_C6 + s * (_C8 + s * even))))
-        cosine[n] = sign * even
-        sine[n] = sign * rest * odd
+    size = phase.size
+    if size >= WIDE:
+        for n in range(0, size, WIDE):
+            # The last eight may have had some of theirs already.
+            _fill_eight(order, phase, min(n, size - WIDE), cosine, sine)
+    else:
+        angle, c, s = np.zeros(WIDE), np.empty(WIDE), np.empty(WIDE)
+        angle[:size] = phase
+        _fill_eight(order, angle, 0, c, s)
+        cosine[:size], sine[:size] = c[:size], s[:size]
+
+
+@compiled_inside
+def _fill_eight(order: float, phase: Floats, n: int, cosine: Floats, sine: Floats) -> None:
+    one, away = spread_wide(1.0), spread_wide(_ROUND)
+    angle = times(spread_wide(order), load_wide(phase, n))
+    multiple = minus(multiply_add(angle, spread_wide(_PER_PI), away), away)
+    rest = multiply_add(multiple, spread_wide(-_PI_HIGH), angle)
+    rest = multiply_add(multiple, spread_wide(-_PI_MIDDLE), rest)
+    rest = multiply_add(multiple, spread_wide(-_PI_LOW), rest)
+    half = times(spread_wide(0.5), multiple)
+    # Half a multiple is a whole number, or half away from one: where both functions change their sign.
+    off = minus(half, minus(plus(half, away), away))
+    sign = multiply_add(times(spread_wide(-8.0), off), off, one)
+    square = times(rest, rest)
+    odd = multiply_add(square, spread_wide(_S19), spread_wide(_S17))
+    odd = multiply_add(square, odd, spread_wide(_S15))
+    odd = multiply_add(square, odd, spread_wide(_S13))
+    odd = multiply_add(square, odd, spread_wide(_S11))
+    odd = multiply_add(square, odd, spread_wide(_S9))
+    odd = multiply_add(square, odd, spread_wide(_S7))
+    odd = multiply_add(square, odd, spread_wide(_S5))
+    odd = multiply_add(square, odd, spread_wide(_S3))
+    odd = multiply_add(square, odd, one)
+    even = multiply_add(square, spread_wide(_C20), spread_wide(_C18))
+    even = multiply_add(square, even, spread_wide(_C16))
+    even = multiply_add(square, even, spread_wide(_C14))
+    even = multiply_add(square, even, spread_wide(_C12))
+    even = multiply_add(square, even, spread_wide(_C10))
+    even = multiply_add(square, even, spread_wide(_C8))
+    even = multiply_add(square, even, spread_wide(_C6))
+    even = multiply_add(square, even, spread_wide(_C4))
+    even = multiply_add(square, even, spread_wide(_C2))
+    even = multiply_add(square, even, one)
+    store(cosine, n, times(sign, even))
+    store(sine, n, times(times(sign, rest), odd))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,10 +105,13 @@ class PhasorPlan:
     recipe : (row,) arrays, rows in the order in which they are made: the order and the shaft it turns with; the two
         rows whose product it is, -1 where it is made from the angle; -1.0 where the second of these is conjugated.
     row : (order,) array, the row of each order asked for.
+    places : (3, order) array: that row, the column of the order's real part and that of its imaginary part, -1 where
+        there is none, as `HarmonicModel` orders them.
     """
 
     recipe: Recipe
     row: Indices
+    places: Indices
 
     @classmethod
     def of(cls, orders: Floats, shaft: Indices) -> "PhasorPlan":
@@ -102,9 +138,14 @@ class PhasorPlan:
         for order, number in sorted(set(zip(orders, shaft, strict=True))):
             add(order, number, sums.get((order, number), (-1, -1, 1.0)))
         turns, shafts, first, second, sign = zip(*rows, strict=True)
+        row = [place[pair] for pair in zip(orders, shaft, strict=True)]
+        real = range(len(orders))
+        turning = np.cumsum(np.array(orders) != 0.0)
+        imaginary = np.where(np.array(orders) != 0.0, len(orders) - 1 + turning, -1)
         return cls(
             recipe=(np.array(turns), np.array(shafts), np.array(first), np.array(second), np.array(sign)),
-            row=np.array([place[pair] for pair in zip(orders, shaft, strict=True)]),
+            row=np.array(row),
+            places=np.array([row, real, imaginary]),
         )
 
 

@@ -4,8 +4,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals._compile import compiled_inside
-from signals._lanes import LANES, load, multiply_add, plus, spread, store
-from signals.harmonics._twofold import add, add_product
+from signals._lanes import (
+    LANES,
+    WIDE,
+    load,
+    load_wide,
+    multiply_add,
+    plus,
+    repeat,
+    repeat_wide,
+    spread,
+    spread_wide,
+    store,
+)
+from signals.harmonics._twofold import add_product
 
 Floats = NDArray[np.float64]
 
@@ -18,52 +30,66 @@ def add_row(
 
     `at` and `start` are the flat indices where they begin.
     """
-    factor = spread(high)
-    if pairs:
-        rest = spread(low)
-        t, s = target.size // 2, source.size // 2
-        for c in range(0, count, LANES):
+    wide, t, s = count - count % WIDE, target.size // 2, source.size // 2
+    for c in range(0, wide, WIDE):
+        one, other = load_wide(source, start + c), load_wide(target, at + c)
+        if pairs:
             value = add_product(
-                load(target, at + c), load(target, t + at + c),
-                load(source, start + c), load(source, s + start + c), factor, rest,
+                other, load_wide(target, t + at + c), one, load_wide(source, s + start + c), spread_wide(high),
+                spread_wide(low),
             )  # fmt: skip
             store(target, at + c, value[0])
             store(target, t + at + c, value[1])
-    else:
-        for c in range(0, count, LANES):
-            store(target, at + c, multiply_add(factor, load(source, start + c), load(target, at + c)))
+        else:
+            store(target, at + c, multiply_add(spread_wide(high), one, other))
+    for c in range(wide, count, LANES):
+        first, second = load(source, start + c), load(target, at + c)
+        if pairs:
+            last = add_product(
+                second, load(target, t + at + c), first, load(source, s + start + c), spread(high), spread(low)
+            )
+            store(target, at + c, last[0])
+            store(target, t + at + c, last[1])
+        else:
+            store(target, at + c, multiply_add(spread(high), first, second))
 
 
 @compiled_inside
-def shear(pairs: bool, matrix: Floats, target: int, source: int, width: int) -> None:
-    """Add block `source` to block `target` of rows and columns: `E M E^T`.
+def add_rows(
+    pairs: bool, target: Floats, at: int, sign: float, factors: Floats, first: int, apart: int, source: Floats,
+    start: int, stride: int, rows: int, count: int,
+) -> None:  # fmt: skip
+    """Add `rows` rows as `add_row` does one, each times a number that lies `apart` from the one before, and a sign.
 
-    Every number and its mirror image take the same operations, so that the matrix stays symmetric to the last bit:
-    nothing else stops an antisymmetric error from growing.
+    `first` is the flat index of the first of these numbers; the rows, of `count` numbers, lie a stride apart.
     """
-    n = matrix.shape[1]
-    down, across, low = (source - target) * width * n, (source - target) * width, n * n
-    for a in range(width):
-        start = a * n + target * width * (n + 1)
-        for k in range(start, start + width, LANES):
-            # (tt + ss) + (ts + st), which the mirror image shares.
-            last = k + down + across
-            if pairs:
-                value = add(load(matrix, k), load(matrix, low + k), load(matrix, last), load(matrix, low + last))
-                cross = add(
-                    load(matrix, k + across), load(matrix, low + k + across),
-                    load(matrix, k + down), load(matrix, low + k + down),
-                )  # fmt: skip
-                value = add(value[0], value[1], cross[0], cross[1])
-                store(matrix, k, value[0])
-                store(matrix, low + k, value[1])
-            else:
-                own = plus(load(matrix, k), load(matrix, last))
-                store(matrix, k, plus(own, plus(load(matrix, k + across), load(matrix, k + down))))
-    for a in range(width):
-        for other in range(n // width):
-            if other != target:
-                k = a * n + (target * n + other) * width
-                add_row(pairs, matrix, k, 1.0, 0.0, matrix, k + down, width)
-                k = a * n + (other * n + target) * width
-                add_row(pairs, matrix, k, 1.0, 0.0, matrix, k + across, width)
+    if pairs:
+        half = factors.size // 2
+        for b in range(rows):
+            number, k = first + b * apart, start + b * stride
+            high, low = sign * factors.flat[number], sign * factors.flat[half + number]
+            add_row(pairs, target, at, high, low, source, k, count)
+        return
+    wide, whole = count - count % WIDE, rows - rows % 4
+    # Four short sums instead of a long one, in which each product would wait for the one before.
+    for c in range(0, wide, WIDE):
+        one, two, three, four = spread_wide(0.0), spread_wide(0.0), spread_wide(0.0), spread_wide(0.0)
+        for b in range(0, whole, 4):
+            number, k = first + b * apart, start + b * stride + c
+            one = multiply_add(repeat_wide(factors, number), load_wide(source, k), one)
+            two = multiply_add(repeat_wide(factors, number + apart), load_wide(source, k + stride), two)
+            three = multiply_add(repeat_wide(factors, number + 2 * apart), load_wide(source, k + 2 * stride), three)
+            four = multiply_add(repeat_wide(factors, number + 3 * apart), load_wide(source, k + 3 * stride), four)
+        for b in range(whole, rows):
+            one = multiply_add(repeat_wide(factors, first + b * apart), load_wide(source, start + b * stride + c), one)
+        change = plus(plus(one, two), plus(three, four))
+        store(target, at + c, multiply_add(spread_wide(sign), change, load_wide(target, at + c)))
+    for c in range(wide, count, LANES):
+        even, odd = spread(0.0), spread(0.0)
+        for b in range(0, whole, 2):
+            number, k = first + b * apart, start + b * stride + c
+            even = multiply_add(repeat(factors, number), load(source, k), even)
+            odd = multiply_add(repeat(factors, number + apart), load(source, k + stride), odd)
+        for b in range(whole, rows):
+            even = multiply_add(repeat(factors, first + b * apart), load(source, start + b * stride + c), even)
+        store(target, at + c, multiply_add(spread(sign), plus(even, odd), load(target, at + c)))

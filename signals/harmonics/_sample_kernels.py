@@ -103,6 +103,30 @@ def filter_samples(
 
 
 @compiled
+def measured(recipe: Recipe, places: Integers, phase: Floats, width: int) -> Floats:
+    """Return what multiplies the levels in these samples as rows for `forward`, (sample, 1, width)."""
+    samples, phasors = phase.shape[1], recipe[0].size
+    cosine, sine = np.empty((phasors, PIECE + WIDE)), np.empty((phasors, PIECE + WIDE))
+    rows = np.zeros((samples, 1, width))
+    for first in range(0, samples, PIECE):
+        last = min(first + PIECE, samples)
+        fill_rows(recipe, phase, first, last, cosine, sine)
+        _lay(places, cosine, sine, 0, rows[first:last])
+    return rows
+
+
+@compiled
+def _lay(places: Integers, cosine: Floats, sine: Floats, offset: int, rows: Floats) -> None:
+    """Put phasors, from `offset` on, in their places in the rows of as many samples."""
+    for i in range(len(rows)):
+        for k in range(places.shape[1]):
+            row, imaginary = places[0, k], places[2, k]
+            rows[i, 0, places[1, k]] = cosine[row, offset + i]
+            if imaginary >= 0:
+                rows[i, 0, imaginary] = -sine[row, offset + i]
+
+
+@compiled
 def _by_ones(
     places: Integers, cosine: Floats, sine: Floats, offset: int, x: Floats, span: Span, walk: Floats,
     interval: int, status: Integers, mean: Floats, covariance: Floats, innovations: Floats, roots: Floats,
@@ -117,12 +141,7 @@ def _by_ones(
     count = (size - following + start + every - 1) // every if following < stop else 0
     rows, data = np.zeros((size, 1, width)), np.empty((size, 1, channels))
     means, variances = np.empty((count, 1, channels, width)), np.empty((count, width))
-    for k in range(places.shape[1]):
-        row, real, imaginary = places[0, k], places[1, k], places[2, k]
-        for i in range(size):
-            rows[i, 0, real] = cosine[row, offset + i]
-            if imaginary >= 0:
-                rows[i, 0, imaginary] = -sine[row, offset + i]
+    _lay(places, cosine, sine, offset, rows)
     for k in range(channels):
         for i in range(size):
             data[i, 0, k] = x[k, start + i]

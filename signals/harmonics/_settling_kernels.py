@@ -9,7 +9,7 @@ settled, the high parts do.
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled
+from signals._compile import compiled, compiled_sums
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -27,34 +27,30 @@ LEAST_PIVOT = 1e-7
 LOOK_TWOFOLD, LOOK_PLAIN = 64, 1024
 
 
-@compiled
+@compiled_sums
 def least_pivot(matrix: Floats, work: Floats) -> float:
     """Return the least pivot of the correlation matrix's Cholesky factor; rows without variance do not count."""
     n = len(matrix)
-    least = 1.0
+    scale = np.zeros(n)
     for a in range(n):
         if matrix[a, a] > 0.0:
-            scale = 1.0 / np.sqrt(matrix[a, a])
-            for b in range(a + 1):
-                other = 1.0 / np.sqrt(matrix[b, b]) if matrix[b, b] > 0.0 else 0.0
-                work[a, b] = matrix[a, b] * scale * other
-        else:
-            work[a, : a + 1] = 0.0
+            scale[a] = 1.0 / np.sqrt(matrix[a, a])
+    least = 1.0
     for a in range(n):
-        if work[a, a] == 0.0:
+        own, pivot = work[a], 1.0
+        if scale[a] == 0.0:
+            own[: a + 1] = 0.0
             continue
         for b in range(a):
-            if work[b, b] == 0.0:
-                continue
-            inner = work[a, b]
+            other = work[b]
+            inner = matrix[a, b] * scale[a] * scale[b]
             for c in range(b):
-                inner -= work[a, c] * work[b, c]
-            work[a, b] = inner / work[b, b]
-        pivot = work[a, a]
-        for c in range(a):
-            pivot -= work[a, c] * work[a, c]
+                inner -= own[c] * other[c]
+            # On the diagonal stands what the column is to be multiplied by.
+            own[b] = inner * other[b]
+            pivot -= own[b] * own[b]
         least = min(least, pivot)
-        work[a, a] = np.sqrt(max(pivot, 1e-30))
+        own[a] = 1.0 / np.sqrt(max(pivot, 1e-30))
     return least
 
 

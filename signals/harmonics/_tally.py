@@ -10,6 +10,7 @@ from signals._compile import compiled_sums
 Floats = NDArray[np.float64]
 
 LAGS = 20  # a multiple of four
+_LAG = np.arange(1, LAGS + 1)
 # Factors whose product is taken before its logarithm.
 _FACTORS = 16
 # Steps correlated at a time: they stay in the nearest cache.
@@ -67,6 +68,10 @@ class Tally:
         scale = np.maximum(self.pairs, 1.0) * np.where(mean > 0.0, mean, 1.0)
         return np.asarray(self.products / scale)
 
+    def forget(self) -> None:
+        """Take no products of what comes with what was."""
+        self.recent[:] = self.recent_seen[:] = 0.0
+
     def add(self, innovations: Floats, roots: Floats, *, skip: int) -> None:
         """Count a stretch but for its first `skip` steps, as the filter left it."""
         if self.kept is not None and self.kept_roots is not None:
@@ -84,6 +89,8 @@ class Tally:
         self.count += count
         if count == roots.size and self.recent_seen.all():
             self.pairs += count
+        elif count == roots.size and len(roots) >= LAGS and not self.recent_seen.any():
+            self.pairs += roots.shape[1] * (len(roots) - _LAG)
             self.recent_seen = np.ones_like(self.recent_seen)
         else:
             seen = np.concatenate([self.recent_seen, (roots != 0.0).astype(np.float64)])

@@ -21,6 +21,7 @@ References
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import comb
 from typing import Literal
 
@@ -159,20 +160,25 @@ class Bandwidth:
         with np.errstate(over="ignore"):  # far off a narrow band nothing is passed
             return np.asarray(1 / (1 + HALF_POWER * sine ** (2 * self.poles)))
 
+    @cached_property
+    def _losses(self) -> Complexes:
+        """(pole,) array, 1 - z of the causal filter's closed-loop poles."""
+        return _factors(self.width, self.poles)[1]
+
     def filter_gain(self, offset: ArrayLike) -> Complexes:
         """Complex gain of the causal steady-state filter at the same process noise; `offset` in cycles a sample."""
-        _, u = _factors(self.width, self.poles)
+        u = self._losses
         ahead = np.expm1(2j * np.pi * np.asarray(offset, dtype=np.float64))[..., None]
         return np.asarray(1 - np.prod((1 - u) * ahead / (ahead + u), axis=-1))
 
-    @property
+    @cached_property
     def filter_shares(self) -> Floats:
         """(pole,) shares of an innovation that the settled causal filter gives to the level and its differences.
 
         With `u_i = 1 - z_i` of its closed-loop poles and `e_j` their elementary symmetric polynomials, they solve
         `sum_(i >= j) C(i - 1, i - j) k_i = e_j`: the coefficients of the characteristic polynomial in z - 1.
         """
-        _, u = _factors(self.width, self.poles)
+        u = self._losses
         symmetric = np.poly(-u)[1:].real
         shares = np.zeros(self.poles)
         for j in range(self.poles - 1, -1, -1):
@@ -180,10 +186,10 @@ class Bandwidth:
             shares[j] = symmetric[j] - above
         return shares
 
-    @property
+    @cached_property
     def filter_decay(self) -> float:
         """What the slowest closed-loop pole of the causal filter loses a sample: 1 over its memory in samples."""
-        _, u = _factors(self.width, self.poles)
+        u = self._losses
         return float(-_log_radius(u).max())
 
     @property

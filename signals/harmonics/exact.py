@@ -1,7 +1,7 @@
 """Complex amplitudes of shaft harmonics by Kalman filter and smoother, every sample in turn.
 
-The filter goes from angles to amplitudes in one sweep. For the smoother a covariance filter goes forward, an
-information filter backward, and they meet at the outputs, stretch by stretch, so that memory beyond the outputs
+The filter goes from angles to amplitudes in one sweep. For the smoother a covariance filter goes forward, what later
+data say is gathered backward, and the two meet at the outputs, stretch by stretch, so that memory beyond the outputs
 grows with the square root of the record.
 """
 
@@ -11,7 +11,7 @@ from signals._memory import LINE, room
 from signals.harmonics import _sample_kernels
 from signals.harmonics._chain import Chain, Flags, Floats, State, look_interval, padded, smooth_chain
 from signals.harmonics._tally import Tally
-from signals.harmonics.model import Complexes, Estimate, Estimator, HarmonicModel, Indices, lost
+from signals.harmonics.model import Complexes, Estimate, Estimator, HarmonicModel, lost
 
 # Samples filtered at a time: what comes of them is looked at while it is in the cache.
 SAMPLES_AT_ONCE = 1 << 14
@@ -22,7 +22,7 @@ def exact(
 ) -> Estimate:
     """Filter or smooth sample by sample.
 
-    A sample costs (poles columns)^2 operations forward and columns times that backward.
+    A sample costs a few times (poles columns)^2 operations, an output of the smoother (poles columns)^3.
 
     Parameters
     ----------
@@ -42,15 +42,6 @@ def memory(model: HarmonicModel) -> float:
     return 1 / float(model.bandwidth.max())
 
 
-def _places(model: HarmonicModel) -> Indices:
-    """Where `filter_samples` finds each order's phasor and the columns of its parts."""
-    found = np.full((3, model.orders.size), -1)
-    found[0] = model.plan.row
-    found[1] = np.arange(model.orders.size)
-    found[2, model.turning] = model.orders.size + np.arange(model.turning.size)
-    return found
-
-
 def _filter(model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool) -> Estimate:
     state, tally = start(model, channels=len(x)), Tally.empty(channels=len(x), keep=keep)
     amplitude, variance = filter_on(model, x, state, tally, first=0, output_every=output_every, startup=startup)
@@ -63,18 +54,20 @@ def start(model: HarmonicModel, *, channels: int) -> State:
 
 
 def filter_on(
-    model: HarmonicModel, x: Floats, state: State, tally: Tally, *, first: int, output_every: int, startup: int
-) -> tuple[Complexes, Floats]:
+    model: HarmonicModel, x: Floats, state: State, tally: Tally, *, first: int, output_every: int, startup: int,
+    into: tuple[Complexes, Floats] | None = None,
+) -> tuple[Complexes, Floats]:  # fmt: skip
     """Filter on from a state: carry it over these samples and count their innovations.
 
     Parameters
     ----------
-    model : what is estimated, with the angles of these samples.
+    model : what is estimated, with the angles of these samples, maybe of later ones too.
     x : (channel, sample) array, NaN where missing: in all channels at once.
     state, tally : updated.
     first : number of the first of these samples in the whole record.
     output_every : samples between outputs, of the whole record.
     startup : number of the first sample whose innovation counts.
+    into : arrays as those returned, of these outputs or more, to be filled from the first on; fresh ones unless given.
 
     Returns
     -------
@@ -89,23 +82,27 @@ def filter_on(
     channels, samples = x.shape
     skip = -first % output_every
     outputs = len(range(skip, samples, output_every))
-    amplitude = _lined(channels, model.orders.size, 2 * outputs)
-    variance = _lined(model.orders.size, outputs)
-    places, interval, done = _places(model), look_interval(memory(model)), 0
+    amplitude, variance = into or _lined_room(channels, model.orders.size, outputs)
+    numbers = amplitude.view(np.float64)
+    interval, done = look_interval(memory(model)), 0
     steady = _walk(model, slice(0, 1)) if model.bandwidth.shape[1] == 1 else None
     for begin in range(0, samples, SAMPLES_AT_ONCE):
         span = slice(begin, min(begin + SAMPLES_AT_ONCE, samples))
         size, before = span.stop - begin, done
         innovations, roots = np.empty((size, 1, channels)), np.empty((size, 1))
         done = _sample_kernels.filter_samples(
-            model.plan.recipe, places, model.phase(span), np.ascontiguousarray(x[:, span]),
+            model.plan.recipe, model.plan.places, model.phase(span), np.ascontiguousarray(x[:, span]),
             _walk(model, span) if steady is None else steady, interval, state.status, state.vector, state.matrix,
-            innovations, roots, (skip - begin) % output_every, output_every, done, amplitude, variance,
+            innovations, roots, (skip - begin) % output_every, output_every, done, numbers, variance,
         )  # fmt: skip
         if not variance[:, before:done].min(initial=np.inf) > 0:
             raise lost(model, "exact")
         tally.add(innovations, roots, skip=startup - first - begin)
-    return amplitude.view(np.complex128)[..., :outputs], variance[:, :outputs]
+    return amplitude[..., :outputs], variance[:, :outputs]
+
+
+def _lined_room(channels: int, orders: int, outputs: int) -> tuple[Complexes, Floats]:
+    return _lined(channels, orders, 2 * outputs).view(np.complex128), _lined(orders, outputs)
 
 
 def _lined(*shape: int) -> Floats:
@@ -120,8 +117,12 @@ def _lined(*shape: int) -> Floats:
 
 def chain_of(model: HarmonicModel, x: Floats, wanted: Flags) -> Chain:
     """Return the samples as a chain, with outputs where wanted."""
+    recipe, places, width = model.plan.recipe, model.plan.places, padded(model.prior_variance()).shape[1]
     return Chain(
-        measurements=lambda span: (model.regressors(span)[:, None, :], x[:, span].T[:, None, :]),
+        measurements=lambda span: (
+            _sample_kernels.measured(recipe, places, model.phase(span), width),
+            x[:, span].T[:, None, :],
+        ),
         walk_variance=model.walk_variance,
         prior_variance=model.prior_variance(),
         wanted=wanted,

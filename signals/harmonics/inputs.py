@@ -21,9 +21,7 @@ NARROWEST = 1e-100
 def check_record(x: ArrayLike) -> Floats:
     """Return the record as a (channel, sample) array of floats, NaN where a sample is missing, or refuse it."""
     values = np.atleast_2d(_real_array("x", x, dims=(1, 2)))
-    with np.errstate(over="ignore", invalid="ignore"):
-        squares = np.vdot(values, values)
-    if not squares < LARGEST**2:  # a missing sample, too, brings us here
+    if not max(values.max(), -values.min()) <= LARGEST:  # a missing sample, too, brings us here
         largest = max(np.fmax.reduce(values, axis=None), -np.fmin.reduce(values, axis=None))
         if np.isinf(largest):
             infinite = np.argwhere(np.isinf(values))
@@ -61,12 +59,6 @@ def check_initial_std(value: object, *, noise: float) -> float:
             f"digits between {SMALLEST:g} and {LARGEST:g} of them: choose one in between."
         )
     return float(std / np.sqrt(noise))
-
-
-def all_finite(values: Floats) -> bool:
-    """Say whether all values are finite; one pass over them where they are."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return bool(np.isfinite(values.sum()) or np.isfinite(values).all())
 
 
 def check_orders(
@@ -257,7 +249,7 @@ def _phase(name: str, value: ArrayLike, samples: int) -> Floats:
     phase = _real_array(name, value)
     if phase.size != samples:
         raise ValueError(f"{name} has {phase.size} values for {samples} samples of x; give one angle per sample.")
-    if not all_finite(phase):
+    if not max(phase.max(), -phase.min()) < np.inf:
         bad = np.flatnonzero(~np.isfinite(phase))
         raise ValueError(
             f"{name}[{bad[0]}]={phase[bad[0]]} (and {bad.size - 1} more) is not finite; the angle must be known "
@@ -300,20 +292,20 @@ def _label(shaft: str, order: float) -> str:
 def _check_below_half_rate(pairs: list[tuple[str, float]], phases: Mapping[str, Floats]) -> None:
     advance = {shaft: _largest_step(phase) for shaft, phase in phases.items()}
     for shaft, order in pairs:
-        step, at = advance[shaft]
-        if order * step > MOST_TURN:
+        if order * advance[shaft] > MOST_TURN:
+            steps = np.abs(np.diff(phases[shaft]))
+            step, at = float(steps.max()), int(steps.argmax())
             raise ValueError(
                 f"{_label(shaft, order)} turns by {order * step:.4g} rad between samples {at} and {at + 1}; more "
                 "than pi is above half of the rate: drop the order, raise the rate, or mend the phase there."
             )
 
 
-def _largest_step(phase: Floats) -> tuple[float, int]:
-    """Return the largest turn between neighbouring samples, either way, and where it starts."""
-    largest, place = 0.0, 0
+def _largest_step(phase: Floats) -> float:
+    """Return the largest turn between neighbouring samples, either way."""
+    largest = 0.0
     for first in range(0, phase.size - 1, SAMPLES_AT_ONCE):
-        step = np.diff(phase[first : first + SAMPLES_AT_ONCE + 1])
-        if max(step.max(), -step.min()) > largest:
-            at = int(np.abs(step).argmax())
-            largest, place = abs(float(step[at])), first + at
-    return largest, place
+        part = phase[first : first + SAMPLES_AT_ONCE + 1]
+        step = part[1:] - part[:-1]
+        largest = max(largest, float(step.max()), -float(step.min()))
+    return largest

@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics.inputs import all_finite
 from signals.harmonics.model import Floats, Indices
 
 _Values = TypeVar("_Values", bound=NDArray[Any])
@@ -35,7 +34,7 @@ class Patterns:
         masks: list[NDArray[np.bool_]] = []
         of_channel = np.empty(len(record), dtype=np.int64)
         for channel, values in enumerate(record):
-            whole = all_finite(values)
+            whole = not np.isnan(values.max())
             seen = np.ones(values.size, dtype=np.bool_) if whole else ~np.isnan(values)
             key = b"" if whole else seen.tobytes()
             if key not in numbers:
@@ -47,7 +46,7 @@ class Patterns:
     @property
     def first_channels(self) -> list[int]:
         """The first channel of each pattern."""
-        return [int(np.flatnonzero(self.of_channel == number)[0]) for number in range(len(self.seen))]
+        return [self.of_channel.tolist().index(number) for number in range(len(self.seen))]
 
     @property
     def records(self) -> list[Floats]:
@@ -63,7 +62,8 @@ class Patterns:
     def shared(self, parts: list[_Values]) -> _Values:
         """(channel, ...) array of what all channels of a pattern have in common; a view where they all do."""
         if len(parts) == 1:
-            return np.broadcast_to(parts[0], (self.of_channel.size, *parts[0].shape))  # type: ignore[return-value]
+            one = parts[0][None]
+            return one if self.of_channel.size == 1 else np.broadcast_to(one, (self.of_channel.size, *one.shape[1:]))  # type: ignore[return-value]
         return np.stack(parts)[self.of_channel]  # type: ignore[return-value]
 
     @cached_property

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from signals.harmonics._chain import Chain, State, advance, look_back, nothing_known, smooth_on
+from signals.harmonics._chain import Chain, State, look_back, smooth_back, survey
 from signals.harmonics._stored import array, restored, stored
 from signals.harmonics._tally import Tally
 from signals.harmonics.exact import chain_of, filter_on, parts, start
@@ -96,12 +96,10 @@ class Running:
 
     def _smooth(self, samples: int, *, known: int) -> Outputs:
         """Smooth the first of the waiting samples, by those known of them, and let them go."""
-        first, chain, later = self.done, self._waiting(slice(0, samples)), nothing_known(self.state)
-        if known > samples:
-            ahead = self.state.copy()
-            advance(chain, ahead)
-            later = look_back(self._waiting(slice(samples, known)), ahead)
-        amplitude, variance = parts(self.model, *smooth_on(chain, self.state, later, self.tally, self._startup - first))
+        first, chain = self.done, self._waiting(slice(0, samples))
+        starts = survey(chain, self.state, self.tally, self._startup - first)
+        later = look_back(self._waiting(slice(samples, known)), self.state)
+        amplitude, variance = parts(self.model, *smooth_back(chain, starts, later))
         if not variance.min(initial=np.inf) > 0:
             raise lost(self.model, "exact")
         self._check_digits()

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from copy import copy
 from functools import cached_property
-from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,9 @@ from signals.harmonics.tracks import OutputFlag, UnresolvedPair
 Gain = Callable[[Bandwidth, Floats], Floats]
 Seen = NDArray[np.bool_]
 Marks = NDArray[np.uint8]
+
+_NEAR_END, _NEAR_GAP = np.uint8(OutputFlag.NEAR_END), np.uint8(OutputFlag.NEAR_GAP)
+_NOT_SEPARABLE, _ONE_QUADRATURE = np.uint8(OutputFlag.NOT_SEPARABLE), np.uint8(OutputFlag.ONE_QUADRATURE)
 
 # Stretches of the record over which speeds are averaged when lines are compared: for more orders than these, fewer.
 STRETCHES = 512
@@ -37,17 +39,19 @@ class Closeness:
 
     def __init__(self, model: HarmonicModel, samples: int) -> None:
         self.model = model
-        stretches = max(STRETCHES * ORDERS_OF_ALL // max(model.orders.size, ORDERS_OF_ALL), 1)
-        self.edges = np.unique(np.linspace(0, samples - 1, stretches + 1).astype(np.int64))
-        if self.edges.size == 1:
-            self.edges = np.array([0, 1])
+        most = max(STRETCHES * ORDERS_OF_ALL // max(model.orders.size, ORDERS_OF_ALL), 1)
+        stretches = max(min(most, samples - 1), 1)
+        self.edges = np.arange(stretches + 1) * max(samples - 1, 1) // stretches
+        if samples == 1:
             speed = np.zeros((len(model.phases), 1))
         else:
-            speed = np.diff(model.phase(self.edges)) / (2 * np.pi * np.diff(self.edges))
+            angle = model.phase(self.edges)
+            speed = (angle[:, 1:] - angle[:, :-1]) / (2 * np.pi * self.lengths)
         self.frequency = model.orders[:, None] * speed[model.shaft]
         middle = (self.edges[:-1] + self.edges[1:]) // 2
         width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, middle]
-        self.bandwidth = np.broadcast_to(width, self.frequency.shape)
+        self.bandwidth = np.empty(self.frequency.shape)
+        self.bandwidth[:] = width
 
     def within(self, samples: slice) -> "Closeness":
         """Return the same for the stretches that a range of samples touches."""
@@ -55,10 +59,17 @@ class Closeness:
         stretches = slice(min(int(first), self.edges.size - 2), min(int(last), self.edges.size - 2) + 1)
         part = copy(self)
         part.__dict__.pop("nearest", None)
+        part.__dict__.pop("to_images", None)
         part.edges = self.edges[stretches.start : stretches.stop + 1]
         part.frequency, part.bandwidth = self.frequency[:, stretches], self.bandwidth[:, stretches]
         return part
 
+    @property
+    def lengths(self) -> Floats:
+        """(stretch,) array, samples in each."""
+        return (self.edges[1:] - self.edges[:-1]).astype(np.float64)
+
+    @cached_property
     def to_images(self) -> Floats:
         """(order, stretch) array of distances to the order's own image: small at rest, and at half the rate."""
         return distances_to_images(self.model.orders, self.frequency)
@@ -68,7 +79,7 @@ class Closeness:
         """(order, order) array of the least distances to others, and on the diagonal to the order's own image."""
         distance = np.empty((len(self.frequency), len(self.frequency)))
         _distance_kernels.least(np.ascontiguousarray(self.frequency), distance)
-        np.fill_diagonal(distance, self.to_images().min(axis=1))
+        np.fill_diagonal(distance, self.to_images.min(axis=1))
         return distance
 
     def received(self, gain: Gain, amplitude: Floats) -> Floats:
@@ -96,9 +107,8 @@ class Closeness:
         others = ~np.eye(len(self.nearest), dtype=np.bool_)
         if not np.any(self.nearest < self.bandwidth.max() / 2, where=others):
             return False
-        lengths = np.diff(self.edges).astype(np.float64)
         frequency, bandwidth = np.ascontiguousarray(self.frequency), np.ascontiguousarray(self.bandwidth)
-        return _distance_kernels.dwell(frequency, bandwidth, lengths)
+        return _distance_kernels.dwell(frequency, bandwidth, self.lengths)
 
     def unresolved(self) -> tuple[list[UnresolvedPair], Marks]:
         """Compare distances with bandwidths.
@@ -110,12 +120,11 @@ class Closeness:
         """
         close = np.zeros(self.frequency.shape, dtype=np.bool_)
         shares = np.zeros((len(close), len(close)))
-        lengths = np.diff(self.edges).astype(np.float64)
-        bandwidth = np.ascontiguousarray(self.bandwidth)
-        _distance_kernels.close(np.ascontiguousarray(self.frequency), bandwidth, lengths, close, shares)
-        flags = marks(close, self.to_images() < self.bandwidth / 2)
-        pairs = [UnresolvedPair(int(k), int(other), float(shares[k, other])) for k, other in np.argwhere(shares)]
-        return pairs, flags
+        frequency, bandwidth = np.ascontiguousarray(self.frequency), np.ascontiguousarray(self.bandwidth)
+        _distance_kernels.close(frequency, bandwidth, self.lengths, self.nearest, close, shares)
+        first, second = np.nonzero(shares)
+        pairs = [*map(UnresolvedPair, first.tolist(), second.tolist(), shares[first, second].tolist())]
+        return pairs, marks(close, self.to_images < bandwidth / 2)
 
     def at_outputs(self, flags: Marks, outputs: Indices) -> Marks:
         """(order, output) flags from those of the stretches."""
@@ -127,26 +136,25 @@ class Closeness:
 
 def marks(close: Seen, near_image: Seen) -> Marks:
     """Return flags of lines that are close to others, and of those that are close to their own image."""
-    flags = np.uint8(OutputFlag.NOT_SEPARABLE) * close
-    return np.asarray(flags | np.uint8(OutputFlag.ONE_QUADRATURE) * near_image)
+    return np.asarray(_NOT_SEPARABLE * close | _ONE_QUADRATURE * near_image)
 
 
 def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
     """(order, stretch) distances of frequencies to their own images, in cycles a sample; the mean has none."""
     twice = 2 * frequency
-    distance = np.abs(twice - np.round(twice))
+    distance = np.abs(twice - np.rint(twice))
     distance[orders == 0] = np.inf
     return np.asarray(distance)
 
 
 def flag_outputs(
-    model: HarmonicModel, patterns: list[Seen], *, every: int, estimator: Estimator
+    closeness: Closeness, patterns: list[Seen], *, every: int, estimator: Estimator
 ) -> tuple[list[Marks], tuple[UnresolvedPair, ...]]:
     """Return the flags of a record's outputs, and the pairs of orders that are not separable.
 
     Parameters
     ----------
-    model : what is estimated.
+    closeness : of the orders, in all of the record.
     patterns : (sample,) arrays, whether the sample is there, as channels have them.
     every : samples between outputs.
     estimator : "smoother" or "filter", which knows no later samples.
@@ -158,11 +166,10 @@ def flag_outputs(
     """
     samples = patterns[0].size
     outputs = np.arange(0, samples, every)
-    closeness = Closeness(model, samples)
     pairs, of_stretches = closeness.unresolved()
     close = closeness.at_outputs(of_stretches, outputs)
-    longest = 0.5 / samples
-    reach = [half_memory(np.maximum(row if row.size == 1 else row[::every], longest)) for row in model.bandwidth]
+    bandwidth = closeness.model.bandwidth
+    reach = half_memory(np.maximum(bandwidth if bandwidth.shape[1] == 1 else bandwidth[:, ::every], 0.5 / samples))
     found = []
     for seen in patterns:
         flags = close if len(patterns) == 1 else close.copy()
@@ -181,35 +188,39 @@ def half_memory(bandwidth: Floats) -> Floats:
     return np.asarray(np.maximum(0.5 / bandwidth, 1.0))
 
 
-def flag_ends(flags: Marks, outputs: Indices, reach: list[Floats], *, first: int, last: int | None) -> None:
+def flag_ends(flags: Marks, outputs: Indices, reach: Floats, *, first: int, last: int | None) -> None:
     """Add NEAR_END to (order, output) flags.
 
     Parameters
     ----------
     flags : updated.
     outputs : (output,) array, ascending, the sample of each.
-    reach : `half_memory` of each order, (1,) or (output,).
+    reach : (order, 1 or output) array of `half_memory`.
     first, last : the first and the last sample that is there; no last one for a filter, which looks back only.
     """
-    for row, half in zip(flags, reach, strict=True):
-        row[: _from(outputs, first + half[0])] |= np.uint8(OutputFlag.NEAR_END)
-        if last is not None:
-            row[_from(outputs, last - half[-1]) :] |= np.uint8(OutputFlag.NEAR_END)
+    if not outputs.size:
+        return
+    for row, place in zip(flags, _from(outputs, first + reach[:, 0]), strict=True):
+        row[:place] |= _NEAR_END
+    if last is not None:
+        for row, place in zip(flags, _from(outputs, last - reach[:, -1]), strict=True):
+            row[place:] |= _NEAR_END
 
 
-def _from(outputs: Indices, sample: float) -> int:
-    """Return the place of the first output at or after a sample; as an integer: for a float all would be converted."""
-    return int(np.searchsorted(outputs, ceil(min(sample, outputs[-1] + 1.0)))) if outputs.size else 0
+def _from(outputs: Indices, sample: Floats) -> list[int]:
+    """Return the places of the first outputs at or after samples; as integers: for floats all would be converted."""
+    whole = np.ceil(np.minimum(sample, outputs[-1] + 1.0)).astype(np.int64)
+    return np.searchsorted(outputs, whole).tolist()  # type: ignore[no-any-return]
 
 
-def flag_gaps(flags: Marks, outputs: Indices, reach: list[Floats], seen: Seen, *, later: bool) -> None:
+def flag_gaps(flags: Marks, outputs: Indices, reach: Floats, seen: Seen, *, later: bool) -> None:
     """Add NEAR_GAP to (order, output) flags; `outputs` count the samples of `seen`, `later` ones of which tell, too."""
     before = np.concatenate([[0], np.cumsum(seen)])
     for k, half in enumerate(reach):
         span = half.astype(np.int64)
         start = np.maximum(outputs - span, 0)
         stop = np.minimum(outputs + (span if later else 0) + 1, seen.size)
-        flags[k] |= np.uint8(OutputFlag.NEAR_GAP) * (before[stop] - before[start] <= 0.75 * (stop - start))
+        flags[k] |= _NEAR_GAP * (before[stop] - before[start] <= 0.75 * (stop - start))
 
 
 def leaks(received: Floats, amplitude: Floats) -> Floats:

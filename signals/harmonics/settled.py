@@ -7,7 +7,8 @@ order's complex amplitude, since a real sample shows half of what turns.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass
+from functools import lru_cache
 from math import ceil, comb, log, sqrt
 from typing import TypeVar
 
@@ -31,7 +32,7 @@ CORRELATED = 1 << 12
 _Values = TypeVar("_Values", Floats, Indices)
 
 
-def ripple(model: HarmonicModel, samples: int) -> float:
+def ripple(closeness: Closeness) -> float:
     """Return how far settled gains lead from the exact estimates, as a part of the error of these.
 
     Other orders, and an order's own image, move its gain about the settled one, each by what the causal filter lets
@@ -39,23 +40,34 @@ def ripple(model: HarmonicModel, samples: int) -> float:
     square. With more poles a loop takes less before it is unstable. Measured with walks of 2 to 20 orders evenly
     apart, the estimates differed by 0.4 to 0.75 of this; from 1 on they may grow without bound.
     """
-    nearest, widths = Closeness(model, samples).nearest, model.bandwidth[:, 0]
+    model, nearest = closeness.model, closeness.nearest
     largest = 0.0
-    for width in np.unique(widths):
-        distance = nearest[widths == width]
-        gain = np.abs(_bandwidth(model, width).filter_gain(np.minimum(distance, 0.5)))
-        largest = max(largest, float(np.linalg.norm(np.where(np.isfinite(distance), gain, 0.0), axis=1).max()))
+    for band, own in _bands(model).items():
+        distance = nearest[own]
+        gain = np.abs(band.filter_gain(np.minimum(distance, 0.5)))
+        gain[np.isinf(distance)] = 0.0
+        largest = max(largest, float(np.linalg.norm(gain, axis=1).max()))
     return sqrt(model.poles + 1) * largest
 
 
 def startup_samples(model: HarmonicModel) -> int:
     """Return the samples, whole eights, after which the variance has come within `UNSETTLED` of where it settles."""
-    slowest = _bandwidth(model, model.bandwidth[:, 0].min()).filter_decay
+    slowest = min(band.filter_decay for band in _bands(model))
     return ceil(log(2 / UNSETTLED) / (2 * slowest) / WIDE) * WIDE
 
 
-def _bandwidth(model: HarmonicModel, width: float) -> Bandwidth:
-    return Bandwidth(width=float(width), poles=model.poles)
+def _bands(model: HarmonicModel) -> dict[Bandwidth, list[int]]:
+    """Return the bandwidths there are and the places of the orders that have them."""
+    found: dict[Bandwidth, list[int]] = {}
+    for place, width in enumerate(model.bandwidth[:, 0].tolist()):
+        found.setdefault(_band(width, model.poles), []).append(place)
+    return found
+
+
+# What follows from a bandwidth is asked for again with every record.
+@lru_cache(maxsize=256)
+def _band(width: float, poles: int) -> Bandwidth:
+    return Bandwidth(width=width, poles=poles)
 
 
 def settled(model: HarmonicModel, x: Floats, *, output_every: int, startup: int, error_bound: float) -> Estimate:
@@ -72,22 +84,21 @@ def settled(model: HarmonicModel, x: Floats, *, output_every: int, startup: int,
     channels, samples = x.shape
     begin = min(startup_samples(model), samples)
     state, tally = start(model, channels=channels), Tally.empty(channels=channels)
-    head = replace(model, phases=tuple(phase[:begin] for phase in model.phases))
     amplitude = room(channels, model.orders.size, 2 * ceil(samples / output_every)).view(np.complex128)
     first = ceil(begin / output_every)
     variance = room(model.orders.size, min(first + 1, amplitude.shape[-1]))
-    filter_on(
-        head, x[:, :begin], state, tally, first=0, output_every=output_every, startup=startup, into=(amplitude, variance)
-    )
-    gains, root = _gains(model)
-    variance[:, first:] = gains[0][:, None]
+    into = amplitude, variance
+    filter_on(model, x[:, :begin], state, tally, first=0, output_every=output_every, startup=startup, into=into)
+    plan = Plan.of(model)
+    root = plan.root
+    variance[:, first:] = plan.gains[0, : model.orders.size, None]
     square, count, log_variance = tally.square.copy(), tally.count, tally.log_variance
-    for span, innovations in _filter_on(model, x, state.vector.sum(axis=0), gains, begin, output_every, amplitude):
+    for span, innovations in _filter_on(model, plan, x, state.vector.sum(axis=0), begin, output_every, amplitude):
         counted = innovations[:, max(startup - span.start, 0) :]
         square += root**2 * np.einsum("cn,cn->c", counted, counted)
         count, log_variance = count + counted.shape[1], log_variance - 2 * counted.shape[1] * log(root)
         some = np.ascontiguousarray(counted[:, -CORRELATED:].T * root)[:, None, :]
-        tally.recent, tally.recent_seen = np.zeros_like(tally.recent), np.zeros_like(tally.recent_seen)
+        tally.forget()
         tally.add(some, np.full((len(some), 1), root), skip=0)
     return Estimate(
         amplitude=amplitude,
@@ -101,31 +112,62 @@ def settled(model: HarmonicModel, x: Floats, *, output_every: int, startup: int,
 
 
 def _filter_on(
-    model: HarmonicModel, x: Floats, vector: Floats, gains: Floats, begin: int, every: int, amplitude: Complexes
+    model: HarmonicModel, plan: "Plan", x: Floats, vector: Floats, begin: int, every: int, amplitude: Complexes
 ) -> Iterator[tuple[slice, Floats]]:
     """Fill the amplitudes from a sample on, given the state predicted for it; yield (channel, sample) innovations."""
     channels, samples = x.shape
     real, imaginary = _parts(model, vector)
-    shares, rises = _paired(gains), _rises(model.poles)
-    response = np.concatenate([np.zeros((shares.shape[1], WIDE + 1)), shares.T @ rises[:, 1:]], axis=1)
-    orders, shaft = _paired(model.orders), _paired(model.shaft)
     for first in range(begin, samples, SAMPLES_AT_ONCE):
         span = slice(first, min(first + SAMPLES_AT_ONCE, samples))
         innovations = np.empty((channels, span.stop - first))
         _settled_kernels.filter_on(
-            np.ascontiguousarray(x[:, span]), model.phase(span), orders, shaft, model.plan.recipe, model.plan.row,
-            shares, response, rises, real, imaginary, innovations, -first % every, every, ceil(first / every),
-            amplitude.view(np.float64),
+            np.ascontiguousarray(x[:, span]), model.phase(span), plan.orders, plan.shaft, model.plan.recipe,
+            model.plan.row, plan.gains, plan.response, plan.rises, real, imaginary, innovations, -first % every, every,
+            ceil(first / every), amplitude.view(np.float64),
         )  # fmt: skip
         yield span, innovations
 
 
-def _gains(model: HarmonicModel) -> tuple[Floats, float]:
-    """(pole, order) array of what innovations add; one over the standard deviation of an innovation where R = 1."""
-    widths, which = np.unique(model.bandwidth[:, 0], return_inverse=True)
-    shares = np.stack([_bandwidth(model, width).filter_shares for width in widths], axis=1)[:, which]
-    noise = np.where(model.orders == 0, 1.0, 2.0)
-    return np.ascontiguousarray(noise * shares), float(1 / np.sqrt(1 + np.sum(noise * shares[0] / (1 - shares[0]))))
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """What a filter with settled gains does with an innovation.
+
+    Attributes
+    ----------
+    orders, shaft : (order,) arrays, those of the model, their number filled up to an even one.
+    gains : (pole, order) array, what innovations add to levels and differences.
+    root : one over the standard deviation of an innovation where R = 1.
+    response, rises : as `_settled_kernels.filter_on` wants them.
+    """
+
+    orders: Floats
+    shaft: Indices
+    gains: Floats
+    root: float
+    response: Floats
+    rises: Floats
+
+    @classmethod
+    def of(cls, model: HarmonicModel) -> "Plan":
+        """Plan for a model."""
+        # Fleets ask again for every record.
+        orders, shaft, widths = (values.tolist() for values in (model.orders, model.shaft, model.bandwidth[:, 0]))
+        return cls._of(tuple(orders), tuple(shaft), tuple(widths), model.poles)
+
+    @classmethod
+    @lru_cache(maxsize=64)
+    def _of(cls, orders: tuple[float, ...], shaft: tuple[int, ...], widths: tuple[float, ...], poles: int) -> "Plan":
+        shares = np.stack([_band(width, poles).filter_shares for width in widths], axis=1)
+        noise = np.where(np.array(orders) == 0, 1.0, 2.0)
+        gains, rises = _paired(noise * shares), _rises(poles)
+        return cls(
+            orders=_paired(np.array(orders)),
+            shaft=_paired(np.array(shaft)),
+            gains=gains,
+            root=float(1 / np.sqrt(1 + np.sum(noise * shares[0] / (1 - shares[0])))),
+            response=np.concatenate([np.zeros((gains.shape[1], WIDE + 1)), gains.T @ rises[:, 1:]], axis=1),
+            rises=rises,
+        )
 
 
 def _rises(poles: int) -> Floats:

@@ -33,7 +33,7 @@ from signals.harmonics.model import (
 )
 from signals.harmonics.noise import of_innovations
 from signals.harmonics.patterns import Patterns
-from signals.harmonics.separability import flag_outputs
+from signals.harmonics.separability import Closeness, flag_outputs
 from signals.harmonics.settled import ripple, settled
 from signals.harmonics.tracks import OrderTracks
 
@@ -157,7 +157,7 @@ def track_orders(
         for seen, channel in zip(patterns.seen, patterns.first_channels, strict=True)
     ]
     estimates = [_run(chosen, task, *part) for part in zip(patterns.records, patterns.seen, startups, strict=True)]
-    flags, pairs = flag_outputs(model, patterns.seen, every=task.output_every, estimator=estimator)
+    flags, pairs = flag_outputs(task.closeness, patterns.seen, every=task.output_every, estimator=estimator)
     variance = patterns.shared([estimate.variance for estimate in estimates])
     return OrderTracks(
         complex_amplitude=_squeeze(patterns.joined([estimate.amplitude for estimate in estimates]), one),
@@ -194,9 +194,14 @@ class _Task:
     innovations: bool
 
     @cached_property
+    def closeness(self) -> Closeness:
+        """How far orders are from one another."""
+        return Closeness(self.model, self.model.phases[0].size)
+
+    @cached_property
     def ripple(self) -> float:
         """How far settled gains would lead astray."""
-        return ripple(self.model, self.model.phases[0].size)
+        return ripple(self.closeness)
 
 
 def _rtol(rtol: float) -> float:

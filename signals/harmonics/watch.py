@@ -83,14 +83,14 @@ class Watch:
         return tuple(map(UnresolvedPair, first.tolist(), second.tolist(), shares[first, second].tolist()))
 
     @cached_property
-    def reach(self) -> list[Floats]:
-        """For each order, the samples on either side that tell of an output."""
-        return [half_memory(np.maximum(width, NARROWEST)) for width in self.model.bandwidth]
+    def reach(self) -> Floats:
+        """(order, 1) array, for each order, the samples on either side that tell of an output."""
+        return half_memory(np.maximum(self.model.bandwidth, NARROWEST))
 
     @cached_property
     def longest_reach(self) -> int:
         """The same in whole samples, of the order that looks farthest."""
-        return ceil(max(float(half[0]) for half in self.reach))
+        return ceil(float(self.reach.max()))
 
     def flag(
         self, outputs: Indices, *, phase: Floats, seen: Seen, first: int, samples: int, ended: bool = False

@@ -172,7 +172,7 @@ def test_stretches_do_not_show(estimator, monkeypatch):
     x, settings = problem(1200, 3, 2)
     whole = track_orders(x, method="exact", estimator=estimator, **settings)
     monkeypatch.setattr(_chain, "SHORTEST_STRETCH", 1)
-    # 1200 samples now come in 36 stretches, the last one shorter, instead of 5.
+    # 1200 samples now come in 36 stretches, the last one shorter, instead of one.
     cut = track_orders(x, method="exact", estimator=estimator, **settings)
     assert_allclose(cut.complex_amplitude, whole.complex_amplitude, rtol=1e-12)
     assert_allclose(cut.std, whole.std, rtol=1e-12)
