@@ -43,7 +43,9 @@ orders 20 and 20.2 of it, crossed by a line at 300 Hz; J3 the ten orders at 512 
 in noise of variance 1 (`jobs.py`)."""
 
 SPEEDUPS = """\
-Difference: root of the mean square over all outputs of the excerpt, from the first on, as a part of theirs."""
+Of an excerpt, two fifths and more are start-up, in which the filter with settled gains is the exact one, and a call has
+checks to make, however short the record. Difference: root of the mean square over all outputs of the excerpt, from the
+first on, as a part of theirs."""
 
 FRESH = """\
 Tracks make `std` when it is first asked for, and the memory of tracks that are gone is used again. The times above are
@@ -69,7 +71,7 @@ SCALING = """\
 In rffts of a million samples. The verdicts are on the exponent that fits the {fitted} largest sizes. Where orders grow,
 they lie in a record of {grown:,} samples at 512 a turn, {exact:,} for the exact estimators, coupled ones a bandwidth
 apart. From 16 coupled orders on, the fast smoother takes in no more numbers at a knot than it tells; how many these are
-grows with the band that the orders cover."""
+grows with the band that the orders cover. A sample of the exact smoother costs the square, an output the cube."""
 
 
 def main(folder: Path, *, effort: Effort | None = None) -> int:

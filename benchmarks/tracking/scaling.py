@@ -21,6 +21,7 @@ REPEATS = 5
 LONGEST_S = 30.0  # of one call; larger sizes are not tried
 LINEAR, QUADRATIC = 1.1, 2.1  # exponents, a tenth of them left to the clock
 SAMPLE_BY_SAMPLE = 5_000  # samples in a record where orders grow, for the exact estimators
+SPARSE = 1_000  # samples from output to output there: past and future meet at one in the cube of the orders
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,9 +66,8 @@ def scaling(bandwidths: tuple[float, float], effort: Effort) -> tuple[list[str],
 
 def _growths(bandwidths: tuple[float, float], effort: Effort) -> list[Growth]:
     smooth: dict[str, Any] = {"method": "fast", "poles": 2, "output_every": DECIMATED}
-    exact: dict[str, Any] = {"method": "exact", "poles": 1, "output_every": DECIMATED}
+    exact: dict[str, Any] = {"method": "exact", "poles": 1, "output_every": SPARSE}
     late, causal = (partial(_run_up, bandwidth_hz=bandwidth) for bandwidth in bandwidths)
-    few = effort.coupled[:-2] if len(effort.coupled) > FITTED else effort.coupled
     return [
         Growth(
             what=f"J1 going on, smoother, fast, 2 poles, every {DECIMATED}: samples",
@@ -100,15 +100,15 @@ def _growths(bandwidths: tuple[float, float], effort: Effort) -> list[Growth]:
             make=partial(_orders, effort.grown, 20.0, 0.05, 0.05, **smooth),
         ),
         Growth(
-            what="filter, exact, 1 pole: the same orders",
+            what=f"filter, exact, 1 pole, every {SPARSE:,}: the same orders",
             bound=QUADRATIC,
             sizes=effort.coupled,
             make=partial(_orders, SAMPLE_BY_SAMPLE, 20.0, 0.05, 0.05, **exact, estimator="filter"),
         ),
         Growth(
-            what="smoother, exact, 1 pole: the same orders",
+            what=f"smoother, exact, 1 pole, every {SPARSE:,}: the same orders",
             bound=QUADRATIC,
-            sizes=few,
+            sizes=effort.coupled,
             make=partial(_orders, SAMPLE_BY_SAMPLE, 20.0, 0.05, 0.05, **exact),
         ),
     ]
