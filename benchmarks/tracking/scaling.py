@@ -78,7 +78,8 @@ def _growths(bandwidths: tuple[float, float], effort: Effort) -> list[Growth]:
         Growth(
             what="J1 going on, filter, exact, 1 pole, all outputs: samples",
             bound=LINEAR,
-            sizes=effort.lengths[: max(2, len(effort.lengths) - 2)],  # amplitudes of the others would fill gigabytes
+            # The smallest keep much of what they fill in the cache; amplitudes of the largest would fill gigabytes.
+            sizes=effort.lengths[1:-1] or effort.lengths,
             make=partial(causal, method="exact", poles=1, estimator="filter"),
         ),
         Growth(

@@ -152,7 +152,7 @@ def smooth_ranked(chain: KnotChain, *, first: int) -> tuple[Floats, Floats, floa
         return None
     try:
         return _smooth(chain, first)
-    except Unfit:
+    except (Unfit, np.linalg.LinAlgError):  # knowledge that only adds up has digits longer
         return None
 
 
@@ -176,7 +176,11 @@ def _smooth(chain: KnotChain, first: int) -> tuple[Floats, Floats, float]:
         stop = start
     future = Moments.of(later.known(last))
     stretch = Stretch(chain, range(opened - 1, -1, -1), future, first=first)
+    if stretch.knots[-1] > 0:
+        raise Unfit
     stretch.back(Later.of(chain.before, stretch.last), levels, variances)
+    if not np.nanmin(variances) > 0:
+        raise Unfit
     return levels, _between(variances), log_variance
 
 
