@@ -23,22 +23,6 @@ def compiled_sums(kernel: Callable[P, R]) -> Callable[P, R]:
     return _compile(kernel, {"contract", "reassoc"})
 
 
-def compiled_exactly(kernel: Callable[P, R]) -> Callable[P, R]:
-    """Compile `kernel` as `compiled` does, each operation rounded as written: for what rounding errors leave over."""
-    return _compile(kernel, set())
-
-
-def compiled_inside(kernel: Callable[P, R]) -> Callable[P, R]:
-    """Compile `kernel` as `compiled` does, to become a part of the kernels that call it.
-
-    It counts no references to the arrays it is handed: counting, at every call and for each array, holds up all else
-    that the processor does. So it must neither make arrays nor return any.
-    """
-    return _compile(kernel, {"contract"}, counts=False)
-
-
-def _compile(kernel: Callable[P, R], freedoms: set[str], *, counts: bool = True) -> Callable[P, R]:
-    build = cast("Any", numba.njit)(  # `_nrt`, its count of references, has no public name
-        cache=True, nogil=True, error_model="numpy", fastmath=freedoms or False, _nrt=counts, forceinline=not counts
-    )
+def _compile(kernel: Callable[P, R], freedoms: set[str]) -> Callable[P, R]:
+    build = cast("Any", numba.njit)(cache=True, nogil=True, error_model="numpy", fastmath=freedoms)
     return cast("Callable[P, R]", build(kernel))

@@ -3,12 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled
-from signals._lanes import WIDE, load_wide, multiply_add, plus, powers, spread_wide, store, times, total
+from signals._compile import compiled, compiled_sums
 
 Array = NDArray[np.float64]
 
-_TOGETHER = 4  # neighbouring outputs share the reading of moments and weights
 _HALVINGS = 60  # down to rounding
 
 
@@ -85,15 +83,14 @@ def _solved(rise: float, early: float, late: float, target: float) -> float:
     return u
 
 
-@compiled
+@compiled_sums
 def interpolate(x: Array, places: Array, cuts: Array, rows: Array, out: Array) -> None:
     """Weigh the samples about each place whose cut-off is that of `x` itself; 0 for the others.
 
-    ``out[m] = sum_n x[n] g(places[m] - n)``, with the weights on cubics through four of `rows`, whose length is a
-    multiple of 8. `x` must reach half a row beyond every place.
+    ``out[m] = sum_n x[n] g(places[m] - n)``, with the weights on cubics through four of `rows`. `x` must reach half a
+    row beyond every place.
     """
     taps, fractions = rows.shape[1], rows.shape[0] - 3
-    weights = rows.ravel()
     for m in range(places.size):
         if cuts[m] < 1:
             out[m] = 0.0
@@ -102,20 +99,16 @@ def interpolate(x: Array, places: Array, cuts: Array, rows: Array, out: Array) -
         fraction = (places[m] - whole) * fractions
         row = int(fraction)
         u = fraction - row
-        n, at = int(whole) - taps // 2 + 1, row * taps
-        before, here, there, after = spread_wide(0.0), spread_wide(0.0), spread_wide(0.0), spread_wide(0.0)
-        for i in range(at, at + taps, WIDE):
-            samples = load_wide(x, n)
-            before = multiply_add(load_wide(weights, i), samples, before)
-            here = multiply_add(load_wide(weights, i + taps), samples, here)
-            there = multiply_add(load_wide(weights, i + 2 * taps), samples, there)
-            after = multiply_add(load_wide(weights, i + 3 * taps), samples, after)
-            n += WIDE
+        first = int(whole) - taps // 2 + 1
+        samples = x[first : first + taps]
+        before, here, there, after = 0.0, 0.0, 0.0, 0.0
+        for i in range(samples.size):
+            before += rows[row, i] * samples[i]
+            here += rows[row + 1, i] * samples[i]
+            there += rows[row + 2, i] * samples[i]
+            after += rows[row + 3, i] * samples[i]
         inner, outer = (u + 1) * (u - 2) / 2, u * (u - 1) / 6
-        sums = times(before, spread_wide(-outer * (u - 2)))
-        sums = multiply_add(here, spread_wide(inner * (u - 1)), sums)
-        sums = multiply_add(there, spread_wide(-inner * u), sums)
-        out[m] = total(multiply_add(after, spread_wide(outer * (u + 1)), sums))
+        out[m] = outer * ((u + 1) * after - (u - 2) * before) + inner * ((u - 1) * here - u * there)
 
 
 @compiled
@@ -125,66 +118,40 @@ def gather(x: Array, q: Array, slopes: Array, first: int, moments: Array) -> Non
     ``moments[c - first, k] += x[n] slopes[n] v_n^k``, k = 0 .. 7, where v goes from -1 to 1 across step c. Steps that
     `moments` (steps, 8) does not hold are left out.
     """
-    flat, steps = moments.ravel(), moments.shape[0]
-    held, sums = -1, spread_wide(0.0)
     for n in range(x.size):
         floor = np.floor(q[n])
         step = int(floor) - first
-        if step < 0 or step >= steps:
-            continue
-        if step != held:
-            if held >= 0:
-                store(flat, held * WIDE, sums)
-            held, sums = step, load_wide(flat, step * WIDE)
-        sums = multiply_add(spread_wide(x[n] * slopes[n]), powers(2 * (q[n] - floor) - 1), sums)
-    if held >= 0:
-        store(flat, held * WIDE, sums)
+        if 0 <= step < len(moments):
+            v, weight = 2 * (q[n] - floor) - 1, x[n] * slopes[n]
+            square = v * v
+            fourth = weight * square * square
+            own = moments[step]
+            own[0] += weight
+            own[1] += weight * v
+            own[2] += weight * square
+            own[3] += weight * square * v
+            own[4] += fourth
+            own[5] += fourth * v
+            own[6] += fourth * square
+            own[7] += fourth * square * v
 
 
-@compiled
+@compiled_sums
 def weigh(moments: Array, weights: Array, cuts: Array, out: Array) -> None:
     """Weigh the moments of the steps about each output whose cut-off lies below that of the record.
 
-    ``out[m] = sum over steps i and powers k of weights[i, k] moments[m + i, k]``, k = 0 .. 7, an even number of steps;
-    other outputs are left as they are. Four outputs share the reading of both, each a step behind the one before;
-    `moments` must hold what the last four would need. A sum never reads a step beyond its own, be it times nothing:
-    what is not a number stays where it is.
+    ``out[m] = sum over steps i and powers k of weights[i, k] moments[m + i, k]``, k = 0 .. 7; other outputs are left as
+    they are. A sum never reads a step beyond its own, be it times nothing: what is not a number stays where it is.
     """
-    rows, every = moments.ravel(), weights.ravel()
-    first, second = load_wide(every, 0), load_wide(every, WIDE)
-    third, fourth = load_wide(every, 2 * WIDE), load_wide(every, 3 * WIDE)
-    for m in range(0, out.size, _TOGETHER):
-        alone = min(_TOGETHER, out.size - m)
-        lowest = 1.0
-        for i in range(alone):
-            lowest = min(lowest, cuts[m + i])
-        if lowest >= 1:
-            continue
-        at = m * WIDE
-        row, other = load_wide(rows, at), load_wide(rows, at + WIDE)
-        s0, t0, s1 = times(row, first), times(other, second), times(other, first)
-        row, other = load_wide(rows, at + 2 * WIDE), load_wide(rows, at + 3 * WIDE)
-        s0, t0 = multiply_add(row, third, s0), multiply_add(other, fourth, t0)
-        t1, s1 = times(row, second), multiply_add(other, third, s1)
-        s2, t2, s3, t3 = times(row, first), times(other, second), times(other, first), spread_wide(0.0)
-        w1, w2, w3 = fourth, third, second
-        for i in range(_TOGETHER * WIDE, every.size, 2 * WIDE):
-            row, other = load_wide(rows, at + i), load_wide(rows, at + i + WIDE)
-            w0, w = load_wide(every, i), load_wide(every, i + WIDE)
-            s0, t0 = multiply_add(row, w0, s0), multiply_add(other, w, t0)
-            s1, t1 = multiply_add(row, w1, s1), multiply_add(other, w0, t1)
-            s2, t2 = multiply_add(row, w2, s2), multiply_add(other, w1, t2)
-            s3, t3 = multiply_add(row, w3, s3), multiply_add(other, w2, t3)
-            w1, w2, w3 = w, w0, w1
-        at += every.size
-        row, other = load_wide(rows, at), load_wide(rows, at + WIDE)
-        s1, s2, t2 = multiply_add(row, w1, s1), multiply_add(row, w2, s2), multiply_add(other, w1, t2)
-        s3, t3 = multiply_add(row, w3, s3), multiply_add(other, w2, t3)
-        s3 = multiply_add(load_wide(rows, at + 2 * WIDE), w1, s3)
-        sums = (total(plus(s0, t0)), total(plus(s1, t1)), total(plus(s2, t2)), total(plus(s3, t3)))
-        for i, found in enumerate(sums):
-            if i < alone and cuts[m + i] < 1:
-                out[m + i] = found
+    flat, every = moments.ravel(), weights.ravel()
+    powers = weights.shape[1]
+    for m in range(out.size):
+        if cuts[m] < 1:
+            own = flat[m * powers : m * powers + every.size]
+            total = 0.0
+            for i in range(own.size):
+                total += every[i] * own[i]
+            out[m] = total
 
 
 @compiled

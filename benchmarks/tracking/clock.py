@@ -12,8 +12,6 @@ from typing import Literal
 import numpy as np
 from jobs import Floats
 
-from signals import _memory
-
 SLOW_S = 0.5  # of a call, from which on it is repeated less often
 ONCE_S = 3.0  # from which on the run that finds the error is the one that is timed
 
@@ -84,11 +82,7 @@ def time_in_ffts(call: Callable[[], object], record: Floats, effort: Effort, *, 
 
 
 def give_back() -> None:
-    """Return freed memory to the system, as far as it can be: a call then finds it fresh, and what it grows shows.
-
-    The room of large results that are gone waits in `signals` for the next ones, which else find it at hand.
-    """
-    _memory._waiting.clear()  # noqa: SLF001  (no user needs a door to this)
+    """Return freed memory to the system, as far as it can be, so that what a call takes shows."""
     with contextlib.suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
 

@@ -1,45 +1,54 @@
-"""The fast smoother: the record condensed to a grid of knots, and smoothed there.
+"""The block smoother: the record condensed to a grid of nodes, and smoothed there.
 
-Between knots an amplitude is taken for a polynomial of as many terms as its walk has poles (one pole: for steady under
-a hat over two blocks). What the samples of a block say of it is a few moments, sums of them times powers of their
-place (see `_block_kernels`), and what a Kalman chain over the knots needs to know. So a walk that grows without bound,
-as several poles let it, is followed as well as one that stands still. The error is of second order in (bandwidth times
-block): at the edge of the band (pi bandwidth block)^2 / 12 of an envelope, and what moves within a block leaks into
-other orders only by that much, since the spectrum of what a knot weighs has double zeros where images fold. Between
-knots the result is cubic (linear for one pole, whose envelopes have no slope).
+Between nodes an amplitude is taken for a polynomial of as many terms as its walk has poles (one pole: for steady under
+a triangular weight over two blocks). The information of a block's samples is in a few moments, sums of them times
+powers of their place (see `_block_kernels`), and that is what the information smoother over the nodes needs. So a walk
+that grows without bound, as several poles let it, is followed as well as one that stands still. The error is of second
+order in (bandwidth times block): at the edge of the band (pi bandwidth block)^2 / 12 of an envelope, and what moves
+within a block leaks into other orders only by that much, since the spectrum of a node's weight has double zeros where
+images fold. Between nodes the result is cubic (linear for one pole, whose envelopes have no slope).
 
-Orders that do not disturb one another share small chains; those that do are smoothed together, with the moments of
-their products. See `docs/trackers.md`.
+There are two settings. *Fast*: long blocks; orders that do not disturb one another share small chains, those that do
+are smoothed together, with the moments of their products. *Exact*: short blocks and all orders together, so that what
+is left of the error is below a few thousandths of `std`; with blocks of one sample there is none. See
+`docs/trackers.md`.
 """
 
 from dataclasses import dataclass
-from math import ceil, inf, pi, sqrt
+from math import inf, pi, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._memory import room
 from signals.harmonics import _block_kernels
+from signals.harmonics._information_smoother import smooth_stretches
+from signals.harmonics.block_outputs import BlockOutputs, at_outputs
 from signals.harmonics.coupling import couple
 from signals.harmonics.grid import Grid, pieces_between
-from signals.harmonics.model import LAGS, Estimate, Floats, HarmonicModel, Indices
+from signals.harmonics.kalman_filter import count_innovations
+from signals.harmonics.model import LAGS, Complexes, Estimate, Floats, HarmonicModel, Indices
 from signals.harmonics.separability import Closeness
-from signals.harmonics.smoothing import Levels, Smoothed, smooth_apart
+from signals.harmonics.smoothing import Smoothed, chain_together, no_neighbours, smooth_apart
 
 FEWEST_BLOCKS = 64
-# A one-pole walk moves as much within a block as a block's own noise tells: measured, at this part of 1 / bandwidth
-# the estimates lie a hundredth of `std` from the exact ones.
+# A one-pole walk moves as much within a block as the noise of the block: measured, at this part of 1 / bandwidth the
+# estimates lie a hundredth of `std` from the exact ones.
 LONGEST_ONE_POLE = 1 / 200
-# Samples whose residuals are summed up, in evenly spread stretches: enough to tell the noise variance to 0.6 %.
+# Samples whose residuals are summed up, in evenly spread stretches: enough to estimate the noise variance to 0.6 %.
 RESIDUAL_SAMPLES = 1 << 16
 STRETCHES = 16
-# Variances change over blocks, if so fast: one sample in so many stands for the others.
-SPARSE = 16
-# Neighbours that leak more are coupled, whatever tolerance is given: to take more of them out later costs more.
+# Neighbours that leak more are coupled, whatever tolerance is given: to subtract more of them later costs more.
 LARGEST_LEAK = 1e-3
-# Where a tolerance of the largest amplitude is more than this part of a standard deviation, orders are kept out of one
-# another by what they are found to be.
+# Where a tolerance of the largest amplitude is more than this part of a standard deviation, the others are subtracted
+# from all samples.
 SMALL_PART = 0.3
+# Part of 1 / bandwidth in a block of the exact setting, with one pole and with more: measured with amplitudes that walk
+# as the model says, estimates are then within 1e-3 of `std` (root mean square) of those of single samples.
+LONGEST_EXACT = 1 / 150, 1 / 64
+# What moving amplitudes may lose between nodes in the exact setting, as a part of `std`: the error measured is up to
+# twice as large.
+LARGEST_DROOP = 1.2e-3
 
 
 def block_length(model: HarmonicModel, samples: int, rtol: float) -> int:
@@ -59,7 +68,7 @@ def scattered_share(seen: NDArray[np.bool_], length: int) -> float:
     """Return the part of the samples that are missing in gaps shorter than a block.
 
     Where such gaps keep in step with a shaft, as those of a clipped waveform do, orders no longer average out of one
-    another under a hat: up to so much of one gets into others.
+    another under a triangular weight: up to so much of one gets into others.
     """
     edges = np.flatnonzero(np.diff(seen, prepend=True, append=True))
     gaps = edges[1::2] - edges[::2]
@@ -67,7 +76,7 @@ def scattered_share(seen: NDArray[np.bool_], length: int) -> float:
 
 
 def blurs(model: HarmonicModel) -> bool:
-    """Say whether lines stay so close that blocks may not have the digits to tell them apart.
+    """Return whether lines stay so close that long blocks may not have the digits to separate them.
 
     Those within half a bandwidth of each other differ in little but what amplitudes with slopes may do, too.
     """
@@ -88,7 +97,7 @@ def fast(
     coupled: bool,
     tolerance: float,
 ) -> Estimate:
-    """Smooth all channels of a record.
+    """Smooth all channels of a record in long blocks.
 
     Parameters
     ----------
@@ -102,7 +111,8 @@ def fast(
     tolerance : part of an amplitude that a neighbour may disturb without being coupled, `LARGEST_LEAK` at the most.
     """
     tolerance = min(tolerance, LARGEST_LEAK)
-    kept, member = _one_of_each(model) if coupled else (np.arange(model.orders.size), np.arange(model.orders.size))
+    every_order = np.arange(model.orders.size)
+    kept, member = _one_of_each(model) if coupled else (every_order, every_order)
     one_each = model if kept.size == member.size else model.subset(kept)
     grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=tolerance, shared=np.bincount(member))
     smoothed = smooth_apart(grid, startup // length)
@@ -114,39 +124,84 @@ def fast(
         bound = max(bound, tolerance, coupling.left if coupling else 0.0)
         if coupling and model.poles > 1 and closeness.dwell():
             bound = inf  # what others leave in their difference does not fade in a memory
-    pieces, residuals = _explained(grid, smoothed, startup)
-    if coupling and _towers(smoothed, residuals[0], tolerance):
-        coupling.mend_all(smoothed)
-        pieces, residuals = _explained(grid, smoothed, startup)
-    mean_square, autocorrelation, counted = residuals
+    residuals = Residuals.of(grid, smoothed, startup)
+    if coupling and _far_above_std(smoothed, residuals.noise_variance, tolerance):
+        coupling.smooth_all(smoothed)
+        residuals = Residuals.of(grid, smoothed, startup)
     observed = int(np.count_nonzero(grid.seen[startup:]))
     levels, variances = smoothed.levels, smoothed.variances
     if kept.size < member.size:
-        levels, variances = _shared_out(grid, member, levels, variances)
-        pieces = pieces_between(levels, cubic=model.poles > 1)
-    amplitudes = room(*levels.shape[:2], 2 * ceil(grid.samples / output_every)).view(np.complex128)
-    for channel, values in enumerate(amplitudes):
-        _block_kernels.evaluate_complex(pieces[channel], length, output_every, values.view(np.float64))
+        levels, variances = _share_out(grid, member, levels, variances, every=length)
     return BlockEstimate(
-        amplitude=amplitudes,
+        amplitude=at_outputs(levels, grid, every=output_every),
         variance=variances,
         length=length,
-        innovation_mean_square=mean_square,
+        innovation_mean_square=residuals.noise_variance,
         innovation_log_variance=float(smoothed.log_variances.sum()) / max(observed, 1),
-        innovation_autocorrelation=autocorrelation,
-        innovation_samples=min(counted, observed),
+        innovation_autocorrelation=residuals.autocorrelation,
+        innovation_samples=min(residuals.counted, observed),
         error_bound=bound,
     )
 
 
-def _explained(grid: Grid, smoothed: Smoothed, startup: int) -> tuple[Floats, tuple[Floats, Floats, int]]:
-    """Return amplitudes between the knots, and what `_residuals` makes of them."""
-    pieces = pieces_between(smoothed.levels, cubic=grid.model.poles > 1)
-    return pieces, _residuals(grid, pieces, smoothed.variances.sum(axis=0), startup)
+def exact(
+    model: HarmonicModel,
+    x: Floats,
+    seen: NDArray[np.bool_],
+    *,
+    output_every: int,
+    startup: int,
+    keep: bool,
+    noise_variance: float | None,
+) -> Estimate:
+    """Smooth all channels of a record in short blocks, all orders together; statistics are those of the filter.
+
+    Parameters
+    ----------
+    model, x, seen, output_every, startup : as for `fast`.
+    keep : whether the innovations of all samples are wanted.
+    noise_variance : R; None where it is estimated.
+    """
+    kept, member = _one_of_each(model)
+    one_each = model if kept.size == member.size else model.subset(kept)
+    innovations = count_innovations(model, x, startup=startup, keep=keep)
+    std = np.sqrt(innovations.mean_square if noise_variance is None else np.full(len(x), noise_variance))
+    length, shorter = 0, exact_length(model, seen.size)
+    while length != shorter:
+        length = shorter
+        grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=0.0, shared=np.bincount(member))
+        outputs, group = BlockOutputs.empty(grid, every=output_every), np.arange(kept.size)
+        chain = chain_together(grid, group, slice(0, grid.nodes), None, no_neighbours(grid, group))
+        for nodes, part in smooth_stretches(chain, first=0):
+            outputs.take(nodes, part)
+        # It grows with the square of the length.
+        droop = outputs.droop(std) if length > 1 else 0.0
+        shorter = length if droop <= LARGEST_DROOP else max(1, int(length * sqrt(LARGEST_DROOP / droop)))
+    amplitude, variance = outputs.amplitude, outputs.variance
+    if kept.size < member.size:
+        amplitude, variance = _share_out(grid, member, amplitude, variance, every=max(output_every, length))
+    found: dict[str, Any] = {
+        "amplitude": amplitude,
+        "variance": variance,
+        "innovation_mean_square": innovations.mean_square,
+        "innovation_log_variance": innovations.mean_log_variance,
+        "innovation_autocorrelation": innovations.autocorrelation,
+        "innovation_samples": innovations.count,
+        "innovations": innovations.kept,
+    }
+    return Estimate(**found) if output_every > length else BlockEstimate(**found, length=length)
 
 
-def _towers(smoothed: Smoothed, noise: Floats, tolerance: float) -> bool:
-    """Say whether a tolerance of the largest amplitude is more than a small part of the least standard deviation."""
+def exact_length(model: HarmonicModel, samples: int | None = None) -> int:
+    """Return the samples in a block of the exact setting, before amplitudes are known; None where they go on."""
+    # Longer ones gain little: the products of their columns cost more than the chain.
+    most = 6 * model.state_size
+    most = most if samples is None else min(most, samples // FEWEST_BLOCKS)
+    return max(1, min(int(LONGEST_EXACT[model.poles > 1] / model.bandwidth.max()), most))
+
+
+def _far_above_std(smoothed: Smoothed, noise: Floats, tolerance: float) -> bool:
+    """Return whether a tolerance of the largest amplitude is more than a small part of the least standard deviation."""
     std = np.sqrt(smoothed.variances.min() * noise)
     largest = np.abs(smoothed.levels).max(axis=(1, 2))
     return bool(np.any(tolerance * largest > SMALL_PART * std))
@@ -155,36 +210,40 @@ def _towers(smoothed: Smoothed, noise: Floats, tolerance: float) -> bool:
 def _one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:
     """Return one order of each set that is one and the same, and the place of each order's set among these.
 
-    All that a record tells of such twins is their sum: a walk of its own, whose variances are theirs added up.
+    Of such duplicates a record determines the sum alone: a walk of its own, whose variances are theirs added up.
     """
     kept: list[int] = []
     named: dict[tuple[float, int], list[int]] = {}
     member = np.empty(model.orders.size, dtype=np.int64)
     for k, name in enumerate(zip(model.orders.tolist(), model.shaft.tolist(), strict=True)):
         known = named.setdefault(name, [])
-        twin = [place for place in known if np.array_equal(model.bandwidth[k], model.bandwidth[kept[place]])]
-        member[k] = twin[0] if twin else len(kept)
-        if not twin:
+        same = [place for place in known if np.array_equal(model.bandwidth[k], model.bandwidth[kept[place]])]
+        member[k] = same[0] if same else len(kept)
+        if not same:
             known.append(len(kept))
             kept.append(k)
     return np.array(kept), member
 
 
-def _shared_out(grid: Grid, member: Indices, levels: Levels, variances: Floats) -> tuple[Levels, Floats]:
-    """Give every twin its part of the sum, and the variance of what no data tell of it.
+def _share_out(
+    grid: Grid, member: Indices, levels: Complexes, variances: Floats, *, every: int
+) -> tuple[Complexes, Floats]:
+    """Give every duplicate its part of the sum, and the variance of what no data determine.
 
-    Alike as they are, each is an even part of their sum and a rest that is independent of it.
+    Alike as they are, each is an even part of their sum and a rest that is independent of it. Variances are known at
+    every `every`-th sample.
     """
     count = grid.shared[member]
     shared = variances[member] / count[:, None] ** 2
+    nodes, at = grid.length * np.arange(grid.nodes), every * np.arange(variances.shape[1])
     for k in np.flatnonzero(count > 1):
-        shared[k] += (1 - 1 / count[k]) * grid.unseen_variance(member[k])
+        shared[k] += (1 - 1 / count[k]) * np.interp(at, nodes, grid.unmeasured_variance(member[k]))
     return levels[:, member] / count[:, None], shared
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockEstimate(Estimate):
-    """An estimate whose variances, (order, knot), are known at the first sample of every block and after the last.
+    """An estimate whose variances, (order, node), are known at the first sample of every block and after the last.
 
     Attributes
     ----------
@@ -195,49 +254,56 @@ class BlockEstimate(Estimate):
 
     @property
     def std_spacing(self) -> int:
-        """Samples from one knot to the next: standard deviations are linear in between."""
+        """Samples from one node to the next: standard deviations are linear in between."""
         return self.length
 
 
-def _residuals(grid: Grid, pieces: Floats, explained: Floats, startup: int) -> tuple[Floats, Floats, int]:
-    """Mean square and autocorrelation of what the amplitudes leave of stretches of the record.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Residuals:
+    """What the amplitudes leave of stretches of the record.
 
-    Where the model holds, the variance of a residual is R less that of the fitted waveform, which is the sum of the
-    variances of the amplitudes.
-
-    Parameters
+    Attributes
     ----------
-    grid : the record.
-    pieces : (channel, order, block, 2, 4) array.
-    explained : (knot,) array, sum of the variances of all amplitudes where R = 1.
-    startup : first sample that counts.
-
-    Returns
-    -------
-    mean_square : (channel,) array, an estimate of R.
+    noise_variance : (channel,) array, R.
     autocorrelation : (channel, lag) array, at lags from one sample on.
     counted : how many residuals; more than samples where stretches overlap.
     """
-    channels, model = len(grid.x), grid.model
-    length = min(RESIDUAL_SAMPLES // STRETCHES, grid.samples - startup)
-    starts = np.unique(np.linspace(startup, grid.samples - length, STRETCHES).astype(np.int64))
-    products, left, counted = np.zeros((channels, LAGS + 1)), 0.0, 0
-    for start in starts:
-        samples = slice(int(start), int(start) + length)
-        seen = grid.seen[samples]
-        there = np.flatnonzero(seen)
-        counted += there.size
-        knots = ((samples.start + there[::SPARSE]) / grid.length).round().astype(np.int64)
-        left += there.size * float(np.mean(1 - explained[knots].clip(max=0.5))) if there.size else 0.0
-        phase = grid.model.phase(samples)
-        for channel in range(channels):
-            wave = np.zeros(length)
-            _block_kernels.remodulate(
-                pieces[channel], grid.length, phase, model.orders, model.shaft, samples.start, wave
-            )
-            rest = np.where(seen, grid.x[channel, samples] - wave, 0.0)
-            for lag in range(min(LAGS + 1, length)):
-                products[channel, lag] += rest[lag:] @ rest[: length - lag]
-    power = products[:, :1]
-    autocorrelation = np.divide(products[:, 1:], power, out=np.zeros((channels, LAGS)), where=power > 0)
-    return power[:, 0] / max(left, 1.0), autocorrelation, counted
+
+    noise_variance: Floats
+    autocorrelation: Floats
+    counted: int
+
+    @classmethod
+    def of(cls, grid: Grid, smoothed: Smoothed, startup: int) -> "Residuals":
+        """Sum up stretches of whole blocks after a sample.
+
+        Where the model holds, the variance of a residual is R less that of the fitted waveform, the trace of the joint
+        covariance of the amplitudes times their regressors: single variances do not add up to it where orders are
+        close.
+        """
+        model, channels, length = grid.model, len(grid.x), grid.length
+        pieces = pieces_between(smoothed.levels, cubic=model.poles > 1)
+        explained = smoothed.explained.sum(axis=0)
+        # With one pole half of a node's samples lie on either side, else all before it.
+        explained = (explained[:-1] + explained[1:]) / 2 if model.poles == 1 else explained[1:]
+        first = min(-(-startup // length), grid.blocks - 1)
+        count = min(max(1, RESIDUAL_SAMPLES // STRETCHES // length), grid.blocks - first)
+        starts = np.unique(np.linspace(first, grid.blocks - count, STRETCHES).astype(np.int64))
+        products, left, counted = np.zeros((channels, LAGS + 1)), 0.0, 0
+        for start in starts.tolist():
+            samples = slice(start * length, min((start + count) * length, grid.samples))
+            seen = grid.seen[samples]
+            counted += int(np.count_nonzero(seen))
+            left += np.count_nonzero(seen) - float(explained[start : start + count].sum())
+            phase = model.phase(samples)
+            for channel in range(channels):
+                wave = np.zeros(seen.size)
+                _block_kernels.remodulate(
+                    pieces[channel], length, phase, model.orders, model.shaft, samples.start, wave
+                )
+                rest = np.where(seen, grid.x[channel, samples] - wave, 0.0)
+                for lag in range(min(LAGS + 1, rest.size)):
+                    products[channel, lag] += np.einsum("n,n->", rest[lag:], rest[: rest.size - lag])
+        power = products[:, :1]
+        autocorrelation = np.divide(products[:, 1:], power, out=np.zeros((channels, LAGS)), where=power > 0)
+        return cls(noise_variance=power[:, 0] / max(left, 1.0), autocorrelation=autocorrelation, counted=counted)

@@ -1,10 +1,10 @@
-"""Orders smoothed at the knots of a grid: each on its own first, then together what disturbs one another.
+"""Orders smoothed at the nodes of a grid: each on its own first, then together what disturbs one another.
 
-In the midst of a record, a smoother leaves of its neighbours what its response lets through. Where the record ends
-or has a gap it leaves more, as much as the causal filter would of what whole hats let through; and a hat cut short
-lets through nearly anything. So there more orders are smoothed together, and what the others of the first round
-explain is taken out of the samples under the hats that are cut. Where amplitudes tower above their uncertainty, it is
-taken out of all samples.
+In the middle of a record, a smoother leaves of its neighbours what its response lets through. Where the record ends
+or has a gap it leaves more, as much as the causal filter would of what a whole triangular weight lets through; and a
+weight cut short lets through nearly anything. So there more orders are smoothed together, and the waveforms of the
+others, as the first round estimates them, are subtracted from the samples under the weights that are cut. Where
+amplitudes are far above their uncertainty, they are subtracted from all samples.
 """
 
 from collections.abc import Callable
@@ -12,30 +12,30 @@ from math import log, pi
 
 import numpy as np
 
-from signals.harmonics._information import KnotChain
+from signals.harmonics import _block_kernels
+from signals.harmonics._information_smoother import NodeChain
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.grid import Grid
-from signals.harmonics.mending import Mended
-from signals.harmonics.model import Floats, Indices
+from signals.harmonics.grid import Flags, Grid, pieces_between
+from signals.harmonics.model import Complexes, Floats, Indices
 from signals.harmonics.separability import Closeness, coupled, leaks, left_over
 from signals.harmonics.smoothing import Smoothed, alike, chain_alone, everywhere, keep, smooth_group, smooth_run
 
 Gain = Callable[[Bandwidth, Floats], Floats]
-Chains = list[tuple[Indices, KnotChain]]
+Chains = list[tuple[Indices, NodeChain]]
 
-# Ends and gaps are felt by a hundredth of what they change in so many memories, and in as many as it takes for what
-# leaks there to fall to the tolerance.
+# After so many time constants an end or gap has a hundredth of its effect; where more leaks, as many more as it takes
+# to fall to the tolerance.
 FEWEST_MEMORIES = 4.0
-# So far beyond, at least, orders are taken for alone that are so in the midst. What they tell from there holds as much
-# of one another as at an end, and fades as there.
+# So far outside, at least, orders count as alone that are so in the middle. The information from there holds as much of
+# one another as at an end, and fades as there.
 MARGIN = 2.0
-# A round that moves an amplitude shows how wrong what it took out under cut hats was. Others keep of that the share
-# such a hat has in an estimate, times what it lets through of a line a turn or more a block off: while this is more
-# than so many tolerances, another round follows.
+# A round that moves an amplitude shows how wrong what was subtracted under cut weights was. Others keep of that the
+# share such a weight has in an estimate, times what it lets through of a line a turn or more a block off: while this is
+# more than so many tolerances, another round follows.
 MOST_MOVED = 3.0
 CUT_LEAK = 1 / (2 * pi)
 MOST_ROUNDS = 6
-# Rounds in which the others are taken out of all samples: each leaves of what it mends no more than the tolerance.
+# Rounds in which the others are subtracted from all samples: each leaves no more than the tolerance of its input.
 FULL_ROUNDS = 2
 # Orders smoothed together near ends and gaps, at most, where nearly all disturb one another a little.
 MOST_AT_ENDS = 12
@@ -52,16 +52,16 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> "Coupling | 
 
     Returns
     -------
-    how orders hang together; None where all do, everywhere.
+    the groups that are smoothed together; None where all orders are one group.
     """
     size = smoothed.size
     received = closeness.received(_at_least(grid, Bandwidth.smoother_gain), size)
     groups = coupled(received, size, grid.tolerance)
-    chains = [(group, smooth_group(grid, group, grid.data(grid.moments[group]), smoothed)) for group in groups]
+    chains = [(group, smooth_group(grid, group, grid.data(grid.moments[:, :, group]), smoothed)) for group in groups]
     if groups and groups[0].size == size.size:
         return None
     coupling = Coupling(grid, closeness, chains, received, size)
-    coupling.mend_ends(smoothed)
+    coupling.smooth_ends(smoothed)
     return coupling
 
 
@@ -78,87 +78,149 @@ class Coupling:
         groups = [group for group, _ in chains]
 
         def near_ends(bandwidth: Bandwidth, distance: Floats) -> Floats:
-            hat = 1.0 / np.maximum(1.0, (pi * grid.length * distance) ** 2)
+            weight = 1.0 / np.maximum(1.0, (pi * grid.length * distance) ** 2)
             folded = np.minimum(distance, 0.5 / grid.length)
-            return np.maximum(bandwidth.smoother_gain(distance), hat * np.abs(bandwidth.filter_gain(folded)))
+            return np.maximum(bandwidth.smoother_gain(distance), weight * np.abs(bandwidth.filter_gain(folded)))
 
         gain = _at_least(grid, near_ends)
         parts = leaks(closeness.received(gain, size), size)
         worst = float(parts[np.isfinite(parts)].max()) / grid.tolerance
-        self.cut = (grid.shares < 1 - grid.tolerance) | grid.kinked
+        self.cut = (grid.shares < 1 - grid.tolerance) | grid.jumps
         fading = log(max(worst, 1.0))
         memories = max(FEWEST_MEMORIES, fading)
         reach = grid.reach(max(MARGIN, fading - 1))
         self.runs = _disturbed_runs(grid, memories=memories, margin=reach)
-        self.friends: list[list[Indices]] = []
+        self.local_groups: list[list[Indices]] = []
         self.left = left_over(received, size, groups)
-        for knots, _ in self.runs:
-            nearby = closeness.within(slice(knots.start * grid.length, min(knots.stop * grid.length, grid.samples)))
+        for nodes, _ in self.runs:
+            nearby = closeness.within(slice(nodes.start * grid.length, min(nodes.stop * grid.length, grid.samples)))
             here = nearby.received(gain, size)
-            self.friends.append(_friends(nearby, coupled(here, size, grid.tolerance)))
-            self.left = max(self.left, left_over(here, size, self.friends[-1]))
-        # Where orders are not by themselves.
-        self.taken = np.zeros((size.size, grid.knots), dtype=np.bool_)
+            self.local_groups.append(_split(nearby, coupled(here, size, grid.tolerance)))
+            self.left = max(self.left, left_over(here, size, self.local_groups[-1]))
+        # Where orders are smoothed with others.
+        self.together = np.zeros((size.size, grid.nodes), dtype=np.bool_)
         for group in groups:
-            self.taken[group] = True
-        for (knots, _), friends in zip(self.runs, self.friends, strict=True):
-            for group in friends:
-                self.taken[group, knots] = True
+            self.together[group] = True
+        for (nodes, _), local in zip(self.runs, self.local_groups, strict=True):
+            for group in local:
+                self.together[group, nodes] = True
         self.lone = np.setdiff1d(np.arange(size.size), np.concatenate([[], *groups]).astype(np.int64))
 
-    def mend_ends(self, smoothed: Smoothed) -> None:
-        """Take the others out under hats that are cut, and smooth again, until lone amplitudes hardly move."""
+    def smooth_ends(self, smoothed: Smoothed) -> None:
+        """Subtract the others under weights that are cut, and smooth again, until lone amplitudes hardly move."""
         widest = Bandwidth(width=min(float(self.grid.model.bandwidth.max()), 1.0), poles=self.grid.model.poles)
         kept = CUT_LEAK * min(1.0, widest.filter_shares[0] * self.grid.length)
-        kept = max(kept, float(np.mean(~self.grid.seen)))  # of which all may be in step with a shaft
+        kept = max(kept, float(np.mean(~self.grid.seen)))  # all of which may be in step with a shaft
         for number in range(MOST_ROUNDS):
             before = smoothed.levels[..., self.cut]
-            mended = Mended(self.grid, smoothed.levels, self.cut)
-            lone = self.smooth_lone(mended, smoothed)
+            others = WithoutOthers(self.grid, smoothed.levels, self.cut)
+            lone = self._smooth_lone(others, smoothed)
             if number == 0:
-                self.smooth_friends(mended, lone, smoothed)
+                self._smooth_local_groups(others, lone, smoothed)
             moved = np.abs(smoothed.levels[..., self.cut] - before)
-            alone = np.where(self.taken[:, self.cut], 0.0, moved).max(axis=2, initial=0.0)
+            alone = np.where(self.together[:, self.cut], 0.0, moved).max(axis=2, initial=0.0)
             if np.all(kept * alone <= MOST_MOVED * self.grid.tolerance * self.size):
                 break
 
-    def mend_all(self, smoothed: Smoothed) -> None:
-        """Take the others out of all samples, and smooth again."""
+    def smooth_all(self, smoothed: Smoothed) -> None:
+        """Subtract the others from all samples, and smooth again."""
         for _ in range(FULL_ROUNDS):
-            mended = Mended(self.grid, smoothed.levels, everywhere(self.grid))
-            lone = self.smooth_lone(mended, smoothed)
+            others = WithoutOthers(self.grid, smoothed.levels, everywhere(self.grid))
+            lone = self._smooth_lone(others, smoothed)
             self.chains = [
-                (group, smooth_group(self.grid, group, mended.together(group), smoothed)) for group, _ in self.chains
+                (group, smooth_group(self.grid, group, others.together(group), smoothed)) for group, _ in self.chains
             ]
-            self.smooth_friends(mended, lone, smoothed)
+            self._smooth_local_groups(others, lone, smoothed)
 
-    def smooth_lone(self, mended: Mended, smoothed: Smoothed) -> Chains:
+    def _smooth_lone(self, others: "WithoutOthers", smoothed: Smoothed) -> Chains:
         """Smooth, in place, orders where they are by themselves; return groups of them and their chains."""
         chains: Chains = []
         if not self.lone.size:
             return chains
-        gram = self.grid.at_knots(self.grid.seen_counts)
-        data = mended.alone(self.lone)
+        gram = self.grid.at_nodes(self.grid.seen_counts)
+        data = others.alone(self.lone)
         for group in alike(self.grid, self.lone):
             chain = chain_alone(self.grid, group, data[:, :, np.searchsorted(self.lone, group)], gram)
-            keep(smoothed, group, chain, ~self.taken[group])
+            keep(smoothed, group, chain, ~self.together[group])
             chains.append((group, chain))
         return chains
 
-    def smooth_friends(self, mended: Mended, lone: Chains, smoothed: Smoothed) -> None:
+    def _smooth_local_groups(self, others: "WithoutOthers", lone: Chains, smoothed: Smoothed) -> None:
         """Smooth together, in place, what disturbs one another near ends, gaps and jumps of a speed."""
-        for (kept, knots), friends in zip(self.runs, self.friends, strict=True):
-            inner = slice(kept.start - knots.start, kept.stop - knots.start)
-            beyond = [(members, chain.known_at(knots)) for members, chain in self.chains + lone] if friends else []
-            for group in friends:
-                data = mended.together(group, knots)
-                levels, variance = smooth_run(self.grid, group, knots, data, beyond)
+        for (kept, nodes), local in zip(self.runs, self.local_groups, strict=True):
+            inner = slice(kept.start - nodes.start, kept.stop - nodes.start)
+            outside = [(members, chain.outside(nodes)) for members, chain in self.chains + lone] if local else []
+            for group in local:
+                data = others.together(group, nodes)
+                levels, variance, explained = smooth_run(self.grid, group, nodes, data, outside)
                 smoothed.levels[:, group, kept] = levels[..., inner]
                 smoothed.variances[group, kept] = variance[:, inner]
+                smoothed.explained[group, kept] = explained[:, inner]
+
+
+class WithoutOthers:
+    """The moments of a record without the waveforms of other orders, as far as their amplitudes are known.
+
+    What is subtracted is a waveform times the sum of the triangular weights of some nodes: all under these, nothing a
+    block off.
+    """
+
+    def __init__(self, grid: Grid, levels: Complexes, nodes: Flags) -> None:
+        self._grid, self._nodes = grid, nodes
+        self._pieces = pieces_between(levels, cubic=grid.model.poles > 1)
+        orders = np.arange(grid.model.orders.size)
+        self._runs = list(grid.runs(nodes[:-1] | nodes[1:]))
+        self._moments = grid.moments.copy()
+        for samples, blocks in self._runs:
+            rest = grid.x[:, samples] - self._waves(orders, samples)
+            self._moments[blocks] = grid.project(rest, blocks, orders)
+
+    def alone(self, orders: Indices) -> Floats:
+        """(node, pole, order, channel, 2) array of the data at nodes, of orders each without all others.
+
+        Nor are its images left in what is added back of an order.
+        """
+        grid = self._grid
+        moments = self._moments[:, :, orders]
+        many = moments.shape[1]
+        parts = np.where(grid.model.orders[orders] == 0, 1.0, 2.0)[:, None, None]
+        for samples, blocks in self._runs:
+            counts = grid.counts(grid.seen[samples] * grid.taper(self._nodes, samples), many + 3)
+            hankel = np.stack([counts[:, m : m + 4] for m in range(many)], axis=1)  # block, moment, power
+            moments[blocks] += np.einsum("bmj,cobpj->bmocp", hankel, self._pieces[:, orders, blocks]) / parts
+        return grid.data(moments)
+
+    def together(self, group: Indices, nodes: slice = slice(None)) -> Floats:
+        """(node, pole, order, channel, 2) array of the data at some nodes, of a group without all others."""
+        grid = self._grid
+        first, last, _ = nodes.indices(grid.nodes)
+        start, stop = max(first - 1, 0), min(last, grid.blocks)
+        moments = self._moments[start:stop, :, group]
+        for samples, blocks in self._runs:
+            if blocks.stop > start and blocks.start < stop:
+                own = grid.project(self._waves(group, samples), blocks, group)
+                inside = slice(max(blocks.start, start), min(blocks.stop, stop))
+                moments[inside.start - start : inside.stop - start] += own[
+                    inside.start - blocks.start : inside.stop - blocks.start
+                ]
+        return grid.data(moments)[first - start : last - start]
+
+    def _waves(self, orders: Indices, samples: slice) -> Floats:
+        """(channel, sample) array, the waveforms of some orders added up, times the triangular weights."""
+        grid, model = self._grid, self._grid.model
+        waves = np.zeros((len(grid.x), samples.stop - samples.start))
+        phase = model.phase(samples)
+        for pieces, wave in zip(self._pieces, waves, strict=True):
+            own = np.ascontiguousarray(pieces[orders])
+            _block_kernels.remodulate(
+                own, grid.length, phase, model.orders[orders], model.shaft[orders], samples.start, wave
+            )
+        waves *= grid.taper(self._nodes, samples)
+        return waves
 
 
 def _at_least(grid: Grid, gain: Gain) -> Gain:
-    """Return a gain that knows that in a short record nothing is told apart to less than one over its length."""
+    """Return a gain that takes into account that a short record resolves no less than one over its length."""
 
     def widened(bandwidth: Bandwidth, distance: Floats) -> Floats:
         width = min(max(bandwidth.width, 1.0 / grid.samples), 1.0)
@@ -167,7 +229,7 @@ def _at_least(grid: Grid, gain: Gain) -> Gain:
     return widened
 
 
-def _friends(nearby: Closeness, disturbed: list[Indices]) -> list[Indices]:
+def _split(nearby: Closeness, disturbed: list[Indices]) -> list[Indices]:
     """Return groups of orders that disturb one another, in parts by frequency where they are many."""
     groups = []
     for group in disturbed:
@@ -178,17 +240,17 @@ def _friends(nearby: Closeness, disturbed: list[Indices]) -> list[Indices]:
 
 
 def _disturbed_runs(grid: Grid, *, memories: float, margin: int) -> list[tuple[slice, slice]]:
-    """Ranges of knots where ends of the record, samples missing or jumps of a speed are felt, and wider ones.
+    """Ranges of nodes where ends of the record, missing samples or jumps of a speed have an effect, and wider ones.
 
-    They are felt, by a factor e less a memory, for so many memories; a margin counts in knots.
+    Their effect falls by a factor e in a time constant; it counts for so many of them. A margin counts in nodes.
     """
     missing = grid.length * (1 - grid.shares)
     missing[0] = missing[grid.samples // grid.length :] = grid.length
-    missing[grid.kinked] = grid.length
+    missing[grid.jumps] = grid.length
     reach = grid.reach(memories)
     before = np.concatenate([[0.0], np.cumsum(missing)])
-    place = np.arange(grid.knots)
-    near = before[np.minimum(place + reach + 1, grid.knots)] - before[np.maximum(place - reach, 0)]
+    place = np.arange(grid.nodes)
+    near = before[np.minimum(place + reach + 1, grid.nodes)] - before[np.maximum(place - reach, 0)]
     edges = np.diff(near > grid.tolerance * reach * grid.length, prepend=False, append=False)
     runs: list[slice] = []
     for start, stop in np.flatnonzero(edges).reshape(-1, 2).tolist():
@@ -196,4 +258,4 @@ def _disturbed_runs(grid: Grid, *, memories: float, margin: int) -> list[tuple[s
             runs[-1] = slice(runs[-1].start, stop)
         else:
             runs.append(slice(start, stop))
-    return [(run, slice(max(run.start - margin, 0), min(run.stop + margin, grid.knots))) for run in runs]
+    return [(run, slice(max(run.start - margin, 0), min(run.stop + margin, grid.nodes))) for run in runs]

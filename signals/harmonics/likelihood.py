@@ -74,7 +74,7 @@ class BlockModel:
     def log_likelihood(self, bandwidth: ArrayLike) -> float:
         """Logarithm of the density of the data, with (order,) bandwidths in cycles a sample or one for all."""
         width = np.broadcast_to(np.asarray(bandwidth, dtype=np.float64), self.model.orders.shape)
-        walk = replace(self.model, bandwidth=width[:, None]).walk_variance(step=self.samples)[0]
+        walk = replace(self.model, bandwidth=width[:, None]).process_noise(step=self.samples)[0]
         return float(_log_likelihood(self.rows, self.data, walk, self.prior_variance, self.model.poles == 1))
 
 

@@ -17,7 +17,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics._phasors import PhasorPlan
 from signals.harmonics.bandwidth import process_variance
 
 Floats = NDArray[np.float64]
@@ -59,19 +58,14 @@ class HarmonicModel:
     prior_std: float
 
     @cached_property
-    def turning(self) -> Indices:
+    def nonzero(self) -> Indices:
         """Indices of the non-zero orders: those with an imaginary part."""
         return np.flatnonzero(self.orders)
 
     @cached_property
     def order_of_column(self) -> Indices:
         """Index of the order each column belongs to."""
-        return np.concatenate([np.arange(self.orders.size), self.turning])
-
-    @cached_property
-    def plan(self) -> PhasorPlan:
-        """How to make the phasors of all orders."""
-        return PhasorPlan.of(self.orders, self.shaft)
+        return np.concatenate([np.arange(self.orders.size), self.nonzero])
 
     @property
     def state_size(self) -> int:
@@ -98,9 +92,9 @@ class HarmonicModel:
     def regressors(self, samples: slice | Indices) -> Floats:
         """(sample, column) array of what multiplies the levels in these samples."""
         angle = self.orders * self.phase(samples)[self.shaft].T
-        return np.concatenate([np.cos(angle), -np.sin(angle[:, self.turning])], axis=1)
+        return np.concatenate([np.cos(angle), -np.sin(angle[:, self.nonzero])], axis=1)
 
-    def walk_variance(self, samples: slice = slice(None), *, step: float = 1.0) -> Floats:
+    def process_noise(self, samples: slice = slice(None), *, step: float = 1.0) -> Floats:
         """(sample or 1, column) array: q of a walk that takes one step for every `step` samples, same bandwidth."""
         bandwidth = self.bandwidth if self.bandwidth.shape[1] == 1 else self.bandwidth[:, samples]
         # A band as wide as the rate of the steps lets everything through; so does any wider one.
@@ -122,14 +116,14 @@ class HarmonicModel:
     def amplitude(self, levels: Floats) -> Complexes:
         """(order, output) complex amplitudes of (output, column) levels."""
         z = levels[:, : self.orders.size].T.astype(np.complex128)
-        z[self.turning] += 1j * levels[:, self.orders.size :].T
+        z[self.nonzero] += 1j * levels[:, self.orders.size :].T
         return z
 
     def variance(self, variances: Floats) -> Floats:
         """(order, output) means over the quadratures of (output, column) variances."""
         mean = variances[:, : self.orders.size].T.copy()
-        mean[self.turning] += variances[:, self.orders.size :].T
-        mean[self.turning] /= 2
+        mean[self.nonzero] += variances[:, self.orders.size :].T
+        mean[self.nonzero] /= 2
         return mean
 
 
@@ -146,8 +140,8 @@ class Estimate:
     innovation_autocorrelation : (channel, lag) array.
     innovation_samples : how many samples it was taken from.
     error_bound : part of an amplitude by which the estimate may be off; of its own error, for a settled filter.
-    innovations : (channel, sample) array, over their standard deviations, 0 where missing; where asked for.
-    innovation_roots : (sample,) array, one over these standard deviations, 0 where missing; where asked for.
+    innovations : where asked for, stretches of them: (channel, sample) over their standard deviations, and (sample,)
+        variances, 0 where missing.
     """
 
     amplitude: Complexes
@@ -157,8 +151,7 @@ class Estimate:
     innovation_autocorrelation: Floats
     innovation_samples: int
     error_bound: float = 0.0
-    innovations: Floats | None = None
-    innovation_roots: Floats | None = None
+    innovations: list[tuple[Floats, Floats]] | None = None
 
     @property
     def std_spacing(self) -> int | None:

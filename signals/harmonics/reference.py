@@ -27,7 +27,7 @@ def track(model: HarmonicModel, x: Floats, *, estimator: Estimator, output_every
     channels, samples = x.shape
     measurement = np.zeros((samples, 1, model.state_size))
     measurement[:, 0, :columns] = model.regressors(slice(None))
-    walk = np.broadcast_to(model.walk_variance(), (samples, columns))
+    walk = np.broadcast_to(model.process_noise(), (samples, columns))
     # filterpy predicts before each update: the prior is left alone on its way into the first sample.
     transitions = [np.kron(np.triu(np.ones((model.poles, model.poles))), np.eye(columns))] * samples
     ones = np.ones((model.poles, model.poles))

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics import _distance_kernels
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.model import Estimator, Floats, HarmonicModel, Indices
 from signals.harmonics.tracks import OutputFlag, UnresolvedPair
@@ -19,9 +18,29 @@ Marks = NDArray[np.uint8]
 _NEAR_END, _NEAR_GAP = np.uint8(OutputFlag.NEAR_END), np.uint8(OutputFlag.NEAR_GAP)
 _NOT_SEPARABLE, _ONE_QUADRATURE = np.uint8(OutputFlag.NOT_SEPARABLE), np.uint8(OutputFlag.ONE_QUADRATURE)
 
+# In cycles a sample: two distances above it have no crossing between them, but the fold at half the rate.
+NEAR = 0.25
 # Stretches of the record over which speeds are averaged when lines are compared: for more orders than these, fewer.
 STRETCHES = 512
 ORDERS_OF_ALL = 40
+
+
+def distances(one: Floats, others: Floats) -> Floats:
+    """(..., stretch) distances in cycles a sample between a line and others, or their images; 0 where they cross.
+
+    Parameters
+    ----------
+    one : (stretch,) array, frequency of an order in cycles a sample.
+    others : (..., stretch) array.
+    """
+    nearest = np.full(np.broadcast_shapes(one.shape, others.shape), 0.5)
+    for apart in (others - one, others + one):
+        folded = apart - np.rint(apart)
+        size = np.abs(folded)
+        np.minimum(nearest, size, out=nearest)
+        crossed = (folded[..., :-1] * folded[..., 1:] < 0) & (np.maximum(size[..., :-1], size[..., 1:]) < NEAR)
+        nearest[..., :-1][crossed] = nearest[..., 1:][crossed] = 0.0
+    return nearest
 
 
 class Closeness:
@@ -77,9 +96,9 @@ class Closeness:
     @cached_property
     def nearest(self) -> Floats:
         """(order, order) array of the least distances to others, and on the diagonal to the order's own image."""
-        distance = np.empty((len(self.frequency), len(self.frequency)))
-        _distance_kernels.least(np.ascontiguousarray(self.frequency), distance)
-        np.fill_diagonal(distance, self.to_images.min(axis=1))
+        distance = np.diag(self.to_images.min(axis=1))
+        for k in range(1, len(distance)):
+            distance[k, :k] = distance[:k, k] = distances(self.frequency[k], self.frequency[:k]).min(axis=1)
         return distance
 
     def received(self, gain: Gain, amplitude: Floats) -> Floats:
@@ -104,11 +123,16 @@ class Closeness:
 
     def dwell(self) -> bool:
         """Say whether any two lines stay within half a bandwidth of each other for as long as 1 over the bandwidth."""
-        others = ~np.eye(len(self.nearest), dtype=np.bool_)
-        if not np.any(self.nearest < self.bandwidth.max() / 2, where=others):
-            return False
-        frequency, bandwidth = np.ascontiguousarray(self.frequency), np.ascontiguousarray(self.bandwidth)
-        return _distance_kernels.dwell(frequency, bandwidth, self.lengths)
+        for k in range(1, len(self.frequency)):
+            near = np.flatnonzero(self.nearest[k, :k] < self.bandwidth.max() / 2)
+            if near.size:
+                width = np.maximum(self.bandwidth[k], self.bandwidth[near])
+                close = distances(self.frequency[k], self.frequency[near]) < width / 2
+                memories = np.cumsum(np.where(close, width * self.lengths, 0.0), axis=1)
+                since = memories - np.maximum.accumulate(np.where(close, 0.0, memories), axis=1)
+                if np.any(since >= 1):
+                    return True
+        return False
 
     def unresolved(self) -> tuple[list[UnresolvedPair], Marks]:
         """Compare distances with bandwidths.
@@ -120,11 +144,20 @@ class Closeness:
         """
         close = np.zeros(self.frequency.shape, dtype=np.bool_)
         shares = np.zeros((len(close), len(close)))
-        frequency, bandwidth = np.ascontiguousarray(self.frequency), np.ascontiguousarray(self.bandwidth)
-        _distance_kernels.close(frequency, bandwidth, self.lengths, self.nearest, close, shares)
+        samples, widest = self.lengths.sum(), self.bandwidth.max(axis=1)
+        for k in range(len(close) - 1):
+            reach = np.maximum(np.maximum(widest[k], widest[k + 1 :]) / 2, 1 / samples)
+            near = k + 1 + np.flatnonzero(self.nearest[k, k + 1 :] < reach)
+            if near.size:
+                distance = distances(self.frequency[k], self.frequency[near])
+                alike = distance < np.maximum(self.bandwidth[k], self.bandwidth[near]) / 2
+                alike |= (distance @ self.lengths < 1)[:, None]
+                close[k] |= alike.any(axis=0)
+                close[near] |= alike
+                shares[k, near] = alike @ self.lengths / samples
         first, second = np.nonzero(shares)
         pairs = [*map(UnresolvedPair, first.tolist(), second.tolist(), shares[first, second].tolist())]
-        return pairs, marks(close, self.to_images < bandwidth / 2)
+        return pairs, marks(close, self.to_images < self.bandwidth / 2)
 
     def at_outputs(self, flags: Marks, outputs: Indices) -> Marks:
         """(order, output) flags from those of the stretches."""
@@ -231,8 +264,8 @@ def leaks(received: Floats, amplitude: Floats) -> Floats:
 
 def coupled(received: Floats, amplitude: Floats, tolerance: float) -> list[Indices]:
     """Return the groups of orders that leak more than `tolerance`, single ones among them for their image."""
-    friends = leaks(received, amplitude) > tolerance
-    return components(friends | friends.T)
+    disturbed = leaks(received, amplitude) > tolerance
+    return components(disturbed | disturbed.T)
 
 
 def left_over(received: Floats, amplitude: Floats, groups: list[Indices]) -> float:
@@ -253,14 +286,14 @@ def left_over(received: Floats, amplitude: Floats, groups: list[Indices]) -> flo
     return 2 * float(part.sum(axis=1).max()) / largest if largest > 0 else 0.0
 
 
-def components(friends: NDArray[np.bool_]) -> list[Indices]:
+def components(linked: NDArray[np.bool_]) -> list[Indices]:
     """Return the groups of places linked, directly or not, to another or to themselves."""
-    groups, left = [], set(np.flatnonzero(friends.any(axis=1)).tolist())
+    groups, left = [], set(np.flatnonzero(linked.any(axis=1)).tolist())
     while left:
         group, edge = set[int](), {left.pop()}
         while edge:
             group |= edge
-            edge = {int(other) for one in edge for other in np.flatnonzero(friends[one])} - group
+            edge = {int(other) for one in edge for other in np.flatnonzero(linked[one])} - group
         left -= group
         groups.append(np.array(sorted(group)))
     return groups

@@ -1,37 +1,50 @@
-"""Chains over the knots of a grid: of orders each by itself, and of orders that have to do with one another."""
+"""Chains over the nodes of a grid: of orders each by itself, and of orders that are smoothed together."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from signals.harmonics._information import KnotChain, Knowledge, smooth_knots
-from signals.harmonics._ranked import FEWEST_COLUMNS, smooth_ranked
-from signals.harmonics.grid import Grid
-from signals.harmonics.model import Floats, Indices
+from signals.harmonics._information_smoother import Information, NodeChain, smooth_chain
+from signals.harmonics.grid import Flags, Grid
+from signals.harmonics.model import Complexes, Floats, Indices
 
-Levels = NDArray[np.complex128]
-
-# The first round leaves out a hat of which less than this is there, of what is there of the fuller of its neighbours.
+# The first round leaves out a triangular weight of which less than this share is seen, of the share of the fuller of
+# its neighbours.
 SMALLEST_SHARE = 0.6
+# Numbers in the products of columns of all nodes that are kept; more are made again, stretch by stretch.
+MOST_KEPT = 1 << 21
 
 
 @dataclass(kw_only=True, eq=False)
 class Smoothed:
-    """Amplitudes at the knots as far as they are known.
+    """Amplitudes at the nodes as far as they are known.
 
     Attributes
     ----------
-    levels : (channel, order, knot) array.
-    variances : (order, knot) array.
-    log_variances : (order,) array, sums of the log variances of the innovations from knot `first` on.
-    first : the knot whose innovations count first.
+    levels : (channel, order, node) array.
+    variances : (order, node) array, of a quadrature where R = 1.
+    explained : (order, node) array, variance of the fitted waveform summed over the samples a node stands for.
+    log_variances : (order,) array, sums of the log variances of the innovations from node `first` on.
+    first : the node whose innovations count first.
     """
 
-    levels: Levels
+    levels: Complexes
     variances: Floats
+    explained: Floats
     log_variances: Floats
     first: int
+
+    @classmethod
+    def empty(cls, grid: Grid, first: int) -> "Smoothed":
+        """Return arrays for a grid."""
+        orders = grid.model.orders.size
+        return cls(
+            levels=np.zeros((len(grid.x), orders, grid.nodes), dtype=np.complex128),
+            variances=np.empty((orders, grid.nodes)),
+            explained=np.zeros((orders, grid.nodes)),
+            log_variances=np.empty(orders),
+            first=first,
+        )
 
     @property
     def size(self) -> Floats:
@@ -41,42 +54,37 @@ class Smoothed:
 
 
 def smooth_apart(grid: Grid, first: int) -> Smoothed:
-    """Smooth every order of a record as if it were alone, by the whole hats.
+    """Smooth every order of a record as if it were alone, by the whole triangular weights.
 
     Parameters
     ----------
     grid : the record.
-    first : the knot whose innovations count first.
+    first : the node whose innovations count first.
     """
     orders = grid.model.orders.size
-    smoothed = Smoothed(
-        levels=np.zeros((len(grid.x), orders, grid.knots), dtype=np.complex128),
-        variances=np.empty((orders, grid.knots)),
-        log_variances=np.empty(orders),
-        first=first,
-    )
+    smoothed = Smoothed.empty(grid, first)
     share = np.pad(grid.shares, 1)
     hidden = grid.shares < SMALLEST_SHARE * np.maximum(np.maximum(share[:-2], share[2:]), grid.shares)
     hidden[0] = hidden[grid.samples // grid.length :] = True
     moments, counts = grid.moments.copy(), grid.seen_counts.copy()
     for samples, blocks in grid.runs(hidden[:-1] | hidden[1:]):
         weight = 1 - grid.taper(hidden, samples)
-        moments[:, blocks] = grid.project(weight * grid.x[:, samples], blocks, np.arange(orders))
+        moments[blocks] = grid.project(weight * grid.x[:, samples], blocks, np.arange(orders))
         counts[blocks] = grid.counts(weight * grid.seen[samples], grid.squares)
-    data, gram = grid.data(moments), grid.at_knots(counts)
+    data, gram = grid.data(moments), grid.at_nodes(counts)
     for group in alike(grid, np.arange(orders)):
         keep(smoothed, group, chain_alone(grid, group, data[:, :, group], gram), everywhere(grid))
     return smoothed
 
 
-def everywhere(grid: Grid) -> NDArray[np.bool_]:
-    """(knot,) array, true throughout."""
-    return np.ones(grid.knots, dtype=np.bool_)
+def everywhere(grid: Grid) -> Flags:
+    """(node,) array, true throughout."""
+    return np.ones(grid.nodes, dtype=np.bool_)
 
 
-def keep(smoothed: Smoothed, group: Indices, chain: KnotChain, where: NDArray[np.bool_]) -> None:
-    """Smooth alike orders, each alone, and keep their amplitudes at some knots, (knot,) or (order of group, knot)."""
-    found, variance, log_variance = smooth_knots(chain, first=smoothed.first)
+def keep(smoothed: Smoothed, group: Indices, chain: NodeChain, where: Flags) -> None:
+    """Smooth alike orders, each alone, and keep their amplitudes at some nodes, (node,) or (order of group, node)."""
+    found, variance, explained, log_variance = smooth_chain(chain, first=smoothed.first)
     channels = len(smoothed.levels)
     parts = found.shape[2] // (group.size * channels)
     found = found.reshape(len(found), group.size, channels, parts).transpose(2, 1, 0, 3)
@@ -85,6 +93,7 @@ def keep(smoothed: Smoothed, group: Indices, chain: KnotChain, where: NDArray[np
         levels.imag = found[..., 1]
     smoothed.levels[:, group] = np.where(where, levels, smoothed.levels[:, group])
     smoothed.variances[group] = np.where(where, variance[:, 0], smoothed.variances[group])
+    smoothed.explained[group] = np.where(where, parts * explained, smoothed.explained[group])
     smoothed.log_variances[group] = parts * log_variance
 
 
@@ -98,74 +107,80 @@ def alike(grid: Grid, orders: Indices) -> list[Indices]:
     return [np.array(group) for group in groups.values()]
 
 
-def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> KnotChain:
+def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> NodeChain:
     """Return the chain of orders that share a walk, each as if alone.
 
     Parameters
     ----------
-    data : (knot, pole, order, channel, 2) array.
-    counts : (knot, moment) array, of the samples these tell of.
+    data : (node, pole, order, channel, 2) array.
+    counts : (node, moment) array, of the samples these stand for.
     """
     parts = 2 if grid.model.orders[group[0]] else 1
     lanes = np.ascontiguousarray(data[..., :parts].reshape(*data.shape[:2], 1, -1))
-    before = Knowledge.prior(grid.prior_variance(group[:1])[:, :1], lanes.shape[3])
-    return KnotChain(
+    before = Information.prior(grid.prior_variance(group[:1])[:, :1], lanes.shape[3])
+    return NodeChain(
         gram=np.ascontiguousarray(counts[:, :, None, None] / parts),
         data=lanes,
-        walk_variance=grid.walk_variance(group[:1])[:, :1].copy(),
+        nodes=len(lanes),
+        process_noise=grid.process_noise(group[:1])[:, :1].copy(),
         before=before,
-        after=before.nothing(),
+        after=before.none(),
     )
 
 
-def smooth_group(grid: Grid, group: Indices, data: Floats, smoothed: Smoothed) -> KnotChain:
+def smooth_group(grid: Grid, group: Indices, data: Floats, smoothed: Smoothed) -> NodeChain:
     """Smooth a group together, in place, over the whole record; return its chain."""
-    before = _prior(grid, group, 0)
-    chain = _together(grid, group, slice(0, grid.knots), data, (before, before.nothing()))
-    levels, variance, log_variance = _solved(grid, group, chain, smoothed.first)
+    chain = chain_together(grid, group, slice(0, grid.nodes), data, no_neighbours(grid, group))
+    levels, variance, explained, log_variance = _solved(grid, group, chain, smoothed.first)
     smoothed.levels[:, group], smoothed.variances[group] = levels, variance
-    smoothed.log_variances[group] = log_variance / group.size
+    smoothed.explained[group], smoothed.log_variances[group] = explained / group.size, log_variance / group.size
     return chain
+
+
+def no_neighbours(grid: Grid, group: Indices) -> tuple[Information, Information]:
+    """Return the information on a group from outside a whole record: the prior, and none."""
+    before = _prior(grid, group, 0)
+    return before, before.none()
 
 
 def smooth_run(
     grid: Grid,
     group: Indices,
-    knots: slice,
+    nodes: slice,
     data: Floats,
-    beyond: list[tuple[Indices, tuple[Knowledge, Knowledge]]],
-) -> tuple[Levels, Floats]:
-    """Smooth a group together over a range of knots.
+    outside: list[tuple[Indices, tuple[Information, Information]]],
+) -> tuple[Complexes, Floats, Floats]:
+    """Smooth a group together over a range of nodes.
 
     Parameters
     ----------
-    data : (knot, pole, order, channel, 2) array, of these knots.
-    beyond : of orders that share a chain, alike or together, what all other knots tell: see `KnotChain.known_at`.
+    data : (node, pole, order, channel, 2) array, of these nodes.
+    outside : of orders that share a chain, alike or together, the information of all other nodes: `NodeChain.outside`.
 
     Returns
     -------
-    levels : (channel, order, knot) array.
-    variances : (order, knot) array.
+    levels, variances, explained : as `Smoothed` has them, of these orders and nodes.
     """
-    before = _prior(grid, group, knots.start)
-    after = before.nothing()
-    for members, (early, late) in beyond:
-        _know(grid, group, members, early, before)
-        _know(grid, group, members, late, after)
-    levels, variance, _ = _solved(grid, group, _together(grid, group, knots, data, (before, after)), 0)
-    return levels, variance
+    before = _prior(grid, group, nodes.start)
+    after = before.none()
+    for members, (early, late) in outside:
+        _insert(grid, group, members, early, before)
+        _insert(grid, group, members, late, after)
+    chain = chain_together(grid, group, nodes, data, (before, after))
+    levels, variances, explained, _ = _solved(grid, group, chain, 0)
+    return levels, variances, np.broadcast_to(explained / group.size, variances.shape)
 
 
-def _prior(grid: Grid, group: Indices, knot: int) -> Knowledge:
-    return Knowledge.prior(grid.prior_variance(group, knot), len(grid.x))
+def _prior(grid: Grid, group: Indices, node: int) -> Information:
+    return Information.prior(grid.prior_variance(group, node), len(grid.x))
 
 
-def _know(grid: Grid, group: Indices, members: Indices, known: Knowledge, of_group: Knowledge) -> None:
-    """Put what is known of orders that share a chain in its place of what is known of a group."""
+def _insert(grid: Grid, group: Indices, members: Indices, known: Information, of_group: Information) -> None:
+    """Put the information on orders that share a chain in its place of that on a group."""
     poles = grid.model.poles
     columns = _columns(grid, group)
     if len(known.matrix) > poles:
-        # Together; of some of them by themselves nothing is said.
+        # Together; on some of them by themselves there is none.
         if np.isin(members, group).all():
             place = np.array([columns.index(column) for column in _columns(grid, members)])
             state = (place + len(columns) * np.arange(poles)[:, None]).ravel()
@@ -187,34 +202,43 @@ def _columns(grid: Grid, orders: Indices) -> list[tuple[int, int]]:
     return [(int(orders[k]), int(column >= orders.size)) for column, k in enumerate(owner.tolist())]
 
 
-def _together(grid: Grid, group: Indices, knots: slice, data: Floats, known: tuple[Knowledge, Knowledge]) -> KnotChain:
-    """Return the chain of a group over a range of knots, with all that its orders have to do with one another.
+def chain_together(
+    grid: Grid, group: Indices, nodes: slice, data: Floats | None, known: tuple[Information, Information]
+) -> NodeChain:
+    """Return the chain of a group over a range of nodes, with the products of all its columns.
 
     Parameters
     ----------
-    data : (knot, pole, order, channel, 2) array.
-    known : of the first knot before its data, and of the last one after it.
+    data : (node, pole, order, channel, 2) array; None where it is to be made from the samples, stretch by stretch.
+    known : on the first node before its data, and on the last one after it.
     """
-    turning = grid.model.subset(group).turning
-    few = len(_columns(grid, group)) < FEWEST_COLUMNS
+    nonzero = grid.model.subset(group).nonzero
+
+    def within(some: slice) -> slice:
+        return slice(nodes.start + some.start, nodes.start + some.stop)
 
     def gram(some: slice) -> Floats:
-        return grid.gram(group, slice(knots.start + some.start, knots.start + some.stop))
+        return grid.gram(group, within(some))
 
-    sums = data.transpose(0, 1, 4, 2, 3)
-    walk = grid.walk_variance(group)
-    return KnotChain(
-        gram=gram(slice(0, knots.stop - knots.start)) if few else gram,
-        data=np.concatenate([sums[:, :, 0], sums[:, :, 1, turning]], axis=2),
-        walk_variance=walk if len(walk) == 1 else walk[knots],
+    def columns(values: Floats) -> Floats:
+        parts = values.transpose(0, 1, 4, 2, 3)
+        return np.concatenate([parts[:, :, 0], parts[:, :, 1, nonzero]], axis=2)
+
+    process, count = grid.process_noise(group), nodes.stop - nodes.start
+    few = data is not None and count * grid.squares * (group.size + nonzero.size) ** 2 <= MOST_KEPT
+    return NodeChain(
+        gram=gram(slice(0, count)) if few else gram,
+        data=(lambda some: columns(grid.data_at(group, within(some)))) if data is None else columns(data),
+        nodes=count,
+        process_noise=process if len(process) == 1 else process[nodes],
         before=known[0],
         after=known[1],
     )
 
 
-def _solved(grid: Grid, group: Indices, chain: KnotChain, first: int) -> tuple[Levels, Floats, float]:
-    """Return (channel, order, knot) levels of a group, (order, knot) variances, and the log variance of all."""
+def _solved(grid: Grid, group: Indices, chain: NodeChain, first: int) -> tuple[Complexes, Floats, Floats, float]:
+    """Return (channel, order, node) levels of a group, (order, node) variances, and of all what they explain."""
     model = grid.model.subset(group)
-    found, variance, log_variance = smooth_ranked(chain, first=first) or smooth_knots(chain, first=first)
+    found, variance, explained, log_variance = smooth_chain(chain, first=first)
     levels = np.stack([model.amplitude(found[:, :, channel]) for channel in range(found.shape[2])])
-    return levels, model.variance(variance), log_variance
+    return levels, model.variance(variance), explained, log_variance

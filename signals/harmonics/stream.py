@@ -2,10 +2,11 @@
 
 Without a lag this is the causal Kalman filter of `track_orders(..., estimator="filter", method="exact")`. With one,
 outputs come late and smoothed: samples are gathered in segments of `lag`; as soon as a segment is followed by a whole
-second one, an information filter runs back through that, and the first is smoothed with what it knows [1]_. An output
-then knows `lag` to `2 lag` later samples. What the smoother of the whole record knows beyond them moves it by some
-`std exp(-decay lag)`, with the slowest decay in the smoother's response, `decay = sin(pi / (2 poles))
-(sqrt(2) - 1)^(-1 / (2 poles)) pi bandwidth / rate`: for one pole 4.9 bandwidth / rate, for four 1.3.
+second one, both are smoothed as `track_orders(..., method="exact")` does it, given the information of all samples
+before them [1]_, and the outputs of the first are given. Each uses `lag` to `2 lag` later samples. What the smoother of
+the whole record takes from beyond them moves it by some `std exp(-decay lag)`, with the slowest decay in the smoother's
+response, `decay = sin(pi / (2 poles)) (sqrt(2) - 1)^(-1 / (2 poles)) pi bandwidth / rate`: for one pole 4.9 bandwidth /
+rate, for four 1.3.
 
 References
 ----------
@@ -186,7 +187,7 @@ class OrderTracker:
         return tracker
 
     def _begun(self, channels: int) -> Running:
-        return Running(self._model, channels=channels, shafts=self._shafts(), lag=self._lag, every=self._every)
+        return Running.begin(self._model, channels=channels, shafts=self._shafts(), lag=self._lag, every=self._every)
 
     def _shaft_names(self) -> list[str]:
         """Names of the shafts in the order in which the model counts them."""
@@ -225,11 +226,11 @@ class OrderTracker:
 
     def _tracks(self, running: Running, first: int, parts: list[Outputs]) -> OrderTracks:
         """Return the tracks of the samples from `first` up to those done."""
-        channels, tally = len(running.x), running.tally
+        channels, innovations = len(running.x), running.innovations
         found = Outputs.joined(parts, channels=channels, orders=self._model.orders.size)
-        none = 0.0 if tally.count else np.nan
-        correlation = tally.autocorrelation + none
-        growth = np.exp(tally.log_variance / max(tally.count, 1)) + none
+        none = 0.0 if innovations.count else np.nan
+        correlation = innovations.autocorrelation + none
+        growth = np.exp(innovations.mean_log_variance) + none
         one = self._one
         return OrderTracks(
             complex_amplitude=found.amplitude[0] if one else found.amplitude,
@@ -247,9 +248,9 @@ class OrderTracker:
             error_bound=0.0,
             noise_variance=self._noise if one else np.full(channels, self._noise),
             innovation_variance=self._noise * growth if one else np.full(channels, self._noise * growth),
-            innovation_mean_square=_own(tally.mean_square / self._noise + none, one=one),
+            innovation_mean_square=_own(innovations.mean_square / self._noise + none, one=one),
             innovation_autocorrelation=correlation[0] if one else correlation,
-            whiteness=_own(np.mean(correlation**2, axis=1) * tally.count, one=one),
+            whiteness=_own(np.mean(correlation**2, axis=1) * innovations.count, one=one),
             samples=running.done,
             output_every=self._every,
             first_output=first + -first % self._every,

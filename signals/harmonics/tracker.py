@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import choice, positive, whole
 from signals.harmonics.bandwidth import MOST_POLES
-from signals.harmonics.blocks import block_length, blurs, fast, scattered_share
-from signals.harmonics.exact import exact
+from signals.harmonics.blocks import block_length, blurs, exact, fast, scattered_share
+from signals.harmonics.innovations import statistics
 from signals.harmonics.inputs import (
     check_bandwidth,
     check_initial_std,
@@ -21,6 +21,7 @@ from signals.harmonics.inputs import (
     check_phase_std,
     check_record,
 )
+from signals.harmonics.kalman_filter import covariance_filter, ripple, steady_state_filter
 from signals.harmonics.model import (
     PRIOR_STD,
     Estimate,
@@ -31,10 +32,8 @@ from signals.harmonics.model import (
     Order,
     lost,
 )
-from signals.harmonics.noise import of_innovations
 from signals.harmonics.patterns import Patterns
 from signals.harmonics.separability import Closeness, flag_outputs
-from signals.harmonics.settled import ripple, settled
 from signals.harmonics.tracks import OrderTracks
 
 # With fewer samples a block, condensing them gains nothing.
@@ -144,7 +143,7 @@ def track_orders(
         output_every=whole(output_every, name="output_every", least=1),
         coupled=coupled,
         rtol=_rtol(rtol),
-        noise_given=noise_variance is not None,
+        noise_variance=noise_variance,
         innovations=innovations,
     )
     phase_std = check_phase_std(phase_std_rad, shafts=shafts, shaft=shaft, samples=samples)
@@ -177,7 +176,7 @@ def track_orders(
         error_bound=max(estimate.error_bound for estimate in estimates),
         samples=samples,
         output_every=task.output_every,
-        **{name: _squeeze(value, one) for name, value in of_innovations(patterns, estimates, noise_variance).items()},
+        **{name: _squeeze(value, one) for name, value in statistics(patterns, estimates, noise_variance).items()},
     )
 
 
@@ -190,7 +189,7 @@ class _Task:
     output_every: int
     coupled: bool
     rtol: float
-    noise_given: bool
+    noise_variance: float | None
     innovations: bool
 
     @cached_property
@@ -233,7 +232,7 @@ def _startup(task: _Task, seen: NDArray[np.bool_], *, name: str) -> int:
     model = task.model
     observed = int(np.count_nonzero(seen))
     needed = 2 * model.state_size
-    if not task.noise_given and observed < needed:
+    if task.noise_variance is None and observed < needed:
         raise ValueError(
             f"{name} has {observed} observed samples of {seen.size}; to estimate the noise beside {model.orders.size} "
             f"orders with poles={model.poles}, {needed} are needed: pass noise_variance, or more samples"
@@ -294,30 +293,27 @@ def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_], startu
     model, every = task.model, task.output_every
     try:
         if method == "fast" and task.estimator == "filter":
-            return settled(model, x, output_every=every, startup=startup, error_bound=task.ripple)
+            return steady_state_filter(model, x, output_every=every, startup=startup, error_bound=task.ripple)
+        if method == "exact" and task.estimator == "filter":
+            return covariance_filter(model, x, output_every=every, startup=startup, keep=task.innovations)
         if method == "fast":
-            return fast(
-                model,
-                x,
-                seen,
-                length=block_length(model, seen.size, task.rtol),
-                output_every=every,
-                startup=startup,
-                coupled=task.coupled,
+            length = block_length(model, seen.size, task.rtol)
+            estimate: Estimate = fast(
+                model, x, seen, length=length, output_every=every, startup=startup, coupled=task.coupled,
                 tolerance=task.rtol,
-            )
-        if method == "exact":
+            )  # fmt: skip
+        elif method == "exact":
             estimate = exact(
-                model, x, estimator=task.estimator, output_every=every, startup=startup, keep=task.innovations
-            )
+                model, x, seen, output_every=every, startup=startup, keep=task.innovations,
+                noise_variance=task.noise_variance,
+            )  # fmt: skip
         else:
             from signals.harmonics import reference  # noqa: PLC0415  (filterpy is for the oracle alone)
 
-            estimate = reference.track(model, x, estimator=task.estimator, output_every=every, startup=startup)
+            return reference.track(model, x, estimator=task.estimator, output_every=every, startup=startup)
     except np.linalg.LinAlgError as error:
         raise lost(model, method) from error
-    filtered = task.estimator == "filter" and method != "reference"  # which looks while it goes
-    if not filtered and not estimate.variance.min() > 0:
+    if not estimate.variance.min() > 0:
         raise lost(model, method)
     return estimate
 

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._memory import room
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.model import BandwidthUnits, Complexes, Estimator, Floats, Indices, Method
 
@@ -144,8 +143,7 @@ class OrderTracks:
 
         Made from `settling_variance`, the noise and `angle_std` when it is first asked for.
         """
-        known = room(*self.settling_variance.shape)
-        np.multiply(self.settling_variance, np.asarray(self.noise_variance)[..., None, None], out=known)
+        known = self.settling_variance * np.asarray(self.noise_variance)[..., None, None]
         std = _spread(np.sqrt(known, out=known), self.std_spacing, self.sample_index)
         if self.angle_std is not None:
             np.sqrt(std**2 + (self.angle_std * np.abs(self.complex_amplitude)) ** 2 / 2, out=std)
@@ -156,14 +154,10 @@ def _spread(values: Floats, spacing: int | None, sample_index: Indices) -> Float
     """Return standard deviations at all outputs: linear between those `spacing` samples apart, or the last one held."""
     if spacing is None:
         return _held(values, sample_index.size)
-    from signals.harmonics._block_kernels import evaluate  # noqa: PLC0415  (for the fast smoother alone)
-
-    pieces = np.zeros((*values.shape[:-1], values.shape[-1] - 1, 4))
-    pieces[..., 0], pieces[..., 1] = values[..., :-1], np.diff(values)
-    spread = room(*values.shape[:-1], sample_index.size)
-    every = int(sample_index[1]) if sample_index.size > 1 else 1
-    evaluate(pieces.reshape(-1, *pieces.shape[-2:]), spacing, every, spread.reshape(-1, sample_index.size))
-    return spread
+    nodes = spacing * np.arange(values.shape[-1])
+    rows = values.reshape(-1, values.shape[-1])
+    spread = np.stack([np.interp(sample_index, nodes, row) for row in rows])
+    return spread.reshape(*values.shape[:-1], sample_index.size)
 
 
 def _held(values: Floats, outputs: int) -> Floats:
@@ -171,6 +165,6 @@ def _held(values: Floats, outputs: int) -> Floats:
     known = values.shape[-1]
     if known == outputs:
         return values
-    all_of_them = room(*values.shape[:-1], outputs)
-    all_of_them[..., :known], all_of_them[..., known:] = values, values[..., -1:]
-    return all_of_them
+    held = np.empty((*values.shape[:-1], outputs))
+    held[..., :known], held[..., known:] = values, values[..., -1:]
+    return held

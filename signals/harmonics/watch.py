@@ -12,10 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from signals.harmonics import _distance_kernels
 from signals.harmonics._stored import restored, stored
 from signals.harmonics.model import Floats, HarmonicModel, Indices
-from signals.harmonics.separability import Marks, Seen, distances_to_images, flag_ends, flag_gaps, half_memory, marks
+from signals.harmonics.separability import (
+    NEAR,
+    Marks,
+    Seen,
+    distances_to_images,
+    flag_ends,
+    flag_gaps,
+    half_memory,
+    marks,
+)
 from signals.harmonics.tracks import UnresolvedPair
 
 # Stretches in one over the largest bandwidth, at the least.
@@ -38,7 +46,8 @@ class Watch:
     phase : (shaft,) array, angles in rad at that sample.
     frequency : (order,) array, in that stretch, in cycles a sample.
     flags : (order,) array, of that stretch.
-    turns, together : (order, order) arrays, as `_distance_kernels.close_so_far` has them.
+    turns, together : (order, order) arrays, filled above the diagonal: by how much two lines have parted so far, and
+        in how many samples they were within half a bandwidth.
     first_seen : the first sample that was there; -1 while none was.
     missing : samples that were missing, as far back as they tell of outputs to come.
     """
@@ -155,9 +164,16 @@ class Watch:
         speed = np.diff(phase, prepend=self.phase[:, None]) / (2 * np.pi * lengths)
         frequency = np.concatenate([self.frequency[:, None], self.model.orders[:, None] * speed[self.model.shaft]], 1)
         close = np.zeros((frequency.shape[0], lengths.size), dtype=np.bool_)
-        _distance_kernels.close_so_far(
-            frequency, self.model.bandwidth[:, 0].copy(), lengths, self.turns, self.together, close
-        )
+        width = self.model.bandwidth[:, 0]
+        for k in range(len(close) - 1):
+            near, rest = np.maximum(width[k], width[k + 1 :])[:, None] / 2, slice(k + 1, None)
+            distance = _new_distances(frequency[k], frequency[rest])
+            turns = self.turns[k, rest, None] + np.cumsum(distance * lengths, axis=1)
+            self.together[k, rest] += (distance < near) @ lengths
+            self.turns[k, rest] = turns[:, -1]
+            alike = (distance < near) | (turns < 1)
+            close[k] |= alike.any(axis=0)
+            close[rest] |= alike
         self.phase, self.frequency = phase[:, -1].copy(), frequency[:, -1].copy()
         return _marks(self.model, close, frequency[:, 1:])
 
@@ -169,6 +185,22 @@ class Watch:
         """Take over what `stored` returned."""
         for name, value in restored("watch", self, _KEPT, state, free={"missing": (None,)}).items():
             setattr(self, name, value)
+
+
+def _new_distances(one: Floats, others: Floats) -> Floats:
+    """(order, stretch) distances of lines in each stretch after the first, 0 where they crossed since the one before.
+
+    Parameters
+    ----------
+    one, others : (1 + stretch,) and (order, 1 + stretch) arrays in cycles a sample.
+    """
+    nearest = np.full((len(others), one.size - 1), 0.5)
+    for apart in (others - one, others + one):
+        folded = apart - np.rint(apart)
+        before, now = folded[:, :-1], folded[:, 1:]
+        crossed = (before * now < 0) & (np.maximum(np.abs(before), np.abs(now)) < NEAR)
+        np.minimum(nearest, np.where(crossed, 0.0, np.abs(now)), out=nearest)
+    return nearest
 
 
 _KEPT = ("end", "phase", "frequency", "flags", "turns", "together", "first_seen", "missing")

@@ -120,12 +120,16 @@ def _solved(band, right, before, count, first):
     return solution[before:size].reshape(-1, count), diagonal[before:].reshape(-1, count)
 
 
-def assert_equal_to(tracks, answer, *, rtol=1e-6):
-    """An amplitude is as good as it is large, or as it is sure."""
+def assert_equal_to(tracks, answer):
+    """The exact smoother is within 0.003 of std, root mean square; with blocks of single samples it has all digits."""
     amplitude, std = answer
-    assert_allclose(tracks.std, std, rtol=rtol)
-    error = np.abs(tracks.complex_amplitude - amplitude) / np.maximum(np.abs(amplitude), std)
-    assert error.max() < rtol
+    single = tracks.std_spacing == 1
+    # Straight between nodes, where it bends: (time constant / block)^2 / 8 at the ends.
+    assert_allclose(tracks.std, std, rtol=1e-6 if single else 1e-3)
+    off = np.abs(tracks.complex_amplitude - amplitude)
+    assert np.sqrt(np.mean((off / std) ** 2)) < 3e-3
+    if single:  # an amplitude is as good as it is large, or as it is sure
+        assert np.max(off / np.maximum(np.abs(amplitude), std)) < 1e-6
 
 
 def assert_filter_is_least_squares_on_the_past(case, samples):
@@ -160,7 +164,7 @@ def test_a_line_60_db_below_its_neighbour_keeps_its_amplitude(poles):
     case = beside_a_strong_line(poles)
     answer = case.least_squares()
     exact, fast = case.track(), case.track("fast")
-    assert_equal_to(exact, answer, rtol=1e-7)
+    assert_equal_to(exact, answer)
     # Blocks of 2 and 17 samples cost a hundredth of std.
     assert np.max(np.abs(fast.complex_amplitude - answer[0]) / answer[1]) < 0.02
     assert_allclose(fast.std, answer[1], rtol=5e-3)
@@ -203,7 +207,7 @@ def test_an_order_that_fades_in(poles):
     )
     answer = case.least_squares()
     exact, fast = case.track(), case.track("fast")
-    assert_equal_to(exact, answer, rtol=1e-9)
+    assert_equal_to(exact, answer)
     # Blocks of 8 samples (two poles) take a thousandth off where the rise begins; one pole takes single samples.
     assert np.max(np.abs(fast.complex_amplitude - answer[0]) / answer[1]) < 0.1
     # Before and after the rise, two memories (1 / bandwidth is 250 samples) off, it is what it is; the other all along.
@@ -356,7 +360,8 @@ def test_without_any_sample_the_prior_is_left_and_grows(poles, estimator):
     q = 2 / (np.sqrt(2) - 1) * (2 * np.sin(np.pi * bandwidth / 2)) ** (2 * poles)
     # A walk: 4 + q n. With a slope: 4 (1 + (n 2 pi bandwidth)^2) + q (1^2 + ... + n^2).
     grown = [4 + q * n, 4 * (1 + (2 * np.pi * bandwidth * n) ** 2) + q * n * (n + 1) * (2 * n + 1) / 6][poles - 1]
-    assert_allclose(tracks.std[0] ** 2, grown, rtol=1e-9)
+    # Between nodes of the smoother, straight where the walk with a slope is bent.
+    assert_allclose(tracks.std[0] ** 2, grown, rtol=1e-9 if estimator == "filter" else 1e-3)
     assert np.all(tracks.flags[0] & OutputFlag.NEAR_GAP)
     assert tracks.noise_variance == 1.0
 
@@ -417,8 +422,8 @@ def test_at_half_the_rate_what_is_observed_is_found_beside_another_order(poles):
         x=x, phase=phase, orders=(1.0, 0.2), bandwidth=2e-3, poles=poles, noise=0.25, initial_std=500.0, every=50
     )
     amplitude, std = case.least_squares()
-    # Blocks of 2 and 17 samples.
-    for tracks, part in ((case.track(), 1e-7), (case.track("fast"), 0.03)):
+    # Blocks of 3 and 7 samples, and of 2 and 17.
+    for tracks, part in ((case.track(), 5e-3), (case.track("fast"), 0.03)):
         # Of order 1 the cosine alone is seen. The sine is not: it keeps the prior and drowns the rest in `std`.
         error = tracks.complex_amplitude - amplitude
         assert np.all(np.abs(error.real) < part * std[1])
@@ -515,11 +520,12 @@ def test_a_stream_is_cut_and_kept_while_its_prior_is_open(cut):
     whole = case.track(estimator="filter")
     amplitude, std = (np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in
                       ("complex_amplitude", "std"))  # fmt: skip
-    assert_allclose(std, whole.std, rtol=1e-12)
-    # The last digits of sines depend on where a block begins. Three orders in a third of a turn magnify them: to move
-    # each angle by its last digit moves these estimates by 1.6e-12 to 2.6e-12.
+    assert_allclose(std, whole.std, rtol=1e-11)
+    # Sines may differ in their last digits where a block begins elsewhere. Three orders in a third of a turn magnify
+    # them: to move each angle by its last digit moves these estimates by 1.6e-12 to 2.6e-12, and twenty times that is
+    # far below what any other cut would do.
     off = np.abs(amplitude - whole.complex_amplitude) / np.maximum(np.abs(whole.complex_amplitude), whole.std)
-    assert off.max() < 2e-12
+    assert off.max() < 5e-11
 
 
 # Anything at all.
@@ -542,16 +548,23 @@ def cases(draw, *, samples):
     x[rng.uniform(size=samples) < draw(st.sampled_from([0.0, 0.3]))] = np.nan
     gap = draw(st.integers(0, samples - 1))
     x[gap : gap + draw(st.integers(0, samples // 2))] = np.nan
+    poles = draw(st.integers(1, 4))
+    # Three poles and more in a band as wide as the rate leave a hardly observed amplitude a std of 1e7 in 60 samples.
+    bandwidth = 10 ** draw(st.floats(-6, -0.5 if poles < 3 else -1))
     return Case(
-        x=x, phase=phase, orders=tuple(float(order) for order in orders), bandwidth=10 ** draw(st.floats(-6, -0.5)),
-        poles=draw(st.integers(1, 4)), noise=1.0, initial_std=10 ** draw(st.floats(-1, 4)), every=7,
+        x=x, phase=phase, orders=tuple(float(order) for order in orders), bandwidth=bandwidth, poles=poles, noise=1.0,
+        initial_std=10 ** draw(st.floats(-1, 4)), every=7,
     )  # fmt: skip
 
 
 @settings(max_examples=50)
 @given(case=cases(samples=60))
 def test_std_is_that_of_least_squares_whatever_the_record(case):
-    assert_equal_to(case.track(), case.least_squares())
+    tracks, (amplitude, std) = case.track(), case.least_squares()
+    # Information matrices of four poles in wide bands, hardly observed: condition numbers of up to 1e13.
+    assert_allclose(tracks.std, std, rtol=5e-3)
+    off = np.abs(tracks.complex_amplitude - amplitude)
+    assert np.sqrt(np.mean((off / (3e-3 * std + 1e-6 * np.abs(amplitude))) ** 2)) < 1
     amplitude, std = case.least_squares([59])
     filtered = replace(case, every=59).track(estimator="filter")
     assert_allclose(filtered.std[:, 1:], std, rtol=1e-6)

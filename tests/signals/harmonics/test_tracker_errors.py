@@ -28,7 +28,10 @@ REFUSED = [
     ({"x": 1e160 * X}, r"x reaches 1e\+160, above 1e\+120, and its squares would overflow; scale the record"),
     ({"x": np.where(np.arange(100) == 7, -1e130, X)}, r"x reaches 1e\+130, above .* or mark bad samples as NaN"),
     ({"x": [1e160 * X, np.full(100, np.nan)], "noise_variance": 1.0}, r"x reaches 1e\+160"),
-    ({"x": [X, 1e-160 * X]}, "x reaches no more than 1e-160 in channel 1, whose square is too small to tell the noise"),
+    (
+        {"x": [X, 1e-160 * X]},
+        "x reaches no more than 1e-160 in channel 1, whose square is too small",
+    ),
     ({"x": 1e-140 * X, "method": "fast"}, "x reaches no more than 1e-140 in channel 0"),
     ({"noise_variance": 1e-300}, "noise_variance=1e-300 must lie between 1e-240 and 1e.240.*scale the record"),
     ({"noise_variance": 1.0, "initial_std": 1e200}, r"initial_std=1e\+200 is 1e\+200 standard deviations of the noise"),

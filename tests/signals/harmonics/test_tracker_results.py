@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from signals.harmonics import OrderTracker, OutputFlag, order_waveform, residual_record, track_orders
-from signals.harmonics._phasors import PhasorPlan, fill_phasors, fill_rows
+from signals.harmonics._phasors import fill_phasors
 from signals.harmonics.model import HarmonicModel
 
 RATE = 1000.0
@@ -52,7 +52,7 @@ def reference_innovations(x, *, noise, poles):
         prior_std=20.0 / np.sqrt(noise),
     )
     step = np.kron(np.triu(np.ones((poles, poles))), np.eye(6))
-    walk = np.kron(np.ones((poles, poles)), np.diag(model.walk_variance()[0]))
+    walk = np.kron(np.ones((poles, poles)), np.diag(model.process_noise()[0]))
     left, squared = np.full((2, *x.shape), np.nan)
     for channel, values in enumerate(x):
         state, spread = np.zeros(6 * poles), np.diag(model.prior_variance().ravel())
@@ -75,19 +75,6 @@ def test_phasors_are_those_of_the_library():
     fill_phasors(1.0, angle, cosine, sine)
     assert_allclose(cosine, np.cos(angle), rtol=0, atol=5e-16)
     assert_allclose(sine, np.sin(angle), rtol=0, atol=5e-16)
-
-
-def test_products_of_phasors_are_phasors():
-    orders = np.array([1.0, 2.0, 3.0, 12.5, 24.0, 25.0, 26.0, 48.0, 1.0])
-    shaft = np.array([0, 0, 0, 0, 0, 0, 0, 0, 1])
-    plan = PhasorPlan.of(orders, shaft)
-    assert np.count_nonzero(plan.recipe[1 + 1] < 0) == 4  # sines for 1, 12.5 and 24 of the first shaft, 1 of the other
-    phases = np.stack([PHASE[:300], np.linspace(0, 9, 300)])
-    cosine, sine = np.empty((2, plan.recipe[0].size, 200))
-    fill_rows(plan.recipe, phases, 100, 300, cosine, sine)
-    expected = np.exp(1j * orders[:, None] * phases[shaft, 100:300])
-    # A product rounds some 2e-16, and chains are short; angles of 1e3 rad are themselves good to 1e-13.
-    assert_allclose(cosine[plan.row] + 1j * sine[plan.row], expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("method", "estimator"), [("exact", "smoother"), ("fast", "smoother"), ("exact", "filter")])

@@ -1,0 +1,189 @@
+"""Loops of the information smoother: its filter, forward or backward, and the sum of both.
+
+A state holds `poles` blocks of `width` numbers: the highest backward differences first, the levels last. From one node
+to the next each block becomes its sum with all higher ones, after increments to the highest differences: see
+`_information_smoother`.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from signals._compile import compiled, compiled_sums
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# The steps of a filter at a node, in the order of each direction.
+_UPDATE, _STORE, _MARGINALISE, _PROPAGATE = range(4)
+FORWARD = np.array([_UPDATE, _STORE, _MARGINALISE, _PROPAGATE])
+BACKWARD = np.array([_STORE, _UPDATE, _PROPAGATE, _MARGINALISE])
+
+
+@compiled
+def _marginalise(process: Floats, at: int, matrix: Floats, vector: Floats, column: Floats) -> float:
+    """Integrate the unknown increments out of the highest differences; return `log det(I + Q J)`.
+
+    One increment after the other: `J -= q / (1 + q J_aa) J_a J_a^T`, j likewise. `column`, (state,), is to work in.
+    """
+    size = len(matrix)
+    log_determinant = 0.0
+    for a in range(process.shape[1]):
+        loss = 1.0 + process[at, a] * matrix[a, a]
+        log_determinant += np.log(loss)
+        share = process[at, a] / loss
+        for b in range(size):
+            column[b] = matrix[max(a, b), min(a, b)]
+        for b in range(size):
+            part = share * column[b]
+            for c in range(b + 1):
+                matrix[b, c] -= part * column[c]
+            if b != a:
+                for lane in range(vector.shape[1]):
+                    vector[b, lane] -= part * vector[a, lane]
+        # Its own row is divided, not reduced by nearly all of it.
+        for b in range(size):
+            matrix[max(a, b), min(a, b)] = column[b] / loss
+        for lane in range(vector.shape[1]):
+            vector[a, lane] /= loss
+    for b in range(size):
+        for c in range(b):
+            matrix[c, b] = matrix[b, c]
+    return log_determinant
+
+
+@compiled
+def filter_information(
+    information: Floats,
+    score: Floats,
+    process: Floats,
+    steps: Indices,
+    matrix: Floats,
+    vector: Floats,
+    matrices: Floats,
+    vectors: Floats,
+) -> float:
+    """Run the information filter over some nodes, forward or backward.
+
+    Parameters
+    ----------
+    information : (node or 1, state state) array, H^T H.
+    score : (node, state lane) array, H^T y.
+    process : (node or 1, width) array, variances of the increments that follow each node, or backward precede it.
+    steps : `FORWARD` or `BACKWARD`.
+    matrix, vector : (state, state) and (state, lane) arrays J and j, at the node entered first before its data; updated
+        to the node after the one left last.
+    matrices, vectors : (node, state state) and (node, state lane) arrays, filled, or of no nodes.
+
+    Returns
+    -------
+    sum over the increments of `log det(I + Q J)`.
+    """
+    forward = steps[0] == _UPDATE
+    flat, row = matrix.reshape(-1), vector.reshape(-1)
+    size, width = len(matrix), process.shape[1]
+    column = np.empty(size)
+    log_determinant = 0.0
+    for place in range(len(score)):
+        node = place if forward else len(score) - 1 - place
+        for step in steps:
+            if step == _UPDATE:
+                at = min(node, len(information) - 1)
+                for i in range(flat.size):
+                    flat[i] += information[at, i]
+                for i in range(row.size):
+                    row[i] += score[node, i]
+            elif step == _STORE:
+                if len(matrices):
+                    for i in range(flat.size):
+                        matrices[node, i] = flat[i]
+                    for i in range(row.size):
+                        vectors[node, i] = row[i]
+            elif step == _MARGINALISE:
+                log_determinant += _marginalise(process, min(node, len(process) - 1), matrix, vector, column)
+            else:  # J becomes F^-T J F^-1, backward F^T J F
+                sign = -1.0 if forward else 1.0
+                for block in range(0, size - width, width):
+                    start = block if forward else size - 2 * width - block
+                    for a in range(start, start + width):
+                        for b in range(size):
+                            matrix[a, b] += sign * matrix[a + width, b]
+                        for lane in range(vector.shape[1]):
+                            vector[a, lane] += sign * vector[a + width, lane]
+                    for b in range(size):
+                        for a in range(start, start + width):
+                            matrix[b, a] += sign * matrix[b, a + width]
+    return log_determinant
+
+
+@compiled_sums
+def _dot(one: Floats, a: int, other: Floats, b: int, size: int) -> float:
+    """Return the product of two rows as far as `size`."""
+    total = 0.0
+    for c in range(size):
+        total += one[a, c] * other[b, c]
+    return total
+
+
+@compiled_sums
+def combine(
+    information: Floats,
+    past: Floats,
+    past_vectors: Floats,
+    future: Floats,
+    future_vectors: Floats,
+    levels: Floats,
+    variances: Floats,
+    explained: Floats,
+) -> bool:
+    """Fill levels and variances of some nodes from the sum of past and future information; False if one is singular.
+
+    The sum is factored, J = L L^T, with the levels last: the last block of L is the root of the information on them.
+
+    Parameters
+    ----------
+    information : (node or 1, state state) array, that of each node's own data.
+    past, past_vectors, future, future_vectors : as `filter_information` fills its last two.
+    levels, variances, explained : arrays as `SmoothedChain` has them, filled.
+    """
+    nodes, width, lanes = levels.shape
+    size = past_vectors.shape[1] // lanes
+    differences = size - width
+    root, solved = np.empty((size, size)), np.empty((size, lanes))
+    flat, row = root.reshape(-1), solved.reshape(-1)
+    last, inverse = np.empty((width, width)), np.zeros((width, width))
+    for node in range(nodes):
+        for i in range(flat.size):
+            flat[i] = past[node, i] + future[node, i]
+        for i in range(row.size):
+            row[i] = past_vectors[node, i] + future_vectors[node, i]
+        for a in range(size):
+            for b in range(a):
+                root[a, b] = (root[a, b] - _dot(root, a, root, b, b)) / root[b, b]
+            pivot = root[a, a] - _dot(root, a, root, a, a)
+            if not pivot > 0.0:
+                return False
+            root[a, a] = np.sqrt(pivot)
+            for lane in range(lanes):
+                for b in range(a):
+                    solved[a, lane] -= root[a, b] * solved[b, lane]
+                solved[a, lane] /= root[a, a]
+        for a in range(width):
+            for b in range(a + 1):
+                last[a, b] = root[differences + a, differences + b]
+        at = min(node, len(information) - 1)
+        explained[node] = 0.0
+        for a in range(width - 1, -1, -1):
+            for lane in range(lanes):
+                level = solved[differences + a, lane]
+                for b in range(a + 1, width):
+                    level -= last[b, a] * levels[node, b, lane]
+                levels[node, a, lane] = level / last[a, a]
+            # Columns of the inverse of `last`: the covariance of the levels is the matrix of their products.
+            inverse[a, a] = 1.0 / last[a, a]
+            for b in range(a + 1, width):
+                inverse[a, b] = -_dot(last, b, inverse, a, b) / last[b, b]
+            variances[node, a] = _dot(inverse, a, inverse, a, width)
+            for b in range(a, width):
+                own = information[at, (differences + a) * size + differences + b]
+                explained[node] += (1.0 if a == b else 2.0) * own * _dot(inverse, a, inverse, b, width)
+    return True

@@ -1,0 +1,451 @@
+"""The covariance filter against a textbook in sixty digits, its states and statistics; the filter with fixed gains."""
+
+from dataclasses import dataclass, replace
+from decimal import Decimal, localcontext
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from jobs import standard_job
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import solve_discrete_are
+
+from signals.harmonics import process_variance, smoother_bandwidth, track_orders
+from signals.harmonics.bandwidth import Bandwidth, isolated_std
+from signals.harmonics.innovations import Innovations
+from signals.harmonics.kalman_filter import FilterState, filter_on, startup_samples, steady_state_filter
+from signals.harmonics.model import HarmonicModel
+
+exact_number = np.vectorize(Decimal, otypes=[object])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """A record at one sample a second in noise of variance 1, and what the filter is given of it."""
+
+    x: np.ndarray
+    phase: np.ndarray
+    orders: tuple[float, ...] = (1.0, 2.3)
+    bandwidth: float | np.ndarray = 0.01
+    poles: int = 1
+    initial_std: float = 1e3
+
+    def filtered(self, **more):
+        return track_orders(
+            self.x, phase_rad=self.phase, orders=self.orders, bandwidth_hz=self.bandwidth, rate_hz=1.0,
+            poles=self.poles, noise_variance=1.0, initial_std=self.initial_std, estimator="filter", method="exact",
+            **more,
+        )  # fmt: skip
+
+    def textbook(self):
+        """(sample, order) amplitudes and standard deviations by the textbook's recursion, in sixty digits."""
+        orders, poles = np.array(self.orders), self.poles
+        columns = np.concatenate([orders, orders[orders > 0]])
+        count = columns.size
+        angle = orders * self.phase[:, None]
+        rows = exact_number(np.concatenate([np.cos(angle), -np.sin(angle[:, orders > 0])], axis=1))
+        width = np.ravel(self.bandwidth)
+        q = np.array([
+            process_variance(orders=columns, bandwidth=b, rate=1.0, poles=poles, noise_variance=1.0)
+            for b in width.tolist()
+        ])  # fmt: skip
+        start = self.initial_std * (2 * np.pi * np.max(width)) ** np.arange(poles)
+        levels, variances = np.empty((2, self.x.size, count))
+        with localcontext() as context:
+            context.prec = 60
+            q = exact_number(q)
+            mean = exact_number(np.zeros(poles * count))
+            P = exact_number(np.diag(np.repeat(start**2, count)))
+            for n, h in enumerate(rows):
+                if not np.isnan(self.x[n]):
+                    gain = P[:, :count] @ h
+                    variance = 1 + h @ gain[:count]
+                    mean = mean + gain * ((Decimal(float(self.x[n])) - h @ mean[:count]) / variance)
+                    P = P - gain[:, None] * (gain / variance)
+                levels[n], variances[n] = mean[:count], np.diagonal(P)[:count]
+                for c in range(count):
+                    P[(poles - 1) * count + c, (poles - 1) * count + c] += q[n if len(q) > 1 else 0, c]
+                for top in range((poles - 2) * count, -1, -count):
+                    to, by = slice(top, top + count), slice(top + count, top + 2 * count)
+                    mean[to] = mean[to] + mean[by]
+                    P[to] = P[to] + P[by]
+                    P[:, to] = P[:, to] + P[:, by]
+        turning = np.flatnonzero(orders)
+        amplitude, spread = levels[:, : orders.size].astype(complex), variances[:, : orders.size].copy()
+        amplitude[:, turning] += 1j * levels[:, orders.size :]
+        spread[:, turning] = (spread[:, turning] + variances[:, orders.size :]) / 2
+        return amplitude, np.sqrt(spread)
+
+
+def record(samples=300, *, phase=None, orders=(1.0, 2.3), **more):
+    phase = 0.3 * np.arange(samples) if phase is None else phase
+    waves = np.cos(np.array(orders) * phase[:, None] + 1) @ np.resize([1.0, 0.5, -0.7], len(orders))
+    x = waves + np.random.default_rng(0).standard_normal(phase.size)
+    return Record(x=x, phase=phase, orders=orders, **more)
+
+
+def check(case, *, rtol=1e-6):
+    """An amplitude is as good as it is large, or as it is sure."""
+    amplitude, std = case.textbook()
+    tracks = case.filtered()
+    assert_allclose(tracks.std, std.T, rtol=rtol)
+    off = np.abs(tracks.complex_amplitude - amplitude.T) / np.maximum(np.abs(amplitude), std).T
+    assert off.max() < rtol
+
+
+POLES = pytest.mark.parametrize("poles", [1, 2, 3, 4])
+
+
+@POLES
+@pytest.mark.parametrize("initial_std", [1.0, 1e3, 1e6])
+def test_wide_priors(poles, initial_std):
+    check(record(poles=poles, initial_std=initial_std))
+
+
+@POLES
+@pytest.mark.parametrize("bandwidth", [1e-4, 1e-7, 0.3])
+def test_narrow_and_wide_bandwidths(poles, bandwidth):
+    check(record(600, poles=poles, bandwidth=bandwidth))
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+@pytest.mark.parametrize("other", [1.0, 1.0 + 1e-7])
+def test_orders_that_coincide(poles, other):
+    check(record(poles=poles, initial_std=1e5, orders=(1.0, other, 2.0)))
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+def test_an_order_at_half_the_rate_keeps_the_prior_of_its_sine(poles):
+    case = record(poles=poles, orders=(1.0, 0.2), phase=np.pi * np.arange(300))
+    check(case)
+    assert np.all(case.filtered().std[0] > 0.7e3)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 4])
+def test_a_shaft_at_rest(poles):
+    n = np.arange(900)
+    check(record(poles=poles, phase=0.3 * np.minimum(n, 200) + 0.3 * np.maximum(n - 700, 0)))
+
+
+@pytest.mark.parametrize("poles", [1, 2, 4])
+def test_a_gap_of_thirty_memories(poles):
+    """The covariance grows by 1e13 with four poles: of what was known before no digit is left, nor needed."""
+    case = record(900, poles=poles, bandwidth=0.05)
+    x = case.x.copy()
+    x[100:700] = np.nan
+    check(replace(case, x=x))
+
+
+@pytest.mark.parametrize("initial_std", [1e3, 1e6])
+def test_a_slow_shaft(initial_std):
+    """A seventh of a turn: three orders, nothing resolved but their sum and a slope."""
+    phase = 2 * np.pi * 2e-4 * np.arange(700)
+    check(record(bandwidth=1e-5, initial_std=initial_std, orders=(1.0, 2.0, 3.0), phase=phase))
+
+
+def test_the_mean_and_a_bandwidth_that_varies():
+    bandwidth = 0.01 * np.exp(np.sin(np.arange(300) / 20))[None]
+    check(record(poles=2, orders=(0.0, 1.0), bandwidth=bandwidth))
+
+
+# As docs/trackers.md says it: how far the run-up's start is off, of an amplitude or of its std, whichever is larger.
+@pytest.mark.parametrize(("initial_std", "rtol"), [(1e3, 1e-10), (1e6, 1e-7)])
+def test_the_start_of_a_run_up_is_that_of_sixty_digits(initial_std, rtol):
+    job = standard_job("J1 run-up", samples=1000)
+    bandwidth = smoother_bandwidth(orders=[1.0], process_variance=[1e-9], rate=1.0, poles=1, noise_variance=1.0)[0]
+    check(
+        Record(
+            x=job.x, phase=job.phase_rad, orders=job.orders, bandwidth=float(bandwidth), initial_std=initial_std
+        ),
+        rtol=rtol,
+    )  # fmt: skip
+
+
+# States.
+
+
+def model_of(phase, *, orders=(0.0, 1.0, 2.5), bandwidth=0.01, poles=1, prior_std=1e3):
+    orders = np.array(orders)
+    return HarmonicModel(
+        orders=orders, shaft=np.zeros(orders.size, dtype=np.int64), phases=(phase,),
+        bandwidth=np.full((orders.size, 1), bandwidth), poles=poles, prior_std=prior_std,
+    )  # fmt: skip
+
+
+def carried(model, x, state, **more):
+    """Filter some samples; return the innovations and their variances."""
+    innovations = Innovations.none(channels=len(x), keep=True)
+    levels = np.empty((x.shape[1], len(x), 2 * model.orders.size))
+    filter_on(
+        model, x, state, innovations, levels, np.empty((x.shape[1], model.orders.size)), output_every=1, startup=0,
+        **more,
+    )  # fmt: skip
+    return innovations
+
+
+@settings(max_examples=40)
+@given(
+    seed=st.integers(0, 10**6),
+    poles=st.integers(1, 4),
+    bandwidth=st.floats(1e-7, 0.4),
+    prior=st.floats(0.1, 1e6),
+    other=st.sampled_from([1.0, 1.0 + 1e-5, 2.5]),
+    motion=st.sampled_from(["steady", "rests", "reverses"]),
+)
+def test_covariances_of_states_are_symmetric_and_positive(seed, poles, bandwidth, prior, other, motion):
+    rng, n = np.random.default_rng(seed), np.arange(400)
+    phase = {"steady": 0.3 * n, "rests": 0.3 * np.clip(n, 100, 250), "reverses": 0.3 * np.abs(n - 200)}[motion]
+    x = np.where(rng.uniform(size=(1, n.size)) < 0.2, np.nan, rng.standard_normal((1, n.size)))
+    x[:, 120:200] = np.nan
+    model = model_of(phase, orders=(0.0, 1.0, other), bandwidth=bandwidth, poles=poles, prior_std=prior)
+    state = FilterState.prior(model, channels=1)
+    for part in np.split(n, np.sort(rng.integers(1, 400, 8))):
+        if part.size:
+            carried(replace(model, phases=(phase[part],)), x[:, part], state)
+            total = (state.total + state.total.T) / 2
+            # Rounding since the last check, a few memories ago, in units of the variances.
+            scale = np.sqrt(np.maximum(np.diagonal(total), 1e-300))
+            unit = total / scale / scale[:, None]
+            assert_allclose(state.total / scale / scale[:, None], unit, rtol=0, atol=1e-10)
+            seen = np.diagonal(total) > 0
+            assert np.linalg.eigvalsh(unit[np.ix_(seen, seen)])[0] >= -1e-9
+
+
+def test_channels_share_a_covariance():
+    rng = np.random.default_rng(1)
+    phase = 0.3 * np.arange(300)
+    x = rng.standard_normal((3, 300))
+    x[:, 40:50] = np.nan
+    model = model_of(phase, poles=2)
+    states = [FilterState.prior(model, channels=len(own)) for own in (x, *x[:, None])]
+    together, *alone = (carried(model, own, state) for own, state in zip((x, *x[:, None]), states, strict=True))
+    for k, (state, own) in enumerate(zip(states[1:], alone, strict=True)):
+        # The same operations, channel by channel.
+        assert_allclose(states[0].mean[k], state.mean[0], rtol=1e-12, atol=1e-14)
+        assert_array_equal(states[0].covariance, state.covariance)
+        assert_allclose(together.mean_square[k], own.mean_square[0], rtol=1e-12)
+        assert_allclose(together.autocorrelation[k], own.autocorrelation[0], rtol=1e-11, atol=1e-14)
+
+
+def test_innovations_are_kept_and_correlated():
+    """Against plain sums over the innovations that were kept, in stretches that end anywhere."""
+    rng = np.random.default_rng(0)
+    values, variances = rng.standard_normal((1, 700)), rng.uniform(0.5, 2, 700)
+    variances[[30, 31, 400]] = values[:, [30, 31, 400]] = 0.0
+    innovations = Innovations.none(channels=1, keep=True)
+    for first, last in ((0, 3), (3, 110), (110, 700)):
+        innovations.add(values[:, first:last], variances[first:last], skip=100 - first)
+    assert_array_equal(np.concatenate([own for own, _ in innovations.kept], axis=1), values)
+    counted, seen = values[0, 100:], variances[100:] > 0
+    assert innovations.count == seen.sum() == 599
+    assert_allclose(innovations.mean_square[0], np.sum(counted**2) / 599, rtol=1e-12)
+    assert_allclose(innovations.mean_log_variance, np.log(variances[100:][seen]).mean(), rtol=1e-12)
+    for lag in (1, 2, 20):
+        pairs = seen[lag:] & seen[:-lag]
+        expected = np.sum(counted[lag:] * counted[:-lag]) / pairs.sum() / np.mean(counted[seen] ** 2)
+        assert_allclose(innovations.autocorrelation[0, lag - 1], expected, rtol=1e-10)
+
+
+# Fixed gains.
+
+
+RATE = 5_000.0
+N = 60_000
+PHASE = 2 * np.pi * 30.0 / RATE * np.arange(N)
+
+
+SETTINGS = {"phase_rad": PHASE, "orders": [0.0, 1.0, 2.5, 4.0], "rate_hz": RATE, "estimator": "filter"}
+U = np.arange(N) / N
+TRUTH = np.array([0.5 + 0 * U, *((1 + 0.3 * np.sin(2 * np.pi * k * U)) * np.exp(1j * k) for k in (1, 2, 3))])
+
+
+def steady_record(*, noise=0.3):
+    rng = np.random.default_rng(5)
+    waves = TRUTH * np.exp(1j * np.array(SETTINGS["orders"])[:, None] * PHASE)
+    return waves.sum(axis=0).real + noise * rng.standard_normal(N)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+def test_shares_solve_the_riccati_equation(poles):
+    width = 0.02
+    q = process_variance(orders=[1.0], bandwidth=[width], rate=1.0, poles=poles, noise_variance=0.5)[0]  # N = 1
+    transition = np.triu(np.ones((poles, poles)))
+    drive = transition[:, -1:]  # the increment joins the highest difference, then all are summed up
+    see = np.eye(1, poles)
+    predicted = solve_discrete_are(transition.T, see.T, q * drive @ drive.T, np.eye(1))
+    gain = (predicted @ see.T / (see @ predicted @ see.T + 1)).ravel()
+    assert_allclose(Bandwidth(width=width, poles=poles).filter_shares, gain, rtol=1e-6)  # the solver's own
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3])
+@pytest.mark.parametrize("every", [1, 7])
+def test_settled_filter_is_close_to_the_exact_one(poles, every):
+    settings = SETTINGS | {"x": steady_record(), "bandwidth_hz": 1.0, "poles": poles, "output_every": every}
+    settings["noise_variance"] = 0.09
+    exact, fast = (track_orders(**settings, method=method) for method in ("exact", "fast"))
+    off = np.abs(fast.complex_amplitude - exact.complex_amplitude)
+    assert_array_equal(off[:, :3], 0.0)  # it starts as the exact one
+    # What settled gains leave out are ripples at distances of 30 Hz and more.
+    assert fast.error_bound < 0.15
+    error = np.abs(exact.complex_amplitude - TRUTH[:, ::every])
+    settled = slice(N // 10 // every, None)
+    assert np.sqrt(np.mean(off[:, settled] ** 2)) < fast.error_bound * np.sqrt(np.mean(error[:, settled] ** 2))
+    assert_allclose(fast.std, exact.std, rtol=fast.error_bound)
+    assert fast.innovation_variance == pytest.approx(exact.innovation_variance, rel=1e-3)
+    assert fast.innovation_mean_square == pytest.approx(exact.innovation_mean_square, rel=0.03)
+
+
+def turning(kind, n):
+    """Angles of a shaft at 17 samples a turn: even, jumping in speed, or wandering."""
+    at = np.arange(n)
+    steps = np.full(n, 2 * np.pi / 17.3)
+    steps[2500:] *= 1.1 if kind == "jump" else 1.0
+    steps *= 1 + 0.02 * np.sin(2e-3 * at) if kind == "wander" else 1.0
+    return np.cumsum(steps)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("kind", ["even", "jump", "wander"])
+def test_amplitudes_follow_the_recursion_sample_by_sample(poles, kind):
+    n, width = 4003, 0.004
+    phases = turning(kind, n), 3.1 * turning("even", n) + 0.3
+    orders, shaft = np.array([0.0, 1.0, 2.1, 1.0, 1.7]), np.array([0, 0, 0, 1, 1])
+    x = np.random.default_rng(4).standard_normal((2, n)) + np.cos(phases[0]) + 2 * np.cos(1.7 * phases[1] + 1)
+    model = HarmonicModel(
+        orders=orders, shaft=shaft, phases=phases, bandwidth=np.full((5, 1), width), poles=poles, prior_std=1e3
+    )
+    begin = startup_samples(model)
+    state, head = (
+        FilterState.prior(model, channels=2),
+        replace(model, phases=tuple(phase[:begin] for phase in phases)),
+    )
+    carried(head, x[:, :begin], state)
+    differences = state.predicted(model).view(complex)
+    phasors = np.exp(1j * orders[:, None] * np.stack(phases)[shaft])
+    gains = Bandwidth(width=width, poles=poles).filter_shares[:, None] * np.array([1.0, 2.0, 2.0, 2.0, 2.0])
+    expected = np.empty((2, 5, n - begin), dtype=complex)
+    for i in range(begin, n):
+        turned = phasors[:, i]
+        rest = x[:, i] - (differences[:, 0] * turned).real.sum(axis=1)
+        differences = differences + gains * (rest[:, None] * turned.conj())[:, None]
+        expected[..., i - begin] = differences[:, 0]
+        differences = np.cumsum(differences[:, ::-1], axis=1)[:, ::-1]
+    for every in (1, 7):
+        found = steady_state_filter(model, x, output_every=every, startup=0, error_bound=0.0).amplitude
+        first = -(-begin // every)
+        # Rounding errors of 4,000 samples in states that hold what they are given for 250.
+        assert_allclose(found[..., first:], expected[..., first * every - begin :: every], rtol=0, atol=1e-10)
+
+
+def test_amplitudes_do_not_depend_on_what_follows():
+    settings = SETTINGS | {"bandwidth_hz": 1.0, "method": "fast", "noise_variance": 0.09}
+    whole = track_orders(steady_record(), **settings).complex_amplitude
+    for n in (20_000, 20_001, 33_333):
+        part = track_orders(steady_record()[:n], **settings | {"phase_rad": PHASE[:n]}).complex_amplitude
+        # Sines may differ in their last digits where a piece ends elsewhere.
+        assert_allclose(part, whole[:, :n], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+def test_std_is_that_of_the_exact_filter_and_then_settles(poles):
+    settings = SETTINGS | {"x": steady_record(), "bandwidth_hz": 1.0, "poles": poles, "noise_variance": 0.09}
+    exact, fast = (track_orders(**settings, method=method) for method in ("exact", "fast"))
+    known = fast.settling_variance.shape[1]
+    assert 100 < known < N // 5  # compact
+    assert fast.std.shape == (4, N)
+    assert fast.std is fast.std
+    assert_array_equal(fast.std[:, : known - 1], exact.std[:, : known - 1])
+    alone = isolated_std(
+        orders=SETTINGS["orders"], bandwidth=1.0, rate=RATE, poles=poles, noise_variance=0.09, estimator="filter"
+    )
+    assert_allclose(fast.std[:, known - 1 :], np.broadcast_to(alone[:, None], (4, N - known + 1)), rtol=1e-12)
+    assert_allclose(exact.std, np.sqrt(0.09 * exact.settling_variance), rtol=1e-15)
+
+
+def test_std_takes_in_the_angle_at_every_output():
+    settings = SETTINGS | {"x": steady_record(), "bandwidth_hz": 1.0, "method": "fast", "output_every": 10}
+    plain, unsure = track_orders(**settings), track_orders(**settings, phase_std_rad=0.01)
+    turn = 0.01 * np.array(SETTINGS["orders"])[:, None] * np.abs(plain.complex_amplitude)
+    assert_allclose(unsure.std, np.sqrt(plain.std**2 + turn**2 / 2), rtol=1e-12)
+
+
+def test_a_record_that_ends_before_gains_settle_is_filtered_exactly():
+    settings = SETTINGS | {"phase_rad": PHASE[:2000], "bandwidth_hz": 1.0}
+    exact, fast = (track_orders(steady_record()[:2000], **settings, method=method) for method in ("exact", "fast"))
+    for name in ("complex_amplitude", "std", "noise_variance", "innovation_autocorrelation"):
+        assert_array_equal(getattr(fast, name), getattr(exact, name))
+
+
+def test_auto_filters_gaps_exactly():
+    x = steady_record()
+    x[40_000:40_010] = np.nan
+    assert track_orders(x, **SETTINGS, bandwidth_hz=0.01, rtol=0.01, output_every=100).method == "exact"
+
+
+def test_settled_filter_shares_channels():
+    x = np.stack([steady_record(noise=0.1), steady_record(noise=0.4)])
+    both = track_orders(**SETTINGS, x=x, bandwidth_hz=1.0, method="fast", output_every=50)
+    assert both.settling_variance.shape[1] < both.std.shape[2] == N // 50
+    for channel, values in enumerate(x):
+        alone = track_orders(**SETTINGS, x=values, bandwidth_hz=1.0, method="fast", output_every=50)
+        assert_array_equal(both.complex_amplitude[channel], alone.complex_amplitude)
+        assert_allclose(both.std[channel], alone.std, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_settled_filter_keeps_the_error_of_the_exact_one_on_the_standard_job():
+    job = standard_job("J3 angle")
+    errors = []
+    for method in ("exact", "fast"):
+        tracks = track_orders(**job.tracking(0.033), estimator="filter", method=method, output_every=64)
+        errors.append(job.error(tracks.complex_amplitude, tracks.sample_index))
+    assert errors[1] == pytest.approx(errors[0], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"x": np.where(np.arange(N) == 700, np.nan, steady_record())}, "samples are missing"),
+        ({"bandwidth_hz": np.linspace(1, 2, N)[None]}, "the bandwidth varies"),
+        ({"orders": [1.0, 1.02]}, "orders come so close"),
+        ({"phase_rad": PHASE * 0.001}, "orders come so close, to one another, to zero"),
+    ],
+)
+def test_where_gains_never_settle_it_is_refused(change, message):
+    with pytest.raises(ValueError, match=f'method="fast" with estimator="filter": {message}.*use method="exact"'):
+        track_orders(**(SETTINGS | {"x": steady_record(), "bandwidth_hz": 1.0, "method": "fast"} | change))
+
+
+def test_auto_takes_settled_gains_where_the_error_grows_by_less_than_rtol():
+    settings = SETTINGS | {"x": steady_record(), "output_every": 100}
+    assert track_orders(**settings, bandwidth_hz=3.0).method == "exact"
+    assert track_orders(**settings, bandwidth_hz=3.0, rtol=0.01).method == "fast"
+    assert track_orders(**settings, bandwidth_hz=0.1).method == "fast"
+
+
+@pytest.mark.parametrize(("poles", "apart"), [(1, 3), (2, 5), (3, 7), (4, 10)])
+def test_settled_gains_add_no_more_than_their_bound_to_the_error(poles, apart):
+    width, orders = 3e-3, 6
+    rng, n = np.random.default_rng(poles), 50_000
+    phase = 2 * np.pi * 0.1 * np.arange(n)
+    numbers = 1 + width * apart / 0.1 * np.arange(orders)
+    q = process_variance(orders=[1.0], bandwidth=[width], rate=1.0, poles=poles, noise_variance=1.0)[0]
+    truth = np.sqrt(q) * (rng.standard_normal((orders, n)) + 1j * rng.standard_normal((orders, n)))
+    for _ in range(poles):
+        truth = np.cumsum(truth, axis=1)
+    x = np.sum(truth * np.exp(1j * numbers[:, None] * phase), axis=0).real + rng.standard_normal(n)
+    settings = {"phase_rad": phase, "orders": numbers, "bandwidth_hz": width, "rate_hz": 1.0, "poles": poles}
+    exact, fast = (track_orders(x, **settings, estimator="filter", method=how) for how in ("exact", "fast"))
+    late = slice(n // 10, None)
+    wrong, more, off = (
+        np.sqrt(np.mean(np.abs(a - b)[:, late] ** 2))
+        for a, b in (
+            (exact.complex_amplitude, truth),
+            (fast.complex_amplitude, truth),
+            (fast.complex_amplitude, exact.complex_amplitude),
+        )
+    )
+    assert 0.4 < fast.error_bound < 0.7
+    assert 0.4 * fast.error_bound < off / wrong < 0.75 * fast.error_bound
+    assert more / wrong - 1 < 0.3 * fast.error_bound**2
