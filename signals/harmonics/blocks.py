@@ -14,7 +14,7 @@ is left of the error is below a few thousandths of `std`; with blocks of one sam
 `docs/trackers.md`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, pi, sqrt
 from typing import Any
 
@@ -117,17 +117,17 @@ def fast(
     grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=tolerance, shared=np.bincount(member))
     smoothed = smooth_apart(grid, startup // length)
     bound = max(droop(model, length), scattered_share(seen, length))
-    coupling = None
+    coupling, alike = None, False
     if coupled:
         closeness = Closeness(one_each, grid.samples)
-        coupling = couple(grid, closeness, smoothed)
+        coupling, alike = couple(grid, closeness, smoothed), closeness.dwell()
         bound = max(bound, tolerance, coupling.left if coupling else 0.0)
-        if coupling and model.poles > 1 and closeness.dwell():
+        if coupling and model.poles > 1 and alike:
             bound = inf  # what others leave in their difference does not fade in a memory
-    residuals = Residuals.of(grid, smoothed, startup)
+    residuals = Residuals.of_filter(one_each, x, startup) if alike else Residuals.of_fit(grid, smoothed, startup)
     if coupling and _far_above_std(smoothed, residuals.noise_variance, tolerance):
         coupling.smooth_all(smoothed)
-        residuals = Residuals.of(grid, smoothed, startup)
+        residuals = residuals if alike else Residuals.of_fit(grid, smoothed, startup)
     observed = int(np.count_nonzero(grid.seen[startup:]))
     levels, variances = smoothed.levels, smoothed.variances
     if kept.size < member.size:
@@ -260,7 +260,7 @@ class BlockEstimate(Estimate):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residuals:
-    """What the amplitudes leave of stretches of the record.
+    """What the orders leave of stretches of the record.
 
     Attributes
     ----------
@@ -274,8 +274,22 @@ class Residuals:
     counted: int
 
     @classmethod
-    def of(cls, grid: Grid, smoothed: Smoothed, startup: int) -> "Residuals":
-        """Sum up stretches of whole blocks after a sample.
+    def of_filter(cls, model: HarmonicModel, x: Floats, startup: int) -> "Residuals":
+        """Take the innovations of the covariance filter, from the first samples after start-up.
+
+        Lines that stay within half a bandwidth of each other may have amplitudes that are large and opposed; what is
+        interpolated of these between nodes is no fit of the record.
+        """
+        part = slice(0, startup + RESIDUAL_SAMPLES)
+        head = replace(model, phases=tuple(phase[part] for phase in model.phases))
+        if model.bandwidth.shape[1] > 1:
+            head = replace(head, bandwidth=model.bandwidth[:, part])
+        found = count_innovations(head, x[:, part], startup=startup, keep=False)
+        return cls(noise_variance=found.mean_square, autocorrelation=found.autocorrelation, counted=found.count)
+
+    @classmethod
+    def of_fit(cls, grid: Grid, smoothed: Smoothed, startup: int) -> "Residuals":
+        """Subtract the amplitudes from stretches of whole blocks after a sample.
 
         Where the model holds, the variance of a residual is R less that of the fitted waveform, the trace of the joint
         covariance of the amplitudes times their regressors: single variances do not add up to it where orders are

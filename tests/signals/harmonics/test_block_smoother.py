@@ -1,0 +1,122 @@
+"""What blocks cost, fast and exact: the noise they leave, lines that are close, many coupled orders."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from signals.harmonics import blocks, process_variance, track_orders
+
+RATE = 1000.0
+
+
+def close_lines(*, seed=0, samples=60_000, apart_hz=0.1, gap=False):
+    rng = np.random.default_rng(seed)
+    phase = 2 * np.pi * 25 / RATE * np.arange(samples)
+    orders = np.array([3.0, 3.0 + apart_hz / 25])
+    x = np.cos(orders[:, None] * phase).sum(axis=0) + rng.standard_normal(samples)
+    if gap:
+        x[20_000:20_700] = np.nan
+        x[rng.uniform(size=samples) < 0.1] = np.nan
+    return x, {"phase_rad": phase, "orders": orders, "bandwidth_hz": 2.0, "rate_hz": RATE, "output_every": 100}
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("apart_hz", [0.1, 0.5, 1.5, 6.0])
+@pytest.mark.parametrize("gap", [False, True])
+def test_the_noise_of_close_lines_is_neither_doubled_nor_halved(poles, apart_hz, gap):
+    """Within the two per cent that the innovations of the exact filter leave it, and the scatter of 60,000 samples."""
+    x, settings = close_lines(apart_hz=apart_hz, gap=gap)
+    fast, exact = (track_orders(x, **settings, poles=poles, method=method) for method in ("fast", "exact"))
+    # The same record, but the samples after start-up of one, stretches of whole blocks of the other: 0.6 % each.
+    assert fast.noise_variance == pytest.approx(exact.noise_variance, rel=0.02)
+    assert fast.noise_variance == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+def test_the_noise_is_that_of_records_drawn_from_the_model(poles):
+    """Mean over records of orders that share out and one by itself: four standard errors are 1 %."""
+    rng = np.random.default_rng(poles)
+    samples, records, width = 6000, 30, 4e-3
+    phase = 0.3 * np.arange(samples)
+    orders = np.array([1.0, 1.0 + 0.3 * width * 2 * np.pi / 0.3, 2.4])
+    q = process_variance(orders=orders, bandwidth=width, rate=1.0, poles=poles, noise_variance=1.0)
+    found = []
+    for _ in range(records):
+        walk = np.sqrt(q)[:, None] * (rng.standard_normal((3, samples)) + 1j * rng.standard_normal((3, samples)))
+        for _ in range(poles):
+            walk = np.cumsum(walk, axis=1)
+        x = np.sum(walk * np.exp(1j * orders[:, None] * phase), axis=0).real + rng.standard_normal(samples)
+        settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": width, "rate_hz": 1.0, "poles": poles}
+        found.append(
+            [track_orders(x, **settings, method=how, output_every=500).noise_variance for how in ("fast", "exact")]
+        )
+    assert_allclose(np.mean(found, axis=0), 1.0, atol=0.015)
+
+
+def test_blocks_of_the_exact_setting_get_shorter_until_amplitudes_that_move_lose_nothing():
+    """An envelope of 1e4 noises that swings within the band: seconds of blocks would take a hundred `std` off it."""
+    n = np.arange(6000)
+    phase = 0.2 * n
+    envelope = 1e4 * (1 + 0.5 * np.sin(2 * np.pi * 2e-4 * n))
+    x = envelope * np.cos(phase) + np.random.default_rng(0).standard_normal(n.size)
+    settings = {"phase_rad": phase, "orders": [1.0, 2.2], "bandwidth_hz": 1e-3, "rate_hz": 1.0, "noise_variance": 1.0}
+    settings |= {"poles": 2, "method": "exact", "output_every": 50}
+    assert blocks.LONGEST_EXACT[1] / 1e-3 > 15
+    found = track_orders(x, **settings)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(blocks, "exact_length", lambda *_: 1)
+        single = track_orders(x, **settings)
+        patch.setattr(blocks, "exact_length", lambda *_: 15)
+        patch.setattr(blocks, "LARGEST_DROOP", np.inf)
+        long = track_orders(x, **settings)
+    off = [
+        np.sqrt(np.mean(np.abs((tracks.complex_amplitude - single.complex_amplitude) / single.std) ** 2))
+        for tracks in (found, long)
+    ]
+    assert off[0] < 3e-3
+    assert off[1] > 1.0
+
+
+def eighteen(name):
+    """Return a record of 18 lines a bandwidth apart, and how they are tracked, with something about it."""
+    rng, n = np.random.default_rng(1), 30_000
+    phase = 2 * np.pi / 512 * np.arange(n)
+    orders = 20 + 0.05 * np.arange(18)
+    x = rng.standard_normal(n) + np.cos(orders[:, None] * phase + orders[:, None]).sum(axis=0)
+    settings = {"phase_rad": phase, "orders": orders, "bandwidth_orders": 0.05, "samples_per_rev": 512.0, "poles": 2}
+    if name == "gaps":
+        x[15_000:17_000] = x[3000:3300] = np.nan
+    if name == "channels":
+        x = np.stack([x, x[::-1]])
+    if name == "loud":
+        x *= 1e4
+    if name == "bandwidth that varies":
+        settings["bandwidth_orders"] = np.linspace(0.02, 0.1, n)[None]
+    if name == "one pole":
+        settings["poles"] = 1
+    return x, settings | {"output_every": 500, "noise_variance": 1e8 if name == "loud" else 1.0}
+
+
+@pytest.mark.parametrize("name", ["", "gaps", "channels", "loud", "bandwidth that varies", "one pole"])
+def test_many_coupled_orders_are_those_of_the_exact_smoother(name):
+    x, settings = eighteen(name)
+    fast, exact = (track_orders(x, **settings, method=how) for how in ("fast", "exact"))
+    off = np.abs(fast.complex_amplitude - exact.complex_amplitude)
+    assert np.all(off < fast.error_bound * np.abs(exact.complex_amplitude).max() + 0.03 * exact.std)
+    assert_allclose(fast.std, exact.std, rtol=0.01)
+
+
+@pytest.mark.parametrize("name", ["long gap", "rest", "nearly alike", "a wide prior"])
+def test_what_a_record_hardly_determines_is_finite_and_sure_of_little(name):
+    x, settings = eighteen("")
+    if name == "long gap":
+        x[5000:25_000] = np.nan
+    if name == "rest":
+        settings["phase_rad"] = np.maximum(settings["phase_rad"] - settings["phase_rad"][10_000], 0)
+    if name == "nearly alike":
+        settings["orders"] = 20 + 0.0025 * np.arange(18)
+    if name == "a wide prior":
+        settings |= {"noise_variance": 1.0, "initial_std": 1e5}
+    tracks = track_orders(x, **settings, method="fast")
+    assert np.all(np.isfinite(tracks.complex_amplitude))
+    assert np.all(tracks.std > 0)
