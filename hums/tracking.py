@@ -21,6 +21,7 @@ from signals.spectra import AmplitudeSpectrum
 _MOST_OUTPUTS = 200
 _STEPS_REV = (0.125, 0.25, 0.5)
 _LARGEST_BANDWIDTH = 0.1  # orders; the most likely one is looked for below this
+_POLES = 2  # amplitudes that vary smoothly; a passband with steep sides, so that neighbours stay out
 _OUTPUTS_A_BANDWIDTH = 16.0
 _SLOWEST_OUTPUT_REV = 8.0
 
@@ -73,6 +74,7 @@ def track_lines(
             samples_per_rev=signal.samples_per_rev,
             noise_variance=noise,
             largest_bandwidth_orders=_LARGEST_BANDWIDTH,
+            poles=_POLES,
         )
     every = _output_every(signal)
     revolution = signal.start_rev + np.arange(0, signal.values.size, every) / signal.samples_per_rev
@@ -124,6 +126,7 @@ def _whole(
         bandwidth_orders=bandwidth,
         samples_per_rev=signal.samples_per_rev,
         output_every=_output_every(signal),
+        poles=_POLES,
     )
     # the tracker's own uncertainty rests on the mean noise over all orders; each line has its own surroundings
     return tracks.complex_amplitude, tracks.std * np.sqrt(noise / tracks.noise_variance)[:, None], tracks
@@ -158,7 +161,7 @@ def _with_gaps(
         bandwidth_orders=bandwidth,
         rate_hz=when.rate_hz,
         output_every=max(1, int(when.rate_hz / (_OUTPUTS_A_BANDWIDTH * widest * machine.top_speed_hz))),
-        method="exact",
+        poles=_POLES,
     )
     at = taken[inside][tracks.sample_index]
     amplitude = np.array([np.interp(times, at, row) for row in tracks.complex_amplitude])

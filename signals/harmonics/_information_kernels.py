@@ -20,17 +20,24 @@ BACKWARD = np.array([_STORE, _UPDATE, _PROPAGATE, _MARGINALISE])
 
 
 @compiled
-def _marginalise(process: Floats, at: int, matrix: Floats, vector: Floats, column: Floats) -> float:
+def _marginalise(
+    process: Floats, at: int, renewed: bool, matrix: Floats, vector: Floats, column: Floats, squares: Floats
+) -> float:
     """Integrate the unknown increments out of the highest differences; return `log det(I + Q J)`.
 
-    One increment after the other: `J -= q / (1 + q J_aa) J_a J_a^T`, j likewise. `column`, (state,), is to work in.
+    One increment after the other: `J -= q / (1 + q J_aa) J_a J_a^T`, j likewise. Where increments do not add to the
+    differences but take their place, the old ones are integrated out: `J -= J_a J_a^T / J_aa`, and `J_aa = 1 / q`.
+    `column`, (state,), is to work in; `squares`, (lane,), grows by what completing the squares leaves of j.
     """
     size = len(matrix)
     log_determinant = 0.0
     for a in range(process.shape[1]):
-        loss = 1.0 + process[at, a] * matrix[a, a]
+        loss = process[at, a] * matrix[a, a] + (0.0 if renewed else 1.0)
+        kept = 0.0 if renewed else 1.0 / loss
         log_determinant += np.log(loss)
         share = process[at, a] / loss
+        for lane in range(vector.shape[1]):
+            squares[lane] += share * vector[a, lane] * vector[a, lane]
         for b in range(size):
             column[b] = matrix[max(a, b), min(a, b)]
         for b in range(size):
@@ -42,9 +49,10 @@ def _marginalise(process: Floats, at: int, matrix: Floats, vector: Floats, colum
                     vector[b, lane] -= part * vector[a, lane]
         # Its own row is divided, not reduced by nearly all of it.
         for b in range(size):
-            matrix[max(a, b), min(a, b)] = column[b] / loss
+            matrix[max(a, b), min(a, b)] = column[b] * kept
+        matrix[a, a] = column[a] / loss
         for lane in range(vector.shape[1]):
-            vector[a, lane] /= loss
+            vector[a, lane] *= kept
     for b in range(size):
         for c in range(b):
             matrix[c, b] = matrix[b, c]
@@ -56,11 +64,13 @@ def filter_information(
     information: Floats,
     score: Floats,
     process: Floats,
+    renewed: bool,
     steps: Indices,
     matrix: Floats,
     vector: Floats,
     matrices: Floats,
     vectors: Floats,
+    squares: Floats,
 ) -> float:
     """Run the information filter over some nodes, forward or backward.
 
@@ -69,10 +79,12 @@ def filter_information(
     information : (node or 1, state state) array, H^T H.
     score : (node, state lane) array, H^T y.
     process : (node or 1, width) array, variances of the increments that follow each node, or backward precede it.
+    renewed : whether increments take the place of the highest differences instead of adding to them.
     steps : `FORWARD` or `BACKWARD`.
     matrix, vector : (state, state) and (state, lane) arrays J and j, at the node entered first before its data; updated
         to the node after the one left last.
     matrices, vectors : (node, state state) and (node, state lane) arrays, filled, or of no nodes.
+    squares : (lane,) array, added to: `j_a^2 q / (1 + q J_aa)` of every increment.
 
     Returns
     -------
@@ -99,7 +111,9 @@ def filter_information(
                     for i in range(row.size):
                         vectors[node, i] = row[i]
             elif step == _MARGINALISE:
-                log_determinant += _marginalise(process, min(node, len(process) - 1), matrix, vector, column)
+                log_determinant += _marginalise(
+                    process, min(node, len(process) - 1), renewed, matrix, vector, column, squares
+                )
             else:  # J becomes F^-T J F^-1, backward F^T J F
                 sign = -1.0 if forward else 1.0
                 for block in range(0, size - width, width):

@@ -97,7 +97,7 @@ class NodeChain:
         if len(process) > 1:
             place = np.arange(nodes.start, nodes.stop) - (steps is BACKWARD)
             process = np.ascontiguousarray(process[place.clip(0, len(process) - 1)])
-        return filter_information(*data, process, steps, *state, *stored)
+        return filter_information(*data, process, False, steps, *state, *stored, np.zeros(state.vector.shape[1]))
 
     def measured(self, nodes: slice) -> "Measured":
         """Return the information in the data of a range of nodes."""

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from signals.harmonics import _block_kernels
 from signals.harmonics._information_smoother import smooth_stretches
 from signals.harmonics.block_outputs import BlockOutputs, at_outputs
-from signals.harmonics.coupling import couple
+from signals.harmonics.coupling import Coupling, couple
 from signals.harmonics.grid import Grid, pieces_between
 from signals.harmonics.kalman_filter import count_innovations
 from signals.harmonics.model import LAGS, Complexes, Estimate, Floats, HarmonicModel, Indices
@@ -43,6 +43,7 @@ LARGEST_LEAK = 1e-3
 # Where a tolerance of the largest amplitude is more than this part of a standard deviation, the others are subtracted
 # from all samples.
 SMALL_PART = 0.3
+FULL_ROUNDS = 2
 # Part of 1 / bandwidth in a block of the exact setting, with one pole and with more: measured with amplitudes that walk
 # as the model says, estimates are then within 1e-3 of `std` (root mean square) of those of single samples.
 LONGEST_EXACT = 1 / 150, 1 / 64
@@ -82,7 +83,7 @@ def blurs(model: HarmonicModel) -> bool:
     """
     if model.poles == 1:
         return False
-    kept, _ = _one_of_each(model)
+    kept, _ = one_of_each(model)
     return Closeness(model.subset(kept), model.phases[0].size).dwell()
 
 
@@ -112,22 +113,22 @@ def fast(
     """
     tolerance = min(tolerance, LARGEST_LEAK)
     every_order = np.arange(model.orders.size)
-    kept, member = _one_of_each(model) if coupled else (every_order, every_order)
+    kept, member = one_of_each(model) if coupled else (every_order, every_order)
     one_each = model if kept.size == member.size else model.subset(kept)
     grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=tolerance, shared=np.bincount(member))
-    smoothed = smooth_apart(grid, startup // length)
+    fit = BlockFit.of(grid, startup=startup, coupled=coupled)
+    smoothed, residuals = fit.smoothed, fit.residuals(startup)
+    for _ in range(FULL_ROUNDS):
+        if fit.coupling is None or not _far_above_std(smoothed, residuals.noise_variance, tolerance):
+            break
+        fit.coupling.smooth_all(smoothed)
+        tolerance *= grid.tolerance  # each round leaves no more than the tolerance of its input
+        residuals = residuals if fit.alike else fit.residuals(startup)
     bound = max(droop(model, length), scattered_share(seen, length))
-    coupling, alike = None, False
     if coupled:
-        closeness = Closeness(one_each, grid.samples)
-        coupling, alike = couple(grid, closeness, smoothed), closeness.dwell()
-        bound = max(bound, tolerance, coupling.left if coupling else 0.0)
-        if coupling and model.poles > 1 and alike:
-            bound = inf  # what others leave in their difference does not fade in a memory
-    residuals = Residuals.of_filter(one_each, x, startup) if alike else Residuals.of_fit(grid, smoothed, startup)
-    if coupling and _far_above_std(smoothed, residuals.noise_variance, tolerance):
-        coupling.smooth_all(smoothed)
-        residuals = residuals if alike else Residuals.of_fit(grid, smoothed, startup)
+        bound = max(bound, grid.tolerance, fit.coupling.left if fit.coupling else 0.0)
+    if fit.coupling and model.poles > 1 and fit.alike:
+        bound = inf  # what others leave in their difference does not fade in a memory
     observed = int(np.count_nonzero(grid.seen[startup:]))
     levels, variances = smoothed.levels, smoothed.variances
     if kept.size < member.size:
@@ -162,7 +163,7 @@ def exact(
     keep : whether the innovations of all samples are wanted.
     noise_variance : R; None where it is estimated.
     """
-    kept, member = _one_of_each(model)
+    kept, member = one_of_each(model)
     one_each = model if kept.size == member.size else model.subset(kept)
     innovations = count_innovations(model, x, startup=startup, keep=keep)
     std = np.sqrt(innovations.mean_square if noise_variance is None else np.full(len(x), noise_variance))
@@ -207,7 +208,7 @@ def _far_above_std(smoothed: Smoothed, noise: Floats, tolerance: float) -> bool:
     return bool(np.any(tolerance * largest > SMALL_PART * std))
 
 
-def _one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:
+def one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:
     """Return one order of each set that is one and the same, and the place of each order's set among these.
 
     Of such duplicates a record determines the sum alone: a walk of its own, whose variances are theirs added up.
@@ -256,6 +257,39 @@ class BlockEstimate(Estimate):
     def std_spacing(self) -> int:
         """Samples from one node to the next: standard deviations are linear in between."""
         return self.length
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockFit:
+    """Amplitudes at the nodes of a grid, each order smoothed by itself and with those that disturb it.
+
+    Attributes
+    ----------
+    grid : the record.
+    smoothed : what is estimated.
+    coupling : which orders are smoothed together; None where all are, or none is.
+    alike : whether lines stay within half a bandwidth of each other.
+    """
+
+    grid: Grid
+    smoothed: Smoothed
+    coupling: Coupling | None
+    alike: bool
+
+    @classmethod
+    def of(cls, grid: Grid, *, startup: int, coupled: bool) -> "BlockFit":
+        """Smooth a record; the innovations from sample `startup` on count."""
+        smoothed = smooth_apart(grid, startup // grid.length)
+        if not coupled:
+            return cls(grid=grid, smoothed=smoothed, coupling=None, alike=False)
+        closeness = Closeness(grid.model, grid.samples)
+        return cls(grid=grid, smoothed=smoothed, coupling=couple(grid, closeness, smoothed), alike=closeness.dwell())
+
+    def residuals(self, startup: int) -> "Residuals":
+        """Return what the orders leave of the record after a sample."""
+        if self.alike:
+            return Residuals.of_filter(self.grid.model, self.grid.x, startup)
+        return Residuals.of_fit(self.grid, self.smoothed, startup)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

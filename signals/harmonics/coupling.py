@@ -35,10 +35,8 @@ MARGIN = 2.0
 MOST_MOVED = 3.0
 CUT_LEAK = 1 / (2 * pi)
 MOST_ROUNDS = 6
-# Rounds in which the others are subtracted from all samples: each leaves no more than the tolerance of its input.
-FULL_ROUNDS = 2
 # Orders smoothed together near ends and gaps, at most, where nearly all disturb one another a little.
-MOST_AT_ENDS = 12
+MOST_AT_ENDS = 6
 
 
 def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> "Coupling | None":
@@ -124,13 +122,12 @@ class Coupling:
 
     def smooth_all(self, smoothed: Smoothed) -> None:
         """Subtract the others from all samples, and smooth again."""
-        for _ in range(FULL_ROUNDS):
-            others = WithoutOthers(self.grid, smoothed.levels, everywhere(self.grid))
-            lone = self._smooth_lone(others, smoothed)
-            self.chains = [
-                (group, smooth_group(self.grid, group, others.together(group), smoothed)) for group, _ in self.chains
-            ]
-            self._smooth_local_groups(others, lone, smoothed)
+        others = WithoutOthers(self.grid, smoothed.levels, everywhere(self.grid))
+        lone = self._smooth_lone(others, smoothed)
+        self.chains = [
+            (group, smooth_group(self.grid, group, others.together(group), smoothed)) for group, _ in self.chains
+        ]
+        self._smooth_local_groups(others, lone, smoothed)
 
     def _smooth_lone(self, others: "WithoutOthers", smoothed: Smoothed) -> Chains:
         """Smooth, in place, orders where they are by themselves; return groups of them and their chains."""

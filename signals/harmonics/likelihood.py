@@ -1,10 +1,11 @@
-"""The bandwidth under which a record is most likely: how fast each order's amplitude really wanders.
+"""The bandwidth under which a record is most likely: how fast each order's amplitude really varies.
 
-A tracker's `std` is honest when its random walk moves as the amplitudes do. Here the amplitudes walk from knot to
-knot, an eighth of one over the largest bandwidth apart, and are straight in between: all that the samples of such a
-block say of them is a Gram matrix and a vector of sums. The exact likelihood of that chain is the product of the
-densities of a Kalman filter's innovations [1]_. Orders that come near each other share one chain; those farther
-off are tracked first and subtracted.
+A tracker's `std` is honest when its random walk moves as the amplitudes do. Here the amplitudes walk from node to
+node, an eighth of one over the largest bandwidth apart, and are polynomials in between, straight lines with one or two
+poles: all information of the samples of a block is in its moments (see `_information_smoother`). The exact likelihood
+of that chain is what is left when its states are integrated out one after the other, the product of the densities of a
+Kalman filter's innovations [1]_. Orders that come near each other share one chain; the others are tracked first and
+subtracted, and those that come near none share the covariance of one, with the data of each beside it.
 
 References
 ----------
@@ -14,68 +15,101 @@ References
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import ceil, comb, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import positive, whole
-from signals._compile import compiled
+from signals.harmonics._information_kernels import FORWARD, filter_information
+from signals.harmonics._information_smoother import Information, Measured, NodeChain
 from signals.harmonics.bandwidth import MOST_POLES
+from signals.harmonics.blocks import BlockFit, block_length, one_of_each, scattered_share
+from signals.harmonics.coupling import WithoutOthers
+from signals.harmonics.grid import Grid
 from signals.harmonics.inputs import check_orders, check_record
-from signals.harmonics.model import Floats, HarmonicModel, Indices, Order
+from signals.harmonics.model import Floats, HarmonicModel, Indices, Order, lost
 from signals.harmonics.separability import Closeness, components
-from signals.harmonics.tracker import track_orders
+from signals.harmonics.smoothing import chain_alone, chain_together, everywhere, no_neighbours
 
-# A block lasts this fraction of 1 / (largest bandwidth): straight lines between its knots miss a 150th of an envelope
+# A block lasts this fraction of 1 / (largest bandwidth): straight lines between its nodes miss a 150th of an envelope
 # at the edge of that band.
 BLOCK = 1 / 8
 # Orders whose frequencies come within so many largest bandwidths share a chain: subtracting a tracked order takes
 # the noise beside it along, and with one pole the smoother's skirts are wide.
-NEAR = {1: 8.0, 2: 4.0, 3: 3.0, 4: 3.0}
+NEAR = {1: 8.0, 2: 2.5, 3: 2.0, 4: 2.0}
+# An order's own image averages out of the products of its columns where it turns twice in a block.
+IMAGE = 2 / BLOCK
 # Of one over the record: over it such an amplitude is a constant (one pole) or a polynomial.
 SMALLEST = 0.1
-# Ratio of the bandwidths looked at first, and to what share of itself the best one is then found.
+# Ratio of the bandwidths tried first, and to what share of itself the best one is then found.
 RATIO, FINE = 2.0, 0.02
-# Log likelihoods that differ by less say nothing: the smaller bandwidth it is. Below some 1 / record they all do.
+# Of a quarter of that step, looked at one after the other until one holds its own vertex.
+PARABOLAS = 3
+# Log likelihoods that differ by less are alike: the smaller bandwidth it is. Below some 1 / record they all are.
 ALIKE = 1e-3
 SWEEPS = 4
 # What may be left of a subtracted order, as a part of it.
-SUBTRACTED = 1e-4
+SUBTRACTED = 3e-4
 # Standard deviations of a block's noise: wide enough to leave the shape of the likelihood alone, narrow enough that
 # its square does not drown the rest in rounding.
 PRIOR_STD = 1e3
-SAMPLES_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BlockModel:
-    """Amplitudes that walk from knot to knot, straight in between, and the blocks of samples between the knots.
+class ChainLikelihood:
+    """The likelihood of data at nodes, as a function of the bandwidths of the walks.
 
     Attributes
     ----------
-    model : the orders, with the largest bandwidths they may have, in noise of unit variance.
-    rows : (block, measurement, 2 columns) array, what multiplies the levels at the knot after the block, and their
-        differences from the knot before it.
-    data : (block, measurement) array; NaN where a block says nothing.
-    samples : in a block.
+    model : the orders, with the poles of their walks.
+    length : samples between nodes.
+    measured : information in the data, in noise of unit variance.
+    before : information on the state at the first node: of two poles at least, since amplitudes of one pole, too, are
+        straight lines between nodes; their differences are renewed from node to node.
     """
 
     model: HarmonicModel
-    rows: Floats
-    data: Floats
-    samples: int
+    length: int
+    measured: Measured
+    before: Information
 
-    @property
-    def prior_variance(self) -> Floats:
-        """(block of the state, column) array: of levels and differences, two blocks at least, at the first knot."""
-        variance = self.model.prior_variance(step=self.samples)
-        return np.concatenate([variance, np.zeros((max(0, 2 - len(variance)), variance.shape[1]))])
+    @classmethod
+    def of(cls, model: HarmonicModel, chain: NodeChain, length: int) -> "ChainLikelihood":
+        """Take the data and the prior of a chain."""
+        return cls(model=model, length=length, measured=chain.measured(slice(0, chain.nodes)), before=chain.before)
 
-    def log_likelihood(self, bandwidth: ArrayLike) -> float:
-        """Logarithm of the density of the data, with (order,) bandwidths in cycles a sample or one for all."""
+    def lanes(self, some: slice) -> "ChainLikelihood":
+        """Return that of some of the lanes alone."""
+        vectors = self.measured.vectors.reshape(-1, *self.before.vector.shape)[:, :, some]
+        measured = Measured(self.measured.matrices, vectors.reshape(len(vectors), -1).copy())
+        return replace(self, measured=measured, before=self.before._replace(vector=self.before.vector[:, some].copy()))
+
+    def log_likelihood(self, bandwidth: ArrayLike) -> Floats:
+        """(lane,) array, logarithms of the densities of the data but for a constant, integrated over all states.
+
+        Parameters
+        ----------
+        bandwidth : (order,) array in cycles a sample, or one for all.
+        """
         width = np.broadcast_to(np.asarray(bandwidth, dtype=np.float64), self.model.orders.shape)
-        walk = replace(self.model, bandwidth=width[:, None]).process_noise(step=self.samples)[0]
-        return float(_log_likelihood(self.rows, self.data, walk, self.prior_variance, self.model.poles == 1))
+        process = replace(self.model, bandwidth=width[:, None]).process_noise(step=self.length)
+        matrix, vector = self.before.copy()
+        squares, unkept = np.zeros(vector.shape[1]), (np.empty((0, matrix.size)), np.empty((0, vector.size)))
+        columns = len(matrix) // max(2, self.model.poles)  # one where orders share it
+        log_determinant = filter_information(
+            *self.measured,
+            process[:, :columns].copy(),
+            self.model.poles == 1,
+            FORWARD,
+            matrix,
+            vector,
+            *unkept,
+            squares,
+        )
+        log_determinant += float(np.linalg.slogdet(matrix)[1])
+        squares += np.sum(vector * np.linalg.solve(matrix, vector), axis=0)
+        return np.asarray((squares - log_determinant) / 2)
 
 
 def likely_bandwidth(
@@ -123,7 +157,6 @@ def likely_bandwidth(
         orders=(largest_bandwidth_orders, samples_per_rev),
     )
     width, rate = pair.values()
-    block = max(1, round(BLOCK * rate / width))
     numbers, _, shaft, phases = check_orders(orders, phase_rad, samples=record.size)
     noise = None if noise_variance is None else _noise(noise_variance, numbers.size)
     model = HarmonicModel(
@@ -132,113 +165,169 @@ def likely_bandwidth(
         phases=phases,
         bandwidth=np.full((numbers.size, 1), width / rate),
         poles=whole(poles, name="poles", least=1, most=MOST_POLES),
-        prior_std=PRIOR_STD * np.sqrt(2 / block),
+        prior_std=PRIOR_STD,
     )
-    groups = _groups(model)
-    waves = np.zeros((numbers.size, 1))
-    if noise is None or len(groups) > 1:
-        tracks = track_orders(
-            record,
-            phase_rad=phase_rad,
-            orders=orders,
-            poles=poles,
-            output_every=max(1, block // 16),
-            rtol=SUBTRACTED,
-            **pair,  # type: ignore[arg-type]
-        )
-        noise = np.full(numbers.size, tracks.noise_variance) if noise is None else noise
-        waves = _waves(model, tracks.complex_amplitude, tracks.sample_index)
-    found = np.empty(numbers.size)
+    kept, member = one_of_each(model)
+    try:
+        found = _most_likely(model.subset(kept), record, None if noise is None else noise[kept])
+    except np.linalg.LinAlgError as error:
+        raise lost(model, "fast") from error
+    return found[member] * rate
+
+
+def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Floats:
+    """(order,) most likely bandwidths in cycles a sample, of orders of which no two are the same."""
+    seen, width = ~np.isnan(x), float(model.bandwidth[0, 0])
+    # Amplitudes of one pole go straight from node to node here, too, and so are those of others while subtracted.
+    smooth = replace(model, poles=max(2, model.poles))
+    grid = Grid(
+        model=smooth,
+        x=x[None],
+        seen=seen,
+        length=block_length(smooth, x.size, SUBTRACTED),
+        tolerance=SUBTRACTED,
+        shared=np.ones(model.orders.size, dtype=np.int64),
+    )
+    startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
+    fit = BlockFit.of(grid, startup=startup, coupled=True)
+    if noise is None:
+        noise = np.full(model.orders.size, fit.residuals(startup).noise_variance[0])
+    std = np.sqrt(np.where(noise > 0, noise, 1.0))
+    blocks = max(1, int(BLOCK / (width * grid.length)))
+    nodes = replace(grid, model=replace(smooth, prior_std=PRIOR_STD * sqrt(2 / (blocks * grid.length))))
+    nodes = replace(nodes, length=blocks * grid.length)
+    others = WithoutOthers(grid, fit.smoothed.levels, everywhere(grid))
+    alone, groups = _groups(model, seen, nodes.length)
+    found = np.empty(model.orders.size)
+    if alone.size:
+        data = joined(others.alone(alone), blocks) / std[alone, None, None]
+        chain = chain_alone(nodes, alone, data, nodes.at_nodes(nodes.seen_counts))
+        found[alone] = _each_alone(ChainLikelihood.of(model.subset(alone[:1]), chain, nodes.length))
     for group in groups:
-        rest = record - np.delete(waves, group, axis=0).sum(axis=0)
-        condensed = condense(model.subset(group), rest / np.sqrt(noise[group].mean() or 1.0), block=block)
-        found[group] = _most_likely(condensed)
-    return found * rate
+        data = joined(others.together(group), blocks) / std[group].mean()
+        chain = chain_together(nodes, group, slice(0, nodes.nodes), data, no_neighbours(nodes, group))
+        found[group] = _together(ChainLikelihood.of(model.subset(group), chain, nodes.length))
+    return found
 
 
-def condense(model: HarmonicModel, x: Floats, *, block: int) -> BlockModel:
-    """Replace the samples of each block by measurements that say the same of amplitudes straight between knots.
+def joined(data: Floats, blocks: int) -> Floats:
+    """Return data at every so many nodes, (node, moment, ...), from those at all, both as `Grid.data` has them.
 
-    With a block's regressors A and `A^T A = V diag(s) V^T` these measure `sqrt(s) V^T state`, found to be
-    `V^T A^T x / sqrt(s)` with unit noise.
-
-    Parameters
-    ----------
-    model : what the record holds.
-    x : (sample,) array in noise of unit variance, NaN where missing.
-    block : samples in a block; the last may have fewer.
+    At the place (h + v) / blocks of the longer block lies v of the short one h.
     """
-    step = block * max(1, SAMPLES_AT_ONCE // block)
-    parts = [_sums(model, x, slice(start, min(start + step, x.size)), block) for start in range(0, x.size, step)]
-    gram, sums = (np.concatenate(part) for part in zip(*parts, strict=True))
-    s, v = np.linalg.eigh(gram)
-    told = s > 1e-10 * block  # where no digit of s is right, the block is silent in that direction
-    root = np.sqrt(np.where(told, s, 1.0))
-    return BlockModel(
-        model=model,
-        rows=np.ascontiguousarray((v * root[:, None, :]).transpose(0, 2, 1)),
-        data=np.where(told, np.einsum("nij,ni->nj", v, sums) / root, np.nan),
-        samples=block,
-    )
+    moments, filled = data.shape[1], -(-(len(data) - 1) // blocks)
+    short = np.zeros((filled * blocks, *data.shape[1:]))
+    short[: len(data) - 1] = data[1:]
+    shift = np.zeros((blocks, moments, moments))
+    for m in range(moments):
+        for i in range(m + 1):
+            shift[:, m, i] = comb(m, i) * np.arange(blocks, dtype=np.float64) ** (m - i) / float(blocks) ** m
+    long = np.einsum("hmi,bhi...->bm...", shift, short.reshape(filled, blocks, *data.shape[1:]))
+    return np.concatenate([np.zeros_like(long[:1]), long])
 
 
-def _sums(model: HarmonicModel, x: Floats, span: slice, block: int) -> tuple[Floats, Floats]:
-    """Return `A^T A` and `A^T x` of each block, (block, 2 columns, 2 columns) and (block, 2 columns)."""
-    level = model.regressors(span)
-    back = (np.arange(len(level)) % block) / block - 1.0  # from the next knot
-    A = np.concatenate([level, back[:, None] * level, x[span, None]], axis=1)
-    A[np.isnan(x[span])] = 0.0
-    A = np.concatenate([A, np.zeros((-len(A) % block, A.shape[1]))]).reshape(-1, block, A.shape[1])
-    products = A.transpose(0, 2, 1) @ A
-    return products[:, :-1, :-1], products[:, :-1, -1]
-
-
-def _most_likely(condensed: BlockModel) -> Floats:
-    """Climb the likelihood, first with one bandwidth for all orders, then with each in turn."""
-    model = condensed.model
-    largest = float(model.bandwidth[0, 0])
-    smallest = min(SMALLEST / model.phases[0].size, largest)
+def _grid_of_bandwidths(chain: ChainLikelihood) -> Floats:
+    """Return the logarithms of the bandwidths tried first."""
+    largest = float(chain.model.bandwidth[0, 0])
+    smallest = min(SMALLEST / chain.model.phases[0].size, largest)
     count = 2 + int(np.log(largest / smallest) / np.log(RATIO))
-    grid = np.linspace(np.log(smallest), np.log(largest), count)
-    found = np.full(model.orders.size, _peak(lambda b: condensed.log_likelihood(np.exp(b)), grid))
-    for _ in range(SWEEPS if found.size > 1 else 0):
+    return np.linspace(np.log(smallest), np.log(largest), count)
+
+
+def _each_alone(chain: ChainLikelihood) -> Floats:
+    """Climb the likelihood of each order."""
+    places = _grid_of_bandwidths(chain)
+    values = np.array([chain.log_likelihood(np.exp(b)) for b in places])
+    values = values.reshape(places.size, -1, 2).sum(axis=2)
+    found = np.empty(values.shape[1])
+    for k in range(found.size):
+        own = chain.lanes(slice(2 * k, 2 * k + 2))
+
+        def value(b: float, own: ChainLikelihood = own) -> float:
+            return float(own.log_likelihood(np.exp(b)).sum())
+
+        found[k] = _refined(value, places, values[:, k])
+    return np.asarray(np.exp(found))
+
+
+def _together(chain: ChainLikelihood) -> Floats:
+    """Climb the likelihood, first with one bandwidth for all orders, then with each in turn by ever shorter steps."""
+    places = _grid_of_bandwidths(chain)
+
+    def value(b: Floats | float) -> float:
+        return float(chain.log_likelihood(np.exp(b))[0])
+
+    values = np.array([value(b) for b in places.tolist()])
+    found = np.full(chain.model.orders.size, _refined(value, places, values))
+    step, here = (places[-1] - places[0]) / max(places.size - 1, 1), value(found)
+    for sweep in range(SWEEPS if found.size > 1 else 0):
         before = found.copy()
         for k in range(found.size):
-
-            def along(b: float, k: int = k) -> float:
-                return condensed.log_likelihood(np.exp(np.where(np.arange(found.size) == k, b, found)))
-
-            found[k] = _peak(along, grid)
+            here = _climb(value, found, k, here, step / 2**sweep, places)
         if np.abs(found - before).max() < 2 * FINE:
             break
     return np.asarray(np.exp(found))
 
 
-def _peak(function: Callable[[float], float], grid: Floats) -> float:
-    """Return where a log likelihood is largest: the best of an ascending grid, refined between its neighbours."""
-    from scipy.optimize import minimize_scalar  # noqa: PLC0415  (optimizers are slow to import)
+def _climb(value: Callable[[Floats], float], found: Floats, k: int, here: float, h: float, places: Floats) -> float:
+    """Move one of the bandwidths, in place, up a log likelihood, `here` before, and return what it is there."""
+    least, most = places[0], places[-1]
 
-    values = np.array([function(b) for b in grid])
+    def at(b: float) -> tuple[Floats, float]:
+        moved = found.copy()
+        moved[k] = np.clip(b, least, most)
+        return moved, value(moved)
+
+    below, above = at(found[k] - h), at(found[k] + h)
+    while below[1] > here - ALIKE and below[0][k] < found[k]:
+        above, here, found[k] = (found.copy(), here), below[1], below[0][k]
+        below = at(found[k] - h)
+    while above[1] > here + ALIKE and above[0][k] > found[k]:
+        below, here, found[k] = (found.copy(), here), above[1], above[0][k]
+        above = at(found[k] + h)
+    moved, best = at(found[k] + h * _vertex(np.array([below[1], here, above[1]]))[0])
+    if best > here + ALIKE:
+        found[k], here = moved[k], best
+    return here
+
+
+def _refined(function: Callable[[float], float], places: Floats, values: Floats) -> float:
+    """Return where a log likelihood is largest: the best of even places, refined by parabolas a quarter step wide."""
     best = int(np.argmax(values > values.max() - ALIKE))
-    around = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
-    finer = minimize_scalar(lambda b: -function(b), bounds=around, method="bounded", options={"xatol": FINE})
-    return float(finer.x) if -finer.fun > values[best] + ALIKE else float(grid[best])
+    if places.size == 1:
+        return float(places[0])
+    least, most, h = places[0], places[-1], (places[1] - places[0]) / 4
+    place, move, value = float(np.clip(places[best], least + h, most - h)), 0.0, -np.inf
+    if 0 < best < places.size - 1:
+        place += _vertex(values[best - 1 : best + 2])[0] * 4 * h
+    for _ in range(PARABOLAS):
+        vertex, value = _vertex(np.array([function(place - h), function(place), function(place + h)]))
+        place, move = place + h * vertex, abs(vertex)
+        if move <= 1 or not least < place < most:
+            break
+        place = float(np.clip(place, least + h, most - h))
+    return float(np.clip(place, least, most)) if value > values[best] + ALIKE else float(places[best])
 
 
-def _groups(model: HarmonicModel) -> list[Indices]:
-    """Return the orders that come near each other, directly or by way of others."""
-    near = Closeness(model, model.phases[0].size).nearest < NEAR[model.poles] * model.bandwidth[0]
-    return components(near | np.eye(model.orders.size, dtype=np.bool_))
+def _vertex(values: Floats) -> tuple[float, float]:
+    """Return where a parabola through values at -1, 0 and 1 is largest, two to either side at most, and its value."""
+    slope, curvature = (values[2] - values[0]) / 2, 2 * values[1] - values[0] - values[2]
+    place = float(np.clip(slope / curvature, -2, 2)) if curvature > 0 else 2 * float(np.sign(slope))
+    return place, float(values[1] + slope * place - curvature * place**2 / 2)
 
 
-def _waves(model: HarmonicModel, amplitudes: NDArray[np.complex128], index: Indices) -> Floats:
-    """(order, sample) waveforms of the tracks, their amplitudes interpolated between outputs."""
-    sample = np.arange(model.phases[0].size)
-    waves = np.empty((len(amplitudes), sample.size))
-    for wave, z, order, shaft in zip(waves, amplitudes, model.orders, model.shaft, strict=True):
-        angle = order * model.phases[shaft]
-        wave[:] = np.interp(sample, index, z.real) * np.cos(angle) - np.interp(sample, index, z.imag) * np.sin(angle)
-    return waves
+def _groups(model: HarmonicModel, seen: NDArray[np.bool_], block: int) -> tuple[Indices, list[Indices]]:
+    """Return the orders that come near none, and groups of those that come near each other or their own image.
+
+    Gaps within blocks may keep in step with a shaft: then no order is alone.
+    """
+    nearest = Closeness(model, seen.size).nearest
+    near = nearest < NEAR[model.poles] * model.bandwidth[0]
+    near |= np.diag((np.diag(nearest) < IMAGE * model.bandwidth[0]) | (model.orders == 0))
+    if scattered_share(seen, block):
+        near |= np.eye(len(near), dtype=np.bool_)
+    groups = components(near)
+    return np.flatnonzero(~near.any(axis=1)), groups
 
 
 def _one_channel(x: ArrayLike) -> Floats:
@@ -279,58 +368,3 @@ def _noise(value: ArrayLike, orders: int) -> Floats:
             f"noise_variance has shape {noise.shape} for {orders} orders; pass one number for all, or one each."
         )
     return np.array([positive(item, name="noise_variance") for item in np.broadcast_to(noise, orders).tolist()])
-
-
-@compiled
-def _advance(walk: Floats, mean: Floats, covariance: Floats, forget: bool) -> None:
-    """Move the filter to the next knot: the highest difference walks, each adds to the one below it."""
-    width, size = walk.size, mean.size
-    if forget:
-        mean[width:] = 0.0
-        covariance[width:] = 0.0
-        covariance[:, width:] = 0.0
-    for a in range(width):
-        covariance[size - width + a, size - width + a] += walk[a]
-    for a in range(size - width - 1, -1, -1):
-        mean[a] += mean[a + width]
-        covariance[a] += covariance[a + width]
-        covariance[:, a] += covariance[:, a + width]
-    for a in range(size):  # nothing else stops an antisymmetric error from growing
-        covariance[:a, a] = covariance[a, :a]
-
-
-@compiled
-def _update(row: Floats, datum: float, mean: Floats, covariance: Floats, gain: Floats) -> float:
-    """Take one measurement in and return the log density of its innovation."""
-    gain[:] = 0.0
-    for a in range(row.size):
-        gain += row[a] * covariance[a]
-    error, variance = datum, 1.0
-    for a in range(row.size):
-        error -= row[a] * mean[a]
-        variance += row[a] * gain[a]
-    for a in range(mean.size):
-        mean[a] += gain[a] * (error / variance)
-        for b in range(mean.size):
-            covariance[a, b] -= gain[a] * (gain[b] / variance)
-    return float(-0.5 * (error**2 / variance + np.log(2 * np.pi * variance)))
-
-
-@compiled
-def _log_likelihood(rows: Floats, data: Floats, walk: Floats, prior: Floats, forget: bool) -> float:
-    """Sum of the log densities of a covariance filter's innovations.
-
-    Parameters
-    ----------
-    rows, data : as in `BlockModel`.
-    walk : (column,) array, variance of the walk from knot to knot.
-    prior : (block of the state, column) array, variances at the first knot.
-    forget : a plain random walk keeps no difference; each step starts it from nothing.
-    """
-    mean, gain, covariance, total = np.zeros(prior.size), np.empty(prior.size), np.diag(prior.ravel()), 0.0
-    for block in range(len(rows)):
-        _advance(walk, mean, covariance, forget)
-        for i in range(rows.shape[1]):
-            if not np.isnan(data[block, i]):
-                total += _update(rows[block, i], data[block, i], mean, covariance, gain)
-    return total

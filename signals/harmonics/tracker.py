@@ -37,7 +37,7 @@ from signals.harmonics.separability import Closeness, flag_outputs
 from signals.harmonics.tracks import OrderTracks
 
 # With fewer samples a block, condensing them gains nothing.
-SHORTEST_BLOCK = 12
+SHORTEST_BLOCK = 4
 # Multiplications, about a third of a nanosecond each, that the exact method may take where "auto" chooses.
 EXACT_WORK = 3e8
 LARGEST_RTOL = 0.1

@@ -1,12 +1,16 @@
 """The most likely bandwidth: the density itself, and what it finds in records whose bandwidth is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from signals.harmonics.bandwidth import process_variance
-from signals.harmonics.likelihood import condense, likely_bandwidth
+from signals.harmonics.grid import Grid
+from signals.harmonics.likelihood import ChainLikelihood, joined, likely_bandwidth
 from signals.harmonics.model import HarmonicModel
+from signals.harmonics.smoothing import chain_alone, chain_together, no_neighbours
 from signals.harmonics.tracker import track_orders
 
 POLES = [1, 2, 3, 4]
@@ -26,31 +30,49 @@ def extended_log_density(x, covariance):
 
 
 def dense_log_density(x, model, block, bandwidth):
-    """The same chain written out: knots as sums of their prior and of all increments, samples straight in between."""
-    blocks = -(-x.size // block)
+    """The same chain written out: nodes as sums of their prior and of all increments, Newton's polynomial in between.
+
+    The value at the place u after a node is the sum of `s (s + 1) ... (s + j - 1) / j!` times the j-th backward
+    difference at the next node, with s = u - 1; with one pole, too, it goes straight from level to level.
+    """
+    blocks, poles = -(-x.size // block), model.poles
     levels = model.regressors(slice(None))
     q = process_variance(
-        orders=model.orders, bandwidth=bandwidth * block, rate=1.0, poles=model.poles, noise_variance=1 / block
+        orders=model.orders, bandwidth=bandwidth * block, rate=1.0, poles=poles, noise_variance=1 / block
     )
     prior = model.prior_variance(step=block)
-    weight = np.arange(x.size) % block / block
-    knot = np.arange(x.size) // block
-    between = np.zeros((x.size, blocks + 1))
-    between[np.arange(x.size), knot] = 1 - weight
-    between[np.arange(x.size), knot + 1] = weight
-    move = np.triu(np.ones((model.poles, model.poles)))
-    powers = [np.linalg.matrix_power(move, k)[0] for k in range(blocks + 1)]
+    s, node = np.arange(x.size) % block / block - 1, np.arange(x.size) // block
+    basis = np.cumprod([np.ones(x.size)] + [(s + j) / (j + 1) for j in range(poles - 1)], axis=0).T
+    move = np.triu(np.ones((poles, poles)))
     covariance = np.eye(x.size, dtype=np.longdouble)
     for column, order in enumerate(model.order_of_column):
-        start = np.array(powers) * np.sqrt(prior[:, column])
-        walked = np.zeros((blocks + 1, blocks))
-        for k in range(1, blocks + 1):
-            walked[k, :k] = [powers[k - m][-1] for m in range(k)]
-        sources = between.astype(np.longdouble) @ np.hstack([start, walked * np.sqrt(q[order])])
+        states = np.zeros((blocks + 1, poles, poles + blocks), dtype=np.longdouble)
+        states[0, :, :poles] = np.diag(np.sqrt(prior[:, column]))
+        for k in range(blocks):
+            states[k + 1] = states[k]
+            states[k + 1, -1, poles + k] += np.sqrt(q[order])
+            states[k + 1] = move @ states[k + 1]
+        if poles == 1:
+            sources = -s[:, None] * states[node, 0] + (1 + s)[:, None] * states[node + 1, 0]
+        else:
+            sources = np.einsum("nj,njs->ns", basis, states[node + 1])
         sources *= levels[:, column, None]
         covariance += sources @ sources.T
     seen = ~np.isnan(x)
     return extended_log_density(x[seen], covariance[np.ix_(seen, seen)])
+
+
+def nodes(model, x, length):
+    """Return the grid of a chain, with straight lines between nodes for one pole too."""
+    two = replace(model, poles=max(2, model.poles))
+    shared = np.ones(model.orders.size, dtype=np.int64)
+    return Grid(model=two, x=x[None], seen=~np.isnan(x), length=length, tolerance=1e-3, shared=shared)
+
+
+def together(grid):
+    every_order = np.arange(grid.model.orders.size)
+    prior = no_neighbours(grid, every_order)
+    return chain_together(grid, every_order, slice(0, grid.nodes), grid.data(grid.moments), prior)
 
 
 @pytest.mark.parametrize("poles", POLES)
@@ -69,13 +91,51 @@ def test_likelihood_is_the_normal_density_of_the_samples(poles):
     x = 3 + 5 * np.cos(phases[0] + 0.3) + 2 * np.cos(1.3 * phases[1]) + rng.standard_normal(n.size)
     x[60:75] = np.nan  # longer than a block
     block = 12  # half a turn of the slow shaft
-    condensed = condense(model, x, block=block)
+    grid = nodes(model, x, block)
+    chain = ChainLikelihood.of(model, together(grid), block)
     tried = np.array([[1e-5, 1e-5, 1e-5], [1e-3, 4e-3, 2e-3], [1e-2, 1e-4, 6e-3], [1e-2, 1e-2, 1e-2]])
-    found = np.array([condensed.log_likelihood(b) for b in tried])
+    found = np.array([chain.log_likelihood(b)[0] for b in tried])
     expected = np.array([dense_log_density(x, model, block, b) for b in tried])
-    # What the blocks' residuals say of the noise is missing in one, whatever the bandwidth. The filter loses the
-    # square of the prior, 1e5, from 1e-16.
+    # A constant is missing in one, whatever the bandwidth. Information may lose the square of the prior, 1e5, from
+    # 1e-16.
     assert_allclose(np.diff(found), np.diff(expected), atol=1e-8 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("poles", POLES)
+def test_orders_alone_have_the_likelihood_of_all_columns(poles):
+    rng = np.random.default_rng(poles)
+    phase = 2 * np.pi * 0.21 * np.arange(6000)
+    model = HarmonicModel(
+        orders=np.ones(1), shaft=np.zeros(1, int), phases=(phase,), bandwidth=np.full((1, 1), 0.01), poles=poles,
+        prior_std=300.0,
+    )  # fmt: skip
+    x = 4 * np.cos(phase + np.sin(2 * np.pi * 1e-3 * np.arange(phase.size))) + rng.standard_normal(phase.size)
+    x[900:1400] = np.nan
+    block = 12
+    grid = nodes(model, x, block)
+    alone = chain_alone(grid, np.arange(1), grid.data(grid.moments), grid.at_nodes(grid.seen_counts))
+    tried = [1e-4, 1e-3, 3e-3, 1e-2]
+    one = ChainLikelihood.of(model, alone, block)
+    own = np.array([one.log_likelihood(b).sum() for b in tried])
+    np.testing.assert_array_equal(one.lanes(slice(1, 2)).log_likelihood(3e-3), one.log_likelihood(3e-3)[1:])
+    all_columns = np.array([ChainLikelihood.of(model, together(grid), block).log_likelihood(b)[0] for b in tried])
+    # Twice its frequency turns five times in a block: what is left of it in products of columns is at most
+    # 1 / (5 pi) of them, of either sign from block to block.
+    assert_allclose(own - own.max(), all_columns - all_columns.max(), rtol=0.02, atol=0.3)
+
+
+@pytest.mark.parametrize("poles", POLES)
+def test_short_blocks_join_to_long_ones(poles):
+    rng = np.random.default_rng(0)
+    phase = 2 * np.pi * 0.21 * np.arange(205)  # the last long block has one short one and a part
+    model = HarmonicModel(
+        orders=np.array([1.0, 1.7]), shaft=np.zeros(2, int), phases=(phase,), bandwidth=np.full((2, 1), 0.01),
+        poles=poles, prior_std=300.0,
+    )  # fmt: skip
+    x = rng.standard_normal(phase.size)
+    short, long = nodes(model, x, 12), nodes(model, x, 48)
+    # Sums of 48 samples of unit size in another order.
+    assert_allclose(joined(short.data(short.moments), 4), long.data(long.moments), rtol=0, atol=48 * 4e-16 * 3)
 
 
 def drawn(rng, *, orders, phase, bandwidth, poles, noise=0.25):
