@@ -43,6 +43,7 @@ LARGEST_LEAK = 1e-3
 # Where a tolerance of the largest amplitude is more than this part of a standard deviation, the others are subtracted
 # from all samples.
 SMALL_PART = 0.3
+# Times that this is done: each leaves no more than the tolerance of its input.
 FULL_ROUNDS = 2
 # Part of 1 / bandwidth in a block of the exact setting, with one pole and with more: measured with amplitudes that walk
 # as the model says, estimates are then within 1e-3 of `std` (root mean square) of those of single samples.
@@ -118,15 +119,13 @@ def fast(
     grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=tolerance, shared=np.bincount(member))
     fit = BlockFit.of(grid, startup=startup, coupled=coupled)
     smoothed, residuals = fit.smoothed, fit.residuals(startup)
-    for _ in range(FULL_ROUNDS):
-        if fit.coupling is None or not _far_above_std(smoothed, residuals.noise_variance, tolerance):
-            break
-        fit.coupling.smooth_all(smoothed)
-        tolerance *= grid.tolerance  # each round leaves no more than the tolerance of its input
+    if fit.coupling and _far_above_std(smoothed, residuals.noise_variance, tolerance):
+        for number in range(FULL_ROUNDS):
+            fit.coupling.smooth_all(smoothed, ends=number == FULL_ROUNDS - 1)
         residuals = residuals if fit.alike else fit.residuals(startup)
     bound = max(droop(model, length), scattered_share(seen, length))
     if coupled:
-        bound = max(bound, grid.tolerance, fit.coupling.left if fit.coupling else 0.0)
+        bound = max(bound, tolerance, fit.coupling.left if fit.coupling else 0.0)
     if fit.coupling and model.poles > 1 and fit.alike:
         bound = inf  # what others leave in their difference does not fade in a memory
     observed = int(np.count_nonzero(grid.seen[startup:]))
@@ -277,13 +276,14 @@ class BlockFit:
     alike: bool
 
     @classmethod
-    def of(cls, grid: Grid, *, startup: int, coupled: bool) -> "BlockFit":
-        """Smooth a record; the innovations from sample `startup` on count."""
+    def of(cls, grid: Grid, *, startup: int, coupled: bool, ends: bool = True) -> "BlockFit":
+        """Smooth a record, whose innovations count from sample `startup` on; see `couple` for `ends`."""
         smoothed = smooth_apart(grid, startup // grid.length)
         if not coupled:
             return cls(grid=grid, smoothed=smoothed, coupling=None, alike=False)
         closeness = Closeness(grid.model, grid.samples)
-        return cls(grid=grid, smoothed=smoothed, coupling=couple(grid, closeness, smoothed), alike=closeness.dwell())
+        coupling = couple(grid, closeness, smoothed, ends=ends)
+        return cls(grid=grid, smoothed=smoothed, coupling=coupling, alike=closeness.dwell())
 
     def residuals(self, startup: int) -> "Residuals":
         """Return what the orders leave of the record after a sample."""

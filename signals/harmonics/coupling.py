@@ -36,10 +36,10 @@ MOST_MOVED = 3.0
 CUT_LEAK = 1 / (2 * pi)
 MOST_ROUNDS = 6
 # Orders smoothed together near ends and gaps, at most, where nearly all disturb one another a little.
-MOST_AT_ENDS = 6
+MOST_AT_ENDS = 12
 
 
-def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> "Coupling | None":
+def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed, *, ends: bool = True) -> "Coupling | None":
     """Smooth together, in place, what the estimates of `smooth_apart` show to disturb one another.
 
     Parameters
@@ -47,6 +47,7 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> "Coupling | 
     grid : the record.
     closeness : of its orders.
     smoothed : as `smooth_apart` returns it.
+    ends : whether more orders are to be smoothed together at ends and gaps; if not, others are subtracted there.
 
     Returns
     -------
@@ -59,7 +60,10 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> "Coupling | 
     if groups and groups[0].size == size.size:
         return None
     coupling = Coupling(grid, closeness, chains, received, size)
-    coupling.smooth_ends(smoothed)
+    if ends:
+        coupling.smooth_ends(smoothed)
+    else:
+        coupling.smooth_all(smoothed, ends=False)
     return coupling
 
 
@@ -120,14 +124,15 @@ class Coupling:
             if np.all(kept * alone <= MOST_MOVED * self.grid.tolerance * self.size):
                 break
 
-    def smooth_all(self, smoothed: Smoothed) -> None:
-        """Subtract the others from all samples, and smooth again."""
+    def smooth_all(self, smoothed: Smoothed, *, ends: bool = True) -> None:
+        """Subtract the others from all samples, and smooth again, at ends and gaps more of them together or not."""
         others = WithoutOthers(self.grid, smoothed.levels, everywhere(self.grid))
         lone = self._smooth_lone(others, smoothed)
         self.chains = [
             (group, smooth_group(self.grid, group, others.together(group), smoothed)) for group, _ in self.chains
         ]
-        self._smooth_local_groups(others, lone, smoothed)
+        if ends:
+            self._smooth_local_groups(others, lone, smoothed)
 
     def _smooth_lone(self, others: "WithoutOthers", smoothed: Smoothed) -> Chains:
         """Smooth, in place, orders where they are by themselves; return groups of them and their chains."""

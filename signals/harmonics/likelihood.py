@@ -49,6 +49,9 @@ PARABOLAS = 3
 # Log likelihoods that differ by less are alike: the smaller bandwidth it is. Below some 1 / record they all are.
 ALIKE = 1e-3
 SWEEPS = 4
+# With so many poles amplitudes are so free at the ends of a record that orders must be smoothed together there before
+# any is subtracted.
+MANY_POLES = 3
 # What may be left of a subtracted order, as a part of it.
 SUBTRACTED = 3e-4
 # Standard deviations of a block's noise: wide enough to leave the shape of the likelihood alone, narrow enough that
@@ -189,7 +192,7 @@ def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Float
         shared=np.ones(model.orders.size, dtype=np.int64),
     )
     startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
-    fit = BlockFit.of(grid, startup=startup, coupled=True)
+    fit = BlockFit.of(grid, startup=startup, coupled=True, ends=model.poles >= MANY_POLES)
     if noise is None:
         noise = np.full(model.orders.size, fit.residuals(startup).noise_variance[0])
     std = np.sqrt(np.where(noise > 0, noise, 1.0))
