@@ -119,8 +119,11 @@ def fast(
     grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=tolerance, shared=np.bincount(member))
     fit = BlockFit.of(grid, startup=startup, coupled=coupled)
     smoothed, residuals = fit.smoothed, fit.residuals(startup)
-    if fit.coupling and _far_above_std(smoothed, residuals.noise_variance, tolerance):
-        for number in range(FULL_ROUNDS):
+    if fit.coupling:
+        far = _far_above_std(smoothed, residuals.noise_variance, tolerance)
+        if not (far and seen.all()):
+            fit.coupling.smooth_ends(smoothed)
+        for number in range(FULL_ROUNDS if far else 0):
             fit.coupling.smooth_all(smoothed, ends=number == FULL_ROUNDS - 1)
         residuals = residuals if fit.alike else fit.residuals(startup)
     bound = max(droop(model, length), scattered_share(seen, length))
@@ -276,13 +279,13 @@ class BlockFit:
     alike: bool
 
     @classmethod
-    def of(cls, grid: Grid, *, startup: int, coupled: bool, ends: bool = True) -> "BlockFit":
-        """Smooth a record, whose innovations count from sample `startup` on; see `couple` for `ends`."""
+    def of(cls, grid: Grid, *, startup: int, coupled: bool) -> "BlockFit":
+        """Smooth a record; its innovations count from sample `startup` on."""
         smoothed = smooth_apart(grid, startup // grid.length)
         if not coupled:
             return cls(grid=grid, smoothed=smoothed, coupling=None, alike=False)
         closeness = Closeness(grid.model, grid.samples)
-        coupling = couple(grid, closeness, smoothed, ends=ends)
+        coupling = couple(grid, closeness, smoothed)
         return cls(grid=grid, smoothed=smoothed, coupling=coupling, alike=closeness.dwell())
 
     def residuals(self, startup: int) -> "Residuals":

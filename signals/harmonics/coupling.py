@@ -39,7 +39,7 @@ MOST_ROUNDS = 6
 MOST_AT_ENDS = 12
 
 
-def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed, *, ends: bool = True) -> "Coupling | None":
+def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> "Coupling | None":
     """Smooth together, in place, what the estimates of `smooth_apart` show to disturb one another.
 
     Parameters
@@ -47,11 +47,11 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed, *, ends: bool =
     grid : the record.
     closeness : of its orders.
     smoothed : as `smooth_apart` returns it.
-    ends : whether more orders are to be smoothed together at ends and gaps; if not, others are subtracted there.
 
     Returns
     -------
-    the groups that are smoothed together; None where all orders are one group.
+    the groups that are smoothed together, with what improves on that near ends and gaps, and where amplitudes are far
+    above their uncertainty; None where all orders are one group.
     """
     size = smoothed.size
     received = closeness.received(_at_least(grid, Bandwidth.smoother_gain), size)
@@ -59,12 +59,7 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed, *, ends: bool =
     chains = [(group, smooth_group(grid, group, grid.data(grid.moments[:, :, group]), smoothed)) for group in groups]
     if groups and groups[0].size == size.size:
         return None
-    coupling = Coupling(grid, closeness, chains, received, size)
-    if ends:
-        coupling.smooth_ends(smoothed)
-    else:
-        coupling.smooth_all(smoothed, ends=False)
-    return coupling
+    return Coupling(grid, closeness, chains, received, size)
 
 
 class Coupling:

@@ -192,7 +192,11 @@ def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Float
         shared=np.ones(model.orders.size, dtype=np.int64),
     )
     startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
-    fit = BlockFit.of(grid, startup=startup, coupled=True, ends=model.poles >= MANY_POLES)
+    fit = BlockFit.of(grid, startup=startup, coupled=True)
+    if fit.coupling and model.poles >= MANY_POLES:
+        fit.coupling.smooth_ends(fit.smoothed)
+    elif fit.coupling:
+        fit.coupling.smooth_all(fit.smoothed, ends=False)
     if noise is None:
         noise = np.full(model.orders.size, fit.residuals(startup).noise_variance[0])
     std = np.sqrt(np.where(noise > 0, noise, 1.0))
