@@ -78,14 +78,27 @@ def truth_at(record, order, times_s):
     return np.interp(times_s, knots, values.real) + 1j * np.interp(times_s, knots, values.imag)
 
 
+def left_out(record, analysis, track):
+    """Sum of the true amplitudes of the other lines within the bandwidth of a track that have no track themselves."""
+    true, tracked = record["truth_order"].to_numpy(), group(analysis, "tracks")["track_order"].to_numpy()
+    near = np.abs(true - track["track_order"].item()) < track["bandwidth_orders"].item()
+    hidden = near & (np.abs(true[:, None] - tracked).min(axis=1) > 1e-6)
+    return float(np.abs(record["truth_amplitude"].isel(truth_channel=0)).max("truth_time").to_numpy()[hidden].sum())
+
+
 def assert_tracked(record, analysis, order):
-    """Each quadrature within three standard deviations in the middle of the record, where no end is near."""
+    """Each quadrature within three standard deviations in the middle of the record, where no end is near.
+
+    The third harmonic of the output shaft lies 0.02 orders from a line seventy times as large, which hides it: the
+    track of that one has it as a beat.
+    """
     track = track_of(analysis, order)
     estimate, std, times = (track[name].to_numpy() for name in ("complex_amplitude", "std", "time_s"))
     middle = times.size // 2
     error = (estimate[middle] - truth_at(record, order, times[middle])) / std[middle]
-    assert abs(error.real) < 3
-    assert abs(error.imag) < 3
+    largest = 3 + left_out(record, analysis, track) / std[middle]
+    assert abs(error.real) < largest
+    assert abs(error.imag) < largest
     return float(np.mean(np.abs(estimate)))
 
 
