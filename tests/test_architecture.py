@@ -58,7 +58,6 @@ ORDER = {
         "grid",
         "smoothing",
         "coupling",
-        "block_outputs",
         "blocks",
         "reference",
         "tracker",

@@ -16,20 +16,17 @@ is left of the error is below a few thousandths of `std`; with blocks of one sam
 
 from dataclasses import dataclass, replace
 from math import inf, pi, sqrt
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics import _block_kernels
-from signals.harmonics._information_smoother import smooth_stretches
-from signals.harmonics.block_outputs import BlockOutputs, at_outputs
 from signals.harmonics.coupling import Coupling, couple
-from signals.harmonics.grid import Grid, pieces_between
+from signals.harmonics.grid import Grid, at_outputs, pieces_between
 from signals.harmonics.kalman_filter import count_innovations
 from signals.harmonics.model import LAGS, Complexes, Estimate, Floats, HarmonicModel, Indices
 from signals.harmonics.separability import Closeness
-from signals.harmonics.smoothing import Smoothed, chain_together, no_neighbours, smooth_apart
+from signals.harmonics.smoothing import Smoothed, chain_together, no_neighbours, smooth_apart, solved
 
 FEWEST_BLOCKS = 64
 # A one-pole walk moves as much within a block as the noise of the block: measured, at this part of 1 / bandwidth the
@@ -132,13 +129,11 @@ def fast(
     if fit.coupling and model.poles > 1 and fit.alike:
         bound = inf  # what others leave in their difference does not fade in a memory
     observed = int(np.count_nonzero(grid.seen[startup:]))
-    levels, variances = smoothed.levels, smoothed.variances
-    if kept.size < member.size:
-        levels, variances = _share_out(grid, member, levels, variances, every=length)
-    return BlockEstimate(
+    levels, variances = _share_out(grid, member, smoothed.levels, smoothed.variances)
+    return Estimate(
         amplitude=at_outputs(levels, grid, every=output_every),
         variance=variances,
-        length=length,
+        std_spacing=length,
         innovation_mean_square=residuals.noise_variance,
         innovation_log_variance=float(smoothed.log_variances.sum()) / max(observed, 1),
         innovation_autocorrelation=residuals.autocorrelation,
@@ -169,30 +164,39 @@ def exact(
     one_each = model if kept.size == member.size else model.subset(kept)
     innovations = count_innovations(model, x, startup=startup, keep=keep)
     std = np.sqrt(innovations.mean_square if noise_variance is None else np.full(len(x), noise_variance))
-    length, shorter = 0, exact_length(model, seen.size)
-    while length != shorter:
-        length = shorter
+    length, group = exact_length(model, seen.size), np.arange(kept.size)
+    while True:
         grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=0.0, shared=np.bincount(member))
-        outputs, group = BlockOutputs.empty(grid, every=output_every), np.arange(kept.size)
         chain = chain_together(grid, group, slice(0, grid.nodes), None, no_neighbours(grid, group))
-        for nodes, part in smooth_stretches(chain, first=0):
-            outputs.take(nodes, part)
-        # It grows with the square of the length.
-        droop = outputs.droop(std) if length > 1 else 0.0
-        shorter = length if droop <= LARGEST_DROOP else max(1, int(length * sqrt(LARGEST_DROOP / droop)))
-    amplitude, variance = outputs.amplitude, outputs.variance
-    if kept.size < member.size:
-        amplitude, variance = _share_out(grid, member, amplitude, variance, every=max(output_every, length))
-    found: dict[str, Any] = {
-        "amplitude": amplitude,
-        "variance": variance,
-        "innovation_mean_square": innovations.mean_square,
-        "innovation_log_variance": innovations.mean_log_variance,
-        "innovation_autocorrelation": innovations.autocorrelation,
-        "innovation_samples": innovations.count,
-        "innovations": innovations.kept,
-    }
-    return Estimate(**found) if output_every > length else BlockEstimate(**found, length=length)
+        levels, variances, _, _ = solved(grid, group, chain, 0)
+        lost = _lost_between(levels, variances, std)  # grows with the square of the length
+        if length == 1 or lost <= LARGEST_DROOP:
+            break
+        length = max(1, min(int(length * sqrt(LARGEST_DROOP / lost)), length - 1))
+    levels, variances = _share_out(grid, member, levels, variances)
+    if output_every > length:
+        outputs, nodes = np.arange(0, seen.size, output_every), length * np.arange(grid.nodes)
+        variances = np.stack([np.interp(outputs, nodes, own) ** 2 for own in np.sqrt(variances)])
+    return Estimate(
+        amplitude=at_outputs(levels, grid, every=output_every),
+        variance=variances,
+        std_spacing=None if output_every > length else length,
+        innovation_mean_square=innovations.mean_square,
+        innovation_log_variance=innovations.mean_log_variance,
+        innovation_autocorrelation=innovations.autocorrelation,
+        innovation_samples=innovations.count,
+        innovations=innovations.kept,
+    )
+
+
+def _lost_between(levels: Complexes, variances: Floats, noise_std: Floats) -> float:
+    """Return what moving amplitudes lose between nodes, as a part of `std`: root mean square, of the worst order.
+
+    A triangular weight takes a twelfth of its second difference off an envelope.
+    """
+    bend = np.sqrt(np.sum(np.abs(np.diff(levels, 2, axis=-1)) ** 2, axis=-1) / levels.shape[-1]) / 12
+    std = np.sqrt(variances.mean(axis=1)) * noise_std[:, None]
+    return float(np.max(np.divide(bend, std, out=np.zeros_like(bend), where=std > 0)))
 
 
 def exact_length(model: HarmonicModel, samples: int | None = None) -> int:
@@ -228,37 +232,18 @@ def one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:
     return np.array(kept), member
 
 
-def _share_out(
-    grid: Grid, member: Indices, levels: Complexes, variances: Floats, *, every: int
-) -> tuple[Complexes, Floats]:
+def _share_out(grid: Grid, member: Indices, levels: Complexes, variances: Floats) -> tuple[Complexes, Floats]:
     """Give every duplicate its part of the sum, and the variance of what no data determine.
 
-    Alike as they are, each is an even part of their sum and a rest that is independent of it. Variances are known at
-    every `every`-th sample.
+    Alike as they are, each is an even part of their sum and a rest that is independent of it.
     """
+    if member.size == len(variances):
+        return levels, variances
     count = grid.shared[member]
     shared = variances[member] / count[:, None] ** 2
-    nodes, at = grid.length * np.arange(grid.nodes), every * np.arange(variances.shape[1])
     for k in np.flatnonzero(count > 1):
-        shared[k] += (1 - 1 / count[k]) * np.interp(at, nodes, grid.unmeasured_variance(member[k]))
+        shared[k] += (1 - 1 / count[k]) * grid.unmeasured_variance(member[k])
     return levels[:, member] / count[:, None], shared
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BlockEstimate(Estimate):
-    """An estimate whose variances, (order, node), are known at the first sample of every block and after the last.
-
-    Attributes
-    ----------
-    length : samples in a block.
-    """
-
-    length: int
-
-    @property
-    def std_spacing(self) -> int:
-        """Samples from one node to the next: standard deviations are linear in between."""
-        return self.length
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

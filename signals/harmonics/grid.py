@@ -232,3 +232,20 @@ def pieces_between(values: Complexes | Floats, *, cubic: bool) -> Floats:
         pieces[..., 3] = 2 * (left - right) + before + after
         pieces[..., 1] = before
     return pieces
+
+
+def at_outputs(levels: Complexes, grid: Grid, *, every: int, skip: int = 0, samples: int | None = None) -> Complexes:
+    """(channel, order, output) amplitudes between the nodes.
+
+    Parameters
+    ----------
+    levels : (channel, order, node) array.
+    grid : of these nodes.
+    every, skip : samples from one output to the next, and before the first.
+    samples : how many from the first on have outputs; all unless given.
+    """
+    outputs = len(range(skip, grid.samples if samples is None else samples, every))
+    pieces = pieces_between(levels, cubic=grid.model.poles > 1)
+    values = np.empty((levels.shape[0] * levels.shape[1], 2 * outputs))
+    _block_kernels.evaluate(pieces.reshape(-1, *pieces.shape[2:]), grid.length, skip, every, values)
+    return values.view(np.complex128).reshape(*levels.shape[:2], -1)

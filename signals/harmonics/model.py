@@ -142,6 +142,8 @@ class Estimate:
     error_bound : part of an amplitude by which the estimate may be off; of its own error, for a settled filter.
     innovations : where asked for, stretches of them: (channel, sample) over their standard deviations, and (sample,)
         variances, 0 where missing.
+    std_spacing : samples from one variance to the next where they are not those of outputs but of nodes, the last one
+        after the last sample: standard deviations are linear in between.
     """
 
     amplitude: Complexes
@@ -152,11 +154,7 @@ class Estimate:
     innovation_samples: int
     error_bound: float = 0.0
     innovations: list[tuple[Floats, Floats]] | None = None
-
-    @property
-    def std_spacing(self) -> int | None:
-        """Samples from one variance to the next where they are not those of outputs."""
-        return None
+    std_spacing: int | None = None
 
 
 def lost(model: HarmonicModel, method: Method) -> FloatingPointError:

@@ -9,9 +9,8 @@ import numpy as np
 
 from signals.harmonics._information_smoother import Information, carry, smooth_chain
 from signals.harmonics._stored import array, restored, stored
-from signals.harmonics.block_outputs import at_outputs
 from signals.harmonics.blocks import exact_length
-from signals.harmonics.grid import Grid
+from signals.harmonics.grid import Grid, at_outputs
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.kalman_filter import FilterState, filter_on
 from signals.harmonics.model import Complexes, Floats, HarmonicModel, lost
