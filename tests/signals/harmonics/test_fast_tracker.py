@@ -6,6 +6,8 @@ from jobs import standard_job
 from numpy.testing import assert_allclose
 
 from signals.harmonics import blocks, track_orders, tracker
+from signals.harmonics.grid import LARGEST_JUMP_RAD, Grid
+from signals.harmonics.model import HarmonicModel
 
 RATE = 10_000.0
 
@@ -328,3 +330,25 @@ def test_lines_within_half_a_bandwidth_of_each_other_are_left_to_the_exact_metho
     )
     assert np.all(np.abs(fast.complex_amplitude - exact.complex_amplitude) < 0.02 * exact.std)
     assert_allclose(fast.std, exact.std, rtol=6e-3)
+
+
+@pytest.mark.parametrize(("fan", "sun"), [(1.05, 0.0), (0.95, 0.0), (0.0, 1.05), (0.0, 0.95), (0.95, 0.95)])
+def test_a_jump_of_the_speed_counts_by_the_highest_order_of_its_shaft(fan, sun):
+    """A block holds one speed an order: within it a jump leads the highest astray by its change a sample times length.
+
+    Jumps in parts of the largest that is let pass, of the fan in block 3 and of the sun in block 6.
+    """
+    length, blocks, highest = 20, 10, {"fan": 7.0, "sun": 2.5}
+    n = np.arange(length * blocks)
+    turn = {"fan": fan * np.maximum(n - 3.5 * length, 0), "sun": sun * np.maximum(n - 6.5 * length, 0)}
+    phases = tuple(0.01 * n + LARGEST_JUMP_RAD / (length * highest[name]) * turn[name] for name in ("fan", "sun"))
+    model = HarmonicModel(
+        orders=np.array([0.0, 7.0, 1.0, 0.3, 2.5]), shaft=np.array([0, 0, 0, 1, 1]), phases=phases,
+        bandwidth=np.full((5, 1), 0.001), poles=1, prior_std=1e3,
+    )  # fmt: skip
+    grid = Grid(
+        model=model, x=np.zeros((1, n.size)), seen=np.ones(n.size, dtype=bool), length=length, tolerance=0.0,
+        shared=np.ones(5, dtype=int),
+    )  # fmt: skip
+    expected = ([3, 4] if fan > 1 else []) + ([6, 7] if sun > 1 else [])
+    assert np.flatnonzero(grid.jumps).tolist() == expected

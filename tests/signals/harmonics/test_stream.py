@@ -214,6 +214,34 @@ def test_refused_blocks():
     tracker.update(x[100:110], phase_rad=phase[100:110])
 
 
+@pytest.mark.parametrize("highest", [0.4, 2.5])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_between_blocks_the_highest_order_turns_by_half_a_turn_at_most(highest, side):
+    """As between samples: what turns by more than pi could as well have turned the other way."""
+    settings = COMMON | {"orders": [0, 0.1, highest, 0.3 * highest]}
+    for lag in (None, 20):
+        for part in (0.99, 1.01):
+            tracker, jump = OrderTracker(lag=lag, **settings), side * part * np.pi / highest
+            tracker.update([1.0], phase_rad=[50.7])
+            if part < 1:
+                tracker.update([1.0], phase_rad=[50.7 + jump])
+            else:
+                with pytest.raises(ValueError, match=rf"jumps by {jump:.4g} rad .* order {highest:g} by more than pi"):
+                    tracker.update([1.0], phase_rad=[50.7 + jump])
+
+
+@pytest.mark.parametrize(("fan", "sun", "refused"), [(0.99, 0.99, ""), (1.01, 0.99, "fan"), (0.99, 1.01, "sun")])
+def test_each_shaft_turns_between_blocks_as_far_as_its_own_highest_order_allows(fan, sun, refused):
+    tracker = OrderTracker(**COMMON | {"orders": [("fan", 0.5), ("sun", 4), ("fan", 0.2), ("sun", 1)]})
+    tracker.update([1.0], phase_rad={"sun": [3.0], "fan": [1.0]})
+    jumped = {"fan": [1.0 + fan * np.pi / 0.5], "sun": [3.0 - sun * np.pi / 4]}
+    if refused:
+        with pytest.raises(ValueError, match=rf"phase_rad\['{refused}'\] jumps by"):
+            tracker.update([1.0], phase_rad=jumped)
+    else:
+        tracker.update([1.0], phase_rad=jumped)
+
+
 @pytest.mark.parametrize("lag", [None, 200])
 def test_a_state_that_is_none_is_refused(lag):
     x, phase = record()
