@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from signals.planet_averaging import planet_average, sun_average
+from signals.planet_averaging import WindowedAverage, planet_average, sun_average
 from signals.planet_passes import PassWindow, PlanetaryTeeth, pass_angle
 from signals.resampling import AngularSignal
 from signals.residues import residual_signal
@@ -265,6 +265,75 @@ class TestPlanet:
         signal = ring_sensor(HUNTING, 20, 0.5, [silence] * 3, path=near)
         with pytest.raises(ValueError, match=r"20 passes of a planet lie whole.*once in 21; record 22 carrier"):
             planet_average(signal, teeth=HUNTING, planet=0, first_pass_rev=0.5, window=PassWindow.hann(5))
+
+
+def tooth_at(coordinate):
+    """Number of the tooth whose middle is nearest; half a tooth before a middle belongs to it, half a tooth after not.
+
+    Coordinates are multiples of 1 / 144 or more, so a millionth is rounding.
+    """
+    return np.floor(coordinate + 0.5 + 1e-6)
+
+
+class TestToothBoundaries:
+    """Records whose every sample is the number of the tooth in mesh: a sample of another tooth is another number."""
+
+    # whole numbers of samples from planet to planet: a turn by parts of a sample would round the steps off
+    @pytest.mark.parametrize("per_tooth", [6, 9, 15, 48])
+    @pytest.mark.parametrize("gear", ["planet", "sun"])
+    @pytest.mark.parametrize("window", [PassWindow.rectangular(1), PassWindow.rectangular(3), PassWindow.hann(4)])
+    @pytest.mark.parametrize("first_pass", [0.0, 0.5])
+    def test_each_tooth_has_its_own_samples_and_no_other(self, per_tooth, gear, window, first_pass):
+        per_rev, turned = 62 * per_tooth, 62 * (np.arange(45 * 62 * per_tooth) / (62 * per_tooth) - first_pass)
+        if gear == "planet":
+            # planet 1 is a third of a turn ahead: 62 / 3 teeth of the ring have passed the sensor since it did
+            tooth = tooth_at(turned + 62 / 3) % 21
+        else:
+            # past the sensor is planet p, every third of a turn; its tooth of the sun is 19 p / 3 behind planet 0's
+            passing = -tooth_at(turned * 3 / 62) % 3
+            tooth = tooth_at(turned - 19 * passing / 3) % 19
+        signal = AngularSignal(values=tooth, samples_per_rev=per_rev, start_rev=0.0, passband_orders=100.0)
+        if gear == "planet":
+            average = planet_average(signal, teeth=HUNTING, planet=1, first_pass_rev=first_pass, window=window)
+        else:
+            average = sun_average(signal, teeth=HUNTING, first_pass_rev=first_pass, window=window)
+        expected = np.repeat(np.arange(average.teeth)[:, None], per_tooth, axis=1)
+        # a weighted mean of numbers alike
+        np.testing.assert_allclose(average.by_tooth, expected, rtol=1e-12, atol=1e-12)
+
+    @pytest.mark.parametrize("per_tooth", [1, 4, 5, 16])
+    def test_a_tooth_goes_from_half_a_tooth_before_its_middle_on(self, per_tooth):
+        place = np.arange(7 * per_tooth)
+        average = WindowedAverage(
+            values=place.astype(float), standard_error=place, revolutions=1, ratio=Fraction(62, 7), start_rev=0.0,
+            passband_orders=1.0, weights=np.ones(place.size), teeth=7, passes=7, window=PassWindow.hann(5),
+        )  # fmt: skip
+        for number, samples in enumerate(average.by_tooth):
+            # before and after the middle in exact numbers: -1/2 <= (sample - middle) / per_tooth < 1/2
+            around = range(number * per_tooth - per_tooth, number * per_tooth + per_tooth)
+            own = [k % place.size for k in around if -per_tooth <= 2 * (k - number * per_tooth) < per_tooth]
+            assert samples.tolist() == own
+
+    @pytest.mark.parametrize("width", [1, 3, 4.5, 5, 7.25])
+    @pytest.mark.parametrize("gear", ["planet", "sun"])
+    def test_weights_count_the_samples_of_every_window(self, width, gear):
+        # 48 samples to a tooth: 4.5 and 7.25 teeth are whole numbers of samples, of which the later edge is out
+        reset = 21 if gear == "planet" else 19
+        signal = AngularSignal(
+            values=np.zeros(45 * 62 * 48), samples_per_rev=62 * 48, start_rev=0.0, passband_orders=100.0
+        )
+        window = PassWindow.rectangular(width)
+        if gear == "planet":
+            average, passes = planet_average(signal, teeth=HUNTING, planet=0, first_pass_rev=0.0, window=window), [0]
+        else:
+            # 62 + 19 teeth of both gears: a planet a third of a turn on meets the sun 27 teeth behind
+            average, passes = sun_average(signal, teeth=HUNTING, first_pass_rev=0.0, window=window), [0, -27, -54]
+        counts = np.zeros(reset * 48)
+        for first in passes:
+            for revolution in range(reset * average.revolutions):
+                middle = 48 * (62 * revolution + first)
+                counts[[(middle + k) % counts.size for k in range(-200, 200) if -width * 48 <= 2 * k < width * 48]] += 1
+        np.testing.assert_array_equal(average.weights, counts)
 
 
 class TestSun:
