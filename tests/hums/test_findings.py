@@ -154,6 +154,35 @@ def test_doubts_are_said(lines, doubt):
     assert doubt in found.evidence
 
 
+@pytest.mark.parametrize(
+    ("nominal", "order", "off"),
+    [
+        (5.4, 5.346, ", -1.0%"),  # 0.99 of it
+        (5.4, 5.4972, ", +1.8%"),
+        (0.4, 0.404, ", +1.0%"),
+        (200.0, 199.0, ", -0.5%"),
+        (200.0, 200.2, ", +0.1%"),
+        (200.0, 200.09, ""),  # 0.045 %, which one decimal does not show
+        (5.4, 5.4, ""),
+    ],
+)
+def test_the_evidence_says_in_per_cent_how_far_a_line_lies_from_nominal(nominal, order, off):
+    found = line("inner_race", order, 10.0)
+    found = replace(found, wanted=replace(found.wanted, order=nominal))
+    (finding,) = findings(JUDGE.judge([found]), locality={})
+    assert finding.evidence.startswith(
+        f"envelope line at {order:.3f} orders (nominal {nominal:.3f}{off}), 10 g, 10.0 times its surroundings"
+    )
+    assert finding.order_found == order
+
+
+def test_the_evidence_of_a_sideband_names_harmonic_and_per_cent():
+    beside = replace(tooth(21.42, 20.0, sideband=-2).wanted, order=21.0, harmonic=3)
+    found = replace(tooth(21.42, 20.0, sideband=-2), wanted=beside)
+    (finding,) = findings(JUDGE.judge([found]), locality={})
+    assert finding.evidence.startswith("sideband -2 of mesh harmonic 3 at 21.420 orders (nominal 21.000, +2.0%), 20 g")
+
+
 def test_a_harmonic_alone_raises_nothing():
     lone = line("outer_race", 7.2, 20.0, harmonic=2, fundamental=False)
     assert claims(line("outer_race", 3.6, 1.0), lone) == [False, False]
