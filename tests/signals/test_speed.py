@@ -106,6 +106,41 @@ class TestAccuracy:
         # six records of some hundred independent windows: 5 % of scatter; neighbours are correlated, so twice that
         assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.6
 
+    @pytest.mark.parametrize("speed", [10.0, 10.013])
+    def test_no_frame_is_surer_than_the_grid_of_speeds(self, speed):
+        """Thirty strong orders put all the probability on one speed of the grid, which is half a bin of order 60 wide.
+
+        In the first and the last frame, beyond the windows of the demodulation, std is that of the search alone: of an
+        even spread over one step, step / sqrt(12).
+        """
+        orders, frame = tuple(range(31, 61)), 0.5
+        _, x = vibration(
+            ramp(speed, speed + 1e-9, 10), duration=10, orders=orders, snr_db=30, seed=2, sidebands=False
+        )
+        found = estimate_speed(
+            x, rate_hz=RATE_HZ, orders=orders, speed_range_hz=(8, 13), max_acceleration_hz_s=0.1, frame_s=frame
+        )
+        assert found.status == "ok"
+        floor = 0.5 / (frame * 60) / np.sqrt(12)
+        ends = found.std_hz[[0, -1]]
+        # Other speeds have some thousandths of the probability.
+        assert np.all((ends >= floor) & (ends < 1.05 * floor))
+        # By the harmonics it is surer than that.
+        assert np.all(found.std_hz[2:-2] < 0.1 * floor)
+
+    @pytest.mark.parametrize("speed", [4.0, 5.03, 8.0])
+    def test_of_a_slow_shaft_speeds_that_frames_cannot_tell_apart_are_one(self, speed):
+        """Orders 1 to 3 at 4 Hz: lines 2 bins wide lie 1 Hz of the mean order about it, 1 % would be a 25th of that."""
+        orders = (1, 2, 3)
+        law = ramp(speed, speed + 1e-9, 20)
+        _, x = vibration(law, duration=20, orders=orders, snr_db=-5, seed=2, sidebands=False)
+        found = estimate_speed(
+            x, rate_hz=RATE_HZ, orders=orders, speed_range_hz=(3, 10), max_acceleration_hz_s=0.1, frame_s=1.0
+        )
+        assert found.status == "ok"
+        assert found.alternatives == ()
+        assert found.confidence.min() > 0.99
+
     def test_phase_turns_with_the_shaft(self):
         law, duration, orders = LAWS["swing"]
         _, x = vibration(law, duration=duration, orders=orders, snr_db=0, seed=5)
