@@ -56,6 +56,50 @@ class TestShapes:
         assert_allclose(slanted.harmonics, expected, atol=1e-12 * 2e8)
         assert slanted.mean == pytest.approx(1e8 + duty * 2e8)
 
+    @pytest.mark.parametrize("ratio", [1.3, 1.7, 2.3, 2.79, 3.5])
+    @pytest.mark.parametrize("ramp", [0.0, 0.1, 0.2])
+    def test_at_any_contact_ratio_it_is_the_sum_over_all_pairs(self, ratio, ramp):
+        # pair j begins to bear at phase j, bears in full a ramp later, and begins to shed its load at j + ratio
+        pair = 2e8
+        wave = (
+            Trapezoidal.by_contact_ratio(pair_stiffness=pair, contact_ratio=ratio, ramp=ramp)
+            if ramp
+            else Rectangular.by_contact_ratio(pair_stiffness=pair, contact_ratio=ratio)
+        )
+        since = PHASES[:, None] - np.arange(-10, 10)
+        if ramp:
+            bearing = np.clip(since / ramp, 0, 1) - np.clip((since - ratio) / ramp, 0, 1)
+        else:
+            bearing = ((since >= 0) & (since < ratio)).astype(float)
+        assert_allclose(wave(PHASES), pair * bearing.sum(axis=1), rtol=1e-11)
+        assert wave.mean == pytest.approx(ratio * pair, rel=1e-12)
+        assert (wave.low, wave.high) == pytest.approx((math.floor(ratio) * pair, math.ceil(ratio) * pair), rel=1e-12)
+
+    @pytest.mark.parametrize("by_cycles", [0.0, 0.37, -0.37, 1.85, 0.6])
+    def test_the_slope_of_a_shifted_trapezium_changes_at_its_corners_and_nowhere_else(self, by_cycles):
+        wave = Shifted(of=Trapezoidal(low=1.0, high=3.0, duty=0.6, ramp=0.15), by_cycles=by_cycles)
+        corners = wave.corners
+        assert list(corners) == sorted(corners)
+        assert all(0 <= corner < 1 for corner in corners)
+        # where the second difference of samples is not rounding; each corner lies between two of them
+        step = 1 / 1999
+        place = step * (np.arange(1999) + 0.4567)
+        bends = np.abs(wave(place + step) - 2 * wave(place) + wave(place - step)) > 1e-9
+        near = [np.abs((place - corner + 0.5) % 1 - 0.5) < step for corner in corners]
+        assert len(corners) == 4
+        assert all(bends[one].any() for one in near)
+        assert not bends[~np.any(near, axis=0)].any()
+
+    def test_the_series_of_a_shifted_trapezium_is_its_own_turned(self):
+        # integrated to rounding only where no stretch goes across a corner: else to 1e-4
+        wave, by = Trapezoidal(low=1.0, high=3.0, duty=0.6, ramp=0.15), 0.2345
+        order = np.arange(1, 13)
+        # a trapezium is a rectangle's series, 2 (high - low) / (pi h) sin(pi h duty), smoothed over the ramp
+        lines = 4 / (np.pi * order) * np.sin(np.pi * order * 0.6) * np.sinc(0.15 * order)
+        lines = lines * np.exp(-1j * np.pi * order * (0.6 + 0.15))
+        found = fourier_series(Shifted(of=wave, by_cycles=by), harmonics=12)
+        assert_allclose(found.harmonics, lines * np.exp(2j * np.pi * order * by), rtol=0, atol=1e-12)
+
     def test_a_series_is_its_own_series(self):
         wave = Fourier(mean=2e8, harmonics=np.array([3e7j, -1e7, 5e6 + 2e6j]), period=4)
         again = fourier_series(wave, harmonics=5)
@@ -384,3 +428,37 @@ class TestErrors:
         assert_allclose(both(PHASES), parts[0](PHASES) + parts[1](PHASES + 1.5), atol=1e-20)
         with pytest.raises(ValueError, match="by_cycles has 1 values for 2 parts"):
             SumOfErrors(parts=parts, by_cycles=(0.0,))
+
+    def test_parts_that_repeat_after_different_cycles_go_on_at_their_own_phase(self):
+        # every part by its formula, cycle for cycle; the pitch error's teeth enter one after the other
+        teeth = 1e-6 * np.array([1.0, 3.0, -2.0, 0.5, -1.0])
+        inner = SumOfErrors(parts=(Eccentricity(teeth=4, eccentricity_m=5e-6),), by_cycles=(0.75,))
+        parts = (
+            ProfileError(harmonics_m=np.array([2e-6])),
+            PitchError(teeth_m=teeth, handover=0.0),
+            Eccentricity(teeth=7, eccentricity_m=4e-6),
+            Misalignment(angle_rad=1e-4, face_width_m=0.04, teeth=3),
+            inner,
+        )
+        late = (0.3, 2.5, 0.0, 4.25, 1.0)
+        both = SumOfErrors(parts=parts, by_cycles=late)
+        phases = np.arange(-900, 900) * 0.7531  # some hundred cycles, of all fractions
+
+        def expected(phase):
+            return (
+                2e-6 * np.cos(2 * np.pi * (phase + 0.3))
+                + teeth[np.floor(phase + 2.5).astype(int) % 5]
+                + 4e-6 * np.sin(2 * np.pi * phase / 7)
+                + 2e-6 * np.abs(np.cos(2 * np.pi * (phase + 4.25) / 3))
+                + 5e-6 * np.sin(2 * np.pi * (phase + 1.75) / 4)
+            )
+
+        # sums of some 1e-5 at angles of some 1000 rad, each rounded to 1e-13 rad: 1e-18, and a hundred times that
+        assert_allclose(both(phases), expected(phases), rtol=0, atol=1e-16)
+        assert both.period == 5 * 7 * 3 * 4
+        assert_allclose(both(phases + both.period), expected(phases), rtol=0, atol=1e-16)
+        for shorter in (both.period // prime for prime in (2, 3, 5, 7)):
+            assert np.abs(both(phases + shorter) - both(phases)).max() > 1e-6
+        in_step = SumOfErrors(parts=parts)
+        assert in_step.period == both.period
+        assert_allclose(in_step(phases), sum(part(phases) for part in parts), rtol=0, atol=1e-19)

@@ -177,6 +177,32 @@ def test_strikes_come_once_a_turn_where_the_damage_is(damage, places):
         assert_allclose(whole, np.round(whole), atol=1e-12)  # as the train says
 
 
+@pytest.mark.parametrize("span", [(-3, 5), (-2.5, 5.25), (-2.75, 4.75), (0, 2), (0.25, 0.5), (-2.625, -2.625)])
+@pytest.mark.parametrize("offset", [Fraction(0), Fraction(1, 4), Fraction(5, 16)])
+@pytest.mark.parametrize(
+    ("damage", "places"),
+    [
+        (Crack(), [0.0]),
+        (MissingTooth(), [0.5]),
+        (Spall(length_pitches=0.5), [-0.25, 0.25]),
+        (PITTED["pitting"], [0, 2, 5]),
+    ],
+)
+def test_a_record_has_the_strikes_between_its_ends_and_those_at_them(span, offset, damage, places):
+    # sixteenths of a turn and eighths of a revolution are exact in binary, so a strike at an end is one at it
+    tooth, teeth = Fraction(1, 2), 16
+    trains = damage_trains(
+        damage, component="c", source="s", tooth=tooth, teeth=teeth, offset=float(offset), span_rev=span, amplitude=2.0
+    )
+    first, last = map(Fraction, span)
+    for train, place in zip(trains, places, strict=True):
+        # the revolutions at which the gear has made n turns, its place counted; among enough of them
+        struck = [(n + Fraction(place) / teeth - offset) / tooth for n in range(-20, 20)]
+        expected = [float(rev) for rev in struck if first <= rev <= last]
+        assert train.revolutions.tolist() == expected
+        assert train.amplitudes.size == len(expected)
+
+
 def test_each_damage_changes_its_own_part_of_the_mechanics():
     size, sound = 1e-3, Wear().changes(0.0, teeth=TEETH)
     touched = {

@@ -121,6 +121,28 @@ class TestKurtosis:
         assert np.mean(scores) == pytest.approx(0, abs=0.15)
         assert np.std(scores) == pytest.approx(1, abs=0.12)
 
+    def test_the_scatter_of_the_whole_band_is_that_of_an_analytic_signal(self):
+        """White noise made analytic correlates with itself odd lags k off by 2 / (pi k), with even ones not at all.
+
+        The kurtosis of n such values has variance 4 / n times the sum over all lags of the fourth power of that.
+        """
+        odd = np.arange(1, 2001, 2)
+        shared = 1 + 2 * np.sum((2 / (np.pi * odd)) ** 4)
+        for count in (5000, 4999, 100_003):
+            gram = fast_kurtogram(NOISE[:count], rate_hz=RATE_HZ, levels=1)
+            # the series is cut off at 1e-12 of its sum
+            assert gram.noise_std[0] == pytest.approx(2 * np.sqrt(shared / count), rel=1e-9)
+
+    def test_each_band_scatters_as_stated(self):
+        records, count = 700, 4096
+        drawn = np.random.default_rng(3).standard_normal((records, count))
+        grams = [fast_kurtogram(x, rate_hz=RATE_HZ, levels=2) for x in drawn]
+        scores = np.array([gram.kurtosis / gram.noise_std for gram in grams])
+        # 1 / sqrt(2 records) is 2.7 %, 4 % for what leans to the right; the mean of the two or three bands of a level
+        scatter = scores.std(axis=0)
+        for level in np.unique(grams[0].level):
+            assert scatter[grams[0].level == level].mean() == pytest.approx(1, abs=0.1)
+
     def test_of_a_tone_in_noise(self):
         gram = fast_kurtogram(np.cos(2 * np.pi * 6000 * TIMES) + NOISE, rate_hz=RATE_HZ, levels=1)
         # at level 0 the tone holds 1/2 of 3/2: s = 1/3, -s^2; scatter 0.005

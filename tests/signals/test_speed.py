@@ -114,9 +114,7 @@ class TestAccuracy:
         even spread over one step, step / sqrt(12).
         """
         orders, frame = tuple(range(31, 61)), 0.5
-        _, x = vibration(
-            ramp(speed, speed + 1e-9, 10), duration=10, orders=orders, snr_db=30, seed=2, sidebands=False
-        )
+        _, x = vibration(ramp(speed, speed + 1e-9, 10), duration=10, orders=orders, snr_db=30, seed=2, sidebands=False)
         found = estimate_speed(
             x, rate_hz=RATE_HZ, orders=orders, speed_range_hz=(8, 13), max_acceleration_hz_s=0.1, frame_s=frame
         )
