@@ -11,7 +11,7 @@ from signals.spectra import amplitude_spectrum
 
 RATE_HZ = 10_000.0
 TIMES = np.arange(10_000) / RATE_HZ  # one second: whole frequencies in hertz are periodic in it
-ROUNDING = 2e-11  # angles up to 1.6e4 rad are rounded to 2e-12, under amplitudes up to 9
+ROUNDING = 1e-10  # angles up to 1.6e4 rad are rounded to 2e-12, under amplitudes that add up to 22
 
 
 def cosine(frequency_hz, start=0.0):

@@ -46,7 +46,8 @@ class TestBothParts:
     def test_a_constant_is_deterministic(self, which, level):
         found = separations(np.full(1000, level))[which]
         np.testing.assert_array_equal(found.random, 0)
-        np.testing.assert_allclose(found.deterministic, level, rtol=1e-15)
+        # the mean of a thousand numbers alike: in pairs, as numpy adds, twenty roundings of 1e-16
+        np.testing.assert_allclose(found.deterministic, level, rtol=1e-14)
 
     @pytest.mark.parametrize("which", range(3))
     def test_a_large_mean_changes_nothing_but_rounding(self, which):
