@@ -166,7 +166,8 @@ class TestFloquet:
     def test_multipliers_come_in_pairs_however_stiff_the_bearings(self, bearing):
         values = floquet(wijianto(bearing=bearing, mesh=STEPS), speed_rad_s=1380.0).multipliers
         # without damping each has its reciprocal; frequencies of 1e4 times the mesh's cost four digits
-        assert_allclose(np.sort(np.abs(values)), np.sort(1 / np.abs(values)), rtol=1e-11)
+        # states of 1e8 rad/s beside those of 700 rad/s: a condition number of 1e5, times eps is 3e-11
+        assert_allclose(np.sort(np.abs(values)), np.sort(1 / np.abs(values)), rtol=1e-10)
         assert values.size == 6
 
     def test_stiff_bearings_leave_the_torsional_mesh_alone(self):
