@@ -20,11 +20,11 @@ from math import inf, pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics import _block_kernels
 from signals.harmonics.coupling import Coupling, couple
 from signals.harmonics.grid import Grid, at_outputs, pieces_between
+from signals.harmonics.innovations import Innovations
 from signals.harmonics.kalman_filter import count_innovations
-from signals.harmonics.model import LAGS, Complexes, Estimate, Floats, HarmonicModel, Indices
+from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, Indices
 from signals.harmonics.separability import Closeness
 from signals.harmonics.smoothing import Smoothed, chain_together, no_neighbours, smooth_apart, solved
 
@@ -117,7 +117,7 @@ def fast(
     fit = BlockFit.of(grid, startup=startup, coupled=coupled)
     smoothed, residuals = fit.smoothed, fit.residuals(startup)
     if fit.coupling:
-        far = _far_above_std(smoothed, residuals.noise_variance, tolerance)
+        far = _far_above_std(smoothed, residuals.mean_square, tolerance)
         if not (far and seen.all()):
             fit.coupling.smooth_ends(smoothed)
         for number in range(FULL_ROUNDS if far else 0):
@@ -134,10 +134,10 @@ def fast(
         amplitude=at_outputs(levels, grid, every=output_every),
         variance=variances,
         std_spacing=length,
-        innovation_mean_square=residuals.noise_variance,
+        innovation_mean_square=residuals.mean_square,
         innovation_log_variance=float(smoothed.log_variances.sum()) / max(observed, 1),
         innovation_autocorrelation=residuals.autocorrelation,
-        innovation_samples=min(residuals.counted, observed),
+        innovation_samples=min(residuals.count, observed),
         error_bound=bound,
     )
 
@@ -273,73 +273,37 @@ class BlockFit:
         coupling = couple(grid, closeness, smoothed)
         return cls(grid=grid, smoothed=smoothed, coupling=coupling, alike=closeness.dwell())
 
-    def residuals(self, startup: int) -> "Residuals":
-        """Return what the orders leave of the record after a sample."""
-        if self.alike:
-            return Residuals.of_filter(self.grid.model, self.grid.x, startup)
-        return Residuals.of_fit(self.grid, self.smoothed, startup)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Residuals:
-    """What the orders leave of stretches of the record.
-
-    Attributes
-    ----------
-    noise_variance : (channel,) array, R.
-    autocorrelation : (channel, lag) array, at lags from one sample on.
-    counted : how many residuals; more than samples where stretches overlap.
-    """
-
-    noise_variance: Floats
-    autocorrelation: Floats
-    counted: int
-
-    @classmethod
-    def of_filter(cls, model: HarmonicModel, x: Floats, startup: int) -> "Residuals":
-        """Take the innovations of the covariance filter, from the first samples after start-up.
-
-        Lines that stay within half a bandwidth of each other may have amplitudes that are large and opposed; what is
-        interpolated of these between nodes is no fit of the record.
-        """
-        part = slice(0, startup + RESIDUAL_SAMPLES)
-        head = replace(model, phases=tuple(phase[part] for phase in model.phases))
-        if model.bandwidth.shape[1] > 1:
-            head = replace(head, bandwidth=model.bandwidth[:, part])
-        found = count_innovations(head, x[:, part], startup=startup, keep=False)
-        return cls(noise_variance=found.mean_square, autocorrelation=found.autocorrelation, counted=found.count)
-
-    @classmethod
-    def of_fit(cls, grid: Grid, smoothed: Smoothed, startup: int) -> "Residuals":
-        """Subtract the amplitudes from stretches of whole blocks after a sample.
+    def residuals(self, startup: int) -> Innovations:
+        """Return statistics of what the orders leave of stretches of the record after a sample.
 
         Where the model holds, the variance of a residual is R less that of the fitted waveform, the trace of the joint
         covariance of the amplitudes times their regressors: single variances do not add up to it where orders are
-        close.
+        close. Lines that stay within half a bandwidth of each other may have amplitudes that are large and opposed;
+        what is interpolated of these between nodes is no fit of the record: then innovations of the covariance filter
+        are taken, from the first samples on.
         """
-        model, channels, length = grid.model, len(grid.x), grid.length
-        pieces = pieces_between(smoothed.levels, cubic=model.poles > 1)
-        explained = smoothed.explained.sum(axis=0)
+        grid, model = self.grid, self.grid.model
+        if self.alike:
+            part = slice(0, startup + RESIDUAL_SAMPLES)
+            width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, part]
+            head = replace(model, phases=tuple(phase[part] for phase in model.phases), bandwidth=width)
+            return count_innovations(head, grid.x[:, part], startup=startup, keep=False)
+        pieces = pieces_between(self.smoothed.levels, cubic=model.poles > 1)
+        explained = self.smoothed.explained.sum(axis=0)
         # With one pole half of a node's samples lie on either side, else all before it.
         explained = (explained[:-1] + explained[1:]) / 2 if model.poles == 1 else explained[1:]
-        first = min(-(-startup // length), grid.blocks - 1)
-        count = min(max(1, RESIDUAL_SAMPLES // STRETCHES // length), grid.blocks - first)
-        starts = np.unique(np.linspace(first, grid.blocks - count, STRETCHES).astype(np.int64))
-        products, left, counted = np.zeros((channels, LAGS + 1)), 0.0, 0
-        for start in starts.tolist():
-            samples = slice(start * length, min((start + count) * length, grid.samples))
-            seen = grid.seen[samples]
-            counted += int(np.count_nonzero(seen))
-            left += np.count_nonzero(seen) - float(explained[start : start + count].sum())
-            phase = model.phase(samples)
-            for channel in range(channels):
-                wave = np.zeros(seen.size)
-                _block_kernels.remodulate(
-                    pieces[channel], length, phase, model.orders, model.shaft, samples.start, wave
-                )
-                rest = np.where(seen, grid.x[channel, samples] - wave, 0.0)
-                for lag in range(min(LAGS + 1, rest.size)):
-                    products[channel, lag] += np.einsum("n,n->", rest[lag:], rest[: rest.size - lag])
-        power = products[:, :1]
-        autocorrelation = np.divide(products[:, 1:], power, out=np.zeros((channels, LAGS)), where=power > 0)
-        return cls(noise_variance=power[:, 0] / max(left, 1.0), autocorrelation=autocorrelation, counted=counted)
+        first = min(-(-startup // grid.length), grid.blocks - 1)
+        count = min(max(1, RESIDUAL_SAMPLES // STRETCHES // grid.length), grid.blocks - first)
+        stretches, lost, orders = [], 0.0, np.arange(model.orders.size)
+        for start in np.unique(np.linspace(first, grid.blocks - count, STRETCHES).astype(np.int64)).tolist():
+            samples = slice(start * grid.length, min((start + count) * grid.length, grid.samples))
+            rest = grid.x[:, samples] - grid.waveforms(pieces, orders, samples)
+            stretches.append((np.where(grid.seen[samples], rest, 0.0), grid.seen[samples]))
+            lost += float(explained[start : start + count].sum())
+        seen = sum(int(np.count_nonzero(there)) for _, there in stretches)
+        left = max(seen - lost, 1.0) / max(seen, 1)
+        found = Innovations.none(channels=len(grid.x))
+        for rest, there in stretches:
+            found.separate()
+            found.add(rest / sqrt(left), left * there.astype(np.float64))
+        return found

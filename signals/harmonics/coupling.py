@@ -12,7 +12,6 @@ from math import log, pi
 
 import numpy as np
 
-from signals.harmonics import _block_kernels
 from signals.harmonics._information_smoother import NodeChain
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.grid import Flags, Grid, pieces_between
@@ -169,7 +168,7 @@ class WithoutOthers:
         self._runs = list(grid.runs(nodes[:-1] | nodes[1:]))
         self._moments = grid.moments.copy()
         for samples, blocks in self._runs:
-            rest = grid.x[:, samples] - self._waves(orders, samples)
+            rest = grid.x[:, samples] - self._weighted(orders, samples)
             self._moments[blocks] = grid.project(rest, blocks, orders)
 
     def alone(self, orders: Indices) -> Floats:
@@ -195,25 +194,16 @@ class WithoutOthers:
         moments = self._moments[start:stop, :, group]
         for samples, blocks in self._runs:
             if blocks.stop > start and blocks.start < stop:
-                own = grid.project(self._waves(group, samples), blocks, group)
+                own = grid.project(self._weighted(group, samples), blocks, group)
                 inside = slice(max(blocks.start, start), min(blocks.stop, stop))
                 moments[inside.start - start : inside.stop - start] += own[
                     inside.start - blocks.start : inside.stop - blocks.start
                 ]
         return grid.data(moments)[first - start : last - start]
 
-    def _waves(self, orders: Indices, samples: slice) -> Floats:
+    def _weighted(self, orders: Indices, samples: slice) -> Floats:
         """(channel, sample) array, the waveforms of some orders added up, times the triangular weights."""
-        grid, model = self._grid, self._grid.model
-        waves = np.zeros((len(grid.x), samples.stop - samples.start))
-        phase = model.phase(samples)
-        for pieces, wave in zip(self._pieces, waves, strict=True):
-            own = np.ascontiguousarray(pieces[orders])
-            _block_kernels.remodulate(
-                own, grid.length, phase, model.orders[orders], model.shaft[orders], samples.start, wave
-            )
-        waves *= grid.taper(self._nodes, samples)
-        return waves
+        return self._grid.waveforms(self._pieces, orders, samples) * self._grid.taper(self._nodes, samples)
 
 
 def _at_least(grid: Grid, gain: Gain) -> Gain:

@@ -175,6 +175,14 @@ class Grid:
             _block_kernels.project(values, phase, model.orders[orders], model.shaft[orders], self.length, part)
         return sums
 
+    def waveforms(self, pieces: Floats, orders: Indices, samples: slice) -> Floats:
+        """(channel, sample) array, of some orders added up, from (channel, order, block, 2, 4) `pieces_between`."""
+        model, waves = self.model, np.zeros((len(pieces), samples.stop - samples.start))
+        phase, own, shaft = model.phase(samples), np.ascontiguousarray(pieces[:, orders]), model.shaft[orders]
+        for some, wave in zip(own, waves, strict=True):
+            _block_kernels.remodulate(some, self.length, phase, model.orders[orders], shaft, samples.start, wave)
+        return waves
+
     def data(self, moments: Floats) -> Floats:
         """(node, pole, order, channel, 2) array from those of `project`, of all blocks in a row."""
         return self.at_nodes(moments[:, : max(self.model.poles, 2)])

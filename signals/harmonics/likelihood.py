@@ -36,8 +36,8 @@ from signals.harmonics.smoothing import chain_alone, chain_together, everywhere,
 # at the edge of that band.
 BLOCK = 1 / 8
 # Orders whose frequencies come within so many largest bandwidths share a chain: subtracting a tracked order takes
-# the noise beside it along, and with one pole the smoother's skirts are wide.
-NEAR = {1: 8.0, 2: 2.5, 3: 2.0, 4: 2.0}
+# along what its smoother passes of the noise beside it, here a hundredth.
+NEAR = 2.5
 # An order's own image averages out of the products of its columns where it turns twice in a block.
 IMAGE = 2 / BLOCK
 # Of one over the record: over it such an amplitude is a constant (one pole) or a polynomial.
@@ -136,8 +136,8 @@ def likely_bandwidth(
     orders : cycles per revolution, one number an order; with a mapping, (shaft, order) pairs. 0 is the mean.
     rate_hz : samples per second; with `largest_bandwidth_hz`.
     samples_per_rev : samples per revolution, for a record sampled in angle; with `largest_bandwidth_orders`.
-    largest_bandwidth_hz : no bandwidth above this is considered. Orders that come within four times of it (eight
-        times with one pole) are weighed together, at the cost of the cube of their number.
+    largest_bandwidth_hz : no bandwidth above this is considered. Orders that come within two and a half times of it
+        are weighed together, at the cost of the cube of their number.
     largest_bandwidth_orders : the same in cycles per revolution.
     poles : 1 to 4, how many times the amplitudes' random walk is integrated.
     noise_variance : variance of white noise as dense as the noise beside each order, one number or (order,).
@@ -198,11 +198,11 @@ def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Float
     elif fit.coupling:
         fit.coupling.smooth_all(fit.smoothed, ends=False)
     if noise is None:
-        noise = np.full(model.orders.size, fit.residuals(startup).noise_variance[0])
+        noise = np.full(model.orders.size, fit.residuals(startup).mean_square[0])
     std = np.sqrt(np.where(noise > 0, noise, 1.0))
     blocks = max(1, int(BLOCK / (width * grid.length)))
-    nodes = replace(grid, model=replace(smooth, prior_std=PRIOR_STD * sqrt(2 / (blocks * grid.length))))
-    nodes = replace(nodes, length=blocks * grid.length)
+    length = blocks * grid.length
+    nodes = replace(grid, length=length, model=replace(smooth, prior_std=PRIOR_STD * sqrt(2 / length)))
     others = WithoutOthers(grid, fit.smoothed.levels, everywhere(grid))
     alone, groups = _groups(model, seen, nodes.length)
     found = np.empty(model.orders.size)
@@ -329,7 +329,7 @@ def _groups(model: HarmonicModel, seen: NDArray[np.bool_], block: int) -> tuple[
     Gaps within blocks may keep in step with a shaft: then no order is alone.
     """
     nearest = Closeness(model, seen.size).nearest
-    near = nearest < NEAR[model.poles] * model.bandwidth[0]
+    near = nearest < NEAR * model.bandwidth[0]
     near |= np.diag((np.diag(nearest) < IMAGE * model.bandwidth[0]) | (model.orders == 0))
     if scattered_share(seen, block):
         near |= np.eye(len(near), dtype=np.bool_)
