@@ -14,7 +14,9 @@ import pytest
 import suites
 import trackers
 from jobs import standard_job
+from tracking import against as against_module
 from tracking import scaling, settings
+from tracking.against import against
 from tracking.clock import Effort
 from tracking.measuring import Row, measure
 from tracking.settings import ours, peer_settings, streams
@@ -183,7 +185,7 @@ def test_other_poles_say_nothing_of_the_target_for_two():
 
 @pytest.mark.parametrize(("off", "reached"), [(0.0, True), (2e-6, False)])
 def test_the_exact_filter_is_held_against_one_of_other_make(off, reached):
-    job = standard_job("J1 run-up", samples=2000)
+    job = standard_job("J1 run-up", samples=6000)
     setting = ours("filter", "exact", poles=1)
 
     def run(job, bandwidth):
@@ -224,17 +226,27 @@ def test_the_record_that_slips_turns_as_its_slip_says():
     np.testing.assert_allclose(record.turn_rad[1:], turned, rtol=0, atol=1e-7)
 
 
-def test_speedups_are_told_on_the_excerpt_and_on_the_whole_record():
+def test_speedups_are_those_of_the_same_samples():
     job = standard_job("J3 angle", samples=3000)
     theirs = next(s for s in peer_settings() if s.label == "filterpy")
-    quick = ours("filter", "exact", poles=1)
-    rows = [row_of(job, setting, time=time, bandwidth=0.04) for setting, time in ((quick, 2.0), (theirs, 700.0))]
+    slow = ours("filter", "exact", poles=1)
+    rows = [row_of(job, setting, bandwidth=0.04) for setting in (slow, theirs)]
     effort = Effort(excerpt=300, repeats=1, slow_repeats=1)
-    lines, (whole,) = speedups(rows, effort)
-    assert "filterpy, which has 300 samples" in whole.what
-    assert whole.measured == "350 times as fast"
-    assert whole.passed
+    lines, (found,) = speedups(rows, effort)
+    assert found.what == "J3 causal, 1 pole, against filterpy, both on 300 samples"
     assert sum(line.startswith("| J3 angle | filterpy | exact |") for line in lines) == 1
+    # A way as slow as theirs is not 300 times as fast.
+    rows[0] = row_of(job, dataclasses.replace(slow, run=theirs.run), bandwidth=0.04)
+    assert not speedups(rows, effort)[1][0].passed
+
+
+def test_a_checkout_beside_itself_differs_by_nothing():
+    lines, verdicts = against(against_module.ROOT, samples=5_000)
+    apart = [line[1] for line in lines if line[1]]
+    assert len(apart) == len(against_module.exact_cases(5_000))
+    assert set(apart) == {"0.0e+00"}
+    assert all("RMS 0.0e+00 std" in target.measured for target in verdicts if target.what.startswith("exact"))
+    assert any(target.what.startswith("all tracker paths compiled") for target in verdicts)
 
 
 KINDS = ("time_", "timeraw_", "peakmem_", "track_")

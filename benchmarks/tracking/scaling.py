@@ -21,7 +21,6 @@ REPEATS = 5
 LONGEST_S = 30.0  # of one call; larger sizes are not tried
 LINEAR, QUADRATIC = 1.1, 2.1  # exponents, a tenth of them left to the clock
 SAMPLE_BY_SAMPLE = 5_000  # samples in a record where orders grow, for the exact estimators
-SPARSE = 1_000  # samples from output to output there: past and future meet at one in the cube of the orders
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +65,7 @@ def scaling(bandwidths: tuple[float, float], effort: Effort) -> tuple[list[str],
 
 def _growths(bandwidths: tuple[float, float], effort: Effort) -> list[Growth]:
     smooth: dict[str, Any] = {"method": "fast", "poles": 2, "output_every": DECIMATED}
-    exact: dict[str, Any] = {"method": "exact", "poles": 1, "output_every": SPARSE}
+    exact: dict[str, Any] = {"method": "exact", "poles": 1, "output_every": DECIMATED}
     late, causal = (partial(_run_up, bandwidth_hz=bandwidth) for bandwidth in bandwidths)
     return [
         Growth(
@@ -101,13 +100,13 @@ def _growths(bandwidths: tuple[float, float], effort: Effort) -> list[Growth]:
             make=partial(_orders, effort.grown, 20.0, 0.05, 0.05, **smooth),
         ),
         Growth(
-            what=f"filter, exact, 1 pole, every {SPARSE:,}: the same orders",
+            what=f"filter, exact, 1 pole, every {DECIMATED}: the same orders",
             bound=QUADRATIC,
             sizes=effort.coupled,
             make=partial(_orders, SAMPLE_BY_SAMPLE, 20.0, 0.05, 0.05, **exact, estimator="filter"),
         ),
         Growth(
-            what=f"smoother, exact, 1 pole, every {SPARSE:,}: the same orders",
+            what=f"smoother, exact, 1 pole, every {DECIMATED}: the same orders",
             bound=QUADRATIC,
             sizes=effort.coupled,
             make=partial(_orders, SAMPLE_BY_SAMPLE, 20.0, 0.05, 0.05, **exact),

@@ -15,25 +15,19 @@ JOBS: tuple[JobName, ...] = ("J1 run-up", "J3 angle")
 
 
 def speedups(rows: Sequence[Row], effort: Effort) -> tuple[list[str], list[Target]]:
-    """Compare seconds a sample: on the same excerpt, and, ours, on the whole record, as it is used.
-
-    A slow package's time grows with the samples; a record of ours has to start up, which an excerpt makes much of.
-    """
+    """Compare seconds a call, on the same samples and with the same outputs."""
     lines, found = [], []
     for name in JOBS:
         excerpt = standard_job(name, samples=effort.excerpt)
         mine = only(rows, name, estimator="filter", poles=1, outputs="all")
         for theirs in (row for row in rows if row.job.name == name and row.setting.label in NEEDED):
-            alike = [_on_excerpt(excerpt, theirs, row, effort) for row in mine]
-            whole = [theirs.time / row.time for row in mine]
-            for row, ratio, full in zip(mine, alike, whole, strict=True):
+            ratios = [_on_excerpt(excerpt, theirs, row, effort) for row in mine]
+            for row, ratio in zip(mine, ratios, strict=True):
                 apart = difference(excerpt, row.setting.run, theirs.setting.run, row.bandwidth)
-                compared = f"{ratio:.3g}", f"{full:.3g}", f"{apart:.1e}"
-                lines.append((name, theirs.setting.label, row.setting.method, *compared))
+                lines.append((name, theirs.setting.label, row.setting.method, f"{ratio:.3g}", f"{apart:.1e}"))
             if mine:
-                found.append(_target(theirs, max(whole), excerpt.samples))
-    both = f"both on {effort.excerpt:,} samples"
-    head = ("job", "peer", "our method", both, f"ours on the whole record, theirs on {effort.excerpt:,}", "difference")
+                found.append(_target(theirs, max(ratios), excerpt.samples))
+    head = ("job", "peer", "our method", f"times as fast, both on {effort.excerpt:,} samples", "difference")
     return table(head, lines), found
 
 
@@ -44,10 +38,10 @@ def _on_excerpt(job: Job, theirs: Row, mine: Row, effort: Effort) -> float:
 
 
 def _target(theirs: Row, ratio: float, samples: int) -> Target:
-    """Judge times a sample, of records of unequal length: a package's on the excerpt, as a job would take too long."""
+    """Judge times on one and the same excerpt: a whole job would take a peer too long."""
     peer, needed = theirs.setting.label, NEEDED[theirs.setting.label]
     return Target(
-        what=f"{theirs.job.name[:2]} causal, 1 pole, time a sample against {peer}, which has {samples:,} samples",
+        what=f"{theirs.job.name[:2]} causal, 1 pole, against {peer}, both on {samples:,} samples",
         needed=f"{needed} times as fast",
         measured=f"{ratio:.3g} times as fast",
         passed=ratio >= needed,

@@ -10,6 +10,8 @@ from jobs import Job
 from tracking.measuring import Row, only
 from tracking.settings import DECIMATED, Run
 
+SETTLED = 3_000  # samples after which two filters whose priors differ in rounding agree
+
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
@@ -21,10 +23,11 @@ class Target:
     passed: bool
 
 
-def difference(job: Job, one: Run, other: Run, bandwidth: float) -> float:
-    """Root of the mean square difference of two answers over that of the second, from the first output on."""
-    (mine, _), (theirs, _) = one(job, bandwidth), other(job, bandwidth)
-    return float(np.linalg.norm(mine - theirs) / np.linalg.norm(theirs))
+def difference(job: Job, one: Run, other: Run, bandwidth: float, *, after: int = 0) -> float:
+    """Root of the mean square difference of two answers over that of the second, from some sample on."""
+    (mine, at), (theirs, _) = one(job, bandwidth), other(job, bandwidth)
+    late = at >= after
+    return float(np.linalg.norm(mine[:, late] - theirs[:, late]) / np.linalg.norm(theirs[:, late]))
 
 
 def targets(rows: Sequence[Row]) -> list[Target]:
@@ -66,12 +69,12 @@ def _exact_filter_targets(rows: Sequence[Row]) -> list[Target]:
     if not mine:
         return []
     best = min(mine, key=lambda row: row.time)
-    apart = difference(best.job, best.setting.run, peers.compiled_filter, best.bandwidth)
+    apart = difference(best.job, best.setting.run, peers.compiled_filter, best.bandwidth, after=SETTLED)
     passed = apart <= 1e-6 and best.error <= 0.0486 and best.time <= 12  # noqa: PLR2004
     return [
         _target(
             "J1 causal, 1 pole, all outputs",
-            "within 1e-6 of a textbook covariance filter (numba), error 0.0486, time 12",
+            f"within 1e-6 of a textbook covariance filter (numba) after sample {SETTLED:,}, error 0.0486, time 12",
             best,
             passed=passed,
             more=f", {apart:.1e} from it",
@@ -86,8 +89,8 @@ def _settled_filter_targets(rows: Sequence[Row]) -> list[Target]:
         return []
     best = min([*exact, *settled], key=lambda row: row.time)
     apart = abs(best.error / exact[0].error - 1)
-    passed = apart <= 0.01 and best.time <= 3  # noqa: PLR2004
-    needed = "error within 1 % of that of exact, time 3"
+    passed = apart <= 0.01 and best.time <= 4  # noqa: PLR2004
+    needed = "error within 1 % of that of exact, time 4"
     return [_target("J3 causal, 1 pole, all outputs", needed, best, passed=passed, more=f", {apart:.1e} apart")]
 
 
