@@ -5,7 +5,7 @@ the time axis, which is computed and not stored, and the check.
 """
 
 import os
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
+from hums._netcdf import Chunks, DiskError, write_netcdf
 from hums._packing import packed, unpacked
 from hums.record import SCHEMA, RecordError, attach_time, check_record, detach_time
 
@@ -68,7 +69,7 @@ def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
     """
     check_record(record)
     plain = _writable(detach_time(record), where="record")
-    _write(plain, path, _encodings(plain))
+    _write({"/": (plain, _all_chunks(plain))}, path)
 
 
 def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -98,8 +99,7 @@ def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
 def write_tree(tree: xr.DataTree, path: str | os.PathLike[str]) -> None:
     """Write a tree of datasets as groups of one file, with the same care as a record."""
     nodes = {node.path: _writable(node.to_dataset(inherit=False), where=f"group {node.path}") for node in tree.subtree}
-    encoding = {where: _encodings(dataset) for where, dataset in nodes.items()}
-    _write(xr.DataTree.from_dict(nodes), path, encoding)
+    _write({where: (dataset, _all_chunks(dataset)) for where, dataset in nodes.items()}, path)
 
 
 def open_tree(path: str | os.PathLike[str]) -> xr.DataTree:
@@ -130,12 +130,12 @@ def write_shard(
         In which the samples are kept.
     """
     shard = _writable(packed(records, labels, dtype=dtype), where="shard")
-    encoding = _encodings(shard)
-    for name, settings in encoding.items():
+    chunks = _all_chunks(shard)
+    for name in chunks:
         _, *row = shard.variables[name].shape
         if row:  # a record is read without its neighbours
-            settings["chunksizes"] = (1, *_chunks(tuple(row)))
-    _write(shard, path, encoding)
+            chunks[name] = (1, *_chunks(tuple(row)))
+    _write({"/": (shard, chunks)}, path)
 
 
 def open_shard(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -247,11 +247,11 @@ def _damaged(file: Path, why: object) -> RecordError:
 # ---- writing -----------------------------------------------------------------------------------------------
 
 
-def _write(contents: xr.Dataset | xr.DataTree, path: str | os.PathLike[str], encoding: dict[Any, Any]) -> None:
+def _write(groups: Mapping[str, tuple[xr.Dataset, Chunks]], path: str | os.PathLike[str]) -> None:
     with written_beside(path) as part:
         try:
-            contents.to_netcdf(part, engine=_ENGINE, encoding=encoding)
-        except RuntimeError as error:  # what HDF5 makes of a full disk when it closes a file
+            write_netcdf(part, groups)
+        except (DiskError, RuntimeError) as error:  # the latter where HDF5 misses what the disk refused
             raise OSError(f"{path} could not be written ({error}); check the space on its disk.") from error
 
 
@@ -290,18 +290,18 @@ def _sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def _encodings(dataset: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
-    """Chunks with a checksum each for every array of numbers.
+def _all_chunks(dataset: xr.Dataset) -> dict[str, tuple[int, ...]]:
+    """Return the chunks, with a checksum each, of every array of numbers.
 
-    The fill value of floats stays NaN, xarray's default: a chunk that HDF5 does not find in a damaged index
-    then reads as NaN, which the analysis refuses, and not as a stretch of silence.
+    The fill value of floats is NaN, xarray's default: a chunk that HDF5 does not find in a damaged index then reads as
+    NaN, which the analysis refuses, and not as a stretch of silence. HDF5 cannot checksum what is not chunked, nor the
+    text behind a reference.
     """
-    encodings: dict[Hashable, dict[str, Any]] = {}
-    for name, variable in dataset.variables.items():
-        if variable.dtype.kind not in "biufcmM" or variable.ndim == 0 or variable.size == 0:
-            continue  # HDF5 cannot checksum what is not chunked, nor the text behind a reference
-        encodings[name] = {"fletcher32": True, "chunksizes": _chunks(variable.shape)}
-    return encodings
+    return {
+        str(name): _chunks(variable.shape)
+        for name, variable in dataset.variables.items()
+        if variable.dtype.kind in "biufcmM" and variable.ndim and variable.size
+    }
 
 
 def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:

@@ -204,7 +204,7 @@ OPEN_TO_SYNTH = {"gearbox", "adjacency", "kinematics", "torques", "orders", "rec
 
 # What only one module may import.
 ONE_DOOR = {
-    "h5py": "hums.store",
+    "h5py": ("hums.store", "hums._netcdf"),
     "h5netcdf": "hums.store",
     "matplotlib": "hums.plots",
     "dask": "hums.jobs",

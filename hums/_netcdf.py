@@ -1,0 +1,173 @@
+"""Datasets as groups of an HDF5 file in netCDF4 layout, written by h5py.
+
+What ``Dataset.to_netcdf(engine="h5netcdf")`` writes, dimension by dimension: every dimension is an HDF5 dimension scale
+with its number ``_Netcdf4Dimid``; one without a coordinate variable is a dataset without storage, its `NAME` the phrase
+of [1]_; variables refer to their scales. Xarray's coders turn truth values, moments and missing values into what
+netCDF holds.
+
+References
+----------
+.. [1] Unidata, "NetCDF-4 file format specification", NetCDF user's guide, appendix C.
+"""
+
+from collections.abc import Iterator, Mapping
+from io import FileIO
+from itertools import count
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+import xarray as xr
+from xarray import conventions
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer as Buffer
+
+Chunks = Mapping[str, tuple[int, ...]]
+
+_NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
+_COMPLEX = {8: "_PFNC_FLOAT_COMPLEX_TYPE", 16: "_PFNC_DOUBLE_COMPLEX_TYPE"}  # names by which the netCDF library knows
+_UNLIMITED = 1024  # chunk along a dimension of length 0, which netCDF takes for one that may grow
+_TEXT = h5py.string_dtype()
+
+
+def write_netcdf(path: str | PathLike[str], groups: Mapping[str, tuple[xr.Dataset, Chunks]]) -> None:
+    """Write datasets to a new file, one a group.
+
+    Parameters
+    ----------
+    path : path
+        File to write; one that stands there is replaced.
+    groups : mapping of str to (Dataset, mapping of str to tuple of int)
+        By the path of the group, parents before their children, whose dimensions they share: the dataset, and the
+        chunk of each variable that is stored in chunks with a checksum (fletcher32) each.
+
+    Raises
+    ------
+    DiskError
+        If the disk does not take it.
+    """
+    numbers = count()
+    with _Disk(path) as disk, h5py.File(disk, "w", track_order=True) as file:
+        for where, (dataset, chunks) in groups.items():
+            group = file if where == "/" else file.create_group(where, track_order=True)
+            _write_group(group, dataset, chunks, numbers)
+        version = f"version=2,hdf5={h5py.version.hdf5_version},h5py={h5py.version.version}"
+        file.attrs.create("_NCProperties", np.bytes_(version))
+
+
+class DiskError(OSError):
+    """A write that the disk refused."""
+
+
+class _Disk(FileIO):
+    """A new file that tells when it is closed what its disk refused before: HDF5 crashes on a write that fails."""
+
+    def __init__(self, path: str | PathLike[str]) -> None:
+        super().__init__(path, "w+")
+        self._refused: OSError | None = None
+
+    def write(self, data: "Buffer") -> int:
+        """Write all of `data`, or nothing more after the first refusal."""
+        rest = memoryview(data).cast("B")
+        while len(rest) and self._refused is None:
+            try:
+                rest = rest[super().write(rest) :]
+            except OSError as error:
+                self._refused = error
+        return memoryview(data).nbytes
+
+    def close(self) -> None:
+        """Close the file, and raise if a write was refused."""
+        super().close()
+        refused, self._refused = self._refused, None
+        if refused is not None:
+            raise DiskError(refused.errno, refused.strerror) from refused
+
+
+def _write_group(group: h5py.Group, dataset: xr.Dataset, chunks: Chunks, numbers: Iterator[int]) -> None:
+    variables, attrs = conventions.encode_dataset_coordinates(dataset)
+    _write_attrs(group, attrs)
+    scales: dict[Any, h5py.Dataset] = {}
+    for dim, size in dataset.sizes.items():
+        above = _scale_above(group, dim, size)
+        scales[dim] = _new_scale(group, str(dim), dataset, chunks, next(numbers)) if above is None else above
+    for name, variable in variables.items():
+        coded = conventions.encode_cf_variable(variable, name=name)
+        if name in scales and scales[name].parent == group:
+            _write_attrs(scales[name], coded.attrs)
+            continue
+        target = _new_dataset(group, str(name), coded, chunks.get(str(name)))
+        _write_attrs(target, coded.attrs)
+        for axis, dim in enumerate(variable.dims):
+            h5py.h5ds.attach_scale(target.id, scales[dim].id, axis)
+
+
+def _scale_above(group: h5py.Group, dim: object, size: int) -> h5py.Dataset | None:
+    """Return the scale of a dimension that a group above declares, if there is one."""
+    while group.name != "/":
+        group = group.parent
+        found = group.get(str(dim))
+        if isinstance(found, h5py.Dataset) and found.is_scale and found.shape == (size,):
+            return found
+    return None
+
+
+def _new_scale(group: h5py.Group, dim: str, dataset: xr.Dataset, chunks: Chunks, number: int) -> h5py.Dataset:
+    """Declare a dimension: its coordinate variable, or a dataset that takes no room."""
+    if dim in dataset.variables:
+        coded = conventions.encode_cf_variable(dataset.variables[dim], name=dim)
+        scale, label = _new_dataset(group, dim, coded, chunks.get(dim)), dim
+    else:
+        size = dataset.sizes[dim]
+        scale = group.create_dataset(dim, shape=(size,), dtype=">f4", track_order=True, **_growing((size,), None))
+        label = f"{_NO_VARIABLE}{size:10d}"
+    scale.make_scale(label)
+    scale.attrs.create("_Netcdf4Dimid", number, dtype=np.int32)
+    return scale
+
+
+def _new_dataset(group: h5py.Group, name: str, variable: xr.Variable, chunks: tuple[int, ...] | None) -> h5py.Dataset:
+    values = variable.to_numpy()
+    dtype = values.dtype
+    if dtype.kind in "UO":
+        values, dtype = values.astype(object), _TEXT
+    elif dtype.kind == "c":
+        dtype = _complex_type(group, dtype)
+    return group.create_dataset(
+        name,
+        data=values,
+        dtype=dtype,
+        fletcher32=chunks is not None or None,
+        fillvalue=variable.attrs.get("_FillValue"),
+        track_order=True,
+        **_growing(values.shape, chunks),
+    )
+
+
+def _growing(shape: tuple[int, ...], chunks: tuple[int, ...] | None) -> dict[str, Any]:
+    """Return chunks and largest shape: a dimension of length 0 is one without bound."""
+    if 0 not in shape:
+        return {"chunks": chunks}
+    return {"chunks": tuple(size or _UNLIMITED for size in shape), "maxshape": tuple(size or None for size in shape)}
+
+
+def _complex_type(group: h5py.Group, dtype: np.dtype[Any]) -> h5py.Datatype:
+    """Return the type of complex numbers, named in the file so that the netCDF library reads it."""
+    name = _COMPLEX[dtype.itemsize]
+    if name not in group:
+        group[name] = dtype
+    return group[name]
+
+
+def _write_attrs(target: h5py.Group | h5py.Dataset, attrs: Mapping[Any, Any]) -> None:
+    """Write text as text of variable length, and a number as a row of one."""
+    for name, value in attrs.items():
+        row = np.atleast_1d(value)
+        if isinstance(value, str):
+            target.attrs.create(str(name), value, dtype=_TEXT)
+        elif row.dtype.kind in "UO":
+            target.attrs.create(str(name), row.astype(object), dtype=_TEXT)
+        else:
+            target.attrs.create(str(name), row)
