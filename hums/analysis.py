@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from hums.baseline import HISTORIES, baseline_of
-from hums.channels import AnalysedChannel, analysed_channel, chosen_channels, dead_channels, gapped_channels
+from hums.channels import AnalysedChannel, analysed_channel, chosen_channels, living_values, unfit_channels
 from hums.findings import Finding, findings
 from hums.gearbox import Gearbox
 from hums.indicators import channel_indicators, localities
@@ -76,21 +76,24 @@ def analyze(
         raise AnalysisError(f"settings is a {type(settings).__name__}; pass hums.AnalysisSettings(...).")
     check_record(record)
     chosen = chosen_channels(record, settings)
-    gapped = gapped_channels(record, chosen)
-    whole = [name for name in chosen if name not in gapped]
-    dead = dead_channels(record, whole)
-    names = [name for name in whole if name not in dead]
+    gapped, dead = unfit_channels(record, chosen)
+    names = [name for name in chosen if name not in gapped and name not in dead]
     past = baseline_of(baseline, settings, units={name: record[name].attrs["units"] for name in names})
     machine = machine_of(record, gearbox, settings.model_copy(update={"channels": tuple(names)}))
     wanted = wanted_lines(machine.kinematics, _plan(machine, settings))
-    channels = [analysed_channel(record, name, machine, wanted, settings) for name in names]
+    channels: list[AnalysedChannel] = []
+    indicators: list[IndicatorValue] = []
+    for name in names:
+        values = living_values(record, name)
+        channel = analysed_channel(record, name, values, machine, wanted, settings)
+        channels.append(channel)
+        indicators += channel_indicators(record, channel, values, machine, settings, past)
     judge = Judge(
         {bearing.name: bearing for bearing in machine.bearings},
         settings.false_alarm_probability,
         _natural_spacings(machine),
     )
     judged = judge.judge([line for channel in channels for line in channel.lines])
-    indicators = [row for channel in channels for row in channel_indicators(record, channel, machine, settings, past)]
     found = findings(
         judged,
         locality=localities(indicators, _loudest(judged), harmonics=settings.harmonics),

@@ -12,7 +12,7 @@ from hums.declared import closest
 from hums.layout import AnalysisError, EnvelopeBand
 from hums.machine import Machine
 from hums.orders import BearingOrders
-from hums.record import channel_values, sampling, vibration_channels
+from hums.record import Sampling, channel_values, sampling, vibration_channels
 from hums.search import ENVELOPE, ORDER_SPECTRUM, FoundLine, Wanted, envelope_sidebands, search
 from hums.settings import AnalysisSettings
 from signals.bands import choose_band
@@ -27,7 +27,7 @@ _LEAST_ORDERS = 20.0  # a spectrum shows at least this many
 _MARGIN = 1.1  # of order beyond the last line looked for, plus one, so that its surroundings fit
 _SHORTEST = 64  # samples, below which a sensor is not judged
 
-Values = NDArray[np.float64]
+Values = NDArray[np.floating]  # samples, in the precision of their source
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,52 +68,54 @@ def chosen_channels(record: xr.Dataset, settings: AnalysisSettings) -> tuple[str
     return tuple(there) if settings.channels is None else tuple(dict.fromkeys(settings.channels))
 
 
-def dead_channels(record: xr.Dataset, names: Sequence[str]) -> dict[str, SensorHealth]:
-    """Return the health of channels that hold one value throughout; none where all do, since nothing is left then."""
-    found = {}
-    for name in names:
-        values = np.asarray(channel_values(record, name), dtype=np.float64)
-        if values.size >= _SHORTEST and values.min() == values.max():
-            units = record[name].attrs["units"]
-            found[name] = sensor_health(values, rate_hz=sampling(record, name).rate_hz, units=units)
-    return found if len(found) < len(names) else {}
+def unfit_channels(record: xr.Dataset, names: Sequence[str]) -> tuple[dict[str, str], dict[str, SensorHealth]]:
+    """Return the channels that are not analysed: those with gaps, and those that hold one value throughout.
 
-
-def gapped_channels(record: xr.Dataset, names: Sequence[str]) -> dict[str, str]:
-    """Return in words how many samples are not finite, and where, of each channel that has some.
+    Returns
+    -------
+    gapped : mapping of str to str
+        In words how many samples are not finite, and where.
+    dead : mapping of str to SensorHealth
+        Empty where all that are without gaps are dead, since nothing is left then.
 
     Raises
     ------
     AnalysisError
-        Where every channel has some, since nothing is left then.
+        Where every channel has gaps, since nothing is left then.
     """
-    found = {name: gaps for name in names if (gaps := _gaps(record, name))}
-    if found and len(found) == len(names):
-        name = next(iter(found))
+    gapped, dead = {}, {}
+    for name in names:
+        values = channel_values(record, name)
+        if gaps := _gaps(values, sampling(record, name)):
+            gapped[name] = gaps
+        elif values.size >= _SHORTEST and values.min() == values.max():
+            units = record[name].attrs["units"]
+            dead[name] = sensor_health(values, rate_hz=sampling(record, name).rate_hz, units=units)
+    if gapped and len(gapped) == len(names):
+        name = next(iter(gapped))
         others = "" if len(names) == 1 else f", and none of the {len(names)} channels is without such samples"
         raise AnalysisError(
-            f'channel "{name}" has {found[name]}{others}. Cut the record to a part without them, with '
+            f'channel "{name}" has {gapped[name]}{others}. Cut the record to a part without them, with '
             "record.isel(time=slice(...)) or in the source file before hums convert, or choose a channel without them: "
             "channels=(...), on the command line --channel NAME."
         )
-    return found
+    return gapped, dead if len(dead) < len(names) - len(gapped) else {}
 
 
-def _gaps(record: xr.Dataset, name: str) -> str:
+def _gaps(values: Values, when: Sampling) -> str:
     """Say how many samples of a channel are not finite, in how many gaps and where; empty where all are."""
-    bad = np.flatnonzero(~np.isfinite(channel_values(record, name)))
+    bad = np.flatnonzero(~np.isfinite(values))
     if not bad.size:
         return ""
-    when = sampling(record, name)
     count = 1 + np.count_nonzero(np.diff(bad) > 1)
     where = f"{count} gaps, the first" if count > 1 else "one gap,"
     samples = f"{bad.size} samples that are" if bad.size > 1 else "1 sample that is"
     return f"{samples} not finite in {where} at index {bad[0]} ({when.start_s + bad[0] / when.rate_hz:g} s)"
 
 
-def finite_values(record: xr.Dataset, name: str) -> Values:
+def living_values(record: xr.Dataset, name: str) -> Values:
     """Read a channel without gaps, or say that it is dead."""
-    values = np.asarray(channel_values(record, name), dtype=np.float64)
+    values = channel_values(record, name)
     if values.size and values.min() == values.max():
         raise AnalysisError(
             f'channel "{name}" has the same value {values[0]:g} throughout: a dead sensor or a wrong channel. Leave it '
@@ -123,13 +125,17 @@ def finite_values(record: xr.Dataset, name: str) -> Values:
 
 
 def analysed_channel(
-    record: xr.Dataset, name: str, machine: Machine, wanted: Sequence[Wanted], settings: AnalysisSettings
+    record: xr.Dataset,
+    name: str,
+    values: Values,
+    machine: Machine,
+    wanted: Sequence[Wanted],
+    settings: AnalysisSettings,
 ) -> AnalysedChannel:
-    """Judge a channel's sensor, make its spectra, and look for all lines in them."""
-    values = finite_values(record, name)
+    """Judge a channel's sensor by its `values`, make its spectra, and look for all lines in them."""
     when, units = sampling(record, name), record[name].attrs["units"]
     health = sensor_health(values, rate_hz=when.rate_hz, units=units) if values.size >= _SHORTEST else None
-    crest = float(np.abs(values - values.mean()).max() / values.std())
+    crest = _crest(values)
     by_spectrum = {key: [line for line in wanted if line.spectrum == key] for key in (ORDER_SPECTRUM, ENVELOPE)}
     band, no_band = _band(values, health, when.rate_hz, by_spectrum[ENVELOPE], machine, settings)
     angular, spectra, lines, beyond = {}, {}, [], []
@@ -164,6 +170,11 @@ def analysed_channel(
         band=band,
         no_band=no_band,
     )
+
+
+def _crest(values: Values) -> float:
+    mean = values.mean(dtype=np.float64)
+    return float(max(values.max() - mean, mean - values.min()) / values.std(dtype=np.float64))
 
 
 def over_angle(
@@ -207,7 +218,7 @@ def _band(
     needed = _last_order(wanted, None, math.inf) * machine.top_speed_hz / _ENVELOPE_SHARE
     heard = values if health is None or not health.missing.any() else _bridged(values, health.missing)
     try:
-        best = choose_band(heard / heard.std(), rate_hz=rate_hz, modulation_hz=min(needed, rate_hz / 4))
+        best = choose_band(heard, rate_hz=rate_hz, modulation_hz=min(needed, rate_hz / 4))
     except ValueError as error:
         return None, str(error)
     return EnvelopeBand(low_hz=best.low_hz, high_hz=best.high_hz, chosen=True, why=best.why, doubts=best.doubts), ""
@@ -216,7 +227,7 @@ def _band(
 def _bridged(values: Values, missing: NDArray[np.bool_]) -> Values:
     """Return the values with straight lines over those that are missing."""
     places = np.arange(values.size)
-    return np.where(missing, np.interp(places, places[~missing], values[~missing]), values)
+    return np.where(missing, np.interp(places, places[~missing], values[~missing]).astype(values.dtype), values)
 
 
 def _demodulated(values: Values, rate_hz: float, band_hz: tuple[float, float], name: str) -> Values:

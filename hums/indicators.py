@@ -12,7 +12,7 @@ from functools import partial
 import xarray as xr
 
 from hums.baseline import Baseline
-from hums.channels import AnalysedChannel, Values, finite_values
+from hums.channels import AnalysedChannel, Values
 from hums.findings import Locality
 from hums.gears import GAUSSIAN_KURTOSIS, Gear, Part, gear_indicators, refusing, smooth_kurtosis
 from hums.layout import IndicatorValue
@@ -32,10 +32,14 @@ _INTEGRABLE = ("g", "m s-2", "mm s-2", "m s-1", "mm s-1")
 
 
 def channel_indicators(
-    record: xr.Dataset, channel: AnalysedChannel, machine: Machine, settings: AnalysisSettings, baseline: Baseline
+    record: xr.Dataset,
+    channel: AnalysedChannel,
+    values: Values,
+    machine: Machine,
+    settings: AnalysisSettings,
+    baseline: Baseline,
 ) -> list[IndicatorValue]:
-    """Compute every indicator of one channel; of a sick one the raw RMS alone."""
-    values = finite_values(record, channel.name)
+    """Compute every indicator of one channel from its `values`; of a sick one the raw RMS alone."""
     rows = [*_raw(values, channel, machine)]
     if channel.sick:
         return rows

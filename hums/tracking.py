@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.channels import AnalysedChannel, finite_values
+from hums.channels import AnalysedChannel, living_values
 from hums.judging import JudgedLine
 from hums.machine import Machine
 from hums.orders import BEARING_KINDS
@@ -152,7 +152,7 @@ def _with_gaps(
     when = sampling(record, channel.name)
     taken = when.start_s + np.arange(when.count) / when.rate_hz
     inside = (taken >= max(phase.start_s, times[0])) & (taken <= phase.stop_s)
-    values = np.where(missing, np.nan, finite_values(record, channel.name))[inside]
+    values = np.where(missing, np.float64(np.nan), living_values(record, channel.name))[inside]
     widest = max(float(np.max(bandwidth)), 1 / _SLOWEST_OUTPUT_REV)
     tracks = track_orders(
         values - np.nanmean(values),

@@ -9,16 +9,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Samples = NDArray[np.floating]  # float32 where the source is, else float64
 
 
 def real_vector(values: ArrayLike, *, name: str, minimum: int = 1, finite: bool = True) -> Array:
     """Return `values` as a contiguous (n,) float64 array, or raise ValueError."""
+    vector = real_samples(values, name=name, minimum=minimum, finite=finite)
+    return np.ascontiguousarray(vector, dtype=np.float64)
+
+
+def real_samples(values: ArrayLike, *, name: str, minimum: int = 1, finite: bool = True) -> Samples:
+    """Return `values` as a contiguous (n,) array, float32 if they are and else float64, or raise ValueError."""
     vector = np.asarray(values)
     if vector.ndim != 1 or vector.dtype.kind not in "iuf":
         raise ValueError(f"{name} has shape {vector.shape} and type {vector.dtype}; it must be one real (n,) array.")
     if vector.size < minimum:
         raise ValueError(f"{name} has {vector.size} values; at least {minimum} are needed.")
-    vector = np.ascontiguousarray(vector, dtype=np.float64)
+    vector = np.ascontiguousarray(vector, dtype=None if vector.dtype == np.float32 else np.float64)
     if finite and not np.all(np.isfinite(vector)):
         bad = np.flatnonzero(~np.isfinite(vector))
         raise ValueError(

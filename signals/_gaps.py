@@ -5,17 +5,17 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from signals._checks import Array, choice, real_vector
+from signals._checks import Samples, choice, real_samples
 
 Missing = Literal["refuse", "mark"]
 
 
 def samples(
     x: ArrayLike, *, missing: Missing, minimum: int = 0, rate_hz: float = 1.0, start_s: float = 0.0, first: int = 0
-) -> Array:
-    """Return a block of a record, from sample `first` on, as float64; or say where it is not finite."""
+) -> Samples:
+    """Return a block of a record, from sample `first` on; or say where it is not finite."""
     choice(missing, name="missing", choices=get_args(Missing))
-    vector = real_vector(x, name="the signal", minimum=minimum, finite=False)
+    vector = real_samples(x, name="the signal", minimum=minimum, finite=False)
     bad = np.flatnonzero(~np.isfinite(vector))
     if bad.size and missing == "refuse":
         place = first + int(bad[0])

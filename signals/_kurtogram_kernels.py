@@ -6,12 +6,13 @@ from numpy.typing import NDArray
 from signals._compile import compiled_sums
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 
 _BLOCK = 512  # outputs at a time: the sums stay in the first cache
 
 
 @compiled_sums
-def split_band(re: Array, im: Array, taps: Array, factor: int, out_re: Array, out_im: Array) -> None:
+def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single, out_im: Single) -> None:
     """Split an analytic band into `factor` equal ones, each at 1 / `factor` of the rate.
 
     Band b is filtered by ``h[m] exp(j pi m (2 b + 1) / (2 factor))``. That factor changes sign when m grows by
@@ -27,10 +28,10 @@ def split_band(re: Array, im: Array, taps: Array, factor: int, out_re: Array, ou
     count = out_re.shape[1]
     last = taps.size - 1
     reach = _BLOCK + last // factor
-    phases_re = np.empty((factor, reach))
-    phases_im = np.empty((factor, reach))
-    sums_re = np.empty((residues, _BLOCK))
-    sums_im = np.empty((residues, _BLOCK))
+    phases_re = np.empty((factor, reach), dtype=np.float32)
+    phases_im = np.empty((factor, reach), dtype=np.float32)
+    sums_re = np.empty((residues, _BLOCK), dtype=np.float32)
+    sums_im = np.empty((residues, _BLOCK), dtype=np.float32)
     for start in range(0, count, _BLOCK):
         width = min(_BLOCK, count - start)
         for p in range(factor):
@@ -72,8 +73,8 @@ def split_band(re: Array, im: Array, taps: Array, factor: int, out_re: Array, ou
             band_im[:] = 0.0
             for r in range(residues):
                 turn = np.pi * r * (2 * band + 1) / residues
-                cosine = np.cos(turn)
-                sine = np.sin(turn)
+                cosine = np.float32(np.cos(turn))
+                sine = np.float32(np.sin(turn))
                 total_re = sums_re[r][:width]
                 total_im = sums_im[r][:width]
                 for n in range(width):
@@ -86,10 +87,9 @@ def split_band(re: Array, im: Array, taps: Array, factor: int, out_re: Array, ou
 
 
 @compiled_sums
-def part_moments(re: Array, im: Array, parts: int) -> tuple[Array, Array]:
-    """Return the sums of ``|c|^2`` and of ``|c|^4`` over each of `parts` equal stretches."""
-    seconds = np.zeros(parts)
-    fourths = np.zeros(parts)
+def squared_envelope(re: Single, im: Single, squared: Single, seconds: Array, fourths: Array) -> None:
+    """Fill `squared` with ``|c|^2``, and the rows with its sums, and those of ``|c|^4``, over equal stretches."""
+    parts = seconds.size
     for p in range(parts):
         first = p * re.size // parts
         stop = (p + 1) * re.size // parts
@@ -97,8 +97,9 @@ def part_moments(re: Array, im: Array, parts: int) -> tuple[Array, Array]:
         fourth = 0.0
         for n in range(first, stop):
             power = re[n] * re[n] + im[n] * im[n]
-            second += power
-            fourth += power * power
+            squared[n] = power
+            exact = np.float64(power)
+            second += exact
+            fourth += exact * exact
         seconds[p] = second
         fourths[p] = fourth
-    return seconds, fourths

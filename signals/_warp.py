@@ -21,7 +21,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._checks import Array
+from signals._checks import Array, Samples
 from signals._track import NODE_STEP, Track
 from signals._windowed_sinc import HALF_WIDTH, MOMENTS, step_polynomials, step_response, weight_rows
 
@@ -78,7 +78,7 @@ class Warp:
         self._used = 0  # of those, the others are zero
         self._ends = (-np.inf, np.inf)  # of the record on the output grid
 
-    def push(self, x: Array) -> Outputs:
+    def push(self, x: Samples) -> Outputs:
         """Take more of the record; return the outputs this completes, and which of them reach beyond its start."""
         return _joined(self._pushed(x))
 
@@ -86,11 +86,11 @@ class Warp:
         """Return the outputs left, and which of them reach beyond an end of the record."""
         return self._advance(np.concatenate([self._samples, np.zeros(_HALO)]), ended=True)
 
-    def whole(self, x: Array) -> Outputs:
+    def whole(self, x: Samples) -> Outputs:
         """Take all of the record at once; return all outputs."""
         return _joined([*self._pushed(x), self.finish()])
 
-    def _pushed(self, x: Array) -> list[Outputs]:
+    def _pushed(self, x: Samples) -> list[Outputs]:
         if self._level is None and x.size:
             finite = x[:1] if np.isfinite(x[0]) else x[np.isfinite(x)]
             self._level = float(finite[0]) if finite.size else None

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from signals._checks import Array, positive, real_vector, whole
+from signals._checks import Array, Samples, positive, real_vector, whole
 from signals._windows import Window, window_of
 from signals.spectra import without_mean
 
@@ -133,7 +133,7 @@ def spectral_correlation(
     )
 
 
-def _products(signal: Array, shape: Window, hop: int, frames: int, scanned: int) -> NDArray[np.complex128]:
+def _products(signal: Samples, shape: Window, hop: int, frames: int, scanned: int) -> NDArray[np.complex128]:
     """Return ``X(i, k) sum_p X(i, k - p)*`` as (lines, frames), the phases of X those at its window's middle."""
     length = shape.weights.size
     half = length // 2

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from signals._checks import Array, positive, real_vector
+from signals._checks import Array, Samples, positive, real_samples, real_vector
 from signals.phase import ShaftPhase
 from signals.resampling import angular_resample
 from signals.spectra import AmplitudeSpectrum, amplitude_spectrum, order_spectrum, without_mean
@@ -15,11 +15,12 @@ _ATTENUATION_DB = 80.0
 _FEWEST_BLOCK = 2**14  # samples transformed at a time
 
 
-def envelope(x: ArrayLike, *, rate_hz: float, band_hz: tuple[float, float]) -> Array:
+def envelope(x: ArrayLike, *, rate_hz: float, band_hz: tuple[float, float]) -> Samples:
     """Return the magnitude of the analytic signal of one band, (n,), in the unit of `x`.
 
     The mean is removed, the band is cut out with sharp edges in the Fourier transform of the whole record; the
-    record's ends are taken to meet. `stream_envelope` needs memory for its filter alone.
+    record's ends are taken to meet. `stream_envelope` needs memory for its filter alone. Of float32 samples in single
+    precision: the error is below 1e-6 of the record's RMS, of which a sample's own rounding is about a tenth.
 
     Parameters
     ----------
@@ -28,15 +29,18 @@ def envelope(x: ArrayLike, *, rate_hz: float, band_hz: tuple[float, float]) -> A
     band_hz : (low, high)
         Band edges, ``0 <= low < high <= rate_hz / 2``.
     """
-    signal = real_vector(x, name="the signal", minimum=4)
+    signal = real_samples(x, name="the signal", minimum=4)
     rate = positive(rate_hz, name="rate_hz")
     low, high = _band(band_hz, rate)
     lines = fft.rfft(without_mean(signal))
     frequency = np.arange(lines.size) * rate / signal.size
-    analytic = np.zeros(signal.size, dtype=np.complex128)
-    analytic[: lines.size] = np.where((frequency >= low) & (frequency <= high), lines, 0)
+    first, stop = np.searchsorted(frequency, low), np.searchsorted(frequency, high, side="right")
+    del frequency
+    analytic = np.zeros(signal.size, dtype=lines.dtype)
+    analytic[first:stop] = lines[first:stop]
+    del lines
     analytic[1 : (signal.size + 1) // 2] *= 2  # half the sampling rate has no mirror image
-    return np.abs(np.asarray(fft.ifft(analytic, overwrite_x=True), dtype=np.complex128))
+    return np.abs(fft.ifft(analytic, overwrite_x=True))
 
 
 def stream_envelope(
@@ -132,7 +136,7 @@ def _band(band_hz: tuple[float, float], rate: float) -> tuple[float, float]:
     return low, high
 
 
-def _modulation(magnitude: Array, *, squared: bool, relative: bool) -> Array:
+def _modulation(magnitude: Samples, *, squared: bool, relative: bool) -> Samples:
     """Return what of an envelope is transformed."""
     values = magnitude**2 if squared else magnitude
     if not relative:

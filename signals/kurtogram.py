@@ -16,12 +16,14 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from signals._checks import Array, positive, real_vector, whole
+from signals._checks import Array, Samples, positive, real_samples, whole
 from signals._windows import window_of
 from signals.spectra import hop_of, transformed, without_mean
+
+Single = NDArray[np.float32]
 
 LEVELS = 7
 FEWEST_SAMPLES = 320  # of the narrowest band: its filter takes 48 of them
@@ -148,6 +150,9 @@ def fast_kurtogram(
     a third of its rate, twice what its width needs. A band is 0.85 dB down at its edges, 6 dB down 1.2 half widths off
     its middle and 80 dB down from 1.65 on. Outputs that would reach beyond the record are left out.
 
+    Filters run in single precision, moments are summed in double: rounding adds a noise to each band that lies 130 dB
+    below the record's power, and a kurtosis errs by less than 1e-4.
+
     Parameters
     ----------
     x : (n,) array
@@ -169,7 +174,7 @@ def fast_kurtogram(
     depth = min(LEVELS, most) if levels is None else whole(levels, name="levels", least=1, most=most)
     rows = sorted(
         (level, index, width, *_figures(re, im, bands=_split_into(level), negentropy=with_negentropy))
-        for level, index, width, re, im in _bands(signal, depth)
+        for level, index, width, re, im in _bands(_in_single_precision(signal), depth)
     )
     level, index, width, kurtosis, steady, std, power, negentropy, lines = (
         np.array(column, dtype=np.float64) for column in zip(*rows, strict=True)
@@ -189,33 +194,36 @@ def fast_kurtogram(
     )
 
 
-def _vibration(x: ArrayLike, *, minimum: int) -> Array:
+def _vibration(x: ArrayLike, *, minimum: int) -> Samples:
     """Return a copy without its mean; ValueError where nothing but rounding is left."""
-    signal = real_vector(x, name="the signal", minimum=minimum)
+    signal = real_samples(x, name="the signal", minimum=minimum)
     centred = without_mean(signal)
-    if np.abs(centred).max() <= signal.size**0.5 * np.finfo(np.float64).eps * np.abs(signal).max():
+    if _largest(centred) <= signal.size**0.5 * np.finfo(np.float64).eps * _largest(signal):
         raise ValueError(f"the signal is constant ({signal[0]:g}); kurtosis needs a vibration about the mean.")
     return centred
 
 
-def _bands(signal: Array, depth: int) -> Iterator[tuple[float, int, float, Array, Array]]:
+def _largest(x: Samples) -> float:
+    return max(float(x.max()), -float(x.min()))
+
+
+def _in_single_precision(x: Samples) -> Single:
+    """Return the signal over its largest value: squares of squares neither over- nor underflow."""
+    return np.asarray(x / x.dtype.type(_largest(x)), dtype=np.float32)
+
+
+def _bands(signal: Single, depth: int) -> Iterator[tuple[float, int, float, Single, Single]]:
     """Yield level, index, width over half the rate, and complex envelope of each band of the tree."""
     from signals._kurtogram_kernels import split_band  # noqa: PLC0415
 
-    size = fft.next_fast_len(signal.size)
-    lines = np.zeros(size, dtype=np.complex128)
-    positive_half = fft.rfft(signal, size)
-    lines[: positive_half.size] = positive_half
-    lines[1 : (size + 1) // 2] *= 2
-    analytic = fft.ifft(lines, overwrite_x=True)[: signal.size]
-    waiting = [(0, 0, np.ascontiguousarray(analytic.real), np.ascontiguousarray(analytic.imag))]
+    waiting = [(0, 0, signal, _hilbert_transform(signal))]
     while waiting:  # depth first: a band and its halves are still in the cache
         level, index, re, im = waiting.pop()
         yield float(level), index, 0.5**level, re, im
-        for factor in (2, 3) if level < depth - 1 else (2,) if level < depth else ():
+        for factor in (3, 2) if level < depth - 1 else (2,) if level < depth else ():
             taps = _lowpass(factor)
             shape = (factor, (re.size - taps.size) // factor + 1)
-            out_re, out_im = np.empty(shape), np.empty(shape)
+            out_re, out_im = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=np.float32)
             split_band(re, im, taps, factor, out_re, out_im)
             for b in range(factor):
                 if factor == 2:  # noqa: PLR2004
@@ -224,14 +232,22 @@ def _bands(signal: Array, depth: int) -> Iterator[tuple[float, int, float, Array
                     yield level + float(np.log2(3)), 3 * index + b, 0.5**level / 3, out_re[b], out_im[b]
 
 
+def _hilbert_transform(signal: Single) -> Single:
+    """Return the imaginary part of the analytic signal: every line turned back by a quarter."""
+    size = fft.next_fast_len(signal.size, real=True)
+    lines = fft.rfft(signal, size)
+    lines *= -1j
+    return np.asarray(fft.irfft(lines, size, overwrite_x=True)[: signal.size])
+
+
 @lru_cache(maxsize=2)
-def _lowpass(factor: int) -> Array:
+def _lowpass(factor: int) -> Single:
     """Kaiser-windowed sinc of gain 1, half as wide as one of `factor` bands and a fifth more."""
     count = _TAPS[factor]
     cutoff = _CUTOFF / factor
     place = np.arange(count) - (count - 1) / 2
     taps = np.sinc(2 * cutoff * place) * np.kaiser(count, _KAISER_BETA)
-    return np.asarray(taps / taps.sum(), dtype=np.float64)
+    return np.asarray(taps / taps.sum(), dtype=np.float32)
 
 
 def _split_into(level: float) -> int:
@@ -246,20 +262,23 @@ def _samples_per_independent(factor: int) -> float:
     """How many outputs of a filter the kurtosis of noise counts as one: ``sum |correlation|^4``, as for frames."""
     if factor == 1:
         return 4 / 3  # the analytic signal of white noise: 1 + 2 sum (2 / (pi k))^4 over odd k
-    taps = _lowpass(factor)
+    taps = _lowpass(factor).astype(np.float64)
     correlation = np.array([taps[s:] @ taps[: taps.size - s] for s in range(factor, taps.size, factor)]) / (taps @ taps)
     return float(1 + 2 * np.sum(correlation**4))
 
 
-def _figures(re: Array, im: Array, *, bands: int, negentropy: bool) -> tuple[float, float, float, float, float, float]:
+def _figures(
+    re: Single, im: Single, *, bands: int, negentropy: bool
+) -> tuple[float, float, float, float, float, float]:
     """Kurtosis, steady kurtosis, its scatter in noise, mean power, negentropy and number of lines of one band."""
-    from signals._kurtogram_kernels import part_moments  # noqa: PLC0415
+    from signals._kurtogram_kernels import squared_envelope  # noqa: PLC0415
 
-    seconds, fourths = part_moments(re, im, PARTS)
+    seconds, fourths, squared = np.empty(PARTS), np.empty(PARTS), np.empty_like(re)
+    squared_envelope(re, im, squared, seconds, fourths)
     count = re.size
     steady = np.argsort(fourths)[: PARTS - LEFT_OUT]
     std = 2 * np.sqrt(_samples_per_independent(bands) / count)
-    found, lines = _negentropy(re**2 + im**2) if negentropy else (np.nan, 0)
+    found, lines = _negentropy(squared) if negentropy else (np.nan, 0)
     return (
         _kurtosis(seconds.sum(), fourths.sum(), count),
         _kurtosis(seconds[steady].sum(), fourths[steady].sum(), count * (1 - LEFT_OUT / PARTS)),
@@ -274,12 +293,15 @@ def _kurtosis(second: float, fourth: float, count: float) -> float:
     return float(fourth / second**2 * count - 2) if second > 0 else np.nan
 
 
-def _negentropy(squared_envelope: Array) -> tuple[float, int]:
+def _negentropy(squared_envelope: Single) -> tuple[float, int]:
     """``<p ln p>`` of the squared envelope's spectrum, p the power over its smooth background, and the lines."""
-    power = np.abs(fft.rfft(squared_envelope, fft.next_fast_len(squared_envelope.size, real=True))) ** 2
-    power = power[_LOWEST_LINE:]
-    stretch = max(power.size // _SMOOTHED, 1)
-    stretches = power[: power.size // stretch * stretch].reshape(-1, stretch)
-    mean = stretches.mean(axis=1, keepdims=True)
-    ratio = stretches / np.where(mean > 0, mean, 1.0)
-    return float(np.mean(ratio * np.log(np.where(ratio > 0, ratio, 1.0)))), int(ratio.size)
+    lines = fft.rfft(squared_envelope, fft.next_fast_len(squared_envelope.size, real=True))[_LOWEST_LINE:]
+    stretch = max(lines.size // _SMOOTHED, 1)
+    lines = lines[: lines.size // stretch * stretch].reshape(-1, stretch)
+    ratio = lines.real**2
+    ratio += lines.imag**2
+    mean = ratio.mean(axis=1, keepdims=True)
+    ratio /= np.where(mean > 0, mean, 1)
+    information = np.log(np.maximum(ratio, np.finfo(np.float32).tiny))
+    information *= ratio
+    return float(information.mean(dtype=np.float64)), int(ratio.size)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from signals._checks import Array, choice, number, positive, real_vector, whole
+from signals._checks import Array, Samples, choice, number, positive, real_vector, whole
 from signals._windows import Window, window_of
 from signals.resampling import AngularSignal
 
@@ -239,7 +239,7 @@ def hop_of(length: int, overlap: float) -> int:
     return max(1, round(length * (1 - overlap)))
 
 
-def transformed(signal: Array, shape: Window, hop: int) -> Iterator[NDArray[np.complex128]]:
+def transformed(signal: Samples, shape: Window, hop: int) -> Iterator[NDArray[np.complex128]]:
     """Yield the Fourier lines (some, lines) of windowed segments, so many at a time that memory stays constant."""
     length = shape.weights.size
     segments = np.lib.stride_tricks.sliding_window_view(signal, length)[::hop]
@@ -275,10 +275,11 @@ def _chi_square(degrees: Array, probability: float) -> Array:
     return np.asarray(2 * gammaincinv(degrees / 2, probability))
 
 
-def without_mean(signal: Array) -> Array:
+def without_mean(signal: Samples) -> Samples:
     """Remove the mean, and the rounding that a large one leaves."""
-    centred = signal - signal.mean()
-    return np.asarray(centred - centred.mean())
+    centred = signal - signal.mean(dtype=np.float64).astype(signal.dtype)
+    centred -= centred.mean(dtype=np.float64).astype(signal.dtype)
+    return np.asarray(centred)
 
 
 def _last_order(signal: AngularSignal, max_order: float | None) -> float:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from signals._checks import Array
+from signals._checks import Array, Samples
 from signals.health.faults import SensorFault, graded
 
 _PARTS = 64
@@ -15,7 +15,7 @@ _OFFSET = 3.0  # times the RMS about the mean
 _SICK_OFFSET = 30.0
 
 
-def jumps(x: Array, *, rate_hz: float, units: str) -> tuple[list[SensorFault], str | None]:
+def jumps(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], str | None]:
     """Find a sudden, lasting change of RMS or mean, or say why that cannot be judged.
 
     The record is cut into 64 parts. A run-up changes its level from part to part; a jump leaves eight parts on either
@@ -25,8 +25,8 @@ def jumps(x: Array, *, rate_hz: float, units: str) -> tuple[list[SensorFault], s
         return [], f"jumps of level need {_PARTS * _FEWEST_IN_PART} samples; the record has {x.size}"
     parts = x[: x.size // _PARTS * _PARTS].reshape(_PARTS, -1)
     part_s = parts.shape[1] / rate_hz
-    level = parts.std(axis=1)
-    mean = parts.mean(axis=1)
+    mean = parts.mean(axis=1, dtype=np.float64)
+    level = np.array([part.std(dtype=np.float64) for part in parts])
     found = []
     if level.min() > 0:
         at, jump = _largest_jump(np.log(level))

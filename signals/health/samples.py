@@ -6,7 +6,7 @@ Each is held against what the record's own resolution makes likely, since a coar
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._checks import Array
+from signals._checks import Samples
 from signals.health.faults import SensorFault, graded
 
 Mask = NDArray[np.bool_]
@@ -27,14 +27,14 @@ _ABOVE_REST = 1.5  # times all that is not lone
 _SICK_SPIKES = 1e-3
 
 
-def clipping(x: Array, *, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
+def clipping(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
     """Find extremes that repeat more often than the levels next to them let expect; mark those samples, (n,)."""
     clipped = np.zeros(x.size, dtype=np.bool_)
     sides = []
     for extreme, sign in ((float(x.max()), 1.0), (float(x.min()), -1.0)):
         at = x == extreme
         count = int(np.count_nonzero(at))
-        if count > _PILE * _usual_count(sign * x, sign * extreme):
+        if count > _PILE and count > _PILE * _usual_count(sign * x, sign * extreme):
             clipped |= at
             sides.append(f"{extreme:.6g} {units} {count} times")
     if not sides:
@@ -48,11 +48,12 @@ def clipping(x: Array, *, rate_hz: float, units: str) -> tuple[list[SensorFault]
     return [graded("clipping", sick=share > _SICK_CLIPPED, size=share, sentence=sentence)], clipped
 
 
-def _usual_count(x: Array, extreme: float) -> float:
+def _usual_count(x: Samples, extreme: float) -> float:
     """Return how many samples a level next below the extreme holds, over as many levels as hold sixteen."""
     below = x[x < extreme]
-    near = below[below >= np.partition(below, -min(below.size, _NEAR))[-min(below.size, _NEAR)]]
-    counts = np.unique(near, return_counts=True)[1][::-1]
+    near = min(below.size, _NEAR)
+    below.partition(below.size - near)
+    counts = np.unique(below[below >= below[-near]], return_counts=True)[1][::-1]
     if counts.size == 1:  # a signal of two levels, such as a tachometer's
         return float(x.size)
     together = np.cumsum(counts)
@@ -60,7 +61,7 @@ def _usual_count(x: Array, extreme: float) -> float:
     return float(together[levels - 1] / levels)
 
 
-def dropouts(x: Array, *, missing: Mask, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
+def dropouts(x: Samples, *, missing: Mask, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
     """Find stretches of one value longer than the record's resolution explains, and gaps; mark those samples, (n,).
 
     Runs of a sound record are geometric: what they go on with, from one sample to the next, gives the length that one
@@ -68,27 +69,27 @@ def dropouts(x: Array, *, missing: Mask, rate_hz: float, units: str) -> tuple[li
     enters and leaves them by single steps, and a stretch counts only beyond two.
     """
     lost = missing.copy()
-    start, length = _runs(x)
-    values = np.unique(x)
-    step = float(np.min(np.diff(values)))
-    longest = _longest_run(length, x.size)
-    stop = start + length
-    entry = np.where(start > 0, np.abs(x[start] - x[start - 1]), np.inf)
-    leave = np.where(stop < x.size, np.abs(x[np.minimum(stop, x.size - 1)] - x[start]), np.inf)
-    sudden = np.maximum(entry, leave) > _STEPS * step
-    extreme = (x[start] == values[0]) | (x[start] == values[-1])
-    extreme &= length <= _STUCK * x.size  # a flat top is clipping, but not one as long as that
-    for place in np.flatnonzero((length >= longest) & sudden & ~extreme):
-        lost[start[place] : stop[place]] = True
+    alike = x[1:] == x[:-1]
+    start, length = _runs(alike)
+    long = length + 1 >= _longest_run(start.size, x.size - int(np.count_nonzero(alike)), x.size)
+    if long.any():
+        start, length = start[long], length[long] + 1
+        values = np.unique(x)
+        stop = start + length
+        entry = np.where(start > 0, np.abs(x[start] - x[start - 1]), np.inf)
+        leave = np.where(stop < x.size, np.abs(x[np.minimum(stop, x.size - 1)] - x[start]), np.inf)
+        sudden = np.maximum(entry, leave) > _STEPS * float(np.min(np.diff(values)))
+        extreme = (x[start] == values[0]) | (x[start] == values[-1])
+        extreme &= length <= _STUCK * x.size  # a flat top is clipping, but not one as long as that
+        for place in np.flatnonzero(sudden & ~extreme):
+            lost[start[place] : stop[place]] = True
     if not lost.any():
         return [], lost
     return [_about_lost(x, lost, rate_hz=rate_hz, units=units)], lost
 
 
-def _about_lost(x: Array, lost: Mask, *, rate_hz: float, units: str) -> SensorFault:
-    start, length = _runs(lost.astype(np.float64))
-    dropped = lost[start]
-    start, length = start[dropped], length[dropped]
+def _about_lost(x: Samples, lost: Mask, *, rate_hz: float, units: str) -> SensorFault:
+    start, length = _runs(lost)
     share, worst = float(np.mean(lost)), int(np.argmax(length))
     where = f"{length[worst] / rate_hz:.4g} s from {start[worst] / rate_hz:.4g} s on"
     value = x[start[worst] + length[worst] // 2]
@@ -102,15 +103,16 @@ def _about_lost(x: Array, lost: Mask, *, rate_hz: float, units: str) -> SensorFa
     return graded("drop-out", sick=share > _SICK_LOST, size=share, sentence=sentence)
 
 
-def _runs(x: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return where runs of equal samples start and how long they are."""
-    start = np.flatnonzero(np.diff(x, prepend=np.nan) != 0)
-    return start, np.diff(start, append=x.size)
+def _runs(mask: Mask) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return where stretches of True start and how long they are."""
+    edges = np.flatnonzero(mask[1:] != mask[:-1]) + 1
+    edges = np.concatenate([[0] if mask[0] else [], edges, [mask.size] if mask[-1] else []]).astype(np.intp)
+    return edges[::2], edges[1::2] - edges[::2]
 
 
-def _longest_run(length: NDArray[np.intp], samples: int) -> int:
-    """Return the length that a run of chance reaches in one of a million records."""
-    going_on = np.count_nonzero(length > 1) / length.size  # of a geometric law; long runs count once
+def _longest_run(several: int, runs: int, samples: int) -> int:
+    """Return the length that a run of chance reaches in one of a million records: so many of all runs go on."""
+    going_on = several / runs  # of a geometric law; long runs count once
     if going_on == 0:
         return _SHORTEST_RUN
     if going_on == 1:
@@ -118,7 +120,7 @@ def _longest_run(length: NDArray[np.intp], samples: int) -> int:
     return max(_SHORTEST_RUN, 1 + int(np.ceil(np.log(_CHANCE / samples) / np.log(going_on))))
 
 
-def spikes(x: Array, *, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
+def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
     """Find lone samples far above all around them and all else in the record; mark them and their neighbours, (n,).
 
     What strikes a machine makes it ring for many samples; what strikes a cable does not. Among the thousand impacts of
@@ -143,7 +145,7 @@ def spikes(x: Array, *, rate_hz: float, units: str) -> tuple[list[SensorFault], 
     return [graded("spikes", sick=sick, size=float(lone.size), sentence=sentence)], found
 
 
-def _is_lone(height: Array, at: int) -> bool:
+def _is_lone(height: Samples, at: int) -> bool:
     """Tell whether a sample is the top of at most three, with little on either side of them."""
     beside = np.concatenate((height[max(at - _BESIDE, 0) : max(at - 1, 0)], height[at + 2 : at + 1 + _BESIDE]))
     top = bool(height[at] == height[max(at - 1, 0) : at + 2].max())

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import fft
 
-from signals._checks import Array
+from signals._checks import Samples
 from signals.health.faults import SensorFault, graded
 
 _MAINS_HZ = (50.0, 60.0)
@@ -29,20 +29,19 @@ _SLOPE_SHARE = 0.05
 _SICK_SLOPE = 0.5
 
 
-def hum(x: Array, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
+def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
     """Find lines at a mains frequency and its harmonics, or say why that cannot be judged.
 
     A machine that turns at a divisor of the mains has the same lines; but it has others in between too. Lines at
-    multiples of half or a third of the frequency therefore speak against hum.
+    multiples of half or a third of the frequency therefore speak against hum. `amplitude` is `amplitudes(x)`.
     """
     if x.size / rate_hz < _SHORTEST_HUM_S or rate_hz < 2 * (_FEWEST_HARMONICS * 60 + _REACH_HZ):
         return [], (
             f"mains hum needs {_SHORTEST_HUM_S:g} s and lines up to the third harmonic; the record lasts "
             f"{x.size / rate_hz:.3g} s at {rate_hz:g} Hz"
         )
-    amplitude = _amplitudes(x)
     step = rate_hz / x.size
-    level = float(np.std(x))
+    level = float(np.std(x, dtype=np.float64))
     for mains in _MAINS_HZ:
         base = _strongest(amplitude, step, mains)
         harmonics = [k for k in _HARMONICS if k * (mains + _STRAY_HZ) + _REACH_HZ < rate_hz / 2]
@@ -61,13 +60,23 @@ def hum(x: Array, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
     return [], None
 
 
-def _amplitudes(x: Array) -> Array:
-    """Return peak amplitudes over frequency, Hann-windowed, in steps of one over the record."""
-    weights = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(x.size) / x.size)
-    return np.asarray(np.abs(fft.rfft((x - x.mean()) * weights)) * (4 / x.size))
+def amplitudes(x: Samples) -> Samples:
+    """Return peak amplitudes over frequency, Hann-windowed, in steps of one over the record.
+
+    The window, ``1/2 - cos(2 pi i / n) / 2``, takes from each line a half of the mean of its neighbours.
+    """
+    lines = fft.rfft(x - x.mean(dtype=np.float64).astype(x.dtype))
+    beyond = np.conj(lines[-2] if x.size % 2 == 0 else lines[-1])  # the line after the last: x is real
+    windowed = lines[1:-1] - (lines[:-2] + lines[2:]) / 2
+    found = np.empty(lines.size, dtype=x.dtype)
+    found[0] = abs(lines[0] - lines[1].real)
+    np.abs(windowed, out=found[1:-1])
+    found[-1] = abs(lines[-1] - (lines[-2] + beyond) / 2)
+    found *= 2 / x.size
+    return found
 
 
-def _strongest(amplitude: Array, step: float, mains: float) -> float:
+def _strongest(amplitude: Samples, step: float, mains: float) -> float:
     """Return where the highest point near a mains frequency lies, refined between the steps."""
     low, high = int((mains - _STRAY_HZ) / step), int(np.ceil((mains + _STRAY_HZ) / step)) + 1
     top = low + int(np.argmax(amplitude[low:high]))
@@ -78,7 +87,7 @@ def _strongest(amplitude: Array, step: float, mains: float) -> float:
     return float(np.clip(found, mains - _STRAY_HZ, mains + _STRAY_HZ))
 
 
-def _line(amplitude: Array, step: float, at: float) -> tuple[float, float]:
+def _line(amplitude: Samples, step: float, at: float) -> tuple[float, float]:
     """Return the amplitude of a line from the power of its lobe, and the median amplitude beside it."""
     lobe = int(np.ceil(_LOBE_BINS))
     centre, reach = round(at / step), max(int(_REACH_HZ / step), 4 * lobe)
@@ -89,7 +98,7 @@ def _line(amplitude: Array, step: float, at: float) -> tuple[float, float]:
     return float(np.sqrt(np.sum(inside**2) / 1.5)), float(np.median(beside))
 
 
-def ski_slope(x: Array, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
+def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
     """Find a density that falls from the lowest octave on, or say why that cannot be judged.
 
     A loose mount, thermal drift and the recovery of an overloaded amplifier give it. The median of each octave is
@@ -102,11 +111,10 @@ def ski_slope(x: Array, *, rate_hz: float) -> tuple[list[SensorFault], str | Non
             f"a ski slope shows from {edges[0]:g} to {_SLOPE_TOP_HZ:g} Hz; the record, {x.size / rate_hz:.3g} s at "
             f"{rate_hz:g} Hz, does not resolve that"
         )
-    power = _amplitudes(x) ** 2
-    frequency = np.arange(power.size) * step
-    octaves = [power[(frequency >= low) & (frequency < high)] for low, high in pairwise(edges)]
-    density = np.array([np.median(octave) for octave in octaves])
-    share = float(power[(frequency > 0) & (frequency < _SLOPE_TOP_HZ)].sum() / power[1:].sum())
+    power = amplitude**2
+    places = np.ceil(edges / step).astype(np.intp)
+    density = np.array([np.median(power[low:high]) for low, high in pairwise(places)])
+    share = float(power[1 : places[-1]].sum(dtype=np.float64) / power[1:].sum(dtype=np.float64))
     floor = float(np.median(power[1:]))
     end = int(np.argmax(np.append(density < _FLOOR * floor, True)))  # where the slope ends in the rest
     if end < _SHORTEST_SLOPE or density[0] < _RISE * floor or share < _SLOPE_SHARE:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from signals._checks import Array, real_vector
+from signals._checks import Array, Samples, real_samples
 from signals.averaging import SynchronousAverage
 
 Waveform = ArrayLike | SynchronousAverage
@@ -19,7 +19,8 @@ def rms(x: Waveform) -> float:
     x : (n,) array or SynchronousAverage
         The raw signal, or its average.
     """
-    return float(np.sqrt(np.mean(_deviations(x) ** 2)))
+    deviations = _deviations(x)
+    return float(np.sqrt(_mean_power(deviations, 2)))
 
 
 def peak(x: Waveform) -> float:
@@ -30,7 +31,7 @@ def peak(x: Waveform) -> float:
 def crest_factor(x: Waveform) -> float:
     """Return peak over RMS: sqrt 2 for a sine (Lebold et al. 2000, MFPG 54); of the raw signal or its average."""
     scaled = _scaled(_deviations(x), "the crest factor")
-    return float(1 / np.sqrt(np.mean(scaled**2)))
+    return float(1 / np.sqrt(_mean_power(scaled, 2)))
 
 
 def kurtosis(x: Waveform) -> float:
@@ -41,10 +42,10 @@ def kurtosis(x: Waveform) -> float:
     return normalized_moment(_deviations(x), order=4, name="the kurtosis")
 
 
-def normalized_moment(x: Array, *, order: int, name: str) -> float:
+def normalized_moment(x: Samples, *, order: int, name: str) -> float:
     """Return the central moment of even `order` over the variance to the power of half of it, of an array (n,)."""
-    scaled = _scaled(x - x.mean(), name)
-    return float(np.mean(scaled**order) / np.mean(scaled**2) ** (order // 2))
+    scaled = _scaled(_centred(x), name)
+    return float(_mean_power(scaled, order) / _mean_power(scaled, 2) ** (order // 2))
 
 
 def teager_energy(x: Array) -> Array:
@@ -55,7 +56,7 @@ def teager_energy(x: Array) -> Array:
     return np.asarray(x**2 - np.roll(x, 1) * np.roll(x, -1))
 
 
-def _deviations(x: Waveform) -> Array:
+def _deviations(x: Waveform) -> Samples:
     if isinstance(x, SynchronousAverage):
         x = x.values
     elif hasattr(x, "removed_orders"):
@@ -63,13 +64,28 @@ def _deviations(x: Waveform) -> Array:
             f"this indicator takes the raw signal, an array, or a SynchronousAverage, not a {type(x).__name__}; what "
             "was cut out of an average has indicators of its own."
         )
-    values = real_vector(x, name="the signal", minimum=2)
-    return np.asarray(values - values.mean())
+    return _centred(real_samples(x, name="the signal", minimum=2))
 
 
-def _scaled(deviations: Array, name: str) -> Array:
+def _centred(values: Samples) -> Samples:
+    """Return deviations from the mean; of float32 values in float32, each rounded by 6e-8 of itself."""
+    return np.asarray(values - values.mean(dtype=np.float64).astype(values.dtype))
+
+
+def _mean_power(values: Samples, order: int) -> float:
+    """Return the mean of the values to an even power, summed in float64; products cost a twentieth of `**`."""
+    square = values * values
+    if order == 2:  # noqa: PLR2004
+        return float(square.mean(dtype=np.float64))
+    power = square * square
+    for _ in range(order // 2 - 2):
+        power *= square
+    return float(power.mean(dtype=np.float64))
+
+
+def _scaled(deviations: Samples, name: str) -> Samples:
     """Return deviations over the largest of them, so that their powers neither over- nor underflow."""
-    largest = float(np.max(np.abs(deviations)))
+    largest = max(float(deviations.max()), -float(deviations.min()))
     if largest == 0:
         raise ValueError(f"{name} of a constant signal is not defined; look at the sensor.")
     return deviations / largest

@@ -259,3 +259,12 @@ class TestHardCases:
     def test_half_the_sampling_rate_has_no_mirror_image(self):
         alternating = 3 * (-1.0) ** np.arange(1000)
         np.testing.assert_allclose(envelope(alternating, rate_hz=RATE_HZ, band_hz=(4000, 5000)), 3, rtol=1e-12)
+
+
+def test_the_envelope_of_single_precision_samples():
+    rng = np.random.default_rng(8)
+    x = rng.standard_normal(100_003).astype(np.float32) + np.float32(20)  # prime, and on an offset
+    single = envelope(x, rate_hz=1000.0, band_hz=(100.0, 200.0))
+    assert single.dtype == np.float32
+    exact = envelope(x.astype(np.float64), rate_hz=1000.0, band_hz=(100.0, 200.0))
+    np.testing.assert_allclose(single, exact, rtol=0, atol=1e-6 * float(x.std()))

@@ -5,6 +5,7 @@ import pytest
 from scipy import signal as dsp
 
 from signals.health import sensor_health
+from signals.health.spectrum import amplitudes
 
 RATE_HZ = 10_000.0
 N = 60_000
@@ -342,3 +343,22 @@ def test_measured_records_pass_sound_or_faulty(real_data, file, channel, rate_hz
 
     verdict = judge(read_file(real_data / file).vector(channel), rate_hz)
     assert verdict.status == "ok", verdict.reasons
+
+
+@pytest.mark.parametrize("samples", [20_000, 20_001])
+def test_single_precision_finds_what_double_does(samples):
+    rng = np.random.default_rng(4)
+    hum = sum(np.sin(2 * np.pi * 50 * k * np.arange(samples) / 4000) for k in (1, 2, 3))
+    x = (rng.standard_normal(samples) + hum).astype(np.float32)
+    x[3000:3100] = x[3000]
+    single, exact = (sensor_health(values, rate_hz=4000.0, units="g") for values in (x, x.astype(np.float64)))
+    assert {fault.kind for fault in exact.faults} == {"mains hum", "drop-out"}
+    assert single.reasons == exact.reasons
+    np.testing.assert_array_equal(single.missing, exact.missing)
+
+
+@pytest.mark.parametrize("samples", [1000, 1001])
+def test_the_spectrum_is_that_of_windowed_samples(samples):
+    x = np.random.default_rng(4).standard_normal(samples)
+    windowed = (x - x.mean()) * dsp.get_window("hann", samples)
+    np.testing.assert_allclose(amplitudes(x), np.abs(np.fft.rfft(windowed)) * 4 / samples, atol=1e-14)

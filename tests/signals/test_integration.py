@@ -164,3 +164,12 @@ class TestHardCases:
         found = velocity(counts, rate_hz=RATE_HZ, units="mm s-2").values
         np.testing.assert_array_equal(found, velocity(counts.astype(float), rate_hz=RATE_HZ, units="mm s-2").values)
         assert np.abs(found).max() == pytest.approx(30_000 / (2 * np.pi * 50), rel=1e-3)
+
+
+def test_the_velocity_of_single_precision_samples():
+    rng = np.random.default_rng(8)
+    x = rng.standard_normal(100_003).astype(np.float32)
+    single, exact = (velocity(samples, rate_hz=5000.0, units="g") for samples in (x, x.astype(np.float64)))
+    assert single.values.dtype == np.float32
+    np.testing.assert_allclose(single.values, exact.values, rtol=0, atol=3e-6 * exact.rms)
+    assert single.rms == pytest.approx(exact.rms, rel=1e-6)
