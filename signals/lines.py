@@ -20,10 +20,9 @@ from functools import lru_cache
 
 import numpy as np
 from scipy import fft
-from scipy.signal import get_window
-from scipy.special import gammaln
 
 from signals._checks import Array, positive
+from signals._windows import window_of
 from signals.spectra import AmplitudeSpectrum
 
 SURROUNDINGS = 1.0  # on either side, in the axis' unit (orders)
@@ -169,7 +168,7 @@ def _leakage(spectrum: AmplitudeSpectrum, found: float, amplitude: float) -> flo
 def _lobes(window: str) -> tuple[Array, Array]:
     """Return distances in bins and the largest relative height that the window's transform has from there on."""
     length, fine = 4 * _REACH_BINS, 8
-    transform = np.abs(fft.rfft(get_window(window, length), length * fine))[: _REACH_BINS * fine + 1]
+    transform = np.abs(fft.rfft(window_of(window, length).weights, length * fine))[: _REACH_BINS * fine + 1]
     envelope = np.maximum.accumulate(transform[::-1])[::-1] / transform[0]
     return np.arange(envelope.size) / fine, np.asarray(envelope, dtype=np.float64)
 
@@ -194,7 +193,7 @@ def false_alarm_probability(
     shrink = math.log1p(u / degrees)
     at_edge = math.exp(-degrees * shrink)
     rate = 2 * math.pi * math.sqrt(spread * u / math.pi)
-    half_moment = math.exp(gammaln(degrees + 0.5) - gammaln(degrees)) / math.sqrt(degrees)
+    half_moment = math.exp(math.lgamma(degrees + 0.5) - math.lgamma(degrees)) / math.sqrt(degrees)
     crossings = width_bins * rate * half_moment * math.exp(-(degrees + 0.5) * shrink)
     return -math.expm1(-(at_edge + crossings))
 

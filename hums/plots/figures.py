@@ -9,6 +9,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from hums.plots.labels import settle
 from hums.plots.style import FAINT, INK
 from hums.store import written_beside
 
@@ -74,5 +75,8 @@ def save_figure(draw: Callable[[Axes], object], path: str | Path, *, width: floa
 def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: float, height: float) -> None:
     with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
         figure = Figure(figsize=(width, height), layout="constrained")
-        draw(figure.add_subplot())
+        ax = figure.add_subplot()
+        draw(ax)
+        settle(ax)
+        figure.set_layout_engine("none")  # which would run it twice more
         figure.savefig(file, format=kind, metadata=_METADATA[kind], dpi=_DPI)

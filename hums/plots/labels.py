@@ -13,7 +13,12 @@ from matplotlib.transforms import Bbox
 
 def settle(ax: Axes) -> None:
     """Run the layout of the figure, so that extents are those of the drawing to come."""
-    ax.figure.canvas.figure.draw_without_rendering()
+    figure = ax.figure.canvas.figure
+    engine = figure.get_layout_engine()
+    if engine is None:
+        figure.draw_without_rendering()
+    else:  # a third of the time of a drawing
+        engine.execute(figure)
 
 
 def points(ax: Axes) -> float:

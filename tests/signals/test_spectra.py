@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.signal import welch
+from scipy.signal import get_window, welch
 
 from signals._windows import window_of
 from signals.resampling import AngularSignal
@@ -281,3 +281,8 @@ class TestAveraged:
         arguments = {"values": tone(4, count=64), "rate": RATE, "segment": 16} | changes
         with pytest.raises(ValueError, match=words):
             averaged_spectrum(arguments.pop("values"), **arguments)
+
+
+@pytest.mark.parametrize("count", [7, 64])
+def test_the_usual_window_is_that_of_scipy(count):
+    np.testing.assert_array_equal(window_of("hann", count).weights, get_window("hann", count))
