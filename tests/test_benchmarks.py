@@ -11,6 +11,7 @@ import sys
 import numpy as np
 import peers
 import pytest
+import startup
 import suites
 import trackers
 from jobs import standard_job
@@ -247,6 +248,30 @@ def test_a_checkout_beside_itself_differs_by_nothing():
     assert set(apart) == {"0.0e+00"}
     assert all("RMS 0.0e+00 std" in target.measured for target in verdicts if target.what.startswith("exact"))
     assert any(target.what.startswith("all tracker paths compiled") for target in verdicts)
+
+
+def test_start_and_memory_are_reported(tmp_path, capsys):
+    effort = startup.Effort(repeats=1, samples=200_000, with_demo=False)
+    assert startup.main(tmp_path, against=startup.ROOT, effort=effort) == 0
+    report = (tmp_path / "startup.md").read_text(encoding="utf-8")
+    assert capsys.readouterr().out.strip() == report.strip()
+    rows = [line.strip("| ").split(" | ") for line in report.splitlines() if line.startswith("| ")]
+    assert rows[0] == ["figure", "at most", "measured", "before", "reached"]
+    assert [row[0] for row in rows[1:]] == [
+        "the long record: peak memory, MB",
+        "the long record: memory a sample, bytes",
+        "the long record: reads of its samples",
+        "saving a small record, ms",
+    ]
+    for _, most, measured, before, reached in rows[1:]:
+        assert float(measured) > 0
+        assert float(before) > 0
+        assert reached == ("yes" if float(measured) <= float(most) else "**no**")
+
+
+def test_a_command_that_fails_stops_the_report(tmp_path):
+    with pytest.raises(RuntimeError, match="ended with 3"):
+        startup.Checkout(root=startup.ROOT, room=tmp_path).run("-c", "raise SystemExit(3)")
 
 
 KINDS = ("time_", "timeraw_", "peakmem_", "track_")

@@ -1,0 +1,233 @@
+"""How long the commands take, and how much memory: python benchmarks/startup.py [--against FOLDER] [FOLDER].
+
+Writes startup.md into FOLDER (default docs/benchmarks), with `--against` beside the figures of another checkout of this
+project, measured turn by turn in the same run. Every figure is of processes of their own, one thread each.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+ROOT = Path(__file__).resolve().parents[1]
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+UNIT = 1 if sys.platform == "darwin" else 1024  # of ru_maxrss, in bytes
+
+NOTE = """\
+Made by `python benchmarks/startup.py`, one thread. Time is that of the processor, user and system, and the least of
+{repeats} runs (of one for the first demo, whose folder for compiled kernels is empty). The analysis is that of the
+demo's record without imports and report, a call again, in units of `numpy.fft.rfft` of that record in float64. The long
+record: {samples:,} samples of float32 in one channel, one pulse a turn, analysed without tracks; memory is the peak of
+the process, the interpreter and what it imports included. A read is one of all samples of the channel. Saved is a
+record of two channels of 2,560 samples, atomically."""
+
+ANALYSIS = """
+import json, sys, time
+import numpy as np
+from hums import AnalysisSettings, analyze, load_gearbox, open_record
+
+def least(call, repeats):
+    taken = []
+    for _ in range(repeats):
+        start = time.process_time()
+        call()
+        taken.append(time.process_time() - start)
+    return min(taken)
+
+gearbox, found = load_gearbox("two-stage"), {}
+with open_record(sys.argv[1]) as record:
+    x = np.asarray(record["input vertical"].values, dtype=np.float64)
+    for name, settings in (("tracked", AnalysisSettings()), ("untracked", AnalysisSettings(most_tracks=0))):
+        analyze(record, gearbox, settings=settings)
+        rfft = least(lambda: np.fft.rfft(x), 10)
+        found[name] = least(lambda: analyze(record, gearbox, settings=settings), int(sys.argv[2])) / rfft
+print(json.dumps(found))
+"""
+
+LONG = """
+import sys
+import numpy as np
+from hums import PulseTimes, make_record, save_record
+
+count, rate_hz, turns_s = int(sys.argv[2]), 50_000.0, 20.0
+rng, x = np.random.default_rng(1), np.empty(count, dtype=np.float32)
+for first in range(0, count, 1 << 20):
+    t = np.arange(first, min(first + (1 << 20), count)) / rate_hz
+    ringing = np.exp(-40 * (t * turns_s * 8.1 % 1)) * np.cos(2 * np.pi * 8000 * t)
+    meshes = sum(np.cos(2 * np.pi * order * turns_s * t) for order in (23, 46, 69))
+    x[first : first + t.size] = meshes + ringing + 0.1 * rng.standard_normal(t.size)
+pulses = PulseTimes(times_s=np.arange(0.001, count / rate_hz, 1 / turns_s), shaft="input", pulses_per_rev=1)
+save_record(make_record({"case": x}, rate_hz=rate_hz, units="g", angle=pulses), sys.argv[1])
+"""
+
+MEMORY = """
+import json, sys
+import xarray
+from hums import AnalysisSettings, analyze, load_gearbox, open_record
+
+read, values = [0], xarray.DataArray.values
+
+def counted(array):
+    read[0] += array.size if array.name == "case" else 0
+    return values.fget(array)
+
+xarray.DataArray.values = property(counted, values.fset)
+with open_record(sys.argv[1]) as record:
+    analyze(record, load_gearbox("two-stage"), settings=AnalysisSettings(most_tracks=0))
+    print(json.dumps({"reads": read[0] / record["case"].size}))
+"""
+
+SAVING = """
+import json, sys, time
+import numpy as np
+from hums import PulseTimes, make_record, save_record
+
+rng = np.random.default_rng(1)
+pulses = PulseTimes(times_s=np.arange(0.01, 0.09, 0.01), shaft="input", pulses_per_rev=1)
+channels = {"a": rng.standard_normal(2560), "b": rng.standard_normal(2560)}
+record, taken = make_record(channels, rate_hz=25_600.0, units="g", angle=pulses), []
+for _ in range(20):
+    start = time.process_time()
+    save_record(record, sys.argv[1])
+    taken.append(time.process_time() - start)
+print(json.dumps({"save": 1e3 * min(taken)}))
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """How much is measured: runs of each figure, samples of the long record, and whether the demo is run."""
+
+    repeats: int = 3
+    samples: int = 20_000_000
+    with_demo: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """A figure, its unit, and what it may be at most."""
+
+    figure: str
+    what: str
+    unit: str
+    most: float
+
+
+TARGETS = (
+    Target(figure="first demo", what="`hums demo` for the first time", unit="s", most=20),
+    Target(figure="demo", what="`hums demo` afterwards", unit="s", most=3.5),
+    Target(figure="analyze", what="`hums analyze` of the demo's record", unit="s", most=3),
+    Target(figure="tracked", what="the analysis, tracks included", unit="rffts", most=100),
+    Target(figure="untracked", what="the analysis without tracks", unit="rffts", most=64),
+    Target(figure="memory", what="the long record: peak memory", unit="MB", most=1000),
+    Target(figure="bytes", what="the long record: memory a sample", unit="bytes", most=50),
+    Target(figure="reads", what="the long record: reads of its samples", unit="", most=3),
+    Target(figure="save", what="saving a small record", unit="ms", most=10),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checkout:
+    """A checkout of this project, and the folder in which its processes work and keep their compiled kernels."""
+
+    root: Path
+    room: Path
+
+    def run(self, *words: str) -> tuple[float, float, str]:
+        """Run Python; return processor time in s, peak memory in MB, and what it printed."""
+        environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": str(self.root)}
+        environment["NUMBA_CACHE_DIR"] = str(self.room / "kernels")
+        with subprocess.Popen(  # noqa: S603
+            [sys.executable, *words], env=environment, cwd=self.room, stdout=subprocess.PIPE, text=True
+        ) as process:
+            assert process.stdout is not None  # noqa: S101 - by its construction
+            printed = process.stdout.read()
+            _, status, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            raise RuntimeError(f"{' '.join(words)[:200]} in {self.root} ended with {process.returncode}.")
+        return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * UNIT / 1e6, printed
+
+    def figures(self, code: str, *words: str) -> tuple[float, dict[str, float]]:
+        """Run code that prints figures as JSON; return its peak memory in MB, and the figures."""
+        _, peak, printed = self.run("-c", code, *words)
+        return peak, json.loads(printed)
+
+
+def first_demo(checkout: Checkout) -> dict[str, float]:
+    """Return the time of the demo before any kernel is compiled."""
+    return {"first demo": checkout.run("-m", "hums.cli", "demo", "-o", "demo")[0]}
+
+
+def measure(checkout: Checkout, effort: Effort) -> dict[str, float]:
+    """Return all figures of one round but that of the first demo."""
+    found: dict[str, float] = {}
+    if effort.with_demo:
+        found["demo"] = checkout.run("-m", "hums.cli", "demo", "-o", "demo")[0]
+        words = ("-m", "hums.cli", "analyze", "demo/record.h5", "--gearbox", "two-stage", "-o", "analysis")
+        found["analyze"] = checkout.run(*words)[0]
+        found |= checkout.figures(ANALYSIS, "demo/record.h5", "2")[1]
+    long = checkout.room / "long.h5"
+    if not long.exists():
+        checkout.run("-c", LONG, str(long), str(effort.samples))
+    peak, read = checkout.figures(MEMORY, str(long))
+    return found | read | {"memory": peak, "bytes": peak * 1e6 / effort.samples} | checkout.figures(SAVING, "s.h5")[1]
+
+
+def least(rounds: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Return the least of each figure."""
+    return {name: min(found[name] for found in rounds) for name in rounds[0]}
+
+
+def report(found: Mapping[str, Mapping[str, float]], effort: Effort) -> list[str]:
+    """Return the page: a row a figure, a column a checkout, the verdict on the first."""
+    names = list(found)
+    lines = ["# Start, run and memory", "", NOTE.format(repeats=effort.repeats, samples=effort.samples), ""]
+    lines += ["| figure | at most | " + " | ".join(names) + " | reached |", "|---" * (len(names) + 3) + "|"]
+    for target in TARGETS:
+        if target.figure not in found[names[0]]:
+            continue
+        figures = " | ".join(f"{found[name][target.figure]:.3g}" for name in names)
+        reached = "yes" if found[names[0]][target.figure] <= target.most else "**no**"
+        unit = f", {target.unit}" if target.unit else ""
+        lines.append(f"| {target.what}{unit} | {target.most:g} | {figures} | {reached} |")
+    return lines
+
+
+def main(folder: Path, *, against: Path | None = None, effort: Effort | None = None) -> int:
+    """Measure, and write the table."""
+    effort = effort or Effort()
+    with TemporaryDirectory() as room:
+        checkouts = {"measured": ROOT} | ({"before": against.resolve()} if against else {})
+        places = {name: Checkout(root=root, room=Path(room) / name) for name, root in checkouts.items()}
+        rounds: dict[str, list[dict[str, float]]] = {name: [] for name in places}
+        first: dict[str, dict[str, float]] = {}
+        for name, checkout in places.items():
+            checkout.room.mkdir()
+            first[name] = first_demo(checkout) if effort.with_demo else {}
+        for _ in range(effort.repeats):
+            for name, checkout in places.items():
+                rounds[name].append(measure(checkout, effort))
+    lines = report({name: first[name] | least(rounds[name]) for name in rounds}, effort)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "startup.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print("\n".join(lines))  # noqa: T201
+    return 0
+
+
+def parsed(words: Sequence[str]) -> argparse.Namespace:
+    """Return what the command line says."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=Path("docs/benchmarks"))
+    parser.add_argument("--against", type=Path, help="another checkout of this project")
+    return parser.parse_args(words)
+
+
+if __name__ == "__main__":
+    given = parsed(sys.argv[1:])
+    sys.exit(main(given.folder, against=given.against))
