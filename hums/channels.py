@@ -138,8 +138,11 @@ def analysed_channel(
     crest = _crest(values)
     by_spectrum = {key: [line for line in wanted if line.spectrum == key] for key in (ORDER_SPECTRUM, ENVELOPE)}
     band, no_band = _band(values, health, when.rate_hz, by_spectrum[ENVELOPE], machine, settings)
-    angular, spectra, lines, beyond = {}, {}, [], []
-    for key, mine in by_spectrum.items():
+    angular, spectra = {}, {}
+    lines: list[FoundLine] = []
+    beyond: list[Wanted] = []
+    for key in (ENVELOPE, ORDER_SPECTRUM):  # the smaller spectrum first, beside which the envelope needs memory
+        mine = by_spectrum[key]
         reach, stated, source = PASSBAND / 2 * when.rate_hz / machine.top_speed_hz, settings.max_order, values
         if key == ENVELOPE:
             if band is None:
@@ -150,12 +153,13 @@ def analysed_channel(
             reach = _ENVELOPE_SHARE * (band.high_hz - band.low_hz) / machine.top_speed_hz
         last = _last_order(mine, stated, reach)
         angular[key] = over_angle(source, record, name, machine.phase, last)
+        del source
         spectra[key] = order_spectrum(angular[key], max_order=last)
         found, out_of_reach = search(spectra[key], mine, channel=name, units=units)
         if key == ENVELOPE:
             found += _with_sidebands(spectra[key], found, machine.bearings)
-        lines += found
-        beyond += out_of_reach
+        lines = [*found, *lines]
+        beyond = [*out_of_reach, *beyond]
     return AnalysedChannel(
         name=name,
         units=units,

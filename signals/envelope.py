@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from signals._checks import Array, Samples, positive, real_samples, real_vector
+from signals._plans import forget_plans
 from signals.phase import ShaftPhase
 from signals.resampling import angular_resample
 from signals.spectra import AmplitudeSpectrum, amplitude_spectrum, order_spectrum, without_mean
@@ -33,14 +34,14 @@ def envelope(x: ArrayLike, *, rate_hz: float, band_hz: tuple[float, float]) -> S
     rate = positive(rate_hz, name="rate_hz")
     low, high = _band(band_hz, rate)
     lines = fft.rfft(without_mean(signal))
-    frequency = np.arange(lines.size) * rate / signal.size
-    first, stop = np.searchsorted(frequency, low), np.searchsorted(frequency, high, side="right")
-    del frequency
-    analytic = np.zeros(signal.size, dtype=lines.dtype)
-    analytic[first:stop] = lines[first:stop]
-    del lines
-    analytic[1 : (signal.size + 1) // 2] *= 2  # half the sampling rate has no mirror image
-    return np.abs(fft.ifft(analytic, overwrite_x=True))
+    begin, end = (int(edge / rate * signal.size) + np.arange(2) for edge in (low, high))  # at or beside the edges
+    first, stop = begin[0] + np.sum(begin * rate / signal.size < low), end[0] + np.sum(end * rate / signal.size <= high)
+    lines[:first], lines[stop:] = 0, 0
+    real = np.asarray(fft.irfft(lines, signal.size))
+    lines *= -1j  # the imaginary part of the analytic signal: every line turned back by a quarter
+    imaginary = np.asarray(fft.irfft(lines, signal.size, overwrite_x=True))
+    forget_plans(signal.size)
+    return np.asarray(np.hypot(real, imaginary, out=real))
 
 
 def stream_envelope(

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from signals._checks import Array, Samples, choice, number, positive, real_samples
-from signals.spectra import without_mean
+from signals._plans import forget_plans
 
 ISO_20816_HZ = (10.0, 1000.0)  # machines above 600 rpm
 ISO_20816_SLOW_HZ = (2.0, 1000.0)  # machines from 120 to 600 rpm
@@ -133,15 +133,17 @@ def _integrate(
     choice(units, name="units", choices=[unit for unit, (of, _) in _UNITS.items() if _ORDER[of] >= least])
     low, high, taper = _checked_band(band_hz, taper, rate=rate, duration_s=signal.size / rate)
     (given, scale), (_, result_scale) = _UNITS[units], _UNITS[to]
-    lines = fft.rfft(without_mean(signal))
+    lines = fft.rfft(signal)  # the mean with it, since nothing passes at 0 Hz
     step = rate / signal.size
     first, stop = int(low * (1 - taper) / step) + 1, min(int(high * (1 + taper) / step) + 1, lines.size)
     frequency = np.arange(first, stop, dtype=np.float64) * step
     lines[:first], lines[stop:] = 0, 0  # what the gain leaves of them
     lines[first:stop] *= _passed(frequency, low, high, taper) / (2j * np.pi * frequency) ** (_ORDER[given] - least)
     lines *= scale / result_scale
+    values = np.asarray(fft.irfft(lines, signal.size, overwrite_x=True))
+    forget_plans(signal.size)
     return Integrated(
-        values=np.asarray(fft.irfft(lines, signal.size, overwrite_x=True)),
+        values=values,
         units=to,
         rate_hz=rate,
         low_hz=low,

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from signals._checks import Array, Samples, positive, real_samples, whole
+from signals._plans import forget_plans
 from signals._windows import window_of
 from signals.spectra import hop_of, transformed, without_mean
 
@@ -168,13 +169,13 @@ def fast_kurtogram(
     ValueError
         A constant or short record, values that are not finite, or more levels than the record carries.
     """
-    signal = _vibration(x, minimum=2 * FEWEST_SAMPLES)
+    signal = _in_single_precision(_vibration(x, minimum=2 * FEWEST_SAMPLES))
     rate = positive(rate_hz, name="rate_hz")
     most = int(np.log2(signal.size / FEWEST_SAMPLES))
     depth = min(LEVELS, most) if levels is None else whole(levels, name="levels", least=1, most=most)
     rows = sorted(
         (level, index, width, *_figures(re, im, bands=_split_into(level), negentropy=with_negentropy))
-        for level, index, width, re, im in _bands(_in_single_precision(signal), depth)
+        for level, index, width, re, im in _bands(signal, depth)
     )
     level, index, width, kurtosis, steady, std, power, negentropy, lines = (
         np.array(column, dtype=np.float64) for column in zip(*rows, strict=True)
@@ -208,8 +209,9 @@ def _largest(x: Samples) -> float:
 
 
 def _in_single_precision(x: Samples) -> Single:
-    """Return the signal over its largest value: squares of squares neither over- nor underflow."""
-    return np.asarray(x / x.dtype.type(_largest(x)), dtype=np.float32)
+    """Return the signal, which is lost, over its largest value: squares of squares neither over- nor underflow."""
+    x /= x.dtype.type(_largest(x))
+    return np.asarray(x, dtype=np.float32)
 
 
 def _bands(signal: Single, depth: int) -> Iterator[tuple[float, int, float, Single, Single]]:
@@ -237,7 +239,9 @@ def _hilbert_transform(signal: Single) -> Single:
     size = fft.next_fast_len(signal.size, real=True)
     lines = fft.rfft(signal, size)
     lines *= -1j
-    return np.asarray(fft.irfft(lines, size, overwrite_x=True)[: signal.size])
+    turned = np.asarray(fft.irfft(lines, size, overwrite_x=True)[: signal.size])
+    forget_plans(size)
+    return turned
 
 
 @lru_cache(maxsize=2)
@@ -296,6 +300,7 @@ def _kurtosis(second: float, fourth: float, count: float) -> float:
 def _negentropy(squared_envelope: Single) -> tuple[float, int]:
     """``<p ln p>`` of the squared envelope's spectrum, p the power over its smooth background, and the lines."""
     lines = fft.rfft(squared_envelope, fft.next_fast_len(squared_envelope.size, real=True))[_LOWEST_LINE:]
+    forget_plans(squared_envelope.size)
     stretch = max(lines.size // _SMOOTHED, 1)
     lines = lines[: lines.size // stretch * stretch].reshape(-1, stretch)
     ratio = lines.real**2

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from signals._checks import Array, Samples, choice, number, positive, real_vector, whole
+from signals._plans import forget_plans
 from signals._windows import Window, window_of
 from signals.resampling import AngularSignal
 
@@ -75,6 +76,7 @@ def amplitude_spectrum(
     shape = window_of(window, signal.size)
     length = signal.size * padding
     lines = fft.rfft(without_mean(signal) * shape.weights, length)
+    forget_plans(length)
     axis = np.arange(lines.size, dtype=np.float64) * (rate / length)
     keep = slice(None) if maximum is None else slice(int(np.searchsorted(axis, maximum, side="right")))
     axis, lines = axis[keep], lines[keep] * (2 / shape.weights.sum())

@@ -84,7 +84,7 @@ def dropouts(x: Samples, *, missing: Mask, rate_hz: float, units: str) -> tuple[
         for place in np.flatnonzero(sudden & ~extreme):
             lost[start[place] : stop[place]] = True
     if not lost.any():
-        return [], lost
+        return [], np.zeros(x.size, dtype=np.bool_)  # which takes no memory until it is written to
     return [_about_lost(x, lost, rate_hz=rate_hz, units=units)], lost
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import fft
 
 from signals._checks import Samples
+from signals._plans import forget_plans
 from signals.health.faults import SensorFault, graded
 
 _MAINS_HZ = (50.0, 60.0)
@@ -66,6 +67,7 @@ def amplitudes(x: Samples) -> Samples:
     The window, ``1/2 - cos(2 pi i / n) / 2``, takes from each line a half of the mean of its neighbours.
     """
     lines = fft.rfft(x - x.mean(dtype=np.float64).astype(x.dtype))
+    forget_plans(x.size)
     beyond = np.conj(lines[-2] if x.size % 2 == 0 else lines[-1])  # the line after the last: x is real
     windowed = lines[1:-1] - (lines[:-2] + lines[2:]) / 2
     found = np.empty(lines.size, dtype=x.dtype)

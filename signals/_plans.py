@@ -1,0 +1,23 @@
+"""What transforms leave in memory: scipy keeps the tables of the last sixteen lengths, each as large as its record."""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy import fft
+
+_KEPT = 16  # lengths of a kind and precision that scipy's transforms remember
+_LONG = 2**20  # samples from which on the tables are worth the time, half a millisecond
+
+
+def forget_plans(samples: int) -> None:
+    """Have short transforms take the place of those of a long record among what scipy keeps."""
+    if samples < _LONG:
+        return
+    for length in range(1, _KEPT + 1):
+        for values in _short(length):
+            fft.fft(values) if np.iscomplexobj(values) else fft.rfft(values)
+
+
+@lru_cache(maxsize=_KEPT)
+def _short(length: int) -> tuple[np.ndarray, ...]:
+    return tuple(np.zeros(length, dtype=dtype) for dtype in "fdFD")
