@@ -90,7 +90,8 @@ def _write_group(group: h5py.Group, dataset: xr.Dataset, chunks: Chunks, numbers
     variables, attrs = conventions.encode_dataset_coordinates(dataset)
     _write_attrs(group, attrs)
     scales: dict[Any, h5py.Dataset] = {}
-    for dim, size in dataset.sizes.items():
+    sizes = {dim: size for variable in variables.values() for dim, size in variable.sizes.items()}
+    for dim, size in sizes.items():  # in the order of the variables: that of `dataset.sizes` differs between processes
         above = _scale_above(group, dim, size)
         scales[dim] = _new_scale(group, str(dim), dataset, chunks, next(numbers)) if above is None else above
     for name, variable in variables.items():

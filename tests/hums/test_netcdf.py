@@ -1,5 +1,9 @@
 """Files in netCDF4 layout: xarray reads from them what it reads from those it writes itself."""
 
+import os
+import subprocess
+import sys
+
 import h5py
 import numpy as np
 import pytest
@@ -115,3 +119,23 @@ def test_dimensions_and_types_are_those_of_the_netcdf_format(both):
             assert file["every kind"][name].fletcher32
         assert file["every kind/below/gain"].dims[0][0] == file["every kind/order"]
         assert np.isnan(file["every kind/missing"].fillvalue)
+
+
+def test_the_same_groups_make_the_same_bytes_in_every_process(tmp_path):
+    code = (
+        "import numpy as np, xarray as xr; from hums._netcdf import write_netcdf; "
+        "parts = [xr.Dataset({f'v{i}': (f'd{i}', np.arange(i + 2.0))}) for i in range(5)]; "
+        "write_netcdf('file.h5', {'/': (xr.merge(parts), {})}); print(open('file.h5', 'rb').read().hex())"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    made = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            cwd=tmp_path,
+            env={**environment, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            check=True,
+        ).stdout
+        for seed in ("1", "2", "3")
+    }
+    assert len(made) == 1
