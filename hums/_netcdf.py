@@ -136,7 +136,7 @@ def _new_dataset(group: h5py.Group, name: str, variable: xr.Variable, chunks: tu
         values, dtype = values.astype(object), _TEXT
     elif dtype.kind == "c":
         dtype = _complex_type(group, dtype)
-    return group.create_dataset(
+    made = group.create_dataset(
         name,
         data=values,
         dtype=dtype,
@@ -145,6 +145,8 @@ def _new_dataset(group: h5py.Group, name: str, variable: xr.Variable, chunks: tu
         track_order=True,
         **_growing(values.shape, chunks),
     )
+    made.flush()  # chunks get their places now, and not when the last reference goes
+    return made
 
 
 def _growing(shape: tuple[int, ...], chunks: tuple[int, ...] | None) -> dict[str, Any]:
