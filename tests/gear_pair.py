@@ -8,8 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
-from data_synth.integrate import Load, Output, Problem
+from data_synth.integrate import Load, Output, Problem, TiedTo
 from data_synth.mechanics import Mesh, System
 from data_synth.profile import ShaftAngle
 
@@ -114,3 +115,46 @@ def whole_state(rate_hz):
 def worst(values, reference):
     """Return the RMS of the difference over the RMS, of the worst channel."""
     return float(np.max(np.sqrt(np.mean((values - reference) ** 2, axis=0) / np.mean(reference**2, axis=0))))
+
+
+def by_scipy(problem, read, *, relative=1e-9, absolute=1e-14, method="DOP853"):
+    """Read displacements and velocities of the equations as `data_synth.mechanics` writes them, solved by scipy.
+
+    It knows nothing of modes, jumps or contacts, and finds its way by making its steps smaller.
+    """
+    system, load, turns = problem.system, problem.load, problem.turning
+    dof, tied = len(system.names), isinstance(turns, TiedTo)
+    damping = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
+    drag = np.zeros(dof) if load.quadratic_drag is None else load.quadratic_drag
+
+    def rates(t, y):
+        q, v = y[:dof], y[dof:]
+        angle = turns.rev_per_unit * q[system.names.index(turns.name)] if tied else turns.revolutions([t])[0]
+        force = load.constant - damping @ v - system.stiffness @ q - drag * v * np.abs(v)
+        if load.varying is not None:
+            force = force + load.varying(np.array([t]))[0]
+        for mesh in system.meshes:
+            phase = mesh.cycles_per_rev * angle
+            delta = mesh.direction @ q - (0.0 if mesh.error is None else mesh.error(phase))
+            pressed = mesh.stiffness(phase) * (delta - min(max(delta, -mesh.backlash_m), mesh.backlash_m))
+            force = force - mesh.direction * pressed
+            driving = max(pressed, 0.0) if mesh.backlash_m > 0 else pressed
+            for rub in mesh.friction:
+                force = force + rub.direction * (driving * rub.share(phase))
+        return np.concatenate([v, np.linalg.solve(system.mass, force)])
+
+    times_s = problem.start_s + np.arange(round(problem.duration_s * read.rate_hz) + 1) / read.rate_hz
+    longest = np.inf
+    if not tied:  # no solver may step over a mesh cycle unseen
+        fastest = np.max(np.abs(np.diff(turns.revolutions(times_s)))) * read.rate_hz
+        longest = 0.25 / (fastest * max(mesh.cycles_per_rev for mesh in system.meshes))
+    start = np.zeros(2 * dof)
+    if problem.start is not None:
+        start = np.concatenate([problem.start.displacement, problem.start.velocity])
+    settings = {"rtol": relative, "atol": absolute, "max_step": longest}
+    found = solve_ivp(rates, (times_s[0], times_s[-1]), start, method=method, t_eval=times_s, **settings)
+    assert found.success, found.message
+    values = 0.0
+    for rows, states in ((read.displacement, found.y[:dof]), (read.velocity, found.y[dof:])):
+        values = values if rows is None else values + states.T @ rows.T
+    return values

@@ -138,7 +138,6 @@ ORDER = {
         "teeth_in_mesh",
         "tooth_faults",
         "mechanics",
-        "contact",
         "elements",
         "cones",
         "layout",

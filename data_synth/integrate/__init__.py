@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from data_synth.integrate.exact import Transition as Transition
-    from data_synth.integrate.newmark import GeneralisedAlpha as GeneralisedAlpha
     from data_synth.integrate.problem import Accuracy as Accuracy
     from data_synth.integrate.problem import Integration as Integration
     from data_synth.integrate.problem import IntegrationError as IntegrationError
@@ -16,12 +15,9 @@ if TYPE_CHECKING:
     from data_synth.integrate.problem import State as State
     from data_synth.integrate.problem import Steps as Steps
     from data_synth.integrate.problem import TiedTo as TiedTo
-    from data_synth.integrate.runge_kutta import DormandPrince8 as DormandPrince8
-    from data_synth.integrate.runge_kutta import RungeKutta4 as RungeKutta4
     from data_synth.integrate.running import Block as Block
     from data_synth.integrate.running import integrate as integrate
     from data_synth.integrate.running import integrate_blocks as integrate_blocks
-    from data_synth.integrate.scipy_solvers import ScipySolver as ScipySolver
     from data_synth.integrate.shooting import PeriodicState as PeriodicState
     from data_synth.integrate.shooting import periodic_state as periodic_state
     from data_synth.integrate.splitting import Splitting as Splitting
@@ -29,8 +25,6 @@ if TYPE_CHECKING:
 _HOME = {
     "Accuracy": "data_synth.integrate.problem",
     "Block": "data_synth.integrate.running",
-    "DormandPrince8": "data_synth.integrate.runge_kutta",
-    "GeneralisedAlpha": "data_synth.integrate.newmark",
     "Integration": "data_synth.integrate.problem",
     "IntegrationError": "data_synth.integrate.problem",
     "Load": "data_synth.integrate.problem",
@@ -38,8 +32,6 @@ _HOME = {
     "Output": "data_synth.integrate.problem",
     "PeriodicState": "data_synth.integrate.shooting",
     "Problem": "data_synth.integrate.problem",
-    "RungeKutta4": "data_synth.integrate.runge_kutta",
-    "ScipySolver": "data_synth.integrate.scipy_solvers",
     "Splitting": "data_synth.integrate.splitting",
     "State": "data_synth.integrate.problem",
     "Steps": "data_synth.integrate.problem",

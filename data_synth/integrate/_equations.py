@@ -12,7 +12,7 @@ Integers = NDArray[np.int64]
 
 
 class Equations(NamedTuple):
-    """``x' = generator x + drive`` over x = (scaled modal displacements, modal velocities), and what kicks it.
+    """What kicks ``x' = generator x + drive``, over x = (scaled modal displacements, modal velocities).
 
     Meshes come first, then what rubs in them: the mesh force times a share that follows the phase, in a direction of
     its own; a table of `stiffnesses` then holds stiffness times share. ``pushes`` and ``seen`` (n, meshes): by what a
@@ -26,8 +26,6 @@ class Equations(NamedTuple):
     velocities; of length zero where it turns as prescribed.
     """
 
-    generator: Array
-    drive: Array
     pushes: Array
     seen: Array
     coupling: Array

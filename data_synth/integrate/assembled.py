@@ -74,8 +74,6 @@ class Assembled:
         of, none = self.forces_of, np.zeros(self.rubs_in.size)
         seen, pushes = self.deflections[of], np.vstack([self.deflections, -self.rubbing])
         return Equations(
-            generator=self.flow.generator,
-            drive=self.flow.drive,
             pushes=np.ascontiguousarray(pushes.T),
             seen=np.ascontiguousarray((seen / self.flow.modes.scales).T),
             coupling=np.ascontiguousarray(seen @ pushes.T),

@@ -37,7 +37,7 @@ def integrate(problem: Problem, *, method: Method, output: Output, tolerance: St
     ----------
     problem : Problem
     method : Method
-        `Splitting`, `Transition`, `GeneralisedAlpha`, `RungeKutta4`, `DormandPrince8` or `ScipySolver`.
+        `Splitting` or `Transition`, or any other that has their three members.
     output : Output
     tolerance : Steps or Accuracy
 

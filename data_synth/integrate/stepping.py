@@ -56,11 +56,6 @@ class Grid:
         """Return the time of a sample."""
         return self.assembled.problem.start_s + sample * self.per_sample * self.step_s
 
-    def times(self, first: int, samples: int, *, stages: Array) -> Array:
-        """Return stage times (steps * stages,) in s from sample `first` on, each step's stages in turn, ends apart."""
-        steps = first * self.per_sample + np.arange(samples * self.per_sample)
-        return np.asarray(self.assembled.problem.start_s + ((steps[:, None] + stages) * self.step_s).ravel())
-
     def edges(self, first: int, samples: int) -> Array:
         """Return times (steps + 1,) at which steps begin, and the last ends."""
         steps = first * self.per_sample + np.arange(samples * self.per_sample + 1)

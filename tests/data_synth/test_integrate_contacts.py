@@ -9,6 +9,7 @@ from gear_pair import (
     MASSES,
     RADII,
     Curve,
+    by_scipy,
     constant,
     driven,
     output,
@@ -25,7 +26,6 @@ from data_synth.integrate import (
     Outcome,
     Output,
     Problem,
-    ScipySolver,
     Splitting,
     State,
     Steps,
@@ -133,8 +133,7 @@ class TestExactContacts:
         system = pair(rectangle(), damping=np.diag([50.0, 0, 50, 0]), bearings=1e10, backlash_m=2e-5)
         problem = driven(replace(system, meshes=(*system.meshes, other)), duration_s=0.01, turning=turning(3000.0))
         exact = integrate(problem, method=Transition(), output=output(20e3), tolerance=ONE).checked().values
-        solver = ScipySolver(relative=1e-11, absolute=1e-13)
-        scipys = integrate(problem, method=solver, output=output(20e3), tolerance=ONE).checked().values
+        scipys = by_scipy(problem, output(20e3), relative=1e-11, absolute=1e-16)
         # scipy steps over jumps and kinks by trial
         assert worst(exact, scipys) < 1e-7
 
