@@ -172,8 +172,8 @@ def split_steps(
     tied_speed: Array,
     revolutions: Array,
     loads: Array,
-    stages: Array | None,
-    felt: Array | None,
+    stages: Array,
+    felt: Array,
     coming: Array,
 ) -> None:
     """Advance x through all samples of a block and read it at each.
@@ -184,10 +184,10 @@ def split_steps(
     The middle node's deflection lacks `short`, what forces do until then beyond the kick at the start: over the step
     that evens out, but where a force is felt it is set right.
     `half` holds a row (6,) a mode where `classical`, else what `flow_at_once` takes; both over half a step.
-    `stages` (steps, meshes) says where in their course meshes are that change in time; None where none does.
+    `stages` (steps, meshes) says where in their course meshes are that change in time; (0, meshes) where none does.
     `felt` (samples, 2 meshes) takes the force of each mesh weighted with a hat from two samples ago to now, then the
-    force now, and `coming` (meshes,) what is felt of the next hat, in which the force now counts most; None where
-    nobody asks. None takes its lines out of the code that runs.
+    force now, and `coming` (meshes,) what is felt of the next hat, in which the force now counts most; (0, 2 meshes)
+    where nobody asks. All cases share one compilation: absent parts are empty arrays.
     """
     pushes, seen, tied, cycles = equations.pushes, equations.seen, equations.tied, equations.cycles
     stiffnesses, coupling, means = equations.stiffnesses, equations.coupling, equations.held
@@ -202,11 +202,12 @@ def split_steps(
     for d in range(drag_factors.size):
         inverse_masses[d] = np.sum(drags[d] * drags[d])
     at_start, at_stop = np.full((tables, 3), np.nan), np.full((tables, 3), np.nan)
+    changing, hearing = stages.shape[0] > 0, felt.shape[0] > 0
     sixth, two_thirds, cube = step / 6, step * 2 / 3, step**3
     stop = 0.0
     deflect(x, seen, delta)
     for sample in range(readings.shape[0]):
-        if felt is not None:
+        if hearing:
             for m in range(coming.size):
                 felt[sample, m] = coming[m]
                 coming[m] = 0.0
@@ -223,12 +224,8 @@ def split_steps(
                 start, stop = revolutions[number], revolutions[number + 1]
             for m in range(meshes):
                 begin, end = cycles[m] * start, cycles[m] * stop
-                if stages is None:
-                    a0[m], a1[m], a2[m] = moments_of_step(stiffnesses, m, begin, end, at_start, at_stop, tied.size > 0)
-                    for i in range(3):
-                        at_start[m, i] = at_stop[m, i]
-                    continue
-                now, then, share = tables_at(m, equations.stiffness_later[m], stages[number, m])
+                stage = stages[number, m] if changing else 0.0
+                now, then, share = tables_at(m, equations.stiffness_later[m], stage)
                 a0[m] = a1[m] = a2[m] = 0.0
                 table, part = now, 1.0 - share
                 while True:
@@ -243,9 +240,8 @@ def split_steps(
                     table, part = then, share
             for m in range(meshes):
                 if error_of[m] >= 0:
-                    now, then, share = error_of[m], error_of[m], 0.0
-                    if stages is not None:
-                        now, then, share = tables_at(error_of[m], equations.error_later[m], stages[number, m])
+                    stage = stages[number, m] if changing else 0.0
+                    now, then, share = tables_at(error_of[m], equations.error_later[m], stage)
                     for node in range(3):
                         phase = cycles[m] * (start + 0.5 * node * (stop - start))
                         errors[node, m] = between(equations.errors, now, then, share, phase)
@@ -263,7 +259,7 @@ def split_steps(
                     pressed[m], touching[m] = dead_zone(gap, equations.backlashes[m], equations.backs[m])
                     strength = a0[m] - 0.2 * a2[m] if node == 1 else a0[m] + (node - 1) * a1[m] + 0.4 * a2[m]
                     impulse[m] = weight * (strength * pressed[m] - means[m] * delta[m])
-                    if felt is not None:
+                    if hearing:
                         short[m] = 0.0
                 if node == 1:
                     for i in range(meshes):
@@ -274,9 +270,9 @@ def split_steps(
                             f1, f2 = a1[j] * pressed[j], a2[j] * pressed[j]
                             form = BOTH * (f0 * g0) - CROSSED * (f0 * g2 + f2 * g0 + f1 * g1) - BENT * f2 * g2
                             impulse[i] -= cube * coupling[i, j] * form
-                            if felt is not None:
+                            if hearing:
                                 short[i] += step * step * coupling[i, j] * (EVEN * f0 - BULGE * f2) * touching[i]
-                if felt is not None:
+                if hearing:
                     for m in range(coming.size):
                         rising, whole = under_hats(node, sub, per_sample, a0[m], a1[m], a2[m])
                         coming[m] += rising * (pressed[m] - short[m])
@@ -292,12 +288,10 @@ def split_steps(
                         impulse[m] = 0.0
             push(x, pushes, impulse)
             drag_for(x, sixth, drags, drag_factors, inverse_masses, False)
-        if felt is not None:
+        if hearing:
             for m in range(coming.size):
-                now, then, share = m, m, 0.0
-                if stages is not None:
-                    stage = stages[(sample + 1) * per_sample - 1, m]
-                    now, then, share = tables_at(m, equations.stiffness_later[m], stage)
+                stage = stages[(sample + 1) * per_sample - 1, m] if changing else 0.0
+                now, then, share = tables_at(m, equations.stiffness_later[m], stage)
                 strength = between(stiffnesses, now, then, share, cycles[m] * stop)
                 felt[sample, coming.size + m] = strength * pressed[m]
         for r in range(rows.shape[0]):

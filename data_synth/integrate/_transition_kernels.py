@@ -31,7 +31,7 @@ class Flows(NamedTuple):
     series_gains: Array
 
 
-@compiled_inside
+@compiled
 def apply_columns(columns: Array, added: Array, x: Array, out: Array) -> None:
     """Multiply by a matrix whose columns are the rows of `columns`, and add: four at a time, their number is even."""
     size, width = x.size, out.size
@@ -51,7 +51,7 @@ def apply_columns(columns: Array, added: Array, x: Array, out: Array) -> None:
             out[i] += first[i] * a + second[i] * b + third[i] * c + fourth[i] * d
 
 
-@compiled_inside
+@compiled
 def follow_series(x: Array, other: Array, terms: Array, part: float) -> None:
     """Add the power series whose coefficients are `terms`, one after the other from the first power on, to x."""
     size = x.size

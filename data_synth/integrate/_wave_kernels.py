@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from data_synth._compile import compiled_inside
+from data_synth._compile import compiled, compiled_inside
 from data_synth.integrate._waves import Waves
 
 Array = NDArray[np.float64]
@@ -58,24 +58,14 @@ def value_at(waves: Waves, which: int, phase: float) -> float:
     return value_in(waves, segment, x)
 
 
-@compiled_inside
-def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple[float, float, float]:
-    """Return what `legendre` does, stretch by stretch between jumps, by Gauss's rule with four points."""
+@compiled
+def legendre_across(
+    waves: Waves, which: int, start: float, stop: float, segment: int, x: float
+) -> tuple[float, float, float]:
+    """Return what `legendre` does over a stretch with jumps, whose lower end lies at x in a segment."""
     low, high = min(start, stop), max(start, stop)
-    whole = high - low
+    whole, at = high - low, low
     sum0 = sum1 = sum2 = 0.0
-    if whole == 0.0:
-        return value_at(waves, which, start), 0.0, 0.0
-    at = low
-    segment, x = located(waves, which, at)
-    if segment + 1 < waves.segments[which + 1] and x + whole <= waves.starts[segment + 1]:
-        # the usual case: three points between two jumps are enough, and cost a third
-        first = value_in(waves, segment, x + (0.5 - THIRD) * whole)
-        middle = value_in(waves, segment, x + 0.5 * whole)
-        last_value = value_in(waves, segment, x + (0.5 + THIRD) * whole)
-        slope = SLANT * (last_value - first)
-        both = first + last_value
-        return (5 * both + 8 * middle) * (1 / 18), slope if stop > start else -slope, (both - 2 * middle) * (5 / 9)
     while at < high:
         last = segment + 1 == waves.segments[which + 1]
         edge = waves.periods[which] if last else waves.starts[segment + 1]
@@ -97,6 +87,25 @@ def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple
     if stop < start:
         sum1 = -sum1
     return sum0, 3 * sum1, 5 * sum2
+
+
+@compiled_inside
+def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple[float, float, float]:
+    """Return what `legendre` does, stretch by stretch between jumps, by Gauss's rule with four points."""
+    low, high = min(start, stop), max(start, stop)
+    whole = high - low
+    if whole == 0.0:
+        return value_at(waves, which, start), 0.0, 0.0
+    segment, x = located(waves, which, low)
+    if segment + 1 < waves.segments[which + 1] and x + whole <= waves.starts[segment + 1]:
+        # the usual case: three points between two jumps are enough, and cost a third
+        first = value_in(waves, segment, x + (0.5 - THIRD) * whole)
+        middle = value_in(waves, segment, x + 0.5 * whole)
+        last_value = value_in(waves, segment, x + (0.5 + THIRD) * whole)
+        slope = SLANT * (last_value - first)
+        both = first + last_value
+        return (5 * both + 8 * middle) * (1 / 18), slope if stop > start else -slope, (both - 2 * middle) * (5 / 9)
+    return legendre_across(waves, which, start, stop, segment, x)
 
 
 @compiled_inside

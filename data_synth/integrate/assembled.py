@@ -131,11 +131,11 @@ class Assembled:
             )
         return np.ascontiguousarray(values @ self.flow.modes.shapes)
 
-    def stages(self, times_s: Array) -> Array | None:
-        """Return where in its course the mesh of each force is, (times, forces); None where none has one."""
+    def stages(self, times_s: Array) -> Array:
+        """Return where in its course the mesh of each force is, (times, forces); (0, forces) where none has one."""
         meshes = self.problem.system.meshes
         if all(mesh.course is None for mesh in meshes):
-            return None
+            return np.zeros((0, self.forces_of.size))
         found = [mesh.course.stage(times_s) if mesh.course else np.zeros(times_s.size) for mesh in meshes]
         return np.ascontiguousarray(np.stack(found, axis=1)[:, self.forces_of])
 

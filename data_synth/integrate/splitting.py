@@ -98,7 +98,7 @@ class _Stepper:
             self.tied_speed[0] = a.tied @ x[a.size :]
         out = np.empty((samples, read.rows.shape[0]))
         listening = read.output.hat_mesh_force is not None
-        felt = np.zeros((samples, 2 * a.backlashes.size)) if listening else None
+        felt = np.zeros((samples if listening else 0, 2 * a.backlashes.size))
         edges = self.grid.edges(first, samples)
         if listening and np.isnan(self.coming).any():
             self.coming[:] = read.at(x, float(edges[0]))[0, -a.backlashes.size :] / 2
@@ -122,4 +122,4 @@ class _Stepper:
             felt,
             self.coming,
         )
-        return out if felt is None else np.hstack([out, felt])
+        return np.hstack([out, felt]) if listening else out

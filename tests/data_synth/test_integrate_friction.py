@@ -230,7 +230,7 @@ def test_teeth_that_change_rub_with_what_they_have():
     system = sixteen()
     system = replace(system, meshes=(replace(system.meshes[0], course=course),))
     early = run(started(system, duration_s=0.002), Splitting())
-    # the two are compiled apart and round apart: of motions that cancel, 1e-18 m beside 1e-7 m of the gears is left
+    # sums in another order: of motions that cancel, 1e-18 m beside 1e-7 m of the gears is left
     assert_allclose(early, run(started(sixteen(), duration_s=0.002), Splitting()), rtol=1e-12, atol=1e-16)
     late = run(started(system, duration_s=0.002, start_s=2.0), Splitting())
     stiff = replace(system.meshes[0], stiffness=replace(WAVE, mean=2e9), course=None)
