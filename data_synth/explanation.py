@@ -215,13 +215,17 @@ def _gears(stage: Stage, gears: Gears, choice: Choice) -> Iterator[Part]:
     if motion is None:
         yield Part(name="fidelity", what="lines of the linear response", why=str(choice), seconds=_TEETH_S)
     else:
-        steps = motion.steps() * motion.denser
+        steps, chosen = motion.steps() * motion.denser, motion.method
+        how, why = f"exact transitions, {steps} a sample", chosen.reason
+        if chosen.method.order is not None:
+            how = f"{steps} step(s) a sample"
+            why = f"splitting, for {chosen.reason}, with an error below {motion.error:g}"
         running = scene.samples + motion.settle_s * scene.rate_hz
         dof, meshes = motion.system.dof, len(motion.system.meshes)
         yield Part(
             name="fidelity",
-            what=f"{dof} degrees of freedom, {steps} step(s) a sample",
-            why=f"{choice}, error below {motion.error:g}",
+            what=f"{dof} degrees of freedom, {how}",
+            why=f"{choice}; {why}",
             seconds=_TEETH_S + running * steps * (_PER_STEP + _PER_DEGREE * dof + _PER_PAIR * meshes**2),
         )
     for name, level in choice.levels.items():

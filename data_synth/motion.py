@@ -8,12 +8,13 @@ so the force of a stiff bearing is the same at every fidelity.
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from data_synth.hats import LAG, Hats
 from data_synth.hearing import Ears, ears_of
-from data_synth.integrate import Accuracy, IntegrationError, Load, Output, Problem, Splitting, Steps
+from data_synth.integrate import Accuracy, IntegrationError, Load, MethodChoice, Output, Problem, Steps, method_for
 from data_synth.keeping import kept_of
 from data_synth.loads import Turned, turned
 from data_synth.machine import machine_of
@@ -67,6 +68,11 @@ class Motion:
         """What acts on the system."""
         return self.turned.load
 
+    @cached_property
+    def method(self) -> MethodChoice:
+        """The integrator, and why it is taken."""
+        return method_for(self.problem(0.0, self.stage.scene.duration_s))
+
     def channels(self, *, samples: int) -> Iterator[Array]:
         """Yield the channels (sensor, n) from time zero in blocks, behind the linear part of their chains.
 
@@ -89,8 +95,9 @@ class Motion:
         steps = Steps(per_sample=self.steps())
         output = self.output if hats is None else hats.output
         dropped = early * self.denser + late
+        method = self.method.method
         try:
-            for block in integrate_blocks(problem, method=Splitting(), output=output, tolerance=steps, block=_BLOCK):
+            for block in integrate_blocks(problem, method=method, output=output, tolerance=steps, block=_BLOCK):
                 times_s = block.times_s - (late - lag) / self.output.rate_hz
                 readings = (block.values, block.values) if hats is None else hats.push(block.values)
                 forces, points = (self.ears.forces(each, times_s=times_s).T for each in readings)
@@ -108,6 +115,8 @@ class Motion:
         """Return how many steps to a sample keep the error, judged on 4096 of them where that is hardest."""
         from data_synth.integrate import integrate  # noqa: PLC0415
 
+        if self.method.method.order is None:
+            return 1
         scene, judged = self.stage.scene, self.output
         if self.ears.turns:  # planets may cancel in the readings
             judged = Output(rate_hz=judged.rate_hz, mesh_force=np.eye(len(self.system.meshes)))
@@ -118,7 +127,7 @@ class Motion:
             return (
                 integrate(
                     self.problem(start_s, long_s),
-                    method=Splitting(),
+                    method=self.method.method,
                     output=judged if hats is None else hats.judged,
                     tolerance=Accuracy(relative=self.error, trial=1.0, about_mean=True),
                 )

@@ -4,6 +4,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from data_synth.integrate.choice import MethodChoice as MethodChoice
+    from data_synth.integrate.choice import method_for as method_for
     from data_synth.integrate.exact import Transition as Transition
     from data_synth.integrate.problem import Accuracy as Accuracy
     from data_synth.integrate.problem import Integration as Integration
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 _HOME = {
     "Accuracy": "data_synth.integrate.problem",
     "Block": "data_synth.integrate.running",
+    "MethodChoice": "data_synth.integrate.choice",
     "Integration": "data_synth.integrate.problem",
     "IntegrationError": "data_synth.integrate.problem",
     "Load": "data_synth.integrate.problem",
@@ -39,6 +42,7 @@ _HOME = {
     "Transition": "data_synth.integrate.exact",
     "integrate": "data_synth.integrate.running",
     "integrate_blocks": "data_synth.integrate.running",
+    "method_for": "data_synth.integrate.choice",
     "periodic_state": "data_synth.integrate.shooting",
 }
 __all__ = sorted(_HOME)  # noqa: PLE0605

@@ -123,14 +123,15 @@ def contact_steps(
     series_gains: Array,
     seen: Array,
     half_gaps: Array,
+    kept: int,
 ) -> None:
-    """Advance x (2 n,) from a time `start` through samples a `unit` apart, and read it at each.
+    """Advance x (s,) from a time `start` through samples a `unit` apart, and read it at each.
 
-    ``touching`` (gaps,), advanced too, says which flanks touch: 1 those that drive, -1 their backs, 0 none. ``kinds``
-    (switches + 1,) are those of the stiffness before the first switching time and after each; for each kind
-    ``series`` (kinds, 3^gaps, 2 n, terms x 2 n) and ``series_gains`` (kinds, 3^gaps, terms x 2 n) hold the terms of
-    the power series over ``last`` of a unit, by columns over x, and what the drive adds. ``seen`` (gaps, 2 n) reads
-    the deflections.
+    From entry `kept` on, x begins at zero with every sample. ``touching`` (gaps,), advanced too, says which flanks
+    touch: 1 those that drive, -1 their backs, 0 none. ``kinds`` (switches + 1,) are those of the stiffness before the
+    first switching time and after each; for each kind ``series`` (kinds, 3^gaps, s, terms x s) and ``series_gains``
+    (kinds, 3^gaps, terms x s) hold the terms of the power series over ``last`` of a unit, by columns over x, and what
+    the drive adds. ``seen`` (gaps, s) reads the deflections.
     """
     size, gaps = x.size, half_gaps.size
     terms = np.empty(series.shape[3])
@@ -139,6 +140,8 @@ def contact_steps(
     event, edge = 0, -1
     for sample in range(readings.shape[0]):
         now, then = start + sample * unit, start + (sample + 1) * unit
+        for i in range(kept, size):
+            x[i] = 0.0
         while now < then:
             switching = event < switches.size and switches[event] < then
             stop = switches[event] if switching else then

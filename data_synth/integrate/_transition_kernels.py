@@ -12,13 +12,14 @@ Integers = NDArray[np.int64]
 
 
 class Flows(NamedTuple):
-    """How x (2 n,) moves on under each of several stiffnesses, kind by kind, and what is read then.
+    """How x (s,) moves on under each of several stiffnesses, kind by kind, and what is read then.
 
-    All by columns over x, with what the drive adds apart. Over 1, 2, ... units of time ``powers`` (kinds, units, 2 n,
-    2 n) and ``gains`` (kinds, units, 2 n); the readings then, one after the other, ``tables`` (kinds, 2 n, units x
+    s is 2 n, and twice the meshes more where their forces are integrated beside (`data_synth.integrate.pieces`). All by
+    columns over x, with what the drive adds apart. Over 1, 2, ... units of time ``powers`` (kinds, units, s,
+    s) and ``gains`` (kinds, units, s); the readings then, one after the other, ``tables`` (kinds, s, units x
     channels) and ``constants`` (kinds, units x channels). Over half a unit, a quarter, ... ``ladders`` (kinds, rungs,
-    2 n, 2 n) and ``ladder_gains``; over a share of the last rung's length, ``last`` of a unit, the terms of the power
-    series ``series`` (kinds, 2 n, terms x 2 n) and ``series_gains`` (kinds, terms x 2 n).
+    s, s) and ``ladder_gains``; over a share of the last rung's length, ``last`` of a unit, the terms of the power
+    series ``series`` (kinds, s, terms x s) and ``series_gains`` (kinds, terms x s).
     """
 
     powers: Array
@@ -103,10 +104,12 @@ def transition_steps(
     switches: Array,
     kinds: Integers,
     flows: Flows,
+    kept: int,
 ) -> None:
-    """Advance x (2 n,) from a time `start` through samples a `unit` apart, and read it at each.
+    """Advance x (s,) from a time `start` through samples a `unit` apart, and read it at each.
 
-    ``kinds`` (switches + 1,) says which of the flows acts before the first switching time and after each.
+    From entry `kept` on, x begins at zero with every sample; so the flow over whole units takes it to be. ``kinds``
+    (switches + 1,) says which of the flows acts before the first switching time and after each.
     """
     size, most = x.size, flows.powers.shape[1]
     count, channels = readings.shape
@@ -129,6 +132,8 @@ def transition_steps(
         if sample == count:
             break
         now, then = start + sample * unit, start + (sample + 1) * unit
+        for i in range(kept, size):
+            x[i] = 0.0
         while now < then:
             # one stretch up to the next switching instant, or to the sample where none is left before it
             switching = event < switches.size and switches[event] < then

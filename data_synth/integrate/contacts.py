@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.integrate.assembled import Assembled
-from data_synth.integrate.pieces import columns, rungs, series, switching
+from data_synth.integrate.pieces import ForceIntegrals, columns, rungs, series, switching
 from data_synth.integrate.problem import Array
 from data_synth.integrate.readings import Readings
 from data_synth.integrate.stepping import Grid, Stepper
@@ -25,15 +25,17 @@ def gaps_of(a: Assembled) -> Integers:
 
 def contact_stepper(readings: Readings, grid: Grid) -> Stepper:
     """Return a stepper for at most `MOST_GAPS` meshes with backlash."""
-    a = readings.assembled
+    a, integrals = readings.assembled, ForceIntegrals.of(readings)
     gaps = gaps_of(a)
+    seen = a.displacement_rows(a.deflections[gaps])
     halvings, terms = rungs(a, grid.step_s)
     return _Stepper(
         readings=readings,
         grid=grid,
         share=0.5**halvings,
         terms=terms,
-        seen=np.ascontiguousarray(a.displacement_rows(a.deflections[gaps])),
+        seen=np.hstack([seen, np.zeros((gaps.size, 2 * integrals.meshes))]),
+        integrals=integrals,
         half_gaps=a.backlashes[gaps],
         touching=np.full(gaps.size, _UNKNOWN),
     )
@@ -43,6 +45,7 @@ def contact_stepper(readings: Readings, grid: Grid) -> Stepper:
 class _Stepper:
     readings: Readings
     grid: Grid
+    integrals: ForceIntegrals
     share: float  # of a sample's time: what a power series covers
     terms: int
     seen: Array
@@ -53,20 +56,22 @@ class _Stepper:
         from data_synth.integrate._contact_kernels import contact_steps  # noqa: PLC0415
 
         if np.any(self.touching == _UNKNOWN):
-            deflections = self.seen @ x
+            deflections = self.seen[:, : x.size] @ x
             self.touching[:] = np.sign(deflections) * (np.abs(deflections) > self.half_gaps)
         read, grid = self.readings, self.grid
         start_s = grid.at(first)
         switches, stiffnesses = switching(read.assembled, start_s, grid.at(first + samples))
         used, kinds = np.unique(stiffnesses, axis=0, return_inverse=True)
         flows = [self._series_under(row) for row in used]
-        out = np.empty((samples, read.rows.shape[0]))
+        rows, constant = self.integrals.rows
+        self.integrals.begin(x, start_s)
+        out, state = np.empty((samples, rows.shape[0])), self.integrals.longer(x)
         contact_steps(
-            x,
+            state,
             self.touching,
             out,
-            read.rows,
-            read.constant,
+            rows,
+            constant,
             start_s,
             grid.step_s,
             self.share,
@@ -76,8 +81,10 @@ class _Stepper:
             np.stack([pushed for _, pushed in flows]),
             self.seen,
             self.half_gaps,
+            x.size,
         )
-        return out
+        x[:] = state[: x.size]
+        return self.integrals.read(out, grid.edges(first, samples)[1:])
 
     def _series_under(self, stiffnesses: Array) -> tuple[Array, Array]:
         """Return the power series for every way to touch, the last mesh's changing first."""
@@ -91,6 +98,7 @@ class _Stepper:
             seen = a.deflections / a.flow.modes.scales
             generator[a.size :, : a.size] -= (a.deflections.T * (held - a.means)) @ seen
             drive[a.size :] += a.deflections.T @ (held * shift)
+            generator, drive = self.integrals.joined(generator, drive, held, shift, self.grid.step_s)
             powered, pushed = series(generator, drive, self.share * self.grid.step_s, self.terms)
             found.append((columns(powered), pushed.ravel()))
         return np.stack([powered for powered, _ in found]), np.stack([pushed for _, pushed in found])

@@ -1,15 +1,18 @@
 """Exact transition matrices where every mesh stiffness is constant between jumps."""
 
+import math
+from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
 from data_synth.integrate._modes import Modes, flow_of, modes_of
 from data_synth.integrate.assembled import Assembled
 from data_synth.integrate.contacts import MOST_GAPS, contact_stepper, gaps_of
-from data_synth.integrate.pieces import columns, rungs, series, switching
-from data_synth.integrate.problem import Array, TiedTo
+from data_synth.integrate.pieces import ForceIntegrals, columns, rungs, series, switching
+from data_synth.integrate.problem import Array, Problem, TiedTo
 from data_synth.integrate.readings import Readings
 from data_synth.integrate.stepping import Grid, Refusal, Stepper
 
@@ -17,6 +20,7 @@ Integers = NDArray[np.int64]
 
 _ALIKE = 1e-12  # of unit vectors' product: less is rounding between rigid modes and others
 _MOST_UNITS = 32  # samples read at once
+_MOST_KINDS = 256  # combinations of stiffnesses: each has propagators of its own
 _ROOM = 1 << 16  # numbers: propagators over that many units have to stay near the processor
 
 
@@ -41,81 +45,122 @@ class Transition:
 
     def stepper(self, readings: Readings, per_sample: int) -> Stepper:  # noqa: ARG002
         """Prepare; ValueError with all that stands in the way of exactness."""
-        obstacles = _obstacles(readings.assembled)
-        if obstacles:
-            raise ValueError(f"Transition cannot be exact here: {'; '.join(obstacles)}. Use Splitting.")
+        found = obstacles(readings.assembled.problem)
+        if found:
+            raise ValueError(f"Transition cannot be exact here: {'; '.join(found)}. Use Splitting.")
         grid = Grid(assembled=readings.assembled, rate_hz=readings.output.rate_hz, per_sample=1)
-        return contact_stepper(readings, grid) if gaps_of(readings.assembled).size else _Stepper(readings, grid)
+        if gaps_of(readings.assembled).size:
+            return contact_stepper(readings, grid)
+        return _Stepper(readings, grid, ForceIntegrals.of(readings))
 
 
-def _obstacles(assembled: Assembled) -> list[str]:
-    problem = assembled.problem
+def obstacles(problem: Problem) -> tuple[str, ...]:
+    """Return all that keeps transitions from being exact; nothing where they are."""
+    load, meshes = problem.load, problem.system.meshes
     found = []
     if isinstance(problem.turning, TiedTo):
         found.append("the reference is tied to the motion")
-    if assembled.drag_factors.size:
+    if load.quadratic_drag is not None and np.any(load.quadratic_drag):
         found.append("the load has a quadratic drag")
-    if problem.load.varying is not None:
+    if load.varying is not None:
         found.append("the load varies")
-    if gaps_of(assembled).size > MOST_GAPS:
+    if sum(mesh.backlash_m > 0 for mesh in meshes) > MOST_GAPS:
         found.append(f"more than {MOST_GAPS} meshes have backlash")
-    for mesh in problem.system.meshes:
-        if mesh.friction:
-            found.append(f"mesh {mesh.name!r} has friction")
-        if mesh.error is not None:
-            found.append(f"mesh {mesh.name!r} has a transmission error")
-        if not mesh.stiffness.constant_between_jumps:
-            found.append(f"the stiffness of mesh {mesh.name!r} is not constant between jumps")
-    return found
+    for mesh in meshes:
+        name, smooth = repr(mesh.name), not mesh.stiffness.constant_between_jumps
+        stands = {
+            f"the teeth of mesh {name} change in time": mesh.course is not None,
+            f"mesh {name} has friction": bool(mesh.friction),
+            f"mesh {name} has a transmission error": mesh.error is not None,
+            f"the stiffness of mesh {name} is not constant between jumps": smooth,
+        }
+        found += [what for what, there in stands.items() if there]
+    # meshes in step with each other have as many combinations as jumps, others any of theirs with any
+    jumps = Counter[float]()
+    for mesh in meshes:
+        jumps[mesh.cycles_per_rev] += len(mesh.stiffness.jumps)
+    kinds = math.prod(max(count, 1) for count in jumps.values())
+    if kinds > _MOST_KINDS:
+        found.append(f"the stiffnesses may come in {kinds} combinations, of which {_MOST_KINDS} fit in memory")
+    return tuple(found)
 
 
 @dataclass(frozen=True)
 class _Stepper:
     readings: Readings
     grid: Grid
+    integrals: ForceIntegrals
     known: dict[tuple[float, ...], tuple[Array, ...]] = field(default_factory=dict)
 
     def advance(self, x: Array, first: int, samples: int) -> Array:
         from data_synth.integrate._transition_kernels import Flows, transition_steps  # noqa: PLC0415
 
-        a, read, unit_s = self.readings.assembled, self.readings, self.grid.step_s
+        unit_s = self.grid.step_s
         start_s, stop_s = self.grid.at(first), self.grid.at(first + samples)
-        switches, stiffnesses = switching(a, start_s, stop_s)
+        switches, stiffnesses = switching(self.readings.assembled, start_s, stop_s)
         used, kinds = np.unique(stiffnesses, axis=0, return_inverse=True)
         rows = [tuple(row) for row in used.tolist()]
         for row in set(rows) - self.known.keys():
-            self.known[row] = _flow_under(read, row, unit_s)
+            self.known[row] = _flow_under(self.integrals, row, unit_s)
         flows = Flows(*(np.stack(parts) for parts in zip(*(self.known[row] for row in rows), strict=True)))
-        out = np.empty((samples, read.rows.shape[0]))
-        transition_steps(x, out, read.rows, read.constant, start_s, unit_s, switches, kinds.ravel(), flows)
-        return out
+        read, constant = self.integrals.rows
+        self.integrals.begin(x, start_s)
+        out, state = np.empty((samples, read.shape[0])), self.integrals.longer(x)
+        transition_steps(state, out, read, constant, start_s, unit_s, switches, kinds.ravel(), flows, x.size)
+        x[:] = state[: x.size]
+        return self.integrals.read(out, self.grid.edges(first, samples)[1:])
 
 
-def _flow_under(read: Readings, stiffnesses: tuple[float, ...], unit_s: float) -> tuple[Array, ...]:
+def _flow_under(integrals: ForceIntegrals, stiffnesses: tuple[float, ...], unit_s: float) -> tuple[Array, ...]:
     """Return what `Flows` holds of one kind."""
-    a = read.assembled
+    a, (rows, constant) = integrals.readings.assembled, integrals.rows
     system, size = a.problem.system, a.size
+    held = np.array(stiffnesses)
     directions = np.array([mesh.direction for mesh in system.meshes], dtype=np.float64).reshape(-1, size)
-    matrix = system.stiffness + (directions.T * np.array(stiffnesses)) @ directions
+    matrix = system.stiffness + (directions.T * held) @ directions
     damping = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
     flow = flow_of(modes_of(system.mass, matrix), damping, a.problem.load.constant)
     into, back = _between(a.flow.modes, flow.modes, system.mass)
+    generator, drive = integrals.joined(
+        back @ flow.generator @ into, back @ flow.drive, held, np.zeros_like(held), unit_s
+    )
     halvings, terms = rungs(a, unit_s)
-    steps = [flow.over(unit_s / 2**rung) for rung in range(halvings + 1)]
-    ladder = np.stack([back @ propagator @ into for propagator, _ in steps])
-    ladder_gains = np.stack([back @ gain for _, gain in steps])
-    powers, gains = _repeated(ladder[0], ladder_gains[0])
-    powered, pushed = series(back @ flow.generator @ into, back @ flow.drive, unit_s / 2**halvings, terms)
+    steps = []
+    for rung in range(halvings + 1):
+        propagator, gain = flow.over(unit_s / 2**rung)
+        steps.append(_beside(a, generator, drive, back @ propagator @ into, back @ gain, unit_s / 2**rung))
+    ladder = np.stack([propagator for propagator, _ in steps])
+    ladder_gains = np.stack([gain for _, gain in steps])
+    afresh = ladder[0].copy()
+    afresh[:, 2 * size :] = 0.0  # integrals begin at zero with every sample
+    powers, gains = _repeated(afresh, ladder_gains[0])
+    powered, pushed = series(generator, drive, unit_s / 2**halvings, terms)
     return (
         powers.swapaxes(1, 2),
         gains,
-        columns(read.rows @ powers),
-        (gains @ read.rows.T + read.constant).ravel(),
+        columns(rows @ powers),
+        (gains @ rows.T + constant).ravel(),
         ladder[1:].swapaxes(1, 2),
         ladder_gains[1:],
         columns(powered),
         pushed.ravel(),
     )
+
+
+def _beside(
+    a: Assembled, generator: Array, drive: Array, propagator: Array, gain: Array, time_s: float
+) -> tuple[Array, Array]:
+    """Return propagator and gain of the longer state, whose first part is known with every digit."""
+    inner, size = gain.size, drive.size
+    if inner == size:
+        return propagator, gain
+    augmented = np.zeros((size + 1, size + 1))
+    augmented[:size, :size], augmented[:size, size] = generator * time_s, drive * time_s
+    whole = linalg.expm(augmented)
+    longer, gains = whole[:size, :size], whole[:size, size]
+    longer[:inner, :inner], gains[:inner] = propagator, gain
+    longer[inner:, np.flatnonzero(a.flow.modes.frequencies == 0)] = 0.0  # no angle of a rigid mode presses teeth
+    return longer, gains
 
 
 def _repeated(propagator: Array, gain: Array) -> tuple[Array, Array]:

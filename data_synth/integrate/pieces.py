@@ -1,11 +1,18 @@
-"""Stretches of time over which every mesh stiffness is constant, and the power series of what acts in them."""
+"""Stretches of time over which every mesh stiffness is constant: switching instants, power series, force integrals.
+
+A mesh force weighted with a hat is the sum of two integrals over each sample's time, tau from 0 to 1: of
+``(1 - tau) f`` in the hat that falls, of ``tau f`` in the one that rises. With z1' = f and z2' = z1, both from zero at
+each sample, they are z2 and z1 - z2; so z joins the state, and the exact flow of the longer state holds them exactly.
+"""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from data_synth.integrate.assembled import Assembled
 from data_synth.integrate.problem import Array, TiedTo
+from data_synth.integrate.readings import Readings
 
 _ROUNDING = 1e-17  # of the state: terms of the power series below it change no digit
 _SHORTEST = 0.5  # of the fastest motion's rad: over so short a stretch the power series is as exact as numbers are
@@ -55,3 +62,69 @@ def series(generator: Array, drive: Array, time_s: float, terms: int) -> tuple[A
         powers.append(rate @ powers[-1] / k)
         gains.append(rate @ gains[-1] / k)
     return np.stack(powers), np.stack(gains)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceIntegrals:
+    """What exact steppers carry beside x where mesh forces under hats are asked for, and nothing else.
+
+    ``meshes`` is 0 where nobody asks; ``coming`` (meshes,) is what forces add to the next hat, NaN before the start.
+    """
+
+    readings: Readings
+    meshes: int
+    coming: Array
+
+    @classmethod
+    def of(cls, readings: Readings) -> "ForceIntegrals":
+        """Prepare."""
+        meshes = readings.assembled.backlashes.size if readings.output.hat_mesh_force is not None else 0
+        return cls(readings=readings, meshes=meshes, coming=np.full(meshes, np.nan))
+
+    @property
+    def seen(self) -> Array:
+        """Rows (meshes, 2 n) of the deflections."""
+        a = self.readings.assembled
+        return a.displacement_rows(a.deflections[: self.meshes])
+
+    @property
+    def rows(self) -> tuple[Array, Array]:
+        """What is read of the longer state: the readings, the deflections, z1 and z2; and the constants to add."""
+        rows, z = self.readings.rows, np.eye(2 * self.meshes)
+        read = np.vstack([rows, self.seen])
+        constant = np.concatenate([self.readings.constant, np.zeros(3 * self.meshes)])
+        return np.block(
+            [[read, np.zeros((read.shape[0], z.shape[1]))], [np.zeros((z.shape[0], rows.shape[1])), z]]
+        ), constant
+
+    def joined(
+        self, generator: Array, drive: Array, stiffnesses: Array, shift: Array, unit_s: float
+    ) -> tuple[Array, Array]:
+        """Return generator and drive of the longer state; forces are ``stiffnesses (deflections - shift)``."""
+        m, size = self.meshes, drive.size
+        longer, pushed = np.zeros((size + 2 * m, size + 2 * m)), np.zeros(size + 2 * m)
+        longer[:size, :size], pushed[:size] = generator, drive
+        longer[size : size + m, :size] = stiffnesses[:m, None] * self.seen / unit_s
+        longer[size + m :, size : size + m] = np.eye(m) / unit_s
+        pushed[size : size + m] = -stiffnesses[:m] * shift[:m] / unit_s
+        return longer, pushed
+
+    def longer(self, x: Array) -> Array:
+        """Return x with z beside it."""
+        return np.concatenate([x, np.zeros(2 * self.meshes)])
+
+    def begin(self, x: Array, time_s: float) -> None:
+        """Take forces to have been the same before the start."""
+        if self.meshes and np.isnan(self.coming).any():
+            self.coming[:] = self.readings.at(x, time_s)[0, -self.meshes :] / 2
+
+    def read(self, found: Array, times_s: Array) -> Array:
+        """Return readings (times, readings) of what is read of the longer state."""
+        m, count = self.meshes, self.readings.rows.shape[0]
+        if not m:
+            return found
+        z1, z2 = found[:, count + m : count + 2 * m], found[:, count + 2 * m :]
+        rising = np.vstack([self.coming, z1 - z2])
+        self.coming[:] = rising[-1]
+        now = self.readings.forces_at(found[:, count : count + m], times_s)
+        return np.hstack([found[:, :count], rising[:-1] + z2, now])

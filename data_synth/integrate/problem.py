@@ -105,7 +105,7 @@ class Output:
     hat_mesh_force : (channels, meshes) array or None
         Of that force weighted with a hat, from nothing two samples ago over all at the one before to nothing now; the
         force is taken to have been the same before the start. Jumps of the stiffness alias far less in it than in
-        values at samples. `Splitting` alone knows it.
+        values at samples.
     """
 
     rate_hz: float

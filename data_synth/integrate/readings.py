@@ -83,6 +83,10 @@ class Readings:
         felt = _mesh_forces(a, deflections[None], np.atleast_1d(turns), now)
         return np.hstack([read, felt, felt])
 
+    def forces_at(self, deflections: Array, times_s: Array) -> Array:
+        """Return mesh forces (times, meshes) of deflections, where the reference turns as prescribed."""
+        return _mesh_forces(self.assembled, deflections, self.assembled.revolutions(times_s), times_s)
+
     def channels(self, readings: Array, times_s: Array) -> Array:
         """Return the channels (times, channels) of readings (times, readings)."""
         hats, forces = self.output.hat_mesh_force, self.output.mesh_force

@@ -8,7 +8,6 @@ import numpy as np
 from data_synth.integrate.assembled import Assembled, assemble
 from data_synth.integrate.problem import Accuracy, Array, Integration, Outcome, Output, Problem, State, Steps
 from data_synth.integrate.readings import Readings
-from data_synth.integrate.splitting import Splitting
 from data_synth.integrate.stepping import Method, Refusal
 
 BLOCK = 8192  # samples: what memory holds of a record, whatever its length
@@ -53,7 +52,7 @@ def integrate(problem: Problem, *, method: Method, output: Output, tolerance: St
         Where the method cannot take the problem at all, or maps do not fit the system.
     """
     assembled = assemble(problem)
-    readings = _readings(assembled, output, method)
+    readings = Readings.of(assembled, output)
     steps, error, refusal = _steps(readings, method, tolerance)
     if refusal is None:
         refusal = method.refusal(assembled, 1 / (output.rate_hz * steps))
@@ -97,7 +96,7 @@ def integrate_blocks(
     if block < 1:
         raise ValueError(f"block={block}: at least one sample is needed.")
     assembled = assemble(problem)
-    readings = _readings(assembled, output, method)
+    readings = Readings.of(assembled, output)
     steps, error, refusal = _steps(readings, method, tolerance)
     refusal = refusal or method.refusal(assembled, 1 / (output.rate_hz * steps))
     if refusal is not None:
@@ -107,18 +106,6 @@ def integrate_blocks(
             detail = f"The motion left the range of numbers before {part.times_s[-1]:.6g} s."
             _refused(Refusal(outcome=Outcome.DIVERGED, detail=detail), output, steps, error).checked()
         yield part
-
-
-def _readings(assembled: Assembled, output: Output, method: Method) -> Readings:
-    """Prepare to read; raise ValueError for what the method does not know."""
-    if not isinstance(method, Splitting):
-        asked = {
-            "mesh forces under hats": output.hat_mesh_force is not None,
-            "teeth that change in time": any(mesh.course is not None for mesh in assembled.problem.system.meshes),
-        }
-        for what in (name for name, there in asked.items() if there):
-            raise ValueError(f"{type(method).__name__} does not know {what}; use Splitting.")
-    return Readings.of(assembled, output)
 
 
 def _refused(refusal: Refusal, output: Output, steps: int, error: float) -> Integration:

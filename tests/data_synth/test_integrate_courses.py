@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from data_synth.integrate import Accuracy, Output, Splitting, State, Steps, Transition, integrate, integrate_blocks
+from data_synth.integrate import Accuracy, Output, Splitting, State, Steps, integrate, integrate_blocks
 from data_synth.mechanics import Course, Mesh, System
 from data_synth.mesh import Fourier
 from data_synth.transmission_error import ProfileError
@@ -121,20 +121,6 @@ def test_a_hat_weighs_the_force_of_two_samples(stiffness, tolerances):
         # before the start, nothing pressed; the force at samples is that of the fine run, to the error of the steps
         assert found[0, 0] == 0
         assert np.std(found[:, 1] - dense[::fine]) < 2e-4 * np.std(dense)
-
-
-def test_only_splitting_knows_them():
-    hats = Output(rate_hz=1e4, hat_mesh_force=np.ones((1, 1)))
-    problem = gear_pair.driven(gear_pair.pair(FIRST), duration_s=0.01)
-    with pytest.raises(ValueError, match="Transition does not know mesh forces under hats; use Splitting"):
-        integrate(problem, method=Transition(), output=hats, tolerance=Steps(per_sample=1))
-    with pytest.raises(ValueError, match="Transition does not know teeth that change in time; use Splitting"):
-        integrate(
-            gear_pair.driven(changing(), duration_s=0.01),
-            method=Transition(),
-            output=gear_pair.output(1e4),
-            tolerance=Steps(per_sample=1),
-        )
 
 
 def test_a_course_is_checked():
