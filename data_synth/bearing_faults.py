@@ -10,7 +10,6 @@ from data_synth.bearings import bearing_strikes, passage_revolutions
 from data_synth.defects import FiveDof, Suspended
 from data_synth.drive import Drive
 from data_synth.faults import ImpactTrain
-from data_synth.growth import Growth
 from data_synth.load_zone import LoadZone
 from data_synth.profile import Array
 from data_synth.scene import BearingFault, Scene, SceneError
@@ -25,7 +24,6 @@ def bearing_trains(
     number: int,
     *,
     drive: Drive,
-    size: Growth,
     span_rev: tuple[float, float],
     since_rev: float,
     rng: np.random.Generator,
@@ -37,8 +35,6 @@ def bearing_trains(
     scene : Scene
     number : int
     drive : Drive
-    size : Growth
-        Of the fault, relative to its first.
     span_rev : (float, float)
         First and last revolution of the reference shaft.
     since_rev : float
@@ -68,7 +64,7 @@ def bearing_trains(
     )
     if fault.five_dof is not None or not (fault.entry_share or fault.pulse_share):
         return [impacts]
-    sizes_m = _MM * fault.size_mm * size.size(drive.angle.times(strikes.revolutions))
+    sizes_m = _MM * fault.size_mm * fault.relative_size(drive.angle.times(strikes.revolutions))
     passed_rev = _passed_rev(scene, number, sizes_m)
     impacts = replace(impacts, lasting_rev=fault.pulse_share * passed_rev if fault.pulse_share else None)
     if not fault.entry_share:

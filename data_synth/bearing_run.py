@@ -54,12 +54,12 @@ class RunningBearing:
         """
         scene, state = self.stage.scene, None
         step_s = 1 / (self.per_sample * scene.rate_hz)
-        fault, size = bearing_fault(scene, self.number), self.stage.sizes[self.number]
+        fault = bearing_fault(scene, self.number)
         grows = math.ceil(_GROWS_S / step_s) if fault.growth is not None else _BLOCK
         for begin in range(-self.early, steps - self.early, block := min(grows, _BLOCK)):
             count = min(block, steps - self.early - begin)
             middle_s = max((begin + count / 2) * step_s, 0.0)
-            model = bearing_model(scene, fault, size_mm=fault.size_mm * float(size.size(middle_s)))
+            model = bearing_model(scene, fault, size_mm=fault.size_mm * float(fault.relative_size(middle_s)))
             cage, spot, load_n = self._driven((begin + np.arange(2 * count + 1) / 2) * step_s)
             try:
                 motion = move_bearing(

@@ -8,7 +8,6 @@ from data_synth.bearing_faults import bearing_trains, settle_s
 from data_synth.combs import Comb, Draws, healthy_combs
 from data_synth.drive import Drive
 from data_synth.faults import ImpactTrain, damage_comb, damage_trains
-from data_synth.growth import Growth
 from data_synth.passing import as_they_pass
 from data_synth.path import ring_seconds
 from data_synth.profile import Array
@@ -108,13 +107,9 @@ def trains_of(
     combs: Sequence[Comb],
     *,
     offsets: Sequence[float],
-    sizes: Sequence[Growth],
     draws: Draws,
 ) -> list[tuple[int, ImpactTrain]]:
-    """Return the impacts that are heard in the record, so also those just before it, with the number of their fault.
-
-    `sizes` are those of the faults relative to their first.
-    """
+    """Return the impacts that are heard in the record, so also those just before it, with the number of their fault."""
     bases = {comb.component: float(comb.base) for comb in combs if comb.kind == "gear_mesh"}
     trains: list[tuple[int, ImpactTrain]] = []
     for number, (fault, offset) in enumerate(zip(scene.faults, offsets, strict=True)):
@@ -124,7 +119,6 @@ def trains_of(
                 scene,
                 number,
                 drive=drive,
-                size=sizes[number],
                 span_rev=_heard_rev(scene, drive, ring_seconds(scene.resonance)),
                 since_rev=_heard_rev(scene, drive, before_s)[0],
                 rng=draws("impacts", str(number)),

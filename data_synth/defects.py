@@ -2,46 +2,37 @@
 
 from typing import Annotated, Literal, Self, get_args
 
+import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from data_synth.driving import NotNegative, Share
+from data_synth.growth import Array, GrowthLaw
 from hums.gearbox import Declared, Name, Positive
 
 
-class LinearGrowth(Declared):
-    """The size grows by the same every second, up to `largest_mm`."""
-
-    law: Literal["linear"]
-    rate_mm_per_s: Positive
-    largest_mm: Positive
-
-
-class ExponentialGrowth(Declared):
-    """The size grows by the factor e every `time_constant_s`, up to `largest_mm`."""
-
-    law: Literal["exponential"]
-    time_constant_s: Positive
-    largest_mm: Positive
-
-
-class ParisGrowth(Declared):
-    """A fatigue crack: Paris' law with its `exponent`, from `rate_mm_per_s` at the beginning, up to `largest_mm`."""
-
-    law: Literal["paris"]
-    rate_mm_per_s: Positive
-    exponent: Positive
-    largest_mm: Positive
-
-
-GrowthLaw = Annotated[LinearGrowth | ExponentialGrowth | ParisGrowth, Field(discriminator="law")]
-
-
-class _Sized(Declared):
-    """What has a size at the beginning of the record, `size_mm`, and may grow."""
+class _Fault(Declared):
+    """What is wrong with a component, and may grow."""
 
     component: Name
-    size_mm: Positive
     growth: GrowthLaw | None = None
+
+    @property
+    def initial_mm(self) -> float:
+        """Size at the beginning of the record."""
+        raise NotImplementedError
+
+    def relative_size(self, times_s: ArrayLike) -> Array:
+        """Return the size at times (n,) in s over that at the beginning."""
+        if self.growth is None:
+            return np.ones(np.shape(times_s))
+        return self.growth.relative_size(times_s, initial_mm=self.initial_mm)
+
+
+class _Sized(_Fault):
+    """What has a size at the beginning of the record, `size_mm`, and may grow."""
+
+    size_mm: Positive
 
     @property
     def initial_mm(self) -> float:
@@ -49,7 +40,7 @@ class _Sized(Declared):
         return self.size_mm
 
 
-class ToothCrack(Declared):
+class ToothCrack(_Fault):
     """A cracked tooth: the mesh modulated once a revolution over about one tooth, and one impact in it.
 
     The depth in mm times each of the three factors gives the relative rise of the mesh amplitude, the lag of
@@ -59,9 +50,7 @@ class ToothCrack(Declared):
     """
 
     kind: Literal["tooth_crack"]
-    component: Name
     depth_mm: Positive
-    growth: GrowthLaw | None = None
     angle_deg: Annotated[float, Field(gt=0, le=90)] = 45.0
     amplitude_per_mm: NotNegative = 0.2
     phase_rad_per_mm: NotNegative = 0.1

@@ -10,9 +10,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from data_synth.defects import ExponentialGrowth, Fault
+from data_synth.defects import Fault
 from data_synth.drive import driven
 from data_synth.driving import Speed, Torque, Turbulence
+from data_synth.growth import ExponentialGrowth
 from data_synth.scene import Scene
 from data_synth.stage import Stage, ratio_of
 

@@ -134,7 +134,8 @@ class _Broken:
 
     def changes(self, stage: Stage, time_s: float) -> ToothChanges:
         """Return what damage changes on it at a time."""
-        size_m = 1e-3 * stage.scene.faults[self.number].initial_mm * float(stage.sizes[self.number].size(time_s))
+        fault = stage.scene.faults[self.number]
+        size_m = 1e-3 * fault.initial_mm * float(fault.relative_size(time_s))
         try:
             return gear_damage(stage.scene, self.number, draws=stage.draws).changes(size_m, teeth=self.teeth)
         except ValueError as caught:
@@ -179,7 +180,7 @@ def instants_of_growth(stage: Stage, numbers: Sequence[int]) -> Array:
     even = np.linspace(0.0, stage.scene.duration_s, _INSTANTS)
     kept = {0}
     for number in numbers:
-        sizes = stage.sizes[number].size(even)
+        sizes = stage.scene.faults[number].relative_size(even)
         if sizes[-1] > sizes[0]:
             kept |= set(_bends(sizes, 0, sizes.size - 1, float(sizes[-1] - sizes[0])))
     return even[sorted(kept)]

@@ -5,17 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_synth import growth
 from data_synth.chain import Sensor
 from data_synth.combs import Comb, ComplexArray, Draws, add_lines
 from data_synth.damage import combs_of, last_s, trains_of
-from data_synth.defects import LinearGrowth, ParisGrowth
 from data_synth.drive import Drive, driven
 from data_synth.faults import ImpactTrain
 from data_synth.path import line_amplitudes, sensor_gains
 from data_synth.profile import Array
 from data_synth.pulses import Pulses, recorded_pulses
-from data_synth.scene import Fault, Scene, SceneError
+from data_synth.scene import Scene, SceneError
 from data_synth.sensors import Cascade, linear_chain
 from data_synth.ways import Ways, ways_of
 
@@ -41,8 +39,6 @@ class Stage:
         With the number of the fault, from 0, that strikes.
     offsets : sequence of float
         Turns of each fault's component at revolution zero since it was last at its worst place.
-    sizes : sequence of Growth
-        The size of each fault relative to its first.
     gains : mapping of source to (sensor,) complex array
     ways : mapping of (source, sensor) to ModalPath or MeasuredPath
         Declared ones, which take the place of gains and modes.
@@ -61,7 +57,6 @@ class Stage:
     amplitudes: Sequence[ComplexArray]
     trains: Sequence[tuple[int, ImpactTrain]]
     offsets: Sequence[float]
-    sizes: Sequence[growth.Growth]
     gains: dict[str, ComplexArray]
     ways: Ways
     chains: Sequence[Cascade]
@@ -102,7 +97,7 @@ class Stage:
     def impact_load(self, number: int, times_s: Array) -> Array:
         """Return what the impacts of a fault are multiplied with at `times_s` (m,): load, speed and growth."""
         share = self.drive.load(times_s) * _speed_factor(self.scene, self.drive, times_s)
-        return np.asarray(share * self.sizes[number].size(times_s))
+        return np.asarray(share * self.scene.faults[number].relative_size(times_s))
 
 
 def staged(scene: Scene, *, draws: Draws) -> Stage:
@@ -113,13 +108,9 @@ def staged(scene: Scene, *, draws: Draws) -> Stage:
     drive = driven(scene, datum_turn=turn, speed_rng=draws("speed"), torque_rng=draws("torque"))
     instants_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
     offsets = [float(draws("offset", str(number)).random()) for number in range(len(scene.faults))]
-    sizes = [_growth(fault) for fault in scene.faults]
-    courses = [
-        size.size(instants_s) if fault.growth is not None else np.ones(1)
-        for fault, size in zip(scene.faults, sizes, strict=True)
-    ]
+    courses = [fault.relative_size(instants_s if fault.growth is not None else np.zeros(1)) for fault in scene.faults]
     combs = combs_of(scene, drive, offsets=offsets, courses=courses, draws=draws)
-    trains = trains_of(scene, drive, combs, offsets=offsets, sizes=sizes, draws=draws)
+    trains = trains_of(scene, drive, combs, offsets=offsets, draws=draws)
     if scene.fidelity != "kinematic":  # what meshes do is then left to the mechanics
         meshes = {mesh.name for mesh in scene.gearbox.meshes}
         combs = [comb for comb in combs if comb.source not in meshes]
@@ -148,7 +139,6 @@ def staged(scene: Scene, *, draws: Draws) -> Stage:
         amplitudes=amplitudes,
         trains=trains,
         offsets=offsets,
-        sizes=sizes,
         gains=gains,
         ways=ways,
         chains=chains,
@@ -180,20 +170,6 @@ def _speed_factor(scene: Scene, drive: Drive, times_s: Array) -> Array:
         return np.ones(np.shape(times_s))
     top = drive.angle.top_speed_hz(0.0, scene.duration_s)
     return np.asarray((np.abs(drive.angle.speed_hz(times_s)) / top) ** exponent)
-
-
-def _growth(fault: Fault) -> growth.Growth:
-    """Return the size of a fault relative to that at the beginning."""
-    law, first = fault.growth, fault.initial_mm
-    if law is None:
-        return growth.ConstantSize(initial=1.0)
-    largest = law.largest_mm / first
-    if isinstance(law, LinearGrowth):
-        return growth.LinearGrowth(initial=1.0, rate_per_s=law.rate_mm_per_s / first, largest=largest)
-    if isinstance(law, ParisGrowth):
-        rate = law.rate_mm_per_s / first
-        return growth.ParisGrowth(initial=1.0, rate_per_s=rate, exponent=law.exponent, largest=largest)
-    return growth.ExponentialGrowth(initial=1.0, time_constant_s=law.time_constant_s, largest=largest)
 
 
 def _gains(scene: Scene, sources: list[str], *, draws: Draws) -> dict[str, ComplexArray]:

@@ -285,9 +285,7 @@ def _fault_truth(stage: Stage, instants: xr.DataArray) -> dict[str, xr.DataArray
         for name in ("component", "kind")
     }
     if any(fault.growth is not None for fault in faults):
-        sizes = [
-            fault.initial_mm * size.size(stage.instants_s) for fault, size in zip(faults, stage.sizes, strict=True)
-        ]
+        sizes = [fault.initial_mm * fault.relative_size(stage.instants_s) for fault in faults]
         truth["truth_fault_size"] = xr.DataArray(
             np.stack(sizes),
             dims=("truth_fault", "truth_time"),

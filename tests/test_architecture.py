@@ -119,6 +119,7 @@ ORDER = {
     "data_synth": [
         "driving",
         "chain",
+        "growth",
         "defects",
         "excitation",
         "dynamics",
@@ -129,7 +130,6 @@ ORDER = {
         "speeds",
         "run_up",
         "drive",
-        "growth",
         "mesh",
         "transmission_error",
         "gear_geometry",

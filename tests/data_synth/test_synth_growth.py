@@ -5,18 +5,30 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from data_synth.growth import ConstantSize, ExponentialGrowth, LinearGrowth, ParisGrowth, paris_rate
+from data_synth.defects import ToothCrack
+from data_synth.growth import ExponentialGrowth, LinearGrowth, ParisGrowth, paris_rate
 
-TIMES = np.linspace(0, 10, 41)
+
+def linear(**changes):
+    return LinearGrowth(**{"law": "linear", "rate_mm_per_s": 0.5, "largest_mm": 3.0, **changes})
+
+
+def paris(**changes):
+    return ParisGrowth(**{"law": "paris", "rate_mm_per_s": 0.5, "exponent": 4.0, "largest_mm": 5.0, **changes})
 
 
 def test_the_plain_laws():
-    assert_allclose(ConstantSize(initial=2.0).size(TIMES), 2)
-    assert_allclose(LinearGrowth(initial=1, rate_per_s=0.5, largest=3).size([0, 2, 4, 9]), [1, 2, 3, 3])
-    assert_allclose(LinearGrowth(initial=1, rate_per_s=-0.5).size([0, 2, 9]), [1, 0, 0])
-    assert_allclose(
-        ExponentialGrowth(initial=0.1, time_constant_s=2, largest=1).size([0, 2, 1e6]), [0.1, 0.1 * math.e, 1]
-    )
+    assert_allclose(linear().relative_size([0, 2, 4, 9], initial_mm=1.0), [1, 2, 3, 3])
+    assert_allclose(linear().relative_size([0, 2, 4, 9], initial_mm=0.5), [1, 3, 5, 6])
+    slow = ExponentialGrowth(law="exponential", time_constant_s=2.0, largest_mm=1.0)
+    assert_allclose(0.1 * slow.relative_size([0, 2, 1e6], initial_mm=0.1), [0.1, 0.1 * math.e, 1])
+
+
+def test_a_fault_without_growth_stays():
+    fault = ToothCrack(kind="tooth_crack", component="stage 1/pinion", depth_mm=2.0)
+    assert_allclose(fault.relative_size(np.linspace(0, 10, 41)), 1)
+    grown = fault.changed(growth=linear())
+    assert_allclose(grown.initial_mm * grown.relative_size(1.0), 2.5)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 2.0, 3.0, 4.2])
@@ -32,24 +44,16 @@ def test_a_crack_obeys_paris(exponent):
 
     times = np.linspace(0, span, 20)
     exact = solve_ivp(law, (0, span), [1e-3], t_eval=times, rtol=1e-11, atol=1e-16).y[0]
-    crack = ParisGrowth(initial=1e-3, rate_per_s=rate, exponent=exponent, largest=1.0)
-    assert_allclose(crack.size(times), exact, rtol=1e-8)
+    crack = paris(rate_mm_per_s=1e3 * rate, exponent=exponent, largest_mm=1e3)
+    assert_allclose(1e-3 * crack.relative_size(times, initial_mm=1.0), exact, rtol=1e-8)
 
 
 def test_a_crack_that_runs_away_stays_at_its_largest():
-    crack = ParisGrowth(initial=1.0, rate_per_s=0.5, exponent=4.0, largest=5.0)  # 1 / (1 - t / 2)
-    assert_allclose(crack.size([0, 1, 1.5, 1.7, 2, 50]), [1, 2, 4, 5, 5, 5])
+    # with m = 4 the closed form is one over 1 - t / 2
+    assert_allclose(paris().relative_size([0, 1, 1.5, 1.7, 2, 50], initial_mm=1.0), [1, 2, 4, 5, 5, 5])
 
 
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (lambda: ConstantSize(initial=-1), "initial = -1"),
-        (lambda: ConstantSize(initial=math.nan), "initial = nan"),
-        (lambda: ExponentialGrowth(initial=1, time_constant_s=0, largest=1), "growth takes time"),
-        (lambda: ParisGrowth(initial=0, rate_per_s=1, exponent=3, largest=1), "a crack grows from a crack"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(make, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        make()
+@pytest.mark.parametrize("changes", [{"rate_mm_per_s": 0.0}, {"exponent": math.nan}, {"largest_mm": -1.0}])
+def test_what_makes_no_sense_is_refused(changes):
+    with pytest.raises(ValueError, match=next(iter(changes))):
+        paris(**changes)
