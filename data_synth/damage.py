@@ -3,15 +3,15 @@
 import math
 from collections.abc import Callable, Sequence
 
-from data_synth import gear_faults
 from data_synth.bearing_faults import bearing_trains, settle_s
 from data_synth.combs import Comb, Draws, healthy_combs
 from data_synth.drive import Drive
 from data_synth.faults import ImpactTrain, damage_comb, damage_trains
+from data_synth.gear_faults import FaultyGear, GearFault
 from data_synth.passing import as_they_pass
 from data_synth.path import ring_seconds
 from data_synth.profile import Array
-from data_synth.scene import BearingFault, GearFault, Scene, ShaftFault, ToothCrack
+from data_synth.scene import BearingFault, Scene, ShaftFault
 from data_synth.shaft_faults import ShaftExcitation, bent_shaft, imbalance, shaft_comb, shaft_misalignment
 from data_synth.ways import followed_s
 
@@ -34,12 +34,13 @@ def combs_of(
     added = []
     for number, (fault, offset, course) in enumerate(zip(scene.faults, offsets, courses, strict=True)):
         size = fault.initial_mm * course
-        if isinstance(fault, ToothCrack | GearFault):
+        if isinstance(fault, GearFault):
+            mesh, tooth = meshes[mesh_name(fault.component)], teeth[fault.component]
             comb = damage_comb(
-                gear_damage(scene, number, draws=draws),
-                component=fault.component,
-                mesh=meshes[mesh_name(fault.component)],
-                tooth=teeth[fault.component],
+                fault,
+                gear=faulty_gear(scene, number, teeth=float(mesh.base / tooth), draws=draws),
+                mesh=mesh,
+                tooth=tooth,
                 offset=offset,
                 rise=size * fault.amplitude_per_mm,
                 lag_rad=size * fault.phase_rad_per_mm,
@@ -65,29 +66,10 @@ _EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
 }
 
 
-def gear_damage(scene: Scene, number: int, *, draws: Draws) -> gear_faults.GearDamage:
-    """Return what fault `number` (from 0), a gear's, does to it."""
-    fault = scene.faults[number]
-    if isinstance(fault, GearFault):
-        width_m = face_width_m(scene, fault.component)
-        if fault.kind == "chipping":
-            return gear_faults.Chipping(face_width_m=width_m)
-        if fault.kind == "spall":
-            return gear_faults.Spall(length_pitches=fault.length_pitches, entry_share=fault.entry_share)
-        if fault.kind == "pitting":
-            rng = draws("pits", str(number))
-            return gear_faults.Pitting.drawn(
-                count=fault.count, spread=fault.spread, rng=rng, length_pitches=fault.length_pitches
-            )
-        if fault.kind == "misalignment":
-            return gear_faults.Misalignment(face_width_m=width_m, twice=fault.twice)
-        plain: dict[str, gear_faults.GearDamage] = {
-            "missing_tooth": gear_faults.MissingTooth(),
-            "eccentricity": gear_faults.Eccentricity(),
-            "wear": gear_faults.Wear(),
-        }
-        return plain[fault.kind]
-    return gear_faults.Crack()
+def faulty_gear(scene: Scene, number: int, *, teeth: float, draws: Draws) -> FaultyGear:
+    """Return what fault `number` (from 0), a gear's, has to know of it."""
+    width_m = face_width_m(scene, scene.faults[number].component)
+    return FaultyGear(teeth=teeth, face_width_m=width_m, rng=lambda: draws("pits", str(number)))
 
 
 def face_width_m(scene: Scene, component: str) -> float:
@@ -128,14 +110,12 @@ def trains_of(
         else:
             mesh, tooth = mesh_name(fault.component), scene.exact_orders("tooth")[fault.component]
             struck = damage_trains(
-                gear_damage(scene, number, draws=draws),
-                component=fault.component,
+                fault,
+                gear=faulty_gear(scene, number, teeth=bases[mesh] / float(tooth), draws=draws),
                 source=mesh,
                 tooth=tooth,
-                teeth=bases[mesh] / float(tooth),
                 offset=offset,
                 span_rev=_heard_rev(scene, drive, followed_s(scene, mesh)),
-                amplitude=fault.initial_mm * fault.impact_per_mm,
             )
         trains += [(number, train) for train in struck]
     return trains

@@ -2,34 +2,15 @@
 
 from typing import Annotated, Literal, Self, get_args
 
-import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from data_synth.driving import NotNegative, Share
-from data_synth.growth import Array, GrowthLaw
+from data_synth.gear_faults import GEAR_FAULTS
+from data_synth.growth import GrowingFault
 from hums.gearbox import Declared, Name, Positive
 
 
-class _Fault(Declared):
-    """What is wrong with a component, and may grow."""
-
-    component: Name
-    growth: GrowthLaw | None = None
-
-    @property
-    def initial_mm(self) -> float:
-        """Size at the beginning of the record."""
-        raise NotImplementedError
-
-    def relative_size(self, times_s: ArrayLike) -> Array:
-        """Return the size at times (n,) in s over that at the beginning."""
-        if self.growth is None:
-            return np.ones(np.shape(times_s))
-        return self.growth.relative_size(times_s, initial_mm=self.initial_mm)
-
-
-class _Sized(_Fault):
+class _Sized(GrowingFault):
     """What has a size at the beginning of the record, `size_mm`, and may grow."""
 
     size_mm: Positive
@@ -38,54 +19,6 @@ class _Sized(_Fault):
     def initial_mm(self) -> float:
         """Size at the beginning of the record."""
         return self.size_mm
-
-
-class ToothCrack(_Fault):
-    """A cracked tooth: the mesh modulated once a revolution over about one tooth, and one impact in it.
-
-    The depth in mm times each of the three factors gives the relative rise of the mesh amplitude, the lag of
-    the first mesh harmonic's phase (harmonic h: h times), and the amplitude of the impact, at full load. The
-    factors are illustrative: a kinematic scene has no tooth stiffness to derive them from. Where gears vibrate, the
-    crack runs at `angle_deg` to the middle of its tooth, and takes stiffness from it.
-    """
-
-    kind: Literal["tooth_crack"]
-    depth_mm: Positive
-    angle_deg: Annotated[float, Field(gt=0, le=90)] = 45.0
-    amplitude_per_mm: NotNegative = 0.2
-    phase_rad_per_mm: NotNegative = 0.1
-    impact_per_mm: NotNegative = 1.0
-
-    @property
-    def initial_mm(self) -> float:
-        """Size at the beginning of the record."""
-        return self.depth_mm
-
-
-class GearFault(_Sized):
-    """Any other damage of a gear; the factors are those of a crack, and as illustrative.
-
-    Of one tooth: `chipping` (size: the width gone), `missing_tooth` (size: what the next tooth is hit by), `spall`.
-    Of several: `pitting` of `count` teeth among `spread` neighbours. Of all: `eccentricity`, `misalignment` with
-    `twice` of its swing twice a turn, `wear`; these strike nothing. A spall or pit is `length_pitches` long, in parts
-    of the path from tooth to tooth; where contact drops into a spall, there is `entry_share` of the impact at its end.
-    """
-
-    kind: Literal["chipping", "missing_tooth", "spall", "pitting", "eccentricity", "misalignment", "wear"]
-    amplitude_per_mm: NotNegative = 0.2
-    phase_rad_per_mm: NotNegative = 0.1
-    impact_per_mm: NotNegative = 1.0
-    length_pitches: Annotated[float, Field(gt=0, le=1)] = 0.3
-    count: Annotated[int, Field(ge=1)] = 3
-    spread: Annotated[int, Field(ge=1)] = 5
-    entry_share: Annotated[float, Field(ge=-1, le=1)] = -0.5
-    twice: Share = 0.5
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.kind == "pitting" and self.count > self.spread:
-            raise ValueError(f"count = {self.count} pitted teeth do not fit among spread = {self.spread} neighbours")
-        return self
 
 
 class ShaftFault(_Sized):
@@ -174,13 +107,14 @@ _ONLY = {
 """The kinds of bearing fault that have a key."""
 
 
-Fault = Annotated[ToothCrack | GearFault | ShaftFault | BearingFault, Field(discriminator="kind")]
+Fault = Annotated[GEAR_FAULTS | ShaftFault | BearingFault, Field(discriminator="kind")]
 
 
 def _kinds(model: type[Declared]) -> tuple[str, ...]:
     return get_args(model.model_fields["kind"].annotation)
 
 
-FAULT_KINDS = tuple(kind for model in (ToothCrack, BearingFault, GearFault, ShaftFault) for kind in _kinds(model))
-ROW_OF = dict.fromkeys(_kinds(ToothCrack) + _kinds(GearFault), "tooth") | dict.fromkeys(_kinds(ShaftFault), "shaft")
+_GEAR_KINDS = tuple(kind for model in get_args(GEAR_FAULTS) for kind in _kinds(model))
+FAULT_KINDS = (*_GEAR_KINDS[:1], *_kinds(BearingFault), *_GEAR_KINDS[1:], *_kinds(ShaftFault))
+ROW_OF = dict.fromkeys(_GEAR_KINDS, "tooth") | dict.fromkeys(_kinds(ShaftFault), "shaft")
 """The kind of defect order that a fault repeats at, where not its own name."""

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from data_synth.bearings import BearingStrikes
 from data_synth.combs import Comb, ComplexArray, common_base
-from data_synth.gear_faults import GearDamage, window
+from data_synth.gear_faults import FaultyGear, GearFault, window
 from data_synth.profile import Array
 
 SIDEBAND_CUTOFF = 1e-4
@@ -70,9 +70,9 @@ def tooth_window(angle_rad: ArrayLike, *, teeth: float) -> Array:
 
 
 def damage_comb(
-    damage: GearDamage,
+    fault: GearFault,
     *,
-    component: str,
+    gear: FaultyGear,
     mesh: Comb,
     tooth: Fraction,
     offset: float,
@@ -91,9 +91,8 @@ def damage_comb(
 
     Parameters
     ----------
-    damage : GearDamage
-    component : str
-        The gear, in the words of the defect orders.
+    fault : GearFault
+    gear : FaultyGear
     mesh : Comb
         The healthy mesh, its coefficients (k,).
     tooth : Fraction
@@ -105,7 +104,7 @@ def damage_comb(
     """
     base = common_base(mesh.base, tooth)
     harmonics = np.arange(1, mesh.coefficients.shape[0] + 1)
-    risen = _Modulation.of(damage, teeth=float(mesh.base / tooth), harmonics=harmonics)
+    risen = _Modulation.of(fault, gear, harmonics=harmonics)
     turned = mesh.coefficients[:, None] * np.exp(2j * np.pi * offset * risen.sidebands)
     pairs = np.stack(np.broadcast_arrays(np.atleast_1d(rise), np.atleast_1d(lag_rad)), axis=1).astype(np.float64)
     sizes, of_instant = np.unique(pairs, axis=0, return_inverse=True)
@@ -116,7 +115,7 @@ def damage_comb(
     multiples = int(mesh.base / base) * harmonics[:, None] + int(tooth / base) * risen.sidebands
     coefficients = _folded(multiples[heard], lines[:, of_instant.ravel()])
     return Comb(
-        component=component,
+        component=fault.component,
         kind="tooth",
         source=mesh.source,
         base=base,
@@ -137,11 +136,11 @@ class _Modulation:
     sidebands: NDArray[np.int_]
 
     @classmethod
-    def of(cls, damage: GearDamage, *, teeth: float, harmonics: NDArray[np.int_]) -> "_Modulation":
-        count = 1 << int(np.ceil(np.log2(max(_POINTS_PER_FEATURE / damage.finest(teeth), 2 * _POINTS_PER_FEATURE))))
+    def of(cls, fault: GearFault, gear: FaultyGear, *, harmonics: NDArray[np.int_]) -> "_Modulation":
+        count = 1 << int(np.ceil(np.log2(max(_POINTS_PER_FEATURE / fault.finest(gear), 2 * _POINTS_PER_FEATURE))))
         return cls(
-            shape=damage.shape(np.arange(count) / count, teeth=teeth),
-            rises=damage.harmonic_share(harmonics),
+            shape=fault.shape(np.arange(count) / count, gear),
+            rises=fault.harmonic_share(harmonics),
             harmonics=harmonics,
             sidebands=np.arange(-count // 2, count // 2),
         )
@@ -162,40 +161,39 @@ def _folded(multiples: NDArray[np.int_], lines: ComplexArray) -> ComplexArray:
 
 
 def damage_trains(
-    damage: GearDamage,
+    fault: GearFault,
     *,
-    component: str,
+    gear: FaultyGear,
     source: str,
     tooth: Fraction,
-    teeth: float,
     offset: float,
     span_rev: tuple[float, float],
-    amplitude: float,
 ) -> list[ImpactTrain]:
     """Return the impacts of a damaged gear: a train for each of its strikes in a turn, none where nothing strikes.
 
     Parameters
     ----------
-    damage : GearDamage
-    component, source : str
-        The gear, and its mesh.
+    fault : GearFault
+    gear : FaultyGear
+    source : str
+        Its mesh.
     tooth, offset
         As for `damage_comb`.
-    teeth : float
-        Tooth pitches between two contacts of a tooth.
     span_rev : (float, float)
         First and last revolution of the reference shaft.
-    amplitude : float
-        Of the ringing after the strike of share 1 at full load, in the sensors' units; where the damage grows, that of
-        its initial size, and amplitudes go with its size.
+
+    Returns
+    -------
+    list of ImpactTrain
+        With the amplitudes of the initial size; where the damage grows, they go with its size.
     """
-    trains = []
-    for at, share in damage.strikes(teeth):
+    trains, amplitude = [], fault.initial_mm * fault.impact_per_mm
+    for at, share in fault.strikes(gear):
         first, last = (float(tooth) * rev + offset - at for rev in span_rev)
         turns = np.arange(np.ceil(first), np.floor(last) + 1)
         trains.append(
             ImpactTrain(
-                component=component,
+                component=fault.component,
                 kind="tooth",
                 source=source,
                 revolutions=(turns - (offset - at)) / float(tooth),

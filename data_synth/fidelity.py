@@ -16,7 +16,7 @@ from data_synth.mesh_response import refuse_lines, response_of, tooth_forces
 from data_synth.meshing import Gears, declared_of
 from data_synth.motion import Motion, prepared
 from data_synth.profile import Array
-from data_synth.scene import Excitation, GearFault, Noise, Scene, SceneError, ToothCrack
+from data_synth.scene import Excitation, GearFault, Noise, Scene, SceneError
 from data_synth.stage import Stage, staged
 
 _CLEARLY_DB = 10.0  # beyond the floor: the linear response tells without a simulation
@@ -136,7 +136,7 @@ def decided(scene: Scene) -> Choice:
 
     Scenes whose gears, sensors, speed and torque are alike share what was found.
     """
-    gears = tuple(fault for fault in scene.faults if isinstance(fault, ToothCrack | GearFault))
+    gears = tuple(fault for fault in scene.faults if isinstance(fault, GearFault))
     return _decided(scene.model_copy(update={"faults": gears, "noise": Noise(), "excitation": Excitation()}))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from hums.gearbox import Declared, Positive
+from hums.gearbox import Declared, Name, Positive
 
 Array = NDArray[np.float64]
 
@@ -63,6 +63,24 @@ class ParisGrowth(Declared):
 
 
 GrowthLaw = Annotated[LinearGrowth | ExponentialGrowth | ParisGrowth, Field(discriminator="law")]
+
+
+class GrowingFault(Declared):
+    """What is wrong with a component, and may grow."""
+
+    component: Name
+    growth: GrowthLaw | None = None
+
+    @property
+    def initial_mm(self) -> float:
+        """Size at the beginning of the record."""
+        raise NotImplementedError
+
+    def relative_size(self, times_s: ArrayLike) -> Array:
+        """Return the size at times (n,) in s over that at the beginning."""
+        if self.growth is None:
+            return np.ones(np.shape(times_s))
+        return self.growth.relative_size(times_s, initial_mm=self.initial_mm)
 
 
 def paris_rate(

@@ -8,18 +8,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_synth.damage import gear_damage, mesh_name
+from data_synth.damage import faulty_gear, mesh_name
 from data_synth.dynamics import Dynamics
-from data_synth.gear_faults import ToothChanges
+from data_synth.gear_faults import GearFault, ToothChanges, damaged_teeth, errors_of
 from data_synth.layout import Contact, contacts_of, planet_lag
 from data_synth.mechanics import Course, Mesh
 from data_synth.mesh import Constant, Shifted, Stiffness, Trapezoidal
 from data_synth.parts import MeshProperties
 from data_synth.profile import Array
-from data_synth.scene import GearFault, Scene, SceneError, ToothCrack
+from data_synth.scene import Scene, SceneError
 from data_synth.stage import Stage
 from data_synth.teeth_in_mesh import Damaged, TeethInMesh, helical, teeth_in_mesh
-from data_synth.tooth_changes import CRACK_ANGLE_RAD, damaged_teeth, errors_of
 from data_synth.tooth_stiffness import ToothPair
 from data_synth.transmission_error import ProfileError, SumOfErrors, TransmissionError
 from hums.kinematics import Kinematics, solve_kinematics
@@ -135,9 +134,11 @@ class _Broken:
     def changes(self, stage: Stage, time_s: float) -> ToothChanges:
         """Return what damage changes on it at a time."""
         fault = stage.scene.faults[self.number]
+        assert isinstance(fault, GearFault)  # noqa: S101 - only those are broken
+        gear = faulty_gear(stage.scene, self.number, teeth=self.teeth, draws=stage.draws)
         size_m = 1e-3 * fault.initial_mm * float(fault.relative_size(time_s))
         try:
-            return gear_damage(stage.scene, self.number, draws=stage.draws).changes(size_m, teeth=self.teeth)
+            return fault.changes(size_m, gear)
         except ValueError as caught:
             raise SceneError(f"fault {self.number + 1} at {time_s:g} s: {caught}") from None
 
@@ -149,7 +150,7 @@ def _teeth(stage: Stage, kinematics: Kinematics, contact: Contact) -> Teeth:
     half = contact.rolling.contact_ratio / 2
     broken = []
     for number, fault in enumerate(scene.faults):
-        if not isinstance(fault, ToothCrack | GearFault) or mesh_name(fault.component) != contact.mesh:
+        if not isinstance(fault, GearFault) or mesh_name(fault.component) != contact.mesh:
             continue
         gear = _gear(kinematics, contact, fault.component)
         if gear is not None:
@@ -243,18 +244,11 @@ def _stiffnesses(
             damaged = [
                 tooth
                 for item, each in zip(broken, changes, strict=True)
-                for tooth in damaged_teeth(
-                    each, gear=item.gear, first=item.first, crack_angle_rad=_crack_angle(scene, item.number)
-                )
+                for tooth in damaged_teeth(each, gear=item.gear, first=item.first)
             ]
             made[key] = _stiffness(scene, contact, damaged, by_cycles=by_cycles)
         found.append(made[key])
     return tuple(found)
-
-
-def _crack_angle(scene: Scene, number: int) -> float:
-    fault = scene.faults[number]
-    return math.radians(fault.angle_deg) if isinstance(fault, ToothCrack) else CRACK_ANGLE_RAD
 
 
 def _stiffness(scene: Scene, contact: Contact, damaged: list[Damaged], *, by_cycles: float) -> Stiffness:

@@ -14,11 +14,12 @@ from typing import Any, Self
 from pydantic import Field, field_validator, model_validator
 
 from data_synth.chain import Mode, Noise, PlanetPass, SamplingJitter, Sensor, check_chain
-from data_synth.defects import FAULT_KINDS, ROW_OF, BearingFault, Fault, GearFault, ShaftFault, ToothCrack
+from data_synth.defects import FAULT_KINDS, ROW_OF, BearingFault, Fault, ShaftFault
 from data_synth.driving import Speed, Tachometer, Torque
 from data_synth.dynamics import Dynamics
 from data_synth.excitation import Excitation
 from data_synth.frf import Transfer, check_transfers
+from data_synth.gear_faults import GearFault, ToothCrack
 from hums.gearbox import (
     Declared,
     Gearbox,

@@ -8,10 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import integrate
 
+from data_synth.gear_faults import NarrowFace, RootCrack
 from data_synth.gear_geometry import GearPair
 from data_synth.mesh import Constant, Fourier, Rectangular, Shifted, Trapezoidal, fourier_series
 from data_synth.teeth_in_mesh import Damaged, helical, teeth_in_mesh
-from data_synth.tooth_faults import Chipping, MissingTooth, Pitting, Spall, ToothCrack
 from data_synth.tooth_stiffness import Tooth, ToothPair, hertz_stiffness
 from data_synth.transmission_error import Eccentricity, Misalignment, PitchError, ProfileError, SumOfErrors
 
@@ -300,7 +300,7 @@ class TestFaults:
         healthy = teeth_in_mesh(PAIR)
         phase = 3 + np.linspace(0.01, PAIR.gears.contact_ratio - 0.01, 50)
         drops = [
-            healthy(phase) - damaged(ToothCrack(depth_m=depth, angle_rad=math.radians(70)))(phase)
+            healthy(phase) - damaged(RootCrack(depth_m=depth, angle_rad=math.radians(70)))(phase)
             for depth in (0.0, 0.5e-3, 1e-3, 2e-3, 3e-3)
         ]
         assert_allclose(drops[0], 0, atol=1e-3)
@@ -308,7 +308,7 @@ class TestFaults:
             assert np.all(deep > shallow)
 
     def test_a_crack_by_adaptive_quadrature(self):
-        tooth, crack = PAIR.teeth[0], ToothCrack(depth_m=1.5e-3, angle_rad=math.radians(60))
+        tooth, crack = PAIR.teeth[0], RootCrack(depth_m=1.5e-3, angle_rad=math.radians(60))
         left = crack.section(tooth)
         lean = math.tan(0.42) - tooth._base_half_angle
         at_half, at_height, _ = (float(value) for value in tooth.involute_at(np.array(lean)))
@@ -337,50 +337,20 @@ class TestFaults:
     def test_damage_comes_back_after_a_turn_of_its_gear(self):
         phase = np.linspace(0.003, 31, 997, endpoint=False)
         for gear, teeth in ((0, 31), (1, 62)):
-            mesh = damaged(ToothCrack(depth_m=1e-3, angle_rad=1.2), gear=gear)
+            mesh = damaged(RootCrack(depth_m=1e-3, angle_rad=1.2), gear=gear)
             assert mesh.period == teeth
             assert_allclose(mesh(phase + teeth), mesh(phase), rtol=1e-9)
             touched = mesh(phase) < 0.9999 * teeth_in_mesh(PAIR)(phase)
             assert np.all((phase[touched] > 3) & (phase[touched] < 3 + PAIR.gears.contact_ratio))
             assert touched.any()
 
-    def test_a_spall_takes_its_share_of_the_contact_line(self):
-        mesh = damaged(Spall(width_m=5e-3, start_cycles=0.75, length_cycles=0.2))
-        # single contact there: 1/k rises by 1/k_h (20 / 15 - 1)
-        rise = 1 / mesh([3.8, 3.94]) - 1 / teeth_in_mesh(PAIR)([3.8, 3.94])
-        assert_allclose(rise, (20 / 15 - 1) / PAIR.hertz, rtol=1e-6)
-        assert_allclose(mesh([3.74, 3.96, 4.2]), teeth_in_mesh(PAIR)([3.74, 3.96, 4.2]), rtol=1e-12)
-        assert {3.75, 3.95} <= {round(jump, 12) for jump in mesh.jumps}
-
-    def test_a_pit_takes_its_chord(self):
-        pit = Pitting(places_cycles=(0.85,), diameter_m=2e-3)
-        assert pit.added_compliance(PAIR, 0, np.array([0.85]))[0] == pytest.approx((20 / 18 - 1) / PAIR.hertz)
-        # half a radius along the flank: the chord is d sqrt(3)/2; the flank's length there by integrating its curve
-        tooth = PAIR.teeth[0]
-        phases = np.linspace(0.85, 1.3, 2001)
-        half, height, _ = tooth.involute_at(np.tan(PAIR.angles_rad(phases)[0]) - tooth._base_half_angle)
-        along = np.concatenate([[0], np.cumsum(np.hypot(np.diff(half), np.diff(height)))])
-        there = float(np.interp(0.5e-3, along, phases))
-        lost = 2e-3 * math.sqrt(3) / 2
-        expected = (0.02 / (0.02 - lost) - 1) / PAIR.hertz
-        assert pit.added_compliance(PAIR, 0, np.array([there]))[0] == pytest.approx(expected, rel=1e-4)
-
-    def test_a_chipped_tip_carries_with_what_is_left(self):
-        radius = 0.0318
-        for gear, gone in ((0, "late"), (1, "early")):
-            limit = radius if gear == 0 else 0.0631
-            mesh = damaged(Chipping(radius_m=limit, lost_share=0.4), gear=gear)
-            (edge,) = Chipping(radius_m=limit, lost_share=0.4).edges(PAIR, gear)
-            radii = PAIR.gears.base_radii_m[gear] / np.cos(PAIR.angles_rad(np.array([edge]))[gear])
-            assert_allclose(radii, limit, rtol=1e-12)
-            path = mesh.path_cycles
-            added = mesh.damaged[0][3]
-            chipped = path > edge + 1e-9 if gone == "late" else path < edge - 1e-9
-            assert_allclose(added[chipped], (1 / 0.6 - 1) * PAIR.compliance(path[chipped]))
-            assert not added[~chipped].any() or np.abs(path[~chipped & (added > 0)] - edge).max() < 1e-9
+    def test_a_narrow_face_carries_in_proportion(self):
+        path = damaged(NarrowFace(share=0.6)).path_cycles
+        added = NarrowFace(share=0.6).added_compliance(PAIR, 0, path)
+        assert_allclose(added, (1 / 0.6 - 1) * PAIR.compliance(path))
 
     def test_a_missing_tooth_leaves_its_neighbours(self):
-        mesh = damaged(MissingTooth())
+        mesh = damaged(NarrowFace(share=0.0))
         healthy = teeth_in_mesh(PAIR)
         assert mesh(3.9) == 0  # alone in contact
         assert mesh(3.2) == pytest.approx(1 / PAIR.compliance(np.array([1.2]))[0], rel=2e-5)
@@ -388,9 +358,9 @@ class TestFaults:
 
     def test_what_the_teeth_do_not_have_is_refused(self):
         with pytest.raises(ValueError, match="tooth = 31"):
-            damaged(MissingTooth(), tooth=31)
+            damaged(NarrowFace(share=0.0), tooth=31)
         with pytest.raises(ValueError, match="leaves nothing of a tooth"):
-            damaged(ToothCrack(depth_m=6e-3, angle_rad=1.5))
+            damaged(RootCrack(depth_m=6e-3, angle_rad=1.5))
 
 
 class TestErrors:

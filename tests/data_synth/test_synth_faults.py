@@ -9,8 +9,7 @@ from scipy.special import ive
 from data_synth import load_scene
 from data_synth.combs import Comb, add_lines, common_base
 from data_synth.faults import SIDEBAND_CUTOFF, damage_comb, tooth_window
-from data_synth.gear_faults import Crack
-from data_synth.scene import ToothCrack
+from data_synth.gear_faults import FaultyGear, ToothCrack
 
 SCENE = load_scene("demo")
 
@@ -21,8 +20,8 @@ def crack(**changes):
 
 def crack_comb(fault, *, mesh, offset):
     return damage_comb(
-        Crack(),
-        component=fault.component,
+        fault,
+        gear=FaultyGear(teeth=float(mesh.base / SCENE.exact_orders("tooth")[fault.component])),
         mesh=mesh,
         tooth=SCENE.exact_orders("tooth")[fault.component],
         offset=offset,

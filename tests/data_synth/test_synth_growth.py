@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from data_synth.defects import ToothCrack
+from data_synth.gear_faults import ToothCrack
 from data_synth.growth import ExponentialGrowth, LinearGrowth, ParisGrowth, paris_rate
 
 
