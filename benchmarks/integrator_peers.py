@@ -42,32 +42,55 @@ class Pair:
     drag: float = 0.0
     half_gap_m: float = 0.0
 
+    @property
+    def system(self) -> tuple[Array, Array, Array, Array]:
+        """Matrix (8, 8), drive (8,), what a mesh force takes (8,), and the row (8,) of its deflection."""
+        matrix, drive, push, seen = np.zeros((8, 8)), np.zeros(8), np.zeros(8), np.zeros(8)
+        matrix[:4, 4:] = np.eye(4)
+        matrix[4:, :4] = -np.diag(BEARINGS / MASSES)
+        matrix[4:, 4:] = -np.diag(self.damping / MASSES)
+        drive[4:], push[4:], seen[:4] = TORQUES / MASSES, DIRECTION / MASSES, DIRECTION
+        return matrix, drive, push, seen
+
     @cached_property
-    def rates(self) -> Callable[[Array, float, float, Array], None]:
-        """Compiled rates of (displacements, velocities) at a time, with the stiffness of `ahead` seconds later."""
-        stiffness, damping, drag, half_gap = self.stiffness, self.damping, self.drag, self.half_gap_m
-        g, masses, bearings, torques = DIRECTION, MASSES, BEARINGS, TORQUES
+    def rates(self) -> Callable[..., None]:
+        """Compiled rates of (displacements, velocities) at a time, with the stiffness of `ahead` seconds later.
+
+        By full matrices, known when it runs, as a method for any system would have them.
+        """
+        stiffness, drag, half_gap, mass = self.stiffness, self.drag, self.half_gap_m, MASSES[3]
 
         @numba.njit(fastmath=True)
-        def rates(y: Array, t: float, ahead: float, out: Array) -> None:
-            deflection = g[0] * y[0] + g[1] * y[1] + g[2] * y[2] + g[3] * y[3]
+        def rates(system: tuple[Array, Array, Array, Array], y: Array, t: float, ahead: float, out: Array) -> None:
+            matrix, drive, push, seen = system
+            deflection = 0.0
+            for i in range(y.size):
+                deflection += seen[i] * y[i]
             force = stiffness(t + ahead) * (deflection - min(max(deflection, -half_gap), half_gap))
-            for i in range(4):
-                out[i] = y[4 + i]
-                out[4 + i] = (torques[i] - bearings[i] * y[i] - damping[i] * y[4 + i] - g[i] * force) / masses[i]
-            out[7] -= drag * y[7] * abs(y[7]) / masses[3]
+            for i in range(y.size):
+                total = drive[i] - push[i] * force
+                for j in range(y.size):
+                    total += matrix[i, j] * y[j]
+                out[i] = total
+            out[7] -= drag * y[7] * abs(y[7]) / mass
 
         return rates  # type: ignore[no-any-return]
 
     @cached_property
     def odeint_rates(self) -> Callable[[Array, float], Array]:
-        """The same for `scipy.integrate.odeint`."""
-        inner = self.rates
+        """The same for `scipy.integrate.odeint`, written out for the pair: the baseline is as quick as can be."""
+        stiffness, damping, drag, half_gap = self.stiffness, self.damping, self.drag, self.half_gap_m
+        g, masses, bearings, torques = DIRECTION, MASSES, BEARINGS, TORQUES
 
         @numba.njit(fastmath=True)
         def rates(y: Array, t: float) -> Array:
+            deflection = g[0] * y[0] + g[1] * y[1] + g[2] * y[2] + g[3] * y[3]
+            force = stiffness(t) * (deflection - min(max(deflection, -half_gap), half_gap))
             out = np.empty(8)
-            inner(y, t, 0.0, out)
+            for i in range(4):
+                out[i] = y[4 + i]
+                out[4 + i] = (torques[i] - bearings[i] * y[i] - damping[i] * y[4 + i] - g[i] * force) / masses[i]
+            out[7] -= drag * y[7] * abs(y[7]) / masses[3]
             return out
 
         return rates  # type: ignore[no-any-return]
@@ -76,6 +99,7 @@ class Pair:
 @numba.njit(fastmath=True)
 def runge_kutta(
     rates: Any,  # noqa: ANN401
+    system: tuple[Array, Array, Array, Array],
     edges: Array,
     matrix: Array,
     weights: Array,
@@ -96,7 +120,7 @@ def runge_kutta(
                 if matrix[s, earlier] != 0.0:
                     for i in range(8):
                         y[i] += step * matrix[s, earlier] * slopes[earlier, i]
-            rates(y, edges[n] + nodes[s] * step, (0.5 - nodes[s]) * step if aligned else 0.0, slopes[s])
+            rates(system, y, edges[n] + nodes[s] * step, (0.5 - nodes[s]) * step if aligned else 0.0, slopes[s])
         for i in range(8):
             total = 0.0
             for s in range(weights.size):
@@ -113,7 +137,9 @@ def explicit(pair: Pair, method: Explicit, *, times_s: Array, steps: int, jumps_
         edges = np.union1d(even, jumps_s[(jumps_s > times_s[0]) & (jumps_s < times_s[-1])])
         at = np.searchsorted(edges, even[::steps])
     return np.asarray(
-        runge_kutta(pair.rates, edges, method.matrix, method.weights, method.nodes, jumps_s is not None)[at]
+        runge_kutta(pair.rates, pair.system, edges, method.matrix, method.weights, method.nodes, jumps_s is not None)[
+            at
+        ]
     )
 
 

@@ -72,11 +72,12 @@ Made by `python benchmarks/integrators.py`, one thread. A gear pair with four de
 damper but the load's, except for the teeth that part: 40 um of backlash under the rectangular stiffness, bearings with
 50 N s/m, 0.2 s. Error: RMS over the record over the RMS, the worst of the three, against the splitting with steps of
 0.6 us (rectangular; 0.16 us where teeth part) and Dormand-Prince 8 with steps of 10 us (smooth). Exact transitions and
-splitting are what `simulate` runs; the others are peers in plain compiled loops. Those that are aligned end a step at
-each jump of the stiffness. `solve_ivp` runs over the first {slow:g} s, as does odeint for its ratio. Processor time,
-medians of {repeats} (of what takes less than {once:g} s; the rest runs once, the baseline before, between and after),
-as a ratio to `scipy.integrate.odeint` at rtol 1e-9, atol 1e-14 with a compiled right-hand side, in the same run: below
-1 is faster. Preparing is included, compiling is not. odeint took {units} s."""
+splitting are what `simulate` runs; the others are peers in plain compiled loops over full matrices (the two implicit
+ones over the diagonals of this pair). Those that are aligned end a step at each jump of the stiffness. `solve_ivp`
+runs over the first {slow:g} s, as does odeint for its ratio. Processor time, medians of {repeats} (of what takes less
+than {once:g} s; the rest runs once, the baseline before, between and after), as a ratio to `scipy.integrate.odeint` at
+rtol 1e-9, atol 1e-14 with a compiled right-hand side, in the same run: below 1 is faster. Preparing is included,
+compiling is not. odeint took {units} s."""
 
 TARGETS = (("rectangular", 1e-10, 100), ("smooth", 1e-4, 150), ("smooth", 1e-6, 30))
 
@@ -87,8 +88,9 @@ slope: the mean of four over its standard error, below 3 or so where energy has 
 rounding. Steps are no whole number to an oscillation: those that are keep in step with contacts, and gain only a factor
 of two when halved. From 100 to 200 steps the splitting's error falls with the power {power:.1f} of the step."""
 ALIGNED_NOTE = """\
-Is one sooner than exact transitions and splitting with an error that is no larger (errors within a quarter of each
-other count as alike)? No scene is read once a mesh period: a method earns its place by the other two tables."""
+By how much is one sooner than exact transitions and splitting with an error that is no larger, or larger by less than a
+quarter? Another engine with its tables, outputs and compilation would have to be twice as fast in a record to be worth
+its place; no scene is read once a mesh period."""
 OSCILLATIONS, AMPLITUDE = 10_000, 3.0
 PERIOD = 2 * np.pi + 4 / (AMPLITUDE - 1)
 
@@ -207,7 +209,7 @@ CASES = (
     ),
 )
 CHOSEN = (1e-4, 1e-6)
-_ALIKE = 1.25
+_ALIKE, _WORTH = 1.25, 2.0
 EXPLICIT: dict[str, Explicit] = {"RK4": RK4, "Dormand-Prince 8": DORMAND_PRINCE_8}
 SPECTRAL_RADII = {"Newmark 1/4": None, "generalised alpha 0.8": 0.8}
 
@@ -332,24 +334,15 @@ def verdict(rows: list[tuple[str, str, float, float]], error: float, part: float
     return f"{asked}: {word}, {method} ({setting}), {found:.1e} in 1/{1 / ratio:.0f}."
 
 
-def aligned_verdict(rows: list[tuple[str, str, float, float]]) -> str:
-    """Say whether an aligned explicit method is sooner than all that is shipped and errs no more."""
+def aligned_gain(rows: list[tuple[str, str, float, float]]) -> tuple[float, str]:
+    """Return by how much the best aligned method is sooner than what is shipped and errs alike, and that in words."""
     shipped = [row for row in rows if row[0].startswith(("exact", "splitting"))]
-    peers = [row for row in rows if row[0].endswith("aligned")]
-    ahead = [row for row in peers if all(row[2] < ours[2] for ours in shipped if ours[3] <= _ALIKE * row[3])]
-    if not ahead:
-        method, setting, ratio, error = min(peers, key=lambda row: row[3])
-        ours = min((row for row in shipped if row[3] <= error), key=lambda row: row[2], default=None)
-        rest = (
-            "" if ours is None else f"; {ours[0]} ({ours[1]}) is {ratio / ours[2]:.1f} times as fast at {ours[3]:.1e}"
-        )
-        return f"no. The most exact of them, {method} ({setting}), errs by {error:.1e}{rest}."
-    method, setting, ratio, error = min(ahead, key=lambda row: row[3])
-    ours = min((row for row in shipped if row[3] <= error), key=lambda row: row[2], default=None)
-    rest = "nothing that is shipped is as exact"
-    if ours is not None:
-        rest = f"{ours[0]} ({ours[1]}) takes {ours[2] / ratio:.1f} times as long for {ours[3]:.1e}"
-    return f"yes. {method} ({setting}) errs by {error:.1e}; {rest}."
+    found = []
+    for method, setting, ratio, error in (row for row in rows if row[0].endswith("aligned")):
+        ours = min((row for row in shipped if row[3] <= _ALIKE * error), key=lambda row: row[2])
+        words = f"{method} ({setting}), {error:.1e}, takes {ratio / ours[2]:.2f} of the time of {ours[0]} ({ours[1]})"
+        found.append((ours[2] / ratio, f"{words}, {ours[3]:.1e}."))
+    return max(found)
 
 
 def main(folder: Path) -> int:
@@ -371,9 +364,9 @@ def main(folder: Path) -> int:
     lines += ["", "## Targets", ""]
     lines += [f"- {name}: {verdict(measured[name], error, part)}" for name, error, part in TARGETS]
     lines += ["", "## Explicit methods aligned with the jumps", "", ALIGNED_NOTE, ""]
-    verdicts = {case.name: aligned_verdict(measured[case.name]) for case in CASES if case.name != "smooth"}
-    lines += [f"- {name}: {words}" for name, words in verdicts.items()]
-    earned = any(verdicts[name].startswith("yes") for name in ("rectangular", "parting"))
+    gains = {case.name: aligned_gain(measured[case.name]) for case in CASES if case.name != "smooth"}
+    lines += [f"- {name}: {words}" for name, (_, words) in gains.items()]
+    earned = max(gains[name][0] for name in ("rectangular", "parting")) >= _WORTH
     lines += ["", f"So an aligned explicit method earns {'a' if earned else 'no'} place."]
     lines += energy_lines()
     folder.mkdir(parents=True, exist_ok=True)

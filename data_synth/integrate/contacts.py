@@ -84,7 +84,7 @@ class _Stepper:
             x.size,
         )
         x[:] = state[: x.size]
-        return self.integrals.read(out, grid.edges(first, samples)[1:])
+        return self.integrals.read(out, grid, first)
 
     def _series_under(self, stiffnesses: Array) -> tuple[Array, Array]:
         """Return the power series for every way to touch, the last mesh's changing first."""

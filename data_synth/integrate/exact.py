@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from data_synth.integrate.pieces import ForceIntegrals, columns, rungs, series, 
 from data_synth.integrate.problem import Array, Problem, TiedTo
 from data_synth.integrate.readings import Readings
 from data_synth.integrate.stepping import Grid, Refusal, Stepper
+
+if TYPE_CHECKING:
+    from data_synth.integrate._transition_kernels import Flows
 
 Integers = NDArray[np.int64]
 
@@ -91,6 +95,7 @@ class _Stepper:
     grid: Grid
     integrals: ForceIntegrals
     known: dict[tuple[float, ...], tuple[Array, ...]] = field(default_factory=dict)
+    stacked: list["Flows"] = field(default_factory=list)  # all that are known, in order
 
     def advance(self, x: Array, first: int, samples: int) -> Array:
         from data_synth.integrate._transition_kernels import Flows, transition_steps  # noqa: PLC0415
@@ -100,15 +105,18 @@ class _Stepper:
         switches, stiffnesses = switching(self.readings.assembled, start_s, stop_s)
         used, kinds = np.unique(stiffnesses, axis=0, return_inverse=True)
         rows = [tuple(row) for row in used.tolist()]
-        for row in set(rows) - self.known.keys():
-            self.known[row] = _flow_under(self.integrals, row, unit_s)
-        flows = Flows(*(np.stack(parts) for parts in zip(*(self.known[row] for row in rows), strict=True)))
+        new = [row for row in rows if row not in self.known]
+        if new:
+            self.known.update((row, _flow_under(self.integrals, row, unit_s)) for row in new)
+            self.stacked[:] = [Flows(*(np.stack(parts) for parts in zip(*self.known.values(), strict=True)))]
+        numbers = {row: number for number, row in enumerate(self.known)}
+        kinds = np.array([numbers[row] for row in rows])[kinds.ravel()]
         read, constant = self.integrals.rows
         self.integrals.begin(x, start_s)
         out, state = np.empty((samples, read.shape[0])), self.integrals.longer(x)
-        transition_steps(state, out, read, constant, start_s, unit_s, switches, kinds.ravel(), flows, x.size)
+        transition_steps(state, out, read, constant, start_s, unit_s, switches, kinds, self.stacked[0], x.size)
         x[:] = state[: x.size]
-        return self.integrals.read(out, self.grid.edges(first, samples)[1:])
+        return self.integrals.read(out, self.grid, first)
 
 
 def _flow_under(integrals: ForceIntegrals, stiffnesses: tuple[float, ...], unit_s: float) -> tuple[Array, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 from data_synth.integrate.assembled import Assembled
 from data_synth.integrate.problem import Array, TiedTo
 from data_synth.integrate.readings import Readings
+from data_synth.integrate.stepping import Grid
 
 _ROUNDING = 1e-17  # of the state: terms of the power series below it change no digit
 _SHORTEST = 0.5  # of the fastest motion's rad: over so short a stretch the power series is as exact as numbers are
@@ -118,13 +119,13 @@ class ForceIntegrals:
         if self.meshes and np.isnan(self.coming).any():
             self.coming[:] = self.readings.at(x, time_s)[0, -self.meshes :] / 2
 
-    def read(self, found: Array, times_s: Array) -> Array:
-        """Return readings (times, readings) of what is read of the longer state."""
+    def read(self, found: Array, grid: Grid, first: int) -> Array:
+        """Return readings (samples, readings) of what is read of the longer state, from sample `first` on."""
         m, count = self.meshes, self.readings.rows.shape[0]
         if not m:
             return found
         z1, z2 = found[:, count + m : count + 2 * m], found[:, count + 2 * m :]
         rising = np.vstack([self.coming, z1 - z2])
         self.coming[:] = rising[-1]
-        now = self.readings.forces_at(found[:, count : count + m], times_s)
+        now = self.readings.forces_at(found[:, count : count + m], grid.edges(first, found.shape[0])[1:])
         return np.hstack([found[:, :count], rising[:-1] + z2, now])
