@@ -374,17 +374,22 @@ def main(folder: Path) -> int:
 
     methods = list(dict.fromkeys(row[0] for rows in measured.values() for row in rows))
 
-    def draw(ax: Any) -> None:  # noqa: ANN401
-        for case, mark in zip(CASES, ("s--", "D-.", "o-", "^:"), strict=True):
-            rows = measured[case.name]
-            for method in dict.fromkeys(row[0] for row in rows):
-                mine = [(row[3], row[2]) for row in rows if row[0] == method]
-                label = f"{method}, {case.name}"
-                ax.loglog(*zip(*mine, strict=True), mark, color=f"C{methods.index(method)}", ms=4, lw=1, label=label)
-        ax.set(xlabel="error", ylabel="time, multiples of odeint")
-        ax.legend(frameon=False, fontsize=6, ncols=2)
+    marks = dict(zip((case.name for case in CASES), ("s--", "D-.", "o-", "^:"), strict=True))
+    colours = dict(zip(methods, (f"C{n}" for n in range(10)), strict=False)) | {"scipy solve_ivp, DOP853": "k"}
 
-    save_figure(draw, folder / "integrators.svg", width=7, height=4.6)
+    def draw(ax: Any) -> None:  # noqa: ANN401
+        for name, mark in marks.items():
+            for method in dict.fromkeys(row[0] for row in measured[name]):
+                mine = [(row[3], row[2]) for row in measured[name] if row[0] == method]
+                ax.loglog(*zip(*mine, strict=True), mark, color=colours[method], ms=4, lw=1)
+        for method, colour in colours.items():
+            ax.plot([], [], "-", color=colour, lw=3, label=method)
+        for name, mark in marks.items():
+            ax.plot([], [], mark, color="0.4", ms=4, lw=1, label=name)
+        ax.set(xlabel="error", ylabel="time, multiples of odeint")
+        ax.legend(frameon=False, fontsize=7, loc="upper left", bbox_to_anchor=(1, 1))
+
+    save_figure(draw, folder / "integrators.svg", width=8, height=4.2)
     print("\n".join(lines))  # noqa: T201
     return 0
 
