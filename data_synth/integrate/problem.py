@@ -169,9 +169,9 @@ class Outcome(Enum):
     """How an integration ended; the value says what to do."""
 
     DONE = "nothing to do"
-    UNSTABLE_STEP = "take more steps to a sample, or a method that is exact for the constant part (Splitting)"
+    UNSTABLE_STEP = "take more steps to a sample"
     UNRESOLVED_STEP = "take more steps to a sample, so that each mesh cycle and each mode is resolved"
-    TOLERANCE_NOT_REACHED = "ask for less, allow more steps to a sample (most_per_sample), or use a higher order"
+    TOLERANCE_NOT_REACHED = "ask for less, or allow more steps to a sample (most_per_sample)"
     NOT_CONVERGED = "start nearer to a solution, or follow it from a case that converges in smaller changes"
     DIVERGED = "check the load and the damping: the motion itself grows, or take more steps to a sample"
 
