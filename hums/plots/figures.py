@@ -77,6 +77,7 @@ def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: fl
         figure = Figure(figsize=(width, height), layout="constrained")
         ax = figure.add_subplot()
         draw(ax)
-        settle(ax)
-        figure.set_layout_engine("none")  # which would run it twice more
+        if ax in figure.axes:  # else it made room for others
+            settle(ax)
+            figure.set_layout_engine("none")  # which would run it twice more
         figure.savefig(file, format=kind, metadata=_METADATA[kind], dpi=_DPI)

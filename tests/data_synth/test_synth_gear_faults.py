@@ -195,18 +195,18 @@ def test_strikes_come_once_a_turn_where_the_damage_is(damage, places):
 @pytest.mark.parametrize(
     ("damage", "places"),
     [
-        (Crack(), [0.0]),
-        (MissingTooth(), [0.5]),
-        (Spall(length_pitches=0.5), [-0.25, 0.25]),
-        (PITTED["pitting"], [0, 2, 5]),
+        (CRACK, [0.0]),
+        (LOCAL["missing tooth"], [0.5]),
+        (declared(Spall, length_pitches=0.5), [-0.25, 0.25]),
+        (PITTED["pitting"], [place for place, _ in PITTED["pitting"].pits(replace(GEAR, teeth=16))]),
     ],
 )
 def test_a_record_has_the_strikes_between_its_ends_and_those_at_them(span, offset, damage, places):
     # sixteenths of a turn and eighths of a revolution are exact in binary, so a strike at an end is one at it
     tooth, teeth = Fraction(1, 2), 16
-    trains = damage_trains(
-        damage, component="c", source="s", tooth=tooth, teeth=teeth, offset=float(offset), span_rev=span, amplitude=2.0
-    )
+    gear = replace(GEAR, teeth=teeth)
+    trains = damage_trains(damage, gear=gear, source="s", tooth=tooth, offset=float(offset), span_rev=span)
+    assert len(trains) == len(places)
     first, last = map(Fraction, span)
     for train, place in zip(trains, places, strict=True):
         # the revolutions at which the gear has made n turns, its place counted; among enough of them
