@@ -200,24 +200,22 @@ class TestGoingOn:
     @pytest.mark.slow
     @pytest.mark.skipif(os.name != "posix", reason="kill -9")
     def test_killed_at_any_instant_the_result_is_the_same(self, tmp_path):
-        text = SMALL.replace("rate_hz = 5000", "rate_hz = 50000").replace("records = 7", "records = 36")
+        text = SMALL.replace("rate_hz = 5000", "rate_hz = 50000").replace("records = 7", "records = 24")
         (tmp_path / "plan.toml").write_text(text)
         alone = [sys.executable, "-c", "import data_synth; data_synth.make_dataset('plan.toml', 'killed')"]
         spread = [sys.executable, "-m", "hums.cli", "dataset", "plan.toml", "-o", "killed", "--workers", "2"]
         killed, rng, found = tmp_path / "killed", np.random.default_rng(0), []
-        for command, files in ((alone, 0), (alone, 2), (spread, 5), (alone, 9)):
+        for command, files in ((alone, 1), (spread, 3)):
             quiet = {"cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
             run = subprocess.Popen(command, **quiet)
-            until = time.monotonic() + 60
             while len(list(killed.glob("shards/*.h5"))) < files and run.poll() is None:
-                assert time.monotonic() < until
                 time.sleep(0.002)
-            time.sleep(rng.uniform(0, 0.05 if files else 0.5))
+            time.sleep(rng.uniform(0, 0.05))
             run.send_signal(signal.SIGKILL)
             run.wait()
             found.append(len(list(killed.glob("shards/*.h5"))))
         assert found == sorted(found)
-        assert any(0 < count < 12 for count in found)  # one at least was in the middle
+        assert any(0 < count < 8 for count in found)  # one at least was in the middle
         make_dataset(parse_plan(text), killed)
         make_dataset(parse_plan(text), tmp_path / "whole")
         assert contents(killed) == contents(tmp_path / "whole")
