@@ -1,10 +1,14 @@
-"""What all tests share: one reproducible way to draw examples, and the folder of measured records."""
+"""What all tests share: one thread each, one reproducible way to draw examples, and folders."""
 
 import os
 from pathlib import Path
 
 import hypothesis
 import pytest
+
+# Workers of pytest run side by side; threads of linear algebra beside them would wait for each other.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
 
 # The same examples in every run: a test that fails does so for everyone, and no database is left behind.
 hypothesis.settings.register_profile("house", derandomize=True, database=None, deadline=None)

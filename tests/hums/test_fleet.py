@@ -15,6 +15,7 @@ from hums import fleet as fleet_room
 from hums._trends import adjusted, trend
 from hums.cli import main
 from hums.fleet import FleetError, analyze_fleet
+from hums.jobs import Serial
 from hums.store import save_record
 from hums.tables import findings_table, indicator_table, line_table
 
@@ -238,8 +239,8 @@ class TestWhyThereAreNoTrends:
         assert "no series has 5 values at different times" in run([tmp_path], tmp_path / "out").no_trends
 
 
-@pytest.mark.slow
 def test_the_command_says_why_and_fails_where_all_fail(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("hums.jobs.Processes", lambda **_: Serial())  # a process costs seconds and adds nothing here
     save_record(record(1.0), tmp_path / "good.h5")
     for number in range(6):
         (tmp_path / f"{number}.h5").write_text("nothing of the kind")
