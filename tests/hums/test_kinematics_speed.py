@@ -12,12 +12,11 @@ from hums.orders import defect_orders
 
 
 def median_time(action, repeats):
-    """Return the median of what an action takes of a processor, however busy the machine is."""
     times = []
     for _ in range(repeats):
-        start = time.thread_time()
+        start = time.perf_counter()
         action()
-        times.append(time.thread_time() - start)
+        times.append(time.perf_counter() - start)
     return statistics.median(times)
 
 
