@@ -9,6 +9,7 @@ import pytest
 import hums
 from data_synth import make_dataset
 from data_synth.plan import parse_plan
+from hums import jobs
 from hums.cli import main
 from hums.fleet import analyze_fleet
 from hums.jobs import Cluster, Job, JobError, Tally, run_jobs
@@ -39,8 +40,10 @@ change = { noise = { rms = 1.0 } }
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
-    with clusters.dask_cluster(tmp_path_factory.mktemp("cluster")) as address:
-        yield Cluster(address=address)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jobs, "_REACH_S", clusters.START_S)
+        with clusters.dask_cluster(tmp_path_factory.mktemp("cluster")) as address:
+            yield Cluster(address=address)
 
 
 def contents(folder):
