@@ -1,4 +1,4 @@
-"""What all tests share: one reproducible way to draw examples, and the folder of measured records."""
+"""What all tests share: one thread each, one reproducible way to draw examples, and folders."""
 
 import os
 from pathlib import Path
@@ -6,9 +6,27 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-# The same examples in every run: a test that fails does so for everyone, and no database is left behind.
-hypothesis.settings.register_profile("house", derandomize=True, database=None, deadline=None)
+# Workers of pytest run side by side; threads of linear algebra beside them would wait for each other.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+# The same examples in every run: a test that fails does so for everyone, and no database is left behind. Nothing is
+# judged by the clock, which on a busy machine says nothing of the test.
+hypothesis.settings.register_profile(
+    "house",
+    derandomize=True,
+    database=None,
+    deadline=None,
+    suppress_health_check=[hypothesis.HealthCheck.too_slow],
+)
 hypothesis.settings.load_profile("house")
+
+
+@pytest.fixture(scope="session")
+def shared_folder(tmp_path_factory):
+    """Folder of this run that all its workers see."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
 
 
 @pytest.fixture(scope="session")

@@ -6,6 +6,7 @@ import itertools
 import subprocess
 import sys
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -267,19 +268,25 @@ def imports_of(by):
             yield Import(by, node.lineno, node.args[0].value)
 
 
-IMPORTS = [found for module in MODULES for found in imports_of(module)]
-OURS = [found for found in IMPORTS if found.module.split(".")[0] in PACKAGES]
+@cache
+def all_imports():
+    return [found for module in MODULES for found in imports_of(module)]
+
+
+def ours():
+    """Return the imports of our own modules."""
+    return [found for found in all_imports() if found.module.split(".")[0] in PACKAGES]
 
 
 def broken(rule):
     """Imports that break a rule, as sentences."""
-    return [str(found) for found in IMPORTS if rule(found)]
+    return [str(found) for found in all_imports() if rule(found)]
 
 
 class TestDoors:
     def test_imports_are_seen(self):
         # the rules below would hold of nothing at all
-        seen = {(found.by, found.module) for found in IMPORTS}
+        seen = {(found.by, found.module) for found in all_imports()}
         assert ("signals._warp", "signals._resampling_kernel") in seen  # inside a function
         assert ("signals._compile", "numba") in seen
         assert ("signals", "signals.harmonics") in seen  # for type checkers
@@ -333,7 +340,7 @@ class TestOrder:
             return ORDER[package].index(room) if room in ORDER[package] else None
 
         wrong = []
-        for found in OURS:
+        for found in ours():
             by, used = self.room(found.by, package), self.room(found.module, package)
             if None in (by, used) or by in (used, "__main__"):
                 continue
@@ -345,7 +352,7 @@ class TestOrder:
     def test_no_circles(self):
         # what a package's __init__ offers lazily is resolved when it is asked for, so it closes no circle
         uses = {module: set() for module in MODULES}
-        for found in OURS:
+        for found in ours():
             if MODULES[found.by].name != "__init__.py" and found.module in MODULES:
                 uses[found.by].add(found.module)
         done, path = set(), []
@@ -363,7 +370,7 @@ class TestOrder:
             visit(module)
 
     def test_helpers_use_no_room(self):
-        for found in OURS:
+        for found in ours():
             helper = found.by.split(".")[-1].startswith("_") and not found.by.endswith("__main__")
             if helper or found.by in FIRST:
                 assert found.module.split(".")[-1].startswith("_") or found.module in FIRST, found

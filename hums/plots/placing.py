@@ -6,7 +6,7 @@ random starts have a fixed seed, so a graph is always drawn the same way.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -37,6 +37,23 @@ class Sketch:
     def unit(self) -> float:
         """Length of an edge where the vertices fill the room."""
         return float(0.85 * np.sqrt(np.prod(self.room) / self.count))
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """How far apart the middles of two boxes are where they touch, (n, n, 2)."""
+        together: np.ndarray = (self.sizes[:, None] + self.sizes[None]) / 2
+        return together
+
+    @cached_property
+    def ideal(self) -> np.ndarray:
+        """Ideal distance of every two vertices, in the drawing."""
+        lengths: np.ndarray = self.distances[_pairs(self.count)] * self.unit
+        return lengths
+
+    @cached_property
+    def foreign(self) -> tuple[np.ndarray, ...]:
+        """Of each group, the vertices that are not in it."""
+        return tuple(np.setdiff1d(np.arange(self.count), group) for group in self.groups)
 
     @cached_property
     def distances(self) -> np.ndarray:
@@ -84,12 +101,17 @@ def ring(positions: np.ndarray, group: tuple[int, ...]) -> list[int]:
 def inside(where: np.ndarray, polygon: np.ndarray) -> np.ndarray:
     """Whether points (n, 2) lie inside a polygon (m, 2), by the parity of the sides to their right."""
     x, y = where[:, [0]], where[:, [1]]
-    a, b = polygon, np.roll(polygon, -1, axis=0)
+    a, b = polygon, _following(polygon)
     rise = b[:, 1] - a[:, 1]
     straddles = (a[:, 1] > y) != (b[:, 1] > y)
     at = a[:, 0] + (y - a[:, 1]) * (b[:, 0] - a[:, 0]) / np.where(rise == 0, 1, rise)
     result: np.ndarray = np.count_nonzero(straddles & (x < at), axis=1) % 2 == 1
     return result
+
+
+def _following(polygon: np.ndarray) -> np.ndarray:
+    """Return the corner after each corner."""
+    return np.concatenate([polygon[1:], polygon[:1]])  # numpy.roll takes several times as long
 
 
 def _stress_layouts(sketch: Sketch, rng: np.random.Generator) -> np.ndarray:
@@ -156,7 +178,10 @@ def _improve(sketch: Sketch, layout: np.ndarray, rng: np.random.Generator) -> tu
 def _tangle(sketch: Sketch, layout: np.ndarray) -> float:
     """Count what no stretching mends: crossings, vertices inside a polygon they are no corner of, dents."""
     rings = [ring(layout, group) for group in sketch.groups]
-    strays = sum(_STRAY * _intruders(layout, corners) + _dents(layout, corners) for corners in rings)
+    strays = sum(
+        _STRAY * _intruders(layout, corners, others) + _dents(layout, corners)
+        for corners, others in zip(rings, sketch.foreign, strict=True)
+    )
     return _crossings(layout, _segments(sketch, rings)) + strays
 
 
@@ -165,14 +190,13 @@ def _cost(sketch: Sketch, layout: np.ndarray) -> float:
     rings = [ring(layout, group) for group in sketch.groups]
     segments = _segments(sketch, rings)
     edges = segments[: len(sketch.edges)]
-    pairs = np.triu_indices(sketch.count, 1)
+    pairs = _pairs(sketch.count)
     spans = np.abs(layout[:, None] - layout[None])
-    apart = spans - (sketch.sizes[:, None] + sketch.sizes[None]) / 2
+    apart = spans - sketch.reach
     close = np.maximum(_GAP - apart.max(axis=2)[pairs], 0) / _GAP
     free = np.linalg.norm(np.maximum(apart[edges[:, 0], edges[:, 1]], 0), axis=1)
     short = np.maximum(_ROOM - free, 0) / _ROOM
-    ideal = sketch.distances[pairs] * sketch.unit
-    stress = (np.linalg.norm(spans, axis=2)[pairs] / ideal - 1) ** 2
+    stress = (np.linalg.norm(spans, axis=2)[pairs] / sketch.ideal - 1) ** 2
     return float(
         10 * _tangle(sketch, layout)
         + 8 * (close**2).sum()
@@ -207,15 +231,15 @@ def _crossings(layout: np.ndarray, segments: np.ndarray) -> float:
     return float(np.count_nonzero(apart & apart.T & ~shared)) / 2
 
 
-def _intruders(layout: np.ndarray, corners: list[int]) -> float:
-    others = np.setdiff1d(np.arange(len(layout)), corners)
+def _intruders(layout: np.ndarray, corners: list[int], others: np.ndarray) -> float:
     return float(np.count_nonzero(inside(layout[others], layout[corners])))
 
 
 def _dents(layout: np.ndarray, corners: list[int]) -> float:
     """Sum over the corners where a polygon turns inwards or hardly turns."""
     polygon = layout[corners]
-    before, after = polygon - np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0) - polygon
+    after = _following(polygon) - polygon
+    before = np.concatenate([after[-1:], after[:-1]])
     turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     length = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
     return float(np.maximum(0.3 - turn / np.maximum(length, 1e-9), 0).sum())
@@ -223,7 +247,7 @@ def _dents(layout: np.ndarray, corners: list[int]) -> float:
 
 def _squeezed(polygon: np.ndarray) -> float:
     """How far a polygon is from the regular one: 0 for that, 1 for a line."""
-    following = np.roll(polygon, -1, axis=0)
+    following = _following(polygon)
     area = abs((polygon[:, 0] * following[:, 1] - polygon[:, 1] * following[:, 0]).sum()) / 2
     length = np.linalg.norm(following - polygon, axis=1).sum()
     regular = 1 / (4 * len(polygon) * np.tan(np.pi / len(polygon)))
@@ -247,6 +271,14 @@ def _sharp(layout: np.ndarray, segments: np.ndarray) -> float:
     along = layout[segments[:, 1]] - layout[segments[:, 0]]
     along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     along = np.concatenate([along, -along])
-    cosine = (along @ along.T)[np.triu_indices(len(at), 1)]
-    together = (at[:, None] == at[None])[np.triu_indices(len(at), 1)]
+    pairs = _pairs(len(at))
+    cosine = (along @ along.T)[pairs]
+    together = (at[:, None] == at[None])[pairs]
     return float(((np.maximum(cosine - _SHARP, 0) / (1 - _SHARP)) ** 2 * together).sum())
+
+
+@lru_cache(maxsize=16)
+def _pairs(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Every two of `count` things, once."""
+    first, second = np.triu_indices(count, 1)
+    return first, second

@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-import clusters
 import h5py
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ import xarray as xr
 import hums
 from data_synth import PlanError, SceneError, make_dataset, simulate
 from data_synth.plan import parse_plan
-from hums.cli import main
 from hums.jobs import Processes, Serial, Tally
 from hums.record import RecordError
 from hums.store import open_record, save_record
@@ -207,14 +205,14 @@ class TestGoingOn:
         alone = [sys.executable, "-c", "import data_synth; data_synth.make_dataset('plan.toml', 'killed')"]
         spread = [sys.executable, "-m", "hums.cli", "dataset", "plan.toml", "-o", "killed", "--workers", "2"]
         killed, rng, found = tmp_path / "killed", np.random.default_rng(0), []
-        for command, files in ((alone, 0), (alone, 2), (spread, 5), (alone, 9)):
+        for command, files in ((alone, 2), (spread, 5)):
             quiet = {"cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
             run = subprocess.Popen(command, **quiet)
-            until = time.monotonic() + 60
+            give_up = time.monotonic() + 300  # on a busy machine
             while len(list(killed.glob("shards/*.h5"))) < files and run.poll() is None:
-                assert time.monotonic() < until
+                assert time.monotonic() < give_up
                 time.sleep(0.002)
-            time.sleep(rng.uniform(0, 0.05 if files else 0.5))
+            time.sleep(rng.uniform(0, 0.05))
             run.send_signal(signal.SIGKILL)
             run.wait()
             found.append(len(list(killed.glob("shards/*.h5"))))
@@ -223,17 +221,6 @@ class TestGoingOn:
         make_dataset(parse_plan(text), killed)
         make_dataset(parse_plan(text), tmp_path / "whole")
         assert contents(killed) == contents(tmp_path / "whole")
-
-    @pytest.mark.slow
-    def test_a_cluster_by_the_same_command_leaves_the_same_bytes(self, folder, tmp_path, monkeypatch, capsys):
-        pytest.importorskip("dask.distributed")
-        (tmp_path / "plan.toml").write_text(SMALL)
-        monkeypatch.chdir(tmp_path)
-        with clusters.dask_cluster(tmp_path) as address:
-            monkeypatch.setattr(sys, "argv", ["hums", "dataset", "plan.toml", "-o", "out", "--scheduler", address])
-            assert main() == 0
-        assert "out: 7 records\nclasses: healthy, crack\n" in capsys.readouterr().out
-        assert contents(tmp_path / "out") == contents(folder)
 
 
 class TestRefusals:

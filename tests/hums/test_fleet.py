@@ -4,7 +4,6 @@ import math
 import sys
 from datetime import UTC, datetime, timedelta
 
-import clusters
 import numpy as np
 import pytest
 import xarray as xr
@@ -16,7 +15,7 @@ from hums import fleet as fleet_room
 from hums._trends import adjusted, trend
 from hums.cli import main
 from hums.fleet import FleetError, analyze_fleet
-from hums.jobs import Cluster
+from hums.jobs import Serial
 from hums.store import save_record
 from hums.tables import findings_table, indicator_table, line_table
 
@@ -192,13 +191,6 @@ class TestGoingOn:
         rms = [float(line["a: record channel rms [g]"]) for line in rows(tmp_path / "out" / "fleet.csv")]
         assert rms == pytest.approx(np.array([1, 2, 3]) / math.sqrt(2), rel=1e-3)  # noise of 0.01 adds 1e-4 of it
 
-    @pytest.mark.slow
-    def test_a_cluster_makes_the_same_tables(self, records, done, tmp_path):
-        pytest.importorskip("dask.distributed")
-        with clusters.dask_cluster(tmp_path, workers=1) as address:
-            run([records], tmp_path / "cluster", workers=Cluster(address=address))
-        assert tables(tmp_path / "cluster") == tables(done)
-
     def test_another_gearbox_or_other_settings_are_refused(self, records, done):
         with pytest.raises(
             FleetError, match=r"analysed with another settings; a table mixes none\. Name another folder"
@@ -247,8 +239,8 @@ class TestWhyThereAreNoTrends:
         assert "no series has 5 values at different times" in run([tmp_path], tmp_path / "out").no_trends
 
 
-@pytest.mark.slow
 def test_the_command_says_why_and_fails_where_all_fail(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("hums.jobs.Processes", lambda **_: Serial())  # a process costs seconds and adds nothing here
     save_record(record(1.0), tmp_path / "good.h5")
     for number in range(6):
         (tmp_path / f"{number}.h5").write_text("nothing of the kind")

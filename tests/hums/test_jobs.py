@@ -16,13 +16,6 @@ JOBS = [Job(name=f"{item}.txt", item=item) for item in range(6)]
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and locks of POSIX")
 
 
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
-    pytest.importorskip("dask.distributed")
-    with clusters.dask_cluster(tmp_path_factory.mktemp("cluster")) as address:
-        yield Cluster(address=address)
-
-
 def contents(folder):
     return {path.name: path.read_text() for path in folder.iterdir()}
 
@@ -35,26 +28,6 @@ class TestWorkers:
     def test_all_make_the_same_files(self, tmp_path, workers):
         assert run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=workers) == Tally(done=6, kept=0)
         assert contents(tmp_path) == WRITTEN
-
-    @pytest.mark.slow
-    def test_a_cluster_does_too(self, tmp_path, cluster):
-        assert run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=cluster) == Tally(done=6, kept=0)
-        assert contents(tmp_path) == WRITTEN
-
-    @pytest.mark.slow
-    def test_a_cluster_works_in_other_processes(self, tmp_path, cluster):
-        run_jobs(clusters.write_process, JOBS, folder=tmp_path, workers=cluster)
-        assert str(os.getpid()) not in set(contents(tmp_path).values())
-
-    @pytest.mark.slow
-    def test_a_cluster_without_the_package(self, tmp_path, cluster, monkeypatch):
-        (tmp_path / "only_here.py").write_text("def write(item, path):\n    path.write_text(str(item))\n")
-        monkeypatch.syspath_prepend(tmp_path)
-        (tmp_path / "out").mkdir()
-        from only_here import write  # noqa: PLC0415 - exists from now on
-
-        with pytest.raises(JobError, match=r"cannot load what it is to do \(.*only_here.*Install"):
-            run_jobs(write, JOBS, folder=tmp_path / "out", workers=cluster)
 
     def test_a_relative_folder_is_found_by_the_workers(self, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
@@ -113,7 +86,7 @@ class TestGoingOn:
 
     @staticmethod
     def until(condition):
-        give_up = time.monotonic() + 60
+        give_up = time.monotonic() + 300  # on a busy machine
         while not condition():
             assert time.monotonic() < give_up
             time.sleep(0.02)

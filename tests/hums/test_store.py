@@ -335,7 +335,7 @@ os._exit(0)  # what HDF5 makes of its unfinished file when the program ends is n
 def test_a_disk_that_is_full_leaves_the_old_file_whole(tmp_path, limit):
     pytest.importorskip("resource")
     words = [sys.executable, "-c", FULL_DISK, str(limit)]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
     assert done.stdout == "['record.h5']\n", done.stderr
     with open_record(tmp_path / "record.h5") as opened:
         assert opened["a"].to_numpy().tolist() == [1.0] * 10
