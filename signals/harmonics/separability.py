@@ -1,7 +1,6 @@
 """Which orders come so close that they disturb one another, and which outputs say less for that or for gaps."""
 
 from collections.abc import Callable
-from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -25,13 +24,14 @@ STRETCHES = 512
 ORDERS_OF_ALL = 40
 
 
-def distances(one: Floats, others: Floats) -> Floats:
+def distances(one: Floats, others: Floats, *, both_sides: bool = True) -> Floats:
     """(..., stretch) distances in cycles a sample between a line and others, or their images; 0 where they cross.
 
     Parameters
     ----------
     one : (stretch,) array, frequency of an order in cycles a sample.
     others : (..., stretch) array.
+    both_sides : whether a crossing counts in the stretch before it, too, not only in the one after.
     """
     nearest = np.full(np.broadcast_shapes(one.shape, others.shape), 0.5)
     for apart in (others - one, others + one):
@@ -39,7 +39,9 @@ def distances(one: Floats, others: Floats) -> Floats:
         size = np.abs(folded)
         np.minimum(nearest, size, out=nearest)
         crossed = (folded[..., :-1] * folded[..., 1:] < 0) & (np.maximum(size[..., :-1], size[..., 1:]) < NEAR)
-        nearest[..., :-1][crossed] = nearest[..., 1:][crossed] = 0.0
+        nearest[..., 1:][crossed] = 0.0
+        if both_sides:
+            nearest[..., :-1][crossed] = 0.0
     return nearest
 
 
@@ -69,18 +71,14 @@ class Closeness:
         self.frequency = model.orders[:, None] * speed[model.shaft]
         middle = (self.edges[:-1] + self.edges[1:]) // 2
         width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, middle]
-        self.bandwidth = np.empty(self.frequency.shape)
-        self.bandwidth[:] = width
+        self.bandwidth = np.broadcast_to(width, self.frequency.shape)
 
     def within(self, samples: slice) -> "Closeness":
         """Return the same for the stretches that a range of samples touches."""
-        first, last = np.searchsorted(self.edges, [samples.start, samples.stop - 1], side="right") - 1
-        stretches = slice(min(int(first), self.edges.size - 2), min(int(last), self.edges.size - 2) + 1)
-        part = copy(self)
-        part.__dict__.pop("nearest", None)
-        part.__dict__.pop("to_images", None)
-        part.edges = self.edges[stretches.start : stretches.stop + 1]
-        part.frequency, part.bandwidth = self.frequency[:, stretches], self.bandwidth[:, stretches]
+        first, last = (np.searchsorted(self.edges[:-1], [samples.start, samples.stop - 1], side="right") - 1).tolist()
+        part = object.__new__(Closeness)  # without the distances of all stretches
+        part.model, part.edges = self.model, self.edges[first : last + 2]
+        part.frequency, part.bandwidth = self.frequency[:, first : last + 1], self.bandwidth[:, first : last + 1]
         return part
 
     @property
@@ -102,19 +100,17 @@ class Closeness:
         return distance
 
     def received(self, gain: Gain, amplitude: Floats) -> Floats:
-        """(order, order) array: what an order gets of another, and on the diagonal of its image.
+        """(order, order) amplitudes that an order gets of another, and on the diagonal of its own image.
 
         Parameters
         ----------
-        gain : how much of a line at some distances, an array in cycles a sample, gets into an estimate of a
-            bandwidth.
-        amplitude : (order,) array, how large each is.
+        gain : part of a line that gets into an estimate of a bandwidth, for an array of distances in cycles a sample.
+        amplitude : (order,) array.
         """
         received = np.empty((len(self.frequency), len(self.frequency)))
         widths, alike = np.unique(self.bandwidth.max(axis=1), return_inverse=True)
         for number, width in enumerate(widths.tolist()):
             rows = np.flatnonzero(alike.ravel() == number)
-            # The largest distance there is is that of half the rate.
             received[rows] = gain(Bandwidth(width=width, poles=self.model.poles), np.minimum(self.nearest[rows], 0.5))
         received *= amplitude
         mean = np.flatnonzero(self.model.orders == 0)
@@ -122,7 +118,7 @@ class Closeness:
         return received
 
     def dwell(self) -> bool:
-        """Say whether any two lines stay within half a bandwidth of each other for as long as 1 over the bandwidth."""
+        """Return whether two lines stay within half a bandwidth of each other for as long as 1 over the bandwidth."""
         for k in range(1, len(self.frequency)):
             near = np.flatnonzero(self.nearest[k, :k] < self.bandwidth.max() / 2)
             if near.size:
@@ -134,14 +130,8 @@ class Closeness:
                     return True
         return False
 
-    def unresolved(self) -> tuple[list[UnresolvedPair], Marks]:
-        """Compare distances with bandwidths.
-
-        Returns
-        -------
-        pairs : those closer than half a bandwidth, or than one turn in the whole record.
-        flags : (order, stretch) array of `OutputFlag`.
-        """
+    def unresolved(self) -> tuple[tuple[UnresolvedPair, ...], Marks]:
+        """Return the pairs within half a bandwidth, or a turn in all, of each other, and (order, stretch) flags."""
         close = np.zeros(self.frequency.shape, dtype=np.bool_)
         shares = np.zeros((len(close), len(close)))
         samples, widest = self.lengths.sum(), self.bandwidth.max(axis=1)
@@ -155,16 +145,13 @@ class Closeness:
                 close[k] |= alike.any(axis=0)
                 close[near] |= alike
                 shares[k, near] = alike @ self.lengths / samples
-        first, second = np.nonzero(shares)
-        pairs = [*map(UnresolvedPair, first.tolist(), second.tolist(), shares[first, second].tolist())]
-        return pairs, marks(close, self.to_images < self.bandwidth / 2)
+        return unresolved_pairs(shares), marks(close, self.to_images < self.bandwidth / 2)
 
-    def at_outputs(self, flags: Marks, outputs: Indices) -> Marks:
-        """(order, output) flags from those of the stretches."""
-        if not flags.any():
-            return np.zeros((len(flags), outputs.size), dtype=np.uint8)
-        stretch = np.searchsorted(self.edges[1:-1], outputs, side="right")
-        return np.repeat(flags, np.bincount(stretch, minlength=flags.shape[1]), axis=1)
+
+def unresolved_pairs(shares: Floats) -> tuple[UnresolvedPair, ...]:
+    """Return the pairs with a share of the samples above zero; (order, order) array, filled above the diagonal."""
+    first, second = np.nonzero(shares)
+    return tuple(map(UnresolvedPair, first.tolist(), second.tolist(), shares[first, second].tolist()))
 
 
 def marks(close: Seen, near_image: Seen) -> Marks:
@@ -188,7 +175,7 @@ def flag_outputs(
     Parameters
     ----------
     closeness : of the orders, in all of the record.
-    patterns : (sample,) arrays, whether the sample is there, as channels have them.
+    patterns : (sample,) arrays, whether the sample is there, one for each pattern of missing samples.
     every : samples between outputs.
     estimator : "smoother" or "filter", which knows no later samples.
 
@@ -199,65 +186,56 @@ def flag_outputs(
     """
     samples = patterns[0].size
     outputs = np.arange(0, samples, every)
-    pairs, of_stretches = closeness.unresolved()
-    close = closeness.at_outputs(of_stretches, outputs)
+    pairs, flags = closeness.unresolved()
+    close = np.zeros((len(flags), outputs.size), dtype=np.uint8)
+    places = np.searchsorted(outputs, np.append(closeness.edges[:-1], samples))
+    for stretch in np.flatnonzero(flags.any(axis=0)):
+        close[:, places[stretch] : places[stretch + 1]] = flags[:, stretch, None]
     bandwidth = closeness.model.bandwidth
     reach = half_memory(np.maximum(bandwidth if bandwidth.shape[1] == 1 else bandwidth[:, ::every], 0.5 / samples))
-    found = []
-    for seen in patterns:
-        flags = close if len(patterns) == 1 else close.copy()
-        whole = bool(seen.all())
-        observed = np.array([0, samples - 1]) if whole else np.flatnonzero(seen)
-        first, last = (int(observed[0]), int(observed[-1])) if observed.size else (samples, -1)
-        flag_ends(flags, outputs, reach, first=first, last=last if estimator == "smoother" else None)
-        if not whole:
-            flag_gaps(flags, outputs, reach, seen, later=estimator == "smoother")
-        found.append(flags)
-    return found, tuple(pairs)
+    found = [close if len(patterns) == 1 else close.copy() for _ in patterns]
+    for own, seen in zip(found, patterns, strict=True):
+        first = int(seen.argmax()) if seen.any() else samples
+        flag_ends_and_gaps(own, outputs, reach, seen, first=first, later=estimator == "smoother")
+    return found, pairs
 
 
 def half_memory(bandwidth: Floats) -> Floats:
-    """Return the samples on either side that tell most of an output: half of 1 over the bandwidth, one at least."""
+    """Return half of 1 / bandwidth in samples, one at least: how far the samples are that an output rests on."""
     return np.asarray(np.maximum(0.5 / bandwidth, 1.0))
 
 
-def flag_ends(flags: Marks, outputs: Indices, reach: Floats, *, first: int, last: int | None) -> None:
-    """Add NEAR_END to (order, output) flags.
+def flag_ends_and_gaps(flags: Marks, outputs: Indices, reach: Floats, seen: Seen, *, first: float, later: bool) -> None:
+    """Add NEAR_END and NEAR_GAP to (order, output) flags.
 
     Parameters
     ----------
     flags : updated.
-    outputs : (output,) array, ascending, the sample of each.
+    outputs : (output,) array, ascending, places in `seen`.
     reach : (order, 1 or output) array of `half_memory`.
-    first, last : the first and the last sample that is there; no last one for a filter, which looks back only.
+    seen : (sample,) array, whether the sample is there.
+    first : place of the first sample that is there; negative where it came before these.
+    later : whether an output rests on later samples, too.
     """
     if not outputs.size:
         return
-    for row, place in zip(flags, _from(outputs, first + reach[:, 0]), strict=True):
-        row[:place] |= _NEAR_END
-    if last is not None:
-        for row, place in zip(flags, _from(outputs, last - reach[:, -1]), strict=True):
-            row[place:] |= _NEAR_END
-
-
-def _from(outputs: Indices, sample: Floats) -> list[int]:
-    """Return the places of the first outputs at or after samples; as integers: for floats all would be converted."""
-    whole = np.ceil(np.minimum(sample, outputs[-1] + 1.0)).astype(np.int64)
-    return np.searchsorted(outputs, whole).tolist()  # type: ignore[no-any-return]
-
-
-def flag_gaps(flags: Marks, outputs: Indices, reach: Floats, seen: Seen, *, later: bool) -> None:
-    """Add NEAR_GAP to (order, output) flags; `outputs` count the samples of `seen`, `later` ones of which tell, too."""
+    last = np.inf if not later else seen.size - 1 - int(seen[::-1].argmax()) if seen.any() else -1
+    bounds = np.minimum([first + reach[:, 0], last - reach[:, -1]], outputs[-1] + 1.0)
+    # As integers: for floats all outputs would be converted.
+    for row, (start, stop) in zip(flags, np.searchsorted(outputs, np.ceil(bounds).astype(np.int64)).T, strict=True):
+        row[:start] |= _NEAR_END
+        row[stop:] |= _NEAR_END
+    if seen.all():
+        return
     before = np.concatenate([[0], np.cumsum(seen)])
     for k, half in enumerate(reach):
         span = half.astype(np.int64)
-        start = np.maximum(outputs - span, 0)
-        stop = np.minimum(outputs + (span if later else 0) + 1, seen.size)
-        flags[k] |= _NEAR_GAP * (before[stop] - before[start] <= 0.75 * (stop - start))
+        begin, end = np.maximum(outputs - span, 0), np.minimum(outputs + (span if later else 0) + 1, seen.size)
+        flags[k] |= _NEAR_GAP * (before[end] - before[begin] <= 0.75 * (end - begin))
 
 
 def leaks(received: Floats, amplitude: Floats) -> Floats:
-    """Return what orders receive of one another as a part of their own amplitudes."""
+    """Return what orders get of one another, (order, order), as parts of their own amplitudes, (order,)."""
     mine = amplitude[:, None]
     return np.divide(received, mine, out=np.where(received > 0, np.inf, 0.0), where=mine > 0)
 
@@ -269,15 +247,9 @@ def coupled(received: Floats, amplitude: Floats, tolerance: float) -> list[Indic
 
 
 def left_over(received: Floats, amplitude: Floats, groups: list[Indices]) -> float:
-    """Return the most that any order gets of all others together but those of its group, of the largest amplitude.
+    """Return the most that an order gets of those outside its group, as a part of the largest amplitude.
 
-    A line counts twice: its image is farther off, but may be hardly so.
-
-    Parameters
-    ----------
-    received : (order, order) array, as `Closeness.received` returns it.
-    amplitude : (order,) array, how large each is.
-    groups : of orders that are smoothed together.
+    Parameters as for `leaks`. A line counts twice: its image is farther off, but may be hardly so.
     """
     part = received.copy()
     for group in groups:

@@ -159,11 +159,11 @@ def track_orders(
     flags, pairs = flag_outputs(task.closeness, patterns.seen, every=task.output_every, estimator=estimator)
     variance = patterns.shared([estimate.variance for estimate in estimates])
     return OrderTracks(
-        complex_amplitude=_squeeze(patterns.joined([estimate.amplitude for estimate in estimates]), one),
-        settling_variance=_squeeze(variance, one),
+        complex_amplitude=squeeze(patterns.joined([estimate.amplitude for estimate in estimates]), one),
+        settling_variance=squeeze(variance, one),
         std_spacing=estimates[0].std_spacing,
         angle_std=None if phase_std is None else order_numbers[:, None] * phase_std[:, ::phase_every],
-        flags=_squeeze(patterns.shared(flags), one),
+        flags=squeeze(patterns.shared(flags), one),
         unresolved=pairs,
         orders=order_numbers,
         shafts=shafts,
@@ -176,7 +176,7 @@ def track_orders(
         error_bound=max(estimate.error_bound for estimate in estimates),
         samples=samples,
         output_every=task.output_every,
-        **{name: _squeeze(value, one) for name, value in statistics(patterns, estimates, noise_variance).items()},
+        **{name: squeeze(value, one) for name, value in statistics(patterns, estimates, noise_variance).items()},
     )
 
 
@@ -318,7 +318,7 @@ def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_], startu
     return estimate
 
 
-def _squeeze(values: Any, one: bool) -> Any:  # noqa: ANN401
+def squeeze(values: Any, one: bool) -> Any:  # noqa: ANN401
     """Leave out the axis of channels, where there is one without it."""
     if not one:
         return values

@@ -127,7 +127,7 @@ def test_ends_and_gaps_are_those_of_the_whole_record(gaps, every):
         parts = [tracker.update(x[at : at + size], phase_rad=phase[at : at + size]) for at in range(0, SAMPLES, size)]
         assert_array_equal(np.concatenate([part.flags for part in parts], axis=1) & ENDS, whole.flags & ENDS)
         # Of the missing samples those that tell of outputs to come: of half of 1 / bandwidth at the most.
-        assert tracker.state()["watch_missing"].size <= 0.5 / (BANDWIDTH / 5)
+        assert tracker.state()["flags_missing"].size <= 0.5 / (BANDWIDTH / 5)
 
 
 def test_a_lag_sees_gaps_to_come_and_takes_what_it_has_waited_for_as_an_end():
