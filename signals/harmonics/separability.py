@@ -145,7 +145,7 @@ class Closeness:
                 close[k] |= alike.any(axis=0)
                 close[near] |= alike
                 shares[k, near] = alike @ self.lengths / samples
-        return unresolved_pairs(shares), marks(close, self.to_images < self.bandwidth / 2)
+        return unresolved_pairs(shares), marks(close, self.model.orders, self.frequency, self.bandwidth)
 
 
 def unresolved_pairs(shares: Floats) -> tuple[UnresolvedPair, ...]:
@@ -154,9 +154,11 @@ def unresolved_pairs(shares: Floats) -> tuple[UnresolvedPair, ...]:
     return tuple(map(UnresolvedPair, first.tolist(), second.tolist(), shares[first, second].tolist()))
 
 
-def marks(close: Seen, near_image: Seen) -> Marks:
-    """Return flags of lines that are close to others, and of those that are close to their own image."""
-    return np.asarray(_NOT_SEPARABLE * close | _ONE_QUADRATURE * near_image)
+def marks(close: Seen, orders: Floats, frequency: Floats, bandwidth: Floats) -> Marks:
+    """Return (order, stretch) flags of lines that are close to others or to their own image, given the first."""
+    return np.asarray(
+        _NOT_SEPARABLE * close | _ONE_QUADRATURE * (distances_to_images(orders, frequency) < bandwidth / 2)
+    )
 
 
 def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
@@ -196,7 +198,7 @@ def flag_outputs(
     found = [close if len(patterns) == 1 else close.copy() for _ in patterns]
     for own, seen in zip(found, patterns, strict=True):
         first = int(seen.argmax()) if seen.any() else samples
-        flag_ends_and_gaps(own, outputs, reach, seen, first=first, later=estimator == "smoother")
+        flag_gaps(own, outputs, reach, seen, first=first, later=estimator == "smoother")
     return found, pairs
 
 
@@ -205,7 +207,7 @@ def half_memory(bandwidth: Floats) -> Floats:
     return np.asarray(np.maximum(0.5 / bandwidth, 1.0))
 
 
-def flag_ends_and_gaps(flags: Marks, outputs: Indices, reach: Floats, seen: Seen, *, first: float, later: bool) -> None:
+def flag_gaps(flags: Marks, outputs: Indices, reach: Floats, seen: Seen, *, first: float, later: bool) -> None:
     """Add NEAR_END and NEAR_GAP to (order, output) flags.
 
     Parameters
