@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,21 +22,21 @@ NARROWEST = 1e-100
 def check_record(x: ArrayLike) -> Floats:
     """Return the record as a (channel, sample) array of floats, NaN where a sample is missing, or refuse it."""
     values = np.atleast_2d(_real_array("x", x, dims=(1, 2)))
-    if not max(values.max(), -values.min()) <= LARGEST:  # a missing sample, too, brings us here
+    largest = max(values.max(), -values.min())
+    if np.isnan(largest):
         largest = max(np.fmax.reduce(values, axis=None), -np.fmin.reduce(values, axis=None))
-        if np.isinf(largest):
-            infinite = np.argwhere(np.isinf(values))
-            channel, sample = infinite[0]
-            place = f"{sample}" if np.ndim(x) == 1 else f"{channel}, {sample}"
-            raise ValueError(
-                f"x[{place}]={values[channel, sample]} (and {len(infinite) - 1} more) is infinite; "
-                "samples must be finite, or NaN where missing: mark bad samples as NaN."
-            )
-        if largest > LARGEST:
-            raise ValueError(
-                f"x reaches {largest:.3g}, above {LARGEST:g}, and its squares would overflow; scale the record to "
-                "another unit, or mark bad samples as NaN."
-            )
+    if np.isinf(largest):
+        infinite = np.argwhere(np.isinf(values))
+        place = ", ".join(map(str, infinite[0][-np.ndim(x) :].tolist()))
+        raise ValueError(
+            f"x[{place}]={values[tuple(infinite[0])]} (and {len(infinite) - 1} more) is infinite; "
+            "samples must be finite, or NaN where missing: mark bad samples as NaN."
+        )
+    if largest > LARGEST:
+        raise ValueError(
+            f"x reaches {largest:.3g}, above {LARGEST:g}, and its squares would overflow; scale the record to "
+            "another unit, or mark bad samples as NaN."
+        )
     return values
 
 
@@ -62,19 +63,12 @@ def check_initial_std(value: object, *, noise: float) -> float:
 
 
 def check_orders(
-    orders: Sequence[Order] | NDArray[np.float64],
-    phase_rad: ArrayLike | Mapping[str, ArrayLike],
-    *,
-    samples: int,
+    orders: Sequence[Order] | NDArray[np.float64], phase_rad: ArrayLike | Mapping[str, ArrayLike], *, samples: int
 ) -> tuple[Floats, tuple[str, ...], Indices, tuple[Floats, ...]]:
     """Check orders and phases.
 
-    Returns
-    -------
-    orders : (order,) array.
-    shafts : name of each order's shaft; none for a single phase.
-    shaft : (order,) array, the place of its phase.
-    phases : (sample,) arrays, one for each shaft that has an order.
+    Returns (order,) orders, the names of their shafts (none for a single phase), (order,) places of their phases, and
+    (sample,) phases in rad, one for each shaft that has an order.
     """
     if isinstance(orders, str | bytes | Mapping) or not np.iterable(orders):
         raise ValueError(f"orders={orders!r}: needed a sequence of orders, such as [1, 2, 36].")
@@ -95,18 +89,11 @@ def check_orders(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CheckedBandwidth:
-    """A bandwidth as given, and what the estimators make of it.
+    """A bandwidth as given, and what the estimators make of it."""
 
-    Attributes
-    ----------
-    given : (order,) array in `units`, the mean over time where it varies.
-    units : "hz" or "orders".
-    cycles : (order, 1) array, or (order, sample) where it varies, in cycles a sample.
-    """
-
-    given: Floats
+    given: Floats  # (order,) in `units`, the mean over time where it varies
     units: BandwidthUnits
-    cycles: Floats
+    cycles: Floats  # (order, 1), or (order, sample) where it varies, in cycles a sample
 
 
 def check_bandwidth(
@@ -120,22 +107,17 @@ def check_bandwidth(
 ) -> CheckedBandwidth:
     """Return the bandwidth of each order, or refuse it; `shaft` and `phases` as `check_orders` returns them."""
     given = {
-        "bandwidth_hz": bandwidth_hz,
-        "bandwidth_orders": bandwidth_orders,
-        "rate_hz": rate_hz,
-        "samples_per_rev": samples_per_rev,
-    }
+        "bandwidth_hz": bandwidth_hz, "bandwidth_orders": bandwidth_orders,
+        "rate_hz": rate_hz, "samples_per_rev": samples_per_rev,
+    }  # fmt: skip
     names = [name for name, value in given.items() if value is not None]
     if names == ["bandwidth_hz", "samples_per_rev"]:
         raise ValueError(
             "bandwidth_hz with samples_per_rev: a record over angle does not tell its speed; pass bandwidth_orders, "
             "which is bandwidth_hz / shaft speed in Hz, a (1, n) array where the speed varies."
         )
-    if names not in (
-        ["bandwidth_hz", "rate_hz"],
-        ["bandwidth_orders", "samples_per_rev"],
-        ["bandwidth_orders", "rate_hz"],
-    ):
+    pairs = (("bandwidth_hz", "rate_hz"), ("bandwidth_orders", "samples_per_rev"), ("bandwidth_orders", "rate_hz"))
+    if tuple(names) not in pairs:
         raise ValueError(
             f"bandwidth and rate: {', '.join(names) or 'none'} given; needed bandwidth_hz with rate_hz, or "
             "bandwidth_orders with samples_per_rev or rate_hz: pass one of these pairs and leave the others out."
@@ -144,10 +126,12 @@ def check_bandwidth(
     per_sample = positive(given[rate], name=rate)
     width = _width(given[bandwidth], bandwidth, orders=shaft.size, samples=phases[0].size)
     by_speed = names == ["bandwidth_orders", "rate_hz"]
-    cycles = width * np.stack([_turns_a_sample(phase) for phase in phases])[shaft] if by_speed else width / per_sample
+    steps = [np.gradient(phase) if phase.size > 1 else np.zeros(1) for phase in phases] if by_speed else []
+    cycles = width * (np.abs(np.stack(steps)) / (2 * np.pi))[shaft] if by_speed else width / per_sample
     _check_range(width, cycles, names=(bandwidth, rate), rate=None if by_speed else per_sample)
-    units: BandwidthUnits = "hz" if bandwidth == "bandwidth_hz" else "orders"
-    return CheckedBandwidth(given=width.mean(axis=1), units=units, cycles=cycles)
+    return CheckedBandwidth(
+        given=width.mean(axis=1), units="hz" if bandwidth == "bandwidth_hz" else "orders", cycles=cycles
+    )
 
 
 def _width(value: ArrayLike | None, name: str, *, orders: int, samples: int) -> Floats:
@@ -167,14 +151,8 @@ def _width(value: ArrayLike | None, name: str, *, orders: int, samples: int) -> 
     return np.repeat(width, orders, axis=0) if len(width) != orders else width
 
 
-def _turns_a_sample(phase: Floats) -> Floats:
-    speed = np.gradient(phase) if phase.size > 1 else np.zeros(1)
-    return np.asarray(np.abs(speed) / (2 * np.pi))
-
-
 def _check_range(width: Floats, cycles: Floats, *, names: tuple[str, str], rate: float | None) -> None:
-    constant = width.shape[1] == 1
-    good = (width > 0 if constant else width >= 0) & (cycles < 0.5)  # noqa: PLR2004
+    good = (width > 0 if width.shape[1] == 1 else width >= 0) & (cycles < 0.5)  # noqa: PLR2004
     if not good.all():
         order, sample = np.argwhere(~good)[0]
         value = width[order, min(sample, width.shape[1] - 1)]
@@ -195,15 +173,12 @@ def _check_range(width: Floats, cycles: Floats, *, names: tuple[str, str], rate:
 
 
 def check_phase_std(
-    phase_std_rad: ArrayLike | Mapping[str, ArrayLike] | None,
-    *,
-    shafts: tuple[str, ...],
-    shaft: Indices,
-    samples: int,
+    phase_std_rad: ArrayLike | Mapping[str, ArrayLike] | None, *, shafts: tuple[str, ...], samples: int
 ) -> Floats | None:
-    """(order, 1 or sample) array: the standard deviation in rad of the angle each order counts."""
+    """(order or 1, sample or 1) array: the standard deviation in rad of the angle each order counts."""
     if phase_std_rad is None:
         return None
+    given: list[tuple[str, Any]] = [("phase_std_rad", phase_std_rad)]
     if isinstance(phase_std_rad, Mapping):
         lacking = [name for name in shafts if name not in phase_std_rad]
         if lacking or not shafts:
@@ -211,20 +186,17 @@ def check_phase_std(
                 f"phase_std_rad names {', '.join(map(str, phase_std_rad)) or 'no shaft'}, but the orders count "
                 f"{', '.join(map(repr, lacking)) or 'one unnamed phase'}; give one value for every shaft."
             )
-        given = [_angle_std(f"phase_std_rad[{name!r}]", phase_std_rad[name], samples) for name in shafts]
-    else:
-        given = [_angle_std("phase_std_rad", phase_std_rad, samples)] * shaft.size
-    return np.stack(np.broadcast_arrays(*given))
-
-
-def _angle_std(name: str, value: ArrayLike, samples: int) -> Floats:
-    std = np.atleast_1d(_real_array(name, value, dims=(0, 1)))
-    if std.size not in (1, samples):
-        raise ValueError(f"{name} has {std.size} values for {samples} samples; pass one number, or one a sample.")
-    bad = np.flatnonzero(~(np.isfinite(std) & (std >= 0)))
-    if bad.size:
-        raise ValueError(f"{name}={std[bad[0]]:g} must be zero or more, and finite.")
-    return std
+        given = [(f"phase_std_rad[{name!r}]", phase_std_rad[name]) for name in shafts]
+    found = []
+    for name, value in given:
+        std = np.atleast_1d(_real_array(name, value, dims=(0, 1)))
+        if std.size not in (1, samples):
+            raise ValueError(f"{name} has {std.size} values for {samples} samples; pass one number, or one a sample.")
+        bad = std[~(np.isfinite(std) & (std >= 0))]
+        if bad.size:
+            raise ValueError(f"{name}={bad[0]:g} must be zero or more, and finite.")
+        found.append(std)
+    return np.stack(np.broadcast_arrays(*found))
 
 
 def _real_array(name: str, value: ArrayLike | None, *, dims: tuple[int, ...] = (1,)) -> Floats:
@@ -285,27 +257,14 @@ def _shaft_and_order(item: object, phases: Mapping[str, ArrayLike]) -> tuple[str
     return item[0], _order(item[1])
 
 
-def _label(shaft: str, order: float) -> str:
-    return f"order {order:g} of {shaft!r}" if shaft else f"order {order:g}"
-
-
 def _check_below_half_rate(pairs: list[tuple[str, float]], phases: Mapping[str, Floats]) -> None:
-    advance = {shaft: _largest_step(phase) for shaft, phase in phases.items()}
-    for shaft, order in pairs:
-        if order * advance[shaft] > MOST_TURN:
-            steps = np.abs(np.diff(phases[shaft]))
-            step, at = float(steps.max()), int(steps.argmax())
+    for shaft, phase in phases.items():
+        order = max(own for name, own in pairs if name == shaft)
+        parts = (phase[first : first + SAMPLES_AT_ONCE + 1] for first in range(0, phase.size - 1, SAMPLES_AT_ONCE))
+        turn = order * max((float(np.abs(np.diff(part)).max()) for part in parts), default=0.0)
+        if turn > MOST_TURN:
+            at = int(np.abs(np.diff(phase)).argmax())
             raise ValueError(
-                f"{_label(shaft, order)} turns by {order * step:.4g} rad between samples {at} and {at + 1}; more "
-                "than pi is above half of the rate: drop the order, raise the rate, or mend the phase there."
+                f"order {order:g}{f' of {shaft!r}' if shaft else ''} turns by {turn:.4g} rad between samples {at} and "
+                f"{at + 1}; more than pi is above half of the rate: drop it, raise the rate, or mend the phase there."
             )
-
-
-def _largest_step(phase: Floats) -> float:
-    """Return the largest turn between neighbouring samples, either way."""
-    largest = 0.0
-    for first in range(0, phase.size - 1, SAMPLES_AT_ONCE):
-        part = phase[first : first + SAMPLES_AT_ONCE + 1]
-        step = part[1:] - part[:-1]
-        largest = max(largest, float(step.max()), -float(step.min()))
-    return largest

@@ -63,11 +63,8 @@ class Closeness:
         most = max(STRETCHES * ORDERS_OF_ALL // max(model.orders.size, ORDERS_OF_ALL), 1)
         stretches = max(min(most, samples - 1), 1)
         self.edges = np.arange(stretches + 1) * max(samples - 1, 1) // stretches
-        if samples == 1:
-            speed = np.zeros((len(model.phases), 1))
-        else:
-            angle = model.phase(self.edges)
-            speed = (angle[:, 1:] - angle[:, :-1]) / (2 * np.pi * self.lengths)
+        angle = model.phase(np.minimum(self.edges, samples - 1))
+        speed = (angle[:, 1:] - angle[:, :-1]) / (2 * np.pi * self.lengths)
         self.frequency = model.orders[:, None] * speed[model.shaft]
         middle = (self.edges[:-1] + self.edges[1:]) // 2
         width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, middle]
@@ -87,14 +84,9 @@ class Closeness:
         return (self.edges[1:] - self.edges[:-1]).astype(np.float64)
 
     @cached_property
-    def to_images(self) -> Floats:
-        """(order, stretch) array of distances to the order's own image: small at rest, and at half the rate."""
-        return distances_to_images(self.model.orders, self.frequency)
-
-    @cached_property
     def nearest(self) -> Floats:
         """(order, order) array of the least distances to others, and on the diagonal to the order's own image."""
-        distance = np.diag(self.to_images.min(axis=1))
+        distance = np.diag(distances_to_images(self.model.orders, self.frequency).min(axis=1))
         for k in range(1, len(distance)):
             distance[k, :k] = distance[:k, k] = distances(self.frequency[k], self.frequency[:k]).min(axis=1)
         return distance
@@ -162,7 +154,7 @@ def marks(close: Seen, orders: Floats, frequency: Floats, bandwidth: Floats) -> 
 
 
 def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
-    """(order, stretch) distances of frequencies to their own images, in cycles a sample; the mean has none."""
+    """(order, stretch) distances of frequencies to their own images, in cycles a sample; infinite for the mean."""
     twice = 2 * frequency
     distance = np.abs(twice - np.rint(twice))
     distance[orders == 0] = np.inf
@@ -172,7 +164,7 @@ def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
 def flag_outputs(
     closeness: Closeness, patterns: list[Seen], *, every: int, estimator: Estimator
 ) -> tuple[list[Marks], tuple[UnresolvedPair, ...]]:
-    """Return the flags of a record's outputs, and the pairs of orders that are not separable.
+    """Return (order, output) flags of a record's outputs for each pattern, and the pairs that are not separable.
 
     Parameters
     ----------
@@ -180,11 +172,6 @@ def flag_outputs(
     patterns : (sample,) arrays, whether the sample is there, one for each pattern of missing samples.
     every : samples between outputs.
     estimator : "smoother" or "filter", which knows no later samples.
-
-    Returns
-    -------
-    flags : (order, output) array for each pattern.
-    unresolved : as `OrderTracks` has it.
     """
     samples = patterns[0].size
     outputs = np.arange(0, samples, every)

@@ -10,28 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import choice, positive, whole
+from signals.harmonics import inputs
 from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.blocks import block_length, blurs, exact, fast, scattered_share
 from signals.harmonics.innovations import statistics
-from signals.harmonics.inputs import (
-    check_bandwidth,
-    check_initial_std,
-    check_noise_variance,
-    check_orders,
-    check_phase_std,
-    check_record,
-)
 from signals.harmonics.kalman_filter import covariance_filter, ripple, steady_state_filter
-from signals.harmonics.model import (
-    PRIOR_STD,
-    Estimate,
-    Estimator,
-    Floats,
-    HarmonicModel,
-    Method,
-    Order,
-    lost,
-)
+from signals.harmonics.model import PRIOR_STD, Estimate, Estimator, Floats, HarmonicModel, Method, Order, lost
 from signals.harmonics.patterns import Patterns
 from signals.harmonics.separability import Closeness, flag_outputs
 from signals.harmonics.tracks import OrderTracks
@@ -67,15 +51,14 @@ def track_orders(
 ) -> OrderTracks:
     """Estimate the complex amplitudes of all orders together, each output with its standard deviation.
 
-    Orders are told apart by what they do to the record: close and crossing ones share out their energy, and
-    `std` grows where they cannot be told apart.
+    Orders are separated by their effect on the record: close and crossing ones share its energy, and `std` grows where
+    they cannot be separated.
 
     Parameters
     ----------
     x : (sample,) array, the record in any unit, or (channel, sample) for several with the same phase; NaN marks a
-        missing sample. Channels that miss the same samples, or none, share all the work but that on their data:
-        covariances, phasors, sums of their products. Each further pattern of missing samples costs as much as a record
-        of its own.
+        missing sample. Channels that miss the same samples share all the work but that on their data; each further
+        pattern of missing samples costs as much as a record of its own.
     phase_rad : (sample,) array, shaft angle in rad, or a mapping from shaft name to such an array.
     orders : cycles per revolution, one number an order; with a mapping, (shaft, order) pairs. 0 is the mean.
     bandwidth_hz : full -3 dB width of the smoother in Hz, with `rate_hz`: one for all orders, one each, or, where it
@@ -116,37 +99,30 @@ def track_orders(
     FloatingPointError
         The covariance lost its digits.
     """
-    record = check_record(x)
+    record = inputs.check_record(x)
     samples = record.shape[1]
-    order_numbers, shafts, shaft, phases = check_orders(orders, phase_rad, samples=samples)
-    bandwidth = check_bandwidth(
-        bandwidth_hz=bandwidth_hz,
-        bandwidth_orders=bandwidth_orders,
-        rate_hz=rate_hz,
-        samples_per_rev=samples_per_rev,
-        shaft=shaft,
-        phases=phases,
-    )
+    order_numbers, shafts, shaft, phases = inputs.check_orders(orders, phase_rad, samples=samples)
+    bandwidth = inputs.check_bandwidth(
+        bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
+        samples_per_rev=samples_per_rev, shaft=shaft, phases=phases,
+    )  # fmt: skip
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     choice(method, name="method", choices=("auto", "exact", "fast", "reference"))
     model = HarmonicModel(
-        orders=order_numbers,
-        shaft=shaft,
-        phases=phases,
-        bandwidth=bandwidth.cycles,
-        poles=whole(poles, name="poles", least=1, most=MOST_POLES),
-        prior_std=_prior_std(initial_std, noise_variance),
-    )
+        orders=order_numbers, shaft=shaft, phases=phases, bandwidth=bandwidth.cycles,
+        poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=_prior_std(initial_std, noise_variance),
+    )  # fmt: skip
+    rtol = positive(rtol, name="rtol")
+    if rtol > LARGEST_RTOL:
+        raise ValueError(
+            f"rtol={rtol:g} is above {LARGEST_RTOL:g}, where the bound on the error of blocks no longer holds; "
+            "choose a smaller one."
+        )
     task = _Task(
-        model=model,
-        estimator=estimator,
-        output_every=whole(output_every, name="output_every", least=1),
-        coupled=coupled,
-        rtol=_rtol(rtol),
-        noise_variance=noise_variance,
-        innovations=innovations,
-    )
-    phase_std = check_phase_std(phase_std_rad, shafts=shafts, shaft=shaft, samples=samples)
+        model=model, estimator=estimator, output_every=whole(output_every, name="output_every", least=1),
+        coupled=coupled, rtol=rtol, noise_variance=noise_variance, innovations=innovations,
+    )  # fmt: skip
+    phase_std = inputs.check_phase_std(phase_std_rad, shafts=shafts, samples=samples)
     phase_every = task.output_every if phase_std is not None and phase_std.shape[1] > 1 else 1
     patterns = Patterns.of(record)
     chosen = _choose(method, task, patterns.seen)
@@ -157,10 +133,9 @@ def track_orders(
     ]
     estimates = [_run(chosen, task, *part) for part in zip(patterns.records, patterns.seen, startups, strict=True)]
     flags, pairs = flag_outputs(task.closeness, patterns.seen, every=task.output_every, estimator=estimator)
-    variance = patterns.shared([estimate.variance for estimate in estimates])
     return OrderTracks(
         complex_amplitude=squeeze(patterns.joined([estimate.amplitude for estimate in estimates]), one),
-        settling_variance=squeeze(variance, one),
+        settling_variance=squeeze(patterns.shared([estimate.variance for estimate in estimates]), one),
         std_spacing=estimates[0].std_spacing,
         angle_std=None if phase_std is None else order_numbers[:, None] * phase_std[:, ::phase_every],
         flags=squeeze(patterns.shared(flags), one),
@@ -203,19 +178,9 @@ class _Task:
         return ripple(self.closeness)
 
 
-def _rtol(rtol: float) -> float:
-    value = positive(rtol, name="rtol")
-    if value > LARGEST_RTOL:
-        raise ValueError(
-            f"rtol={value:g} is above {LARGEST_RTOL:g}, where the bound on the error of blocks no longer holds; "
-            "choose a smaller one."
-        )
-    return value
-
-
 def _prior_std(initial_std: float | None, noise_variance: float | None) -> float:
     """Return the prior's standard deviation in those of the noise."""
-    noise = None if noise_variance is None else check_noise_variance(noise_variance)
+    noise = None if noise_variance is None else inputs.check_noise_variance(noise_variance)
     if initial_std is None:
         return PRIOR_STD
     if noise is None:
@@ -224,7 +189,7 @@ def _prior_std(initial_std: float | None, noise_variance: float | None) -> float
             f"initial_std={std:g} weighs against the noise, whose variance is not given; "
             "pass noise_variance too, or neither."
         )
-    return check_initial_std(initial_std, noise=noise)
+    return inputs.check_initial_std(initial_std, noise=noise)
 
 
 def _startup(task: _Task, seen: NDArray[np.bool_], *, name: str) -> int:
@@ -238,8 +203,7 @@ def _startup(task: _Task, seen: NDArray[np.bool_], *, name: str) -> int:
             f"orders with poles={model.poles}, {needed} are needed: pass noise_variance, or more samples"
             f"{'.' if name == 'x' else ', or leave this channel out: without noise it has no std.'}"
         )
-    widest = model.bandwidth.max(axis=1)
-    memory = min(ceil(1 / widest.min()) + model.state_size, observed // 2)
+    memory = min(ceil(1 / model.bandwidth.max(axis=1).min()) + model.state_size, observed // 2)
     return memory if observed in (0, seen.size) else int(np.flatnonzero(seen)[memory])
 
 

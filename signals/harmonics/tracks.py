@@ -36,19 +36,17 @@ class UnresolvedPair(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrderTracks:
-    """Complex amplitudes of shaft harmonics and how sure they are.
+    """Complex amplitudes of shaft harmonics and their standard deviations.
 
-    The harmonic is `Re{ Z exp(j order phase) }`: `abs(Z)` is its peak amplitude in the units of the record,
-    `angle(Z)` its phase where the shaft's phase is zero. The amplitude of order 0, the mean, is real. A record
-    of several channels gives a leading axis `channel`; one of a single dimension gives none.
+    The harmonic is `Re{ Z exp(j order phase) }`: `abs(Z)` is its peak amplitude in the units of the record, `angle(Z)`
+    its phase where the shaft's phase is zero; real for order 0. A record of two dimensions gives the axis `channel`.
 
     Attributes
     ----------
     complex_amplitude : ([channel,] order, output) array, Z.
-    settling_variance : ([channel,] order, settling) array, mean variance of the two parts of an amplitude where R = 1,
-        of the first outputs: it has settled at the last of these. Of all outputs, but for a filter with settled
-        gains; for the fast smoother at its knots.
-    std_spacing : samples from one of these to the next where they are those at knots; None where of outputs.
+    settling_variance : ([channel,] order, settling) array, mean variance of the two parts of an amplitude where R = 1:
+        of all outputs, of the first ones until it has settled, or at nodes `std_spacing` samples apart.
+    std_spacing : None where `settling_variance` is that of outputs.
     angle_std : (order, output or 1) array, standard deviation of `order phase_rad`; None where that is taken as known.
     flags : ([channel,] order, output) array of `OutputFlag`; a view where channels miss the same samples.
     orders : (order,) array, cycles per revolution of the order's own shaft.
@@ -60,10 +58,10 @@ class OrderTracks:
     poles : how many times the random walk is integrated.
     estimator : "smoother" (all samples) or "filter" (this sample and those before it).
     method : "exact", "fast" or "reference": the one that ran.
-    error_bound : what "fast" may add or take; 0 for the others. The smoother: as a part of the largest amplitude among
-        those that disturb one another, and of noise it makes what the exact one does to some hundredths of `std`;
-        infinite where lines stay within half a bandwidth of each other beside orders that are not smoothed with them,
-        and poles are several. The filter: as a part of the exact filter's own error, noise and lag.
+    error_bound : largest error that "fast" adds; 0 for the others. Smoother: as a part of the largest amplitude among
+        orders that disturb one another (its noise agrees with the exact one's to some hundredths of `std`); infinite
+        where, with several poles, lines stay within half a bandwidth of each other beside orders that are not smoothed
+        with them. Filter: as a part of the exact filter's own error, noise and lag.
     noise_variance : ([channel,]) R, as given or as estimated from the record.
     innovation_variance : ([channel,]) R times the geometric mean, after start-up, of the variance of the innovation
         (the error of the prediction of the next sample) where R = 1.
@@ -74,11 +72,9 @@ class OrderTracks:
     whiteness : ([channel,]) mean of the squared autocorrelation times the samples it was taken from: near 1 where
         the innovations are white, above where the record holds lines or bands that no order explains. What is said of
         innovations is NaN where none counts: in a channel without a sample, or before start-up is over.
-    samples : how many samples the record has.
-    output_every : samples from one output to the next.
-    first_output : the sample of the first output.
-    innovations : ([channel,] sample) array where asked for: what each sample adds to its prediction from those before
-        it, in the unit of the record; NaN where it is missing.
+    samples, output_every, first_output : length of the record, distance between outputs and place of the first one.
+    innovations : ([channel,] sample) array where asked for: each sample less its prediction from those before it, in
+        the unit of the record; NaN where it is missing.
     normalised_innovation_squared : of the same shape: their squares over their variances. Where the model holds, each
         is a draw of chi squared with one degree of freedom.
     """
@@ -139,32 +135,16 @@ class OrderTracks:
 
     @cached_property
     def std(self) -> Floats:
-        """([channel,] order, output) array, `sqrt(E|Zhat - Z|^2 / 2)`; for order 0 that of the real part.
-
-        Made from `settling_variance`, the noise and `angle_std` when it is first asked for.
-        """
-        known = self.settling_variance * np.asarray(self.noise_variance)[..., None, None]
-        std = _spread(np.sqrt(known, out=known), self.std_spacing, self.sample_index)
+        """([channel,] order, output) array, `sqrt(E|Zhat - Z|^2 / 2)`; for order 0 that of the real part."""
+        std: Floats = self.settling_variance * np.asarray(self.noise_variance)[..., None, None]
+        np.sqrt(std, out=std)
+        outputs, known = self.sample_index, std.shape[-1]
+        if self.std_spacing is not None:
+            nodes = self.std_spacing * np.arange(known)
+            std = np.apply_along_axis(lambda row: np.interp(outputs, nodes, row), -1, std)
+        elif known < outputs.size:
+            settled = np.broadcast_to(std[..., -1:], (*std.shape[:-1], outputs.size - known))
+            std = np.concatenate([std, settled], axis=-1)
         if self.angle_std is not None:
             np.sqrt(std**2 + (self.angle_std * np.abs(self.complex_amplitude)) ** 2 / 2, out=std)
         return std
-
-
-def _spread(values: Floats, spacing: int | None, sample_index: Indices) -> Floats:
-    """Return standard deviations at all outputs: linear between those `spacing` samples apart, or the last one held."""
-    if spacing is None:
-        return _held(values, sample_index.size)
-    nodes = spacing * np.arange(values.shape[-1])
-    rows = values.reshape(-1, values.shape[-1])
-    spread = np.stack([np.interp(sample_index, nodes, row) for row in rows])
-    return spread.reshape(*values.shape[:-1], sample_index.size)
-
-
-def _held(values: Floats, outputs: int) -> Floats:
-    """Return values of the first outputs, along the last axis, with the last one held for the outputs after them."""
-    known = values.shape[-1]
-    if known == outputs:
-        return values
-    held = np.empty((*values.shape[:-1], outputs))
-    held[..., :known], held[..., known:] = values, values[..., -1:]
-    return held
