@@ -90,9 +90,10 @@ class StreamFlags:
         reach = half_memory(np.maximum(model.bandwidth, NARROWEST))
         farthest = ceil(float(reach.max()))
         start = max(first - farthest, 0) if self.missing.size or not seen.all() else first
-        window = np.concatenate([np.ones(first - start, dtype=np.bool_), seen])
-        window[self.missing - start] = False
-        flag_gaps(found, outputs - start, reach, window, first=self.first_seen - start, later=lag is not None)
+        if lag is not None or start < first or first < self.first_seen + farthest:
+            window = np.concatenate([np.ones(first - start, dtype=np.bool_), seen])
+            window[self.missing - start] = False
+            flag_gaps(found, outputs - start, reach, window, first=self.first_seen - start, later=lag is not None)
         missing = np.concatenate([self.missing, first + np.flatnonzero(~seen[:count])])
         self.missing = missing[missing >= stop - farthest]
         return found
