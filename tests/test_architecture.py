@@ -56,6 +56,7 @@ ORDER = {
         "separability",
         "kalman_filter",
         "grid",
+        "block_outputs",
         "smoothing",
         "coupling",
         "blocks",

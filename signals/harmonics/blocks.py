@@ -20,13 +20,15 @@ from math import inf, pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from signals.harmonics._information_smoother import smooth_stretches
+from signals.harmonics.block_outputs import BlockOutputs
 from signals.harmonics.coupling import Coupling, couple
 from signals.harmonics.grid import Grid, at_outputs, pieces_between
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.kalman_filter import count_innovations
 from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, Indices
 from signals.harmonics.separability import Closeness
-from signals.harmonics.smoothing import Smoothed, chain_together, no_neighbours, smooth_apart, solved
+from signals.harmonics.smoothing import Smoothed, chain_together, no_neighbours, smooth_apart
 
 FEWEST_BLOCKS = 64
 # A one-pole walk moves as much within a block as the noise of the block: measured, at this part of 1 / bandwidth the
@@ -129,7 +131,7 @@ def fast(
     if fit.coupling and model.poles > 1 and fit.alike:
         bound = inf  # what others leave in their difference does not fade in a memory
     observed = int(np.count_nonzero(grid.seen[startup:]))
-    levels, variances = _share_out(grid, member, smoothed.levels, smoothed.variances)
+    levels, variances = _share_out(grid, member, smoothed.levels, smoothed.variances, every=length)
     return Estimate(
         amplitude=at_outputs(levels, grid, every=output_every),
         variance=variances,
@@ -168,18 +170,17 @@ def exact(
     while True:
         grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=0.0, shared=np.bincount(member))
         chain = chain_together(grid, group, slice(0, grid.nodes), None, no_neighbours(grid, group))
-        levels, variances, _, _ = solved(grid, group, chain, 0)
-        lost = _lost_between(levels, variances, std)  # grows with the square of the length
+        outputs = BlockOutputs.empty(grid, every=output_every)
+        for nodes, part in smooth_stretches(chain, first=0):
+            outputs.take(nodes, part)
+        lost = outputs.droop(std)  # grows with the square of the length
         if length == 1 or lost <= LARGEST_DROOP:
             break
         length = max(1, min(int(length * sqrt(LARGEST_DROOP / lost)), length - 1))
-    levels, variances = _share_out(grid, member, levels, variances)
-    if output_every > length:
-        outputs, nodes = np.arange(0, seen.size, output_every), length * np.arange(grid.nodes)
-        variances = np.stack([np.interp(outputs, nodes, own) ** 2 for own in np.sqrt(variances)])
+    amplitude, variance = _share_out(grid, member, outputs.amplitude, outputs.variance, every=max(output_every, length))
     return Estimate(
-        amplitude=at_outputs(levels, grid, every=output_every),
-        variance=variances,
+        amplitude=amplitude,
+        variance=variance,
         std_spacing=None if output_every > length else length,
         innovation_mean_square=innovations.mean_square,
         innovation_log_variance=innovations.mean_log_variance,
@@ -187,16 +188,6 @@ def exact(
         innovation_samples=innovations.count,
         innovations=innovations.kept,
     )
-
-
-def _lost_between(levels: Complexes, variances: Floats, noise_std: Floats) -> float:
-    """Return what moving amplitudes lose between nodes, as a part of `std`: root mean square, of the worst order.
-
-    A triangular weight takes a twelfth of its second difference off an envelope.
-    """
-    bend = np.sqrt(np.sum(np.abs(np.diff(levels, 2, axis=-1)) ** 2, axis=-1) / levels.shape[-1]) / 12
-    std = np.sqrt(variances.mean(axis=1)) * noise_std[:, None]
-    return float(np.max(np.divide(bend, std, out=np.zeros_like(bend), where=std > 0)))
 
 
 def exact_length(model: HarmonicModel, samples: int | None = None) -> int:
@@ -232,17 +223,21 @@ def one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:
     return np.array(kept), member
 
 
-def _share_out(grid: Grid, member: Indices, levels: Complexes, variances: Floats) -> tuple[Complexes, Floats]:
+def _share_out(
+    grid: Grid, member: Indices, levels: Complexes, variances: Floats, *, every: int
+) -> tuple[Complexes, Floats]:
     """Give every duplicate its part of the sum, and the variance of what no data determine.
 
-    Alike as they are, each is an even part of their sum and a rest that is independent of it.
+    Alike as they are, each is an even part of their sum and a rest that is independent of it. Variances are known at
+    every `every`-th sample.
     """
     if member.size == len(variances):
         return levels, variances
     count = grid.shared[member]
     shared = variances[member] / count[:, None] ** 2
+    nodes, at = grid.length * np.arange(grid.nodes), every * np.arange(variances.shape[1])
     for k in np.flatnonzero(count > 1):
-        shared[k] += (1 - 1 / count[k]) * grid.unmeasured_variance(member[k])
+        shared[k] += (1 - 1 / count[k]) * np.interp(at, nodes, grid.unmeasured_variance(member[k]))
     return levels[:, member] / count[:, None], shared
 
 

@@ -253,7 +253,12 @@ def at_outputs(levels: Complexes, grid: Grid, *, every: int, skip: int = 0, samp
     samples : how many from the first on have outputs; all unless given.
     """
     outputs = len(range(skip, grid.samples if samples is None else samples, every))
-    pieces = pieces_between(levels, cubic=grid.model.poles > 1)
-    values = np.empty((levels.shape[0] * levels.shape[1], 2 * outputs))
-    _block_kernels.evaluate(pieces.reshape(-1, *pieces.shape[2:]), grid.length, skip, every, values)
-    return values.view(np.complex128).reshape(*levels.shape[:2], -1)
+    return evaluated(pieces_between(levels, cubic=grid.model.poles > 1), grid.length, every, skip, outputs)
+
+
+def evaluated(pieces: Floats, length: int, every: int, skip: int, outputs: int) -> Complexes:
+    """(channel, order, output) values of (channel, order, block, 2, 4) pieces, `length` samples each."""
+    values = np.empty((pieces.shape[0] * pieces.shape[1], 2 * outputs))
+    flat = np.ascontiguousarray(pieces.reshape(-1, *pieces.shape[2:]))
+    _block_kernels.evaluate(flat, length, skip, every, values)
+    return values.view(np.complex128).reshape(*pieces.shape[:2], -1)

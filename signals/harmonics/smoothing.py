@@ -131,7 +131,7 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
 def smooth_group(grid: Grid, group: Indices, data: Floats, smoothed: Smoothed) -> NodeChain:
     """Smooth a group together, in place, over the whole record; return its chain."""
     chain = chain_together(grid, group, slice(0, grid.nodes), data, no_neighbours(grid, group))
-    levels, variance, explained, log_variance = solved(grid, group, chain, smoothed.first)
+    levels, variance, explained, log_variance = _solved(grid, group, chain, smoothed.first)
     smoothed.levels[:, group], smoothed.variances[group] = levels, variance
     smoothed.explained[group], smoothed.log_variances[group] = explained / group.size, log_variance / group.size
     return chain
@@ -167,7 +167,7 @@ def smooth_run(
         _insert(grid, group, members, early, before)
         _insert(grid, group, members, late, after)
     chain = chain_together(grid, group, nodes, data, (before, after))
-    levels, variances, explained, _ = solved(grid, group, chain, 0)
+    levels, variances, explained, _ = _solved(grid, group, chain, 0)
     return levels, variances, np.broadcast_to(explained / group.size, variances.shape)
 
 
@@ -236,7 +236,7 @@ def chain_together(
     )
 
 
-def solved(grid: Grid, group: Indices, chain: NodeChain, first: int) -> tuple[Complexes, Floats, Floats, float]:
+def _solved(grid: Grid, group: Indices, chain: NodeChain, first: int) -> tuple[Complexes, Floats, Floats, float]:
     """Return (channel, order, node) levels of a group, (order, node) variances, and of all what they explain."""
     model = grid.model.subset(group)
     found, variance, explained, log_variance = smooth_chain(chain, first=first)
