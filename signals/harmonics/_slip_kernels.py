@@ -1,9 +1,11 @@
 """The loops over samples and blocks of the tracker of a slipping order.
 
-A state is the real parts of A over the harmonics, their imaginary parts, and the slip: see `slip`. Samples are
-condensed block by block, linearised at a state, to the information and the score of a least-squares problem; a
-filter goes forward through the blocks and a Rauch-Tung-Striebel sweep back.
+A state is the real parts of A over the harmonics, their imaginary parts, and the slip: see `slip`. The samples of a
+block, linearised at a state, are condensed to the information and the score of a least-squares problem; a Kalman
+filter goes forward through the blocks and a Rauch-Tung-Striebel smoother back.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,51 +13,58 @@ from numpy.typing import NDArray
 from signals._compile import compiled
 
 Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 Whole = NDArray[np.int64]
 
 
-@compiled
-def demodulate(x: Floats, phase: Floats, order: float, edges: Whole, sums: Complexes, counts: Floats) -> None:
-    """Sum `x exp(-j k order phase)` over the observed samples between the edges: sums (harmonic, block)."""
-    for block in range(edges.size - 1):
-        for n in range(edges[block], edges[block + 1]):
-            if not np.isnan(x[n]):
-                turn = complex(np.cos(order * phase[n]), -np.sin(order * phase[n]))
-                power = turn
-                counts[block] += 1.0
-                for k in range(len(sums)):
-                    sums[k, block] += x[n] * power
-                    power *= turn
+class SlipChain(NamedTuple):
+    """A record in blocks, in units of its noise.
+
+    Attributes
+    ----------
+    x : (sample,) array, the record over the standard deviation of its noise.
+    phase : (sample,) array, angle of the shaft in rad.
+    order : of the fundamental, cycles per revolution.
+    edges : (block + 1,) array, first samples of the blocks and one past the last.
+    centres : (block,) array, their middle samples.
+    turning : (block,) array, `SlipRecord.turning` there.
+    outputs : (output,) array, the blocks that are put out.
+    turns : (block - 1,) array, order times the step of the phase from middle to middle.
+    walks : (block - 1,) array, variances of the changes of a quadrature.
+    slip_walks : (block - 1,) array, variances of the changes of the slip.
+    prior_mean : (state,) array, before the first sample.
+    prior_std : (state,) array.
+    """
+
+    x: Floats
+    phase: Floats
+    order: float
+    edges: Whole
+    centres: Whole
+    turning: Floats
+    outputs: Whole
+    turns: Floats
+    walks: Floats
+    slip_walks: Floats
+    prior_mean: Floats
+    prior_std: Floats
 
 
 @compiled
-def _condense(
-    x: Floats,
-    phase: Floats,
-    order: float,
-    scale: float,
-    first: int,
-    last: int,
-    centre: int,
-    state: Floats,
-    row: Floats,
-    information: Floats,
-    score: Floats,
-) -> float:
-    """Linearise a block at `state`: fill row^T row and row^T residual, summed; return the residuals' squares."""
-    harmonics = state.size // 2
+def _condense(chain: SlipChain, block: int, state: Floats, information: Floats, score: Floats) -> float:
+    """Linearise a block at `state`: fill H^T H and H^T residual; return the sum of squared residuals."""
+    harmonics, centre = state.size // 2, chain.centres[block]
+    row = np.empty(state.size)
     information[:] = 0.0
     score[:] = 0.0
     squares = 0.0
-    for n in range(first, last):
-        if np.isnan(x[n]):
+    for n in range(chain.edges[block], chain.edges[block + 1]):
+        if np.isnan(chain.x[n]):
             continue
-        lead = order * (phase[n] - phase[centre])
-        angle = order * phase[n] + state[-1] * lead
+        lead = chain.order * (chain.phase[n] - chain.phase[centre])
+        angle = chain.order * chain.phase[n] + state[-1] * lead
         cosine, sine = np.cos(angle), np.sin(angle)
         c, s = 1.0, 0.0
-        residual = scale * x[n]
+        residual = chain.x[n]
         row[-1] = 0.0
         for k in range(harmonics):
             c, s = c * cosine - s * sine, s * cosine + c * sine
@@ -76,89 +85,82 @@ def _condense(
 
 
 @compiled
-def condense_all(
-    x: Floats,
-    phase: Floats,
-    order: float,
-    scale: float,
-    edges: Whole,
-    centres: Whole,
-    states: Floats,
-    informations: Floats,
-    scores: Floats,
-) -> float:
+def condense_all(chain: SlipChain, states: Floats, informations: Floats, scores: Floats) -> float:
     """Linearise every block at its state; return the sum of squared residuals of the record."""
-    row = np.empty(states.shape[1])
     squares = 0.0
-    for m in range(centres.size):
-        squares += _condense(
-            x, phase, order, scale, edges[m], edges[m + 1], centres[m], states[m], row, informations[m], scores[m]
-        )
+    for m in range(chain.centres.size):
+        squares += _condense(chain, m, states[m], informations[m], scores[m])
     return squares
 
 
 @compiled
-def _update(row: Floats, datum: float, at: Floats, mean: Floats, covariance: Floats, gain: Floats) -> float:
-    """Take in `datum = row (state - at)` with unit noise; return the squared innovation over its variance."""
-    innovation, variance = datum, 1.0
-    for a in range(mean.size):
-        gain[a] = 0.0
-        for b in range(mean.size):
-            gain[a] += covariance[a, b] * row[b]
-    for a in range(mean.size):
-        innovation -= row[a] * (mean[a] - at[a])
-        variance += row[a] * gain[a]
-    for a in range(mean.size):
-        mean[a] += gain[a] * (innovation / variance)
-        for b in range(mean.size):
-            covariance[a, b] -= gain[a] * gain[b] / variance
-    return innovation * innovation / variance
+def _update(information: Floats, score: Floats, at: Floats, mean: Floats, P: Floats) -> tuple[float, int]:
+    """Update mean and P by a block linearised at the state `at`; its information and score are used up.
 
-
-@compiled
-def _take(
-    information: Floats, score: Floats, at: Floats, mean: Floats, covariance: Floats, row: Floats, gain: Floats
-) -> tuple[float, int]:
-    """Take a block in, as one scalar measurement of unit noise for each pivot of its information.
-
-    Returns the sum of the squared innovations over their variances, and how many there were.
+    Each pivot of the information is a scalar measurement with unit noise: `row (state - at) + noise = datum`.
+    Returns the sum of squared innovations over their variances, and their number.
     """
     total, count = 0.0, 0
     full = np.diag(information).copy()
+    row, gain = np.empty(mean.size), np.empty(mean.size)
     for _ in range(mean.size):
-        # A block sees no more directions than it has samples: the clearest first, else rounding passes for others.
-        i, clearest = -1, 1e-12
+        # A block measures no more directions than it has samples: the clearest first, what rounding leaves not at all.
+        pivot, clearest = -1, 1e-12
         for a in range(mean.size):
             if information[a, a] > clearest * full[a]:
-                i, clearest = a, information[a, a] / full[a]
-        if i < 0:
+                pivot, clearest = a, information[a, a] / full[a]
+        if pivot < 0:
             break
-        root = np.sqrt(information[i, i])
-        datum = score[i] / root
-        for a in range(mean.size):
-            row[a] = information[a, i] / root
+        root = np.sqrt(information[pivot, pivot])
+        datum = score[pivot] / root
+        row[:] = information[pivot] / root
+        innovation, variance = datum, 1.0
         for a in range(mean.size):
             score[a] -= row[a] * datum
             for b in range(mean.size):
                 information[a, b] -= row[a] * row[b]
-        # Done with, and nothing is left of it but rounding.
-        information[i, :] = 0.0
-        information[:, i] = 0.0
-        total += _update(row, datum, at, mean, covariance, gain)
+            gain[a] = 0.0
+            for b in range(mean.size):
+                gain[a] += P[a, b] * row[b]
+            innovation -= row[a] * (mean[a] - at[a])
+            variance += row[a] * gain[a]
+        information[pivot, :] = 0.0
+        information[:, pivot] = 0.0
+        for a in range(mean.size):
+            mean[a] += gain[a] * (innovation / variance)
+            for b in range(mean.size):
+                P[a, b] -= gain[a] * gain[b] / variance
+        total += innovation * innovation / variance
         count += 1
     return total, count
 
 
 @compiled
-def _turn(at: Floats, ahead: float, turn: float, mean: Floats, F: Floats) -> None:
-    """Fill F, the transition linearised where the state is `at` and the next slip `ahead`; move the mean by it."""
-    harmonics = mean.size // 2
-    middle = 0.5 * (at[-1] + ahead)
+def _times(F: Floats, P: Floats, product: Floats) -> None:
+    """Fill `product` with F P: F couples the two parts of an amplitude with each other and the slip, no more."""
+    harmonics = len(F) // 2
+    for b in range(len(F)):
+        for k in range(harmonics):
+            real, imaginary, slip = P[k, b], P[harmonics + k, b], P[-1, b]
+            product[k, b] = F[k, k] * real + F[k, harmonics + k] * imaginary + F[k, -1] * slip
+            product[harmonics + k, b] = F[harmonics + k, k] * real + F[k, k] * imaginary + F[harmonics + k, -1] * slip
+        product[-1, b] = P[-1, b]
+
+
+@compiled
+def _predict(
+    chain: SlipChain, block: int, at: Floats, ahead: float, mean: Floats, P: Floats, F: Floats, moved: Floats
+) -> None:
+    """Predict mean and P in the next block by F, linearised where the state is `at` and the next slip `ahead`.
+
+    Fills F and, in `moved`, F times the P before.
+    """
+    size, harmonics, middle = mean.size, mean.size // 2, 0.5 * (at[-1] + ahead)
     off = mean[-1] - middle
     F[:] = 0.0
     F[-1, -1] = 1.0
     for k in range(harmonics):
-        rate = (k + 1) * turn
+        rate = (k + 1) * chain.turns[block]
         c, s = np.cos(rate * middle), np.sin(rate * middle)
         F[k, k] = F[harmonics + k, harmonics + k] = c
         F[k, harmonics + k] = -s
@@ -168,138 +170,81 @@ def _turn(at: Floats, ahead: float, turn: float, mean: Floats, F: Floats) -> Non
         real, imaginary = mean[k], mean[harmonics + k]
         mean[k] = c * real - s * imaginary + F[k, -1] * off
         mean[harmonics + k] = s * real + c * imaginary + F[harmonics + k, -1] * off
-
-
-@compiled
-def _move(F: Floats, walk: float, slip_walk: float, covariance: Floats, moved: Floats) -> None:
-    """Turn P into `F P F^T + Q`; leave F P in `moved`."""
-    # F couples the two parts of an amplitude to each other and to the slip, and nothing else.
-    size, last = len(F), len(F) - 1
-    harmonics = size // 2
-    for b in range(size):
-        for k in range(harmonics):
-            real, imaginary = covariance[k, b], covariance[harmonics + k, b]
-            moved[k, b] = F[k, k] * real + F[k, harmonics + k] * imaginary + F[k, last] * covariance[last, b]
-            moved[harmonics + k, b] = F[harmonics + k, k] * real + F[harmonics + k, harmonics + k] * imaginary
-            moved[harmonics + k, b] += F[harmonics + k, last] * covariance[last, b]
-        moved[last, b] = covariance[last, b]
+    _times(F, P, moved)
+    _times(F, moved.T, P)
     for a in range(size):
-        for k in range(harmonics):
-            real, imaginary, slip = moved[a, k], moved[a, harmonics + k], moved[a, last]
-            covariance[a, k] = F[k, k] * real + F[k, harmonics + k] * imaginary + F[k, last] * slip
-            covariance[a, harmonics + k] = F[harmonics + k, k] * real + F[harmonics + k, harmonics + k] * imaginary
-            covariance[a, harmonics + k] += F[harmonics + k, last] * slip
-        covariance[a, last] = moved[a, last]
-    for a in range(size):
+        P[a, a] += chain.walks[block] if a < size - 1 else 0.0
         for b in range(a + 1):
             # The change of the slip turns the line by half of what the slip before it does.
-            change = slip_walk * F[a, last] * F[b, last]
-            change *= (0.5 if a < last else 1.0) * (0.5 if b < last else 1.0)
-            covariance[a, b] += change + (walk if a == b and a < last else 0.0)
-            covariance[b, a] = covariance[a, b]
+            share = (0.5 if a < size - 1 else 1.0) * (0.5 if b < size - 1 else 1.0)
+            P[a, b] += chain.slip_walks[block] * share * F[a, -1] * F[b, -1]
+            P[b, a] = P[a, b]
 
 
 @compiled
 def forward(
-    x: Floats,
-    phase: Floats,
-    order: float,
-    scale: float,
-    edges: Whole,
-    centres: Whole,
-    turns: Floats,
-    walks: Floats,
-    slip_walks: Floats,
-    follow: bool,
-    states: Floats,
-    informations: Floats,
-    scores: Floats,
-    means: Floats,
-    covariances: Floats,
-) -> tuple[float, int]:
-    """Filter all blocks: linearised at `states`, or (`follow`) at each prediction, which is then put there.
+    chain: SlipChain, follow: bool, states: Floats, informations: Floats, scores: Floats
+) -> tuple[Floats, Floats, float, int]:
+    """Filter all blocks: linearised at `states`, or (`follow`) at each prediction: the extended Kalman filter.
 
     Parameters
     ----------
-    x, phase, order, scale : the record (times scale), the shaft's angle in rad, the order.
-    edges : (block + 1,) array, first samples of the blocks and one past the last.
-    centres : (block,) array, their middle samples.
-    turns : (block - 1,) array, order times the step of the phase from middle to middle.
-    walks, slip_walks : (block - 1,) arrays, variances of the changes of a quadrature and of the slip.
-    follow : whether to linearise, and condense, at the prediction: the extended Kalman filter.
-    states : (block, state) array; in `follow`, the filtered states on return.
-    informations, scores : (block, state, state) and (block, state) arrays; used up.
-    means, covariances : (block, state) and (block, state, state) arrays: the first of each holds what is known
-        before any sample on entry; filled with what the filter knows.
+    chain : the blocks.
+    follow : whether to linearise, and condense, at the prediction.
+    states : (block, state) array; in `follow`, the filtered means on return.
+    informations, scores : (block, state, state) and (block, state) arrays, as condensed at `states`; used up.
 
     Returns
     -------
-    Sum of squared innovations over their variances, and their number.
+    Means and covariances after each block, the sum of squared innovations over their variances, and their number.
     """
-    size = means.shape[1]
-    mean, covariance = means[0].copy(), covariances[0].copy()
-    row, gain = np.empty(size), np.empty(size)
-    F, moved = np.empty((size, size)), np.empty((size, size))
+    means, covariances = np.empty_like(scores), np.empty_like(informations)
+    mean, P = chain.prior_mean.copy(), np.diag(chain.prior_std**2)
+    F, moved = np.empty_like(P), np.empty_like(P)
     total, count = 0.0, 0
-    for m in range(centres.size):
+    for m in range(len(means)):
         if follow:
             states[m] = mean
-            _condense(x, phase, order, scale, edges[m], edges[m + 1], centres[m], mean, row, informations[m], scores[m])
-        added, more = _take(informations[m], scores[m], states[m], mean, covariance, row, gain)
+            _condense(chain, m, mean, informations[m], scores[m])
+        added, more = _update(informations[m], scores[m], states[m], mean, P)
         total += added
         count += more
         means[m] = mean
-        covariances[m] = covariance
+        covariances[m] = P
         if follow:
             states[m] = mean
-        if m + 1 < centres.size:
-            ahead = states[m, -1] if follow else states[m + 1, -1]
-            _turn(states[m], ahead, turns[m], mean, F)
-            _move(F, walks[m], slip_walks[m], covariance, moved)
-    return total, count
+        if m + 1 < len(means):
+            _predict(chain, m, states[m], states[m if follow else m + 1, -1], mean, P, F, moved)
+    return means, covariances, total, count
 
 
 @compiled
-def _gain(moved: Floats, factor: Floats, G: Floats) -> None:
-    """Fill G with `(F P)^T S^-1`, S = factor factor^T, row by row: forth and back through the triangle."""
-    size = len(G)
-    for row in range(size):
-        for a in range(size):
-            value = moved[a, row]
-            for b in range(a):
-                value -= factor[a, b] * G[row, b]
-            G[row, a] = value / factor[a, a]
-        for a in range(size - 1, -1, -1):
-            value = G[row, a]
-            for b in range(a + 1, size):
-                value -= factor[b, a] * G[row, b]
-            G[row, a] = value / factor[a, a]
-
-
-@compiled
-def backward(
-    turns: Floats, walks: Floats, slip_walks: Floats, follow: bool, states: Floats, means: Floats, covariances: Floats
-) -> None:
-    """Turn what the filter knows into what all blocks say (Rauch, Tung, Striebel); arguments as in `forward`."""
+def backward(chain: SlipChain, follow: bool, states: Floats, means: Floats, covariances: Floats) -> None:
+    """Smooth what `forward` returned, in place (Rauch, Tung, Striebel)."""
     size = means.shape[1]
-    F, moved, factor = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
-    G, spread = np.empty((size, size)), np.empty((size, size))
+    F, gain, spread = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
     for m in range(len(means) - 2, -1, -1):
-        mean = means[m].copy()
-        covariance = covariances[m].copy()
-        ahead = states[m, -1] if follow else states[m + 1, -1]
-        _turn(states[m], ahead, turns[m], mean, F)
-        _move(F, walks[m], slip_walks[m], covariance, moved)
-        factor[:] = np.linalg.cholesky(covariance)
-        _gain(moved, factor, G)
+        mean, P = means[m].copy(), covariances[m].copy()
+        _predict(chain, m, states[m], states[m if follow else m + 1, -1], mean, P, F, gain)
+        # The gain, transposed: P^-1 F P_m, forth and back through the Cholesky factor.
+        factor = np.linalg.cholesky(P)
+        for a in range(size):
+            for c in range(size):
+                for b in range(a):
+                    gain[a, c] -= factor[a, b] * gain[b, c]
+                gain[a, c] /= factor[a, a]
+        for a in range(size - 1, -1, -1):
+            for c in range(size):
+                for b in range(a + 1, size):
+                    gain[a, c] -= factor[b, a] * gain[b, c]
+                gain[a, c] /= factor[a, a]
+        spread[:] = 0.0
         for a in range(size):
             for b in range(size):
-                means[m, a] += G[a, b] * (means[m + 1, b] - mean[b])
-                spread[a, b] = 0.0
-                for i in range(size):
-                    spread[a, b] += G[a, i] * (covariances[m + 1, i, b] - covariance[i, b])
+                means[m, a] += gain[b, a] * (means[m + 1, b] - mean[b])
+                for c in range(size):
+                    spread[a, c] += (covariances[m + 1, a, b] - P[a, b]) * gain[b, c]
         for a in range(size):
-            for b in range(a + 1):
-                for i in range(size):
-                    covariances[m, a, b] += spread[a, i] * G[b, i]
-                covariances[m, b, a] = covariances[m, a, b]
+            for b in range(size):
+                for c in range(size):
+                    covariances[m, a, c] += gain[b, a] * spread[b, c]

@@ -4,6 +4,12 @@ The record is cut into segments in which the shaft turns equally far, over which
 constant. The power of each at a grid of slips is weighed against that of the noise beside; the path through these
 cells that has most, less what its changes cost, is found by dynamic programming (Viterbi). Samples at which the shaft
 rests tell nothing of a slip, and are left out.
+
+White noise gives a segment's power, over the variance R, the moments E exp(theta power) = det(1 - 2 theta C)^(-1/2)
+with C the covariance of the cosines and sines it is taken from: (1 - theta)^-1 for each harmonic that makes many turns
+there, more where it makes few. Over all paths Markov's inequality for exp(theta score) with the best theta bounds the
+probability of a score. It is the looser the livelier the slip may be. A measured R is too small now and then: it has
+the law of a mean of some exponential powers. The bound is averaged over that.
 """
 
 from dataclasses import dataclass, replace
@@ -13,15 +19,16 @@ from math import ceil, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics._slip_chance import chance, power_spreads
-from signals.harmonics._slip_noise import cells_beside, noise_beside
-from signals.harmonics._slip_record import Demodulated, Line, SlipRecord
+from signals.harmonics._slip_record import Demodulated, Line, SlipRecord, cells_beside, noise_beside, phasors
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 _CELLS_PER_WIDTH = 2  # of slips searched, for each width (1 / segment) of a line
 _TURN_OF_BLOCK = 1 / 32  # of a turn, at the edge of what is looked at
+_TILTS = np.arange(1, 20) / 20  # theta of the bound
+# Of measured R over true. Above the last the bound is taken at the last, which loses little.
+_RATIOS = np.geomspace(1e-4, 1.25, 600)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,12 +53,12 @@ class Ridge:
 
 def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: float | None) -> Ridge:
     """Look for the line; `width` is the bandwidth of its amplitude in cycles a sample, one or one a sample."""
-    cuts = _cuts(record.turning, min(record.memory_rad(width), 2 * pi * line.steady_rev))
+    cuts = _cuts(record, line, width)
     # The angle comes less far than the shaft turns where it turns back.
     swing = float(np.median([np.ptp(record.phase[a : b + 1]) for a, b in pairwise(cuts)]))
     cell = 2 * pi / swing
     cells = cells_beside(record, line, width=cell, segments=cuts.size - 1)
-    farthest = 0.0 if noise_variance is not None else float(np.abs(cells.away).max(initial=0.0))
+    farthest = 0.0 if noise_variance is not None else float(np.abs(np.concatenate(cells)).max(initial=0.0))
     reach = max(farthest, line.top * line.largest_slip + cell)
     block = max(1, int(_TURN_OF_BLOCK * record.per_rev / reach))
     turned = record.while_turning()
@@ -59,43 +66,37 @@ def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: flo
     seen = replace(turned, x=np.where(np.isnan(turned.x), np.nan, 1.0))
     ones = Demodulated.of(seen, order=line.order, harmonics=2 * line.harmonics, block=block, cuts=cuts)
     noise, counted = (noise_variance, None) if noise_variance else noise_beside(data, cells, order=line.order)
+
     slip_width = cell / line.top
     half = max(1, ceil(_CELLS_PER_WIDTH * line.largest_slip / slip_width))
     grid = np.linspace(-line.largest_slip, line.largest_slip, 2 * half + 1)
-    power = _powers(data, line.order * grid) / noise
+    away = np.outer(np.arange(1, line.harmonics + 1), line.order * grid)
+    power = np.array([sum(data.power(part, k, each) for k, each in enumerate(away)) for part in data.parts]) / noise
     middle = np.interp(cuts[:-1] / 2 + cuts[1:] / 2, np.arange(record.x.size), record.turning)
     change = line.slip_change**2 * np.diff(middle) / (2 * pi) + (grid[1] - grid[0]) ** 2 / 12
-    path, score = _best_path(power, grid, change)
+    slip, score = _best_path(power, grid, change)
     spreads = power_spreads(ones, order=line.order, largest_slip=line.largest_slip)
     return Ridge(
         turning=middle,
-        slip=_summits(power, grid, path),
+        slip=slip,
         slip_width=slip_width,
         noise_variance=noise,
         false_alarm_probability=chance(score, grid, change, spreads=spreads, counted=counted),
     )
 
 
-def _cuts(turning: Floats, span: float) -> Whole:
-    """First samples of segments in which the shaft turns by about the span, and one past the last."""
-    segments = max(1, round(turning[-1] / span))
+def _cuts(record: SlipRecord, line: Line, width: Floats) -> Whole:
+    """First samples of segments, over which amplitude and slip can be taken for constant; and one past the last."""
+    turning = record.turning
+    mean = width[0] if width.size == 1 else np.average(width[1:], weights=np.diff(turning))
+    memory = 2 * pi / (mean * record.per_rev) if mean > 0 else np.inf
+    segments = max(1, round(turning[-1] / min(memory, 2 * pi * line.steady_rev)))
     inner = np.searchsorted(turning, turning[-1] * np.arange(1, segments) / segments)
     return np.unique(np.concatenate([[0], inner, [turning.size]]))
 
 
-def _powers(data: Demodulated, deviations: Floats) -> Floats:
-    """Power of each segment at each deviation of the order, summed over the harmonics; white noise has R in each."""
-    powers = np.zeros((len(data.parts), deviations.size))
-    for segment, part in enumerate(data.parts):
-        lead = data.angle[part] - data.angle[part].mean()
-        for k, harmonic in enumerate(data.sums, start=1):
-            powers[segment] += np.abs(np.exp(-1j * k * np.outer(deviations, lead)) @ harmonic[part]) ** 2
-        powers[segment] /= max(1.0, data.counts[part].sum())
-    return powers
-
-
-def _best_path(power: Floats, grid: Floats, change: Floats) -> tuple[Whole, float]:
-    """Find the path with most power, less half its squared changes over their variances; and its score."""
+def _best_path(power: Floats, grid: Floats, change: Floats) -> tuple[Floats, float]:
+    """Find the slips of the path with most power, less half its squared changes over their variances; and its score."""
     score = power[0]
     came_from = np.empty((len(power), grid.size), dtype=np.int64)
     apart = (grid[:, None] - grid) ** 2 / 2
@@ -107,14 +108,72 @@ def _best_path(power: Floats, grid: Floats, change: Floats) -> tuple[Whole, floa
     path[-1] = score.argmax()
     for segment in range(len(power) - 1, 0, -1):
         path[segment - 1] = came_from[segment, path[segment]]
-    return path, float(score.max())
-
-
-def _summits(power: Floats, grid: Floats, path: Whole) -> Floats:
-    """Slips of a path, each moved to the summit of the parabola through its cell and the two beside it."""
+    # Each slip moves to the summit of the parabola through its cell and the two beside it.
     at = np.clip(path, 1, grid.size - 2)
     left, middle, right = (power[np.arange(path.size), at + side] for side in (-1, 0, 1))
     bend = left - 2 * middle + right
     summit = (at == path) & (bend < 0) & (middle >= left) & (middle >= right)
     shift = np.where(summit, 0.5 * (left - right) / np.where(summit, bend, 1.0), 0.0)
-    return np.asarray(grid[path] + shift * (grid[1] - grid[0]))
+    return grid[path] + shift * (grid[1] - grid[0]), float(score.max())
+
+
+def power_spreads(ones: Demodulated, *, order: float, largest_slip: float) -> Floats:
+    """Eigenvalues of C, from a record of ones demodulated at twice as many harmonics.
+
+    Returns
+    -------
+    (part, slip, 2 harmonics) array, of the parts with samples, without slip and with the largest either way.
+    """
+    twice = len(ones.sums)
+    number = np.arange(1, twice + 1)
+    k = np.delete(np.arange(twice + 1) - twice // 2, twice // 2)
+    spreads = []
+    for part in ones.parts:
+        count = ones.counts[part].sum()
+        lead = ones.angle[part] - ones.angle[part].mean()
+        for slip in (-largest_slip, 0.0, largest_slip) if count else ():
+            means = np.sum(phasors(order * slip * np.outer(number, lead)) * ones.sums[:, part], axis=1) / count
+            # sqrt(2) cos and sin of k theta are a unitary transform of exp(j k theta), k = +-1 to +-harmonics.
+            means = np.concatenate([np.conj(means[::-1]), [1.0], means])
+            spreads.append(np.linalg.eigvalsh(means[twice + k[:, None] - k]) / 2)
+    return np.array(spreads).reshape(-1, 3, twice)
+
+
+def chance(score: float, grid: Floats, change: Floats, *, spreads: Floats, counted: int | None) -> float:
+    """Bound the probability that a path through powers of noise reaches this score.
+
+    Parameters
+    ----------
+    score : power, less half the squared changes of the slip over their variances, of the best path.
+    grid : slips searched.
+    change : (segment - 1,) array, variances of the slip's changes.
+    spreads : as `power_spreads` returns them.
+    counted : how many powers of noise R is the mean of; none where it is known.
+    """
+    with np.errstate(divide="ignore"):  # of theta beyond 1 / (2 spread) the moments are infinite
+        moments = [
+            -0.5 * np.log(np.maximum(1 - 2 * tilt * spreads, 0).prod(axis=2).min(axis=1)).sum() for tilt in _TILTS
+        ]
+    if counted is None:
+        return float(np.exp(min(0.0, np.min(moments - _TILTS * score + _log_paths(grid, change, _TILTS)))))
+    from scipy.special import gammainc  # noqa: PLC0415
+
+    below = gammainc(counted, counted * np.append(_RATIOS[:-1], np.inf))
+    tilts = _RATIOS[:, None] * _TILTS
+    nodes = np.append(0.0, np.arange(1, 26) / 20)
+    # Logarithms of sums of exponentials are convex: chords lie above.
+    paths = np.interp(tilts, nodes, _log_paths(grid, change, nodes))
+    bounds = np.exp(np.minimum(0.0, np.min(moments - tilts * score + paths, axis=1)))
+    return float(min(1.0, below[0] + bounds[:-1] @ np.diff(below)))
+
+
+def _log_paths(grid: Floats, change: Floats, tilts: Floats) -> Floats:
+    """(theta,) array, logarithms of the sums of exp(-theta cost) over all paths."""
+    cost = tilts[:, None, None] * (grid[:, None] - grid) ** 2 / 2
+    paths, total = np.ones((tilts.size, grid.size, 1)), np.zeros((tilts.size, 1, 1))
+    for variance in change:
+        paths = np.exp(-cost / variance) @ paths
+        largest = paths.max(axis=1, keepdims=True)
+        total += np.log(largest)
+        paths /= largest
+    return np.asarray((total + np.log(paths.sum(axis=1, keepdims=True))).ravel())

@@ -76,10 +76,10 @@ def check_orders(
         raise ValueError("orders is empty; name at least one order to track, such as orders=[1].")
     if isinstance(phase_rad, Mapping):
         pairs = [_shaft_and_order(item, phase_rad) for item in orders]
-        angles = {name: _phase(f"phase_rad[{name!r}]", phase_rad[name], samples) for name, _ in pairs}
+        angles = {name: check_phase(f"phase_rad[{name!r}]", phase_rad[name], samples) for name, _ in pairs}
     else:
         pairs = [("", _order(item)) for item in orders]
-        angles = {"": _phase("phase_rad", phase_rad, samples)}
+        angles = {"": check_phase("phase_rad", phase_rad, samples)}
     _check_below_half_rate(pairs, angles)
     names = tuple(name for name, _ in pairs) if isinstance(phase_rad, Mapping) else ()
     place = {name: number for number, name in enumerate(angles)}
@@ -217,7 +217,8 @@ def _real_array(name: str, value: ArrayLike | None, *, dims: tuple[int, ...] = (
     return np.ascontiguousarray(array, dtype=np.float64)
 
 
-def _phase(name: str, value: ArrayLike, samples: int) -> Floats:
+def check_phase(name: str, value: ArrayLike, samples: int) -> Floats:
+    """Return the (sample,) array of an angle in rad, or refuse it."""
     phase = _real_array(name, value)
     if phase.size != samples:
         raise ValueError(f"{name} has {phase.size} values for {samples} samples of x; give one angle per sample.")

@@ -37,11 +37,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import choice, positive, real_vector, whole
-from signals.harmonics._slip_record import Line, SlipRecord, check_samples
-from signals.harmonics._slip_search import Ridge, search
-from signals.harmonics.inputs import CheckedBandwidth, check_bandwidth
+from signals.harmonics._slip_record import Line, SlipRecord
+from signals.harmonics._slip_search import search
+from signals.harmonics.inputs import check_bandwidth, check_phase
 from signals.harmonics.model import BandwidthUnits, Estimator
-from signals.harmonics.slip_chain import SlipChain, SlipPath, Status, extended_filter, in_blocks, iterate, starts
+from signals.harmonics.slip_chain import Status, extended_filter, in_blocks, iterate, starts
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -52,6 +52,8 @@ MOST_HARMONICS = 16
 _FALSE_ALARM = 0.01
 # Standard deviation of a phase that nobody knows: evenly spread over a turn.
 _UNKNOWN_PHASE = np.pi / np.sqrt(3)
+# Samples beyond these, whose squares would not fit; and in standard deviations of the noise, in double precision.
+_SMALLEST, _LARGEST, _LOUDEST = 1e-100, 1e100, 1e12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -175,84 +177,58 @@ def track_slipping_order(
     FloatingPointError
         The covariance lost its digits.
     """
-    given = None if noise_variance is None else positive(noise_variance, name="noise_variance")
-    record = check_samples(x, noise_variance=given)
-    phase = real_vector(phase_rad, name="phase_rad")
     choice(estimator, name="estimator", choices=("smoother", "filter"))
+    every = None if output_every is None else whole(output_every, name="output_every", least=1)
+    limit = whole(most_iterations, name="most_iterations", least=1)
     line = Line(
         order=positive(order, name="order"),
         harmonics=whole(harmonics, name="harmonics", least=1, most=MOST_HARMONICS),
         largest_slip=positive(largest_slip, name="largest_slip"),
         slip_change=positive(slip_change_per_rev, name="slip_change_per_rev"),
     )
-    if phase.size != record.size:
-        raise ValueError(
-            f"phase_rad has {phase.size} values for {record.size} samples of x; give one angle per sample."
-        )
-    shaft = SlipRecord(x=record, phase=phase)
-    line.check(shaft)
+    given = None if noise_variance is None else positive(noise_variance, name="noise_variance")
+    samples = _check_samples(x, noise_variance=given)
+    record = SlipRecord(x=samples, phase=check_phase("phase_rad", phase_rad, samples.size))
+    _check_line(line, record)
     bandwidth = check_bandwidth(
         bandwidth_hz=bandwidth_hz,
         bandwidth_orders=bandwidth_orders,
         rate_hz=rate_hz,
         samples_per_rev=samples_per_rev,
         shaft=np.zeros(1, dtype=np.int64),
-        phases=(phase,),
+        phases=(record.phase,),
     )
     width = bandwidth.cycles[0]
-    every = None if output_every is None else whole(output_every, name="output_every", least=1)
-    limit = whole(most_iterations, name="most_iterations", least=1)
-    ridge = search(shaft, line, width=width, noise_variance=given)
-    chain = in_blocks(shaft, line, width=width, noise_variance=ridge.noise_variance, every=every)
+
+    ridge = search(record, line, width=width, noise_variance=given)
+    chain = in_blocks(record, line, width=width, noise_variance=ridge.noise_variance, every=every)
     status: Status = "single pass"
     if estimator == "filter":
         path, objective = extended_filter(chain, ridge), np.empty(0)
     else:
         ends = [iterate(chain, start, limit=limit) for start in starts(chain, ridge)]
         path, status, objective = min(ends, key=lambda end: end[2][-1])
-    return _result(
-        chain,
-        path,
-        line=line,
-        ridge=ridge,
-        bandwidth=bandwidth,
-        estimator=estimator,
-        status="no line" if ridge.false_alarm_probability > _FALSE_ALARM else status,
-        objective=objective,
-    )
 
-
-def _result(
-    chain: SlipChain,
-    path: SlipPath,
-    *,
-    line: Line,
-    ridge: Ridge,
-    bandwidth: CheckedBandwidth,
-    estimator: Estimator,
-    status: Status,
-    objective: Floats,
-) -> SlippingTrack:
-    harmonics, outputs = line.harmonics, chain.outputs
-    means, covariances = path.means[outputs], path.covariances[outputs]
-    amplitude, std, amplitude_std, phase_std = _polar(means, covariances, harmonics)
+    means, covariances = path.means[chain.outputs], path.covariances[chain.outputs]
+    amplitude, std, amplitude_std, phase_std = _polar(means, covariances)
     turns = 0.5 * (path.means[:-1, -1] + path.means[1:, -1]) * chain.turns
-    slip_phase = np.append(0.0, np.cumsum(turns))[outputs]
+    slip_phase = np.append(0.0, np.cumsum(turns))[chain.outputs]
     slip_phase -= slip_phase[0]
     slip_std = np.sqrt(covariances[:, -1, -1])
-    if status == "no line":
+    if ridge.false_alarm_probability > _FALSE_ALARM:
+        status = "no line"
         slip_std = np.maximum(slip_std, line.largest_slip / np.sqrt(3))
         phase_std[:] = _UNKNOWN_PHASE
-    unit = 1 / chain.scale
+    unit = np.sqrt(ridge.noise_variance)
     return SlippingTrack(
-        complex_amplitude=unit * amplitude * np.exp(-1j * np.outer(np.arange(1, harmonics + 1), slip_phase)),
+        complex_amplitude=unit * amplitude * np.exp(-1j * np.outer(np.arange(1, line.harmonics + 1), slip_phase)),
         std=unit * std,
         amplitude_std=unit * amplitude_std,
         phase_std_rad=phase_std,
         slip=means[:, -1],
         slip_std=slip_std,
         slip_phase_rad=slip_phase,
-        sample_index=chain.centres[outputs],
+        sample_index=chain.centres[chain.outputs],
         order=line.order,
         largest_slip=line.largest_slip,
         slip_change_per_rev=line.slip_change,
@@ -268,8 +244,57 @@ def _result(
     )
 
 
-def _polar(means: Floats, covariances: Floats, harmonics: int) -> tuple[Complexes, Floats, Floats, Floats]:
+def _check_samples(x: ArrayLike, *, noise_variance: float | None) -> Floats:
+    """Return the samples, or refuse what is infinite, missing throughout, or beyond double precision."""
+    samples = real_vector(x, name="x", minimum=4, finite=False)
+    infinite = np.flatnonzero(np.isinf(samples))
+    if infinite.size:
+        raise ValueError(
+            f"x[{infinite[0]}]={samples[infinite[0]]} (and {infinite.size - 1} more) is infinite; "
+            "samples must be finite, or NaN where missing: mark bad samples as NaN."
+        )
+    if np.isnan(samples).all():
+        raise ValueError(f"x has {samples.size} samples, all of them missing (NaN); observed ones are needed.")
+    peak = float(np.nanmax(np.abs(samples)))
+    if peak and not _SMALLEST <= peak <= _LARGEST:
+        raise ValueError(
+            f"x reaches {peak:g}, whose square is lost in double precision; give x in a unit in which it reaches "
+            f"between {_SMALLEST:g} and {_LARGEST:g}."
+        )
+    if noise_variance is not None and peak > _LOUDEST * np.sqrt(noise_variance):
+        raise ValueError(
+            f"noise_variance={noise_variance:g} makes x of up to {peak:g} {peak / np.sqrt(noise_variance):.2g} times "
+            f"the noise; double precision ends at {_LOUDEST:g}: give the variance of all that the line leaves over."
+        )
+    return samples
+
+
+def _check_line(line: Line, record: SlipRecord) -> None:
+    """Refuse a slip of everything, a shaft that rests throughout, and lines above half of the rate."""
+    if line.largest_slip >= 1:
+        raise ValueError(
+            f"largest_slip={line.largest_slip:g} is relative to the order and must be below 1; 2 % is 0.02."
+        )
+    turns = line.top * record.turning[-1] / (2 * np.pi)
+    if turns < 1:
+        raise ValueError(
+            f"phase_rad turns by {record.turning[-1]:g} rad in all, order {line.top:g} by {turns:g} turns: "
+            "the shaft has turned too little to tell a slip; take a longer record, or give the angle in rad."
+        )
+    step = np.diff(record.turning)
+    at = int(step.argmax())
+    fastest = line.top * (1 + line.largest_slip) * step[at]
+    if fastest > np.pi:
+        raise ValueError(
+            f"order {line.top:g} with a slip of {line.largest_slip:g} turns by {fastest:.4g} rad between samples "
+            f"{at} and {at + 1}; more than pi is above half of the rate: take fewer harmonics, raise the rate, or "
+            "mend the phase there."
+        )
+
+
+def _polar(means: Floats, covariances: Floats) -> tuple[Complexes, Floats, Floats, Floats]:
     """Amplitudes, `std` of their parts, and standard deviations along them and of their phase in rad."""
+    harmonics = means.shape[1] // 2
     k = np.arange(harmonics)
     real, imaginary = means[:, :harmonics].T, means[:, harmonics:-1].T
     var_real = covariances[:, k, k].T
