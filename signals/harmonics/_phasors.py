@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from signals._compile import compiled
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 
 def _leading_bits(value: Fraction, bits: int) -> float:
@@ -55,3 +56,10 @@ def fill_phasors(order: float, phase: Floats, cosine: Floats, sine: Floats) -> N
         even = 1.0 + s * (_C2 + s * (_C4 + s * (_C6 + s * even)))
         cosine[n] = sign * even
         sine[n] = sign * (rest + rest * s * odd)
+
+
+def phasors(angle: Floats) -> Complexes:
+    """Return exp(-j angle) of an array of any shape, in rad."""
+    cosine, sine = np.empty(angle.size), np.empty(angle.size)
+    fill_phasors(-1.0, angle.ravel(), cosine, sine)
+    return (cosine + 1j * sine).reshape(angle.shape)

@@ -1,8 +1,8 @@
-"""The loops over samples and blocks of the tracker of a slipping order.
+"""The loops over samples and blocks of the tracker of a slipping order, `slip`.
 
-A state is the real parts of A over the harmonics, their imaginary parts, and the slip: see `slip`. The samples of a
-block, linearised at a state, are condensed to the information and the score of a least-squares problem; a Kalman
-filter goes forward through the blocks and a Rauch-Tung-Striebel smoother back.
+A state is the real parts of A over the harmonics, their imaginary parts, and the slip. The samples of a block,
+linearised at a state, are condensed to the information and the score of a least-squares problem; a Kalman filter goes
+forward through the blocks and a Rauch-Tung-Striebel smoother back.
 """
 
 from typing import NamedTuple
@@ -17,84 +17,59 @@ Whole = NDArray[np.int64]
 
 
 class SlipChain(NamedTuple):
-    """A record in blocks, in units of its noise.
+    """A record in blocks, in units of its noise."""
 
-    Attributes
-    ----------
-    x : (sample,) array, the record over the standard deviation of its noise.
-    phase : (sample,) array, angle of the shaft in rad.
-    order : of the fundamental, cycles per revolution.
-    edges : (block + 1,) array, first samples of the blocks and one past the last.
-    centres : (block,) array, their middle samples.
-    turning : (block,) array, `SlipRecord.turning` there.
-    outputs : (output,) array, the blocks that are put out.
-    turns : (block - 1,) array, order times the step of the phase from middle to middle.
-    walks : (block - 1,) array, variances of the changes of a quadrature.
-    slip_walks : (block - 1,) array, variances of the changes of the slip.
-    prior_mean : (state,) array, before the first sample.
-    prior_std : (state,) array.
-    """
-
-    x: Floats
-    phase: Floats
-    order: float
-    edges: Whole
-    centres: Whole
-    turning: Floats
-    outputs: Whole
-    turns: Floats
-    walks: Floats
-    slip_walks: Floats
-    prior_mean: Floats
-    prior_std: Floats
+    x: Floats  # (sample,), the record over the standard deviation of its noise
+    phase: Floats  # (sample,), angle of the shaft in rad
+    order: float  # of the fundamental, cycles per revolution
+    edges: Whole  # (block + 1,), first samples of the blocks and one past the last
+    centres: Whole  # (block,), their middle samples
+    turning: Floats  # (block,), `SlipRecord.turning` there
+    outputs: Whole  # (output,), the blocks that are put out
+    turns: Floats  # (block - 1,), order times the step of the phase from middle to middle
+    walks: Floats  # (block - 1,), variances of the changes of a quadrature
+    slip_walks: Floats  # (block - 1,), variances of the changes of the slip
+    prior_mean: Floats  # (state,), before the first sample
+    prior_std: Floats  # (state,)
 
 
 @compiled
-def _condense(chain: SlipChain, block: int, state: Floats, information: Floats, score: Floats) -> float:
-    """Linearise a block at `state`: fill H^T H and H^T residual; return the sum of squared residuals."""
-    harmonics, centre = state.size // 2, chain.centres[block]
-    row = np.empty(state.size)
-    information[:] = 0.0
-    score[:] = 0.0
-    squares = 0.0
-    for n in range(chain.edges[block], chain.edges[block + 1]):
-        if np.isnan(chain.x[n]):
-            continue
-        lead = chain.order * (chain.phase[n] - chain.phase[centre])
-        angle = chain.order * chain.phase[n] + state[-1] * lead
-        cosine, sine = np.cos(angle), np.sin(angle)
-        c, s = 1.0, 0.0
-        residual = chain.x[n]
-        row[-1] = 0.0
-        for k in range(harmonics):
-            c, s = c * cosine - s * sine, s * cosine + c * sine
-            real, imaginary = state[k], state[harmonics + k]
-            row[k] = c
-            row[harmonics + k] = -s
-            residual -= real * c - imaginary * s
-            row[-1] -= (k + 1) * lead * (real * s + imaginary * c)
-        squares += residual * residual
-        for a in range(row.size):
-            score[a] += row[a] * residual
-            for b in range(a + 1):
-                information[a, b] += row[a] * row[b]
-    for a in range(row.size):
-        for b in range(a):
-            information[b, a] = information[a, b]
+def condense(chain: SlipChain, first: int, last: int, states: Floats, informations: Floats, scores: Floats) -> float:
+    """Linearise blocks at their states: fill H^T H and H^T residual of each; return the sum of squared residuals."""
+    harmonics, squares = states.shape[1] // 2, 0.0
+    row = np.empty(states.shape[1])
+    for m in range(first, last):
+        state, information, score = states[m], informations[m], scores[m]
+        information[:] = 0.0
+        score[:] = 0.0
+        for n in range(chain.edges[m], chain.edges[m + 1]):
+            if np.isnan(chain.x[n]):
+                continue
+            lead = chain.order * (chain.phase[n] - chain.phase[chain.centres[m]])
+            angle = chain.order * chain.phase[n] + state[-1] * lead
+            cosine, sine = np.cos(angle), np.sin(angle)
+            c, s = 1.0, 0.0
+            residual = chain.x[n]
+            row[-1] = 0.0
+            for k in range(harmonics):
+                c, s = c * cosine - s * sine, s * cosine + c * sine
+                real, imaginary = state[k], state[harmonics + k]
+                row[k] = c
+                row[harmonics + k] = -s
+                residual -= real * c - imaginary * s
+                row[-1] -= (k + 1) * lead * (real * s + imaginary * c)
+            squares += residual * residual
+            for a in range(row.size):
+                score[a] += row[a] * residual
+                for b in range(row.size):
+                    information[a, b] += row[a] * row[b]
     return squares
 
 
 @compiled
-def condense_all(chain: SlipChain, states: Floats, informations: Floats, scores: Floats) -> float:
-    """Linearise every block at its state; return the sum of squared residuals of the record."""
-    squares = 0.0
-    for m in range(chain.centres.size):
-        squares += _condense(chain, m, states[m], informations[m], scores[m])
-    return squares
-
-
-@compiled
-def _update(information: Floats, score: Floats, at: Floats, mean: Floats, P: Floats) -> tuple[float, int]:
+def _update(
+    information: Floats, score: Floats, at: Floats, mean: Floats, P: Floats, row: Floats, gain: Floats
+) -> tuple[float, int]:
     """Update mean and P by a block linearised at the state `at`; its information and score are used up.
 
     Each pivot of the information is a scalar measurement with unit noise: `row (state - at) + noise = datum`.
@@ -102,7 +77,6 @@ def _update(information: Floats, score: Floats, at: Floats, mean: Floats, P: Flo
     """
     total, count = 0.0, 0
     full = np.diag(information).copy()
-    row, gain = np.empty(mean.size), np.empty(mean.size)
     for _ in range(mean.size):
         # A block measures no more directions than it has samples: the clearest first, what rounding leaves not at all.
         pivot, clearest = -1, 1e-12
@@ -113,7 +87,8 @@ def _update(information: Floats, score: Floats, at: Floats, mean: Floats, P: Flo
             break
         root = np.sqrt(information[pivot, pivot])
         datum = score[pivot] / root
-        row[:] = information[pivot] / root
+        for a in range(mean.size):
+            row[a] = information[pivot, a] / root
         innovation, variance = datum, 1.0
         for a in range(mean.size):
             score[a] -= row[a] * datum
@@ -124,8 +99,7 @@ def _update(information: Floats, score: Floats, at: Floats, mean: Floats, P: Flo
                 gain[a] += P[a, b] * row[b]
             innovation -= row[a] * (mean[a] - at[a])
             variance += row[a] * gain[a]
-        information[pivot, :] = 0.0
-        information[:, pivot] = 0.0
+        information[pivot, :] = information[:, pivot] = 0.0
         for a in range(mean.size):
             mean[a] += gain[a] * (innovation / variance)
             for b in range(mean.size):
@@ -149,18 +123,19 @@ def _times(F: Floats, P: Floats, product: Floats) -> None:
 
 @compiled
 def _predict(
-    chain: SlipChain, block: int, at: Floats, ahead: float, mean: Floats, P: Floats, F: Floats, moved: Floats
+    step: tuple[float, float, float], at: Floats, ahead: float, mean: Floats, P: Floats, F: Floats, FP: Floats
 ) -> None:
     """Predict mean and P in the next block by F, linearised where the state is `at` and the next slip `ahead`.
 
-    Fills F and, in `moved`, F times the P before.
+    The step is its `turns`, `walks` and `slip_walks` of the chain. Fills F, and FP with F times the P before.
     """
+    turn, walk, slip_walk = step
     size, harmonics, middle = mean.size, mean.size // 2, 0.5 * (at[-1] + ahead)
     off = mean[-1] - middle
     F[:] = 0.0
     F[-1, -1] = 1.0
     for k in range(harmonics):
-        rate = (k + 1) * chain.turns[block]
+        rate = (k + 1) * turn
         c, s = np.cos(rate * middle), np.sin(rate * middle)
         F[k, k] = F[harmonics + k, harmonics + k] = c
         F[k, harmonics + k] = -s
@@ -170,14 +145,14 @@ def _predict(
         real, imaginary = mean[k], mean[harmonics + k]
         mean[k] = c * real - s * imaginary + F[k, -1] * off
         mean[harmonics + k] = s * real + c * imaginary + F[harmonics + k, -1] * off
-    _times(F, P, moved)
-    _times(F, moved.T, P)
+    _times(F, P, FP)
+    _times(F, FP.T, P)
     for a in range(size):
-        P[a, a] += chain.walks[block] if a < size - 1 else 0.0
+        P[a, a] += walk if a < size - 1 else 0.0
         for b in range(a + 1):
             # The change of the slip turns the line by half of what the slip before it does.
             share = (0.5 if a < size - 1 else 1.0) * (0.5 if b < size - 1 else 1.0)
-            P[a, b] += chain.slip_walks[block] * share * F[a, -1] * F[b, -1]
+            P[a, b] += slip_walk * share * F[a, -1] * F[b, -1]
             P[b, a] = P[a, b]
 
 
@@ -187,26 +162,19 @@ def forward(
 ) -> tuple[Floats, Floats, float, int]:
     """Filter all blocks: linearised at `states`, or (`follow`) at each prediction: the extended Kalman filter.
 
-    Parameters
-    ----------
-    chain : the blocks.
-    follow : whether to linearise, and condense, at the prediction.
-    states : (block, state) array; in `follow`, the filtered means on return.
-    informations, scores : (block, state, state) and (block, state) arrays, as condensed at `states`; used up.
-
-    Returns
-    -------
-    Means and covariances after each block, the sum of squared innovations over their variances, and their number.
+    The informations, (block, state, state), and scores, (block, state), condensed at the states, (block, state), are
+    used up; in `follow` the states are the filtered means on return. Returns the means and covariances after each
+    block, the sum of squared innovations over their variances, and their number.
     """
     means, covariances = np.empty_like(scores), np.empty_like(informations)
     mean, P = chain.prior_mean.copy(), np.diag(chain.prior_std**2)
-    F, moved = np.empty_like(P), np.empty_like(P)
+    F, FP, row, gain = np.empty_like(P), np.empty_like(P), np.empty_like(mean), np.empty_like(mean)
     total, count = 0.0, 0
     for m in range(len(means)):
         if follow:
             states[m] = mean
-            _condense(chain, m, mean, informations[m], scores[m])
-        added, more = _update(informations[m], scores[m], states[m], mean, P)
+            condense(chain, m, m + 1, states, informations, scores)
+        added, more = _update(informations[m], scores[m], states[m], mean, P, row, gain)
         total += added
         count += more
         means[m] = mean
@@ -214,7 +182,8 @@ def forward(
         if follow:
             states[m] = mean
         if m + 1 < len(means):
-            _predict(chain, m, states[m], states[m if follow else m + 1, -1], mean, P, F, moved)
+            step = chain.turns[m], chain.walks[m], chain.slip_walks[m]
+            _predict(step, states[m], states[m if follow else m + 1, -1], mean, P, F, FP)
     return means, covariances, total, count
 
 
@@ -225,7 +194,8 @@ def backward(chain: SlipChain, follow: bool, states: Floats, means: Floats, cova
     F, gain, spread = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
     for m in range(len(means) - 2, -1, -1):
         mean, P = means[m].copy(), covariances[m].copy()
-        _predict(chain, m, states[m], states[m if follow else m + 1, -1], mean, P, F, gain)
+        step = chain.turns[m], chain.walks[m], chain.slip_walks[m]
+        _predict(step, states[m], states[m if follow else m + 1, -1], mean, P, F, gain)
         # The gain, transposed: P^-1 F P_m, forth and back through the Cholesky factor.
         factor = np.linalg.cholesky(P)
         for a in range(size):

@@ -1,16 +1,6 @@
-"""A record over the angle of its shaft, the line that is looked for in it, and the noise beside that line.
+"""A record over the angle of its shaft, the line that is looked for in it, and the record demodulated there."""
 
-The noise is measured by the power of cells of order near the line that no harmonic reaches. Where there is nothing but
-noise these powers are independent and exponentially distributed. Other lines may stand in some: so only the lower half
-of them counts, the others for no more than the highest of that half. The mean of such a sum has the Gamma
-distribution of as many powers as it counts (Epstein and Sobel 1953 [1]_).
-
-References
-----------
-.. [1] B. Epstein, M. Sobel, "Life testing", J. American Statistical Association 48, 1953.
-"""
-
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from math import pi
@@ -19,33 +9,19 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics._phasors import fill_phasors
+from signals.harmonics._phasors import phasors
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Whole = NDArray[np.int64]
 
-# Of cells of noise, in widths, 1 / segment. Under Hann's window cells this far apart are as good as independent, a
-# line this far away is 41 dB down and falls off by 18 dB an octave.
-_SPACING = 2
-_AWAY = 3
-_CELLS = 24  # in a segment, for each harmonic
-_FEWEST = 16  # in the record
-_WANTED = 64  # in the record
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlipRecord:
-    """Samples, and the angle of the shaft at each, which may rest and turn back.
+    """Samples, and the angle of the shaft at each, which may rest and turn back."""
 
-    Attributes
-    ----------
-    x : (n,) array.
-    phase : (n,) array, rad.
-    """
-
-    x: Floats
-    phase: Floats
+    x: Floats  # (n,)
+    phase: Floats  # (n,), rad
 
     @cached_property
     def turning(self) -> Floats:
@@ -58,28 +34,15 @@ class SlipRecord:
         step = np.diff(self.phase)
         return float(2 * pi * self.turning[-1] / (step @ step))
 
-    def while_turning(self) -> Self:
-        """Return the record without the samples at which the shaft rests."""
-        still = np.concatenate([[True], np.diff(self.turning) == 0, [True]])
-        return replace(self, x=np.where(still[:-1] & still[1:], np.nan, self.x))
-
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """What is looked for.
+    """What is looked for."""
 
-    Attributes
-    ----------
-    order : cycles per revolution.
-    harmonics : how many.
-    largest_slip : relative.
-    slip_change : standard deviation of the slip's change in a revolution.
-    """
-
-    order: float
-    harmonics: int
-    largest_slip: float
-    slip_change: float
+    order: float  # of the fundamental, cycles per revolution
+    harmonics: int  # how many
+    largest_slip: float  # relative to the order
+    slip_change: float  # standard deviation of the slip's change in a revolution
 
     @property
     def top(self) -> float:
@@ -93,31 +56,15 @@ class Line:
         return float((np.sqrt(3) / (2 * pi * self.top * self.slip_change)) ** (2 / 3))
 
 
-def phasors(angle: Floats) -> Complexes:
-    """Return exp(-j angle)."""
-    cosine, sine = np.empty(angle.size), np.empty(angle.size)
-    fill_phasors(-1.0, angle.ravel(), cosine, sine)
-    return (cosine + 1j * sine).reshape(angle.shape)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demodulated:
-    """A record times exp(-j k order phase), summed over short blocks.
+    """A record times exp(-j k order phase), summed over short blocks."""
 
-    Attributes
-    ----------
-    sums : (harmonic, block) array.
-    counts : (block,) array, of observed samples.
-    turned : (block,) array, how far the shaft turns in each, rad.
-    angle : (block,) array, of the shaft at the middle of each, rad.
-    parts : the blocks of each segment.
-    """
-
-    sums: Complexes
-    counts: Floats
-    turned: Floats
-    angle: Floats
-    parts: tuple[slice, ...]
+    sums: Complexes  # (harmonic, block)
+    counts: Floats  # (block,), of observed samples
+    turned: Floats  # (block,), how far the shaft turns in each, rad
+    angle: Floats  # (block,), of the shaft at the middle of each, rad
+    parts: tuple[slice, ...]  # the blocks of each segment
 
     @classmethod
     def of(cls, record: SlipRecord, *, order: float, harmonics: int, block: int, cuts: Whole) -> Self:
@@ -147,53 +94,3 @@ class Demodulated:
         sums = phasors(np.outer(deviations, lead)) @ (window * self.sums[harmonic, part])
         seen = float(np.sum(np.square(window) * self.counts[part]))
         return np.asarray((sums.real**2 + sums.imag**2) / (seen or 1.0))
-
-
-def cells_beside(record: SlipRecord, line: Line, *, width: float, segments: int) -> list[Floats]:
-    """Choose the cells nearest to the searched bands: not in one, nor near order 0 or half of the rate.
-
-    Returns
-    -------
-    For each harmonic the orders, counted from it, of the cells to which it is the nearest.
-    """
-    fastest = float(np.diff(record.turning).max())
-    order = width * np.arange(_AWAY, pi / fastest / width - 1, _SPACING)
-    number = np.arange(1, line.harmonics + 1)
-    away = order[:, None] - number * line.order
-    beyond = np.min(np.abs(away) - number * line.order * line.largest_slip, axis=1)
-    good = np.flatnonzero(beyond >= _AWAY * width)
-    near = good[np.argsort(beyond[good], kind="stable")]
-    away = away[near[: max(_CELLS * line.harmonics, -(-_WANTED // segments))]]
-    nearest = np.abs(away).argmin(axis=1)
-    return [away[nearest == k, k] for k in range(line.harmonics)]
-
-
-def noise_beside(data: Demodulated, cells: list[Floats], *, order: float) -> tuple[float, int]:
-    """Measure the variance of white noise as dense as that in the cells.
-
-    Returns
-    -------
-    The variance, and how many powers count: it has the distribution of the mean of so many.
-    """
-    powers = []
-    for part in data.parts:
-        angle, counts, turned = data.angle[part], data.counts[part], data.turned[part]
-        lead = angle - (angle.max() + angle.min()) / 2
-        window = 0.5 + 0.5 * np.cos(lead * (2 * pi / max(np.ptp(lead), 1e-300)))
-        # What is half a gap has cells half as fine: neighbours are not independent, and the line is in some.
-        if turned[counts > 0].sum() >= turned.sum() / 2 and window @ counts > 0:
-            powers += [data.power(part, k, away, window=window) for k, away in enumerate(cells)]
-    values = np.sort(np.concatenate(powers)) if powers else np.empty(0)
-    if values.size < _FEWEST:
-        raise ValueError(
-            f"the noise beside order {order:g} shows in {values.size} independent cells of the record, and {_FEWEST} "
-            "are needed to tell its variance: take a longer record or fewer harmonics, or pass noise_variance."
-        )
-    lower = values.size // 2
-    noise = float(values[:lower].sum() + (values.size - lower) * values[lower - 1]) / lower
-    if noise <= 0:
-        raise ValueError(
-            f"x shows no noise beside order {order:g} ({values.size} cells were looked at), and without it "
-            "nothing can be weighed: pass noise_variance."
-        )
-    return noise, lower

@@ -2,14 +2,17 @@
 
 The record is cut into segments in which the shaft turns equally far, over which amplitude and slip can be taken for
 constant. The power of each at a grid of slips is weighed against that of the noise beside; the path through these
-cells that has most, less what its changes cost, is found by dynamic programming (Viterbi). Samples at which the shaft
-rests tell nothing of a slip, and are left out.
+cells that has most, less what its changes cost, is found by dynamic programming (Viterbi).
+
+The noise is measured by the power of cells of order near the line that no harmonic reaches: independent and
+exponentially distributed in white noise. Other lines may be in some: so only the lower half counts, the others for no
+more than the highest of that half. The mean of such a sum has the Gamma distribution of as many powers as it counts
+(B. Epstein, M. Sobel, "Life testing", J. American Statistical Association 48, 1953).
 
 White noise gives a segment's power, over the variance R, the moments E exp(theta power) = det(1 - 2 theta C)^(-1/2)
 with C the covariance of the cosines and sines it is taken from: (1 - theta)^-1 for each harmonic that makes many turns
 there, more where it makes few. Over all paths Markov's inequality for exp(theta score) with the best theta bounds the
-probability of a score. It is the looser the livelier the slip may be. A measured R is too small now and then: it has
-the law of a mean of some exponential powers. The bound is averaged over that.
+probability of a score, the looser the livelier the slip may be. The bound is averaged over the law of a measured R.
 """
 
 from dataclasses import dataclass, replace
@@ -17,51 +20,47 @@ from itertools import pairwise
 from math import ceil, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
-from signals.harmonics._slip_record import Demodulated, Line, SlipRecord, cells_beside, noise_beside, phasors
-
-Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
+from signals.harmonics._phasors import phasors
+from signals.harmonics._slip_record import Demodulated, Floats, Line, SlipRecord, Whole
 
 _CELLS_PER_WIDTH = 2  # of slips searched, for each width (1 / segment) of a line
 _TURN_OF_BLOCK = 1 / 32  # of a turn, at the edge of what is looked at
 _TILTS = np.arange(1, 20) / 20  # theta of the bound
 # Of measured R over true. Above the last the bound is taken at the last, which loses little.
 _RATIOS = np.geomspace(1e-4, 1.25, 600)
+# Of cells of noise, in widths, 1 / segment. Under Hann's window cells this far apart are as good as independent, a
+# line this far away is 41 dB down and falls off by 18 dB an octave.
+_SPACING = 2
+_AWAY = 3
+_CELLS = 24  # in a segment, for each harmonic
+_FEWEST = 16  # in the record
+_WANTED = 64  # in the record
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ridge:
-    """The path of slips with most power.
+    """The path of slips with most power."""
 
-    Attributes
-    ----------
-    turning : (segment,) array, `SlipRecord.turning` in the middle of each segment.
-    slip : (segment,) array.
-    slip_width : the slip that turns the line once more in a segment.
-    noise_variance : R.
-    false_alarm_probability : bound on that of noise alone having such a path.
-    """
-
-    turning: Floats
-    slip: Floats
-    slip_width: float
-    noise_variance: float
-    false_alarm_probability: float
+    turning: Floats  # (segment,), `SlipRecord.turning` in the middle of each segment
+    slip: Floats  # (segment,)
+    slip_width: float  # the slip that turns the line once more in a segment
+    noise_variance: float  # R
+    false_alarm_probability: float  # bound on that of noise alone having such a path
 
 
 def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: float | None) -> Ridge:
     """Look for the line; `width` is the bandwidth of its amplitude in cycles a sample, one or one a sample."""
     cuts = _cuts(record, line, width)
     # The angle comes less far than the shaft turns where it turns back.
-    swing = float(np.median([np.ptp(record.phase[a : b + 1]) for a, b in pairwise(cuts)]))
-    cell = 2 * pi / swing
+    cell = 2 * pi / float(np.median([np.ptp(record.phase[a : b + 1]) for a, b in pairwise(cuts)]))
     cells = cells_beside(record, line, width=cell, segments=cuts.size - 1)
     farthest = 0.0 if noise_variance is not None else float(np.abs(np.concatenate(cells)).max(initial=0.0))
     reach = max(farthest, line.top * line.largest_slip + cell)
     block = max(1, int(_TURN_OF_BLOCK * record.per_rev / reach))
-    turned = record.while_turning()
+    # Samples at which the shaft rests say nothing of a slip.
+    still = np.concatenate([[True], np.diff(record.turning) == 0, [True]])
+    turned = replace(record, x=np.where(still[:-1] & still[1:], np.nan, record.x))
     data = Demodulated.of(turned, order=line.order, harmonics=line.harmonics, block=block, cuts=cuts)
     seen = replace(turned, x=np.where(np.isnan(turned.x), np.nan, 1.0))
     ones = Demodulated.of(seen, order=line.order, harmonics=2 * line.harmonics, block=block, cuts=cuts)
@@ -95,6 +94,49 @@ def _cuts(record: SlipRecord, line: Line, width: Floats) -> Whole:
     return np.unique(np.concatenate([[0], inner, [turning.size]]))
 
 
+def cells_beside(record: SlipRecord, line: Line, *, width: float, segments: int) -> list[Floats]:
+    """Choose the cells nearest to the searched bands: not in one, nor near order 0 or half of the rate.
+
+    Each counts as many orders from the harmonic nearest to it; there is one array for each harmonic.
+    """
+    fastest = float(np.diff(record.turning).max())
+    order = width * np.arange(_AWAY, pi / fastest / width - 1, _SPACING)
+    number = np.arange(1, line.harmonics + 1)
+    away = order[:, None] - number * line.order
+    beyond = np.min(np.abs(away) - number * line.order * line.largest_slip, axis=1)
+    good = np.flatnonzero(beyond >= _AWAY * width)
+    near = good[np.argsort(beyond[good], kind="stable")]
+    away = away[near[: max(_CELLS * line.harmonics, -(-_WANTED // segments))]]
+    nearest = np.abs(away).argmin(axis=1)
+    return [away[nearest == k, k] for k in range(line.harmonics)]
+
+
+def noise_beside(data: Demodulated, cells: list[Floats], *, order: float) -> tuple[float, int]:
+    """Return the variance of white noise as dense as that in the cells, and how many powers it is the mean of."""
+    powers = []
+    for part in data.parts:
+        angle, counts, turned = data.angle[part], data.counts[part], data.turned[part]
+        lead = angle - (angle.max() + angle.min()) / 2
+        window = 0.5 + 0.5 * np.cos(lead * (2 * pi / max(np.ptp(lead), 1e-300)))
+        # What is half a gap has cells half as fine: neighbours are not independent, and the line is in some.
+        if turned[counts > 0].sum() >= turned.sum() / 2 and window @ counts > 0:
+            powers += [data.power(part, k, away, window=window) for k, away in enumerate(cells)]
+    values = np.sort(np.concatenate(powers)) if powers else np.empty(0)
+    if values.size < _FEWEST:
+        raise ValueError(
+            f"the noise beside order {order:g} shows in {values.size} independent cells of the record, and {_FEWEST} "
+            "are needed to tell its variance: take a longer record or fewer harmonics, or pass noise_variance."
+        )
+    lower = values.size // 2
+    noise = float(values[:lower].sum() + (values.size - lower) * values[lower - 1]) / lower
+    if noise <= 0:
+        raise ValueError(
+            f"x shows no noise beside order {order:g} ({values.size} cells were looked at), and without it "
+            "nothing can be weighed: pass noise_variance."
+        )
+    return noise, lower
+
+
 def _best_path(power: Floats, grid: Floats, change: Floats) -> tuple[Floats, float]:
     """Find the slips of the path with most power, less half its squared changes over their variances; and its score."""
     score = power[0]
@@ -118,11 +160,9 @@ def _best_path(power: Floats, grid: Floats, change: Floats) -> tuple[Floats, flo
 
 
 def power_spreads(ones: Demodulated, *, order: float, largest_slip: float) -> Floats:
-    """Eigenvalues of C, from a record of ones demodulated at twice as many harmonics.
+    """(part, slip, 2 harmonics) array, eigenvalues of C; from a record of ones at twice as many harmonics.
 
-    Returns
-    -------
-    (part, slip, 2 harmonics) array, of the parts with samples, without slip and with the largest either way.
+    Of the parts with samples alone, without slip and with the largest either way.
     """
     twice = len(ones.sums)
     number = np.arange(1, twice + 1)
@@ -142,13 +182,8 @@ def power_spreads(ones: Demodulated, *, order: float, largest_slip: float) -> Fl
 def chance(score: float, grid: Floats, change: Floats, *, spreads: Floats, counted: int | None) -> float:
     """Bound the probability that a path through powers of noise reaches this score.
 
-    Parameters
-    ----------
-    score : power, less half the squared changes of the slip over their variances, of the best path.
-    grid : slips searched.
-    change : (segment - 1,) array, variances of the slip's changes.
-    spreads : as `power_spreads` returns them.
-    counted : how many powers of noise R is the mean of; none where it is known.
+    The slips searched are the grid, the variances of their changes `change`, (segment - 1,); `spreads` is as
+    `power_spreads` returns it. R is the mean of `counted` powers of noise, or known.
     """
     with np.errstate(divide="ignore"):  # of theta beyond 1 / (2 spread) the moments are infinite
         moments = [

@@ -1,29 +1,23 @@
 """A line whose order slips: amplitude, phase and the slip itself, each with its uncertainty.
 
 The rollers of a bearing slide, so its lines stand a per cent or so off their nominal order and wander there. A
-tracker at the nominal order must then be so wide that it lets the noise in. Here the deviation is part of
-the state. With the slip s, relative to the order,
+tracker at the nominal order must be so wide that it lets the noise in; here the slip s, relative to the order, is
+part of the state. Within a block of samples whose middle is c, and from one middle to the next,
 
     y[n] = sum_k Re{ A_k exp(j k order (phase[n] + s (phase[n] - phase_c))) } + v[n],     var v = R,
-
-within a block of samples whose middle is c; from one middle to the next
-
     s -> s' = s + e,     A_k -> exp(j k order (s + s') / 2 (step of the phase)) A_k + w.
 
-Each quadrature of A is the random walk of `model`, so that `bandwidth` means what it means there: on a line
-whose slip is known this is the plain smoother with one pole. The slip is a random walk over shaft angle. Its
-strength is the standard deviation of its change in one revolution; over m revolutions it is sqrt(m) times that.
+Each quadrature of A is the random walk of `model`: on a line whose slip is known this is the plain smoother with one
+pole and the same `bandwidth`. The slip is a random walk over shaft angle.
 
-The filter is the extended Kalman filter (Jazwinski 1970, ch. 8): it linearises at its own prediction. The
-smoother minimises the exact sum of squares, samples over R, changes over their variances, by Gauss-Newton
-steps. Each is a Kalman filter and a Rauch-Tung-Striebel sweep on the model linearised at the trajectory so far
-(Bell 1994 [1]_), halved until the sum falls (Sarkka and Svensson 2020 [2]_). The uncertainty is that of the
-linearised model at the minimum, and holds while the phase is known to a fraction of a turn.
+The filter is the extended Kalman filter (Jazwinski 1970, ch. 8). The smoother minimises the exact sum of squares,
+samples over R, changes over their variances, by Gauss-Newton steps: each is a Kalman filter and a Rauch-Tung-Striebel
+smoother of the model linearised at the trajectory so far (Bell 1994 [1]_), halved until the sum falls (Sarkka and
+Svensson 2020 [2]_). The uncertainty is that of the linearised model at the minimum, and holds while the phase is known
+to a fraction of a turn. Both start from the path of slips with most power, see `_slip_search`.
 
-Both need a start near the truth: the path of slips with most power, see `_slip_search`.
-
-A gap over which the phase cannot be carried (a walk of the slip would turn the line by more than a radian) cuts the
-line: how often it turned there is unknown, and the phase after it must not say what the slip was within.
+A gap in which the walk of the slip would turn the line by more than a radian cuts the line: how often it turned there
+is unknown, and the phase after it must not determine the slip within.
 
 References
 ----------
@@ -34,18 +28,14 @@ References
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from signals._checks import choice, positive, real_vector, whole
 from signals.harmonics._slip_record import Line, SlipRecord
 from signals.harmonics._slip_search import search
-from signals.harmonics.inputs import check_bandwidth, check_phase
-from signals.harmonics.model import BandwidthUnits, Estimator
+from signals.harmonics.inputs import check_bandwidth, check_phase, check_record
+from signals.harmonics.model import BandwidthUnits, Complexes, Estimator, Floats, Indices
 from signals.harmonics.slip_chain import Status, extended_filter, in_blocks, iterate, starts
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
-Whole = NDArray[np.int64]
 
 MOST_HARMONICS = 16
 # Noise alone passes for a line at most this often.
@@ -69,26 +59,21 @@ class SlippingTrack:
     std : (harmonic, output) array, `sqrt(E|Zhat - Z|^2 / 2)` where the slipped phase is taken as given.
     amplitude_std : (harmonic, output) array, of `abs(Z)`; where Z is 0, and has no direction, equal to `std`.
     phase_std_rad : (harmonic, output) array, of the harmonic's whole phase; beyond about 1 the phase is unknown. At
-        most pi / sqrt(3), that of a phase spread evenly over a turn: so where Z is 0, or there is no line.
+        most pi / sqrt(3), that of an even spread over a turn: so where Z is 0, or there is no line.
     slip : (output,) array, relative deviation: the line is at `order (1 + slip)`.
     slip_std : (output,) array; without a line at least that of an even spread over +- largest_slip.
     slip_phase_rad : (output,) array, the fundamental's turn beyond `order phase`, zero at the first output.
     sample_index : (output,) array, the sample each output belongs to: the middle of its block.
-    order : nominal order of the fundamental.
-    largest_slip : as given.
-    slip_change_per_rev : as given.
-    bandwidth : full -3 dB width of the steady-state smoother of the amplitude, the mean where it varies.
-    bandwidth_units : "hz" or "orders".
+    order, largest_slip, slip_change_per_rev : as given.
+    bandwidth, bandwidth_units : full -3 dB width of the smoother of the amplitude, mean over time, "hz" or "orders".
     estimator : "smoother" (all samples) or "filter" (this block and those before it).
     noise_variance : R, as given or as measured beside the line.
     innovation_mean_square : mean of the squared innovations over their variances: near 1 when R, bandwidth and
         slip_change_per_rev suit the record.
     false_alarm_probability : bound on the probability that white Gaussian noise has a path of slips with as much
-        power over R, an R measured from few cells being too small now and then; it does not know whether the line
-        is the one looked for or a neighbour.
-    status : "converged"; "not converged": the last step still mattered, read the numbers with care; "single
-        pass": the filter does not iterate; "no line": the false alarm probability is above 0.01, and
-        amplitude and slip are those of the loudest noise.
+        power over R; it does not know whether the line is the one looked for or a neighbour.
+    status : "converged"; "not converged": the last step still mattered; "single pass": the filter does not iterate;
+        "no line": the false alarm probability is above 0.01, amplitude and slip are those of the loudest noise.
     iterations : Gauss-Newton steps taken.
     objective : (step,) array, half the sum of squares at the start and after every step; it never rises.
     """
@@ -100,7 +85,7 @@ class SlippingTrack:
     slip: Floats = field(metadata={"dims": ("output",), "units": "1"})
     slip_std: Floats = field(metadata={"dims": ("output",), "units": "1"})
     slip_phase_rad: Floats = field(metadata={"dims": ("output",), "units": "rad"})
-    sample_index: Whole = field(metadata={"dims": ("output",), "units": "1"})
+    sample_index: Indices = field(metadata={"dims": ("output",), "units": "1"})
     order: float
     largest_slip: float
     slip_change_per_rev: float
@@ -147,35 +132,23 @@ def track_slipping_order(
     phase_rad : (sample,) array, shaft angle in rad.
     order : nominal order of the line, cycles per revolution.
     largest_slip : the line is looked for at `order (1 +- largest_slip)`; 0.02 suits most rolling bearings.
-        Also the standard deviation of the first slip about zero; nothing else binds the slip later on.
-    slip_change_per_rev : standard deviation of the change of the slip in one revolution; 0.001 lets a line
-        at 1 % drift away by another per cent in a hundred revolutions.
+        Also the standard deviation of the first slip about zero; nothing else bounds the slip later on.
+    slip_change_per_rev : standard deviation of the change of the slip in one revolution, sqrt(m) times that in m;
+        0.001 lets a line at 1 % drift away by another per cent in a hundred revolutions.
     bandwidth_hz : full -3 dB width of the smoother of the amplitude in Hz, one number, or a (1, sample) array
         where it varies; with `rate_hz`.
     bandwidth_orders : the same in cycles per revolution; with `samples_per_rev` or `rate_hz`.
     rate_hz : samples per second.
     samples_per_rev : samples per revolution, for a record sampled in angle.
     harmonics : lines at 1 to this many times the order, which share one slip and one noise variance.
-    estimator : "smoother" uses all samples for each output; "filter" this block and those before it, save for
-        its first slip, which is where the search found the line in the first stretch of the record. It corrects
-        the phase along the tangent, which leaves its amplitudes too large by half of `amplitude_std` or so.
-    output_every : samples from one output to the next. Default a 200th of 1 / bandwidth, or less where the slip's
-        walk needs it: the blocks in which amplitude and slip are held constant. Fewer outputs leave these blocks
-        as they are, more make them shorter.
+    estimator : "smoother" uses all samples for each output; "filter" this block and those before it, save for its
+        first slip, at which the search found the line in the first segment. It corrects the phase along the tangent,
+        so its amplitudes are too large by half of `amplitude_std` or so.
+    output_every : samples from one output to the next. Default: the longest block in which amplitude and slip can be
+        held constant, a 200th of 1 / bandwidth or less. Fewer outputs leave these blocks as they are.
     noise_variance : variance R of white noise as dense as that about the line; measured beside it unless given,
         which takes a hundred samples or so.
     most_iterations : Gauss-Newton steps before the smoother gives up.
-
-    Returns
-    -------
-    SlippingTrack
-
-    Raises
-    ------
-    ValueError
-        An input makes no sense; the sentence says which and what to do.
-    FloatingPointError
-        The covariance lost its digits.
     """
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     every = None if output_every is None else whole(output_every, name="output_every", least=1)
@@ -187,9 +160,9 @@ def track_slipping_order(
         slip_change=positive(slip_change_per_rev, name="slip_change_per_rev"),
     )
     given = None if noise_variance is None else positive(noise_variance, name="noise_variance")
-    samples = _check_samples(x, noise_variance=given)
-    record = SlipRecord(x=samples, phase=check_phase("phase_rad", phase_rad, samples.size))
-    _check_line(line, record)
+    if line.largest_slip >= 1:
+        raise ValueError(f"largest_slip={largest_slip:g} is relative to the order and must be below 1; 2 % is 0.02.")
+    record = _check_record(x, phase_rad, line, noise_variance=given)
     bandwidth = check_bandwidth(
         bandwidth_hz=bandwidth_hz,
         bandwidth_orders=bandwidth_orders,
@@ -244,37 +217,24 @@ def track_slipping_order(
     )
 
 
-def _check_samples(x: ArrayLike, *, noise_variance: float | None) -> Floats:
-    """Return the samples, or refuse what is infinite, missing throughout, or beyond double precision."""
+def _check_record(x: ArrayLike, phase_rad: ArrayLike, line: Line, *, noise_variance: float | None) -> SlipRecord:
+    """Return the record, or refuse what has no digits in double precision, turns too little, or too fast."""
     samples = real_vector(x, name="x", minimum=4, finite=False)
-    infinite = np.flatnonzero(np.isinf(samples))
-    if infinite.size:
-        raise ValueError(
-            f"x[{infinite[0]}]={samples[infinite[0]]} (and {infinite.size - 1} more) is infinite; "
-            "samples must be finite, or NaN where missing: mark bad samples as NaN."
-        )
     if np.isnan(samples).all():
         raise ValueError(f"x has {samples.size} samples, all of them missing (NaN); observed ones are needed.")
     peak = float(np.nanmax(np.abs(samples)))
-    if peak and not _SMALLEST <= peak <= _LARGEST:
+    if np.isfinite(peak) and peak and not _SMALLEST <= peak <= _LARGEST:
         raise ValueError(
             f"x reaches {peak:g}, whose square is lost in double precision; give x in a unit in which it reaches "
             f"between {_SMALLEST:g} and {_LARGEST:g}."
         )
+    check_record(samples)  # refuses infinite samples
     if noise_variance is not None and peak > _LOUDEST * np.sqrt(noise_variance):
         raise ValueError(
             f"noise_variance={noise_variance:g} makes x of up to {peak:g} {peak / np.sqrt(noise_variance):.2g} times "
             f"the noise; double precision ends at {_LOUDEST:g}: give the variance of all that the line leaves over."
         )
-    return samples
-
-
-def _check_line(line: Line, record: SlipRecord) -> None:
-    """Refuse a slip of everything, a shaft that rests throughout, and lines above half of the rate."""
-    if line.largest_slip >= 1:
-        raise ValueError(
-            f"largest_slip={line.largest_slip:g} is relative to the order and must be below 1; 2 % is 0.02."
-        )
+    record = SlipRecord(x=samples, phase=check_phase("phase_rad", phase_rad, samples.size))
     turns = line.top * record.turning[-1] / (2 * np.pi)
     if turns < 1:
         raise ValueError(
@@ -290,6 +250,7 @@ def _check_line(line: Line, record: SlipRecord) -> None:
             f"{at} and {at + 1}; more than pi is above half of the rate: take fewer harmonics, raise the rate, or "
             "mend the phase there."
         )
+    return record
 
 
 def _polar(means: Floats, covariances: Floats) -> tuple[Complexes, Floats, Floats, Floats]:

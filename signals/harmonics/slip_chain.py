@@ -1,32 +1,24 @@
-"""A record with a slipping line as a chain of blocks: its objective, its filter and its smoother.
-
-The model is that of `slip`. The filter linearises at its own prediction; the smoother takes Gauss-Newton steps, each
-a filter and a smoother of the model linearised at the trajectory so far, halved until the sum of squares falls.
-"""
+"""A record with a slipping line as a chain of blocks: its objective, its filter and its smoother, of `slip`."""
 
 from math import pi
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from signals.harmonics._slip_kernels import SlipChain, backward, condense_all, forward
+from signals.harmonics._slip_kernels import SlipChain, backward, condense, forward
 from signals.harmonics._slip_record import Line, SlipRecord
 from signals.harmonics._slip_search import Ridge
 from signals.harmonics.bandwidth import process_variance
-from signals.harmonics.model import PRIOR_STD
+from signals.harmonics.model import PRIOR_STD, Floats
 
-Floats = NDArray[np.float64]
 Status = Literal["converged", "not converged", "single pass", "no line"]
 
 # Of 1 / bandwidth, and of the stretch over which the walk of the slip turns the line by a radian: in shorter blocks
 # what is held constant differs from the continuous walks by a few 1e-4 of the uncertainty.
 _BLOCK = 1 / 200
 _SLIP_BLOCK = 1 / 50
-# A change this small, in standard deviations, is no change.
-_SETTLED = 1e-7
-# Where rounding keeps the objective from falling any further the step is far below this, in the same unit.
-_FLAT = 1e-3
+_SETTLED = 1e-7  # of a standard deviation: no change
+_FLAT = 1e-3  # the same: where rounding keeps the objective from falling, the step is far below
 
 
 class SlipPath(NamedTuple):
@@ -79,11 +71,11 @@ def in_blocks(record: SlipRecord, line: Line, *, width: Floats, noise_variance: 
     )
 
 
-def _condense(chain: SlipChain, states: Floats) -> tuple[float, tuple[Floats, Floats]]:
+def _linearise(chain: SlipChain, states: Floats) -> tuple[float, tuple[Floats, Floats]]:
     """Return the objective at these states, and the informations and scores of the blocks."""
     size = chain.prior_mean.size
     informations, scores = np.empty((len(states), size, size)), np.empty_like(states)
-    squares = condense_all(chain, states, informations, scores)
+    squares = condense(chain, 0, len(states), states, informations, scores)
     harmonics, slip = size // 2, states[:, -1]
     amplitude = states[:, :harmonics] + 1j * states[:, harmonics:-1]
     turn = np.outer(0.5 * (slip[1:] + slip[:-1]) * chain.turns, np.arange(1, harmonics + 1))
@@ -117,18 +109,17 @@ def _run(
 
 def extended_filter(chain: SlipChain, ridge: Ridge, *, smooth: bool = False) -> SlipPath:
     """Filter, linearised at each prediction, from the slip with which the ridge begins."""
-    mean, std = chain.prior_mean.copy(), chain.prior_std.copy()
-    mean[-1] = ridge.slip[0]
-    std[-1] = min(std[-1], ridge.slip_width / 2)
-    states = np.empty((chain.centres.size, mean.size))
-    return _run(chain._replace(prior_mean=mean, prior_std=std), states, smooth=smooth)
+    mean = np.append(chain.prior_mean[:-1], ridge.slip[0])
+    std = np.append(chain.prior_std[:-1], min(chain.prior_std[-1], ridge.slip_width / 2))
+    at_start = chain._replace(prior_mean=mean, prior_std=std)
+    return _run(at_start, np.empty((chain.centres.size, mean.size)), smooth=smooth)
 
 
 def starts(chain: SlipChain, ridge: Ridge) -> list[Floats]:
     """Trajectories to start from: the amplitudes that go best with the ridge's slips; the filter's, smoothed."""
     states = np.zeros((chain.centres.size, chain.prior_mean.size))
     states[:, -1] = np.interp(chain.turning, ridge.turning, ridge.slip)
-    given = _run(chain, states, _condense(chain, states)[1]).means
+    given = _run(chain, states, _linearise(chain, states)[1]).means
     # At zero amplitude nothing depends on the slip, which the smoother therefore returned to its prior.
     given[:, -1] = states[:, -1]
     return [given, extended_filter(chain, ridge, smooth=True).means]
@@ -136,7 +127,7 @@ def starts(chain: SlipChain, ridge: Ridge) -> list[Floats]:
 
 def iterate(chain: SlipChain, states: Floats, *, limit: int) -> tuple[SlipPath, Status, Floats]:
     """Take Gauss-Newton steps from a start, each halved until the objective falls."""
-    cost, condensed = _condense(chain, states)
+    cost, condensed = _linearise(chain, states)
     costs = [cost]
     while True:
         path = _run(chain, states, condensed)
@@ -146,7 +137,7 @@ def iterate(chain: SlipChain, states: Floats, *, limit: int) -> tuple[SlipPath, 
         size = first = float(np.max(np.abs(step) / np.sqrt(np.diagonal(path.covariances, axis1=1, axis2=2))))
         while size >= _SETTLED:
             trial = states + step
-            cost, condensed = _condense(chain, trial)
+            cost, condensed = _linearise(chain, trial)
             if cost < costs[-1]:
                 break
             step, size = step / 2, size / 2
