@@ -7,11 +7,11 @@ import itertools
 import pkgutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import peers
 import pytest
-import startup
 import suites
 import trackers
 from jobs import standard_job
@@ -112,7 +112,8 @@ def test_vold_kalman_alone_is_the_coupled_one_for_a_single_order():
     assert at[0] == 255.5
 
 
-def test_the_report_is_written(tmp_path, capsys):
+def test_the_report_is_written(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(trackers, "against", lambda *_, **__: ([], []))  # processes of its own, see below
     effort = Effort(
         samples=5000,
         excerpt=400,
@@ -242,37 +243,18 @@ def test_speedups_are_those_of_the_same_samples():
     assert not speedups(rows, effort)[1][0].passed
 
 
-def test_a_checkout_beside_itself_differs_by_nothing():
+def test_a_checkout_beside_itself_differs_by_nothing(monkeypatch):
+    def in_process(_root, _kernels, what, samples):
+        return {"filter": 0.5} if what == "compile" else against_module.calls(Path(what), samples)
+
+    monkeypatch.setattr(against_module, "_run", in_process)
+    monkeypatch.setattr(against_module, "ROUNDS", 1)
     lines, verdicts = against(against_module.ROOT, samples=5_000)
     apart = [line[1] for line in lines if line[1]]
     assert len(apart) == len(against_module.exact_cases(5_000))
     assert set(apart) == {"0.0e+00"}
     assert all("RMS 0.0e+00 std" in target.measured for target in verdicts if target.what.startswith("exact"))
     assert any(target.what.startswith("all tracker paths compiled") for target in verdicts)
-
-
-def test_start_and_memory_are_reported(tmp_path, capsys):
-    effort = startup.Effort(repeats=1, samples=200_000, with_demo=False)
-    assert startup.main(tmp_path, against=startup.ROOT, effort=effort) == 0
-    report = (tmp_path / "startup.md").read_text(encoding="utf-8")
-    assert capsys.readouterr().out.strip() == report.strip()
-    rows = [line.strip("| ").split(" | ") for line in report.splitlines() if line.startswith("| ")]
-    assert rows[0] == ["figure", "at most", "measured", "before", "reached"]
-    assert [row[0] for row in rows[1:]] == [
-        "the long record: peak memory, MB",
-        "the long record: memory a sample, bytes",
-        "the long record: reads of its samples",
-        "saving a small record, ms",
-    ]
-    for _, most, measured, before, reached in rows[1:]:
-        assert float(measured) > 0
-        assert float(before) > 0
-        assert reached == ("yes" if float(measured) <= float(most) else "**no**")
-
-
-def test_a_command_that_fails_stops_the_report(tmp_path):
-    with pytest.raises(RuntimeError, match="ended with 3"):
-        startup.Checkout(root=startup.ROOT, room=tmp_path).run("-c", "raise SystemExit(3)")
 
 
 KINDS = ("time_", "timeraw_", "peakmem_", "track_")

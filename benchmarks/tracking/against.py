@@ -137,7 +137,7 @@ def _compile() -> dict[str, float]:
     return took
 
 
-def _calls(file: Path, samples: int) -> dict[str, float]:
+def calls(file: Path, samples: int) -> dict[str, float]:
     """Return the processor time of each call, after one that compiles."""
     from signals.harmonics import track_orders  # noqa: PLC0415
 
@@ -163,4 +163,4 @@ def _calls(file: Path, samples: int) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(_compile() if sys.argv[1] == "compile" else _calls(Path(sys.argv[1]), int(sys.argv[2]))))  # noqa: T201
+    print(json.dumps(_compile() if sys.argv[1] == "compile" else calls(Path(sys.argv[1]), int(sys.argv[2]))))  # noqa: T201

@@ -275,7 +275,7 @@ def filter_steadily(
     samples, channels = x.shape
     poles, width = gains.shape
     cosine, sine, rows = np.empty(PIECE), np.empty(PIECE), np.empty((PIECE, width))
-    output = 0
+    unwanted, output = np.empty(width), 0
     for first in range(0, samples, PIECE):
         _fill_regressors(phase, orders, shaft, first, cosine, sine, rows)
         for i in range(first, min(first + PIECE, samples)):
@@ -283,14 +283,15 @@ def filter_steadily(
             wanted = i >= skip and (i - skip) % every == 0
             for channel in range(channels):
                 own = state[channel]
+                kept = levels[output, channel] if wanted else unwanted
                 innovation = x[i, channel] - _dot(h, own[0])
                 innovations[i, channel] = innovation
-                for j in range(poles):
+                for b in range(width):
+                    own[0, b] += gains[0, b] * innovation * h[b]
+                    kept[b] = own[0, b]
+                for j in range(1, poles):
                     for b in range(width):
                         own[j, b] += gains[j, b] * innovation * h[b]
-                if wanted:
-                    for b in range(width):
-                        levels[output, channel, b] = own[0, b]
                 for j in range(poles - 2, -1, -1):
                     for b in range(width):
                         own[j, b] += own[j + 1, b]

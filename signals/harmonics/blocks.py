@@ -124,7 +124,7 @@ def fast(
             fit.coupling.smooth_ends(smoothed)
         for number in range(FULL_ROUNDS if far else 0):
             fit.coupling.smooth_all(smoothed, ends=number == FULL_ROUNDS - 1)
-        residuals = residuals if fit.alike else fit.residuals(startup)
+        residuals = fit.residuals(startup) if far and not fit.alike else residuals
     bound = max(droop(model, length), scattered_share(seen, length))
     if coupled:
         bound = max(bound, tolerance, fit.coupling.left if fit.coupling else 0.0)

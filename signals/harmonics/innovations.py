@@ -91,13 +91,15 @@ class Innovations:
         self.count += int(np.count_nonzero(seen))
         joined = np.ascontiguousarray(np.concatenate([self.recent, innovations], axis=1))
         known = np.concatenate([self.recent_seen, seen])
-        stop = joined.shape[1]
+        stop, size = joined.shape[1], variances.size
         for lag in range(1, LAGS + 1):
             early = slice(LAGS - lag, stop - lag)
             # No BLAS: its threads take longer to start than such a product does.
             self.products[:, lag - 1] += np.einsum("cn,cn->c", joined[:, LAGS:], joined[:, early])
-            apart = variances.size if whole and self.recent_seen.all() else np.sum(known[LAGS:] * known[early])
-            self.pairs[lag - 1] += apart
+        if whole and size >= LAGS:  # all pairs within, and those with what is known before
+            self.pairs += size - np.arange(1, LAGS + 1) + np.cumsum(self.recent_seen[::-1])
+        else:
+            self.pairs += [np.sum(known[LAGS:] * known[LAGS - lag : stop - lag]) for lag in range(1, LAGS + 1)]
         self.recent, self.recent_seen = joined[:, -LAGS:].copy(), known[-LAGS:].copy()
 
 

@@ -39,8 +39,8 @@ CLOSED, OPEN = 1e2, 1e4
 LARGEST_PRIOR = 1e9
 # Part of its steady-state value that the variance may still be off when the gains are fixed.
 UNSETTLED = 1e-2
-# Innovations correlated, of every `SAMPLES_AT_ONCE`, where gains are fixed: enough for the lags, and little to do.
-CORRELATED = 1 << 12
+# Samples at a time where gains are fixed, and how many of their innovations are correlated: of a million some 65,000.
+STEADY_AT_ONCE, CORRELATED = 1 << 16, 1 << 12
 
 
 @dataclass
@@ -306,8 +306,8 @@ def steady_state_filter(
     gains, variance = _steady_gains(model)
     variances[exact:] = gains[0, ::2]
     predicted = state.predicted(model)
-    for first in range(begin, samples, SAMPLES_AT_ONCE):
-        span = slice(first, min(first + SAMPLES_AT_ONCE, samples))
+    for first in range(begin, samples, STEADY_AT_ONCE):
+        span = slice(first, min(first + STEADY_AT_ONCE, samples))
         values, found = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - first, channels))
         filter_steadily(
             values, model.phase(span), model.orders, model.shaft, gains, predicted, -first % output_every, output_every,
