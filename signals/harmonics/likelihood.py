@@ -44,11 +44,9 @@ IMAGE = 2 / BLOCK
 SMALLEST = 0.1
 # Ratio of the bandwidths tried first, and to what share of itself the best one is then found.
 RATIO, FINE = 2.0, 0.02
-# Of a quarter of that step, looked at one after the other until one holds its own vertex.
-PARABOLAS = 3
 # Log likelihoods that differ by less are alike: the smaller bandwidth it is. Below some 1 / record they all are.
 ALIKE = 1e-3
-SWEEPS = 4
+SWEEPS = 5
 # With so many poles amplitudes are so free at the ends of a record that orders must be smoothed together there before
 # any is subtracted.
 MANY_POLES = 3
@@ -237,90 +235,64 @@ def _grid_of_bandwidths(chain: ChainLikelihood) -> Floats:
     """Return the logarithms of the bandwidths tried first."""
     largest = float(chain.model.bandwidth[0, 0])
     smallest = min(SMALLEST / chain.model.phases[0].size, largest)
-    count = 2 + int(np.log(largest / smallest) / np.log(RATIO))
-    return np.linspace(np.log(smallest), np.log(largest), count)
+    return np.linspace(np.log(smallest), np.log(largest), 2 + int(np.log(largest / smallest) / np.log(RATIO)))
 
 
 def _each_alone(chain: ChainLikelihood) -> Floats:
-    """Climb the likelihood of each order."""
+    """Return the most likely bandwidth of each order: all by one pass at first, then each from its best."""
     places = _grid_of_bandwidths(chain)
-    values = np.array([chain.log_likelihood(np.exp(b)) for b in places])
-    values = values.reshape(places.size, -1, 2).sum(axis=2)
+    values = np.array([chain.log_likelihood(np.exp(b)).reshape(-1, 2).sum(axis=1) for b in places])
     found = np.empty(values.shape[1])
     for k in range(found.size):
         own = chain.lanes(slice(2 * k, 2 * k + 2))
 
-        def value(b: float, own: ChainLikelihood = own) -> float:
+        def value(b: Floats, own: ChainLikelihood = own) -> float:
             return float(own.log_likelihood(np.exp(b)).sum())
 
-        found[k] = _refined(value, places, values[:, k])
-    return np.asarray(np.exp(found))
+        found[k : k + 1] = _climb(value, places, values[:, k], orders=1)
+    return found
 
 
 def _together(chain: ChainLikelihood) -> Floats:
-    """Climb the likelihood, first with one bandwidth for all orders, then with each in turn by ever shorter steps."""
+    """Return the most likely bandwidths of orders: one for all at first, then each in turn."""
     places = _grid_of_bandwidths(chain)
 
-    def value(b: Floats | float) -> float:
+    def value(b: Floats) -> float:
         return float(chain.log_likelihood(np.exp(b))[0])
 
-    values = np.array([value(b) for b in places.tolist()])
-    found = np.full(chain.model.orders.size, _refined(value, places, values))
-    step, here = (places[-1] - places[0]) / max(places.size - 1, 1), value(found)
-    for sweep in range(SWEEPS if found.size > 1 else 0):
-        before = found.copy()
-        for k in range(found.size):
-            here = _climb(value, found, k, here, step / 2**sweep, places)
-        if np.abs(found - before).max() < 2 * FINE:
+    return _climb(value, places, np.array([value(b) for b in places]), orders=chain.model.orders.size)
+
+
+def _climb(value: Callable[[Floats], float], places: Floats, values: Floats, *, orders: int) -> Floats:
+    """Return where a log likelihood is largest, from the best of some places on, one order after the other.
+
+    Every sweep steps half as far: up the slope as long as it rises, then to the vertex of the parabola there.
+    """
+    best = int(np.argmax(values > values.max() - ALIKE))
+    found, here, step = np.full(orders, places[best]), float(values[best]), (places[-1] - places[0]) / places.size / 2
+    for _ in range(SWEEPS):
+        step, before = step / 2, found.copy()
+        for k in range(orders):
+
+            def at(b: float, k: int = k) -> tuple[float, float]:
+                tried = found.copy()
+                tried[k] = np.clip(b, places[0], places[-1])
+                return float(tried[k]), value(tried)
+
+            below, above = at(found[k] - step), at(found[k] + step)
+            while below[1] > here - ALIKE and below[0] < found[k]:
+                above, (found[k], here) = (found[k], here), below
+                below = at(found[k] - step)
+            while above[1] > here + ALIKE and above[0] > found[k]:
+                below, (found[k], here) = (found[k], here), above
+                above = at(found[k] + step)
+            curvature = 2 * here - below[1] - above[1]
+            if curvature > 0:
+                vertex = at(found[k] + step * (above[1] - below[1]) / (2 * curvature))
+                found[k], here = vertex if vertex[1] > here + ALIKE else (found[k], here)
+        if step < 8 * FINE and np.abs(found - before).max() < 2 * FINE:
             break
     return np.asarray(np.exp(found))
-
-
-def _climb(value: Callable[[Floats], float], found: Floats, k: int, here: float, h: float, places: Floats) -> float:
-    """Move one of the bandwidths, in place, up a log likelihood, `here` before, and return what it is there."""
-    least, most = places[0], places[-1]
-
-    def at(b: float) -> tuple[Floats, float]:
-        moved = found.copy()
-        moved[k] = np.clip(b, least, most)
-        return moved, value(moved)
-
-    below, above = at(found[k] - h), at(found[k] + h)
-    while below[1] > here - ALIKE and below[0][k] < found[k]:
-        above, here, found[k] = (found.copy(), here), below[1], below[0][k]
-        below = at(found[k] - h)
-    while above[1] > here + ALIKE and above[0][k] > found[k]:
-        below, here, found[k] = (found.copy(), here), above[1], above[0][k]
-        above = at(found[k] + h)
-    moved, best = at(found[k] + h * _vertex(np.array([below[1], here, above[1]]))[0])
-    if best > here + ALIKE:
-        found[k], here = moved[k], best
-    return here
-
-
-def _refined(function: Callable[[float], float], places: Floats, values: Floats) -> float:
-    """Return where a log likelihood is largest: the best of even places, refined by parabolas a quarter step wide."""
-    best = int(np.argmax(values > values.max() - ALIKE))
-    if places.size == 1:
-        return float(places[0])
-    least, most, h = places[0], places[-1], (places[1] - places[0]) / 4
-    place, move, value = float(np.clip(places[best], least + h, most - h)), 0.0, -np.inf
-    if 0 < best < places.size - 1:
-        place += _vertex(values[best - 1 : best + 2])[0] * 4 * h
-    for _ in range(PARABOLAS):
-        vertex, value = _vertex(np.array([function(place - h), function(place), function(place + h)]))
-        place, move = place + h * vertex, abs(vertex)
-        if move <= 1 or not least < place < most:
-            break
-        place = float(np.clip(place, least + h, most - h))
-    return float(np.clip(place, least, most)) if value > values[best] + ALIKE else float(places[best])
-
-
-def _vertex(values: Floats) -> tuple[float, float]:
-    """Return where a parabola through values at -1, 0 and 1 is largest, two to either side at most, and its value."""
-    slope, curvature = (values[2] - values[0]) / 2, 2 * values[1] - values[0] - values[2]
-    place = float(np.clip(slope / curvature, -2, 2)) if curvature > 0 else 2 * float(np.sign(slope))
-    return place, float(values[1] + slope * place - curvature * place**2 / 2)
 
 
 def _groups(model: HarmonicModel, seen: NDArray[np.bool_], block: int) -> tuple[Indices, list[Indices]]:
