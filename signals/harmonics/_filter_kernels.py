@@ -2,9 +2,7 @@
 
 A state holds `poles` blocks of quadratures: the levels, their first backward differences, and so on; real and imaginary
 parts of the orders alternate within a block. From sample to sample it becomes `F (state + increment)`: F an upper
-triangle of ones, the increment in the highest differences alone. Both filters work with the state at the start of a
-*stretch* of samples: k samples on, the transition is in the measurement row `h = (1, k, k (k + 1) / 2, ...) cos` and in
-the increment, `F^-k` of it, and nothing else moves.
+triangle of ones, the increment in the highest differences alone.
 """
 
 import numpy as np
@@ -41,32 +39,6 @@ def _dot(a: Floats, b: Floats) -> float:
 
 
 @compiled_sums
-def _covariance_times(P: Floats, gain: Floats, ph: Floats, h: Floats, result: Floats) -> None:
-    """Subtract `gain ph^T` from P, what the sample before has taken off it, and fill `P h` in the same pass."""
-    for a in range(h.size):
-        factor, total = gain[a], 0.0
-        for b in range(h.size):
-            value = P[a, b] - factor * ph[b]
-            P[a, b] = value
-            total += value * h[b]
-        result[a] = total
-
-
-@compiled_sums
-def _settle(P: Floats, own: Floats, gain: Floats, ph: Floats, grown: Floats) -> None:
-    """Subtract what the last sample has taken off P, and add the process noise since."""
-    for a in range(gain.size):
-        for b in range(gain.size):
-            P[a, b] -= gain[a] * ph[b]
-        gain[a] = 0.0
-    for j in range(len(grown)):
-        for m in range(len(grown)):
-            for b in range(grown.shape[2]):
-                own[j, m, b] += grown[j, m, b]
-                grown[j, m, b] = 0.0
-
-
-@compiled_sums
 def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, seen: Floats, covariance: Floats) -> float:
     """Update the factor V of what the prior leaves open; return the variance of the innovation.
 
@@ -79,10 +51,10 @@ def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, seen: Floats
     .. [1] J. E. Potter, R. G. Stern, "Statistical filtering of space navigation measurements", AIAA Guidance and
        Control Conference, 1963.
     """
-    size = h.size
+    size = seen.size
     for d in range(size):
         seen[d] = 0.0
-    for b in range(size):
+    for b in range(h.size):
         for d in range(size):
             seen[d] += h[b] * V[b, d]
     variance = known + _dot(seen, seen)
@@ -99,13 +71,41 @@ def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, seen: Floats
 
 
 @compiled_sums
-def _advance(state: Floats, rise: Floats, width: int) -> None:
-    """Multiply (state, any) values by a power of F, whose first row of blocks is `rise`, in place."""
-    for block in range(rise.size):
-        for later in range(1, rise.size - block):
-            for a in range(block * width, (block + 1) * width):
-                for b in range(state.shape[1]):
-                    state[a, b] += rise[later] * state[a + later * width, b]
+def _covariance_times(P: Floats, h: Floats, ph: Floats) -> None:
+    """Fill `P h`, for a row h that has levels alone."""
+    for a in range(ph.size):
+        total = 0.0
+        for b in range(h.size):
+            total += P[a, b] * h[b]
+        ph[a] = total
+
+
+@compiled_sums
+def _update_covariance(P: Floats, gain: Floats, ph: Floats) -> None:
+    """Subtract `gain ph^T` from P."""
+    for a in range(gain.size):
+        share = gain[a]
+        for b in range(ph.size):
+            P[a, b] = P[a, b] - share * ph[b]
+
+
+@compiled_sums
+def _sum_rows(values: Floats, width: int) -> None:
+    """Multiply (state, any) values by F, in place: each block becomes its sum with all later ones."""
+    for a in range(len(values) - width - 1, -1, -1):
+        own, later = values[a], values[a + width]
+        for b in range(own.size):
+            own[b] += later[b]
+
+
+@compiled_sums
+def _sum_columns(values: Floats, width: int) -> None:
+    """Multiply (any, state) values by F^T from the right, in place."""
+    for a in range(len(values)):
+        for start in range(values.shape[1] - 2 * width, -1, -width):
+            own, later = values[a, start : start + width], values[a, start + width : start + 2 * width]
+            for b in range(width):
+                own[b] += later[b]
 
 
 @compiled_sums
@@ -115,11 +115,9 @@ def filter_covariance(
     orders: Floats,
     shaft: Indices,
     process: Floats,
-    stretch: tuple[int, int],
     diffuse: bool,
     mean: Floats,
     P: Floats,
-    own: Floats,
     V: Floats,
     outputs: tuple[int, int],
     innovations: Floats,
@@ -129,8 +127,8 @@ def filter_covariance(
 ) -> None:
     """Run the covariance filter over some samples.
 
-    Of each sample `x = h . state + noise` of variance 1: the innovation `x - h . mean`, its variance `s = 1 + h . (P +
-    V V^T) h`, the gain `(P + V V^T) h / s`, the update of mean and covariance; then the process noise.
+    Of each sample `x = h . levels + noise` of variance 1: the innovation `x - h . mean`, its variance `s = 1 + h . (P +
+    V V^T) h`, the gain `(P + V V^T) h / s`, the update of mean and covariance; then the prediction of the next one.
 
     Parameters
     ----------
@@ -138,11 +136,9 @@ def filter_covariance(
     phase : (shaft, sample) array in rad.
     orders, shaft : (order,) arrays, cycles per revolution and the shaft they count.
     process : (sample or 1, 2 order) array, variances of the increments after each sample.
-    stretch : samples since the start of a stretch, and in one.
     diffuse : whether V counts.
     mean : (channel, state) array, predicted for the first sample on entry, for the one after the last on return.
     P : (state, state) array, the covariance of the mean but for V V^T.
-    own : (pole, pole, 2 order) view of P: the covariances of levels and differences of each quadrature.
     V : (state, state) array, factor of what the prior leaves open.
     outputs : samples before the first of them, and from one to the next.
     innovations : (sample, channel) array, filled: over their standard deviations, 0 where missing.
@@ -150,99 +146,58 @@ def filter_covariance(
     levels : (output, channel, 2 order) array, filled.
     variances : (output, order) array, filled: half the sums over two quadratures, of which the mean's second has none.
     """
-    samples, channels = x.shape
-    (place, longest), (skip, every) = stretch, outputs
-    width = process.shape[1]
-    size = mean.shape[1]
-    poles = size // width
+    (samples, channels), (skip, every) = x.shape, outputs
+    width, size = process.shape[1], mean.shape[1]
     cosine, sine, rows = np.empty(PIECE), np.empty(PIECE), np.empty((PIECE, width))
-    h, ph, gain = np.empty(size), np.zeros(size), np.zeros(size)
-    product, seen = np.empty(size), np.empty(size)
-    rise, fall, grown = np.ones(poles), np.ones(poles), np.zeros((poles, poles, width))
-    output, at = 0, PIECE
+    ph, gain, seen = np.empty(size), np.empty(size), np.empty(size)
+    output = 0
     for i in range(samples):
-        if at == PIECE:
-            at = 0
+        at = i % PIECE
+        if at == 0:
             _fill_regressors(phase, orders, shaft, i, cosine, sine, rows)
-        for j in range(1, poles):  # of F^k, and of F^-k
-            rise[j] = rise[j - 1] * (place + j - 1) / j
-            fall[j] = -fall[j - 1] * (place - j + 1) / j
+        h = rows[at]
         scales[i] = 0.0
         for channel in range(channels):
             innovations[i, channel] = 0.0
         if not np.isnan(x[i, 0]):
-            for j in range(poles):
-                for b in range(width):
-                    h[j * width + b] = rise[j] * rows[at, b]
-            _covariance_times(P, gain, ph, h, product)
-            for j in range(poles):
-                for m in range(poles):
-                    for b in range(width):
-                        product[j * width + b] += grown[j, m, b] * h[m * width + b]
-            variance = 1.0 + _dot(h, product)
-            share = 1.0 / variance
-            for b in range(size):
-                ph[b] = product[b]
-                gain[b] = share * product[b]
+            _covariance_times(P, h, ph)
+            known = 1.0 + _dot(h, ph[:width])
+            share = 1.0 / known
+            for a in range(size):
+                gain[a] = share * ph[a]
+            _update_covariance(P, gain, ph)
+            variance = known
             if diffuse:
-                variance = _update_diffuse(V, h, ph, variance, seen, product)
+                variance = _update_diffuse(V, h, ph, known, seen, gain)
                 share = 1.0 / variance
+                for a in range(size):
+                    gain[a] *= share
             scales[i] = variance
             for channel in range(channels):
-                own_mean = mean[channel]
-                innovation = x[i, channel] - _dot(h, own_mean)
+                own = mean[channel]
+                innovation = x[i, channel] - _dot(h, own[:width])
                 innovations[i, channel] = innovation * np.sqrt(share)
-                innovation *= share
-                for b in range(size):
-                    own_mean[b] += product[b] * innovation
+                for a in range(size):
+                    own[a] += gain[a] * innovation
         if i >= skip and (i - skip) % every == 0:
-            spread = variances[output]
-            for k in range(orders.size):
-                spread[k] = 0.5 * (own[0, 0, 2 * k] + grown[0, 0, 2 * k] - gain[2 * k] * ph[2 * k])
-                b = 2 * k + 1
-                spread[k] += 0.5 * (own[0, 0, b] + grown[0, 0, b] - gain[b] * ph[b])
             for channel in range(channels):
                 for b in range(width):
                     levels[output, channel, b] = mean[channel, b]
-            if poles > 1:
-                for channel in range(channels):
-                    for j in range(1, poles):
-                        for b in range(width):
-                            levels[output, channel, b] += rise[j] * mean[channel, j * width + b]
-                for j in range(poles):
-                    for m in range(poles):
-                        if j + m > 0:
-                            share = 0.5 * rise[j] * rise[m]
-                            for b in range(width):
-                                taken = gain[j * width + b] * ph[m * width + b]
-                                spread[b // 2] += share * (own[j, m, b] + grown[j, m, b] - taken)
-            if diffuse:
-                for b in range(width):
-                    for d in range(size):
-                        total = V[b, d]
-                        for j in range(1, poles):
-                            total += rise[j] * V[j * width + b, d]
-                        spread[b // 2] += 0.5 * total * total
+            for k in range(orders.size):
+                total = P[2 * k, 2 * k] + P[2 * k + 1, 2 * k + 1]
+                if diffuse:
+                    total += _dot(V[2 * k], V[2 * k]) + _dot(V[2 * k + 1], V[2 * k + 1])
+                variances[output, k] = 0.5 * total
             output += 1
         step = min(i, len(process) - 1)
-        for j in range(poles):
-            for m in range(poles):
-                share = fall[poles - 1 - j] * fall[poles - 1 - m]
-                for b in range(width):
-                    grown[j, m, b] += share * process[step, b]
-        at += 1
-        place += 1
-        if place == longest:
-            place = 0
-            if poles > 1:
-                _settle(P, own, gain, ph, grown)
-                for j in range(1, poles):
-                    rise[j] = rise[j - 1] * (longest + j - 1) / j
-                _advance(P, rise, width)
-                _advance(P.T, rise, width)
-                _advance(V, rise, width)
-                _advance(mean.T, rise, width)
-    _settle(P, own, gain, ph, grown)
+        for b in range(width):
+            P[size - width + b, size - width + b] += process[step, b]
+        if size > width:
+            _sum_rows(P, width)
+            _sum_columns(P, width)
+            _sum_columns(mean, width)
+            if diffuse:
+                _sum_rows(V, width)
 
 
 @compiled_sums

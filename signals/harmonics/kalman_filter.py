@@ -29,9 +29,6 @@ SAMPLES_AT_ONCE = 1 << 14
 # over them, which still leaves eight digits.
 CHECK = 8
 LONGEST_CHECK = 1024
-# Powers of F over a stretch stay near one while it is shorter than this part of the memory.
-STRETCH = 1 / 8
-LONGEST_STRETCH = 64
 # Variances, where that of the noise is 1, up to which V V^T may be added to P, and from which P is factored: rounding
 # takes 1e-16 of them off what is known at every sample.
 CLOSED, OPEN = 1e2, 1e4
@@ -49,8 +46,8 @@ class FilterState:
 
     Attributes
     ----------
-    mean : (channel, state) array, real and imaginary parts of the orders in turn: the levels at the start of a stretch
-        of samples, then their first differences, and so on.
+    mean : (channel, state) array, real and imaginary parts of the orders in turn: the levels predicted for the next
+        sample, then their first differences, and so on.
     covariance, factor : (state, state) arrays P and V.
     diffuse : whether V counts.
     count : samples so far.
@@ -82,14 +79,6 @@ class FilterState:
     def total(self) -> Floats:
         """(state, state) array, the covariance P + V V^T."""
         return self.covariance + self.factor @ self.factor.T
-
-    def predicted(self, model: HarmonicModel) -> Floats:
-        """(channel, pole, 2 order) array, the mean of levels and differences at the next sample."""
-        moved = self.mean.reshape(len(self.mean), model.poles, -1).copy()
-        for _ in range(self.count % stretch_length(model)):
-            for pole in range(model.poles - 2, -1, -1):
-                moved[:, pole] += moved[:, pole + 1]
-        return moved
 
     def check(self, model: HarmonicModel) -> None:
         """Make P symmetric again, and move what is known between P and V.
@@ -124,11 +113,6 @@ class FilterState:
         self.covariance[:], self.factor[:] = 0.0, 0.0
         self.factor[np.ix_(some, some)] = unit * np.asarray(np.linalg.qr(both.T, mode="r")).T
         self.diffuse = True
-
-
-def stretch_length(model: HarmonicModel) -> int:
-    """Return the samples over which a state keeps its coordinates."""
-    return int(np.clip(STRETCH / model.bandwidth.max(), 1, LONGEST_STRETCH))
 
 
 def _paired(model: HarmonicModel, values: Floats) -> Floats:
@@ -205,13 +189,7 @@ def filter_on(
         The covariance lost its digits.
     """
     channels, samples = x.shape
-    size, width = len(state.covariance), 2 * model.orders.size
-    stretch = stretch_length(model)
-    interval = stretch * int(np.clip(CHECK / model.bandwidth.max() // stretch, 1, LONGEST_CHECK // stretch))
-    item = state.covariance.itemsize
-    own = np.lib.stride_tricks.as_strided(
-        state.covariance, (model.poles, model.poles, width), (width * size * item, width * item, (size + 1) * item)
-    )
+    interval = int(np.clip(CHECK / model.bandwidth.max(), 1, LONGEST_CHECK))
     orders, shaft = model.orders, model.shaft
     process = _paired(model, model.process_noise(slice(0, 1))) if model.bandwidth.shape[1] == 1 else None
     first, begin, done = state.count, 0, 0
@@ -227,9 +205,8 @@ def filter_on(
             skip = -state.count % output_every
             filter_covariance(
                 values[part], np.ascontiguousarray(phase[:, part]), orders, shaft,
-                walk if len(walk) == 1 else walk[part], (state.count % stretch, stretch), state.diffuse, state.mean,
-                state.covariance, own, state.factor, (skip, output_every), found[part], scales[part], levels[done:],
-                variances[done:],
+                walk if len(walk) == 1 else walk[part], state.diffuse, state.mean, state.covariance, state.factor,
+                (skip, output_every), found[part], scales[part], levels[done:], variances[done:],
             )  # fmt: skip
             done += len(range(skip, end - begin, output_every))
             state.count, begin = state.count + end - begin, end
@@ -305,7 +282,7 @@ def steady_state_filter(
     filter_on(model, x[:, :begin], state, innovations, *head, output_every=output_every, startup=startup)
     gains, variance = _steady_gains(model)
     variances[exact:] = gains[0, ::2]
-    predicted = state.predicted(model)
+    predicted = state.mean.reshape(channels, model.poles, -1)
     for first in range(begin, samples, STEADY_AT_ONCE):
         span = slice(first, min(first + STEADY_AT_ONCE, samples))
         values, found = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - first, channels))
