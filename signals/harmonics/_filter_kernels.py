@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals._compile import compiled_sums
-from signals.harmonics._phasors import fill_phasors
+from signals.harmonics._block_kernels import fill_phasors
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -243,14 +243,9 @@ def pieces_between(values: Complexes | Floats, *, cubic: bool) -> Floats:
 
 
 def at_outputs(levels: Complexes, grid: Grid, *, every: int, skip: int = 0, samples: int | None = None) -> Complexes:
-    """(channel, order, output) amplitudes between the nodes.
+    """(channel, order, output) amplitudes from (channel, order, node) levels, cubic in between, straight for one pole.
 
-    Parameters
-    ----------
-    levels : (channel, order, node) array.
-    grid : of these nodes.
-    every, skip : samples from one output to the next, and before the first.
-    samples : how many from the first on have outputs; all unless given.
+    Outputs are `every` samples apart, the first `skip` samples on, as far as `samples`, the record's unless given.
     """
     outputs = len(range(skip, grid.samples if samples is None else samples, every))
     return evaluated(pieces_between(levels, cubic=grid.model.poles > 1), grid.length, every, skip, outputs)

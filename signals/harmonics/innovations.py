@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics.inputs import SMALLEST
-from signals.harmonics.model import LAGS, Estimate, Floats
-from signals.harmonics.patterns import Patterns
+from signals.harmonics.model import LAGS, Complexes, Estimate, Floats, Patterns
 
 
 @dataclass
@@ -65,6 +64,19 @@ class Innovations:
         mean = self.mean_square[:, None]
         scale = np.maximum(self.pairs, 1.0) * np.where(mean > 0.0, mean, 1.0)
         return np.asarray(self.products / scale)
+
+    def estimate(self, amplitude: Complexes, variance: Floats, **more: Any) -> Estimate:  # noqa: ANN401
+        """Return an estimate with these statistics."""
+        return Estimate(
+            amplitude=amplitude,
+            variance=variance,
+            innovation_mean_square=self.mean_square,
+            innovation_log_variance=self.mean_log_variance,
+            innovation_autocorrelation=self.autocorrelation,
+            innovation_samples=self.count,
+            innovations=self.kept,
+            **more,
+        )
 
     def separate(self) -> None:
         """Take no products of what follows with what was."""

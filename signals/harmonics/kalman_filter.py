@@ -75,11 +75,6 @@ class FilterState:
         factor = np.diag(np.sqrt(variance.ravel()))
         return cls(np.zeros((channels, size)), np.zeros((size, size)), factor, diffuse=True, count=0)
 
-    @property
-    def total(self) -> Floats:
-        """(state, state) array, the covariance P + V V^T."""
-        return self.covariance + self.factor @ self.factor.T
-
     def check(self, model: HarmonicModel) -> None:
         """Make P symmetric again, and move what is known between P and V.
 
@@ -142,20 +137,7 @@ def covariance_filter(
     levels = np.empty((outputs, len(x), 2 * model.orders.size))
     variances = np.empty((outputs, model.orders.size))
     filter_on(model, x, state, innovations, levels, variances, output_every=output_every, startup=startup)
-    return _estimate(levels, variances, innovations)
-
-
-def _estimate(levels: Floats, variances: Floats, innovations: Innovations, *, error_bound: float = 0.0) -> Estimate:
-    return Estimate(
-        amplitude=levels.view(np.complex128).transpose(1, 2, 0),
-        variance=variances.T,
-        innovation_mean_square=innovations.mean_square,
-        innovation_log_variance=innovations.mean_log_variance,
-        innovation_autocorrelation=innovations.autocorrelation,
-        innovation_samples=innovations.count,
-        innovations=innovations.kept,
-        error_bound=error_bound,
-    )
+    return innovations.estimate(levels.view(np.complex128).transpose(1, 2, 0), variances.T)
 
 
 def filter_on(
@@ -298,7 +280,8 @@ def steady_state_filter(
         innovations.log_variance += early * log(variance)
         innovations.separate()
         innovations.add(late, np.full(late.shape[1], variance))
-    return _estimate(levels, variances, innovations, error_bound=error_bound)
+    amplitude = levels.view(np.complex128).transpose(1, 2, 0)
+    return innovations.estimate(amplitude, variances.T, error_bound=error_bound)
 
 
 def _steady_gains(model: HarmonicModel) -> tuple[Floats, float]:

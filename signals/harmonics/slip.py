@@ -31,8 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from signals._checks import choice, positive, real_vector, whole
-from signals.harmonics._slip_record import Line, SlipRecord
-from signals.harmonics._slip_search import search
+from signals.harmonics._slip_search import Line, SlipRecord, search
 from signals.harmonics.inputs import check_bandwidth, check_phase, check_record
 from signals.harmonics.model import BandwidthUnits, Complexes, Estimator, Floats, Indices
 from signals.harmonics.slip_chain import Status, extended_filter, in_blocks, iterate, starts

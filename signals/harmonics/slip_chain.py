@@ -6,8 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from signals.harmonics._slip_kernels import SlipChain, backward, condense, forward
-from signals.harmonics._slip_record import Line, SlipRecord
-from signals.harmonics._slip_search import Ridge
+from signals.harmonics._slip_search import Line, Ridge, SlipRecord
 from signals.harmonics.bandwidth import process_variance
 from signals.harmonics.model import PRIOR_STD, Floats
 

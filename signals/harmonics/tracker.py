@@ -15,8 +15,7 @@ from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.blocks import block_length, blurs, exact, exact_length, fast, scattered_share
 from signals.harmonics.innovations import statistics
 from signals.harmonics.kalman_filter import covariance_filter, ripple, steady_state_filter
-from signals.harmonics.model import PRIOR_STD, Estimate, Estimator, Floats, HarmonicModel, Method, Order, lost
-from signals.harmonics.patterns import Patterns
+from signals.harmonics.model import PRIOR_STD, Estimate, Estimator, Floats, HarmonicModel, Method, Order, Patterns, lost
 from signals.harmonics.separability import Closeness, flag_outputs
 from signals.harmonics.tracks import OrderTracks
 

@@ -203,11 +203,12 @@ def test_covariances_of_states_are_symmetric_and_positive(seed, poles, bandwidth
     for part in np.split(n, np.sort(rng.integers(1, 400, 8))):
         if part.size:
             carried(replace(model, phases=(phase[part],)), x[:, part], state)
-            total = (state.total + state.total.T) / 2
+            covariance = state.covariance + state.factor @ state.factor.T
+            total = (covariance + covariance.T) / 2
             # Rounding since the last check, a few memories ago, in units of the variances.
             scale = np.sqrt(np.maximum(np.diagonal(total), 1e-300))
             unit = total / scale / scale[:, None]
-            assert_allclose(state.total / scale / scale[:, None], unit, rtol=0, atol=1e-10)
+            assert_allclose(covariance / scale / scale[:, None], unit, rtol=0, atol=1e-10)
             seen = np.diagonal(total) > 0
             assert np.linalg.eigvalsh(unit[np.ix_(seen, seen)])[0] >= -1e-9
 
@@ -321,7 +322,7 @@ def test_amplitudes_follow_the_recursion_sample_by_sample(poles, kind):
         replace(model, phases=tuple(phase[:begin] for phase in phases)),
     )
     carried(head, x[:, :begin], state)
-    differences = state.predicted(model).view(complex)
+    differences = state.mean.reshape(len(state.mean), model.poles, -1).view(complex)
     phasors = np.exp(1j * orders[:, None] * np.stack(phases)[shaft])
     gains = Bandwidth(width=width, poles=poles).filter_shares[:, None] * np.array([1.0, 2.0, 2.0, 2.0, 2.0])
     expected = np.empty((2, 5, n - begin), dtype=complex)

@@ -6,8 +6,16 @@ from numpy.testing import assert_allclose
 from scipy.stats import binom, chi2, kstest
 
 from signals.harmonics import process_variance
-from signals.harmonics._slip_record import Demodulated, Line, SlipRecord
-from signals.harmonics._slip_search import cells_beside, chance, noise_beside, power_spreads, search
+from signals.harmonics._slip_search import (
+    Demodulated,
+    Line,
+    SlipRecord,
+    cells_beside,
+    chance,
+    noise_beside,
+    power_spreads,
+    search,
+)
 from signals.harmonics.slip import track_slipping_order
 
 ORDER, PER_REV, CHANGE, WIDTH = 9.46, 64, 5e-4, 0.05
