@@ -41,16 +41,8 @@ MOST_AT_ENDS = 12
 def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> "Coupling | None":
     """Smooth together, in place, what the estimates of `smooth_apart` show to disturb one another.
 
-    Parameters
-    ----------
-    grid : the record.
-    closeness : of its orders.
-    smoothed : as `smooth_apart` returns it.
-
-    Returns
-    -------
-    the groups that are smoothed together, with what improves on that near ends and gaps, and where amplitudes are far
-    above their uncertainty; None where all orders are one group.
+    Return the groups, with what improves on them near ends and gaps and where amplitudes are far above their
+    uncertainty; None where all orders are one group.
     """
     size = smoothed.size
     received = closeness.received(_at_least(grid, Bandwidth.smoother_gain), size)

@@ -87,12 +87,7 @@ class ChainLikelihood:
         return replace(self, measured=measured, before=self.before._replace(vector=self.before.vector[:, some].copy()))
 
     def log_likelihood(self, bandwidth: ArrayLike) -> Floats:
-        """(lane,) array, logarithms of the densities of the data but for a constant, integrated over all states.
-
-        Parameters
-        ----------
-        bandwidth : (order,) array in cycles a sample, or one for all.
-        """
+        """(lane,) logarithms of the density of the data but for a constant; (order,) bandwidths in cycles a sample."""
         width = np.broadcast_to(np.asarray(bandwidth, dtype=np.float64), self.model.orders.shape)
         process = replace(self.model, bandwidth=width[:, None]).process_noise(step=self.length)
         matrix, vector = self.before.copy()

@@ -54,13 +54,7 @@ class Smoothed:
 
 
 def smooth_apart(grid: Grid, first: int) -> Smoothed:
-    """Smooth every order of a record as if it were alone, by the whole triangular weights.
-
-    Parameters
-    ----------
-    grid : the record.
-    first : the node whose innovations count first.
-    """
+    """Smooth every order as if it were alone, by the whole triangular weights; innovations count from a node on."""
     orders = grid.model.orders.size
     smoothed = Smoothed.empty(grid, first)
     share = np.pad(grid.shares, 1)
@@ -110,10 +104,7 @@ def alike(grid: Grid, orders: Indices) -> list[Indices]:
 def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> NodeChain:
     """Return the chain of orders that share a walk, each as if alone.
 
-    Parameters
-    ----------
-    data : (node, pole, order, channel, 2) array.
-    counts : (node, moment) array, of the samples these stand for.
+    From (node, pole, order, channel, 2) data and (node, moment) counts of the samples these stand for.
     """
     parts = 2 if grid.model.orders[group[0]] else 1
     lanes = np.ascontiguousarray(data[..., :parts].reshape(*data.shape[:2], 1, -1))
