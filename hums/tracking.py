@@ -145,8 +145,8 @@ def _with_gaps(
 
     Resampling would spread each of them over its filter. Outputs are interpolated to the times of the others: a
     sixteenth of the inverse bandwidth apart, or less, so that the line between two of them errs by 0.5 % of what
-    changes, at most. Sample by sample: what repeats with the shaft is often missing at the same angles, which blocks of
-    samples do not see.
+    changes, at most. What repeats with the shaft is often missing at the same angles: then the tracker takes short
+    blocks, and all orders together.
     """
     phase, missing = machine.phase, channel.health.missing if channel.health else np.zeros(0, dtype=np.bool_)
     when = sampling(record, channel.name)
