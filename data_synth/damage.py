@@ -67,7 +67,7 @@ _EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
 
 
 def faulty_gear(scene: Scene, number: int, *, teeth: float, draws: Draws) -> FaultyGear:
-    """Return what fault `number` (from 0), a gear's, has to know of it."""
+    """Return the gear that fault `number` (from 0) is on, as far as the fault depends on it."""
     width_m = face_width_m(scene, scene.faults[number].component)
     return FaultyGear(teeth=teeth, face_width_m=width_m, rng=lambda: draws("pits", str(number)))
 
@@ -91,7 +91,7 @@ def trains_of(
     offsets: Sequence[float],
     draws: Draws,
 ) -> list[tuple[int, ImpactTrain]]:
-    """Return the impacts that are heard in the record, so also those just before it, with the number of their fault."""
+    """Return the impacts whose response lies in the record, some just before it, with the number of their fault."""
     bases = {comb.component: float(comb.base) for comb in combs if comb.kind == "gear_mesh"}
     trains: list[tuple[int, ImpactTrain]] = []
     for number, (fault, offset) in enumerate(zip(scene.faults, offsets, strict=True)):

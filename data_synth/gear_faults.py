@@ -37,7 +37,7 @@ _BISECTIONS = 60
 
 @dataclass(frozen=True, kw_only=True)
 class FaultyGear:
-    """What a fault has to know of its gear.
+    """The properties of a gear on which its faults depend.
 
     Attributes
     ----------

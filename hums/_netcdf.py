@@ -62,7 +62,7 @@ class DiskError(OSError):
 
 
 class _Disk(FileIO):
-    """A new file that tells when it is closed what its disk refused before: HDF5 crashes on a write that fails."""
+    """A new file that raises on closing what its disk refused before: HDF5 crashes on a write that fails."""
 
     def __init__(self, path: str | PathLike[str]) -> None:
         super().__init__(path, "w+")

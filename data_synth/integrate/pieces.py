@@ -67,7 +67,7 @@ def series(generator: Array, drive: Array, time_s: float, terms: int) -> tuple[A
 
 @dataclass(frozen=True, kw_only=True)
 class ForceIntegrals:
-    """What exact steppers carry beside x where mesh forces under hats are asked for, and nothing else.
+    """What exact transitions carry beside x where mesh forces under triangular weights are wanted, and nothing else.
 
     ``meshes`` is 0 where nobody asks; ``coming`` (meshes,) is what forces add to the next hat, NaN before the start.
     """

@@ -131,13 +131,24 @@ def covariance_filter(
     startup : first sample whose innovation counts in the statistics.
     keep : whether the innovations of all samples are wanted.
     """
-    state = FilterState.prior(model, channels=len(x))
-    innovations = Innovations.none(channels=len(x), keep=keep)
-    outputs = ceil(x.shape[1] / output_every)
-    levels = np.empty((outputs, len(x), 2 * model.orders.size))
-    variances = np.empty((outputs, model.orders.size))
-    filter_on(model, x, state, innovations, levels, variances, output_every=output_every, startup=startup)
+    levels, variances, innovations = _filtered(model, x, output_every=output_every, startup=startup, keep=keep)
     return innovations.estimate(levels.view(np.complex128).transpose(1, 2, 0), variances.T)
+
+
+def count_innovations(model: HarmonicModel, x: Floats, *, startup: int, keep: bool) -> Innovations:
+    """Return the innovations of the covariance filter; parameters as for `covariance_filter`."""
+    return _filtered(model, x, output_every=x.shape[1], startup=startup, keep=keep)[2]
+
+
+def _filtered(
+    model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool
+) -> tuple[Floats, Floats, Innovations]:
+    """Filter a whole record from the prior; return levels, variances and innovations as `filter_on` fills them."""
+    state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x), keep=keep)
+    outputs = ceil(x.shape[1] / output_every)
+    levels, variances = np.empty((outputs, len(x), 2 * model.orders.size)), np.empty((outputs, model.orders.size))
+    filter_on(model, x, state, innovations, levels, variances, output_every=output_every, startup=startup)
+    return levels, variances, innovations
 
 
 def filter_on(
@@ -292,11 +303,3 @@ def _steady_gains(model: HarmonicModel) -> tuple[Floats, float]:
     variance = float(1 + np.sum(shares[0] / (1 - shares[0] / noise)))
     gains = np.repeat(shares, 2, axis=1)
     return gains, variance
-
-
-def count_innovations(model: HarmonicModel, x: Floats, *, startup: int, keep: bool) -> Innovations:
-    """Return the innovations of the covariance filter; parameters as for `covariance_filter`."""
-    state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x), keep=keep)
-    levels, variances = np.empty((1, len(x), 2 * model.orders.size)), np.empty((1, model.orders.size))
-    filter_on(model, x, state, innovations, levels, variances, output_every=x.shape[1], startup=startup)
-    return innovations
