@@ -1,4 +1,4 @@
-"""The workflow: a record, a gearbox and settings become an analysis.
+"""Analysis of one record: from record, gearbox and settings to spectra, lines, tracks, indicators and findings.
 
 An analysis is an `xarray.DataTree` with the groups `/speed`, `/health`, `/order_spectrum`, `/envelope`, `/tracks`,
 `/indicators` and `/findings` (see `hums.layout`); reports and scores are made from it alone.
@@ -47,29 +47,46 @@ def analyze(
     settings: AnalysisSettings | None = None,
     baseline: Analysis | None = None,
 ) -> Analysis:
-    """Analyse a record: which component of the gearbox makes which line, how large, how sure.
+    """Return spectra, lines, amplitude tracks, condition indicators and findings of a record.
 
     Parameters
     ----------
     record : xarray.Dataset
-        From `hums.open_record` or `hums.make_record`.
+        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`.
     gearbox : Gearbox
-        With one degree of freedom; the record's tachometer (or declared speed) is on one of its links.
+        The gearbox, with one degree of freedom; the record's tachometer or declared speed is that of one of its links.
     settings : AnalysisSettings, optional
-    baseline : Analysis, optional
-        Of the record before this one: it carries the variances of all before it, against which NA4 and NB4 hold this
-        record. Without, the history begins here. The result carries the new state.
+        Defaults to ``AnalysisSettings()``.
+    baseline : xarray.DataTree, optional
+        Analysis of the previous record of this machine. It holds the variances of all earlier records, to which NA4
+        and NB4 refer; the result holds them updated by this record. Without it the history starts at this record.
 
     Returns
     -------
     xarray.DataTree
-        Checked by `check_analysis`.
+        Groups ``/speed``, ``/health``, ``/order_spectrum``, ``/envelope``, ``/tracks``, ``/indicators`` and
+        ``/findings``; `line_table`, `findings_table`, `indicator_table`, `health_table` and `summary` read them.
 
     Raises
     ------
     AnalysisError
-        A channel that is not there, none that lives, none without NaN, a shaft the gearbox does not have, a speed
-        that cannot be told, a record shorter than one revolution: with the name, the value, and what to do.
+        If a channel or shaft does not exist, every channel is constant or has NaN, the speed cannot be estimated, or
+        the record is shorter than one revolution of the reference.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> times_s = np.arange(8000) / 4000
+    >>> tone = 0.5 * np.cos(2 * np.pi * 23 * 20 * times_s)  # 23 teeth at 20 rev/s
+    >>> noise = np.random.default_rng(0).normal(0, 0.05, times_s.size)
+    >>> pulses = hums.PulseTimes(times_s=np.arange(41) / 20, shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"housing": tone + noise}, rate_hz=4000, units="g", angle=pulses)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> lines = hums.line_table(analysis, "order_spectrum")
+    >>> mesh = lines[(lines["component"] == "stage 1") & (lines["harmonic"] == 1)].iloc[0]
+    >>> print(f"order {mesh['order']:g}: {mesh['amplitude']:.2f} {mesh['units']}")
+    order 23: 0.50 g
     """
     settings = settings or AnalysisSettings()
     if not isinstance(settings, AnalysisSettings):
@@ -135,7 +152,7 @@ def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:
 
 
 def _natural_spacings(machine: Machine) -> dict[str, tuple[float, ...]]:
-    """Sideband spacings that a healthy planetary stage shows a sensor on the frame, by gear of its meshes."""
+    """Return the sideband spacings of a healthy planetary stage at a sensor on the frame, by gear, in orders."""
     passing = tuple(row.order for row in machine.rows if row.kind == "planet_pass")
     turns = {row.component: row.order for row in machine.rows if row.kind == "shaft"}
     frame = machine.kinematics.gearbox.frame
@@ -147,7 +164,7 @@ def _natural_spacings(machine: Machine) -> dict[str, tuple[float, ...]]:
 
 
 def _loudest(judged: Sequence[JudgedLine]) -> dict[str, str]:
-    """Channel that shows each gear's claimed sidebands best."""
+    """Return the channel with the highest signal-to-noise ratio of significant sidebands, by gear."""
     best: dict[str, JudgedLine] = {}
     for line in judged:
         if line.claimed and line.found.wanted.kind == "tooth" and line.found.wanted.sideband:
@@ -158,7 +175,7 @@ def _loudest(judged: Sequence[JudgedLine]) -> dict[str, str]:
 
 
 def _verdicts(channels: Sequence[AnalysedChannel], dead: Mapping[str, SensorHealth], machine: Machine) -> list[Verdict]:
-    """Return the verdict on every sensor, the tachometer last."""
+    """Return the condition of every sensor, the tachometer last."""
     judged = {channel.name: channel.health for channel in channels if channel.health is not None}
     rows = [
         Verdict(
@@ -221,7 +238,7 @@ def _about_gaps(gapped: Mapping[str, str]) -> list[str]:
 
 
 def _gap_verdicts(record: xr.Dataset, gapped: Mapping[str, str]) -> list[Verdict]:
-    """Return the verdict on each channel that drops out, and is not analysed for that."""
+    """Return the condition of the channels that are excluded because samples are missing."""
     return [
         Verdict(
             name=name,
