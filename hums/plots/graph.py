@@ -1,4 +1,4 @@
-"""The graph of a mechanism, as Penaud, Alazard and Amiez (2012, figures 3 and 7) draw it."""
+"""Graph of a mechanism, drawn as by Penaud, Alazard and Amiez (2012, figures 3 and 7)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -64,19 +64,34 @@ class _Graph:
 def mechanism_graph(kinematics: Kinematics, *, ax: Axes, copies: bool = False) -> Axes:
     """Draw the graph of a mechanism: links, turning pairs by level, and gear pairs with their teeth.
 
-    Every vertex is a link, links that are rigid with each other being one. Solid edges are turning pairs, a
-    shaded polygon is a level of more than two links, dashed edges are gear pairs with the teeth of each gear at
-    its end. A gear pair has the colour of its carrier, the link in which its contact point rests. The frame is
-    dark. A gear whose mate is unknown leads to a question mark.
+    A vertex is a link, or several links that are rigid with each other. A solid edge is a turning pair, a shaded
+    polygon a level of more than two links, and a dashed edge a gear pair with the teeth of each gear at its end, in
+    the colour of its carrier, the link in which the contact point is at rest. The frame is dark. An unknown mate is
+    a question mark.
 
     Parameters
     ----------
     kinematics : Kinematics
-        From `solve_kinematics`.
-    ax : Axes
-        Its size as it is now decides where the vertices go; the same mechanism is always drawn the same way.
+        Result of `solve_kinematics`.
+    ax : matplotlib.axes.Axes
+        Axes to draw on; their present size determines the layout, which is the same in every run.
     copies : bool
-        Draw the copies of a planet one by one, and not as one vertex with their number.
+        Whether each copy of a planet has its own vertex; otherwise one vertex states their number.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> import hums
+    >>> from hums.plots import mechanism_graph
+    >>> kinematics = hums.solve_kinematics(hums.load_gearbox("wijianto-pair"))
+    >>> ax = mechanism_graph(kinematics, ax=Figure().add_subplot())
+    >>> [text.get_text() for text in ax.texts]  # links, then teeth
+    ['housing', 'pinion', 'gear', '36', '63']
     """
     graph = _graph(kinematics, copies=copies)
     colours = {vertex: TRACK_COLOURS[k % len(TRACK_COLOURS)] for k, vertex in enumerate(graph.carriers)}

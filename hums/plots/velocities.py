@@ -1,4 +1,4 @@
-"""The angular velocities of a mechanism's links as arrows (Penaud, Alazard and Amiez 2012, figure 5)."""
+"""Angular velocity vectors of the links of a mechanism, drawn as by Penaud, Alazard and Amiez (2012, figure 5)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -35,24 +35,40 @@ class _Arrow:
 
 
 def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fraction] | None = None, *, ax: Axes) -> Axes:
-    """Draw the angular velocity vectors of all links in the plane of the axes.
+    """Draw the angular velocity vectors of all links in the plane of their axes.
 
-    Solid arrows are velocities as the frame sees them, dashed ones those of a planet as its carrier sees it. The
-    number at an arrow is its length, signed where all of them are parallel. Arrows on one line stand side by side,
-    links that turn alike share an arrow, and those at rest are named above.
+    Solid arrows are velocities relative to the frame, dashed ones those of a planet relative to its carrier. The number
+    at an arrow is its length, signed where all arrows are parallel. Collinear arrows are drawn side by side, links of
+    equal velocity share an arrow, and the links at rest are named in the title.
 
     Parameters
     ----------
     kinematics : Kinematics
-        From `solve_kinematics`.
-    speeds : mapping of link name to speed, any unit
-        As `Kinematics.velocities` takes them. None: one turn of the gearbox's reference.
-    ax : Axes
+        Result of `solve_kinematics`.
+    speeds : mapping of link name to speed, optional
+        Speeds in any unit, as for `Kinematics.velocities`; default a speed of 1 of the gearbox's reference.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
 
     Raises
     ------
     GearboxError
-        Where an axis leaves the x-y plane, so that no plane holds the vectors: use `Kinematics.vectors`.
+        If an axis leaves the x-y plane, so that no plane holds the vectors; `Kinematics.vectors` returns them.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> import hums
+    >>> from hums.plots import velocity_diagram
+    >>> kinematics = hums.solve_kinematics(hums.load_gearbox("wijianto-pair"))
+    >>> ax = velocity_diagram(kinematics, {"pinion": 700}, ax=Figure().add_subplot())
+    >>> [text.get_text() for text in ax.texts if text.get_text()]  # 700 * 36 / 63
+    ['pinion  700', 'gear  −400']
     """
     table = kinematics.velocities(speeds)
     velocity = dict(zip(kinematics.links, table.to_numpy().tolist(), strict=True))
