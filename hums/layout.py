@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from hums.findings import Finding
-from hums.judging import JudgedLine
+from hums.judging import AssessedLine
 from hums.record import RecordError
 from hums.search import ENVELOPE, ORDER_SPECTRUM
 from hums.store import open_tree, write_tree
@@ -55,7 +55,7 @@ class EnvelopeBand:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
+class SensorCondition:
     """Condition of a sensor: status "ok", "suspect" or "sick" (faulty), and a sentence for each reason.
 
     ``missing`` is the fraction of samples without signal; ``not_judged`` lists the checks for which the record is too
@@ -197,7 +197,7 @@ def check_analysis(tree: Analysis) -> None:
 
 def spectrum_dataset(
     spectra: Sequence[tuple[str, str, AmplitudeSpectrum]],
-    lines: Sequence[JudgedLine],
+    lines: Sequence[AssessedLine],
     *,
     bands: Mapping[str, EnvelopeBand] | None = None,
 ) -> xr.Dataset:
@@ -237,29 +237,29 @@ def _with_bands(dataset: xr.Dataset, bands: Sequence[EnvelopeBand]) -> xr.Datase
     )
 
 
-def _line_table(lines: Sequence[JudgedLine]) -> xr.Dataset:
-    found, wanted, text = ([line.found.line for line in lines], [line.found.wanted for line in lines], "<U1")
+def _line_table(lines: Sequence[AssessedLine]) -> xr.Dataset:
+    found, expected, text = ([line.measured.line for line in lines], [line.measured.expected for line in lines], "<U1")
     columns: dict[str, NDArray[Any]] = {
-        "component": np.array([w.component for w in wanted], dtype=None if wanted else text),
-        "kind": np.array([w.kind for w in wanted], dtype=None if wanted else text),
-        "harmonic": np.array([w.harmonic for w in wanted], dtype=np.int64),
-        "sideband": np.array([w.sideband for w in wanted], dtype=np.int64),
-        "line_channel": np.array([line.found.channel for line in lines], dtype=None if lines else text),
-        "line_units": np.array([line.found.units for line in lines], dtype=None if lines else text),
-        "line_order": np.array([w.order for w in wanted], dtype=np.float64),
+        "component": np.array([w.component for w in expected], dtype=None if expected else text),
+        "kind": np.array([w.kind for w in expected], dtype=None if expected else text),
+        "harmonic": np.array([w.harmonic for w in expected], dtype=np.int64),
+        "sideband": np.array([w.sideband for w in expected], dtype=np.int64),
+        "line_channel": np.array([line.measured.channel for line in lines], dtype=None if lines else text),
+        "line_units": np.array([line.measured.units for line in lines], dtype=None if lines else text),
+        "line_order": np.array([w.order for w in expected], dtype=np.float64),
         "order_found": np.array([f.found for f in found], dtype=np.float64),
         "line_amplitude": np.array([f.amplitude for f in found], dtype=np.float64),
         "line_amplitude_std": np.array([f.amplitude_std for f in found], dtype=np.float64),
         "background": np.array([f.background for f in found], dtype=np.float64),
         "snr": np.array([f.snr for f in found], dtype=np.float64),
         "false_alarm_probability": np.array([line.false_alarm_probability for line in lines], dtype=np.float64),
-        "claimed": np.array([line.claimed for line in lines], dtype=np.int8),
+        "claimed": np.array([line.significant for line in lines], dtype=np.int8),
         "explained_by": np.array([line.explained_by for line in lines], dtype=None if lines else text),
     }
     return xr.Dataset({name: ("line", values) for name, values in columns.items()})
 
 
-def rows_dataset(rows: Sequence[Finding | Verdict | IndicatorValue], kind: type, *, dim: str) -> xr.Dataset:
+def rows_dataset(rows: Sequence[Finding | SensorCondition | IndicatorValue], kind: type, *, dim: str) -> xr.Dataset:
     """Return dataclass rows of one kind as a dataset along `dim`, with one variable for each field."""
     columns: dict[str, NDArray[Any]] = {}
     for field in fields(kind):

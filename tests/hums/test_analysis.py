@@ -377,8 +377,10 @@ def test_clipped_samples_are_missing_to_the_trackers():
     track = tracks.isel(track=int(np.argmin(np.abs(tracks["track_order"].to_numpy() - 23))))
     inner = slice(10, -10)
     error = track["complex_amplitude"].to_numpy()[inner].real - 0.5
-    over_angle = line_table(analysis, "order_spectrum")
-    mesh = over_angle[(over_angle["component"] == "stage 1") & (over_angle["harmonic"] == 1)].iloc[0]
+    resample_in_angle = line_table(analysis, "order_spectrum")
+    mesh = resample_in_angle[(resample_in_angle["component"] == "stage 1") & (resample_in_angle["harmonic"] == 1)].iloc[
+        0
+    ]
     assert mesh["amplitude"] < 0.5 - 0.01  # what clipping takes off
     assert abs(error.mean()) < 0.25 * (0.5 - mesh["amplitude"])
 
