@@ -56,8 +56,8 @@ Scheduler = Annotated[
 ]
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from importlib.metadata import version  # noqa: PLC0415
 
         typer.echo(f"hums {version('hums-toolkit')}")
@@ -95,7 +95,7 @@ def orders(
         raise ValueError("--csv and --json are both given; keep one.")
     if rpm and not plot:
         raise ValueError("--rpm says which speeds to draw; add --plot FILE.")
-    speeds = dict(_speed(text) for text in speed) if speed else None
+    speeds = dict(_parse_speed(text) for text in speed) if speed else None
     kinematics = solve_kinematics(load_gearbox(gearbox))
     table = defect_orders(kinematics, reference=reference, speeds=speeds)
     if plot:
@@ -429,7 +429,7 @@ def _settings(*, no_envelope: bool, **chosen: Any) -> "AnalysisSettings":  # noq
     return AnalysisSettings(**stated, **({"envelope_band_hz": None} if no_envelope else {}))
 
 
-def _speed(text: str) -> tuple[str, float]:
+def _parse_speed(text: str) -> tuple[str, float]:
     link, separator, rpm = text.rpartition("=")
     try:
         return link, float(rpm)
