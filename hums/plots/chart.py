@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 
 from hums.families import HANN_HALF_LOBE
 from hums.orders import BEARING_KINDS, KINDS
-from hums.plots.labels import points, settle, spread
+from hums.plots.labels import apply_layout, point_size, spread
 from hums.plots.style import FAINT, INK, KIND_COLOURS
 
 if TYPE_CHECKING:
@@ -187,10 +187,10 @@ def _name(lines: list[_Line], high: float, *, ax: Axes) -> None:
         )
         for line in lines
     ]
-    settle(ax)
+    apply_layout(ax)
     height = float(ax.bbox.height)
     for size in _FONTS:
-        gap = 1.22 * size * points(ax)
+        gap = 1.22 * size * point_size(ax)
         if gap * len(texts) <= height:
             break
     capacity = max(1, int(height / gap))

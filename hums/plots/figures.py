@@ -9,7 +9,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hums.plots.labels import settle
+from hums.plots.labels import apply_layout
 from hums.plots.style import FAINT, INK
 from hums.store import written_beside
 
@@ -107,7 +107,7 @@ def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: fl
         figure = Figure(figsize=(width, height), layout="constrained")
         ax = figure.add_subplot()
         draw(ax)
-        if ax in figure.axes:  # else it made room for others
-            settle(ax)
+        if ax in figure.axes:  # else `draw` replaced it by others
+            apply_layout(ax)
             figure.set_layout_engine("none")  # which would run it twice more
         figure.savefig(file, format=kind, metadata=_METADATA[kind], dpi=_DPI)

@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.text import Annotation
 
-from hums.plots.labels import Board, points, settle
+from hums.plots.labels import LabelSpace, apply_layout, point_size
 from hums.plots.style import INK, KIND_COLOURS, LINE, TRACK_COLOURS
 
 _COLUMNS = 1600  # of a drawn spectrum, each at its largest value
@@ -168,27 +168,27 @@ def _name_lines(lines: list[dict[Hashable, Any]], drawn: np.ndarray, *, ax: Axes
     A name is placed above the part of the spectrum, `drawn` (n, 2) as order and amplitude, that lies within its width;
     the amplitude axis is extended to hold the names.
     """
-    settle(ax)
+    apply_layout(ax)
     labels = [_name(line, ax=ax) for line in lines]
     to_fraction = ax.transScale + ax.transLimits
     for label in labels:
-        extent = label.get_window_extent().padded(points(ax))
+        extent = label.get_window_extent().padded(point_size(ax))
         left, right = (ax.transData.inverted().transform((x, 0.0))[0] for x in (extent.x0, extent.x1))
         under = drawn[(drawn[:, 0] > left) & (drawn[:, 0] < right), 1]
         label.xy = (label.xy[0], max(label.xy[1], under.max(initial=0.0)))
-        room = 1 - (extent.height + _NAME_GAP * points(ax)) / ax.bbox.height
+        available = 1 - (extent.height + _NAME_GAP * point_size(ax)) / ax.bbox.height
         low, _ = ax.get_ybound()
         # scale the axis so that the name just fits between this amplitude and the top
-        share = to_fraction.transform(label.xy)[1] / max(room, 0.2)
+        share = to_fraction.transform(label.xy)[1] / max(available, 0.2)
         if share > 1:
             high = to_fraction.inverted().transform((0.0, share))[1]
             ax.set_ylim(low, high)
-    settle(ax)
-    board, named = Board(), 0
+    apply_layout(ax)
+    space, named = LabelSpace(), 0
     for label in labels:
-        extent = label.get_window_extent().padded(0.5 * points(ax))
-        if named < _MOST_LABELS and board.free(extent):
-            board.take(extent)
+        extent = label.get_window_extent().padded(0.5 * point_size(ax))
+        if named < _MOST_LABELS and space.free(extent):
+            space.occupy(extent)
             named += 1
         else:
             label.remove()
