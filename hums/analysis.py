@@ -151,12 +151,12 @@ def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:
 
 def _healthy_spacings(machine: Machine) -> dict[str, tuple[float, ...]]:
     """Return the sideband spacings of a healthy planetary stage at a sensor on the frame, by gear, in orders."""
-    planet_pass = tuple(row.order for row in machine.rows if row.kind == "planet_pass")
-    shaft_order = {row.component: row.order for row in machine.rows if row.kind == "shaft"}
+    planet_pass = tuple(row.order for row in machine.defect_orders if row.kind == "planet_pass")
+    shaft_order = {row.component: row.order for row in machine.defect_orders if row.kind == "shaft"}
     frame = machine.kinematics.gearbox.frame
     return {
         row.component: (*planet_pass, *([shaft_order[row.seen_from]] if row.seen_from in shaft_order else []))
-        for row in machine.rows
+        for row in machine.defect_orders
         if row.kind == "tooth" and row.seen_from != frame
     }
 

@@ -86,6 +86,7 @@ def findings(
 
 
 def _main_line(lines: Sequence[AssessedLine]) -> AssessedLine:
+    """Return the significant fundamental of the highest level over the background."""
     fundamental = [line for line in lines if line.significant and line.measured.expected.fundamental]
     return max(fundamental, key=lambda line: line.measured.line.snr)
 
@@ -99,12 +100,12 @@ def _bearing_finding(
     main = _main_line(lines)
     component, kind = main.measured.family
     channel = [line for line in lines if line.measured.channel == main.measured.channel]
-    support = _support(main, channel)
-    strength = _strength(channel)
+    support = _supporting_lines(main, channel)
+    largest = _largest_amplitude(channel)
     rivals = {
-        other_kind: _strength(other_lines)
+        other_kind: _largest_amplitude(other_lines)
         for (other, other_kind), other_lines in raised.items()
-        if other == component and other_kind != kind and _strength(other_lines) * RIVAL_FACTOR > strength
+        if other == component and other_kind != kind and _largest_amplitude(other_lines) * RIVAL_FACTOR > largest
     }
     doubts = _sensor_doubts(main, faulty)
     if main.measured.line.snr < STRONG_SNR:
@@ -115,7 +116,7 @@ def _bearing_finding(
     if not support:
         doubts.append("no harmonic or sideband supports it")
     doubts += [
-        f"a line of {_words(rival)} of the same bearing is {_comparison(size, strength)}"
+        f"a line of {_kind_text(rival)} of the same bearing is {_comparison(size, largest)}"
         for rival, size in rivals.items()
     ]
     if cage_multiples:
@@ -136,13 +137,13 @@ def _cage_multiples(
     """
     main = _main_line(lines)
     component, kind = main.measured.family
-    strength = _strength(line for line in lines if line.measured.channel == main.measured.channel)
+    largest = _largest_amplitude(line for line in lines if line.measured.channel == main.measured.channel)
     compared = {"outer_race": ("cage", "rolling_element"), "inner_race": ("cage",)}.get(kind, ())
     found = set()
     for line in (line for other in compared for line in families.get((component, other), ())):
         number, is_multiple, of = line.explained_by.partition(f" {OF_CAGE} ")
         same = of == f"{component} {kind.replace('_', ' ')}" and line.measured.channel == main.measured.channel
-        if is_multiple and same and line.measured.line.amplitude * RIVAL_FACTOR > strength:
+        if is_multiple and same and line.measured.line.amplitude * RIVAL_FACTOR > largest:
             found.add(int(number))
     return sorted(found)
 
@@ -153,7 +154,7 @@ def _comparison(rival: float, own: float) -> str:
     return "of similar size, which one local defect would not make"
 
 
-def _support(main: AssessedLine, lines: Iterable[AssessedLine]) -> list[str]:
+def _supporting_lines(main: AssessedLine, lines: Iterable[AssessedLine]) -> list[str]:
     """Return the names of the harmonics and sidebands of a fundamental that noise alone seldom produces."""
     support = []
     for line in lines:
@@ -166,7 +167,7 @@ def _support(main: AssessedLine, lines: Iterable[AssessedLine]) -> list[str]:
     return support
 
 
-def _strength(lines: Iterable[AssessedLine]) -> float:
+def _largest_amplitude(lines: Iterable[AssessedLine]) -> float:
     return max(
         (line.measured.line.amplitude for line in lines if line.significant and not line.measured.expected.sideband),
         default=0.0,
@@ -238,5 +239,5 @@ def _finding(main: AssessedLine, support: Sequence[str], doubts: Sequence[str]) 
     )
 
 
-def _words(kind: str) -> str:
+def _kind_text(kind: str) -> str:
     return "the " + kind.replace("_", " ")

@@ -152,7 +152,7 @@ def _bearing_indicators(
         return
     spectrum, slip = channel.spectra[ENVELOPE], settings.slip
     unit = f"({channel.units})2" if " " in channel.units else f"{channel.units}2"
-    for line in (row for row in machine.rows if row.kind in BEARING_KINDS):
+    for line in (row for row in machine.defect_orders if row.kind in BEARING_KINDS):
         monitored = MonitoredComponent(
             channel=channel.name, units=channel.units, component=line.component, kind=line.kind
         )

@@ -62,13 +62,13 @@ class LineAssessor:
     def assess(self, lines: Sequence[MeasuredLine]) -> list[AssessedLine]:
         """Return whether each line is significant, or which stronger line explains it, in the given order."""
         searches = max(1, sum(line.expected.fundamental for line in lines))
-        chance = [record_probability(line.line.false_alarm_probability, searches=searches) for line in lines]
+        probability = [record_probability(line.line.false_alarm_probability, searches=searches) for line in lines]
         result = [
             AssessedLine(measured=line, false_alarm_probability=p, significant=False)
-            for line, p in zip(lines, chance, strict=True)
+            for line, p in zip(lines, probability, strict=True)
         ]
         significant: list[MeasuredLine] = []
-        detected = [i for i in range(len(lines)) if chance[i] < self.false_alarm_probability]
+        detected = [i for i in range(len(lines)) if probability[i] < self.false_alarm_probability]
         level = _combined_levels([lines[i] for i in detected])
         # a bearing's harmonics and sidebands follow all lines that can be significant alone
         for i in sorted(detected, key=lambda i: (is_support(lines[i]), -level(lines[i]))):

@@ -21,7 +21,7 @@ from signals.phase import ShaftPhase, constant_speed
 from signals.speed import SpeedEstimate, estimate_speed
 from signals.tachometer import shaft_phase
 
-_BLUR_RAD = 0.3  # phase error that takes 4 % off a line
+_JITTER_LIMIT_RAD = 0.3  # phase error that takes 4 % off a line
 _FAULTY_PULSES = 0.05  # share of repaired pulses from which a tachometer is faulty
 
 
@@ -59,7 +59,7 @@ class Machine:
 
     kinematics: Kinematics
     reference: str
-    rows: tuple[DefectOrder, ...]
+    defect_orders: tuple[DefectOrder, ...]
     bearings: tuple[BearingOrders, ...]
     phase: ShaftPhase
     source: AngleSource
@@ -84,7 +84,7 @@ class Machine:
     def jitter_limit_order(self) -> float:
         """Order above which jitter attenuates a line by 4 % or more."""
         turn = 2 * math.pi * self.jitter_s * self.mean_speed_hz
-        return _BLUR_RAD / turn if turn else math.inf
+        return _JITTER_LIMIT_RAD / turn if turn else math.inf
 
     def order_of(self, link: str) -> Fraction:
         """Return the exact shaft order of a link on a fixed axis: its speed over that of the reference, unsigned."""
@@ -150,12 +150,12 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
     if kinematics.dof != 1:
         raise AnalysisError(
             f'gearbox "{gearbox.name}" has {kinematics.dof} degrees of freedom; an analysis needs one, so that one '
-            "tachometer tells every speed. Fix the other inputs, for example by making them rigid with the frame."
+            "tachometer determines every speed. Fix the other inputs, for example by making them rigid with the frame."
         )
     if gearbox.reference is None:
         raise AnalysisError(f'gearbox "{gearbox.name}" declares no reference shaft; add reference = "LINK".')
-    rows = defects(kinematics)
-    source = _angle_source(record, rows, gearbox.reference, settings)
+    defect_orders = defects(kinematics)
+    source = _angle_source(record, defect_orders, gearbox.reference, settings)
     ratio = _ratio(kinematics, source.shaft, gearbox.reference)
     phase = source.phase if abs(ratio) == 1 else source.phase.scaled(abs(ratio))
     turned = float(phase.revolutions[-1] - phase.revolutions[0])
@@ -167,7 +167,7 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
     return Machine(
         kinematics=kinematics,
         reference=gearbox.reference,
-        rows=rows,
+        defect_orders=defect_orders,
         bearings=bearing_orders(kinematics),
         phase=phase,
         source=source,
@@ -190,7 +190,7 @@ def _ratio(kinematics: Kinematics, shaft: str, reference: str) -> float:
 
 
 def _angle_source(
-    record: xr.Dataset, rows: Sequence[DefectOrder], reference: str, settings: AnalysisSettings
+    record: xr.Dataset, defect_orders: Sequence[DefectOrder], reference: str, settings: AnalysisSettings
 ) -> AngleSource:
     names = tachometers(record)
     if settings.tachometer is not None and settings.tachometer not in names:
@@ -206,11 +206,13 @@ def _angle_source(
         return AngleSource(shaft=declared.attrs["shaft"], phase=phase)
     if settings.speed_range_hz is None or settings.max_acceleration_hz_s is None:
         raise AnalysisError(
-            "nothing in the record tells the angle of a shaft. State between which speeds the reference "
-            f'"{reference}" turns and how fast they change, speed_range_hz=(low, high) and max_acceleration_hz_s=..., '
-            "on the command line --speed-range LOW HIGH --max-acceleration HZ_PER_S, to have its speed estimated."
+            "the record has neither a tachometer nor a declared speed. To have the speed of the reference "
+            f'"{reference}" estimated, give its range and rate of change, speed_range_hz=(low, high) and '
+            "max_acceleration_hz_s=..., on the command line --speed-range LOW HIGH --max-acceleration HZ_PER_S."
         )
-    return _vibration_angle(record, rows, reference, settings, settings.speed_range_hz, settings.max_acceleration_hz_s)
+    return _vibration_angle(
+        record, defect_orders, reference, settings, settings.speed_range_hz, settings.max_acceleration_hz_s
+    )
 
 
 def _tachometer_angle(record: xr.Dataset, name: str) -> AngleSource:
@@ -224,7 +226,7 @@ def _tachometer_angle(record: xr.Dataset, name: str) -> AngleSource:
 
 def _vibration_angle(
     record: xr.Dataset,
-    rows: Sequence[DefectOrder],
+    defect_orders: Sequence[DefectOrder],
     reference: str,
     settings: AnalysisSettings,
     speed_range_hz: tuple[float, float],
@@ -238,7 +240,9 @@ def _vibration_angle(
             found = estimate_speed(
                 np.asarray(channel_values(record, name), dtype=np.float64),
                 rate_hz=when.rate_hz,
-                orders=_speed_estimation_orders(rows, settings.harmonics, below=when.rate_hz / 2 / speed_range_hz[0]),
+                orders=_speed_estimation_orders(
+                    defect_orders, settings.harmonics, below=when.rate_hz / 2 / speed_range_hz[0]
+                ),
                 speed_range_hz=speed_range_hz,
                 max_acceleration_hz_s=max_acceleration_hz_s,
                 start_s=when.start_s,
@@ -251,17 +255,17 @@ def _vibration_angle(
             )
         tried.append(f'channel "{name}": {_failure_reason(found)}')
     raise AnalysisError(
-        f'the speed of "{reference}" cannot be told from the vibration: {"; ".join(tried)}. Narrow speed_range_hz '
+        f'the speed of "{reference}" cannot be estimated from the vibration: {"; ".join(tried)}. Narrow speed_range_hz '
         "(--speed-range), choose another channel, or record a tachometer."
     )
 
 
-def _speed_estimation_orders(rows: Sequence[DefectOrder], harmonics: int, *, below: float) -> list[float]:
+def _speed_estimation_orders(defect_orders: Sequence[DefectOrder], harmonics: int, *, below: float) -> list[float]:
     """Return the orders for the speed estimate: shafts, and harmonics of meshes (of shafts if there is no mesh)."""
-    meshes = {row.order for row in rows if row.kind == "gear_mesh"}
-    shafts = {row.order for row in rows if row.kind == "shaft"}
-    several = {harmonic * order for order in meshes or shafts for harmonic in range(1, harmonics + 1)}
-    return sorted(order for order in several | shafts if order <= below) or sorted(shafts)
+    meshes = {row.order for row in defect_orders if row.kind == "gear_mesh"}
+    shafts = {row.order for row in defect_orders if row.kind == "shaft"}
+    harmonic_orders = {harmonic * order for order in meshes or shafts for harmonic in range(1, harmonics + 1)}
+    return sorted(order for order in harmonic_orders | shafts if order <= below) or sorted(shafts)
 
 
 def _failure_reason(found: SpeedEstimate) -> str:

@@ -92,7 +92,8 @@ def _stage(machine: Machine, carrier: str, rings: _Meshes, suns: _Meshes) -> Sta
         return None
     ring_teeth, sun_teeth = abs(ring[1]), abs(sun[1])
     gearbox = machine.kinematics.gearbox
-    axis = next((axis for axis in gearbox.axes if axis.copies == len(planets) and _on(axis.links, planets[0])), None)
+    names = {planets[0], planets[0].rpartition(" ")[0]}  # of the first copy, and of all copies
+    axis = next((axis for axis in gearbox.axes if axis.copies == len(planets) and names & set(axis.links)), None)
     spacing = stations(len(planets), axis.spacing_deg if axis else None)
     fits = ring_teeth + sun_teeth  # assembly condition: positions are multiples of 1 / (ring + sun teeth)
     places = tuple(Fraction(round(angle / 360 * fits), fits) for angle in spacing)
@@ -124,10 +125,6 @@ def _parallel(machine: Machine, carrier: str, planet: str) -> bool:
     directions = kinematics.mechanism.directions
     one, other = (directions[kinematics.joints[kinematics.bodies[link]].axis] for link in (carrier, planet))
     return abs(float(np.dot(one, other))) > 1 - 1e-9  # of unit vectors
-
-
-def _on(links: tuple[str, ...], planet: str) -> bool:
-    return planet in links or planet.rpartition(" ")[0] in links
 
 
 def _carrier_of(machine: Machine, link: str) -> str:

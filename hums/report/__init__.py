@@ -69,7 +69,8 @@ def write_report(analysis: Analysis, folder: str | Path) -> Path:
     >>> noise = np.random.default_rng(0).normal(size=8000)
     >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
     >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
-    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> settings = hums.AnalysisSettings(envelope_band_hz=None)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"), settings=settings)
     >>> with TemporaryDirectory() as folder:
     ...     page = hums.write_report(analysis, folder)
     ...     print(page.name, sorted(path.name for path in page.parent.iterdir())[:2])
@@ -93,13 +94,13 @@ def render(analysis: Analysis) -> str:
     template = (files("hums.report") / "page.html").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["words"] = lambda kind: str(kind).replace("_", " ")
-    environment.filters["chance"] = _chance
+    environment.filters["chance"] = _probability_text
     facts = summary(analysis)
     return environment.from_string(template).render(
         facts=facts,
         diagnosed=[finding for finding in facts["findings"] if finding["verdict"] == DIAGNOSED],
         indicated=[finding for finding in facts["findings"] if finding["verdict"] != DIAGNOSED],
-        faint=_faint(facts),
+        faint=_unexplained_bearing_lines(facts),
         components=_components(facts),
         indicators=indicator_tables(facts["indicators"]),
         figures=list(_figures(analysis)),
@@ -112,7 +113,7 @@ def _figures(analysis: Analysis) -> Iterator[dict[str, str]]:
     yield _figure("Speed", "Mean over each revolution.", partial(plot_speed, speed), height=2.4)
     for name, title in ((ORDER_SPECTRUM, "Order spectrum"), (ENVELOPE, "Envelope order spectrum")):
         dataset = group(analysis, name)
-        bands = {band["channel"]: _about_band(band) for band in envelope_bands(analysis)} if name == ENVELOPE else {}
+        bands = {band["channel"]: _band_caption(band) for band in envelope_bands(analysis)} if name == ENVELOPE else {}
         for channel in _channels(dataset):
             yield _figure(
                 f"{title}, {channel}",
@@ -131,7 +132,7 @@ def _figures(analysis: Analysis) -> Iterator[dict[str, str]]:
         )
 
 
-def _about_band(band: dict[str, Any]) -> str:
+def _band_caption(band: dict[str, Any]) -> str:
     edges = f"{band['low_hz']:.6g} to {band['high_hz']:.6g} Hz"
     if not band["chosen"]:
         return f"Band {edges}, as given. "
@@ -153,18 +154,18 @@ def _components(facts: dict[str, Any]) -> list[dict[str, Any]]:
     rows += [row | {"spectrum": "envelope"} for row in facts["envelope"] if row["kind"] in BEARING_KINDS]
     for row in rows:
         key = (row["component"], row["kind"], row["channel"])
-        if key not in best or _weight(row) > _weight(best[key]):
+        if key not in best or _rank(row) > _rank(best[key]):
             best[key] = row
     return list(best.values())
 
 
-def _weight(row: dict[str, Any]) -> tuple[bool, bool, float]:
+def _rank(row: dict[str, Any]) -> tuple[bool, bool, float]:
     """Return the sort key of a line: significant ones first, by amplitude; among the others the fundamental."""
     fundamental = not row["claimed"] and row["harmonic"] == 1 and row["sideband"] == 0
     return row["claimed"], fundamental, row["amplitude"]
 
 
-def _faint(facts: dict[str, Any]) -> list[dict[str, Any]]:
+def _unexplained_bearing_lines(facts: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the bearing fundamentals that exceed the background without being significant."""
     return [
         row
@@ -177,7 +178,7 @@ def _faint(facts: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def _chance(probability: float) -> str:
+def _probability_text(probability: float) -> str:
     if probability < 1e-6:  # noqa: PLR2004
         return "below one in a million"
     return f"{probability:.2g}"

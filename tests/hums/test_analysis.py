@@ -491,7 +491,7 @@ def test_speed_without_a_tachometer():
 
 
 def test_a_speed_that_cannot_be_told_is_refused():
-    with pytest.raises(AnalysisError, match=r'the speed of "input" cannot be told.*no shaft shows in it'):
+    with pytest.raises(AnalysisError, match=r'the speed of "input" cannot be estimated.*no shaft shows in it'):
         analyze(run_up_without_tachometer(mesh=0.0), TWO_STAGE, settings=WITHOUT)
     with pytest.raises(AnalysisError, match=r"speed_range_hz=\(low, high\) and max_acceleration_hz_s"):
         analyze(run_up_without_tachometer(), TWO_STAGE)
