@@ -220,6 +220,7 @@ def _root_attrs(
     channels: Sequence[AnalysedChannel],
     excluded: Sequence[str],
 ) -> dict[str, Any]:
+    """Return the attributes of the analysis: its inputs, settings and caveats."""
     return {
         "schema": SCHEMA,
         "record": Path(str(record.encoding.get("source", ""))).name,
@@ -246,6 +247,7 @@ def _root_attrs(
 
 
 def _speed_dataset(machine: Machine) -> xr.Dataset:
+    """Return the mean speed of the reference over each revolution, with its source."""
     phase, found = machine.phase, machine.source.estimated
     speed = phase.mean_speed_per_revolution_hz()
     midpoints = float(phase.revolutions[0]) + 0.5 + np.arange(speed.size)
@@ -284,6 +286,7 @@ def _tracks_dataset(
     assessed: Sequence[AssessedLine],
     settings: AnalysisSettings,
 ) -> xr.Dataset:
+    """Return the amplitude tracks of the strongest significant lines of every channel."""
     tracks = []
     for channel in channels:
         own = [line for line in assessed if line.measured.channel == channel.name]

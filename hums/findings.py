@@ -97,6 +97,7 @@ def _bearing_finding(
     cage_multiples: Sequence[int],
     faulty: Collection[str],
 ) -> Finding:
+    """Return the finding on one kind of defect of a bearing, indicated if rivals or weak evidence leave doubts."""
     main = _main_line(lines)
     component, kind = main.measured.family
     channel = [line for line in lines if line.measured.channel == main.measured.channel]
@@ -179,6 +180,7 @@ def _sensor_doubts(main: AssessedLine, faulty: Collection[str]) -> list[str]:
 
 
 def _gear_finding(lines: Sequence[AssessedLine], fm4: Fm4 | None, faulty: Collection[str]) -> Finding:
+    """Return the finding on a gear from its mesh sidebands and FM4."""
     main = _main_line(lines)
     sidebands = [
         line
@@ -209,6 +211,7 @@ def _gear_finding(lines: Sequence[AssessedLine], fm4: Fm4 | None, faulty: Collec
 
 
 def _finding(main: AssessedLine, support: Sequence[str], doubts: Sequence[str]) -> Finding:
+    """Return the finding on the main line's component; any doubt makes it indicated."""
     found, expected = main.measured.line, main.measured.expected
     where = (
         "envelope line"

@@ -253,6 +253,7 @@ def _opened(source: _Source) -> xr.Dataset:
 
 
 def _results(analysis: Analysis) -> dict[str, Any]:
+    """Return mean speed, lines, indicators and findings of an analysis as JSON types."""
     speed = group(analysis, "speed")["speed_hz"]
     return {
         "error": "",

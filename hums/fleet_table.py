@@ -89,6 +89,7 @@ class _Columns:
 
 
 def _table(results: Sequence[Path], columns: _Columns) -> xr.Dataset:
+    """Return the table of all records, NaN where a record lacks a column."""
     count = len(results)
     facts: dict[str, list[str]] = {name: [] for name in _FACTS}
     speed = np.full(count, np.nan)
@@ -166,6 +167,7 @@ def _titles(table: xr.Dataset, dim: str) -> list[str]:
 
 
 def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
+    """Write the table as CSV, one row per record."""
     lines = _titles(table, "line")
     line_units, units = table["line_units"].to_numpy(), table["indicator_units"].to_numpy()
     header = [*_FACTS, "speed_hz", *(f"verdict: {title}" for title in _titles(table, "condition"))]
@@ -191,6 +193,7 @@ def _number(value: float) -> str:
 
 
 def _write_trends(rows: Sequence[tuple[str, str, str, Trend]], stream: TextIO) -> None:
+    """Write the trends as CSV in ascending order of their adjusted p values."""
     adjusted_p = adjusted_p_values(np.array([found.p_value for *_, found in rows]))
     writer = csv.writer(stream, lineterminator="\n")
     slopes = ("slope_per_day", "slope_low", "slope_high")

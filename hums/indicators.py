@@ -70,6 +70,7 @@ def fm4_by_gear(rows: Sequence[IndicatorValue], channel_of: Mapping[str, str], *
 
 
 def _raw_signal_indicators(values: Values, channel: AnalysedChannel, machine: Machine) -> Iterator[IndicatorValue]:
+    """Yield the indicators of the samples themselves and the velocity RMS."""
     monitored = MonitoredComponent(channel=channel.name, units=channel.units, component="record", kind="channel")
     for name in ("rms",) if channel.faulty else ("rms", "peak", "crest_factor", "kurtosis"):
         yield monitored.evaluate(name, "raw signal", partial(INDICATORS[name], values))

@@ -132,6 +132,7 @@ class LineAssessor:
         return self._bearing_explanation(weaker, stronger, name)
 
     def _bearing_explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, name: str) -> str:
+        """Return the cage multiple or sideband of a bearing line at the order of `weaker`, or an empty string."""
         order, bearing = weaker.line.found, self.bearings[stronger.expected.component]
         base = stronger.line.found / stronger.expected.harmonic
         cage = implied_cage(bearing, stronger.expected.kind, base)

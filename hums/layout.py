@@ -238,6 +238,7 @@ def _with_bands(dataset: xr.Dataset, bands: Sequence[EnvelopeBand]) -> xr.Datase
 
 
 def _line_table(lines: Sequence[AssessedLine]) -> xr.Dataset:
+    """Return the assessed lines as a dataset along `line`."""
     found, expected, text = ([line.measured.line for line in lines], [line.measured.expected for line in lines], "<U1")
     columns: dict[str, NDArray[Any]] = {
         "component": np.array([w.component for w in expected], dtype=None if expected else text),

@@ -192,6 +192,7 @@ def _ratio(kinematics: Kinematics, shaft: str, reference: str) -> float:
 def _angle_source(
     record: xr.Dataset, defect_orders: Sequence[DefectOrder], reference: str, settings: AnalysisSettings
 ) -> AngleSource:
+    """Return the shaft angle from a tachometer, else a declared speed, else the vibration."""
     names = tachometers(record)
     if settings.tachometer is not None and settings.tachometer not in names:
         there = closest(settings.tachometer, names) if names else "; it has none"

@@ -77,6 +77,7 @@ def stages(machine: Machine) -> list[Stage]:
 
 
 def _stage(machine: Machine, carrier: str, rings: _Meshes, suns: _Meshes) -> Stage | None:
+    """Return the stage of a carrier from its ring and sun meshes, None unless it is a simple planetary one."""
     if not rings or rings.keys() != suns.keys() or {len({*side.values()}) for side in (rings, suns)} != {1}:
         return None
     (ring_mesh, planet_teeth, ring), (sun_mesh, planet_again, sun) = (
@@ -148,6 +149,7 @@ def planetary_indicators(
 
 
 def _carrier_sidebands(channel: AnalysedChannel, machine: Machine, stage: Stage) -> IndicatorValue:
+    """Return the ratio of the sidebands that evenly spaced planets cancel to those they do not."""
     monitored = MonitoredComponent(channel=channel.name, units=channel.units, component=stage.carrier, kind="planetary")
     teeth = stage.teeth
 

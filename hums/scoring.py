@@ -149,6 +149,7 @@ _KIND_OF_FAULT = {
 
 
 def _verdicts(analysis: Analysis, record: xr.Dataset) -> tuple[list[tuple[str, str, str]], tuple[str, ...]]:
+    """Return component, kind and verdict of every true fault, and the diagnosed components without a fault."""
     found = group(analysis, "findings")
     verdict = {
         (str(component), str(kind)): str(word)

@@ -78,6 +78,7 @@ def expected_lines(kinematics: Kinematics, plan: SearchPlan) -> list[ExpectedLin
 
 
 def _shaft_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[ExpectedLine]:
+    """Yield the harmonics of every shaft."""
     spectra = (ORDER_SPECTRUM, ENVELOPE) if plan.envelope else (ORDER_SPECTRUM,)
     for row in (row for row in rows if row.kind == "shaft"):
         for spectrum in spectra:
@@ -95,6 +96,7 @@ def _shaft_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[Expe
 
 
 def _mesh_lines(kinematics: Kinematics, rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[ExpectedLine]:
+    """Yield the harmonics of every mesh and their sidebands spaced by the rotation of each gear."""
     gears = {contact.mesh: contact.gears for contact in kinematics.contacts}
     rows = tuple(rows)
     for row in (row for row in rows if row.kind == "gear_mesh"):
@@ -146,6 +148,7 @@ def _bearing_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[Ex
 def _envelope_harmonics(
     row: DefectOrder, plan: SearchPlan, *, relative_tolerance: float, fundamental: bool
 ) -> Iterator[ExpectedLine]:
+    """Yield the envelope harmonics of one defect order."""
     for harmonic in range(1, plan.harmonics + 1):
         order = harmonic * row.order
         yield ExpectedLine(

@@ -148,6 +148,7 @@ def _merged_lines(table: "pd.DataFrame", resolution: float | None) -> list[_Line
 
 
 def _legend(lines: list[_Line], revolutions: float | None, *, ax: Axes) -> None:
+    """Draw the legend of the kinds present and of the signs in labels."""
     present = {kind for line in lines for kind in line.kinds}
     handles: list[Any] = [
         Line2D(

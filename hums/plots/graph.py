@@ -135,6 +135,7 @@ def mechanism_graph(kinematics: Kinematics, *, ax: Axes, copies: bool = False) -
 
 
 def _graph(kinematics: Kinematics, *, copies: bool) -> _Graph:
+    """Return the vertices, levels and gear pairs of a mechanism."""
     gearbox, bodies, mechanism = kinematics.gearbox, kinematics.bodies, kinematics.mechanism
     together = {} if copies else {name: link for link in gearbox.copied for name in gearbox.instances(link)}
     shown: dict[str, str] = {}  # body -> the one that is drawn for it

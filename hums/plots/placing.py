@@ -219,6 +219,7 @@ def _segments(problem: LayoutProblem, rings: list[list[int]]) -> np.ndarray:
 
 
 def _crossings(layout: np.ndarray, segments: np.ndarray) -> float:
+    """Return the number of crossings of segments without a common vertex."""
     start, end = layout[segments[:, 0]], layout[segments[:, 1]]
     along = end - start
 

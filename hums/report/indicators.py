@@ -29,6 +29,7 @@ def indicator_tables(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _table(channel: str, kind: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return one table: bearings in rows, since there are many; other components in columns."""
     parts = list(dict.fromkeys(row["part"] for row in rows))
     names = list(dict.fromkeys(row["indicator"] for row in rows))
     units = {row["indicator"]: row["unit"] for row in rows}
