@@ -1,4 +1,4 @@
-"""What earlier records of a machine were like: the variances that NA4 and NB4 are held against."""
+"""Variances of earlier records of a machine, to which NA4 and NB4 refer."""
 
 import json
 from collections.abc import Mapping
@@ -15,14 +15,14 @@ Key = tuple[str, str, str]  # channel, component, indicator
 
 @dataclass
 class Baseline:
-    """The histories by channel, component and indicator, brought up to date as a record is analysed."""
+    """Histories of variance by channel, component and indicator, updated while a record is analysed."""
 
     histories: dict[Key, VarianceHistory]
     limit_std: float | None
     freeze: bool
 
-    def updated(self, key: Key, signal: ResidualSignal | MeshBand) -> VarianceHistory:
-        """Return the history with this record in it, and keep it for the next one."""
+    def update(self, key: Key, signal: ResidualSignal | MeshBand) -> VarianceHistory:
+        """Add this record to a history and return it."""
         history = self.histories.get(key, VarianceHistory(limit_std=self.limit_std))
         if self.freeze and history.records:
             history = history.freeze()
@@ -31,7 +31,7 @@ class Baseline:
         return history
 
     def to_json(self) -> str:
-        """Return the histories as text, for the attributes of `/indicators`."""
+        """Return the histories as JSON, for the attributes of `/indicators`."""
         rows = [
             {"channel": channel, "component": component, "indicator": indicator}
             | {field.name: getattr(history, field.name) for field in fields(history)}
@@ -40,21 +40,22 @@ class Baseline:
         return json.dumps(rows)
 
 
-def baseline_of(previous: Analysis | None, settings: AnalysisSettings, *, units: Mapping[str, str]) -> Baseline:
-    """Return what the analysis of the record before left, or an empty start.
+def read_baseline(previous: Analysis | None, settings: AnalysisSettings, *, units: Mapping[str, str]) -> Baseline:
+    """Return the histories in the analysis of the previous record, or empty ones.
 
     Parameters
     ----------
-    previous : Analysis, optional
-        Of the record before, of the same gearbox; it carries the state of all before it.
+    previous : xarray.DataTree, optional
+        Analysis of the previous record; it holds the variances of all earlier records.
     settings : AnalysisSettings
-    units : mapping of channel to units
-        Of the record to analyse: variances in other units are no baseline.
+        Settings of the analysis, of which the limit and the freezing of the baseline are used.
+    units : mapping of str to str
+        Units of the channels of the record to analyse, in which the histories must be.
 
     Raises
     ------
     AnalysisError
-        A baseline that is no analysis, of other units, or none to freeze.
+        If `previous` is not an analysis or has other units, or there is no baseline to freeze.
     """
     limit = settings.baseline_limit_std
     if previous is None:

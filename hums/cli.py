@@ -1,4 +1,4 @@
-"""The command `hums`: parses, calls, prints; nothing else."""
+"""The command line `hums`."""
 
 import os
 import sys
@@ -37,12 +37,12 @@ Band = Annotated[
 ]
 NoEnvelope = Annotated[bool, typer.Option("--no-envelope", help="Search no bearing line.")]
 Channels = Annotated[list[str] | None, typer.Option(help="Channel to analyse; repeat. Default all.")]
-Tachometer = Annotated[str | None, typer.Option(help="Which tachometer tells the angle. Default the first.")]
+Tachometer = Annotated[str | None, typer.Option(help="Tachometer that measures the shaft angle. Default the first.")]
 SpeedRange = Annotated[
     Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
     typer.Option(
         metavar="LOW HIGH",
-        help="Without a tachometer: speeds of the reference to look for, rev/s; needs --max-acceleration.",
+        help="Without a tachometer: range of the reference's speed, rev/s; needs --max-acceleration.",
     ),
 ]
 MaxAcceleration = Annotated[
@@ -56,8 +56,8 @@ Scheduler = Annotated[
 ]
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from importlib.metadata import version  # noqa: PLC0415
 
         typer.echo(f"hums {version('hums-toolkit')}")
@@ -95,7 +95,7 @@ def orders(
         raise ValueError("--csv and --json are both given; keep one.")
     if rpm and not plot:
         raise ValueError("--rpm says which speeds to draw; add --plot FILE.")
-    speeds = dict(_speed(text) for text in speed) if speed else None
+    speeds = dict(_parse_speed(text) for text in speed) if speed else None
     kinematics = solve_kinematics(load_gearbox(gearbox))
     table = defect_orders(kinematics, reference=reference, speeds=speeds)
     if plot:
@@ -140,7 +140,8 @@ def convert(
     shaft: Annotated[str | None, typer.Option(help="Shaft that the tachometer or the speed belongs to.")] = None,
     pulses_per_rev: Annotated[int | None, typer.Option(help="Tachometer pulses a revolution.")] = None,
     no_tachometer: Annotated[
-        bool, typer.Option("--no-tachometer", help="Nothing tells the angle; hums analyze --speed-range estimates it.")
+        bool,
+        typer.Option("--no-tachometer", help="No shaft angle is measured; hums analyze --speed-range estimates it."),
     ] = False,
     scale: Annotated[float, typer.Option(help="Factor from the file's numbers to the units.")] = 1.0,
     machine: Annotated[str, typer.Option(help="Name of the machine.")] = "",
@@ -196,7 +197,7 @@ def analyze(
     max_acceleration: MaxAcceleration = None,
     baseline: Annotated[
         Path | None,
-        typer.Option(help="analysis.h5 of the record before, whose variances NA4 and NB4 are held against."),
+        typer.Option(help="analysis.h5 of the previous record, to whose variances NA4 and NB4 refer."),
     ] = None,
     freeze_baseline: Annotated[
         bool, typer.Option("--freeze-baseline", help="Leave those variances as they are: NA4* and NB4*.")
@@ -380,7 +381,7 @@ RECORD_SUFFIXES = (".h5", ".hdf5")
 
 
 def main() -> int:
-    """Run the command; a mistake of the user's ends in one sentence and exit code 2."""
+    """Run the command and return its exit code; an error of the user prints one sentence and returns 2."""
     with warnings.catch_warnings():
         warnings.showwarning = _print_warning
         try:
@@ -415,7 +416,7 @@ def _workers(count: int | None, scheduler: str | None) -> "Workers":
 
 
 def _settings(*, no_envelope: bool, **chosen: Any) -> "AnalysisSettings":  # noqa: ANN401  (each option keeps its own type)
-    """Return the settings of what options state; those left out keep their defaults."""
+    """Return the settings given by options; the others keep their defaults."""
     from hums.settings import AnalysisSettings  # noqa: PLC0415
 
     if chosen["envelope_band_hz"] and no_envelope:
@@ -429,7 +430,7 @@ def _settings(*, no_envelope: bool, **chosen: Any) -> "AnalysisSettings":  # noq
     return AnalysisSettings(**stated, **({"envelope_band_hz": None} if no_envelope else {}))
 
 
-def _speed(text: str) -> tuple[str, float]:
+def _parse_speed(text: str) -> tuple[str, float]:
     link, separator, rpm = text.rpartition("=")
     try:
         return link, float(rpm)

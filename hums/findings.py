@@ -1,23 +1,24 @@
-"""From judged lines to statements.
+"""Findings from assessed lines.
 
-A claimed fundamental (`judging` says which lines are) raises a finding. The finding is *diagnosed* when the line stands
-at least six times above its surroundings, a harmonic or sideband at the right spacing supports it, and neither another
-kind of defect of the same bearing nor, beside a race, a multiple of the cage rate is within a factor of three; for a
-gear, when the residual of the synchronous average shows that the disturbance is local (FM4). Otherwise it is
-*indicated*, and the evidence says why. What a sick sensor shows is never diagnosed.
+A significant fundamental (see `hums.judging`) raises a finding. It is *diagnosed* when the line is at least six times
+its background, a harmonic or sideband at the right spacing supports it, and no other kind of defect of the same
+bearing nor, for a race, a multiple of the cage order is within a factor of three of it; for a gear, when FM4 of the
+synchronous average shows a local disturbance. Otherwise it is *indicated*, and the evidence states why. A line of a
+faulty sensor is never diagnosed.
 
-Indicators support a finding or cast doubt on it; they never raise one, so they leave the rate of false alarms alone.
+Indicators support a finding or cast doubt on it; they never raise one, which would change
+the false-alarm probability.
 """
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from hums.judging import OF_CAGE, RIVAL_FACTOR, JudgedLine, is_support, supports
+from hums.judging import OF_CAGE, RIVAL_FACTOR, AssessedLine, is_support, supports
 from hums.orders import BEARING_KINDS
 from hums.search import ENVELOPE
 
-__all__ = ["DIAGNOSED", "INDICATED", "Finding", "Locality", "findings"]
+__all__ = ["DIAGNOSED", "INDICATED", "Finding", "Fm4", "findings"]
 
 DIAGNOSED, INDICATED = "diagnosed", "indicated"
 STRONG_SNR = 6.0
@@ -25,10 +26,10 @@ SUPPORT_PROBABILITY = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
-class Locality:
-    """How local a gear's disturbance is in its revolution: FM4, the kurtosis of its difference signal, and its limit.
+class Fm4:
+    """FM4 of a gear, the kurtosis of its difference signal, and the limit that a local disturbance exceeds.
 
-    The limit is what noise and a smooth modulation, once or twice a turn, may reach.
+    The limit is the value that noise together with a smooth modulation over the revolution may reach.
     """
 
     kurtosis: float
@@ -37,7 +38,7 @@ class Locality:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One component with one kind of defect, the verdict, and the evidence in words."""
+    """Verdict on one kind of defect of one component, with the evidence in words and its strongest line."""
 
     component: str
     kind: str
@@ -52,66 +53,71 @@ class Finding:
 
 
 def findings(
-    judged: Sequence[JudgedLine], *, locality: Mapping[str, Locality], sick: Collection[str] = ()
+    assessed: Sequence[AssessedLine], *, fm4: Mapping[str, Fm4], faulty: Collection[str] = ()
 ) -> list[Finding]:
-    """Rank the claimed families: diagnosed before indicated, then by level above the surroundings.
+    """Return a finding for every component and kind with a significant fundamental.
+
+    Diagnosed findings come before indicated ones, then those of higher level over the background.
 
     Parameters
     ----------
-    judged : sequence of JudgedLine
-        All lines of the record, all channels.
-    locality : mapping of gear component to Locality
-        For gears whose synchronous average could be made.
-    sick : channels whose sensor spoils what is estimated.
+    assessed : sequence of AssessedLine
+        All lines of all channels of the record.
+    fm4 : mapping of gear component to Fm4
+        FM4 of the gears whose synchronous average exists.
+    faulty : collection of str
+        Channels with a faulty sensor.
     """
-    families: dict[tuple[str, str], list[JudgedLine]] = {}
-    for line in judged:
-        families.setdefault(line.found.family, []).append(line)
+    families: dict[tuple[str, str], list[AssessedLine]] = {}
+    for line in assessed:
+        families.setdefault(line.measured.family, []).append(line)
     raised = {
         family: lines
         for family, lines in families.items()
-        if any(line.claimed and line.found.wanted.fundamental for line in lines)
+        if any(line.significant and line.measured.expected.fundamental for line in lines)
     }
-    statements = [
-        _bearing_finding(lines, raised, _cage_multiples(lines, families), sick)
+    results = [
+        _bearing_finding(lines, raised, _cage_multiples(lines, families), faulty)
         if kind in BEARING_KINDS
-        else _gear_finding(lines, locality.get(component), sick)
+        else _gear_finding(lines, fm4.get(component), faulty)
         for (component, kind), lines in raised.items()
     ]
-    return sorted(statements, key=lambda finding: (finding.verdict != DIAGNOSED, -finding.snr))
+    return sorted(results, key=lambda finding: (finding.verdict != DIAGNOSED, -finding.snr))
 
 
-def _main_line(lines: Sequence[JudgedLine]) -> JudgedLine:
-    fundamental = [line for line in lines if line.claimed and line.found.wanted.fundamental]
-    return max(fundamental, key=lambda line: line.found.line.snr)
+def _main_line(lines: Sequence[AssessedLine]) -> AssessedLine:
+    """Return the significant fundamental of the highest level over the background."""
+    fundamental = [line for line in lines if line.significant and line.measured.expected.fundamental]
+    return max(fundamental, key=lambda line: line.measured.line.snr)
 
 
 def _bearing_finding(
-    lines: Sequence[JudgedLine],
-    raised: Mapping[tuple[str, str], Sequence[JudgedLine]],
+    lines: Sequence[AssessedLine],
+    raised: Mapping[tuple[str, str], Sequence[AssessedLine]],
     cage_multiples: Sequence[int],
-    sick: Collection[str],
+    faulty: Collection[str],
 ) -> Finding:
+    """Return the finding on one kind of defect of a bearing, indicated if rivals or weak evidence leave doubts."""
     main = _main_line(lines)
-    component, kind = main.found.family
-    channel = [line for line in lines if line.found.channel == main.found.channel]
-    support = _support(main, channel)
-    strength = _strength(channel)
+    component, kind = main.measured.family
+    channel = [line for line in lines if line.measured.channel == main.measured.channel]
+    support = _supporting_lines(main, channel)
+    largest = _largest_amplitude(channel)
     rivals = {
-        other_kind: _strength(other_lines)
+        other_kind: _largest_amplitude(other_lines)
         for (other, other_kind), other_lines in raised.items()
-        if other == component and other_kind != kind and _strength(other_lines) * RIVAL_FACTOR > strength
+        if other == component and other_kind != kind and _largest_amplitude(other_lines) * RIVAL_FACTOR > largest
     }
-    doubts = _about_sensor(main, sick)
-    if main.found.line.snr < STRONG_SNR:
+    doubts = _sensor_doubts(main, faulty)
+    if main.measured.line.snr < STRONG_SNR:
         doubts.append(
-            f"the line is only {main.found.line.snr:.1f} times its surroundings: it is there, but a line this weak "
+            f"the line is only {main.measured.line.snr:.1f} times its surroundings: it is there, but a line this weak "
             "does not tell a fault from normal wear; compare with earlier and later records"
         )
     if not support:
         doubts.append("no harmonic or sideband supports it")
     doubts += [
-        f"a line of {_words(rival)} of the same bearing is {_comparison(size, strength)}"
+        f"a line of {_kind_text(rival)} of the same bearing is {_comparison(size, largest)}"
         for rival, size in rivals.items()
     ]
     if cage_multiples:
@@ -122,21 +128,23 @@ def _bearing_finding(
     return _finding(main, support, doubts)
 
 
-def _cage_multiples(lines: Sequence[JudgedLine], families: Mapping[tuple[str, str], Sequence[JudgedLine]]) -> list[int]:
-    """Return at which multiples of the cage rate stand lines about as large as those of a race, (k,).
+def _cage_multiples(
+    lines: Sequence[AssessedLine], families: Mapping[tuple[str, str], Sequence[AssessedLine]]
+) -> list[int]:
+    """Return the multiples of the cage order at which lines are comparable to those of a race.
 
-    A race that rests in the load zone, or turns through it, is struck by all elements alike, whatever the cage does.
-    Beside an inner race only the cage's own lines count: sidebands by the shaft fall on multiples of the cage rate.
+    A defect of a race is struck by all elements alike, independently of the cage. For an inner race only the cage's own
+    lines count, since sidebands spaced by the shaft order lie at multiples of the cage order.
     """
     main = _main_line(lines)
-    component, kind = main.found.family
-    strength = _strength(line for line in lines if line.found.channel == main.found.channel)
-    speaking = {"outer_race": ("cage", "rolling_element"), "inner_race": ("cage",)}.get(kind, ())
+    component, kind = main.measured.family
+    largest = _largest_amplitude(line for line in lines if line.measured.channel == main.measured.channel)
+    compared = {"outer_race": ("cage", "rolling_element"), "inner_race": ("cage",)}.get(kind, ())
     found = set()
-    for line in (line for other in speaking for line in families.get((component, other), ())):
+    for line in (line for other in compared for line in families.get((component, other), ())):
         number, is_multiple, of = line.explained_by.partition(f" {OF_CAGE} ")
-        same = of == f"{component} {kind.replace('_', ' ')}" and line.found.channel == main.found.channel
-        if is_multiple and same and line.found.line.amplitude * RIVAL_FACTOR > strength:
+        same = of == f"{component} {kind.replace('_', ' ')}" and line.measured.channel == main.measured.channel
+        if is_multiple and same and line.measured.line.amplitude * RIVAL_FACTOR > largest:
             found.add(int(number))
     return sorted(found)
 
@@ -147,90 +155,92 @@ def _comparison(rival: float, own: float) -> str:
     return "of similar size, which one local defect would not make"
 
 
-def _support(main: JudgedLine, lines: Iterable[JudgedLine]) -> list[str]:
-    """Name the harmonics and sidebands beside a fundamental that noise would seldom make there."""
+def _supporting_lines(main: AssessedLine, lines: Iterable[AssessedLine]) -> list[str]:
+    """Return the names of the harmonics and sidebands of a fundamental that noise alone seldom produces."""
     support = []
     for line in lines:
-        wanted, found = line.found.wanted, line.found.line
-        if not is_support(line.found) or not supports(line.found, main.found) or line.explained_by:
+        expected, found = line.measured.expected, line.measured.line
+        if not is_support(line.measured) or not supports(line.measured, main.measured) or line.explained_by:
             continue
         if found.false_alarm_probability <= SUPPORT_PROBABILITY:
-            name = f"sideband {wanted.sideband:+d}" if wanted.sideband else f"harmonic {wanted.harmonic}"
+            name = f"sideband {expected.sideband:+d}" if expected.sideband else f"harmonic {expected.harmonic}"
             support.append(f"{name} at {found.found:.3f}")
     return support
 
 
-def _strength(lines: Iterable[JudgedLine]) -> float:
+def _largest_amplitude(lines: Iterable[AssessedLine]) -> float:
     return max(
-        (line.found.line.amplitude for line in lines if line.claimed and not line.found.wanted.sideband),
+        (line.measured.line.amplitude for line in lines if line.significant and not line.measured.expected.sideband),
         default=0.0,
     )
 
 
-def _about_sensor(main: JudgedLine, sick: Collection[str]) -> list[str]:
-    return ["the sensor is sick, and may make such a line by itself"] if main.found.channel in sick else []
+def _sensor_doubts(main: AssessedLine, faulty: Collection[str]) -> list[str]:
+    return ["the sensor is sick, and may make such a line by itself"] if main.measured.channel in faulty else []
 
 
-def _gear_finding(lines: Sequence[JudgedLine], locality: Locality | None, sick: Collection[str]) -> Finding:
+def _gear_finding(lines: Sequence[AssessedLine], fm4: Fm4 | None, faulty: Collection[str]) -> Finding:
+    """Return the finding on a gear from its mesh sidebands and FM4."""
     main = _main_line(lines)
-    claimed = [
+    sidebands = [
         line
         for line in lines
-        if line.claimed and line.found.wanted.sideband and line.found.channel == main.found.channel
+        if line.significant and line.measured.expected.sideband and line.measured.channel == main.measured.channel
     ]
-    others = [line for line in claimed if line is not main]
-    support = [f"{len(claimed)} claimed sidebands of its mesh"] if others else []
-    doubts = _about_sensor(main, sick)
-    if locality is None and not doubts:
+    others = [line for line in sidebands if line is not main]
+    support = [f"{len(sidebands)} claimed sidebands of its mesh"] if others else []
+    doubts = _sensor_doubts(main, faulty)
+    if fm4 is None and not doubts:
         doubts.append("its synchronous average could not be made, so nothing shows that one tooth is at fault")
-    elif locality is not None and locality.kurtosis <= locality.limit:
+    elif fm4 is not None and fm4.kurtosis <= fm4.limit:
         doubts.append(
-            f"the difference signal of its synchronous average is not local (FM4 {locality.kurtosis:.1f}; noise and "
-            f"smooth modulation reach {locality.limit:.1f}): run-out, misalignment or load variation make such "
+            f"the difference signal of its synchronous average is not local (FM4 {fm4.kurtosis:.1f}; noise and "
+            f"smooth modulation reach {fm4.limit:.1f}): run-out, misalignment or load variation make such "
             "sidebands too"
         )
-    elif locality is not None:
+    elif fm4 is not None:
         support.append(
-            f"a difference signal of its synchronous average that is local (FM4 {locality.kurtosis:.1f}; noise and "
-            f"smooth modulation reach {locality.limit:.1f}), as one damaged tooth makes it"
+            f"a difference signal of its synchronous average that is local (FM4 {fm4.kurtosis:.1f}; noise and "
+            f"smooth modulation reach {fm4.limit:.1f}), as one damaged tooth makes it"
         )
     if not others:
         doubts.append("a single sideband stands alone")
-    if main.found.line.snr < STRONG_SNR:
-        doubts.append(f"the largest is only {main.found.line.snr:.1f} times its surroundings")
+    if main.measured.line.snr < STRONG_SNR:
+        doubts.append(f"the largest is only {main.measured.line.snr:.1f} times its surroundings")
     return _finding(main, support, doubts)
 
 
-def _finding(main: JudgedLine, support: Sequence[str], doubts: Sequence[str]) -> Finding:
-    found, wanted = main.found.line, main.found.wanted
+def _finding(main: AssessedLine, support: Sequence[str], doubts: Sequence[str]) -> Finding:
+    """Return the finding on the main line's component; any doubt makes it indicated."""
+    found, expected = main.measured.line, main.measured.expected
     where = (
         "envelope line"
-        if wanted.spectrum == ENVELOPE
-        else f"sideband {wanted.sideband:+d} of mesh harmonic {wanted.harmonic}"
+        if expected.spectrum == ENVELOPE
+        else f"sideband {expected.sideband:+d} of mesh harmonic {expected.harmonic}"
     )
-    offset = found.found / wanted.order - 1
+    offset = found.found / expected.order - 1
     off = f", {offset:+.1%}" if abs(offset) > 5e-4 else ""  # noqa: PLR2004  (what one decimal can show)
     evidence = (
-        f"{where} at {found.found:.3f} orders (nominal {wanted.order:.3f}{off}), {found.amplitude:.3g} "
-        f"{main.found.units}, {found.snr:.1f} times its surroundings"
+        f"{where} at {found.found:.3f} orders (nominal {expected.order:.3f}{off}), {found.amplitude:.3g} "
+        f"{main.measured.units}, {found.snr:.1f} times its surroundings"
     )
     if support:
         evidence += "; supported by " + ", ".join(support)
     if doubts:
         evidence += "; not certain: " + "; ".join(doubts)
     return Finding(
-        component=wanted.component,
-        kind=wanted.kind,
-        channel=main.found.channel,
+        component=expected.component,
+        kind=expected.kind,
+        channel=main.measured.channel,
         verdict=INDICATED if doubts else DIAGNOSED,
         evidence=evidence + ".",
         false_alarm_probability=main.false_alarm_probability,
         snr=found.snr if math.isfinite(found.snr) else 1e9,
         order_found=found.found,
         amplitude=found.amplitude,
-        units=main.found.units,
+        units=main.measured.units,
     )
 
 
-def _words(kind: str) -> str:
+def _kind_text(kind: str) -> str:
     return "the " + kind.replace("_", " ")

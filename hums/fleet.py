@@ -1,8 +1,8 @@
-"""Many records -> one table of lines, indicators and verdicts, and their trends over time.
+"""Analysis of many records: one table of lines, indicators and verdicts, and their trends over time.
 
-Each record is analysed by itself, in any process, and what is kept of it is one small file; so a run that was
-stopped goes on where it was, records that were added later are the only ones analysed when it is run again, and
-memory holds one record a worker. A record that cannot be analysed is a row with the sentence that says why.
+Each record is analysed independently, in any process, and leaves one small result file. An interrupted run therefore
+resumes, a later run analyses only records that are new or changed, and memory holds one record per worker. A record
+that cannot be analysed becomes a row with its error.
 """
 
 import gzip
@@ -32,26 +32,46 @@ __all__ = ["Fleet", "FleetError", "analyze_fleet"]
 
 
 class FleetError(ValueError):
-    """A run over many records that cannot start."""
+    """Raised where a run over many records cannot start.
+
+    Examples
+    --------
+    >>> import hums
+    >>> try:
+    ...     hums.analyze_fleet([], "two-stage", "no-folder")
+    ... except hums.FleetError as error:
+    ...     print(error)
+    no records were named; name files, or folders that hold some.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fleet:
-    """What a run over many records left.
+    """Result of `analyze_fleet`: its folder, the number of records, and the errors.
 
     Attributes
     ----------
     folder : Path
-        With ``fleet.h5`` and ``fleet.csv``, a row a record, ``trends.csv``, a row a series and machine, and
-        ``records/``, what was kept of each.
+        Holds ``fleet.h5`` and ``fleet.csv``, one row per record; ``trends.csv``, one row per series and machine; and
+        ``records/``, the results of each record.
     records, failed : int
-        Rows, and those of them that hold a sentence instead of results.
+        Number of records, and of those that could not be analysed.
     analysed, kept : int
-        Records analysed in this run, and before it.
+        Number of records analysed in this run, and in earlier runs.
     errors : mapping of str to str
-        Why each of the failed records failed.
+        Error of each failed record, by its name.
     no_trends : str
-        Why ``trends.csv`` has no row; empty where it has.
+        Reason why ``trends.csv`` has no row; empty where it has rows.
+
+    Examples
+    --------
+    See `analyze_fleet`, which returns it.
+
+    >>> from pathlib import Path
+    >>> import hums
+    >>> fleet = hums.Fleet(folder=Path("fleet"), records=3, failed=1, analysed=2, kept=1)
+    >>> fleet.records - fleet.failed
+    2
     """
 
     folder: Path
@@ -81,33 +101,49 @@ def analyze_fleet(
     workers: Workers | None = None,
     progress: bool = False,
 ) -> Fleet:
-    """Analyse many records of one kind of gearbox.
+    """Analyse many records of one gearbox type and write their table and trends into a folder.
 
     Parameters
     ----------
     sources : sequence of path
-        Records, folders of records (searched for ``.h5``), and folders that ``hums dataset`` made.
+        Records, folders of records (searched for ``.h5``), and folders that ``hums dataset`` wrote.
     gearbox : Gearbox, path or catalogue name
+        The gearbox of all records.
     folder : path
-        New, or of an earlier run with the same gearbox and settings: records that are there are not analysed again
+        New, or of an earlier run with the same gearbox and settings: records it already holds are not analysed again
         unless their file has changed.
     settings : AnalysisSettings, optional
-        By default those of `hums.analyze` without tracks, which the table does not hold.
+        Defaults to ``AnalysisSettings(most_tracks=0)``: the table holds no tracks.
     workers : Serial, Processes or Cluster of `hums.jobs`, optional
-        Serial if left out.
+        Where the records are analysed; default `Serial`.
     progress : bool
-        Whether to draw a bar on standard error.
+        Whether to draw a progress bar on standard error.
 
     Returns
     -------
     Fleet
+        The folder, the number of records, and the errors.
 
     Raises
     ------
     FleetError
-        If there are no records, a path is not there, or the folder belongs to another gearbox or other settings.
+        If there are no records, a path does not exist, or the folder belongs to another gearbox or other settings.
     JobError
         See `hums.jobs.run_jobs`.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import hums
+    >>> noise = np.random.default_rng(0).normal(size=8000)
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> with TemporaryDirectory() as folder:
+    ...     hums.save_record(record, f"{folder}/monday.h5")
+    ...     fleet = hums.analyze_fleet([f"{folder}/monday.h5"], "two-stage", f"{folder}/fleet")
+    >>> fleet.records, fleet.failed
+    (1, 0)
     """
     gearbox = gearbox if isinstance(gearbox, Gearbox) else load_gearbox(gearbox)
     settings = settings or AnalysisSettings(most_tracks=0)
@@ -118,18 +154,18 @@ def analyze_fleet(
         "settings": settings.model_dump_json(),
         "version": version("hums-toolkit"),
     }
-    pieces = folder / "records"
-    pieces.mkdir(parents=True, exist_ok=True)
-    _claim(folder / "task.json", task)
-    jobs = [Job(name=_piece(source), item=source) for source in found]
+    results = folder / "records"
+    results.mkdir(parents=True, exist_ok=True)
+    _check_task(folder / "task.json", task)
+    jobs = [Job(name=_result_name(source), item=source) for source in found]
     tally = run_jobs(
-        partial(_write_piece, task["gearbox"], task["settings"]),
+        partial(_analyse_to_file, task["gearbox"], task["settings"]),
         jobs,
-        folder=pieces,
+        folder=results,
         workers=workers or Serial(),
         title="records" if progress else None,
     )
-    written = write_tables([pieces / job.name for job in jobs], folder)
+    written = write_tables([results / job.name for job in jobs], folder)
     return Fleet(
         folder=folder,
         records=len(jobs),
@@ -141,17 +177,17 @@ def analyze_fleet(
     )
 
 
-def _claim(mark: Path, task: dict[str, str]) -> None:
-    """Note what the folder is for, or refuse one that is for something else."""
-    if not mark.is_file():
-        with written_beside(mark) as part:
+def _check_task(path: Path, task: dict[str, str]) -> None:
+    """Write gearbox, settings and version into the folder; raise where it already holds other ones."""
+    if not path.is_file():
+        with written_beside(path) as part:
             part.write_text(json.dumps(task, indent=1), encoding="utf-8")
         return
-    there = json.loads(mark.read_text(encoding="utf-8"))
+    there = json.loads(path.read_text(encoding="utf-8"))
     differing = [name for name in task if there.get(name) != task[name]]
     if differing:
         raise FleetError(
-            f"{mark.parent} holds records analysed with another {' and another '.join(differing)}; a table mixes none. "
+            f"{path.parent} holds records analysed with another {' and another '.join(differing)}; a table mixes none. "
             "Name another folder."
         )
 
@@ -164,14 +200,14 @@ def _sources(given: Sequence[str | Path]) -> list[_Source]:
     for path in map(Path, given):
         if not path.exists():
             raise FleetError(f"{path}: there is no such file or folder; check the path.")
-        for source in _in_folder(path) if path.is_dir() else [_Source(name=str(path), path=path.resolve())]:
+        for source in _sources_in_folder(path) if path.is_dir() else [_Source(name=str(path), path=path.resolve())]:
             found[source.path, source.number] = source
     if not found:
         raise FleetError("no records were named; name files, or folders that hold some.")
     return list(found.values())
 
 
-def _in_folder(folder: Path) -> list[_Source]:
+def _sources_in_folder(folder: Path) -> list[_Source]:
     whole = folder.resolve()
     if is_dataset(folder) or (folder / "plan.toml").is_file():
         return [_Source(name=f"{folder}/{n}", path=whole, number=n) for n in range(dataset_size(folder))]
@@ -181,23 +217,23 @@ def _in_folder(folder: Path) -> list[_Source]:
     return there
 
 
-def _piece(source: _Source) -> str:
-    """Name the file of a record after the record and the state its file is in."""
-    words: list[Any] = [str(source.path), source.number]
+def _result_name(source: _Source) -> str:
+    """Return the name of a record's result file: a hash of its path, size and time of change."""
+    key: list[Any] = [str(source.path), source.number]
     if source.number is None and source.path.exists():
-        facts = source.path.stat()
-        words += [facts.st_size, facts.st_mtime_ns]
-    return hashlib.sha256(json.dumps(words).encode()).hexdigest()[:24] + ".json.gz"
+        stat = source.path.stat()
+        key += [stat.st_size, stat.st_mtime_ns]
+    return hashlib.sha256(json.dumps(key).encode()).hexdigest()[:24] + ".json.gz"
 
 
-def _write_piece(gearbox: str, settings: str, source: _Source, path: Path) -> None:
-    row = {"record": source.name} | _row(source, *_prepared(gearbox, settings))
+def _analyse_to_file(gearbox: str, settings: str, source: _Source, path: Path) -> None:
+    row = {"record": source.name} | _row(source, *_parsed(gearbox, settings))
     with written_beside(path) as part:
         part.write_bytes(gzip.compress(json.dumps(row).encode(), mtime=0))
 
 
 @lru_cache(maxsize=4)
-def _prepared(gearbox: str, settings: str) -> tuple[Gearbox, AnalysisSettings]:
+def _parsed(gearbox: str, settings: str) -> tuple[Gearbox, AnalysisSettings]:
     return Gearbox.model_validate_json(gearbox), AnalysisSettings.model_validate_json(settings)
 
 
@@ -217,6 +253,7 @@ def _opened(source: _Source) -> xr.Dataset:
 
 
 def _results(analysis: Analysis) -> dict[str, Any]:
+    """Return mean speed, lines, indicators and findings of an analysis as JSON types."""
     speed = group(analysis, "speed")["speed_hz"]
     return {
         "error": "",

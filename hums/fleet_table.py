@@ -1,4 +1,4 @@
-"""What was kept of each record, put into one table: HDF5 and CSV, a row a record, and the trends of its series."""
+"""Table of the results of many records, one row per record, as HDF5 and CSV, and the trends of its series."""
 
 import csv
 import gzip
@@ -14,13 +14,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums._trends import FEWEST, Trend, adjusted, trend
+from hums._trends import MIN_POINTS, Trend, adjusted_p_values, trend
 from hums.store import write_tree, written_beside
 
-__all__ = ["TREND_CHANCE", "Written", "write_tables"]
+__all__ = ["SIGNIFICANCE", "WrittenTables", "write_tables"]
 
-TREND_CHANCE = 0.01
-"""A trend is called rising or falling where its p value, adjusted for how many series there are, is below this."""
+SIGNIFICANCE = 0.01
+"""Adjusted p value below which a trend is called rising or falling."""
 
 VERDICTS = ("none", "indicated", "diagnosed")
 _LINE = ("channel", "spectrum", "component", "kind", "harmonic", "sideband", "units")
@@ -33,43 +33,43 @@ Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Written:
-    """What the tables say about themselves: why records failed, by record, and why there are no trends, or ""."""
+class WrittenTables:
+    """Errors of the failed records by name, and the reason why there are no trends, or an empty string."""
 
     errors: Mapping[str, str]
     no_trends: str
 
 
-def write_tables(pieces: Sequence[Path], folder: Path) -> Written:
-    """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the files of the records.
+def write_tables(results: Sequence[Path], folder: Path) -> WrittenTables:
+    """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the result files of the records.
 
-    The table holds some 10 bytes for each line and 4 for each indicator of a record; records are read one by one.
+    Memory holds the table, with 9 bytes per line, 4 per indicator and 1 per condition of each record, and one record.
     """
-    keys = _Keys()
-    for piece in pieces:
-        keys.add(_read(piece))
-    table = _table(pieces, keys)
+    columns = _Columns()
+    for path in results:
+        columns.add(_read(path))
+    table = _table(results, columns)
     write_tree(xr.DataTree(table), folder / "fleet.h5")
     with written_beside(folder / "fleet.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
         _write_csv(table, stream)
     with written_beside(folder / "trends.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
-        rows = list(_trends(table))
+        rows = list(_series_trends(table))
         _write_trends(rows, stream)
     failed = table["error"].to_numpy() != ""
     names, errors = table["record"].to_numpy()[failed], table["error"].to_numpy()[failed]
-    return Written(
+    return WrittenTables(
         errors=dict(zip(names.tolist(), errors.tolist(), strict=True)),
-        no_trends="" if rows else _why_no_trends(table.isel(record=~failed)),
+        no_trends="" if rows else _reason_for_no_trends(table.isel(record=~failed)),
     )
 
 
-def _read(piece: Path) -> dict[str, Any]:
-    row: dict[str, Any] = json.loads(gzip.decompress(piece.read_bytes()))
+def _read(path: Path) -> dict[str, Any]:
+    row: dict[str, Any] = json.loads(gzip.decompress(path.read_bytes()))
     return row
 
 
-class _Keys:
-    """The columns that any record fills, numbered in the order in which they are first met."""
+class _Columns:
+    """Columns of the table, numbered in the order in which the records first fill them."""
 
     def __init__(self) -> None:
         self.lines: dict[Key, int] = {}
@@ -88,26 +88,27 @@ class _Keys:
             self.conditions.setdefault(tuple(finding[: len(_CONDITION)]), len(self.conditions))
 
 
-def _table(pieces: Sequence[Path], keys: _Keys) -> xr.Dataset:
-    count = len(pieces)
+def _table(results: Sequence[Path], columns: _Columns) -> xr.Dataset:
+    """Return the table of all records, NaN where a record lacks a column."""
+    count = len(results)
     facts: dict[str, list[str]] = {name: [] for name in _FACTS}
     speed = np.full(count, np.nan)
-    amplitude = np.full((count, len(keys.lines)), np.nan, dtype=np.float32)
+    amplitude = np.full((count, len(columns.lines)), np.nan, dtype=np.float32)
     snr, claimed = np.full_like(amplitude, np.nan), np.zeros(amplitude.shape, dtype=np.int8)
-    value = np.full((count, len(keys.indicators)), np.nan, dtype=np.float32)
-    verdict = np.zeros((count, len(keys.conditions)), dtype=np.int8)
-    for number, piece in enumerate(pieces):
-        row = _read(piece)
+    value = np.full((count, len(columns.indicators)), np.nan, dtype=np.float32)
+    verdict = np.zeros((count, len(columns.conditions)), dtype=np.int8)
+    for number, path in enumerate(results):
+        row = _read(path)
         for name in _FACTS:
             facts[name].append(row[name])
         speed[number] = row.get("speed_hz", np.nan)
         for *key, _, line_amplitude, line_snr, line_claimed in row.get("lines", ()):
-            at = number, keys.lines[tuple(key)]
+            at = number, columns.lines[tuple(key)]
             amplitude[at], snr[at], claimed[at] = line_amplitude, line_snr, line_claimed
         for *key, indicator in row.get("indicators", ()):
-            value[number, keys.indicators[tuple(key)]] = indicator
+            value[number, columns.indicators[tuple(key)]] = indicator
         for component, kind, word, *_ in row.get("findings", ()):
-            verdict[number, keys.conditions[component, kind]] = VERDICTS.index(word)
+            verdict[number, columns.conditions[component, kind]] = VERDICTS.index(word)
     return xr.Dataset(
         {
             **{name: ("record", np.array(texts, dtype=np.str_)) for name, texts in facts.items() if name != "record"},
@@ -121,25 +122,25 @@ def _table(pieces: Sequence[Path], keys: _Keys) -> xr.Dataset:
                 verdict,
                 {"flag_values": [0, 1, 2], "flag_meanings": " ".join(VERDICTS)},
             ),
-            "order": ("line", np.array(list(keys.orders.values()), dtype=np.float64)),
+            "order": ("line", np.array(list(columns.orders.values()), dtype=np.float64)),
         },
         coords={
             "record": np.array(facts["record"], dtype=np.str_),
-            **_columns("line", _LINE, keys.lines),
-            **_columns("indicator", _INDICATOR, keys.indicators),
-            **_columns("condition", _CONDITION, keys.conditions),
+            **_coordinates("line", _LINE, columns.lines),
+            **_coordinates("indicator", _INDICATOR, columns.indicators),
+            **_coordinates("condition", _CONDITION, columns.conditions),
         },
         attrs={"schema": "hums-fleet/1"},
     )
 
 
-def _columns(dim: str, names: Sequence[str], keys: Mapping[Key, int]) -> dict[str, tuple[str, NDArray[Any]]]:
-    """Return what each column is, as coordinates ``line_channel``, ``line_kind`` and so on."""
-    columns = list(zip(*keys, strict=True)) if keys else [()] * len(names)
-    whole = ("harmonic", "sideband")
+def _coordinates(dim: str, names: Sequence[str], keys: Mapping[Key, int]) -> dict[str, tuple[str, NDArray[Any]]]:
+    """Return the identity of the columns as coordinates ``line_channel``, ``line_kind`` and so on."""
+    values = list(zip(*keys, strict=True)) if keys else [()] * len(names)
+    integers = ("harmonic", "sideband")
     return {
-        f"{dim}_{name}": (dim, np.array(column, dtype=np.int64 if name in whole else np.str_))
-        for name, column in zip(names, columns, strict=True)
+        f"{dim}_{name}": (dim, np.array(value, dtype=np.int64 if name in integers else np.str_))
+        for name, value in zip(names, values, strict=True)
     }
 
 
@@ -147,8 +148,9 @@ def _columns(dim: str, names: Sequence[str], keys: Mapping[Key, int]) -> dict[st
 
 
 def _titles(table: xr.Dataset, dim: str) -> list[str]:
-    """Name each column of a dimension in words."""
-    parts = {name: table[f"{dim}_{name}"].to_numpy() for name in _names(dim)}
+    """Return the title of each column of a dimension."""
+    names = {"line": _LINE, "indicator": _INDICATOR, "condition": _CONDITION}[dim]
+    parts = {name: table[f"{dim}_{name}"].to_numpy() for name in names}
     titles = []
     for number in range(table.sizes[dim]):
         here = {name: str(column[number]) for name, column in parts.items()}
@@ -164,11 +166,8 @@ def _titles(table: xr.Dataset, dim: str) -> list[str]:
     return titles
 
 
-def _names(dim: str) -> Sequence[str]:
-    return {"line": _LINE, "indicator": _INDICATOR, "condition": _CONDITION}[dim]
-
-
 def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
+    """Write the table as CSV, one row per record."""
     lines = _titles(table, "line")
     line_units, units = table["line_units"].to_numpy(), table["indicator_units"].to_numpy()
     header = [*_FACTS, "speed_hz", *(f"verdict: {title}" for title in _titles(table, "condition"))]
@@ -180,13 +179,13 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     facts = [table[name].to_numpy() for name in (*_FACTS, "speed_hz")]
     numbers = [table[name].to_numpy() for name in ("value", "amplitude", "snr")]
     for at, verdicts in enumerate(table["verdict"].to_numpy()):
-        row: list[Any] = [column[at] for column in facts[:-1]] + [_shown(facts[-1][at])]
+        row: list[Any] = [column[at] for column in facts[:-1]] + [_number(facts[-1][at])]
         row += ["" if facts[3][at] else VERDICTS[verdict] for verdict in verdicts]
-        row += [_shown(value) for block in numbers for value in block[at]]
+        row += [_number(value) for block in numbers for value in block[at]]
         writer.writerow(row)
 
 
-def _shown(value: float) -> str:
+def _number(value: float) -> str:
     return "" if np.isnan(value) else f"{value:.7g}"
 
 
@@ -194,45 +193,48 @@ def _shown(value: float) -> str:
 
 
 def _write_trends(rows: Sequence[tuple[str, str, str, Trend]], stream: TextIO) -> None:
-    chances = adjusted(np.array([found.p_value for *_, found in rows]))
+    """Write the trends as CSV in ascending order of their adjusted p values."""
+    adjusted_p = adjusted_p_values(np.array([found.p_value for *_, found in rows]))
     writer = csv.writer(stream, lineterminator="\n")
     slopes = ("slope_per_day", "slope_low", "slope_high")
     writer.writerow(
         ["machine", "series", "units", "records", "median", *slopes, "kendall_tau", "p_value", "adjusted_p", "trend"]
     )
-    for (machine, title, unit, found), chance in sorted(zip(rows, chances, strict=True), key=lambda pair: pair[1]):
-        word = "none" if chance >= TREND_CHANCE else "rising" if found.tau > 0 else "falling"
-        numbers = (found.median, found.slope, found.slope_low, found.slope_high, found.tau, found.p_value, chance)
+    for (machine, title, unit, found), adjusted in sorted(zip(rows, adjusted_p, strict=True), key=lambda pair: pair[1]):
+        word = "none" if adjusted >= SIGNIFICANCE else "rising" if found.tau > 0 else "falling"
+        numbers = (found.median, found.slope, found.slope_low, found.slope_high, found.tau, found.p_value, adjusted)
         writer.writerow([machine, title, unit, found.points, *(f"{number:.6g}" for number in numbers), word])
 
 
-def _trends(table: xr.Dataset) -> Iterator[tuple[str, str, str, Trend]]:
-    """Yield machine, series, units and trend of every series long enough to have one."""
-    days, machines = _days(table["recorded_at"].to_numpy()), table["machine"].to_numpy()
+def _series_trends(table: xr.Dataset) -> Iterator[tuple[str, str, str, Trend]]:
+    """Yield machine, series, units and trend of every series with enough values."""
+    days, machines = _days_since_1970(table["recorded_at"].to_numpy()), table["machine"].to_numpy()
     blocks = [
         (_titles(table, dim), table[f"{dim}_units"].to_numpy(), table[name].to_numpy())
         for dim, name in (("indicator", "value"), ("line", "amplitude"))
     ]
     for machine in dict.fromkeys(machines):
-        mine = machines == machine
+        rows = machines == machine
         for titles, units, values in blocks:
             for title, unit, series in zip(titles, units, values.T, strict=True):
-                found = trend(series[mine], days[mine])
+                found = trend(series[rows], days[rows])
                 if found is not None:
                     yield str(machine), title, str(unit), found
 
 
-def _why_no_trends(table: xr.Dataset) -> str:
-    """Say what the records that were analysed lack for a trend."""
+def _reason_for_no_trends(table: xr.Dataset) -> str:
+    """Return the reason why the analysed records have no trends."""
     dated = table["recorded_at"].to_numpy() != ""
     if table.sizes["record"] and not dated.any():
         return "no trends: no record says when it was made; give recorded_at (hums convert --recorded-at)"
     most = max(Counter(table["machine"].to_numpy()[dated].tolist()).values(), default=0)
-    if most < FEWEST:
-        return f"no trends: a machine needs {FEWEST} analysed records with recorded_at, and the most of any is {most}"
-    return f"no trends: no series has {FEWEST} values at different times that differ from each other"
+    if most < MIN_POINTS:
+        return (
+            f"no trends: a machine needs {MIN_POINTS} analysed records with recorded_at, and the most of any is {most}"
+        )
+    return f"no trends: no series has {MIN_POINTS} values at different times that differ from each other"
 
 
-def _days(moments: Iterable[str]) -> NDArray[np.float64]:
-    """Return days since 1970 of ISO 8601 moments, NaN where there is none."""
+def _days_since_1970(moments: Iterable[str]) -> NDArray[np.float64]:
+    """Return the days since 1970 of ISO 8601 times, NaN for empty ones."""
     return np.array([datetime.fromisoformat(when).timestamp() / _DAY_S if when else np.nan for when in moments])

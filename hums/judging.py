@@ -1,20 +1,23 @@
-"""Which lines are real, and which are another line's shadow.
+"""Significance of measured lines, and attribution of each line to its strongest explanation.
 
 The rule, fixed on the wind turbine and CWRU records:
 
-1. A line is *significant* when noise alone would reach it, anywhere among all the lines of the record that
-   can raise a finding, with less than the false-alarm probability of the settings.
-2. From the strongest (by level above its surroundings, a bearing's with its harmonics and sidebands) downwards, a
-   significant line is *claimed* unless a taller line spreads half as much or more to its place through the window
-   (a flank or side lobe), or it lies within the main lobe (two bins) of a harmonic of a stronger claimed line, of its
-   sideband by a ring's rotation or the cage, or of a multiple of the cage rate which that line implies. The one
-   race's rate is itself such a multiple when the other's is known; there the weaker line is taken for a shadow only
-   below a third of the stronger, for comparable lines on both races mean something. A damaged element makes a line
-   at the cage rate, too. In the envelope impacts once a turn of a shaft, or whenever a planet's damaged tooth meets
-   another gear, reach any multiple of that rate.
-   Sidebands that the planets' passing makes in health, too, are taken for that.
-3. Harmonics and sidebands of a bearing line are claimed with it, at the right spacing, and never alone. A line that
-   would be a harmonic of two claimed fundamentals supports neither.
+1. A line is *detected* when the probability that noise alone exceeds it, at any line of the record that can raise a
+   finding, is below the false-alarm probability of the settings.
+2. Detected lines are assessed in descending order of level (amplitude over background; a bearing's with its harmonics
+   and sidebands). A detected line is *significant* (column ``claimed``) unless one of these explains it:
+
+   - leakage: through the window, a larger line contributes half of its amplitude or more;
+   - it lies within the main lobe (two bins) of a harmonic of a stronger significant line, of a sideband of that line
+     spaced by a ring's rotation or the cage, or of a multiple of the cage order which that line implies. The defect
+     order of one race is itself such a multiple for the other race; there the weaker line is explained only below a
+     third of the stronger, since comparable lines on both races are evidence of two defects. A damaged rolling element
+     also produces a line at the cage order;
+   - in the envelope, impacts once per revolution of a shaft, or once per contact of a planet's damaged tooth, produce
+     any multiple of that order;
+   - it is a sideband that the planet pass produces in a healthy stage.
+3. Harmonics and sidebands of a bearing line are significant only together with it, at the right spacing. A line that
+   would be a harmonic of two significant fundamentals supports neither.
 """
 
 import math
@@ -22,182 +25,183 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hums.orders import BEARING_KINDS, BearingOrders
-from hums.search import ENVELOPE, TOOTH_KINDS, FoundLine
+from hums.search import ENVELOPE, TOOTH_KINDS, MeasuredLine
 from signals.lines import record_probability
 
-__all__ = ["OF_CAGE", "RIVAL_FACTOR", "Judge", "JudgedLine", "implied_cage", "is_support", "supports"]
+__all__ = ["OF_CAGE", "RIVAL_FACTOR", "AssessedLine", "LineAssessor", "implied_cage", "is_support", "supports"]
 
 RIVAL_FACTOR = 3.0
 LOBE_BINS = 2.0
 LEAKAGE_SHARE = 0.5
 OF_CAGE = "times the cage rate implied by"
-_SHADOW_HARMONICS = 3
-_SHADOW_SIDEBANDS = 3
+_EXPLAINED_HARMONICS = 3
+_EXPLAINED_SIDEBANDS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class JudgedLine:
-    """A found line with the verdict on it."""
+class AssessedLine:
+    """A measured line with its significance, and the stronger line that explains it otherwise."""
 
-    found: FoundLine
+    measured: MeasuredLine
     false_alarm_probability: float
-    claimed: bool
+    significant: bool
     explained_by: str = ""
 
 
 @dataclass(frozen=True)
-class Judge:
-    """Applies the rule to the lines of one record.
+class LineAssessor:
+    """Assessment of the lines of one record by the rule of this module.
 
-    `natural_spacings` names, for each gear of a planetary stage, the sideband spacings that a healthy one shows.
+    `healthy_spacings` are the sideband spacings of each gear of a healthy planetary stage, in orders.
     """
 
     bearings: Mapping[str, BearingOrders]
     false_alarm_probability: float
-    natural_spacings: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    healthy_spacings: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
-    def judge(self, lines: Sequence[FoundLine]) -> list[JudgedLine]:
-        """Mark each line as claimed, explained by a stronger one, or neither; order as given."""
-        searches = max(1, sum(line.wanted.fundamental for line in lines))
-        chance = [record_probability(line.line.false_alarm_probability, searches=searches) for line in lines]
-        verdict = [
-            JudgedLine(found=line, false_alarm_probability=p, claimed=False)
-            for line, p in zip(lines, chance, strict=True)
+    def assess(self, lines: Sequence[MeasuredLine]) -> list[AssessedLine]:
+        """Return whether each line is significant, or which stronger line explains it, in the given order."""
+        searches = max(1, sum(line.expected.fundamental for line in lines))
+        probability = [record_probability(line.line.false_alarm_probability, searches=searches) for line in lines]
+        result = [
+            AssessedLine(measured=line, false_alarm_probability=p, significant=False)
+            for line, p in zip(lines, probability, strict=True)
         ]
-        claimed: list[FoundLine] = []
-        significant = [i for i in range(len(lines)) if chance[i] < self.false_alarm_probability]
-        level = _levels([lines[i] for i in significant])
-        # a bearing's harmonics and sidebands come after all lines that can stand alone
-        for i in sorted(significant, key=lambda i: (is_support(lines[i]), -level(lines[i]))):
+        significant: list[MeasuredLine] = []
+        detected = [i for i in range(len(lines)) if probability[i] < self.false_alarm_probability]
+        level = _combined_levels([lines[i] for i in detected])
+        # a bearing's harmonics and sidebands follow all lines that can be significant alone
+        for i in sorted(detected, key=lambda i: (is_support(lines[i]), -level(lines[i]))):
             line = lines[i]
-            parents = [other for other in claimed if supports(line, other)] if is_support(line) else []
-            if parents and not self._is_anothers(line, claimed):
-                verdict[i] = replace(verdict[i], claimed=True)
+            parents = [other for other in significant if supports(line, other)] if is_support(line) else []
+            if parents and not self._belongs_to_other(line, significant):
+                result[i] = replace(result[i], significant=True)
                 continue
-            shadow = self._nature(line)
-            shadow = shadow or next((text for other in claimed if (text := self._shadow(line, other))), "")
-            verdict[i] = replace(verdict[i], claimed=not shadow and not is_support(line), explained_by=shadow)
-            if verdict[i].claimed:
-                claimed.append(line)
-        return verdict
+            cause = self._healthy_cause(line)
+            cause = cause or next((text for other in significant if (text := self._explanation(line, other))), "")
+            result[i] = replace(result[i], significant=not cause and not is_support(line), explained_by=cause)
+            if result[i].significant:
+                significant.append(line)
+        return result
 
-    def _nature(self, line: FoundLine) -> str:
-        """Say what makes this line without any fault, or return an empty string."""
+    def _healthy_cause(self, line: MeasuredLine) -> str:
+        """Return the cause that produces this line without any defect, or an empty string."""
         if line.line.leakage > LEAKAGE_SHARE * line.line.amplitude:
             return "the flank of a stronger line beside it"
-        if line.wanted.kind == "tooth":
-            centre = line.wanted.order - line.wanted.sideband * line.wanted.spacing
-            for spacing in self.natural_spacings.get(line.wanted.component, ()):
+        if line.expected.kind == "tooth":
+            centre = line.expected.order - line.expected.sideband * line.expected.spacing
+            for spacing in self.healthy_spacings.get(line.expected.component, ()):
                 side = round((line.line.found - centre) / spacing)
                 if side and _near(line, centre + side * spacing):
                     return f"sideband {side:+d} x {spacing:.4g} of the mesh, which the planets' passing makes in health"
         return ""
 
-    def _is_anothers(self, line: FoundLine, claimed: Iterable[FoundLine]) -> bool:
-        """Whether a bearing harmonic is one of another claimed defect of the same bearing as well."""
-        return not line.wanted.sideband and any(
+    def _belongs_to_other(self, line: MeasuredLine, significant: Iterable[MeasuredLine]) -> bool:
+        """Whether a bearing harmonic is also one of another significant bearing defect."""
+        return not line.expected.sideband and any(
             _near(line, harmonic * other.line.found)
-            for other in claimed
-            if other.wanted.fundamental and other.wanted.kind in BEARING_KINDS and other.family != line.family
-            for harmonic in range(1, 2 * _SHADOW_HARMONICS + 1)
+            for other in significant
+            if other.expected.fundamental and other.expected.kind in BEARING_KINDS and other.family != line.family
+            for harmonic in range(1, 2 * _EXPLAINED_HARMONICS + 1)
         )
 
-    def _shadow(self, weaker: FoundLine, stronger: FoundLine) -> str:
-        """Say how `stronger` makes a line where `weaker` stands, or return an empty string."""
-        same_spectrum = weaker.wanted.spectrum == stronger.wanted.spectrum and weaker.channel == stronger.channel
+    def _explanation(self, weaker: MeasuredLine, stronger: MeasuredLine) -> str:
+        """Return how `stronger` produces a line at the order of `weaker`, or an empty string."""
+        same_spectrum = weaker.expected.spectrum == stronger.expected.spectrum and weaker.channel == stronger.channel
         if not same_spectrum or weaker.family == stronger.family:
             return ""
         base = stronger.line.found
-        name = f"{stronger.wanted.component} {stronger.wanted.kind.replace('_', ' ')}"
-        if weaker.wanted.kind in {"gear_mesh", "shaft"} or _is_comb(weaker):
+        name = f"{stronger.expected.component} {stronger.expected.kind.replace('_', ' ')}"
+        if weaker.expected.kind in {"gear_mesh", "shaft"} or _is_comb(weaker):
             return f"not to be told from {name}" if _near(weaker, base, bins=1.0) else ""
-        if stronger.wanted.kind == "shaft" or _is_comb(stronger):
-            # where the speed was measured a shaft's order is known better than a line shows it
-            base = (base if stronger.wanted.tolerance else stronger.wanted.order) / stronger.wanted.harmonic
+        if stronger.expected.kind == "shaft" or _is_comb(stronger):
+            # where the speed was measured, the shaft's order is exact, and that of its line is not
+            base = (base if stronger.expected.tolerance else stronger.expected.order) / stronger.expected.harmonic
             multiple = round(weaker.line.found / base)
-            # Coupling and run-out reach any multiple in an envelope; but a gear's sidebands are multiples of its
-            # own shaft by nature, so there only the searched harmonics count.
-            reach = _SHADOW_HARMONICS if weaker.wanted.kind == "tooth" else multiple
-            near = 0 < multiple <= reach and _near(weaker, multiple * base)
+            # Coupling and run-out produce any multiple in an envelope; but a gear's sidebands lie at multiples of its
+            # own shaft's order, so that only the searched harmonics explain them.
+            highest = _EXPLAINED_HARMONICS if weaker.expected.kind == "tooth" else multiple
+            near = 0 < multiple <= highest and _near(weaker, multiple * base)
             return f"harmonic {multiple} of {name}" if near else ""
-        harmonics = 1 if stronger.wanted.kind == "tooth" else _SHADOW_HARMONICS
+        harmonics = 1 if stronger.expected.kind == "tooth" else _EXPLAINED_HARMONICS
         for harmonic in range(1, harmonics + 1):
             if _near(weaker, harmonic * base):
                 return f"harmonic {harmonic} of {name}" if harmonic > 1 else f"coincides with {name}"
-        if stronger.wanted.kind not in BEARING_KINDS:
+        if stronger.expected.kind not in BEARING_KINDS:
             return ""
-        return self._bearing_shadow(weaker, stronger, name)
+        return self._bearing_explanation(weaker, stronger, name)
 
-    def _bearing_shadow(self, weaker: FoundLine, stronger: FoundLine, name: str) -> str:
-        order, bearing = weaker.line.found, self.bearings[stronger.wanted.component]
-        base = stronger.line.found / stronger.wanted.harmonic
-        cage = implied_cage(bearing, stronger.wanted.kind, base)
+    def _bearing_explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, name: str) -> str:
+        """Return the cage multiple or sideband of a bearing line at the order of `weaker`, or an empty string."""
+        order, bearing = weaker.line.found, self.bearings[stronger.expected.component]
+        base = stronger.line.found / stronger.expected.harmonic
+        cage = implied_cage(bearing, stronger.expected.kind, base)
         if cage:
             multiple = round(order / cage)
-            races = {weaker.wanted.kind, stronger.wanted.kind} == {"inner_race", "outer_race"}
+            races = {weaker.expected.kind, stronger.expected.kind} == {"inner_race", "outer_race"}
             rival = races and not is_support(weaker) and weaker.line.amplitude * RIVAL_FACTOR > stronger.line.amplitude
             if 0 < multiple <= 2 * bearing.elements and _near(weaker, multiple * cage) and not rival:
                 return f"{multiple} {OF_CAGE} {name}"
-        turns = stronger.wanted.kind == "rolling_element"
-        if turns and weaker.wanted.kind == "cage" and weaker.wanted.component == stronger.wanted.component:
+        element = stronger.expected.kind == "rolling_element"
+        if element and weaker.expected.kind == "cage" and weaker.expected.component == stronger.expected.component:
             return f"the cage's rate, at which it takes {name} through the load zone"
-        spacings = {abs(bearing.inner_ring), abs(bearing.outer_ring), bearing.cage if turns else cage} - {0.0}
-        for harmonic in range(1, _SHADOW_HARMONICS + 1):
+        spacings = {abs(bearing.inner_ring), abs(bearing.outer_ring), bearing.cage if element else cage} - {0.0}
+        for harmonic in range(1, _EXPLAINED_HARMONICS + 1):
             for spacing in spacings:
                 side = round((order - harmonic * base) / spacing)
-                if 0 < abs(side) <= _SHADOW_SIDEBANDS and _near(weaker, harmonic * base + side * spacing):
+                if 0 < abs(side) <= _EXPLAINED_SIDEBANDS and _near(weaker, harmonic * base + side * spacing):
                     return f"sideband {side:+d} x {spacing:.3g} of harmonic {harmonic} of {name}"
         return ""
 
 
-def _levels(significant: Sequence[FoundLine]) -> Callable[[FoundLine], float]:
-    """Return a function that tells how strongly a line stands out with all that speaks for it.
+def _combined_levels(detected: Sequence[MeasuredLine]) -> Callable[[MeasuredLine], float]:
+    """Return a function that computes the level of a line together with the lines that belong to it.
 
-    A bearing's fundamental has its harmonics and sidebands, which often outdo it; a shaft or a tooth in an envelope,
-    which impacts fill with a comb, has its other harmonics.
+    The level is the root sum of squares of the ratios to the background. A bearing fundamental is combined with its
+    harmonics and sidebands, which often exceed it; a shaft or tooth line of an envelope with its other harmonics.
     """
 
-    def speaks_for(other: FoundLine, line: FoundLine) -> bool:
+    def belongs_to(other: MeasuredLine, line: MeasuredLine) -> bool:
         if _is_comb(line):
             return _is_comb(other) and other.family == line.family and other.channel == line.channel
         return is_support(other) and supports(other, line)
 
-    def level(line: FoundLine) -> float:
-        if line.wanted.spectrum != ENVELOPE or is_support(line):
+    def level(line: MeasuredLine) -> float:
+        if line.expected.spectrum != ENVELOPE or is_support(line):
             return line.line.snr
-        with_it = [o for o in significant if o is not line and o.wanted.spectrum == ENVELOPE and speaks_for(o, line)]
-        return math.hypot(line.line.snr, *(other.line.snr for other in with_it))
+        others = [o for o in detected if o is not line and o.expected.spectrum == ENVELOPE and belongs_to(o, line)]
+        return math.hypot(line.line.snr, *(other.line.snr for other in others))
 
     return level
 
 
-def _is_comb(line: FoundLine) -> bool:
-    """Whether a line is of what impacts once a turn, or once a meeting of two teeth, make in an envelope."""
-    return line.wanted.spectrum == ENVELOPE and line.wanted.kind in {"shaft", *TOOTH_KINDS}
+def _is_comb(line: MeasuredLine) -> bool:
+    """Whether a line is an envelope harmonic of impacts once per shaft revolution or per contact of two teeth."""
+    return line.expected.spectrum == ENVELOPE and line.expected.kind in {"shaft", *TOOTH_KINDS}
 
 
-def is_support(line: FoundLine) -> bool:
-    """Whether a line only means something beside its fundamental: a bearing's harmonic or sideband."""
-    return line.wanted.kind in BEARING_KINDS and not line.wanted.fundamental
+def is_support(line: MeasuredLine) -> bool:
+    """Whether a line is a harmonic or sideband of a bearing defect, significant only with its fundamental."""
+    return line.expected.kind in BEARING_KINDS and not line.expected.fundamental
 
 
-def supports(line: FoundLine, fundamental: FoundLine) -> bool:
+def supports(line: MeasuredLine, fundamental: MeasuredLine) -> bool:
     """Whether a harmonic or sideband belongs to a fundamental: same family and channel, at the right spacing."""
-    if line.family != fundamental.family or line.channel != fundamental.channel or not fundamental.wanted.fundamental:
+    if line.family != fundamental.family or line.channel != fundamental.channel or not fundamental.expected.fundamental:
         return False
-    if line.wanted.sideband:
-        return True  # it was looked for beside the found fundamental
-    return abs(line.line.found - line.wanted.harmonic * fundamental.line.found) <= (
-        line.wanted.harmonic * LOBE_BINS * line.bin_width
+    if line.expected.sideband:
+        return True  # its order was computed from the measured fundamental
+    return abs(line.line.found - line.expected.harmonic * fundamental.line.found) <= (
+        line.expected.harmonic * LOBE_BINS * line.bin_width
     )
 
 
-def _near(line: FoundLine, order: float, *, bins: float = LOBE_BINS) -> bool:
+def _near(line: MeasuredLine, order: float, *, bins: float = LOBE_BINS) -> bool:
     return abs(line.line.found - order) <= bins * line.bin_width
 
 
 def implied_cage(bearing: BearingOrders, kind: str, order: float) -> float:
-    """Return the cage's rate against the outer ring that a race or cage line implies; 0 for other kinds."""
+    """Return the cage order relative to the outer ring that a race or cage line implies; 0 for other kinds."""
     if kind == "outer_race":
         return order / bearing.elements
     if kind == "inner_race":

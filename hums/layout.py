@@ -1,4 +1,4 @@
-"""The layout of an analysis: a tree of datasets, checked, written to one file and opened again."""
+"""Schema of an analysis, a tree of datasets: its groups, its check, and its HDF5 file."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from hums.findings import Finding
-from hums.judging import JudgedLine
+from hums.judging import AssessedLine
 from hums.record import RecordError
 from hums.search import ENVELOPE, ORDER_SPECTRUM
 from hums.store import open_tree, write_tree
@@ -25,12 +25,22 @@ GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "
 
 
 class AnalysisError(ValueError):
-    """A record, gearbox or setting that does not fit an analysis."""
+    """Raised where a record, gearbox or setting does not allow an analysis.
+
+    Examples
+    --------
+    >>> import hums
+    >>> try:
+    ...     hums.AnalysisSettings(harmonics=0)
+    ... except hums.AnalysisError as error:
+    ...     print("harmonics" in str(error))
+    True
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
 class EnvelopeBand:
-    """The band that was demodulated: given, or chosen from the record, then with the reason and the doubts."""
+    """Demodulated band in Hz; where it was chosen from the record, with the reason and the doubts about it."""
 
     low_hz: float
     high_hz: float
@@ -40,16 +50,16 @@ class EnvelopeBand:
 
     @property
     def band_hz(self) -> tuple[float, float]:
-        """Both edges."""
+        """Lower and upper edge in Hz."""
         return self.low_hz, self.high_hz
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
-    """How far a sensor can be believed: "ok", "suspect" or "sick", and a sentence for each reason.
+class SensorCondition:
+    """Condition of a sensor: status "ok", "suspect" or "sick" (faulty), and a sentence for each reason.
 
-    ``missing`` is the share of samples that hold nothing of the machine, ``not_judged`` what the record was too short
-    or too slow for.
+    ``missing`` is the fraction of samples without signal; ``not_judged`` lists the checks for which the record is too
+    short or too slowly sampled.
     """
 
     name: str
@@ -62,11 +72,11 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True)
 class IndicatorValue:
-    """One condition indicator of one part, as one channel shows it.
+    """One condition indicator of one component in one channel.
 
-    ``kind`` says what of the component it speaks of (channel, shaft, gear, planetary, or the race or element of a
-    bearing); ``takes`` names the signals it was computed from. ``value`` is NaN exactly where ``withheld`` says why;
-    ``noise_limit`` is what noise alone seldom reaches, NaN where no such limit is known.
+    ``kind`` is the kind of component (channel, shaft, gear, planetary, or the race or element of a bearing); ``takes``
+    names the signal the indicator is computed from. ``value`` is NaN exactly where ``withheld`` gives the reason;
+    ``noise_limit`` is the value that noise alone seldom exceeds, NaN where unknown.
     """
 
     channel: str
@@ -82,13 +92,75 @@ class IndicatorValue:
 
 
 def save_analysis(analysis: Analysis, path: str | Path) -> None:
-    """Write an analysis to one HDF5 file, beside and renamed."""
+    """Write an analysis to one HDF5 file; an existing file is replaced only when the new one is complete.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` or `open_analysis`.
+    path : str or Path
+        File to write, ``.h5``.
+
+    Raises
+    ------
+    AnalysisError
+        If `analysis` lacks the schema or a group of an analysis.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import hums
+    >>> noise = np.random.default_rng(0).normal(size=8000)
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> with TemporaryDirectory() as folder:
+    ...     hums.save_analysis(analysis, f"{folder}/analysis.h5")
+    ...     with hums.open_analysis(f"{folder}/analysis.h5") as reopened:
+    ...         print(hums.summary(reopened) == hums.summary(analysis))
+    True
+    """
     check_analysis(analysis)
     write_tree(analysis, path)
 
 
 def open_analysis(path: str | Path) -> Analysis:
-    """Open an analysis that `save_analysis` wrote; values are read when used."""
+    """Return the analysis in a file that `save_analysis` wrote; arrays are read when first used.
+
+    Parameters
+    ----------
+    path : str or Path
+        The ``analysis.h5`` of a report, or another file of `save_analysis`.
+
+    Returns
+    -------
+    xarray.DataTree
+        The analysis; it holds the file open and is a context manager that closes it.
+
+    Raises
+    ------
+    AnalysisError
+        If the file is not HDF5, or not an analysis.
+    RecordError
+        If there is no such file.
+
+    Examples
+    --------
+    See `save_analysis` for the round trip. A record is not an analysis:
+
+    >>> from tempfile import TemporaryDirectory
+    >>> import hums
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": [0.0, 1.0]}, rate_hz=4000, units="g", angle=angle)
+    >>> with TemporaryDirectory() as folder:
+    ...     hums.save_record(record, f"{folder}/record.h5")
+    ...     try:
+    ...         hums.open_analysis(f"{folder}/record.h5")
+    ...     except hums.AnalysisError as error:
+    ...         print("this is not an analysis" in str(error))
+    True
+    """
     try:
         tree = open_tree(path)
     except RecordError:
@@ -125,13 +197,13 @@ def check_analysis(tree: Analysis) -> None:
 
 def spectrum_dataset(
     spectra: Sequence[tuple[str, str, AmplitudeSpectrum]],
-    lines: Sequence[JudgedLine],
+    lines: Sequence[AssessedLine],
     *,
     bands: Mapping[str, EnvelopeBand] | None = None,
 ) -> xr.Dataset:
-    """Return the spectra of all channels (name, units, spectrum) on their common axis, and their table of lines.
+    """Return the spectra of all channels (name, units, spectrum) on a common order axis, with their line table.
 
-    For envelopes `bands` says, by channel, which band was demodulated, and why.
+    `bands` holds the demodulated band of each channel where the spectra are those of envelopes.
     """
     table = _line_table(lines)
     if not spectra:
@@ -165,30 +237,31 @@ def _with_bands(dataset: xr.Dataset, bands: Sequence[EnvelopeBand]) -> xr.Datase
     )
 
 
-def _line_table(lines: Sequence[JudgedLine]) -> xr.Dataset:
-    found, wanted, text = ([line.found.line for line in lines], [line.found.wanted for line in lines], "<U1")
+def _line_table(lines: Sequence[AssessedLine]) -> xr.Dataset:
+    """Return the assessed lines as a dataset along `line`."""
+    found, expected, text = ([line.measured.line for line in lines], [line.measured.expected for line in lines], "<U1")
     columns: dict[str, NDArray[Any]] = {
-        "component": np.array([w.component for w in wanted], dtype=None if wanted else text),
-        "kind": np.array([w.kind for w in wanted], dtype=None if wanted else text),
-        "harmonic": np.array([w.harmonic for w in wanted], dtype=np.int64),
-        "sideband": np.array([w.sideband for w in wanted], dtype=np.int64),
-        "line_channel": np.array([line.found.channel for line in lines], dtype=None if lines else text),
-        "line_units": np.array([line.found.units for line in lines], dtype=None if lines else text),
-        "line_order": np.array([w.order for w in wanted], dtype=np.float64),
+        "component": np.array([w.component for w in expected], dtype=None if expected else text),
+        "kind": np.array([w.kind for w in expected], dtype=None if expected else text),
+        "harmonic": np.array([w.harmonic for w in expected], dtype=np.int64),
+        "sideband": np.array([w.sideband for w in expected], dtype=np.int64),
+        "line_channel": np.array([line.measured.channel for line in lines], dtype=None if lines else text),
+        "line_units": np.array([line.measured.units for line in lines], dtype=None if lines else text),
+        "line_order": np.array([w.order for w in expected], dtype=np.float64),
         "order_found": np.array([f.found for f in found], dtype=np.float64),
         "line_amplitude": np.array([f.amplitude for f in found], dtype=np.float64),
         "line_amplitude_std": np.array([f.amplitude_std for f in found], dtype=np.float64),
         "background": np.array([f.background for f in found], dtype=np.float64),
         "snr": np.array([f.snr for f in found], dtype=np.float64),
         "false_alarm_probability": np.array([line.false_alarm_probability for line in lines], dtype=np.float64),
-        "claimed": np.array([line.claimed for line in lines], dtype=np.int8),
+        "claimed": np.array([line.significant for line in lines], dtype=np.int8),
         "explained_by": np.array([line.explained_by for line in lines], dtype=None if lines else text),
     }
     return xr.Dataset({name: ("line", values) for name, values in columns.items()})
 
 
-def rows_dataset(rows: Sequence[Finding | Verdict | IndicatorValue], kind: type, *, dim: str) -> xr.Dataset:
-    """Return rows of one kind (findings, verdicts on sensors, indicators) as one variable a field, along `dim`."""
+def rows_dataset(rows: Sequence[Finding | SensorCondition | IndicatorValue], kind: type, *, dim: str) -> xr.Dataset:
+    """Return dataclass rows of one kind as a dataset along `dim`, with one variable for each field."""
     columns: dict[str, NDArray[Any]] = {}
     for field in fields(kind):
         values = [getattr(row, field.name) for row in rows]

@@ -1,4 +1,4 @@
-"""What is known of a machine before its vibration is read: kinematics, and the angle of the reference shaft."""
+"""Kinematics of the gearbox and angle of its reference shaft in a record."""
 
 import math
 from collections.abc import Sequence
@@ -21,42 +21,45 @@ from signals.phase import ShaftPhase, constant_speed
 from signals.speed import SpeedEstimate, estimate_speed
 from signals.tachometer import shaft_phase
 
-_BLUR_RAD = 0.3  # phase error that takes 4 % off a line
-_SICK_PULSES = 0.05  # wrong pulses over all
+_JITTER_LIMIT_RAD = 0.3  # phase error that takes 4 % off a line
+_FAULTY_PULSES = 0.05  # share of repaired pulses from which a tachometer is faulty
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimated:
-    """A speed that the vibration of one channel told."""
+class SpeedFromVibration:
+    """Speed estimated from the vibration of one channel."""
 
     channel: str
     speed: SpeedEstimate
 
     @property
     def confidence(self) -> float:
-        """Mean over the frames that show the shaft."""
+        """Mean confidence over the frames with an estimate."""
         shown = np.isfinite(self.speed.speed_hz)
         return float(self.speed.confidence[shown].mean())
 
 
 @dataclass(frozen=True, kw_only=True)
 class AngleSource:
-    """Where the angle of which shaft comes from: a tachometer by name, a declared speed, or the vibration."""
+    """Shaft whose angle is known, and its source: a tachometer, a declared speed, or the vibration."""
 
     shaft: str
     phase: ShaftPhase
     tachometer: str = ""
     pulses_per_rev: int = 0
-    estimated: Estimated | None = None
+    estimated: SpeedFromVibration | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Machine:
-    """What is known before any channel is searched; `phase` is that of the reference."""
+    """Kinematics and defect orders of a gearbox, with the angle `phase` of its reference.
+
+    `ratio` is the number of turns of the reference per turn of the shaft in `source`.
+    """
 
     kinematics: Kinematics
     reference: str
-    rows: tuple[DefectOrder, ...]
+    defect_orders: tuple[DefectOrder, ...]
     bearings: tuple[BearingOrders, ...]
     phase: ShaftPhase
     source: AngleSource
@@ -64,35 +67,35 @@ class Machine:
 
     @cached_property
     def top_speed_hz(self) -> float:
-        """Highest mean speed of the reference over a revolution."""
+        """Highest mean speed of the reference over a revolution, in rev/s."""
         return float(self.phase.mean_speed_per_revolution_hz().max())
 
     @property
     def mean_speed_hz(self) -> float:
-        """Mean speed of the reference."""
+        """Mean speed of the reference, in rev/s."""
         return float(self.phase.revolutions[-1] - self.phase.revolutions[0]) / (self.phase.stop_s - self.phase.start_s)
 
     @property
     def jitter_s(self) -> float:
-        """Standard deviation of one pulse's time, 0 where it is not known."""
+        """Standard deviation of a pulse time in s, 0 where unknown."""
         return 0.0 if math.isnan(self.source.phase.jitter_s) else self.source.phase.jitter_s
 
     @property
-    def blurred_order(self) -> float:
-        """From here on jitter takes 4 % or more off a line."""
+    def jitter_limit_order(self) -> float:
+        """Order above which jitter attenuates a line by 4 % or more."""
         turn = 2 * math.pi * self.jitter_s * self.mean_speed_hz
-        return _BLUR_RAD / turn if turn else math.inf
+        return _JITTER_LIMIT_RAD / turn if turn else math.inf
 
     def order_of(self, link: str) -> Fraction:
-        """Return turns of a link about a fixed axis to one of the reference, exact, without sign."""
+        """Return the exact shaft order of a link on a fixed axis: its speed over that of the reference, unsigned."""
         return abs(self.kinematics.relative_speed(link, seen_from=self.kinematics.gearbox.frame))
 
     def phase_std_rad(self, times_s: NDArray[np.float64], *, bandwidth_orders: float) -> NDArray[np.float64]:
-        """Return the standard deviation of the reference's angle, in rad, as a tracker of this bandwidth sees it.
+        """Return the standard deviation of the reference's angle in rad, within the bandwidth of a tracker.
 
-        Errors of single pulses are independent, and the tracker averages over those it reaches: of white errors at p
-        pulses a revolution, the first-order smoother of full -3 dB width B passes a share ``1.22 B / p`` (its
-        equivalent noise bandwidth is 1.22 B). What an estimated or smoothed angle errs by is slow, and stays.
+        Errors of single pulses are independent: of white errors at p pulses per revolution, the first-order smoother
+        of full -3 dB width B passes the share ``1.22 B / p`` of the variance (its equivalent noise bandwidth is
+        1.22 B). Errors of an estimated or smoothed angle are slow, and pass in full.
         """
         if self.source.estimated is not None:
             return np.full(times_s.size, 2 * math.pi * self.source.estimated.speed.phase_std_rev)
@@ -105,8 +108,8 @@ class Machine:
         return np.asarray(std * math.sqrt(min(1.0, _NOISE_BANDWIDTH * bandwidth_orders / pulses)))
 
     @property
-    def tachometer_verdict(self) -> tuple[str, tuple[str, ...]]:
-        """The verdict on the tachometer, "ok", "suspect" or "sick", and a sentence for each reason."""
+    def tachometer_condition(self) -> tuple[str, tuple[str, ...]]:
+        """Status of the tachometer, "ok", "suspect" or "sick" (faulty), and a sentence for each reason."""
         phase, reasons = self.source.phase, []
         repairs = phase.repairs
         if repairs.total:
@@ -120,26 +123,26 @@ class Machine:
                 f"The shaft may have stopped ({len(phase.stops_s)} times, first from {begin:.4g} to {end:.4g} s), and "
                 "the pulses do not tell which way it turned after: the angle is counted as if it went on."
             )
-        if self.blurred_order < 1:
+        if self.jitter_limit_order < 1:
             reasons.append(
                 f"Its pulses jitter by {self.jitter_s * 1e6:.3g} us, so much that even the first order of "
                 f"{self.reference} is blurred. Check the sensor and its threshold."
             )
-        sick = repairs.total > _SICK_PULSES * phase.times_s.size or self.blurred_order < 1
-        return ("sick" if sick else "suspect" if reasons else "ok"), tuple(reasons)
+        faulty = repairs.total > _FAULTY_PULSES * phase.times_s.size or self.jitter_limit_order < 1
+        return ("sick" if faulty else "suspect" if reasons else "ok"), tuple(reasons)
 
 
 _NOISE_BANDWIDTH = math.pi / 4 / math.sqrt(math.sqrt(2) - 1)  # of 1 / (1 + (f/f0)^2) over its full -3 dB width
 
 
-def machine_of(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings) -> Machine:
-    """Solve the gearbox and find the angle of its reference.
+def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings) -> Machine:
+    """Return the kinematics of the gearbox and the angle of its reference in the record.
 
     Raises
     ------
     AnalysisError
-        A gearbox with several degrees of freedom or without reference, a shaft it does not have, pulses beyond
-        repair, a speed that cannot be estimated, less than one revolution.
+        If the gearbox has several degrees of freedom or no reference, a shaft does not exist, the tachometer pulses
+        cannot be repaired, the speed cannot be estimated, or the record holds less than one revolution.
     """
     if not isinstance(gearbox, Gearbox):
         raise AnalysisError(f"gearbox is a {type(gearbox).__name__}; load it first, as hums.load_gearbox(...) does.")
@@ -147,12 +150,12 @@ def machine_of(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings)
     if kinematics.dof != 1:
         raise AnalysisError(
             f'gearbox "{gearbox.name}" has {kinematics.dof} degrees of freedom; an analysis needs one, so that one '
-            "tachometer tells every speed. Fix the other inputs, for example by making them rigid with the frame."
+            "tachometer determines every speed. Fix the other inputs, for example by making them rigid with the frame."
         )
     if gearbox.reference is None:
         raise AnalysisError(f'gearbox "{gearbox.name}" declares no reference shaft; add reference = "LINK".')
-    rows = defects(kinematics)
-    source = _angle_source(record, rows, gearbox.reference, settings)
+    defect_orders = defects(kinematics)
+    source = _angle_source(record, defect_orders, gearbox.reference, settings)
     ratio = _ratio(kinematics, source.shaft, gearbox.reference)
     phase = source.phase if abs(ratio) == 1 else source.phase.scaled(abs(ratio))
     turned = float(phase.revolutions[-1] - phase.revolutions[0])
@@ -164,7 +167,7 @@ def machine_of(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings)
     return Machine(
         kinematics=kinematics,
         reference=gearbox.reference,
-        rows=rows,
+        defect_orders=defect_orders,
         bearings=bearing_orders(kinematics),
         phase=phase,
         source=source,
@@ -173,7 +176,7 @@ def machine_of(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings)
 
 
 def _ratio(kinematics: Kinematics, shaft: str, reference: str) -> float:
-    """Return turns of the reference to one of the shaft whose angle is known."""
+    """Return the turns of the reference per turn of the shaft whose angle is known."""
     if shaft not in kinematics.links:
         raise AnalysisError(
             f'the record\'s angle is of shaft "{shaft}", which gearbox "{kinematics.gearbox.name}" does not have'
@@ -187,14 +190,15 @@ def _ratio(kinematics: Kinematics, shaft: str, reference: str) -> float:
 
 
 def _angle_source(
-    record: xr.Dataset, rows: Sequence[DefectOrder], reference: str, settings: AnalysisSettings
+    record: xr.Dataset, defect_orders: Sequence[DefectOrder], reference: str, settings: AnalysisSettings
 ) -> AngleSource:
+    """Return the shaft angle from a tachometer, else a declared speed, else the vibration."""
     names = tachometers(record)
     if settings.tachometer is not None and settings.tachometer not in names:
         there = closest(settings.tachometer, names) if names else "; it has none"
         raise AnalysisError(f'the record has no tachometer "{settings.tachometer}"{there}')
     if names:
-        return _by_tachometer(record, settings.tachometer or names[0])
+        return _tachometer_angle(record, settings.tachometer or names[0])
     declared = nominal_speed(record)
     if declared is not None:
         when = sampling(record, vibration_channels(record)[0])
@@ -203,14 +207,16 @@ def _angle_source(
         return AngleSource(shaft=declared.attrs["shaft"], phase=phase)
     if settings.speed_range_hz is None or settings.max_acceleration_hz_s is None:
         raise AnalysisError(
-            "nothing in the record tells the angle of a shaft. State between which speeds the reference "
-            f'"{reference}" turns and how fast they change, speed_range_hz=(low, high) and max_acceleration_hz_s=..., '
-            "on the command line --speed-range LOW HIGH --max-acceleration HZ_PER_S, to have its speed estimated."
+            "the record has neither a tachometer nor a declared speed. To have the speed of the reference "
+            f'"{reference}" estimated, give its range and rate of change, speed_range_hz=(low, high) and '
+            "max_acceleration_hz_s=..., on the command line --speed-range LOW HIGH --max-acceleration HZ_PER_S."
         )
-    return _by_vibration(record, rows, reference, settings, settings.speed_range_hz, settings.max_acceleration_hz_s)
+    return _vibration_angle(
+        record, defect_orders, reference, settings, settings.speed_range_hz, settings.max_acceleration_hz_s
+    )
 
 
-def _by_tachometer(record: xr.Dataset, name: str) -> AngleSource:
+def _tachometer_angle(record: xr.Dataset, name: str) -> AngleSource:
     pulses, per_rev = record[name], int(record[name].attrs["pulses_per_rev"])
     try:
         phase = shaft_phase(channel_values(record, name), pulses_per_rev=per_rev)
@@ -219,15 +225,15 @@ def _by_tachometer(record: xr.Dataset, name: str) -> AngleSource:
     return AngleSource(shaft=pulses.attrs["shaft"], phase=phase, tachometer=name, pulses_per_rev=per_rev)
 
 
-def _by_vibration(
+def _vibration_angle(
     record: xr.Dataset,
-    rows: Sequence[DefectOrder],
+    defect_orders: Sequence[DefectOrder],
     reference: str,
     settings: AnalysisSettings,
     speed_range_hz: tuple[float, float],
     max_acceleration_hz_s: float,
 ) -> AngleSource:
-    """Estimate the speed of the reference from the first channel that shows it."""
+    """Return the angle of the reference, estimated from the first channel that allows it."""
     tried = []
     for name in settings.channels or vibration_channels(record):
         when = sampling(record, name)
@@ -235,7 +241,9 @@ def _by_vibration(
             found = estimate_speed(
                 np.asarray(channel_values(record, name), dtype=np.float64),
                 rate_hz=when.rate_hz,
-                orders=_told_by(rows, settings.harmonics, below=when.rate_hz / 2 / speed_range_hz[0]),
+                orders=_speed_estimation_orders(
+                    defect_orders, settings.harmonics, below=when.rate_hz / 2 / speed_range_hz[0]
+                ),
                 speed_range_hz=speed_range_hz,
                 max_acceleration_hz_s=max_acceleration_hz_s,
                 start_s=when.start_s,
@@ -243,26 +251,25 @@ def _by_vibration(
         except ValueError as error:
             raise AnalysisError(f'the speed cannot be estimated from channel "{name}": {error}') from None
         if found.phase is not None:
-            return AngleSource(shaft=reference, phase=found.phase, estimated=Estimated(channel=name, speed=found))
-        tried.append(f'channel "{name}": {_why_not(found)}')
+            return AngleSource(
+                shaft=reference, phase=found.phase, estimated=SpeedFromVibration(channel=name, speed=found)
+            )
+        tried.append(f'channel "{name}": {_failure_reason(found)}')
     raise AnalysisError(
-        f'the speed of "{reference}" cannot be told from the vibration: {"; ".join(tried)}. Narrow speed_range_hz '
+        f'the speed of "{reference}" cannot be estimated from the vibration: {"; ".join(tried)}. Narrow speed_range_hz '
         "(--speed-range), choose another channel, or record a tachometer."
     )
 
 
-def _told_by(rows: Sequence[DefectOrder], harmonics: int, *, below: float) -> list[float]:
-    """Orders by which the vibration tells the speed: shafts, and meshes with their harmonics, below a bound.
-
-    Where there is no mesh, the shafts' own harmonics are all there is.
-    """
-    meshes = {row.order for row in rows if row.kind == "gear_mesh"}
-    shafts = {row.order for row in rows if row.kind == "shaft"}
-    several = {harmonic * order for order in meshes or shafts for harmonic in range(1, harmonics + 1)}
-    return sorted(order for order in several | shafts if order <= below) or sorted(shafts)
+def _speed_estimation_orders(defect_orders: Sequence[DefectOrder], harmonics: int, *, below: float) -> list[float]:
+    """Return the orders for the speed estimate: shafts, and harmonics of meshes (of shafts if there is no mesh)."""
+    meshes = {row.order for row in defect_orders if row.kind == "gear_mesh"}
+    shafts = {row.order for row in defect_orders if row.kind == "shaft"}
+    harmonic_orders = {harmonic * order for order in meshes or shafts for harmonic in range(1, harmonics + 1)}
+    return sorted(order for order in harmonic_orders | shafts if order <= below) or sorted(shafts)
 
 
-def _why_not(found: SpeedEstimate) -> str:
+def _failure_reason(found: SpeedEstimate) -> str:
     if found.status == "not found":
         return "no shaft shows in it"
     others = [f"{other.ratio:.3g} times it" for other in found.alternatives]

@@ -1,4 +1,4 @@
-"""What a reader must know before believing the rest of an analysis, in sentences."""
+"""Caveats of an analysis: limits of its speed, bands, channels and spectra, in sentences."""
 
 from collections.abc import Iterator, Sequence
 
@@ -9,24 +9,24 @@ from hums.machine import Machine
 from hums.search import ORDER_SPECTRUM
 from hums.settings import AnalysisSettings
 
-_MOST_OF = 0.9  # of a record: less than this analysed is worth a note
+_MOST_OF = 0.9  # of a record, below which the analysed part has a note
 _SPIKE = 100.0  # crest factor; Gaussian noise of a million samples reaches 5, bearing impacts some 30
 
 
 def notes(machine: Machine, settings: AnalysisSettings, channels: Sequence[AnalysedChannel]) -> list[str]:
-    """Return the notes, those about the angle first."""
+    """Return the caveats, those on speed and tachometer first."""
     return [
-        *_about_speed(machine, settings),
-        *machine.tachometer_verdict[1],
-        *_about_band(machine, settings, channels),
-        *_about_blur(machine, channels),
-        *(note for channel in channels for note in _about_channel(channel, machine)),
-        *(note for channel in channels for note in _about_end(channel, settings)),
-        *(note for channel in channels for note in _about_reach(channel)),
+        *_speed_notes(machine, settings),
+        *machine.tachometer_condition[1],
+        *_band_notes(machine, settings, channels),
+        *_jitter_notes(machine, channels),
+        *(note for channel in channels for note in _channel_notes(channel, machine)),
+        *(note for channel in channels for note in _spectrum_end_notes(channel, settings)),
+        *(note for channel in channels for note in _out_of_range_notes(channel)),
     ]
 
 
-def _about_speed(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
+def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
     shaft, found = machine.source.shaft, machine.source.estimated
     if settings.speed_range_hz is not None and found is None:
         known = f'tachometer "{machine.source.tachometer}"' if machine.source.tachometer else "a declared speed"
@@ -46,7 +46,7 @@ def _about_speed(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
         )
 
 
-def _about_band(machine: Machine, settings: AnalysisSettings, channels: Sequence[AnalysedChannel]) -> Iterator[str]:
+def _band_notes(machine: Machine, settings: AnalysisSettings, channels: Sequence[AnalysedChannel]) -> Iterator[str]:
     if settings.envelope_band_hz is None and machine.bearings:
         yield (
             "No envelope band was given, so no bearing line was searched. Choose a band with a resonance that the "
@@ -60,8 +60,8 @@ def _about_band(machine: Machine, settings: AnalysisSettings, channels: Sequence
             )
 
 
-def _about_blur(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iterator[str]:
-    blurred = machine.blurred_order
+def _jitter_notes(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iterator[str]:
+    blurred = machine.jitter_limit_order
     if not any(blurred < channel.spectra[ORDER_SPECTRUM].axis[-1] for channel in channels):
         return
     if machine.source.tachometer:
@@ -76,9 +76,9 @@ def _about_blur(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iterat
         )
 
 
-def _about_channel(channel: AnalysedChannel, machine: Machine) -> Iterator[str]:
+def _channel_notes(channel: AnalysedChannel, machine: Machine) -> Iterator[str]:
     analysed = _analysed_s(channel, machine)
-    if channel.sick:
+    if channel.faulty:
         yield (
             f'Channel "{channel.name}" is sick (see sensor health): its indicators are withheld but for the raw RMS, '
             "and nothing it shows is diagnosed."
@@ -89,14 +89,14 @@ def _about_channel(channel: AnalysedChannel, machine: Machine) -> Iterator[str]:
             f'Channel "{channel.name}": {analysed:.3g} of {channel.duration_s:.3g} s are analysed, the whole '
             f"revolutions that {where}; the rest says nothing here."
         )
-    if channel.crest > _SPIKE:
+    if channel.crest_factor > _SPIKE:
         yield (
-            f'Channel "{channel.name}": one sample stands {channel.crest:.0f} times above the RMS, as a spike of '
-            "the electronics does; it can hide everything else."
+            f'Channel "{channel.name}": one sample stands {channel.crest_factor:.0f} times above the RMS, as a spike '
+            "of the electronics does; it can hide everything else."
         )
 
 
-def _about_end(channel: AnalysedChannel, settings: AnalysisSettings) -> Iterator[str]:
+def _spectrum_end_notes(channel: AnalysedChannel, settings: AnalysisSettings) -> Iterator[str]:
     stated, last = settings.max_order, float(channel.spectra[ORDER_SPECTRUM].axis[-1])
     if stated is not None and last + channel.spectra[ORDER_SPECTRUM].bin_width < stated:
         yield (
@@ -105,17 +105,17 @@ def _about_end(channel: AnalysedChannel, settings: AnalysisSettings) -> Iterator
         )
 
 
-def _about_reach(channel: AnalysedChannel) -> Iterator[str]:
-    if channel.beyond:
-        names = sorted({f"{w.component} {w.kind}" for w in channel.beyond})
+def _out_of_range_notes(channel: AnalysedChannel) -> Iterator[str]:
+    if channel.out_of_range:
+        names = sorted({f"{w.component} {w.kind}" for w in channel.out_of_range})
         yield (
-            f'Channel "{channel.name}": {len(channel.beyond)} lines are out of reach, above what the sampling rate '
-            f"or the envelope's band carries or in too short a record to judge: {', '.join(names)}."
+            f'Channel "{channel.name}": {len(channel.out_of_range)} lines are out of reach, above what the sampling '
+            f"rate or the envelope's band carries or in too short a record to judge: {', '.join(names)}."
         )
 
 
 def _analysed_s(channel: AnalysedChannel, machine: Machine) -> float:
-    """Time that the whole revolutions of a channel last."""
+    """Return the duration in s of the whole revolutions of a channel."""
     signal = channel.signal
     ends = machine.phase.times_at(np.array([signal.start_rev, signal.start_rev + signal.revolutions]))
     return float(ends[1] - ends[0])

@@ -1,7 +1,7 @@
-"""Indicators of planetary stages: averages of each planet and of the sun, and the carrier's sidebands.
+"""Indicators of planetary stages: from averages of each planet and of the sun, and from the carrier's sidebands.
 
-They are heard by a sensor on a ring at rest, which each planet passes once a turn of the carrier. Where no sensor hears
-that, the averages are withheld, and the sentence says so.
+They require a sensor on a fixed ring, which each planet passes once per revolution of the carrier. Where the signal has
+no such modulation, the indicators are withheld with the reason.
 """
 
 import math
@@ -16,8 +16,8 @@ from scipy import fft
 
 from hums._planets import stations
 from hums.baseline import Baseline
-from hums.channels import AnalysedChannel, Values, over_angle
-from hums.gears import Gear, Part, gear_indicators, refusing
+from hums.channels import AnalysedChannel, Values, resample_in_angle
+from hums.gears import Gear, MonitoredComponent, gear_indicators, unavailable
 from hums.layout import IndicatorValue
 from hums.machine import Machine
 from hums.settings import AnalysisSettings
@@ -29,7 +29,7 @@ from signals.resampling import PASSBAND, AngularSignal
 
 _FEWEST = 2
 _FITS_DEG = 0.1
-_WINDOW_TEETH = 5.0  # at least, of the window about a pass
+_WINDOW_TEETH = 5.0  # least width of the window around a planet pass
 
 
 _Meshes = dict[str, tuple[str, int, tuple[str, int]]]  # planet -> mesh, its teeth, and its mate with teeth
@@ -37,7 +37,7 @@ _Meshes = dict[str, tuple[str, int, tuple[str, int]]]  # planet -> mesh, its tee
 
 @dataclass(frozen=True, kw_only=True)
 class Stage:
-    """A planetary stage with its ring at rest: bodies and meshes by name, its teeth, and what the drawing has wrong."""
+    """A planetary stage with a fixed ring: links, meshes, teeth, and the error of the planet positions if any."""
 
     carrier: str
     sun: str
@@ -49,10 +49,10 @@ class Stage:
 
 
 def stages(machine: Machine) -> list[Stage]:
-    """Return the simple planetary stages of a gearbox: one sun, several alike planets, a ring at rest.
+    """Return the simple planetary stages of a gearbox: one sun, several equal planets, a fixed ring.
 
-    Stepped planets, those that mesh with each other and those of bevel stages have no such averages, and are left out;
-    so is a stage drawn with one planet, which does not say how many there are.
+    Stages with stepped, meshing or bevel planets have no such averages and are left out; so is a stage declared with
+    one planet, since the number of planets is then unknown.
     """
     kinematics = machine.kinematics
     frame = kinematics.bodies[kinematics.gearbox.frame]
@@ -65,7 +65,7 @@ def stages(machine: Machine) -> list[Stage]:
         for contact in kinematics.contacts:
             if contact.carrier != carrier or len(contact.gears) != 2:  # noqa: PLR2004
                 continue
-            planet = next((gear for gear in contact.gears if _holder(machine, gear[0]) == carrier), None)
+            planet = next((gear for gear in contact.gears if _carrier_of(machine, gear[0]) == carrier), None)
             mate = next((gear for gear in contact.gears if gear is not planet), None)
             if planet is None or mate is None:
                 continue
@@ -77,6 +77,7 @@ def stages(machine: Machine) -> list[Stage]:
 
 
 def _stage(machine: Machine, carrier: str, rings: _Meshes, suns: _Meshes) -> Stage | None:
+    """Return the stage of a carrier from its ring and sun meshes, None unless it is a simple planetary one."""
     if not rings or rings.keys() != suns.keys() or {len({*side.values()}) for side in (rings, suns)} != {1}:
         return None
     (ring_mesh, planet_teeth, ring), (sun_mesh, planet_again, sun) = (
@@ -86,15 +87,16 @@ def _stage(machine: Machine, carrier: str, rings: _Meshes, suns: _Meshes) -> Sta
     if (
         planet_again != planet_teeth
         or len(planets) < _FEWEST
-        or _holder(machine, sun[0]) == carrier
+        or _carrier_of(machine, sun[0]) == carrier
         or not _parallel(machine, carrier, planets[0])
     ):
         return None
     ring_teeth, sun_teeth = abs(ring[1]), abs(sun[1])
     gearbox = machine.kinematics.gearbox
-    axis = next((axis for axis in gearbox.axes if axis.copies == len(planets) and _on(axis.links, planets[0])), None)
+    names = {planets[0], planets[0].rpartition(" ")[0]}  # of the first copy, and of all copies
+    axis = next((axis for axis in gearbox.axes if axis.copies == len(planets) and names & set(axis.links)), None)
     spacing = stations(len(planets), axis.spacing_deg if axis else None)
-    fits = ring_teeth + sun_teeth  # planets can stand only where the teeth of both let them
+    fits = ring_teeth + sun_teeth  # assembly condition: positions are multiples of 1 / (ring + sun teeth)
     places = tuple(Fraction(round(angle / 360 * fits), fits) for angle in spacing)
     off = max(abs(angle - 360 * float(place)) for angle, place in zip(spacing, places, strict=True))
     unfit = (
@@ -119,18 +121,14 @@ def _stage(machine: Machine, carrier: str, rings: _Meshes, suns: _Meshes) -> Sta
 
 
 def _parallel(machine: Machine, carrier: str, planet: str) -> bool:
-    """Whether a planet turns about an axis parallel to its carrier's."""
+    """Whether the axis of a planet is parallel to that of its carrier."""
     kinematics = machine.kinematics
     directions = kinematics.mechanism.directions
     one, other = (directions[kinematics.joints[kinematics.bodies[link]].axis] for link in (carrier, planet))
     return abs(float(np.dot(one, other))) > 1 - 1e-9  # of unit vectors
 
 
-def _on(links: tuple[str, ...], planet: str) -> bool:
-    return planet in links or planet.rpartition(" ")[0] in links
-
-
-def _holder(machine: Machine, link: str) -> str:
+def _carrier_of(machine: Machine, link: str) -> str:
     kinematics = machine.kinematics
     joint = kinematics.joints.get(kinematics.bodies[link])
     return "" if joint is None else joint.carried_by
@@ -144,14 +142,15 @@ def planetary_indicators(
     settings: AnalysisSettings,
     baseline: Baseline,
 ) -> Iterator[IndicatorValue]:
-    """Compute the indicators of all planetary stages in one channel."""
+    """Yield the indicators of all planetary stages in one channel."""
     for stage in stages(machine):
-        yield _carrier(channel, machine, stage)
-        yield from _averages(record, channel, values, machine, stage, settings, baseline)
+        yield _carrier_sidebands(channel, machine, stage)
+        yield from _planet_indicators(record, channel, values, machine, stage, settings, baseline)
 
 
-def _carrier(channel: AnalysedChannel, machine: Machine, stage: Stage) -> IndicatorValue:
-    part = Part(channel=channel.name, units=channel.units, component=stage.carrier, kind="planetary")
+def _carrier_sidebands(channel: AnalysedChannel, machine: Machine, stage: Stage) -> IndicatorValue:
+    """Return the ratio of the sidebands that evenly spaced planets cancel to those they do not."""
+    monitored = MonitoredComponent(channel=channel.name, units=channel.units, component=stage.carrier, kind="planetary")
     teeth = stage.teeth
 
     def ratio() -> float:
@@ -166,10 +165,10 @@ def _carrier(channel: AnalysedChannel, machine: Machine, stage: Stage) -> Indica
         return float(found)
 
     takes = f"average over the carrier, mesh order {teeth.ring} with {teeth.planets} sidebands"
-    return part.row("carrier_sideband_ratio", takes, ratio)
+    return monitored.evaluate("carrier_sideband_ratio", takes, ratio)
 
 
-def _averages(
+def _planet_indicators(
     record: xr.Dataset,
     channel: AnalysedChannel,
     values: Values,
@@ -178,32 +177,34 @@ def _averages(
     settings: AnalysisSettings,
     baseline: Baseline,
 ) -> Iterator[IndicatorValue]:
-    """Compute the indicators of each planet and of the sun, pass by pass, if the sensor hears the planets pass."""
+    """Yield the indicators of each planet and of the sun, from averages windowed at the planet passes."""
     teeth = stage.teeth
     ratio = float(machine.order_of(stage.carrier))
-    reach = PASSBAND / 2 * channel.rate_hz / (machine.top_speed_hz * ratio)
+    highest = PASSBAND / 2 * channel.rate_hz / (machine.top_speed_hz * ratio)
     window = PassWindow.hann(max(_WINDOW_TEETH, 2.0 * math.gcd(teeth.ring, teeth.planet)))
     named = [f"{stage.ring_mesh}/{planet}" for planet in stage.planets]
-    parts = [
-        Part(channel=channel.name, units=channel.units, component=name, kind="gear")
+    monitored_gears = [
+        MonitoredComponent(channel=channel.name, units=channel.units, component=name, kind="gear")
         for name in (*named, f"{stage.sun_mesh}/{stage.sun}")
     ]
     try:
         if stage.misfit:
             raise ValueError(stage.misfit)  # noqa: TRY301
-        last = min((settings.harmonics + 0.5) * teeth.ring, reach)
-        signal = over_angle(values, record, channel.name, machine.phase.scaled(ratio), last, multiple_of=teeth.ring)
-        first = pass_angle(_about_mesh(signal, teeth.ring), teeth=teeth).first_pass_rev
+        last = min((settings.harmonics + 0.5) * teeth.ring, highest)
+        signal = resample_in_angle(
+            values, record, channel.name, machine.phase.scaled(ratio), last, multiple_of=teeth.ring
+        )
+        first = pass_angle(_mesh_band_signal(signal, teeth.ring), teeth=teeth).first_pass_rev
     except ValueError as error:
-        for part in parts:
-            yield part.row("fm4", "average over the passes of the planets", refusing(str(error)))
+        for monitored in monitored_gears:
+            yield monitored.evaluate("fm4", "average over the passes of the planets", unavailable(str(error)))
         return
     makers = [
         partial(planet_average, signal, teeth=teeth, planet=k, first_pass_rev=first, window=window)
         for k in range(teeth.planets)
     ]
-    for part, make, count in zip(
-        parts,
+    for monitored, make, count in zip(
+        monitored_gears,
         (*makers, partial(sun_average, signal, teeth=teeth, first_pass_rev=first, window=window)),
         (*[teeth.planet] * teeth.planets, teeth.sun),
         strict=True,
@@ -211,14 +212,14 @@ def _averages(
         try:
             average = make()
         except ValueError as error:
-            yield part.row("fm4", "average over the passes of the planets", refusing(str(error)))
+            yield monitored.evaluate("fm4", "average over the passes of the planets", unavailable(str(error)))
             continue
-        gear = Gear(component=part.component, teeth=count, on_shaft=(count,), harmonics=settings.harmonics)
-        yield from gear_indicators(part, average, gear, baseline)
+        gear = Gear(component=monitored.component, teeth=count, on_shaft=(count,), harmonics=settings.harmonics)
+        yield from gear_indicators(monitored, average, gear, baseline)
 
 
-def _about_mesh(signal: AngularSignal, ring: int) -> AngularSignal:
-    """Return the band of half a mesh on either side of the first mesh harmonic, where the planets' passing shows."""
+def _mesh_band_signal(signal: AngularSignal, ring: int) -> AngularSignal:
+    """Return the signal band-passed around the first mesh harmonic, which the planet passes modulate."""
     lines = np.asarray(fft.rfft(signal.values - signal.values.mean()))
     order = np.arange(lines.size) * (signal.samples_per_rev / signal.values.size)
     lines[(order < 0.5 * ring) | (order > 1.5 * ring)] = 0

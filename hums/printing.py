@@ -1,4 +1,4 @@
-"""What the command line shows of a table or a record."""
+"""Console output of tables of orders and of records."""
 
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ __all__ = ["print_orders", "print_record"]
 
 
 def print_orders(table: "pd.DataFrame", *, csv: bool, json: bool) -> None:
-    """Print a table of orders: for reading, or as CSV or JSON."""
+    """Print a table of orders as text, CSV or JSON."""
     fractions = table["exact"].map(str, na_action="ignore")
     if csv:
         spacings = table["sidebands"].map(lambda row: " ".join(map(str, row)))
@@ -26,12 +26,8 @@ def print_orders(table: "pd.DataFrame", *, csv: bool, json: bool) -> None:
         typer.echo(plain.to_string(index=False, formatters={"order": "{:.6f}".format}))
 
 
-def _turning(speeds: tuple[float, float, float] | None) -> str:
-    return "" if speeds is None else ", about {:.4g} rev/s (98 % of revolutions {:.4g} to {:.4g})".format(*speeds)
-
-
 def print_record(record: "xr.Dataset") -> None:
-    """Print what a record holds, a line for each channel and tachometer."""
+    """Print the contents of a record, one line per channel and tachometer."""
     from hums.record import nominal_speed, sampling, tachometers, turning_speeds, vibration_channels  # noqa: PLC0415
 
     for label, key in (("machine", "machine"), ("recorded at", "recorded_at")):
@@ -45,10 +41,11 @@ def print_record(record: "xr.Dataset") -> None:
             f"{when.count / when.rate_hz:.3f} s from {when.start_s:g} s, in {attrs['units']}{where}"
         )
     for name in tachometers(record):
-        attrs = record[name].attrs
+        attrs, speeds = record[name].attrs, turning_speeds(record[name])
+        about = "" if speeds is None else ", about {:.4g} rev/s (98 % of revolutions {:.4g} to {:.4g})".format(*speeds)
         typer.echo(
             f"{'tachometer':<12} {name}: {record[name].size} pulses, {attrs['pulses_per_rev']} a revolution of "
-            f"{attrs['shaft']}{_turning(turning_speeds(record[name]))}"
+            f"{attrs['shaft']}{about}"
         )
     declared = nominal_speed(record)
     if declared is not None:

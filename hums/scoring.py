@@ -1,4 +1,4 @@
-"""An analysis of a synthetic record against the truth the record carries."""
+"""Score of an analysis of a synthetic record against its known amplitudes and faults."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -18,18 +18,31 @@ _SAME_ORDER = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """Truth against estimate.
+    """Errors of the amplitude tracks and verdicts on the faults of a synthetic record.
 
     Attributes
     ----------
-    tracks : one row a tracked order: component, kind, order, true and estimated mean amplitude, their `std`, and
-        the RMS of the error of each quadrature over `std`.
-    normalised_rms : RMS over all tracks and outputs of the error of each quadrature over its `std`; 1 when the
-        stated uncertainty is the real one.
-    faults : one row a fault of the scene: component, kind, and the verdict on it. Damage of a shaft and wear show in
-        lines that sound machines have, too, and raise no finding: theirs is "measured" where such lines are claimed,
-        since only a trend tells more. "missed" where there is nothing.
-    false_findings : diagnosed components that have no fault.
+    tracks : pandas.DataFrame
+        One row per tracked order: component, kind, order, true_amplitude and amplitude (means of the peak amplitude,
+        in units of the channel), std (median), and normalised_rms, the RMS of the error of each quadrature over `std`.
+    normalised_rms : float
+        RMS over all tracks and outputs of the error of each quadrature over its `std`; 1 if `std` is right.
+    faults : pandas.DataFrame
+        One row per fault of the scene: component, kind, and verdict. A shaft fault or wear raises no finding, since its
+        lines occur in sound machines too: its verdict is ``"measured"`` where they are significant. ``"missed"`` where
+        there is neither a finding nor such a line.
+    false_findings : tuple of str
+        Diagnosed components that have no fault.
+
+    Examples
+    --------
+    See `score`, which returns it.
+
+    >>> import pandas as pd
+    >>> import hums
+    >>> none = pd.DataFrame()
+    >>> hums.Score(tracks=none, normalised_rms=1.0, faults=none, false_findings=()).normalised_rms
+    1.0
     """
 
     tracks: "pd.DataFrame"
@@ -39,12 +52,42 @@ class Score:
 
 
 def score(analysis: Analysis, record: xr.Dataset) -> Score:
-    """Compare an analysis with the `truth_` variables of the record it was made from.
+    """Return the errors of an analysis against the `truth_` variables of its synthetic record.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` for `record`.
+    record : xarray.Dataset
+        Synthetic record with ``truth_amplitude`` (truth_channel, truth_order, truth_time), the complex amplitude of
+        every true order, and ``truth_fault_component`` and ``truth_fault_kind`` (truth_fault).
+
+    Returns
+    -------
+    Score
+        Errors of the tracks, verdicts on the faults, and false findings.
 
     Raises
     ------
     AnalysisError
-        A record without truth, or none of whose true orders was tracked.
+        If the record has no truth, or none of its true orders was tracked.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> times_s = np.arange(8000) / 4000
+    >>> tone = 0.5 * np.cos(2 * np.pi * 23 * 20 * times_s)  # 23 teeth at 20 rev/s
+    >>> noise = np.random.default_rng(0).normal(0, 0.05, times_s.size)
+    >>> pulses = hums.PulseTimes(times_s=np.arange(41) / 20, shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"housing": tone + noise}, rate_hz=4000, units="g", angle=pulses)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> record["truth_amplitude"] = (("truth_channel", "truth_order", "truth_time"), np.full((1, 1, 2), 0.5 + 0j))
+    >>> record = record.assign_coords(truth_channel=["housing"], truth_order=[23.0], truth_time=[0.0, 2.0])
+    >>> record["truth_fault_component"] = record["truth_fault_kind"] = ("truth_fault", np.array([], dtype=str))
+    >>> result = hums.score(analysis, record)
+    >>> result.tracks["amplitude"].round(2).tolist(), 0.7 < result.normalised_rms < 1.4
+    ([0.5], True)
     """
     import pandas as pd  # noqa: PLC0415
 
@@ -83,7 +126,7 @@ def score(analysis: Analysis, record: xr.Dataset) -> Score:
 
 
 def _true_amplitude(record: xr.Dataset, track: xr.Dataset) -> np.ndarray | None:
-    """Truth of one tracked order at the times of its outputs, or None where the truth has no such order."""
+    """Return the true amplitude of one tracked order at its output times, or None if the truth lacks the order."""
     truth = record["truth_amplitude"].sel(truth_channel=track["track_channel"].item())
     order = track["track_order"].item()
     near = np.flatnonzero(np.abs(truth["truth_order"].to_numpy() - order) < _SAME_ORDER * max(1.0, order))
@@ -95,7 +138,7 @@ def _true_amplitude(record: xr.Dataset, track: xr.Dataset) -> np.ndarray | None:
 
 
 MEASURED, MISSED = "measured", "missed"
-# sidebands of a mesh tell of a tooth; what every machine has some of, lines of a shaft and of a mesh, raises no finding
+# Kind of line in which each kind of fault shows. Shaft and mesh lines occur in sound machines and raise no finding.
 _KIND_OF_FAULT = {
     **dict.fromkeys(
         ("tooth_crack", "chipping", "missing_tooth", "spall", "pitting", "eccentricity", "misalignment"), "tooth"
@@ -106,6 +149,7 @@ _KIND_OF_FAULT = {
 
 
 def _verdicts(analysis: Analysis, record: xr.Dataset) -> tuple[list[tuple[str, str, str]], tuple[str, ...]]:
+    """Return component, kind and verdict of every true fault, and the diagnosed components without a fault."""
     found = group(analysis, "findings")
     verdict = {
         (str(component), str(kind)): str(word)
@@ -130,7 +174,7 @@ def _verdicts(analysis: Analysis, record: xr.Dataset) -> tuple[list[tuple[str, s
 
 
 def _measured(analysis: Analysis) -> set[tuple[str, str]]:
-    """Return the shafts, and the gears whose mesh, have a claimed line in the order spectrum."""
+    """Return the shafts with a significant line in the order spectrum, and the gears whose mesh has one."""
     lines = group(analysis, ORDER_SPECTRUM)
     rows = list(zip(*(lines[name].to_numpy() for name in ("component", "kind", "claimed")), strict=True))
     claimed = {(str(component), str(kind)) for component, kind, is_claimed in rows if is_claimed}

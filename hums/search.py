@@ -1,4 +1,4 @@
-"""Which lines a gearbox can make, and what a spectrum shows at each of them."""
+"""Expected lines of a gearbox, and their measurement in a spectrum."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -12,18 +12,18 @@ from signals.spectra import AmplitudeSpectrum
 ORDER_SPECTRUM, ENVELOPE = "order_spectrum", "envelope"
 TOOTH_KINDS = ("tooth", "planet_tooth")
 _SAME_ORDER = 1e-9
-# Jitter of a once-per-revolution tachometer spreads a mesh line over half an order on either side; its sidebands are
-# weighed against what is that close to them, too.
+# Jitter of a once-per-revolution tachometer spreads a mesh line over half an order on either side; the background of
+# its sidebands is therefore also measured this close to them.
 _CLOSE_ORDERS = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted:
-    """A line to look for.
+class ExpectedLine:
+    """A line that the gearbox can produce: its source, order, search tolerance in orders, and spectrum.
 
-    `fundamental` lines raise a finding when claimed: the first harmonic of a bearing defect in the envelope, and the
-    sidebands of a mesh, `spacing` apart for the turn of one of its gears. All others identify the machine or support
-    a finding.
+    A significant `fundamental` line raises a finding: the first harmonic of a bearing defect in the envelope, and the
+    sidebands of a mesh, whose `spacing` in orders is the rotation of one of its gears. All other lines identify the
+    machine or support a finding.
     """
 
     component: str
@@ -38,10 +38,10 @@ class Wanted:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FoundLine:
-    """A line that was looked for in one channel, and what was there."""
+class MeasuredLine:
+    """An expected line as measured in the spectrum of one channel."""
 
-    wanted: Wanted
+    expected: ExpectedLine
     channel: str
     units: str
     bin_width: float
@@ -49,13 +49,13 @@ class FoundLine:
 
     @property
     def family(self) -> tuple[str, str]:
-        """Component and kind: the lines of one family stand or fall together."""
-        return self.wanted.component, self.wanted.kind
+        """Component and kind, common to the harmonics and sidebands of one source."""
+        return self.expected.component, self.expected.kind
 
 
 @dataclass(frozen=True, kw_only=True)
 class SearchPlan:
-    """How far the search goes: harmonics and sidebands, and how far lines may lie from nominal (relative)."""
+    """Number of harmonics and sidebands searched, and largest relative deviations from the nominal order."""
 
     harmonics: int
     sidebands: int
@@ -64,11 +64,11 @@ class SearchPlan:
     envelope: bool
 
 
-def wanted_lines(kinematics: Kinematics, plan: SearchPlan) -> list[Wanted]:
-    """List every line to look for: shafts, meshes and their sidebands; teeth and bearings in the envelope.
+def expected_lines(kinematics: Kinematics, plan: SearchPlan) -> list[ExpectedLine]:
+    """Return all expected lines: shafts, meshes and sidebands; with an envelope also teeth and bearings.
 
-    A tooth of a planet, or of a gear seen from a carrier, meets the others at a rate that is no shaft's own. In the
-    envelope these rates raise nothing: they tell the impacts of a tooth from those of a bearing.
+    The contact rate of a tooth on a planet or relative to a carrier is not a shaft order. Its envelope lines raise no
+    finding; they separate the impacts of a tooth from those of a bearing.
     """
     rows = defects(kinematics)
     lines = [*_shaft_lines(rows, plan), *_mesh_lines(kinematics, rows, plan)]
@@ -77,13 +77,14 @@ def wanted_lines(kinematics: Kinematics, plan: SearchPlan) -> list[Wanted]:
     return [line for line in lines if line.order > 0]
 
 
-def _shaft_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[Wanted]:
+def _shaft_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[ExpectedLine]:
+    """Yield the harmonics of every shaft."""
     spectra = (ORDER_SPECTRUM, ENVELOPE) if plan.envelope else (ORDER_SPECTRUM,)
     for row in (row for row in rows if row.kind == "shaft"):
         for spectrum in spectra:
             for harmonic in range(1, plan.harmonics + 1):
                 order = harmonic * row.order
-                yield Wanted(
+                yield ExpectedLine(
                     component=row.component,
                     kind="shaft",
                     harmonic=harmonic,
@@ -94,7 +95,8 @@ def _shaft_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[Want
                 )
 
 
-def _mesh_lines(kinematics: Kinematics, rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[Wanted]:
+def _mesh_lines(kinematics: Kinematics, rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[ExpectedLine]:
+    """Yield the harmonics of every mesh and their sidebands spaced by the rotation of each gear."""
     gears = {contact.mesh: contact.gears for contact in kinematics.contacts}
     rows = tuple(rows)
     for row in (row for row in rows if row.kind == "gear_mesh"):
@@ -104,7 +106,7 @@ def _mesh_lines(kinematics: Kinematics, rows: Iterable[DefectOrder], plan: Searc
         for harmonic in range(1, plan.harmonics + 1):
             centre = harmonic * row.order
             tolerance = plan.speed_tolerance * centre
-            yield Wanted(
+            yield ExpectedLine(
                 component=mesh,
                 kind="gear_mesh",
                 harmonic=harmonic,
@@ -115,7 +117,7 @@ def _mesh_lines(kinematics: Kinematics, rows: Iterable[DefectOrder], plan: Searc
             )
             for gear, spacing in spacings.items():
                 for sideband in (*range(-plan.sidebands, 0), *range(1, plan.sidebands + 1)):
-                    yield Wanted(
+                    yield ExpectedLine(
                         component=gear,
                         kind="tooth",
                         harmonic=harmonic,
@@ -128,27 +130,28 @@ def _mesh_lines(kinematics: Kinematics, rows: Iterable[DefectOrder], plan: Searc
                     )
 
 
-def _tooth_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[Wanted]:
+def _tooth_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[ExpectedLine]:
     rows = tuple(rows)
-    taken = [row.order for row in rows if row.kind == "shaft"]
+    present = [row.order for row in rows if row.kind == "shaft"]
     for row in (row for row in rows if row.kind in TOOTH_KINDS):
-        if any(math.isclose(row.order, order, rel_tol=_SAME_ORDER) for order in taken):
-            continue  # what turns about a fixed axis meets once a turn; and a planet's flanks meet sun and ring alike
-        taken.append(row.order)
-        yield from _envelope_comb(row, plan, relative_tolerance=plan.speed_tolerance, fundamental=False)
+        if any(math.isclose(row.order, order, rel_tol=_SAME_ORDER) for order in present):
+            continue  # a gear on a fixed axis has its shaft's order; a planet's two flanks have the same order
+        present.append(row.order)
+        yield from _envelope_harmonics(row, plan, relative_tolerance=plan.speed_tolerance, fundamental=False)
 
 
-def _bearing_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[Wanted]:
+def _bearing_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[ExpectedLine]:
     for row in (row for row in rows if row.kind in BEARING_KINDS):
-        yield from _envelope_comb(row, plan, relative_tolerance=plan.slip, fundamental=True)
+        yield from _envelope_harmonics(row, plan, relative_tolerance=plan.slip, fundamental=True)
 
 
-def _envelope_comb(
+def _envelope_harmonics(
     row: DefectOrder, plan: SearchPlan, *, relative_tolerance: float, fundamental: bool
-) -> Iterator[Wanted]:
+) -> Iterator[ExpectedLine]:
+    """Yield the envelope harmonics of one defect order."""
     for harmonic in range(1, plan.harmonics + 1):
         order = harmonic * row.order
-        yield Wanted(
+        yield ExpectedLine(
             component=row.component,
             kind=row.kind,
             harmonic=harmonic,
@@ -160,13 +163,13 @@ def _envelope_comb(
         )
 
 
-def envelope_sidebands(found: FoundLine, spacings: Iterable[float]) -> list[Wanted]:
-    """Return the first sidebands to look for beside a bearing line that was found, at its found order."""
+def envelope_sidebands(found: MeasuredLine, spacings: Iterable[float]) -> list[ExpectedLine]:
+    """Return the first-order sidebands expected on either side of a measured bearing line."""
     return [
-        Wanted(
-            component=found.wanted.component,
-            kind=found.wanted.kind,
-            harmonic=found.wanted.harmonic,
+        ExpectedLine(
+            component=found.expected.component,
+            kind=found.expected.kind,
+            harmonic=found.expected.harmonic,
             sideband=side,
             order=found.line.found + side * spacing,
             tolerance=0.0,
@@ -179,19 +182,21 @@ def envelope_sidebands(found: FoundLine, spacings: Iterable[float]) -> list[Want
 
 
 def search(
-    spectrum: AmplitudeSpectrum, wanted: Iterable[Wanted], *, channel: str, units: str
-) -> tuple[list[FoundLine], list[Wanted]]:
-    """Look for lines in one spectrum; return what was found and the lines beyond the reach of the record.
+    spectrum: AmplitudeSpectrum, expected: Iterable[ExpectedLine], *, channel: str, units: str
+) -> tuple[list[MeasuredLine], list[ExpectedLine]]:
+    """Return the lines measured in one spectrum, and the expected ones out of its range.
 
-    Out of reach are lines past the end of the spectrum and lines with too few bins around them.
+    Out of range are lines above the end of the spectrum, and those with too few bins for a background.
     """
-    found, beyond = [], []
-    for line in wanted:
+    found, out_of_range = [], []
+    for line in expected:
         try:
             closer = _CLOSE_ORDERS if line.kind == "tooth" and line.spectrum == ORDER_SPECTRUM else None
             result = find_line(spectrum, expected=line.order, tolerance=line.tolerance, closer=closer)
         except ValueError:
-            beyond.append(line)
+            out_of_range.append(line)
             continue
-        found.append(FoundLine(wanted=line, channel=channel, units=units, bin_width=spectrum.bin_width, line=result))
-    return found, beyond
+        found.append(
+            MeasuredLine(expected=line, channel=channel, units=units, bin_width=spectrum.bin_width, line=result)
+        )
+    return found, out_of_range

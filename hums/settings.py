@@ -1,4 +1,4 @@
-"""What an analyst decides before an analysis; every default is written into the result."""
+"""Settings of an analysis."""
 
 from typing import Annotated, Any, Literal, Self
 
@@ -11,29 +11,56 @@ Band = tuple[float, float]
 
 
 class AnalysisSettings(Declared):
-    """What an analyst decides; every default is written into the result.
+    """Settings of an analysis; the result records every one of them.
 
     Attributes
     ----------
-    channels : names of vibration channels; default all.
-    tachometer : which one tells the angle, where the record has several; default the first.
-    speed_range_hz : (low, high) of the reference's speed, for a record that has neither a tachometer nor a declared
-        speed: the speed is then estimated from the vibration.
-    max_acceleration_hz_s : how fast that speed may change, in Hz a second; needed with `speed_range_hz`.
-    envelope_band_hz : (low, high) of the band to demodulate, for all channels; "auto" to have one chosen for each
-        (`signals.choose_band`) where the gearbox has bearings; None to search no bearing line.
-    false_alarm_probability : chance that noise alone raises any finding in the whole record.
-    harmonics : how many of each shaft, mesh and bearing rate are looked for.
-    sidebands : how many on either side of each mesh harmonic.
-    slip : how far a bearing line may lie from nominal, relative.
-    nominal_speed_tolerance : how far any line may lie from nominal where the speed is declared, not measured.
-    max_order : where the order spectrum ends; default a little above the last line looked for.
-    track_bandwidth_orders : full -3 dB width of the amplitude trackers; default the most likely one of each line,
-        at most 0.1 orders.
-    most_tracks : how many lines of a channel are tracked, the strongest first; 0 for none.
-    freeze_baseline : keep the variances of the baseline as they are, so that NA4 and NB4 become NA4* and NB4*.
-    baseline_limit_std : freeze the variance of a gear by itself, at the first record that exceeds the mean of those
-        before by that many of their standard deviations; default never.
+    channels : tuple of str, optional
+        Vibration channels to analyse; default all.
+    tachometer : str, optional
+        Tachometer that measures the shaft angle, where the record has several; default the first.
+    speed_range_hz : (float, float), optional
+        Lowest and highest speed of the reference in rev/s. Needed where the record has neither a tachometer nor a
+        declared speed: the speed is then estimated from the vibration.
+    max_acceleration_hz_s : float, optional
+        Highest rate of change of that speed in rev/s per second; given together with `speed_range_hz`.
+    envelope_band_hz : (float, float), "auto" or None
+        Band to demodulate in Hz, for all channels; ``"auto"`` chooses one for each channel (`signals.choose_band`)
+        where the gearbox has bearings; None leaves the envelope and the bearing lines out.
+    false_alarm_probability : float
+        Probability that noise alone raises any finding in the record.
+    harmonics : int
+        Number of harmonics searched for each shaft, mesh and bearing frequency.
+    sidebands : int
+        Number of sidebands searched on either side of each mesh harmonic.
+    slip : float
+        Largest relative deviation of a bearing line from its kinematic order.
+    nominal_speed_tolerance : float
+        Largest relative deviation of any line from its order where the speed is declared and not measured.
+    max_order : float, optional
+        Upper end of the order spectrum; default a little above the highest expected line.
+    track_bandwidth_orders : float, optional
+        Full -3 dB width of the amplitude trackers in orders; default the maximum-likelihood one of each line, at most
+        0.1 orders.
+    most_tracks : int
+        Largest number of lines tracked in each channel, the strongest first; 0 for none.
+    freeze_baseline : bool
+        Leave the variances of the baseline unchanged, so that NA4 and NB4 become NA4* and NB4*.
+    baseline_limit_std : float, optional
+        Freeze the variance of a gear at the first record that exceeds the mean of the earlier ones by this many of
+        their standard deviations; default never.
+
+    Raises
+    ------
+    AnalysisError
+        If a value is out of range, or `speed_range_hz` and `max_acceleration_hz_s` are not given together.
+
+    Examples
+    --------
+    >>> import hums
+    >>> settings = hums.AnalysisSettings(envelope_band_hz=(2000, 4000), harmonics=5)
+    >>> settings.envelope_band_hz, settings.harmonics, settings.slip
+    ((2000.0, 4000.0), 5, 0.02)
     """
 
     channels: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
@@ -60,7 +87,7 @@ class AnalysisSettings(Declared):
 
     @field_validator("envelope_band_hz", mode="before")
     @classmethod
-    def _band_or_word(cls, band: Any) -> Any:  # noqa: ANN401
+    def _check_band_type(cls, band: Any) -> Any:  # noqa: ANN401
         pair = isinstance(band, tuple | list) and len(band) == 2  # noqa: PLR2004
         if not (band is None or band == "auto" or pair):
             raise ValueError(f'{band!r} is no band; give (low, high) in Hz, "auto" to have one chosen, or None')

@@ -1,4 +1,4 @@
-"""Amplitude and phase, revolution by revolution, of the lines that are locked to a shaft."""
+"""Complex amplitude over time of the shaft-synchronous lines of a channel."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -7,12 +7,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.channels import AnalysedChannel, living_values
-from hums.judging import JudgedLine
+from hums.channels import AnalysedChannel, varying_values
+from hums.judging import AssessedLine
 from hums.machine import Machine
 from hums.orders import BEARING_KINDS
 from hums.record import sampling
-from hums.search import ORDER_SPECTRUM, FoundLine
+from hums.search import ORDER_SPECTRUM, MeasuredLine
 from signals.harmonics import OrderTracks, track_orders
 from signals.harmonics.likelihood import likely_bandwidth
 from signals.resampling import AngularSignal
@@ -26,44 +26,51 @@ _OUTPUTS_A_BANDWIDTH = 16.0
 _SLOWEST_OUTPUT_REV = 8.0
 
 
-def tracked_lines(judged: Iterable[JudgedLine], *, most: int) -> list[FoundLine]:
-    """Return the strongest claimed lines of the order spectrum, one an order, by ascending order."""
-    claimed = [line.found for line in judged if line.claimed and line.found.wanted.kind not in BEARING_KINDS]
-    locked = [line for line in claimed if line.wanted.spectrum == ORDER_SPECTRUM]
+def lines_to_track(assessed: Iterable[AssessedLine], *, most: int) -> list[MeasuredLine]:
+    """Return the strongest significant lines of the order spectrum, one per order, in ascending order."""
+    significant = [
+        line.measured for line in assessed if line.significant and line.measured.expected.kind not in BEARING_KINDS
+    ]
+    locked = [line for line in significant if line.expected.spectrum == ORDER_SPECTRUM]
     strongest = sorted(locked, key=lambda line: -line.line.snr)
-    chosen: list[FoundLine] = []
+    chosen: list[MeasuredLine] = []
     for line in strongest:
-        if all(abs(line.wanted.order - other.wanted.order) > line.bin_width for other in chosen):
+        if all(abs(line.expected.order - other.expected.order) > line.bin_width for other in chosen):
             chosen.append(line)
-    return sorted(chosen[:most], key=lambda line: line.wanted.order)
+    return sorted(chosen[:most], key=lambda line: line.expected.order)
 
 
 def track_lines(
     record: xr.Dataset,
     channel: AnalysedChannel,
     machine: Machine,
-    lines: Sequence[FoundLine],
+    lines: Sequence[MeasuredLine],
     *,
     bandwidth_orders: float | None,
 ) -> xr.Dataset:
-    """Track lines of one channel with the Kalman smoother, each with the noise found beside it.
+    """Return the complex amplitude of lines of one channel from the Kalman smoother, with its standard deviation.
 
     Parameters
     ----------
-    record : the record, for the samples themselves where some of them are missing.
-    channel : over angle, with its order spectrum and the health of its sensor.
-    machine : whose reference the orders count.
-    lines : what to track, at nominal orders; at the orders found where the speed is nominal.
-    bandwidth_orders : full -3 dB width of the smoother; None for the most likely one of each line.
+    record : xarray.Dataset
+        The record, whose samples in time are used where some are missing.
+    channel : AnalysedChannel
+        The channel in the angle domain, with its order spectrum and sensor health.
+    machine : Machine
+        Kinematics and angle of the reference.
+    lines : sequence of MeasuredLine
+        Lines to track, at their expected orders; at their measured orders where the speed is nominal.
+    bandwidth_orders : float, optional
+        Full -3 dB width of the smoother in orders; None for the maximum-likelihood one of each line.
 
     Returns
     -------
     xarray.Dataset
-        Complex amplitude and `std` (track, output), with what each track is as coordinates. `std` holds the noise
-        beside the line and what the uncertainty of the shaft's angle makes of its amplitude.
+        ``complex_amplitude`` and ``std`` (track, output), with the identity of each track as coordinates. ``std``
+        contains the noise around the line and the effect of the shaft angle's uncertainty on its amplitude.
     """
     signal, phase = channel.signal, machine.phase
-    orders = np.array([line.line.found if phase.nominal else line.wanted.order for line in lines])
+    orders = np.array([line.line.found if phase.nominal else line.expected.order for line in lines])
     noise = _local_noise(signal, channel.spectra[ORDER_SPECTRUM], lines)
     bandwidth: NDArray[np.float64] | float | None = bandwidth_orders
     if bandwidth is None:
@@ -80,7 +87,7 @@ def track_lines(
     revolution = signal.start_rev + np.arange(0, signal.values.size, every) / signal.samples_per_rev
     times = phase.times_at(np.minimum(revolution, phase.revolutions[-1]))
     gaps = channel.health is not None and bool(channel.health.missing.any())
-    tracks = _with_gaps if gaps else _whole
+    tracks = _track_in_time if gaps else _track_in_angle
     amplitude, std, found = tracks(record, channel, machine, orders, bandwidth, noise, times)
     turn = [machine.phase_std_rad(times, bandwidth_orders=float(width)) for width in found.bandwidth]
     std = np.sqrt(std**2 + (orders[:, None] * np.array(turn) * np.abs(amplitude)) ** 2 / 2)
@@ -94,10 +101,10 @@ def track_lines(
             "track_units": ("track", [line.units for line in lines]),
             "track_order": ("track", orders),
             "bandwidth_orders": ("track", found.bandwidth),
-            "component": ("track", [line.wanted.component for line in lines]),
-            "kind": ("track", [line.wanted.kind for line in lines]),
-            "harmonic": ("track", [line.wanted.harmonic for line in lines]),
-            "sideband": ("track", [line.wanted.sideband for line in lines]),
+            "component": ("track", [line.expected.component for line in lines]),
+            "kind": ("track", [line.expected.kind for line in lines]),
+            "harmonic": ("track", [line.expected.harmonic for line in lines]),
+            "sideband": ("track", [line.expected.sideband for line in lines]),
             "revolution": ("output", revolution),
             "time_s": ("output", times, {"units": "s"}),
         },
@@ -108,7 +115,7 @@ def track_lines(
 _Tracked = tuple[NDArray[np.complex128], NDArray[np.float64], OrderTracks]
 
 
-def _whole(
+def _track_in_angle(
     _record: xr.Dataset,
     channel: AnalysedChannel,
     _machine: Machine,
@@ -117,7 +124,7 @@ def _whole(
     noise: NDArray[np.float64],
     _times: NDArray[np.float64],
 ) -> _Tracked:
-    """Track over even steps of angle."""
+    """Track lines in the angle domain."""
     signal = channel.signal
     tracks = track_orders(
         signal.values - signal.values.mean(),
@@ -128,11 +135,11 @@ def _whole(
         output_every=_output_every(signal),
         poles=_POLES,
     )
-    # the tracker's own uncertainty rests on the mean noise over all orders; each line has its own surroundings
+    # the tracker's std assumes the mean noise over all orders; each line has the noise of its own background
     return tracks.complex_amplitude, tracks.std * np.sqrt(noise / tracks.noise_variance)[:, None], tracks
 
 
-def _with_gaps(
+def _track_in_time(
     record: xr.Dataset,
     channel: AnalysedChannel,
     machine: Machine,
@@ -141,18 +148,17 @@ def _with_gaps(
     noise: NDArray[np.float64],
     times: NDArray[np.float64],
 ) -> _Tracked:
-    """Track over the samples as they were taken, those that hold nothing of the machine missing.
+    """Track lines in the time domain, where the tracker can leave out the missing samples.
 
-    Resampling would spread each of them over its filter. Outputs are interpolated to the times of the others: a
-    sixteenth of the inverse bandwidth apart, or less, so that the line between two of them errs by 0.5 % of what
-    changes, at most. What repeats with the shaft is often missing at the same angles: then the tracker takes short
-    blocks, and all orders together.
+    Resampling would spread each missing sample over the length of its filter. Outputs are at most a sixteenth of the
+    inverse bandwidth apart, so that linear interpolation to the times of the other channels errs by at most 0.5 % of
+    the change.
     """
     phase, missing = machine.phase, channel.health.missing if channel.health else np.zeros(0, dtype=np.bool_)
     when = sampling(record, channel.name)
     taken = when.start_s + np.arange(when.count) / when.rate_hz
     inside = (taken >= max(phase.start_s, times[0])) & (taken <= phase.stop_s)
-    values = np.where(missing, np.float64(np.nan), living_values(record, channel.name))[inside]
+    values = np.where(missing, np.float64(np.nan), varying_values(record, channel.name))[inside]
     widest = max(float(np.max(bandwidth)), 1 / _SLOWEST_OUTPUT_REV)
     tracks = track_orders(
         values - np.nanmean(values),
@@ -171,16 +177,18 @@ def _with_gaps(
 
 
 def _output_every(signal: AngularSignal) -> int:
-    """Return the samples between outputs: a step in revolutions that all channels share, an eighth at the least."""
+    """Return the number of samples between outputs: a step in revolutions that all channels share, at least 1/8."""
     enough = signal.revolutions / _MOST_OUTPUTS
     step = next((step for step in _STEPS_REV if step >= enough), math.ceil(enough))
     return round(step * signal.samples_per_rev)
 
 
-def _local_noise(signal: AngularSignal, spectrum: AmplitudeSpectrum, lines: Sequence[FoundLine]) -> NDArray[np.float64]:
-    """Return the variance of white noise as dense as the surroundings of each line.
+def _local_noise(
+    signal: AngularSignal, spectrum: AmplitudeSpectrum, lines: Sequence[MeasuredLine]
+) -> NDArray[np.float64]:
+    """Return the variance of white noise whose density is that of the background of each line.
 
-    A Hann line of white noise with variance R has mean power 4 R ENBW / n, so the background tells R.
+    White noise of variance R has the mean square amplitude 4 R ENBW / n in a windowed spectrum of n samples.
     """
     power = np.array([2 * line.line.amplitude_std**2 for line in lines])
     return power * signal.values.size / (4 * spectrum.noise_bandwidth_bins)

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.ticker import NullLocator
 from matplotlib.transforms import Bbox
 
-from hums.plots.labels import Board, points, settle
+from hums.plots.labels import LabelSpace, apply_layout, point_size
 from hums.plots.style import FAINT, INK, LINE, MARK
 from tracking.measuring import Row
 from tracking.settings import DECIMATED, Kind
@@ -35,7 +35,7 @@ def draw(rows: Sequence[Row], ax: "Axes") -> None:
     panels[0].set_ylabel("error")
     legend = f"filled: every {DECIMATED} samples; open: all\ndotted: best of all, and of the causal"
     panels[-1].text(1, 1, legend, fontsize=6, color=INK, va="top", ha="right", transform=panels[-1].transAxes)
-    settle(panels[0])
+    apply_layout(panels[0])
     for panel, mine in zip(panels, shown, strict=True):
         _label(mine, panel)
 
@@ -70,11 +70,11 @@ def _lines(rows: Sequence[Row]) -> list[list[Row]]:
 
 def _label(rows: Sequence[Row], panel: "Axes") -> None:
     """Name every line at a place that is still free, with a thread to it where that is not beside a point."""
-    pixel = points(panel)
+    pixel = point_size(panel)
     where = {id(row): panel.transData.transform((row.time, row.error)) for row in rows}
-    board = Board(inside=panel.get_window_extent())
+    space = LabelSpace(inside=panel.get_window_extent())
     for x, y in where.values():
-        board.take(Bbox.from_extents(x - 2.5 * pixel, y - 2.5 * pixel, x + 2.5 * pixel, y + 2.5 * pixel))
+        space.occupy(Bbox.from_extents(x - 2.5 * pixel, y - 2.5 * pixel, x + 2.5 * pixel, y + 2.5 * pixel))
     back = panel.transData.inverted()
     for mine in _lines(rows):
         colour = INK if mine[0].setting.kind == "peer" else COLOURS[mine[0].setting.kind]
@@ -89,7 +89,7 @@ def _label(rows: Sequence[Row], panel: "Axes") -> None:
                 right, up = half + away * pixel
                 slants = [(side, level) for level in (up, -up) for side in (0, right / 2, -right / 2, right, -right)]
                 places += [(x + dx, y + dy) for dx, dy in [(right, 0), (-right, 0), *slants]]
-        board.put(text, [tuple(back.transform(place)) for place in places])
+        space.place_text(text, [tuple(back.transform(place)) for place in places])
         box = text.get_window_extent()
         threads = [(start, np.clip(start, box.min, box.max)) for start in (where[id(mine[0])], where[id(mine[-1])])]
         start, end = min(threads, key=lambda thread: float(np.linalg.norm(thread[1] - thread[0])))

@@ -1,4 +1,4 @@
-"""Figures: functions that draw on an Axes they are given, and what makes pages and files of them."""
+"""Figures: functions that draw on given matplotlib Axes, and functions that write a figure as SVG text or a file."""
 
 from hums.plots.chart import speed_order_chart
 from hums.plots.dynamics import (

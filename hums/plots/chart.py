@@ -1,4 +1,4 @@
-"""Defect lines over speed: at which frequency each one stands, and which ones stand together."""
+"""Chart of defect frequencies against speed."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 
 from hums.families import HANN_HALF_LOBE
 from hums.orders import BEARING_KINDS, KINDS
-from hums.plots.labels import points, settle, spread
+from hums.plots.labels import apply_layout, point_size, spread
 from hums.plots.style import FAINT, INK, KIND_COLOURS
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ _FONTS = (7.5, 7.0, 6.5, 6.0, 5.5, 5.0)
 
 @dataclass(frozen=True, kw_only=True)
 class _Line:
-    """One order and all that repeats at it, as (component, kind); `alone` where the record can tell it apart."""
+    """One order with its sources as (component, kind); `alone` where the record resolves it from its neighbours."""
 
     order: float
     sources: tuple[tuple[str, str], ...]
@@ -36,19 +36,19 @@ class _Line:
 
     @property
     def label(self) -> str:
-        """The order and as many of its sources as stand in a line that is not too long."""
+        """The order and as many of its sources as fit the longest name."""
         many = range(len(self.sources), 0, -1)
-        return next((label for most in many if len(label := self._naming(most)) <= _LONGEST), self._naming(1))
+        return next((label for most in many if len(label := self._label_of(most)) <= _LONGEST), self._label_of(1))
 
-    def _naming(self, most: int) -> str:
-        """Return the order and `most` of its sources; what is said once is not repeated."""
+    def _label_of(self, most: int) -> str:
+        """Return the order and `most` of its sources; a component or kind that repeats is written once."""
         shown = self.sources[:most]
         names = []
         for number, (name, kind) in enumerate(shown):
-            said = number > 0 and name == shown[number - 1][0]
+            repeated = number > 0 and name == shown[number - 1][0]
             later = number + 1 < len(shown) and kind == shown[number + 1][1]
             word = "" if later else _WORDS.get(kind, kind.replace("_", " "))
-            names.append(" ".join(part for part in ("" if said and word else name, word) if part))
+            names.append(" ".join(part for part in ("" if repeated and word else name, word) if part))
         more = f" and {len(self.sources) - most} more" if len(self.sources) > most else ""
         return f"{self.order:.4g}  {' = '.join(names)}{more}{'' if self.alone else ' †'}"
 
@@ -56,35 +56,50 @@ class _Line:
 def speed_order_chart(
     table: "pd.DataFrame", *, reference_rpm: tuple[float, float], ax: Axes, revolutions: float | None = None
 ) -> Axes:
-    """Draw the frequency of every defect line against the speed of the reference shaft.
+    """Draw the frequency of every defect order against the speed of the reference.
 
-    Lines are coloured by kind and named at their right end, with their order in front. Orders that coincide are
-    one line, dashed in the colours of both kinds, and named together with an equals sign.
+    Lines are coloured by kind and labelled at their right end with order and component. Orders that coincide are one
+    line, dashed in the colours of both kinds, with an equals sign in its label.
 
     Parameters
     ----------
     table : pandas.DataFrame
-        Of `hums.defect_orders`.
-    reference_rpm : (low, high)
-        Range of the reference shaft's speed in rpm.
-    ax : Axes
-        Its height as it is now decides how many names fit.
+        Result of `hums.defect_orders`.
+    reference_rpm : (float, float)
+        Lowest and highest speed of the reference in rpm.
+    ax : matplotlib.axes.Axes
+        Axes to draw on; their present height limits the number of labels.
     revolutions : float, optional
-        Length of a record in revolutions of the reference. Lines less than 2/revolutions apart, which it cannot
-        separate (as `hums.collisions` has it), are marked with a dagger; what repeats less than once in it lies in the
-        shaded part.
+        Length of a record in revolutions of the reference. Lines less than 2/revolutions apart, which the record does
+        not resolve (see `hums.collisions`), have a dagger; frequencies below one period per record are shaded.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
 
     Raises
     ------
     ValueError
-        An empty table, a range that does not rise from above zero, or revolutions that are not positive.
+        If the table is empty, the range does not rise from above zero, or `revolutions` is not positive.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> import hums
+    >>> from hums.plots import speed_order_chart
+    >>> kinematics = hums.solve_kinematics(hums.load_gearbox("wijianto-pair"))
+    >>> table = hums.defect_orders(kinematics)
+    >>> ax = speed_order_chart(table, reference_rpm=(300, 3000), ax=Figure().add_subplot())
+    >>> [text.get_text() for text in ax.texts if "mesh" in text.get_text()]
+    ['36  pinion-gear mesh']
     """
     low, high = reference_rpm
     if not (0 < low < high < np.inf):
         raise ValueError(f"reference_rpm = ({low:g}, {high:g}): give (low, high) in rpm with 0 < low < high.")
     if revolutions is not None and not 0 < revolutions < np.inf:
         raise ValueError(f"revolutions = {revolutions:g} is not positive; give the length of the record, or None.")
-    lines = _gathered(table, None if revolutions is None else HANN_HALF_LOBE / revolutions)
+    lines = _merged_lines(table, None if revolutions is None else HANN_HALF_LOBE / revolutions)
     if not lines:
         raise ValueError("the table of defect orders is empty: nothing in this gearbox turns at these speeds.")
     ax.set_yscale("log")
@@ -107,8 +122,8 @@ def speed_order_chart(
     return ax
 
 
-def _gathered(table: "pd.DataFrame", resolution: float | None) -> list[_Line]:
-    """Return the table's orders from the lowest up, those that coincide as one line."""
+def _merged_lines(table: "pd.DataFrame", resolution: float | None) -> list[_Line]:
+    """Return the orders of the table in ascending order, coinciding ones merged into one line."""
     rows = sorted(
         zip(table["order"], table["component"], table["kind"], strict=True),
         key=lambda row: (row[0], KINDS.index(row[2])),
@@ -133,6 +148,7 @@ def _gathered(table: "pd.DataFrame", resolution: float | None) -> list[_Line]:
 
 
 def _legend(lines: list[_Line], revolutions: float | None, *, ax: Axes) -> None:
+    """Draw the legend of the kinds present and of the signs in labels."""
     present = {kind for line in lines for kind in line.kinds}
     handles: list[Any] = [
         Line2D(
@@ -157,7 +173,7 @@ def _dashes(kind: str) -> str:
 
 
 def _name(lines: list[_Line], high: float, *, ax: Axes) -> None:
-    """Name the lines at their right end, moved apart; where not all fit, those of the later kinds go first."""
+    """Label the lines at their right end without overlap; where not all fit, the last kinds of `KINDS` are left out."""
     texts = [
         ax.annotate(
             line.label,
@@ -172,15 +188,15 @@ def _name(lines: list[_Line], high: float, *, ax: Axes) -> None:
         )
         for line in lines
     ]
-    settle(ax)
+    apply_layout(ax)
     height = float(ax.bbox.height)
     for size in _FONTS:
-        gap = 1.22 * size * points(ax)
+        gap = 1.22 * size * point_size(ax)
         if gap * len(texts) <= height:
             break
-    room = max(1, int(height / gap))
+    capacity = max(1, int(height / gap))
     dropped = sorted(range(len(lines)), key=lambda n: KINDS.index(lines[n].kinds[0]), reverse=True)[
-        : max(0, len(lines) - room)
+        : max(0, len(lines) - capacity)
     ]
     for number in dropped:
         texts[number].remove()

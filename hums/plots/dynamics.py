@@ -1,6 +1,6 @@
-"""Figures of a gearbox in motion: mesh stiffness, mode shapes, Campbell diagram, multipliers, stability map.
+"""Figures of gear dynamics: mesh stiffness, mode shapes, Campbell diagram, Floquet multipliers, stability map.
 
-They draw anything that has the named attributes, as the results of `data_synth` do.
+They accept any object with the stated attributes, such as the results of `data_synth`.
 """
 
 from typing import Protocol
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hums.plots.style import FAINT, INK, LINE, MARK, TRACK_COLOURS
 
 Array = NDArray[np.float64]
-_GROWS = 1e-6  # of a multiplier above 1: what rounding explains
+_GROWTH_TOLERANCE = 1e-6  # of a multiplier above 1, for rounding
 _POINTS = 400  # of a drawn cycle
 _KIND_COLOURS = {
     "rigid": FAINT,
@@ -24,83 +24,111 @@ _KIND_COLOURS = {
 }
 
 
-class OfPhase(Protocol):
-    """A stiffness over the mesh phase."""
+class MeshStiffness(Protocol):
+    """Mesh stiffness as a function of the mesh phase."""
 
     @property
     def mean(self) -> float:
-        """N/m."""
+        """Mean over a period in N/m."""
 
     @property
     def period(self) -> int:
-        """Mesh cycles."""
+        """Period in mesh cycles."""
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Phases at which it jumps."""
+        """Phases of its discontinuities in mesh cycles, in [0, period)."""
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """N/m."""
+        """Return the stiffness in N/m at phases in mesh cycles."""
 
 
 class ModeShapes(Protocol):
-    """Frequencies (mode,), shapes (dof, mode), the kind of each mode and the name of each degree of freedom."""
+    """Natural frequencies and mode shapes."""
 
     @property
     def frequencies_hz(self) -> Array:
-        """Hz."""
+        """Natural frequencies in Hz, (mode,)."""
 
     @property
     def shapes(self) -> Array:
-        """Mass-normalised."""
+        """Mass-normalised mode shapes, (dof, mode)."""
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Of the modes."""
+        """Kind of each mode."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the degrees of freedom."""
+        """Name of each degree of freedom."""
 
 
-class OverSpeed(Protocol):
-    """Frequencies (speed, mode) over speeds of the reference, and the orders of the meshes."""
+class CampbellDiagram(Protocol):
+    """Natural frequencies over speed, and the orders of the meshes."""
 
     @property
     def speeds_rad_s(self) -> Array:
-        """rad/s."""
+        """Speeds of the reference in rad/s, (speed,)."""
 
     @property
     def frequencies_hz(self) -> Array:
-        """Hz."""
+        """Natural frequencies in Hz, (speed, mode)."""
 
     @property
     def orders(self) -> tuple[float, ...]:
-        """Cycles per revolution."""
+        """Mesh orders in cycles per revolution of the reference."""
 
 
-class OfParameter(Protocol):
-    """Largest multiplier (parameter, speed)."""
+class StabilityMap(Protocol):
+    """Magnitude of the largest Floquet multiplier over speed and a parameter."""
 
     @property
     def speeds_rad_s(self) -> Array:
-        """rad/s."""
+        """Speeds of the reference in rad/s, (speed,)."""
 
     @property
     def parameters(self) -> Array:
-        """Any unit."""
+        """Values of the parameter in any unit, (parameter,)."""
 
     @property
     def growth(self) -> Array:
-        """A period."""
+        """Magnitude of the largest Floquet multiplier, (parameter, speed)."""
 
 
-def plot_mesh_stiffness(stiffness: OfPhase, *, ax: Axes, cycles: tuple[float, float] | None = None) -> Axes:
-    """Draw a mesh stiffness over its phase, jumps upright, its mean dashed; one period or the given cycles."""
+def plot_mesh_stiffness(stiffness: MeshStiffness, *, ax: Axes, cycles: tuple[float, float] | None = None) -> Axes:
+    """Draw a mesh stiffness against the mesh phase, with its mean as a dashed line.
+
+    Parameters
+    ----------
+    stiffness : callable with ``mean`` (N/m), ``period`` and ``jumps`` (mesh cycles)
+        Returns the stiffness in N/m at mesh phases in cycles.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+    cycles : (float, float), optional
+        First and last mesh phase to draw, in cycles; default one period.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_mesh_stiffness
+    >>> class Rectangular:
+    ...     mean, period, jumps = 2e6, 1, (0.0, 0.5)
+    ...     def __call__(self, phase_cycles):
+    ...         return np.where(np.mod(phase_cycles, 1) < 0.5, 3e6, 1e6)
+    >>> ax = plot_mesh_stiffness(Rectangular(), ax=Figure().add_subplot())
+    >>> float(ax.lines[0].get_ydata().max())  # N/um
+    3.0
+    """
     start, stop = cycles or (0.0, float(stiffness.period))
     first, last = int(start // stiffness.period), int(stop // stiffness.period) + 1
     jumps = [jump + turn * stiffness.period for turn in range(first, last) for jump in stiffness.jumps]
-    even = np.linspace(start, stop - 1e-9, round(_POINTS * max(1.0, stop - start)))  # what follows a jump is not drawn
+    even = np.linspace(start, stop - 1e-9, round(_POINTS * max(1.0, stop - start)))  # a jump at the end is not drawn
     sides = np.array([jump + side for jump in jumps if start < jump < stop for side in (-1e-9, 1e-9)])
     phases = np.unique(np.concatenate([even, sides]))
     ax.plot(phases, stiffness(phases) / 1e6, color=LINE, lw=1.2)
@@ -111,13 +139,43 @@ def plot_mesh_stiffness(stiffness: OfPhase, *, ax: Axes, cycles: tuple[float, fl
 
 
 def plot_mode_shape(modes: ModeShapes, number: int, *, ax: Axes) -> Axes:
-    """Draw one mode as a bar for each degree of freedom, translations and rotations each over their largest.
+    """Draw one mode shape as a bar per degree of freedom.
 
-    Metres and radians share no axis, so the two are scaled apart. Bars of what stands still are left out.
+    Translations and rotations are each scaled to their own largest value, since they have different units.
+
+    Parameters
+    ----------
+    modes : object with ``frequencies_hz`` (mode,), ``shapes`` (dof, mode), ``kinds`` (mode,) and ``names`` (dof,)
+        Natural frequencies in Hz, mode shapes, the kind of each mode, and the name of each degree of freedom.
+    number : int
+        Index of the mode.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> import numpy as np
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_mode_shape
+    >>> modes = SimpleNamespace(
+    ...     frequencies_hz=np.array([0.0, 450.0]),
+    ...     shapes=np.array([[1.0, 2.0], [1.0, -1.0]]),
+    ...     kinds=("rigid", "rotational"),
+    ...     names=("pinion rotation", "gear rotation"),
+    ... )
+    >>> ax = plot_mode_shape(modes, 1, ax=Figure().add_subplot())
+    >>> [float(bar.get_width()) for bar in ax.patches]  # over the largest rotation
+    [1.0, -0.5]
     """
     shape = modes.shapes[:, number]
     turns = np.array([name.endswith("rotation") or " tilt " in name for name in modes.names])
-    # a motion that rounding alone gives the mode stays nothing beside the other kind
+    # values due to rounding alone must not be scaled up to 1
     scaled = np.zeros_like(shape)
     for chosen in (turns, ~turns):
         if chosen.any() and np.abs(shape[chosen]).max() > 1e-9 * np.abs(shape).max():
@@ -134,7 +192,36 @@ def plot_mode_shape(modes: ModeShapes, number: int, *, ax: Axes) -> Axes:
 
 
 def plot_frequencies(modes: ModeShapes, *, ax: Axes) -> Axes:
-    """Draw the natural frequencies as upright lines, one row for each kind of mode."""
+    """Draw the natural frequencies as vertical lines, one row per kind of mode.
+
+    Parameters
+    ----------
+    modes : object with ``frequencies_hz`` (mode,), ``shapes`` (dof, mode), ``kinds`` (mode,) and ``names`` (dof,)
+        Natural frequencies in Hz, mode shapes, the kind of each mode, and the name of each degree of freedom.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> import numpy as np
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_frequencies
+    >>> modes = SimpleNamespace(
+    ...     frequencies_hz=np.array([0.0, 450.0]),
+    ...     shapes=np.array([[1.0, 2.0], [1.0, -1.0]]),
+    ...     kinds=("rigid", "rotational"),
+    ...     names=("pinion rotation", "gear rotation"),
+    ... )
+    >>> ax = plot_frequencies(modes, ax=Figure().add_subplot())
+    >>> [label.get_text() for label in ax.get_yticklabels()]
+    ['rigid', 'rotational']
+    """
     kinds = [kind for kind in _KIND_COLOURS if kind in modes.kinds]
     for row, kind in enumerate(kinds):
         chosen = [rate for rate, of in zip(modes.frequencies_hz, modes.kinds, strict=True) if of == kind]
@@ -144,8 +231,36 @@ def plot_frequencies(modes: ModeShapes, *, ax: Axes) -> Axes:
     return ax
 
 
-def plot_campbell(diagram: OverSpeed, *, ax: Axes, harmonics: int = 1) -> Axes:
-    """Draw natural frequencies over speed in rev/s, and the harmonics of each mesh as dashed rays with their order."""
+def plot_campbell(diagram: CampbellDiagram, *, ax: Axes, harmonics: int = 1) -> Axes:
+    """Draw a Campbell diagram: natural frequencies against speed, and mesh harmonics as dashed lines.
+
+    Parameters
+    ----------
+    diagram : object with ``speeds_rad_s`` (speed,), ``frequencies_hz`` (speed, mode) and ``orders``
+        Speeds of the reference in rad/s, natural frequencies in Hz, and mesh orders.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+    harmonics : int
+        Number of harmonics drawn for each mesh order.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> import numpy as np
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_campbell
+    >>> diagram = SimpleNamespace(
+    ...     speeds_rad_s=2 * np.pi * np.array([0.0, 10.0]), frequencies_hz=np.full((2, 1), 150.0), orders=(23.0,)
+    ... )
+    >>> ax = plot_campbell(diagram, ax=Figure().add_subplot())
+    >>> ax.lines[1].get_ydata().tolist()  # order 23 at 0 and 10 rev/s, in Hz
+    [0.0, 230.0]
+    """
     rates = diagram.speeds_rad_s / (2 * np.pi)
     ax.plot(rates, np.where(diagram.frequencies_hz > 0, diagram.frequencies_hz, np.nan), color=LINE, lw=1.2)
     top = 1.08 * float(diagram.frequencies_hz.max())
@@ -170,10 +285,32 @@ def plot_campbell(diagram: OverSpeed, *, ax: Axes, harmonics: int = 1) -> Axes:
 
 
 def plot_multipliers(multipliers: NDArray[np.complex128], *, ax: Axes) -> Axes:
-    """Draw Floquet multipliers about the unit circle, those outside of it marked."""
+    """Draw Floquet multipliers with the unit circle; those outside it, which are unstable, in another colour.
+
+    Parameters
+    ----------
+    multipliers : (n,) complex array
+        Eigenvalues of the state transition matrix over one period.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_multipliers
+    >>> ax = plot_multipliers(np.array([1.25, 0.8, 1j, -1j]), ax=Figure().add_subplot())
+    >>> ax.lines[2].get_xdata().tolist()  # unstable
+    [1.25]
+    """
     turn = np.linspace(0, 2 * np.pi, 361)
     ax.plot(np.cos(turn), np.sin(turn), color=FAINT, lw=0.8)
-    outside = np.abs(multipliers) > 1 + _GROWS
+    outside = np.abs(multipliers) > 1 + _GROWTH_TOLERANCE
     for chosen, colour in ((~outside, LINE), (outside, MARK)):
         ax.plot(multipliers[chosen].real, multipliers[chosen].imag, "o", ms=4, color=colour)
     reach = 1.15 * max(1.0, float(np.abs(multipliers).max()))
@@ -181,17 +318,37 @@ def plot_multipliers(multipliers: NDArray[np.complex128], *, ax: Axes) -> Axes:
     return ax
 
 
-def plot_stability_map(map_: OfParameter, *, ax: Axes, cycles_per_rev: float = 1.0, parameter: str = "") -> Axes:
-    """Draw where motion grows, over mesh frequency and a parameter; with one parameter, the growth itself.
+def plot_stability_map(map_: StabilityMap, *, ax: Axes, cycles_per_rev: float = 1.0, parameter: str = "") -> Axes:
+    """Draw the instability regions over mesh frequency and a parameter; for one parameter value, the multiplier.
 
     Parameters
     ----------
-    map_ : StabilityMap
-    ax : Axes
+    map_ : object with ``speeds_rad_s`` (speed,), ``parameters`` (parameter,) and ``growth`` (parameter, speed)
+        Speeds of the reference in rad/s, values of the parameter, and magnitudes of the largest Floquet multiplier.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
     cycles_per_rev : float
         Mesh cycles per revolution of the reference: the axis is the mesh frequency in rad/s.
     parameter : str
-        What the parameter is, with its unit.
+        Name of the parameter with its unit, for the axis.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> import numpy as np
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_stability_map
+    >>> one = SimpleNamespace(
+    ...     speeds_rad_s=np.array([10.0, 20.0]), parameters=np.zeros(1), growth=np.array([[1.0, 1.3]])
+    ... )
+    >>> ax = plot_stability_map(one, ax=Figure().add_subplot(), cycles_per_rev=36)
+    >>> ax.lines[0].get_xdata().tolist()  # mesh frequency in rad/s
+    [360.0, 720.0]
     """
     rates = cycles_per_rev * map_.speeds_rad_s
     ax.set(xlabel="mesh frequency, rad/s", xlim=(rates[0], rates[-1]))
@@ -200,16 +357,18 @@ def plot_stability_map(map_: OfParameter, *, ax: Axes, cycles_per_rev: float = 1
         ax.axhline(1, color=FAINT, lw=0.8)
         ax.set_ylabel("largest multiplier")
         return ax
-    excess = np.where(map_.growth > 1 + _GROWS, map_.growth - 1, np.nan)
+    excess = np.where(map_.growth > 1 + _GROWTH_TOLERANCE, map_.growth - 1, np.nan)
     ax.set_facecolor("white")
-    drawn = ax.pcolormesh(rates, map_.parameters, excess, cmap=_warm(), shading="nearest", rasterized=True, vmin=0)
+    drawn = ax.pcolormesh(
+        rates, map_.parameters, excess, cmap=_single_hue(), shading="nearest", rasterized=True, vmin=0
+    )
     ax.figure.colorbar(drawn, ax=ax, label="growth in a period")
     ax.set_ylabel(parameter or "parameter")
     return ax
 
 
-def _warm() -> ListedColormap:
-    """Return colours from faint to full of one hue."""
+def _single_hue() -> ListedColormap:
+    """Return a colour map of one hue with rising saturation."""
     share = np.linspace(0.25, 1, 64)[:, None]
     full = np.array([int(MARK[place : place + 2], 16) / 255 for place in (1, 3, 5)])
     return ListedColormap(1 - share * (1 - full))

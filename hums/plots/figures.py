@@ -1,4 +1,4 @@
-"""From a function that draws to a finished figure: SVG text inside a page, or a file."""
+"""Figures as SVG text or as files, from a function that draws on Axes."""
 
 from collections.abc import Callable
 from io import StringIO
@@ -9,7 +9,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hums.plots.labels import settle
+from hums.plots.labels import apply_layout
 from hums.plots.style import FAINT, INK
 from hums.store import written_beside
 
@@ -24,17 +24,36 @@ _STYLE: dict[str, Any] = {
     "xtick.color": INK,
     "ytick.color": INK,
 }
-# What would make two runs differ is left out of the file.
+# Dates and versions are left out, so that equal figures are equal files.
 _METADATA: dict[str, dict[str, Any]] = {
     "svg": {"Date": None, "Creator": None},
     "png": {"Software": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
-_DPI = 160  # of PNG; the others are drawn in lines
+_DPI = 160  # of PNG; SVG and PDF are vector graphics
 
 
 def svg(draw: Callable[[Axes], object], *, width: float = 6.4, height: float = 3.4) -> str:
-    """Return an SVG figure, as text to stand inside a page, of what `draw` puts on its Axes."""
+    """Return a figure as an SVG element, to be embedded in HTML.
+
+    Parameters
+    ----------
+    draw : function of one matplotlib Axes
+        Draws the figure.
+    width, height : float
+        Size in inches.
+
+    Returns
+    -------
+    str
+        The ``<svg>`` element; the same for every run.
+
+    Examples
+    --------
+    >>> from hums.plots import svg
+    >>> svg(lambda ax: ax.plot([0, 1], [0, 1]))[:4]
+    '<svg'
+    """
     text = StringIO()
     _save(draw, text, kind="svg", width=width, height=height)
     page = text.getvalue()
@@ -42,14 +61,16 @@ def svg(draw: Callable[[Axes], object], *, width: float = 6.4, height: float = 3
 
 
 def save_figure(draw: Callable[[Axes], object], path: str | Path, *, width: float = 6.4, height: float = 3.4) -> Path:
-    """Write what `draw` puts on its Axes to a ``.svg``, ``.png`` or ``.pdf`` file, beside and then renamed.
+    """Write a figure to a ``.svg``, ``.png`` or ``.pdf`` file and return its path.
 
     Parameters
     ----------
-    draw : function of one Axes
+    draw : function of one matplotlib Axes
+        Draws the figure.
     path : str or Path
-        Its suffix says what kind of file; a file of that name is replaced.
-    width, height : float, inches
+        File to write; its suffix selects the format. An existing file is replaced when the new one is complete.
+    width, height : float
+        Size in inches.
 
     Returns
     -------
@@ -59,7 +80,16 @@ def save_figure(draw: Callable[[Axes], object], path: str | Path, *, width: floa
     Raises
     ------
     ValueError
-        Another suffix, or a size that is not positive; nothing is written.
+        If the suffix is another one or a size is not positive; nothing is written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from hums.plots import save_figure
+    >>> with TemporaryDirectory() as folder:
+    ...     path = save_figure(lambda ax: ax.plot([0, 1], [0, 1]), f"{folder}/line.svg")
+    ...     print(path.name, path.stat().st_size > 0)
+    line.svg True
     """
     path = Path(path)
     kind = path.suffix.lower().removeprefix(".")
@@ -77,7 +107,7 @@ def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: fl
         figure = Figure(figsize=(width, height), layout="constrained")
         ax = figure.add_subplot()
         draw(ax)
-        if ax in figure.axes:  # else it made room for others
-            settle(ax)
+        if ax in figure.axes:  # else `draw` replaced it by others
+            apply_layout(ax)
             figure.set_layout_engine("none")  # which would run it twice more
         figure.savefig(file, format=kind, metadata=_METADATA[kind], dpi=_DPI)

@@ -1,4 +1,4 @@
-"""The graph of a mechanism, as Penaud, Alazard and Amiez (2012, figures 3 and 7) draw it."""
+"""Graph of a mechanism, drawn as by Penaud, Alazard and Amiez (2012, figures 3 and 7)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from hums.kinematics import Kinematics
-from hums.plots.labels import Board, points, settle
-from hums.plots.placing import Sketch, inside, place, ring
+from hums.plots.labels import LabelSpace, apply_layout, point_size
+from hums.plots.placing import LayoutProblem, inside, place, ring
 from hums.plots.style import FAINT, INK, TRACK_COLOURS, minus
 
 _SHADE = "#64748b"
@@ -27,7 +27,7 @@ _ALONG = np.linspace(0, 1, 41)
 
 @dataclass(frozen=True, kw_only=True)
 class _Gears:
-    """A dashed edge: two gears by the numbers of their vertices, their teeth, and the vertex of the carrier."""
+    """A gear pair: the vertices of its gears, their teeth, and the vertex of the carrier."""
 
     ends: tuple[int, int]
     teeth: tuple[int, int | None]
@@ -46,12 +46,12 @@ class _Graph:
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Turning pairs that stand alone on their level."""
+        """Turning pairs that are the only one on their level."""
         return tuple((members[0], members[1]) for _, members in self.levels if len(members) == 2)  # noqa: PLR2004
 
     @property
     def polygons(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
-        """Levels of more than two links, with their names."""
+        """Levels of more than two links, by name."""
         return tuple((name, members) for name, members in self.levels if len(members) > 2)  # noqa: PLR2004
 
     @property
@@ -64,40 +64,55 @@ class _Graph:
 def mechanism_graph(kinematics: Kinematics, *, ax: Axes, copies: bool = False) -> Axes:
     """Draw the graph of a mechanism: links, turning pairs by level, and gear pairs with their teeth.
 
-    Every vertex is a link, links that are rigid with each other being one. Solid edges are turning pairs, a
-    shaded polygon is a level of more than two links, dashed edges are gear pairs with the teeth of each gear at
-    its end. A gear pair has the colour of its carrier, the link in which its contact point rests. The frame is
-    dark. A gear whose mate is unknown leads to a question mark.
+    A vertex is a link, or several links that are rigid with each other. A solid edge is a turning pair, a shaded
+    polygon a level of more than two links, and a dashed edge a gear pair with the teeth of each gear at its end, in
+    the colour of its carrier, the link in which the contact point is at rest. The frame is dark. An unknown mate is
+    a question mark.
 
     Parameters
     ----------
     kinematics : Kinematics
-        From `solve_kinematics`.
-    ax : Axes
-        Its size as it is now decides where the vertices go; the same mechanism is always drawn the same way.
+        Result of `solve_kinematics`.
+    ax : matplotlib.axes.Axes
+        Axes to draw on; their present size determines the layout, which is the same in every run.
     copies : bool
-        Draw the copies of a planet one by one, and not as one vertex with their number.
+        Whether each copy of a planet has its own vertex; otherwise one vertex states their number.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> import hums
+    >>> from hums.plots import mechanism_graph
+    >>> kinematics = hums.solve_kinematics(hums.load_gearbox("wijianto-pair"))
+    >>> ax = mechanism_graph(kinematics, ax=Figure().add_subplot())
+    >>> [text.get_text() for text in ax.texts]  # links, then teeth
+    ['housing', 'pinion', 'gear', '36', '63']
     """
     graph = _graph(kinematics, copies=copies)
     colours = {vertex: TRACK_COLOURS[k % len(TRACK_COLOURS)] for k, vertex in enumerate(graph.carriers)}
     ax.set_axis_off()
     ax.legend(**_legend(graph, colours), loc="upper center", bbox_to_anchor=(0.5, 0.0), frameon=False, fontsize=7)
-    settle(ax)
+    apply_layout(ax)
     _narrow(ax)
-    settle(ax)
-    unit = points(ax)
+    apply_layout(ax)
+    unit = point_size(ax)
     width, height = ax.bbox.width / unit, ax.bbox.height / unit
-    ax.set(xlim=(0, width), ylim=(0, height))  # so that one unit is one point, and text has a size in it
+    ax.set(xlim=(0, width), ylim=(0, height))  # one data unit is one typographic point
     texts = _boxes(graph, colours, ax=ax)
     sizes = np.array(
         [[extent.width / unit, extent.height / unit] for extent in (_extent(text, unit) for text in texts)]
     )
     edges = (*graph.pairs, *(gears.ends for gears in graph.gears))
     groups = tuple(members for _, members in graph.polygons)
-    at = place(Sketch(sizes=sizes, edges=edges, groups=groups, room=(width, height)))
+    at = place(LayoutProblem(sizes=sizes, edges=edges, groups=groups, area=(width, height)))
     for text, position in zip(texts, at, strict=True):
         text.set_position((float(position[0]), float(position[1])))
-    board = Board([_extent(text, unit).padded(2 * unit) for text in texts], inside=ax.bbox.padded(2 * unit))
+    space = LabelSpace([_extent(text, unit).padded(2 * unit) for text in texts], inside=ax.bbox.padded(2 * unit))
     corners = [at[ring(at, members)] for members in groups]
     for polygon in corners:
         ax.add_patch(Polygon(polygon, fc=(*_rgb(_SHADE), 0.18), ec=_SHADE, lw=1.0, joinstyle="round", zorder=1))
@@ -114,12 +129,13 @@ def mechanism_graph(kinematics: Kinematics, *, ax: Axes, copies: bool = False) -
         for end, teeth in enumerate(gears.teeth):
             if teeth is not None:
                 here = curve if end == 0 else curve[::-1]
-                _write_teeth(teeth, here, others, colour=colours[gears.carrier], board=board, ax=ax)
-    _name_levels(graph, at, board=board, ax=ax)
+                _write_teeth(teeth, here, others, colour=colours[gears.carrier], space=space, ax=ax)
+    _name_levels(graph, at, space=space, ax=ax)
     return ax
 
 
 def _graph(kinematics: Kinematics, *, copies: bool) -> _Graph:
+    """Return the vertices, levels and gear pairs of a mechanism."""
     gearbox, bodies, mechanism = kinematics.gearbox, kinematics.bodies, kinematics.mechanism
     together = {} if copies else {name: link for link in gearbox.copied for name in gearbox.instances(link)}
     shown: dict[str, str] = {}  # body -> the one that is drawn for it
@@ -162,7 +178,7 @@ def _graph(kinematics: Kinematics, *, copies: bool) -> _Graph:
 
 
 def _wrapped(names: list[str]) -> str:
-    """Return the names of one body, in lines that are not too long."""
+    """Return the names of one body, wrapped into lines of some 16 letters."""
     lines = [names[0]]
     for name in names[1:]:
         if len(lines[-1]) + len(name) > 16:  # noqa: PLR2004
@@ -204,7 +220,7 @@ def _narrow(ax: Axes) -> None:
 
 
 def _boxes(graph: _Graph, colours: dict[int, str], *, ax: Axes) -> list[Text]:
-    """Write the name of every vertex in its box; carriers have a strong border, the frame is dark."""
+    """Return the boxed names of the vertices; carriers have a strong border, the frame is dark."""
     texts = []
     for vertex, label in enumerate((*graph.labels, *["?"] * graph.unknown)):
         known = vertex < len(graph.labels)
@@ -221,14 +237,14 @@ def _boxes(graph: _Graph, colours: dict[int, str], *, ax: Axes) -> list[Text]:
 
 
 def _extent(text: Text, unit: float) -> Bbox:
-    """Extent of a text with the box round it; the box itself is only brought up to date when it is drawn."""
+    """Return the extent of a text with its box, which matplotlib updates only when it draws."""
     return text.get_window_extent().padded(_PAD * _SIZE * unit)
 
 
 def _curves(
     edges: tuple[tuple[int, int], ...], at: np.ndarray, sizes: np.ndarray, corners: list[np.ndarray]
 ) -> list[np.ndarray]:
-    """Control points (3, 2) of every edge: straight, or bent where it would hide behind a box or another edge."""
+    """Return Bezier control points (3, 2) of every edge, bent where a straight one would meet a box or an edge."""
     chosen: list[np.ndarray] = []
     for i, j in edges:
         others = np.setdiff1d(np.arange(len(at)), [i, j])
@@ -260,9 +276,9 @@ def _path(curve: np.ndarray) -> Path:
 
 
 def _write_teeth(
-    teeth: int, curve: np.ndarray, others: list[np.ndarray], *, colour: str, board: Board, ax: Axes
+    teeth: int, curve: np.ndarray, others: list[np.ndarray], *, colour: str, space: LabelSpace, ax: Axes
 ) -> None:
-    """Write a gear's teeth on its edge, as near to the gear as there is room and clear of the other edges."""
+    """Write a gear's teeth on its edge, as close to the gear as other texts and edges allow."""
     text = ax.text(
         0, 0, minus(str(teeth)), ha="center", va="center", fontsize=7.5, color=colour, weight="bold", zorder=5
     )
@@ -272,18 +288,18 @@ def _write_teeth(
     for t in np.linspace(0.08, 0.48, 41):
         x, y = _bezier(curve, np.array([t]))[0]
         text.set_position((x, y))
-        extent = text.get_window_extent().padded(points(ax))
-        room = ax.transData.inverted().transform(extent)
-        across = np.all((rest > room[0]) & (rest < room[1]), axis=1)
-        cost = board.trouble(extent) + 3.0 * np.count_nonzero(across) + 20 * t
+        extent = text.get_window_extent().padded(point_size(ax))
+        box = ax.transData.inverted().transform(extent)
+        across = np.all((rest > box[0]) & (rest < box[1]), axis=1)
+        cost = space.overlap_area(extent) + 3.0 * np.count_nonzero(across) + 20 * t
         if cost < least:
             best, least = (x, y), cost
     text.set_position(best)
-    board.take(text.get_window_extent().padded(points(ax)))
+    space.occupy(text.get_window_extent().padded(point_size(ax)))
 
 
-def _name_levels(graph: _Graph, at: np.ndarray, *, board: Board, ax: Axes) -> None:
-    """Write the names of levels where they say more than the names of their links, if there is room."""
+def _name_levels(graph: _Graph, at: np.ndarray, *, space: LabelSpace, ax: Axes) -> None:
+    """Write the names of levels that differ from the names of their links, where there is free space."""
     for name, members in graph.levels:
         said = any(name in graph.labels[vertex] for vertex in members)
         if said and len(members) == 2:  # noqa: PLR2004
@@ -293,8 +309,8 @@ def _name_levels(graph: _Graph, at: np.ndarray, *, board: Board, ax: Axes) -> No
         text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
         for x, y in _around(middle):
             text.set_position((x, y))
-            if board.free(text.get_window_extent()):
-                board.take(text.get_window_extent())
+            if space.free(text.get_window_extent()):
+                space.occupy(text.get_window_extent())
                 break
         else:
             text.remove()

@@ -1,6 +1,6 @@
-"""Where text goes: rendered extents, and places that are still free.
+"""Placement of labels without overlap.
 
-Extents are in display units of the Axes as it is laid out when it is drawn on.
+Extents are in display units of the Axes in its present layout.
 """
 
 from collections.abc import Iterable, Sequence
@@ -11,75 +11,71 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 
-def settle(ax: Axes) -> None:
-    """Run the layout of the figure, so that extents are those of the drawing to come."""
+def apply_layout(ax: Axes) -> None:
+    """Run the layout of the figure, so that extents are those of the final drawing."""
     figure = ax.figure.canvas.figure
     engine = figure.get_layout_engine()
     if engine is None:
         figure.draw_without_rendering()
-    else:  # a third of the time of a drawing
+    else:  # takes a third of the time of a drawing
         engine.execute(figure)
 
 
-def points(ax: Axes) -> float:
-    """Return the display units in one typographic point."""
+def point_size(ax: Axes) -> float:
+    """Return the number of display units per typographic point."""
     return float(ax.figure.dpi) / 72
 
 
-class Board:
-    """The rectangles that are taken, and whether another one is free."""
+class LabelSpace:
+    """Occupied rectangles, and the overlap of further ones with them."""
 
-    def __init__(self, taken: Iterable[Bbox] = (), *, inside: Bbox | None = None) -> None:
-        self._taken = list(taken)
+    def __init__(self, occupied: Iterable[Bbox] = (), *, inside: Bbox | None = None) -> None:
+        self._occupied = list(occupied)
         self._inside = inside
 
     def free(self, box: Bbox) -> bool:
-        """Whether a rectangle lies inside the board and overlaps nothing on it."""
-        return self.trouble(box) == 0
+        """Whether a rectangle lies within the bounds and overlaps no occupied one."""
+        return self.overlap_area(box) == 0
 
-    def trouble(self, box: Bbox) -> float:
-        """Area of a rectangle that overlaps others or leaves the board."""
-        area = sum(_overlap(box, other) for other in self._taken)
+    def overlap_area(self, box: Bbox) -> float:
+        """Return the area of a rectangle that overlaps occupied ones or lies outside the bounds."""
+        area = sum(_overlap(box, other) for other in self._occupied)
         if self._inside is not None:
             area += box.width * box.height - _overlap(box, self._inside)
         return float(area) if area > 1e-6 else 0.0  # noqa: PLR2004
 
-    def take(self, box: Bbox) -> None:
-        """Mark a rectangle as taken."""
-        self._taken.append(box)
+    def occupy(self, box: Bbox) -> None:
+        """Add a rectangle to the occupied ones."""
+        self._occupied.append(box)
 
-    def put(self, text: Text, places: Sequence[tuple[float, float]]) -> int:
-        """Move a text to the first free place of `places`, in its own coordinates; to the least bad if none is.
-
-        Returns the number of the place.
-        """
-        troubles = []
+    def place_text(self, text: Text, places: Sequence[tuple[float, float]]) -> int:
+        """Move a text to the first free position of `places`, or to the one of least overlap; return its index."""
+        overlaps = []
         for number, place in enumerate(places):
             text.set_position(place)
-            troubles.append(self.trouble(text.get_window_extent()))
-            if troubles[number] == 0:
+            overlaps.append(self.overlap_area(text.get_window_extent()))
+            if overlaps[number] == 0:
                 break
-        best = int(np.argmin(troubles))
+        best = int(np.argmin(overlaps))
         text.set_position(places[best])
-        self.take(text.get_window_extent())
+        self.occupy(text.get_window_extent())
         return best
 
 
-def spread(wanted: np.ndarray, *, gap: float, low: float, high: float) -> np.ndarray:
-    """Move ascending positions as little as possible (least squares) until all are `gap` apart in [low, high].
+def spread(positions: np.ndarray, *, gap: float, low: float, high: float) -> np.ndarray:
+    """Return ascending positions at least `gap` apart in [low, high], nearest to the given ones in least squares.
 
-    With the gaps taken out the answer is the nearest non-decreasing sequence: neighbours that are out of order
-    are pooled to their mean.
+    After subtraction of the gaps this is isotonic regression, solved by pooling adjacent violators.
     """
-    steps = gap * np.arange(wanted.size)
+    steps = gap * np.arange(positions.size)
     pools: list[list[float]] = []  # mean, count
-    for value in wanted - steps:
+    for value in positions - steps:
         pools.append([float(value), 1])
         while len(pools) > 1 and pools[-2][0] > pools[-1][0]:
             mean, count = pools.pop()
             pools[-1] = [(pools[-1][0] * pools[-1][1] + mean * count) / (pools[-1][1] + count), pools[-1][1] + count]
     flat = np.repeat([mean for mean, _ in pools], [int(count) for _, count in pools])
-    moved: np.ndarray = np.clip(flat, low, max(low, high - gap * (wanted.size - 1))) + steps
+    moved: np.ndarray = np.clip(flat, low, max(low, high - gap * (positions.size - 1))) + steps
     return moved
 
 

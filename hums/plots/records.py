@@ -1,4 +1,4 @@
-"""Figures of an analysis: speed, spectra with their claimed lines, amplitude tracks."""
+"""Figures of an analysis: speed, spectra with their significant lines, amplitude tracks."""
 
 from collections.abc import Hashable
 from typing import Any
@@ -8,16 +8,42 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.text import Annotation
 
-from hums.plots.labels import Board, points, settle
+from hums.plots.labels import LabelSpace, apply_layout, point_size
 from hums.plots.style import INK, KIND_COLOURS, LINE, TRACK_COLOURS
 
-_COLUMNS = 1600  # of a drawn spectrum; between them the highest point is kept
+_COLUMNS = 1600  # of a drawn spectrum, each at its largest value
 _MOST_LABELS = 14
-_ABOVE = 5  # points from a line to its name
+_NAME_GAP = 5  # points from a line to its name
 
 
 def plot_speed(speed: xr.Dataset, *, ax: Axes) -> Axes:
-    """Draw the speed over time; `speed` is the group `/speed` of an analysis."""
+    """Draw the speed of the reference against time.
+
+    Parameters
+    ----------
+    speed : xarray.Dataset
+        Group ``/speed`` of an analysis.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_speed
+    >>> speed = xr.Dataset(
+    ...     {"speed_hz": ("revolution", [20.0, 20.5])},
+    ...     coords={"time_s": ("revolution", [0.025, 0.074])},
+    ...     attrs={"shaft": "input"},
+    ... )
+    >>> plot_speed(speed, ax=Figure().add_subplot()).get_ylabel()
+    'speed of input, rev/s'
+    """
     ax.plot(speed["time_s"], speed["speed_hz"], color=LINE, lw=1.2)
     ax.set(xlabel="time, s", ylabel=f"speed of {speed.attrs['shaft']}, rev/s")
     low, high = float(speed["speed_hz"].min()), float(speed["speed_hz"].max())
@@ -27,13 +53,40 @@ def plot_speed(speed: xr.Dataset, *, ax: Axes) -> Axes:
 
 
 def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes, logarithmic: bool = False) -> Axes:
-    """Draw one channel's spectrum over orders with the claimed lines marked and named.
+    """Draw one channel's spectrum against order; significant lines have a dot and a name, other expected ones a tick.
 
-    Lines that were looked for and not claimed are ticks on the axis; `group` is `/order_spectrum` or `/envelope`. On a
-    logarithmic axis the sidebands of a strong mesh are seen beside it.
+    Parameters
+    ----------
+    group : xarray.Dataset
+        Group ``/order_spectrum`` or ``/envelope`` of an analysis.
+    channel : str
+        Channel to draw.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+    logarithmic : bool
+        Whether the amplitude axis is logarithmic, which shows the sidebands beside a strong mesh line.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> noise = np.random.default_rng(0).normal(size=8000)
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_spectrum
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> spectra = analysis["order_spectrum"].to_dataset()
+    >>> plot_spectrum(spectra, channel="housing", ax=Figure().add_subplot()).get_ylabel()
+    'peak amplitude, g'
     """
     spectrum = group.sel(channel=channel)
-    orders, amplitude = _highest(spectrum["order"].to_numpy(), spectrum["amplitude"].to_numpy())
+    orders, amplitude = _column_maxima(spectrum["order"].to_numpy(), spectrum["amplitude"].to_numpy())
     ax.plot(orders, amplitude, color=LINE, lw=0.7)
     lines = _lines(group, channel)
     top = float(amplitude.max()) or 1.0
@@ -56,7 +109,40 @@ def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes, logarithmic: boo
 
 
 def plot_tracks(tracks: xr.Dataset, *, channel: str, ax: Axes, most: int = 6) -> Axes:
-    """Draw the largest amplitude tracks of a channel with a band of plus and minus two standard deviations."""
+    """Draw the largest amplitude tracks of a channel, each with a band of plus and minus two standard deviations.
+
+    Parameters
+    ----------
+    tracks : xarray.Dataset
+        Group ``/tracks`` of an analysis.
+    channel : str
+        Channel to draw.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+    most : int
+        Largest number of tracks drawn.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> times_s = np.arange(8000) / 4000
+    >>> tone = 0.5 * np.cos(2 * np.pi * 23 * 20 * times_s)  # 23 teeth at 20 rev/s
+    >>> noise = np.random.default_rng(0).normal(0, 0.05, times_s.size)
+    >>> pulses = hums.PulseTimes(times_s=np.arange(41) / 20, shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"housing": tone + noise}, rate_hz=4000, units="g", angle=pulses)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_tracks
+    >>> ax = plot_tracks(analysis["tracks"].to_dataset(), channel="housing", ax=Figure().add_subplot())
+    >>> round(float(ax.lines[0].get_ydata().mean()), 2)
+    0.5
+    """
     mine = tracks.isel(track=np.flatnonzero(tracks["track_channel"].to_numpy() == channel))
     size = np.abs(mine["complex_amplitude"].to_numpy()).mean(axis=1)
     for rank, index in enumerate(np.argsort(-size)[:most]):
@@ -77,32 +163,32 @@ def plot_tracks(tracks: xr.Dataset, *, channel: str, ax: Axes, most: int = 6) ->
 
 
 def _name_lines(lines: list[dict[Hashable, Any]], drawn: np.ndarray, *, ax: Axes) -> None:
-    """Write the names of lines above them, the first ones first, and leave out those that would overlap.
+    """Write the names of lines above them in the given order, and leave out those that would overlap.
 
-    A name stands above all of the spectrum, `drawn` (n, 2) as order and amplitude, that is within its width, and the
-    axis goes as high as the names do.
+    A name is placed above the part of the spectrum, `drawn` (n, 2) as order and amplitude, that lies within its width;
+    the amplitude axis is extended to hold the names.
     """
-    settle(ax)
+    apply_layout(ax)
     labels = [_name(line, ax=ax) for line in lines]
     to_fraction = ax.transScale + ax.transLimits
     for label in labels:
-        extent = label.get_window_extent().padded(points(ax))
+        extent = label.get_window_extent().padded(point_size(ax))
         left, right = (ax.transData.inverted().transform((x, 0.0))[0] for x in (extent.x0, extent.x1))
         under = drawn[(drawn[:, 0] > left) & (drawn[:, 0] < right), 1]
         label.xy = (label.xy[0], max(label.xy[1], under.max(initial=0.0)))
-        room = 1 - (extent.height + _ABOVE * points(ax)) / ax.bbox.height
+        available = 1 - (extent.height + _NAME_GAP * point_size(ax)) / ax.bbox.height
         low, _ = ax.get_ybound()
-        # what stands at this height of the axis now comes to stand where the name just fits above it
-        share = to_fraction.transform(label.xy)[1] / max(room, 0.2)
+        # scale the axis so that the name just fits between this amplitude and the top
+        share = to_fraction.transform(label.xy)[1] / max(available, 0.2)
         if share > 1:
             high = to_fraction.inverted().transform((0.0, share))[1]
             ax.set_ylim(low, high)
-    settle(ax)
-    board, named = Board(), 0
+    apply_layout(ax)
+    space, named = LabelSpace(), 0
     for label in labels:
-        extent = label.get_window_extent().padded(0.5 * points(ax))
-        if named < _MOST_LABELS and board.free(extent):
-            board.take(extent)
+        extent = label.get_window_extent().padded(0.5 * point_size(ax))
+        if named < _MOST_LABELS and space.free(extent):
+            space.occupy(extent)
             named += 1
         else:
             label.remove()
@@ -112,7 +198,7 @@ def _name(line: dict[Hashable, Any], *, ax: Axes) -> Annotation:
     return ax.annotate(
         _label(line),
         (line["order_found"], line["line_amplitude"]),
-        xytext=(0, _ABOVE),
+        xytext=(0, _NAME_GAP),
         textcoords="offset points",
         rotation=90,
         ha="center",
@@ -122,8 +208,8 @@ def _name(line: dict[Hashable, Any], *, ax: Axes) -> Annotation:
     )
 
 
-def _highest(orders: np.ndarray, amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Thin a spectrum for drawing: in each column the highest point stays, so no line is lost."""
+def _column_maxima(orders: np.ndarray, amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Reduce a spectrum for drawing to the largest value of each column, which loses no line."""
     step = max(1, orders.size // _COLUMNS)
     size = orders.size // step * step
     blocks = amplitude[:size].reshape(-1, step)
@@ -132,7 +218,7 @@ def _highest(orders: np.ndarray, amplitude: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _lines(group: xr.Dataset, channel: str) -> list[dict[Hashable, Any]]:
-    """Rows of the line table of one channel, fundamentals first, then by height; sidebands only where claimed."""
+    """Return the lines of one channel, fundamentals first, then by amplitude; sidebands only where significant."""
     table = group[[name for name in group.data_vars if group[name].dims == ("line",)]].to_dataframe()
     mine = table[(table["line_channel"] == channel) & ((table["sideband"] == 0) | (table["claimed"] == 1))]
     plain = (mine["harmonic"] == 1) & (mine["sideband"] == 0) & (mine["kind"] != "shaft")

@@ -1,4 +1,4 @@
-"""Colours and words the figures share."""
+"""Colours and text style of the figures."""
 
 INK, FAINT, LINE, MARK, DOUBT = "#1f2933", "#9aa5b1", "#2563a8", "#c2410c", "#b7791f"
 KIND_COLOURS = {
@@ -18,5 +18,5 @@ TRACK_COLOURS = ("#2563a8", "#c2410c", "#2f855a", "#805ad5", "#b7791f", "#2c7a7b
 
 
 def minus(text: str) -> str:
-    """Return a number as printed, its hyphen a minus sign."""
+    """Return the text of a number with a minus sign for its hyphen."""
     return text.replace("-", "\N{MINUS SIGN}")

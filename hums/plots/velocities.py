@@ -1,4 +1,4 @@
-"""The angular velocities of a mechanism's links as arrows (Penaud, Alazard and Amiez 2012, figure 5)."""
+"""Angular velocity vectors of the links of a mechanism, drawn as by Penaud, Alazard and Amiez (2012, figure 5)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from matplotlib.text import Annotation
 from matplotlib.transforms import Bbox
 
 from hums.kinematics import Kinematics
-from hums.plots.labels import Board, points, settle
+from hums.plots.labels import LabelSpace, apply_layout, point_size
 from hums.plots.style import FAINT, INK, LINE, MARK, minus
 
 _SAME = 1e-9  # of the fastest link
@@ -21,7 +21,7 @@ _LANE = 0.05  # between arrows on one line, of the longest
 
 @dataclass(frozen=True, kw_only=True)
 class _Arrow:
-    """One arrow in the complex plane, for all links that turn alike; `line` is the one through 0 it lies on."""
+    """One arrow in the complex plane for all links of equal velocity; `line` is its direction if it is radial."""
 
     names: tuple[str, ...]
     start: complex
@@ -35,24 +35,40 @@ class _Arrow:
 
 
 def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fraction] | None = None, *, ax: Axes) -> Axes:
-    """Draw the angular velocity vectors of all links in the plane of the axes.
+    """Draw the angular velocity vectors of all links in the plane of their axes.
 
-    Solid arrows are velocities as the frame sees them, dashed ones those of a planet as its carrier sees it. The
-    number at an arrow is its length, signed where all of them are parallel. Arrows on one line stand side by side,
-    links that turn alike share an arrow, and those at rest are named above.
+    Solid arrows are velocities relative to the frame, dashed ones those of a planet relative to its carrier. The number
+    at an arrow is its length, signed where all arrows are parallel. Collinear arrows are drawn side by side, links of
+    equal velocity share an arrow, and the links at rest are named in the title.
 
     Parameters
     ----------
     kinematics : Kinematics
-        From `solve_kinematics`.
-    speeds : mapping of link name to speed, any unit
-        As `Kinematics.velocities` takes them. None: one turn of the gearbox's reference.
-    ax : Axes
+        Result of `solve_kinematics`.
+    speeds : mapping of link name to speed, optional
+        Speeds in any unit, as for `Kinematics.velocities`; default a speed of 1 of the gearbox's reference.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
 
     Raises
     ------
     GearboxError
-        Where an axis leaves the x-y plane, so that no plane holds the vectors: use `Kinematics.vectors`.
+        If an axis leaves the x-y plane, so that no plane holds the vectors; `Kinematics.vectors` returns them.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> import hums
+    >>> from hums.plots import velocity_diagram
+    >>> kinematics = hums.solve_kinematics(hums.load_gearbox("wijianto-pair"))
+    >>> ax = velocity_diagram(kinematics, {"pinion": 700}, ax=Figure().add_subplot())
+    >>> [text.get_text() for text in ax.texts if text.get_text()]  # 700 * 36 / 63
+    ['pinion  700', 'gear  −400']
     """
     table = kinematics.velocities(speeds)
     velocity = dict(zip(kinematics.links, table.to_numpy().tolist(), strict=True))
@@ -90,7 +106,7 @@ def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fracti
 
 
 def _arrows(kinematics: Kinematics, velocity: Mapping[str, complex]) -> list[_Arrow]:
-    """Return the arrows of all links that turn, each planet's followed by the one its carrier sees."""
+    """Return the arrows of all rotating links; that of a planet is followed by the one relative to its carrier."""
     small = _SAME * max(map(abs, velocity.values()))
     carrier = {
         link: kinematics.joints[body].carried_by
@@ -120,14 +136,14 @@ def _arrows(kinematics: Kinematics, velocity: Mapping[str, complex]) -> list[_Ar
 
 
 def _rows(arrows: list[_Arrow]) -> list[complex]:
-    """Return a row of its own for each arrow, from the top."""
+    """Return the offset of each arrow to its own row, from the top."""
     return [-1j * number for number in range(len(arrows))]
 
 
 def _lanes(arrows: list[_Arrow]) -> list[complex]:
-    """Return shifts that set arrows on one line side by side, the longest in the middle.
+    """Return offsets that separate collinear arrows, the longest in the middle.
 
-    An arrow from whose tip another one starts off the line stays on the line, where the two meet.
+    An arrow at whose tip another one starts has no offset, so that the two meet.
     """
     shifts = [0j] * len(arrows)
     step = _LANE * max((abs(arrow.vector) for arrow in arrows), default=0.0)
@@ -148,14 +164,14 @@ def _prepare_rows(ax: Axes, at: np.ndarray) -> None:
 
 
 def _prepare_plane(ax: Axes, at: np.ndarray) -> None:
-    """Set limits of one scale both ways that fill the Axes, with room for names."""
+    """Set limits of equal scale in both directions that fill the Axes, with a margin for names."""
     ax.axvline(0, color=FAINT, lw=0.8, zorder=1)
     ax.axhline(0, color=FAINT, lw=0.8, zorder=1)
     low = np.array([at.real.min(), at.imag.min()])
     high = np.array([at.real.max(), at.imag.max()])
     middle, half = (low + high) / 2, (high - low) / 2 + np.array([0.3, 0.16]) * ((high - low).max() or 1.0)
     ax.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
-    settle(ax)
+    apply_layout(ax)
     shape = ax.bbox.width / ax.bbox.height
     half = np.maximum(half, [half[1] * shape, half[0] / shape])
     ax.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
@@ -163,29 +179,29 @@ def _prepare_plane(ax: Axes, at: np.ndarray) -> None:
 
 
 def _name_rows(arrows: list[_Arrow], starts: list[complex], ends: list[complex], *, unit: complex, ax: Axes) -> None:
-    """Write names beyond the tips, and make the Axes as wide as they need."""
+    """Write names beside the tips, and widen the limits to hold them."""
     texts = []
     for arrow, start, end in zip(arrows, starts, ends, strict=True):
         forward = end.real > start.real
         side = {"xytext": (5.0 if forward else -5.0, 0.0), "ha": "left" if forward else "right"}
         texts.append(_write(arrow, (arrow.vector * unit.conjugate()).real, end, side, ax=ax))
     for _ in range(4):  # wider limits make names wider in turn
-        settle(ax)
+        apply_layout(ax)
         boxes = [ax.transData.inverted().transform(text.get_window_extent()) for text in texts]
         low, high = ax.get_xlim()
         ax.set_xlim(min(low, *(box[0, 0] for box in boxes)), max(high, *(box[1, 0] for box in boxes)))
 
 
 def _name_tips(arrows: list[_Arrow], starts: list[complex], ends: list[complex], *, ax: Axes) -> None:
-    """Write names where there is room beside the tips of arrows, or the middles of those that start elsewhere."""
-    settle(ax)
-    board, unit = Board(inside=ax.bbox), points(ax)
+    """Write names in free space beside the tips of arrows, or beside the middle of those that do not start at 0."""
+    apply_layout(ax)
+    space, unit = LabelSpace(inside=ax.bbox), point_size(ax)
     for start, end in zip(starts, ends, strict=True):
         (x0, y0), (x1, y1) = ax.transData.transform([(z.real, z.imag) for z in (start, end)])
         for share in np.linspace(0, 1, max(2, int(np.hypot(x1 - x0, y1 - y0) / (2 * unit)))):
             half = (4 if share > 1 - 8 * unit / max(np.hypot(x1 - x0, y1 - y0), 1) else 1.5) * unit
             x, y = x0 + share * (x1 - x0), y0 + share * (y1 - y0)
-            board.take(Bbox([[x - half, y - half], [x + half, y + half]]))
+            space.occupy(Bbox([[x - half, y - half], [x + half, y + half]]))
     for number in sorted(range(len(arrows)), key=lambda n: -abs(ends[n])):
         arrow, start, end = arrows[number], starts[number], ends[number]
         tip = arrow.line is not None
@@ -195,7 +211,9 @@ def _name_tips(arrows: list[_Arrow], starts: list[complex], ends: list[complex],
         size = np.array([extent.width, extent.height]) / 2 / unit
         outwards = np.angle(end - start) - (0 if tip else np.pi / 2)
         turns = np.array([0, 0.5, -0.5, 1, -1, 1.3, -1.3, 1.57, -1.57, 1.9, -1.9, 2.2, -2.2, 3.14])
-        board.put(text, [_beside(size, outwards + turned, gap) for gap in (6, 10, 16, 26, 38, 52) for turned in turns])
+        space.place_text(
+            text, [_beside(size, outwards + angle, gap) for gap in (6, 10, 16, 26, 38, 52) for angle in turns]
+        )
 
 
 def _write(arrow: _Arrow, size: float, at: complex, style: dict[str, Any], *, ax: Axes) -> Annotation:
@@ -215,13 +233,13 @@ def _write(arrow: _Arrow, size: float, at: complex, style: dict[str, Any], *, ax
 
 
 def _beside(half: np.ndarray, angle: float, gap: float) -> tuple[float, float]:
-    """Return where the middle of a text stands that touches a circle of radius `gap` in a direction."""
+    """Return the centre of a text that touches a circle of radius `gap` at an angle."""
     c, s = np.cos(angle), np.sin(angle)
     return float(c * gap + np.round(c, 1) * half[0]), float(s * gap + np.round(s, 1) * half[1])
 
 
 def _joined(names: tuple[str, ...]) -> str:
-    """Return names with those of numbered copies drawn together: planet 1, 2, 3."""
+    """Return the names, with numbered copies merged: planet 1, 2, 3."""
     written: list[str] = []
     last = ""
     for name in names:

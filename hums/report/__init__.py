@@ -1,4 +1,4 @@
-"""An analysis becomes one self-contained HTML page, and the tables beside it."""
+"""Report of an analysis: one self-contained HTML page, and tables as files."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -22,12 +22,12 @@ from hums.tables import envelope_bands, indicator_table, line_table, summary
 
 
 def prepare_folder(folder: str | Path) -> Path:
-    """Make sure that a folder can be written into, before the work and not after it.
+    """Create a folder if necessary and return its path; called before an analysis, so that no work is lost.
 
     Raises
     ------
     ValueError
-        A file of that name, or a folder that cannot be made or written.
+        If it is a file, or cannot be created or written.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
@@ -44,7 +44,37 @@ def prepare_folder(folder: str | Path) -> Path:
 def write_report(analysis: Analysis, folder: str | Path) -> Path:
     """Write ``report.html``, ``analysis.h5``, ``orders.csv``, ``indicators.csv`` and ``summary.json`` into a folder.
 
-    Each file is written beside and renamed. Returns the path of the page.
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` or `open_analysis`.
+    folder : str or Path
+        Folder to write into, created if necessary. An existing file is replaced only when the new one is complete.
+
+    Returns
+    -------
+    Path
+        ``report.html``, a page without scripts that needs no other file.
+
+    Raises
+    ------
+    ValueError
+        If `folder` is a file, or cannot be created or written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import hums
+    >>> noise = np.random.default_rng(0).normal(size=8000)
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> settings = hums.AnalysisSettings(envelope_band_hz=None)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"), settings=settings)
+    >>> with TemporaryDirectory() as folder:
+    ...     page = hums.write_report(analysis, folder)
+    ...     print(page.name, sorted(path.name for path in page.parent.iterdir())[:2])
+    report.html ['analysis.h5', 'indicators.csv']
     """
     folder = prepare_folder(folder)
     save_analysis(analysis, folder / "analysis.h5")
@@ -59,18 +89,18 @@ def write_report(analysis: Analysis, folder: str | Path) -> Path:
 
 
 def render(analysis: Analysis) -> str:
-    """Return the page: text and tables, figures as SVG inside it, no script and nothing to fetch."""
+    """Return the report as HTML, with the figures as SVG, without scripts or references to other files."""
     check_analysis(analysis)
     template = (files("hums.report") / "page.html").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["words"] = lambda kind: str(kind).replace("_", " ")
-    environment.filters["chance"] = _chance
+    environment.filters["chance"] = _probability_text
     facts = summary(analysis)
     return environment.from_string(template).render(
         facts=facts,
         diagnosed=[finding for finding in facts["findings"] if finding["verdict"] == DIAGNOSED],
         indicated=[finding for finding in facts["findings"] if finding["verdict"] != DIAGNOSED],
-        faint=_faint(facts),
+        faint=_unexplained_bearing_lines(facts),
         components=_components(facts),
         indicators=indicator_tables(facts["indicators"]),
         figures=list(_figures(analysis)),
@@ -78,12 +108,12 @@ def render(analysis: Analysis) -> str:
 
 
 def _figures(analysis: Analysis) -> Iterator[dict[str, str]]:
-    """Title, caption and SVG of every figure."""
+    """Yield title, caption and SVG of every figure."""
     speed = group(analysis, "speed")
     yield _figure("Speed", "Mean over each revolution.", partial(plot_speed, speed), height=2.4)
     for name, title in ((ORDER_SPECTRUM, "Order spectrum"), (ENVELOPE, "Envelope order spectrum")):
         dataset = group(analysis, name)
-        bands = {band["channel"]: _about_band(band) for band in envelope_bands(analysis)} if name == ENVELOPE else {}
+        bands = {band["channel"]: _band_caption(band) for band in envelope_bands(analysis)} if name == ENVELOPE else {}
         for channel in _channels(dataset):
             yield _figure(
                 f"{title}, {channel}",
@@ -102,7 +132,7 @@ def _figures(analysis: Analysis) -> Iterator[dict[str, str]]:
         )
 
 
-def _about_band(band: dict[str, Any]) -> str:
+def _band_caption(band: dict[str, Any]) -> str:
     edges = f"{band['low_hz']:.6g} to {band['high_hz']:.6g} Hz"
     if not band["chosen"]:
         return f"Band {edges}, as given. "
@@ -118,25 +148,25 @@ def _channels(dataset: xr.Dataset) -> list[str]:
 
 
 def _components(facts: dict[str, Any]) -> list[dict[str, Any]]:
-    """One row a component, kind and channel: its strongest line as it was looked for."""
+    """Return the strongest line of each component, kind and channel."""
     best: dict[tuple[str, str, str], dict[str, Any]] = {}
     rows = [row | {"spectrum": "order"} for row in facts["orders"]]
     rows += [row | {"spectrum": "envelope"} for row in facts["envelope"] if row["kind"] in BEARING_KINDS]
     for row in rows:
         key = (row["component"], row["kind"], row["channel"])
-        if key not in best or _weight(row) > _weight(best[key]):
+        if key not in best or _rank(row) > _rank(best[key]):
             best[key] = row
     return list(best.values())
 
 
-def _weight(row: dict[str, Any]) -> tuple[bool, bool, float]:
-    """Claimed lines first, of these the largest; among unclaimed ones the fundamental."""
+def _rank(row: dict[str, Any]) -> tuple[bool, bool, float]:
+    """Return the sort key of a line: significant ones first, by amplitude; among the others the fundamental."""
     fundamental = not row["claimed"] and row["harmonic"] == 1 and row["sideband"] == 0
     return row["claimed"], fundamental, row["amplitude"]
 
 
-def _faint(facts: dict[str, Any]) -> list[dict[str, Any]]:
-    """Bearing fundamentals that stand out and yet are not claimed: reported, not diagnosed."""
+def _unexplained_bearing_lines(facts: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the bearing fundamentals that exceed the background without being significant."""
     return [
         row
         for row in facts["envelope"]
@@ -148,7 +178,7 @@ def _faint(facts: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def _chance(probability: float) -> str:
+def _probability_text(probability: float) -> str:
     if probability < 1e-6:  # noqa: PLR2004
         return "below one in a million"
     return f"{probability:.2g}"

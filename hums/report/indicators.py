@@ -1,4 +1,4 @@
-"""Condition indicators as tables a person can read: a table a channel and kind of part, a column a part."""
+"""Tables of condition indicators for the report: one per channel and kind of component, a column per component."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ _RAISED_BY = {
 
 
 def indicator_tables(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return tables of the indicators: title, columns, rows of cells, and what is withheld and why."""
+    """Return the tables of indicators: title, head, rows of cells, and the withheld indicators with the reason."""
     tables: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
         kind = row["kind"] if row["kind"] in _TITLES else "bearing"
@@ -29,6 +29,7 @@ def indicator_tables(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _table(channel: str, kind: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return one table: bearings in rows, since there are many; other components in columns."""
     parts = list(dict.fromkeys(row["part"] for row in rows))
     names = list(dict.fromkeys(row["indicator"] for row in rows))
     units = {row["indicator"]: row["unit"] for row in rows}
@@ -74,7 +75,7 @@ def _cell(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _withheld(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Say what is withheld, a sentence a reason."""
+    """Return one sentence per reason that names the indicators withheld for it."""
     by_reason: dict[str, list[str]] = {}
     for row in rows:
         if row["withheld"]:

@@ -377,8 +377,10 @@ def test_clipped_samples_are_missing_to_the_trackers():
     track = tracks.isel(track=int(np.argmin(np.abs(tracks["track_order"].to_numpy() - 23))))
     inner = slice(10, -10)
     error = track["complex_amplitude"].to_numpy()[inner].real - 0.5
-    over_angle = line_table(analysis, "order_spectrum")
-    mesh = over_angle[(over_angle["component"] == "stage 1") & (over_angle["harmonic"] == 1)].iloc[0]
+    resample_in_angle = line_table(analysis, "order_spectrum")
+    mesh = resample_in_angle[(resample_in_angle["component"] == "stage 1") & (resample_in_angle["harmonic"] == 1)].iloc[
+        0
+    ]
     assert mesh["amplitude"] < 0.5 - 0.01  # what clipping takes off
     assert abs(error.mean()) < 0.25 * (0.5 - mesh["amplitude"])
 
@@ -489,7 +491,7 @@ def test_speed_without_a_tachometer():
 
 
 def test_a_speed_that_cannot_be_told_is_refused():
-    with pytest.raises(AnalysisError, match=r'the speed of "input" cannot be told.*no shaft shows in it'):
+    with pytest.raises(AnalysisError, match=r'the speed of "input" cannot be estimated.*no shaft shows in it'):
         analyze(run_up_without_tachometer(mesh=0.0), TWO_STAGE, settings=WITHOUT)
     with pytest.raises(AnalysisError, match=r"speed_range_hz=\(low, high\) and max_acceleration_hz_s"):
         analyze(run_up_without_tachometer(), TWO_STAGE)

@@ -12,7 +12,7 @@ import hums
 from data_synth import make_dataset
 from data_synth.plan import parse_plan
 from hums import fleet as fleet_room
-from hums._trends import adjusted, trend
+from hums._trends import adjusted_p_values, trend
 from hums.cli import main
 from hums.fleet import FleetError, analyze_fleet
 from hums.jobs import Serial
@@ -324,5 +324,5 @@ class TestTrends:
         chances = np.array([0.3, 0.001, 0.02, 0.02])
         harmonic = 1 + 1 / 2 + 1 / 3 + 1 / 4
         expected = [0.3 * harmonic, 0.004 * harmonic, 0.02 * 4 / 3 * harmonic, 0.02 * 4 / 3 * harmonic]
-        assert adjusted(chances) == pytest.approx(np.minimum(expected, 1), rel=1e-12)
-        assert adjusted(np.array([])).size == 0
+        assert adjusted_p_values(chances) == pytest.approx(np.minimum(expected, 1), rel=1e-12)
+        assert adjusted_p_values(np.array([])).size == 0

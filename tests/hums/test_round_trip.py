@@ -153,7 +153,7 @@ def test_the_lines_of_a_faulty_shaft_are_claimed_and_tracked(kind, harmonic):
         assert list(score(analysis, record).faults["verdict"]) == ["measured"]
         lines = line_table(analysis, "order_spectrum")
         (row,) = lines[(lines["component"] == SHAFT) & (lines["harmonic"] == harmonic)].itertuples()
-        assert row.claimed
+        assert row.significant
         heard.append(assert_tracked(record, analysis, order))
     assert heard[0] < heard[1]
 

@@ -8,7 +8,7 @@ from scipy import stats
 
 from hums.gearbox import Gearbox
 from hums.kinematics import solve_kinematics
-from hums.search import ENVELOPE, ORDER_SPECTRUM, SearchPlan, Wanted, envelope_sidebands, search, wanted_lines
+from hums.search import ENVELOPE, ORDER_SPECTRUM, ExpectedLine, SearchPlan, envelope_sidebands, expected_lines, search
 
 MESH = 23
 PLAN = SearchPlan(harmonics=3, sidebands=2, slip=0.02, speed_tolerance=0.0, envelope=True)
@@ -35,12 +35,12 @@ GEARBOX = {
 BEARING_ORDERS = {"cage": 0.4, "outer_race": 3.6, "inner_race": 5.4, "rolling_element": 4.8}
 
 
-def wanted(plan=PLAN):
-    return wanted_lines(solve_kinematics(Gearbox.from_mapping(GEARBOX)), plan)
+def expected_of(plan=PLAN):
+    return expected_lines(solve_kinematics(Gearbox.from_mapping(GEARBOX)), plan)
 
 
 def line_at(order, kind, spectrum=ORDER_SPECTRUM, tolerance=0.0):
-    return Wanted(
+    return ExpectedLine(
         component="mesh", kind=kind, harmonic=1, sideband=0, order=order, tolerance=tolerance, spectrum=spectrum
     )
 
@@ -119,7 +119,7 @@ class TestTolerance:
     @pytest.mark.parametrize("slip", [0.005, 0.02, 0.03])
     def test_of_a_bearing_line_grows_with_its_order(self, slip):
         plan = SearchPlan(harmonics=5, sidebands=1, slip=slip, speed_tolerance=0.001, envelope=True)
-        lines = [line for line in wanted(plan) if line.kind in BEARING_ORDERS]
+        lines = [line for line in expected_of(plan) if line.kind in BEARING_ORDERS]
         assert len(lines) == 5 * len(BEARING_ORDERS)
         for line in lines:
             order = line.harmonic * BEARING_ORDERS[line.kind]
@@ -138,7 +138,7 @@ class TestTolerance:
             rng=np.random.default_rng(2),
             lines=[(order, 20 * typical_amplitude(1.0)) for order in orders],
         )
-        lines = [line for line in wanted(plan) if line.kind == kind]
+        lines = [line for line in expected_of(plan) if line.kind == kind]
         found, beyond = search(spectrum, lines, channel="x", units="g")
         assert not beyond
         # The frequency of a tone this far above the noise is known to a few hundredths of a bin.
@@ -149,7 +149,7 @@ class TestTolerance:
     @pytest.mark.parametrize("side", [-1, 1])
     def test_a_line_beyond_the_slip_is_another(self, harmonic, side):
         order = harmonic * BEARING_ORDERS["inner_race"]
-        line = next(line for line in wanted(SearchPlan(
+        line = next(line for line in expected_of(SearchPlan(
             harmonics=4, sidebands=1, slip=0.02, speed_tolerance=0.0, envelope=True,
         )) if line.kind == "inner_race" and line.harmonic == harmonic)  # fmt: skip
         inside, outside = (order * (1 + side * part) for part in (0.019, 0.023))
@@ -161,7 +161,7 @@ class TestTolerance:
         # 23.0 and the wheel's 23 / 57; sidebands are looked for no farther than a quarter of the way to the next.
         plan = SearchPlan(harmonics=3, sidebands=2, slip=0.02, speed_tolerance=0.01, envelope=True)
         spacing = {"mesh/pinion": 1.0, "mesh/wheel": MESH / 57}
-        for line in wanted(plan):
+        for line in expected_of(plan):
             if line.kind in {"shaft", "gear_mesh"}:
                 assert line.tolerance == pytest.approx(0.01 * line.order, rel=1e-9)
             elif line.kind == "tooth" and line.sideband:
@@ -185,6 +185,6 @@ def test_lines_past_the_end_are_out_of_reach():
     spectrum = level_spectrum(lambda axis: np.ones(axis.size))
     lines = [line_at(order, "shaft") for order in (1.0, PER_REV / 2 - 1, PER_REV / 2 + 1)]
     found, beyond = search(spectrum, lines, channel="front", units="g")
-    assert [one.wanted for one in found] == lines[:2]
+    assert [one.expected for one in found] == lines[:2]
     assert beyond == lines[2:]
     assert {(one.channel, one.units, one.bin_width) for one in found} == {("front", "g", 1 / REVOLUTIONS)}

@@ -7,10 +7,10 @@ import pytest
 from data_synth import Scene, simulate
 from hums.analysis import AnalysisSettings, analyze
 from hums.gearbox import Gearbox, load_gearbox
-from hums.judging import Judge
+from hums.judging import LineAssessor
 from hums.kinematics import solve_kinematics
 from hums.orders import BearingOrders
-from hums.search import ENVELOPE, ORDER_SPECTRUM, FoundLine, SearchPlan, Wanted, wanted_lines
+from hums.search import ENVELOPE, ORDER_SPECTRUM, ExpectedLine, MeasuredLine, SearchPlan, expected_lines
 from hums.tables import findings_table, line_table
 from signals.lines import Line
 
@@ -72,7 +72,7 @@ BEARING = BearingOrders(
 
 
 def line(component, kind, order, snr, *, harmonic=1, fundamental=False):
-    wanted = Wanted(
+    expected = ExpectedLine(
         component=component,
         kind=kind,
         harmonic=harmonic,
@@ -91,7 +91,7 @@ def line(component, kind, order, snr, *, harmonic=1, fundamental=False):
         leakage=0.0,
         false_alarm_probability=1e-9,
     )
-    return FoundLine(wanted=wanted, channel="x", units="g", bin_width=BIN, line=found)
+    return MeasuredLine(expected=expected, channel="x", units="g", bin_width=BIN, line=found)
 
 
 def comb(snr):
@@ -100,8 +100,8 @@ def comb(snr):
 
 def test_tooth_rates_that_are_no_shafts_own_are_looked_for_in_the_envelope():
     plan = SearchPlan(harmonics=2, sidebands=1, slip=0.02, speed_tolerance=0.0, envelope=True)
-    wanted = wanted_lines(solve_kinematics(Gearbox.from_mapping(GEARBOX)), plan)
-    teeth = [w for w in wanted if w.spectrum == ENVELOPE and w.kind in {"tooth", "planet_tooth"}]
+    expected = expected_lines(solve_kinematics(Gearbox.from_mapping(GEARBOX)), plan)
+    teeth = [w for w in expected if w.spectrum == ENVELOPE and w.kind in {"tooth", "planet_tooth"}]
     # sun against carrier 40/7 - 1 = 33/7, met by three planets; ring 3; either flank of a planet 2 x 33/13
     rates = [Fraction(99, 7), TOOTH_RATE, Fraction(3), 2 * TOOTH_RATE]
     assert [w.order for w in teeth if w.harmonic == 1] == pytest.approx([float(rate) for rate in rates], rel=1e-12)
@@ -110,22 +110,22 @@ def test_tooth_rates_that_are_no_shafts_own_are_looked_for_in_the_envelope():
 
 def test_gears_about_fixed_axes_add_no_line():
     plan = SearchPlan(harmonics=3, sidebands=3, slip=0.02, speed_tolerance=0.0, envelope=True)
-    wanted = wanted_lines(solve_kinematics(load_gearbox("two-stage")), plan)
-    assert not any(w.spectrum == ENVELOPE and w.kind in {"tooth", "planet_tooth"} for w in wanted)
+    expected = expected_lines(solve_kinematics(load_gearbox("two-stage")), plan)
+    assert not any(w.spectrum == ENVELOPE and w.kind in {"tooth", "planet_tooth"} for w in expected)
 
 
 @pytest.mark.parametrize(("kind", "order", "multiple"), [("cage", CAGE, 4), ("outer_race", 59 * float(TOOTH_RATE), 59)])
 def test_multiples_of_a_stronger_tooth_rate_are_no_bearing(kind, order, multiple):
-    judged = Judge({"b": BEARING}, 0.01).judge([line("b", kind, order, 42.0, fundamental=True), *comb(40.0)])
-    assert not judged[0].claimed
-    assert judged[0].explained_by == f"harmonic {multiple} of m/planet tooth"
+    assessed = LineAssessor({"b": BEARING}, 0.01).assess([line("b", kind, order, 42.0, fundamental=True), *comb(40.0)])
+    assert not assessed[0].significant
+    assert assessed[0].explained_by == f"harmonic {multiple} of m/planet tooth"
 
 
 def test_beside_a_multiple_or_above_the_teeth_a_bearing_line_stands():
     beside = line("b", "cage", CAGE + 2.5 * BIN, 42.0, fundamental=True)
     stronger = line("b", "cage", CAGE, 80.0, fundamental=True)  # three lines of 40 make 69
     for own in (beside, stronger):
-        assert Judge({"b": BEARING}, 0.01).judge([own, *comb(40.0)])[0].claimed
+        assert LineAssessor({"b": BEARING}, 0.01).assess([own, *comb(40.0)])[0].significant
 
 
 def test_a_spalled_planet_leaves_a_sound_bearing_alone():
