@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from scipy import fft
 
-from hums._planets import stations
+from hums._planets import planet_angles
 from hums.baseline import Baseline
 from hums.channels import AnalysedChannel, Values, over_angle
 from hums.gears import Gear, Part, gear_indicators, refusing
@@ -93,7 +93,7 @@ def _stage(machine: Machine, carrier: str, rings: _Meshes, suns: _Meshes) -> Sta
     ring_teeth, sun_teeth = abs(ring[1]), abs(sun[1])
     gearbox = machine.kinematics.gearbox
     axis = next((axis for axis in gearbox.axes if axis.copies == len(planets) and _on(axis.links, planets[0])), None)
-    spacing = stations(len(planets), axis.spacing_deg if axis else None)
+    spacing = planet_angles(len(planets), axis.spacing_deg if axis else None)
     fits = ring_teeth + sun_teeth  # planets can stand only where the teeth of both let them
     places = tuple(Fraction(round(angle / 360 * fits), fits) for angle in spacing)
     off = max(abs(angle - 360 * float(place)) for angle, place in zip(spacing, places, strict=True))

@@ -1,4 +1,4 @@
-"""JSON schema of the hand-written files, for editors that check while one types."""
+"""JSON schema of gearbox files, for editors that check while one types."""
 
 from typing import Any
 
@@ -9,6 +9,8 @@ def gearbox_schema() -> dict[str, Any]:
     """Return the JSON schema (2020-12) of a gearbox file as it is written by hand."""
     schema: dict[str, Any] = Gearbox.model_json_schema(by_alias=True)
     parts = schema["$defs"]
+    # of the class's docstring only what describes a file, not its sections for Python
+    schema["description"] = schema["description"].split("\n\n")[0]
     name = {"type": "string", "minLength": 1}
     axis, mesh, bearing = parts["Axis"], parts["Mesh"], parts["Bearing"]
     # an axis stands under its name; the short form is the list of its links
