@@ -89,7 +89,7 @@ def _supports(statics: Statics, body: str) -> tuple[tuple[str, float], tuple[str
     names = [name for bearing in holding for name in bearing.names]
     if len(names) != 2:  # noqa: PLR2004
         raise IndeterminateError(
-            f'"{body}" runs in {count(len(names), "bearing")} ({quoted(names)}); statics settles exactly two: '
+            f'"{body}" runs in {count(len(names), "bearing")} ({quoted(names)}); statics determines exactly two: '
             "indeterminate"
         )
     others = {ring for bearing in holding for ring in _rings(statics, bearing)} - {body}

@@ -208,7 +208,9 @@ class Bearing(Declared):
             )
         for name in self.takes_axial:
             if name not in self.names:
-                raise ValueError(f'takes_axial names "{name}", which is not here{closest(name, list(self.names))}')
+                raise ValueError(
+                    f'takes_axial names "{name}", which is not one of its names{closest(name, list(self.names))}'
+                )
 
     def _check_elements(self) -> None:
         """Refuse a number of elements that the multiples contradict, or that does not fit on the pitch circle."""

@@ -79,8 +79,8 @@ def _check_balance(statics: Statics) -> None:
     unknown = [link for link, torque in statics.torques.items() if torque is None and link not in known]
     if unknown:
         raise TorqueError(
-            f"{statics.name}: the torques of {quoted(unknown)} cannot be told apart; its meshes leave "
-            f"{count(len(free), 'degree')} of freedom, and each settles one torque. Give the torque of "
+            f"{statics.name}: the torques of {quoted(unknown)} are indeterminate; its meshes leave "
+            f"{count(len(free), 'degree')} of freedom, and each determines one torque. Give the torque of "
             f'"{unknown[-1]}" as a number, or leave it out where nothing loads it.'
         )
 

@@ -148,7 +148,7 @@ class Gearbox(Declared):
         ):
             twice = {name for name in names if names.count(name) > 1}
             if twice:
-                raise ValueError(f'two of kind {kind} are called "{min(twice)}"; add name = "..." to tell them apart')
+                raise ValueError(f'two of kind {kind} are called "{min(twice)}"; add name = "..." to distinguish them')
         self._check_copies()
         if self.link_order is not None and sorted(self.link_order) != sorted(known):
             wrong = sorted(set(self.link_order) ^ known)

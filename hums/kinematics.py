@@ -343,8 +343,8 @@ class Kinematics:
         terms += [{link: 1.0, body: -1.0} for link, body in self.bodies.items() if link != body]
         column = {link: number for number, link in enumerate(self.links)}
         matrix = np.zeros((len(terms), len(column)), dtype=np.complex128)
-        for number, row in enumerate(terms):
-            for link, weight in row.items():
+        for number, entries in enumerate(terms):
+            for link, weight in entries.items():
                 matrix[number, column[link]] += weight
         return matrix
 
