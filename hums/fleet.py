@@ -25,7 +25,7 @@ from hums.jobs import Job, Serial, Workers, run_jobs
 from hums.layout import Analysis, group
 from hums.search import ENVELOPE, ORDER_SPECTRUM
 from hums.shards import dataset_record, dataset_size, is_dataset
-from hums.store import open_record, written_beside
+from hums.store import atomic_write, open_record
 from hums.tables import findings_table, indicator_table, line_table
 
 __all__ = ["Fleet", "FleetError", "analyze_fleet"]
@@ -144,7 +144,7 @@ def analyze_fleet(
 def _claim(mark: Path, task: dict[str, str]) -> None:
     """Note what the folder is for, or refuse one that is for something else."""
     if not mark.is_file():
-        with written_beside(mark) as part:
+        with atomic_write(mark) as part:
             part.write_text(json.dumps(task, indent=1), encoding="utf-8")
         return
     there = json.loads(mark.read_text(encoding="utf-8"))
@@ -192,7 +192,7 @@ def _piece(source: _Source) -> str:
 
 def _write_piece(gearbox: str, settings: str, source: _Source, path: Path) -> None:
     row = {"record": source.name} | _row(source, *_prepared(gearbox, settings))
-    with written_beside(path) as part:
+    with atomic_write(path) as part:
         part.write_bytes(gzip.compress(json.dumps(row).encode(), mtime=0))
 
 

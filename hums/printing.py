@@ -32,7 +32,7 @@ def _turning(speeds: tuple[float, float, float] | None) -> str:
 
 def print_record(record: "xr.Dataset") -> None:
     """Print what a record holds, a line for each channel and tachometer."""
-    from hums.record import nominal_speed, sampling, tachometers, turning_speeds, vibration_channels  # noqa: PLC0415
+    from hums.record import nominal_speed, sampling, speed_percentiles, tachometers, vibration_channels  # noqa: PLC0415
 
     for label, key in (("machine", "machine"), ("recorded at", "recorded_at")):
         if record.attrs.get(key):
@@ -48,7 +48,7 @@ def print_record(record: "xr.Dataset") -> None:
         attrs = record[name].attrs
         typer.echo(
             f"{'tachometer':<12} {name}: {record[name].size} pulses, {attrs['pulses_per_rev']} a revolution of "
-            f"{attrs['shaft']}{_turning(turning_speeds(record[name]))}"
+            f"{attrs['shaft']}{_turning(speed_percentiles(record[name]))}"
         )
     declared = nominal_speed(record)
     if declared is not None:
