@@ -81,7 +81,8 @@ def open_dataset(folder: str | Path) -> xr.Dataset:
         variables[name] = xr.Variable(("record", *layout["dims"]), indexing.LazilyIndexedArray(values), layout["attrs"])
     attrs = {name: index.attrs[name] for name in ("schema", "machine", "rate_hz", "start_s", "plan")}
     dataset = xr.Dataset(variables, attrs=attrs)
-    return _with_time(dataset).assign_coords(index.data_vars).assign_coords(record=np.arange(rows))
+    times = attach_time(dataset.isel(record=0)).coords  # the same for all records, and not stored
+    return dataset.assign_coords(times).assign_coords(index.data_vars).assign_coords(record=np.arange(rows))
 
 
 def dataset_size(folder: str | Path) -> int:
@@ -152,11 +153,6 @@ def _index(folder: Path, *, labels: bool) -> xr.Dataset:
     if index.attrs.get("schema") != SCHEMA:
         raise RecordError(f"{folder / INDEX} holds {index.attrs.get('schema')!r}, where a dataset holds {SCHEMA!r}.")
     return index
-
-
-def _with_time(dataset: xr.Dataset) -> xr.Dataset:
-    """Return the dataset with the time axes of its records, which are not stored."""
-    return dataset.assign_coords(attach_time(dataset.isel(record=0)).coords)
 
 
 class _Rows(BackendArray):
