@@ -19,7 +19,7 @@ from data_synth.plan import Plan, PlanError, load_plan, parse_plan
 from data_synth.scene import SceneError
 from data_synth.simulation import simulate
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
-from hums.store import open_shard, remove_parts, write_shard, write_tree, written_beside
+from hums.store import atomic_write, open_shard, remove_partial_files, write_shard, write_tree
 
 SCHEMA = "hums-dataset/1"
 _SHARD = "shards/{:06d}.h5"
@@ -68,7 +68,7 @@ def make_dataset(
     tally = run_jobs(
         partial(write_records, plan.text), jobs, folder=shards, workers=workers or Serial(), title=_title(progress)
     )
-    remove_parts(folder)
+    remove_partial_files(folder)
     if tally.done or not _is_indexed(folder):
         _write_index(folder, plan, [shards / job.name for job in jobs])
     return tally
@@ -119,7 +119,7 @@ def _claim(folder: Path, plan: Plan) -> None:
     if folder.is_dir() and any(path.suffix != ".part" for path in folder.iterdir()):
         raise PlanError(f"{folder} holds files that belong to no dataset; name a new or empty folder.")
     folder.mkdir(parents=True, exist_ok=True)
-    with written_beside(mark) as part:
+    with atomic_write(mark) as part:
         part.write_text(own, encoding="utf-8")
 
 
@@ -171,7 +171,7 @@ def _write_index(folder: Path, plan: Plan, shards: Sequence[Path]) -> None:
         "records_per_shard": plan.records_per_shard,
         "arrays_json": json.dumps(arrays),
     }
-    with written_beside(folder / "labels.csv") as part:
+    with atomic_write(folder / "labels.csv") as part:
         table.to_dataframe().to_csv(part)
     write_tree(xr.DataTree(table), folder / "index.h5")
 

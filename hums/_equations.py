@@ -1,4 +1,4 @@
-"""Linear equations in named unknowns with a constant term, solved one by one in rational arithmetic."""
+"""Systems of linear equations in named unknowns with constant terms, by Gauss-Jordan elimination in fractions."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
@@ -10,32 +10,40 @@ _ZERO = Fraction(0)
 
 
 def add(form: Form, more: Form) -> None:
-    """Add one form to another in place; terms that cancel stay as zeros."""
+    """Add one form to another in place; terms that cancel remain as zeros."""
     for name, factor in more.items():
         form[name] = form.get(name, _ZERO) + factor
 
 
 def solve(equations: Iterable[Form]) -> tuple[dict[str, Form], list[Fraction]]:
-    """Solve ``form = 0`` for all: unknowns by those left open, and what is left over of each equation."""
-    solved: dict[str, Form] = {}
-    left_over = [join(form, solved) for form in equations]
-    return solved, left_over
+    """Solve the equations ``form = 0``.
 
-
-def join(form: Form, solved: dict[str, Form], *, last: Sequence[str] = ()) -> Fraction:
-    """Add the equation ``form = 0``, solved for an unknown that comes late in `last`.
-
-    Returns the constant of the form where no unknown is left to satisfy it, otherwise zero.
+    Returns
+    -------
+    solved : dict of str to form
+        Each unknown that the equations fix, expressed by the free ones and the constant.
+    residuals : list of Fraction
+        Of each equation: zero, or the constant that contradicts the equations before it.
     """
-    left = reduced(form, solved)
-    unknowns = [name for name in left if name != CONSTANT]
+    solved: dict[str, Form] = {}
+    residuals = [eliminate(form, solved) for form in equations]
+    return solved, residuals
+
+
+def eliminate(form: Form, solved: dict[str, Form], *, last: Sequence[str] = ()) -> Fraction:
+    """Solve the equation ``form = 0`` for the unknown that comes last in `last`, and substitute it in `solved`.
+
+    Returns the residual: the constant of the form where it has no unknown left, otherwise zero.
+    """
+    residual = reduced(form, solved)
+    unknowns = [name for name in residual if name != CONSTANT]
     if not unknowns:
-        return left.get(CONSTANT, _ZERO)
+        return residual.get(CONSTANT, _ZERO)
     unknown = max(unknowns, key=last.index) if last else unknowns[0]
-    add_pivot(solved, left, unknown)
+    add_pivot(solved, residual, unknown)
     return _ZERO
 
 
 def determined(solved: Mapping[str, Form]) -> dict[str, Fraction]:
-    """Return the unknowns whose expression holds no other unknown."""
+    """Return the values of the unknowns whose expression contains no free unknown."""
     return {name: terms.get(CONSTANT, _ZERO) for name, terms in solved.items() if set(terms) <= {CONSTANT}}

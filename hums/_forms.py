@@ -1,17 +1,17 @@
-"""Sparse linear forms in named unknowns, in rational arithmetic: what the solvers of speeds and of torques share.
+"""Sparse linear forms in named unknowns, in rational arithmetic, for the solvers of speeds and of torques.
 
-Equations are solved one by one: `pivots` holds each unknown that has been expressed by those still open.
+Equations are eliminated one by one (Gauss-Jordan): `pivots` holds each unknown expressed by the free ones.
 """
 
 from collections.abc import Mapping
 from fractions import Fraction
 
-Form = dict[str, Fraction]  # unknown -> factor, none of them zero
+Form = dict[str, Fraction]  # factor of each unknown, none of them zero
 _ZERO = Fraction(0)
 
 
 def difference(a: Form, b: Form) -> Form:
-    """Return one form less another, terms that cancel left out."""
+    """Return the difference of two forms; terms that cancel are left out."""
     total = dict(a)
     for body, factor in b.items():
         total[body] = total.get(body, _ZERO) - factor
@@ -25,19 +25,22 @@ def evaluate(form: Mapping[str, Fraction], rates: Mapping[str, Fraction]) -> Fra
 
 
 def reduced(form: Mapping[str, Fraction], pivots: Mapping[str, Form]) -> Form:
-    """Replace every pivot variable of `form` by its expression in free ones."""
+    """Return `form` with every pivot replaced by its expression in free unknowns."""
     result: Form = {}
     for name, factor in form.items():
         if name not in pivots:
             result[name] = result.get(name, _ZERO) + factor
             continue
-        for other, share in pivots[name].items():
-            result[other] = result.get(other, _ZERO) + factor * share
+        for other, coefficient in pivots[name].items():
+            result[other] = result.get(other, _ZERO) + factor * coefficient
     return {name: factor for name, factor in result.items() if factor}
 
 
 def add_pivot(pivots: dict[str, Form], row: Form, name: str, *, users: dict[str, set[str]] | None = None) -> None:
-    """Solve ``row = 0`` for `name` and substitute it in the expressions that use it (`users`; None: look at all)."""
+    """Solve ``row = 0`` for `name` and substitute it in all pivots.
+
+    `users` is an index of the pivots whose expression contains an unknown, which it speeds up and keeps up to date.
+    """
     scale = -1 / row[name]
     expression = {other: factor * scale for other, factor in row.items() if other != name}
     used_by = pivots if users is None else users.pop(name, set())
@@ -45,12 +48,12 @@ def add_pivot(pivots: dict[str, Form], row: Form, name: str, *, users: dict[str,
         terms = pivots[earlier]
         if name in terms:
             pivots[earlier] = reduced(terms, {name: expression})
-            _note(users, earlier, expression)
+            _add_user(users, earlier, expression)
     pivots[name] = expression
-    _note(users, name, expression)
+    _add_user(users, name, expression)
 
 
-def _note(users: dict[str, set[str]] | None, pivot: str, expression: Form) -> None:
+def _add_user(users: dict[str, set[str]] | None, pivot: str, expression: Form) -> None:
     if users is not None:
         for other in expression:
             users.setdefault(other, set()).add(pivot)

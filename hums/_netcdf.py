@@ -1,9 +1,8 @@
 """Datasets as groups of an HDF5 file in netCDF4 layout, written by h5py.
 
-What ``Dataset.to_netcdf(engine="h5netcdf")`` writes, dimension by dimension: every dimension is an HDF5 dimension scale
-with its number ``_Netcdf4Dimid``; one without a coordinate variable is a dataset without storage, its `NAME` the phrase
-of [1]_; variables refer to their scales. Xarray's coders turn truth values, moments and missing values into what
-netCDF holds.
+The layout is that of ``Dataset.to_netcdf(engine="h5netcdf")``: every dimension is an HDF5 dimension scale with its
+number ``_Netcdf4Dimid``; one without a coordinate variable is a dataset without storage, with the `NAME` that [1]_
+prescribes; variables refer to their scales. Xarray's coders encode booleans, times and missing values.
 
 References
 ----------
@@ -27,26 +26,26 @@ if TYPE_CHECKING:
 Chunks = Mapping[str, tuple[int, ...]]
 
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
-_COMPLEX = {8: "_PFNC_FLOAT_COMPLEX_TYPE", 16: "_PFNC_DOUBLE_COMPLEX_TYPE"}  # names by which the netCDF library knows
-_UNLIMITED = 1024  # chunk along a dimension of length 0, which netCDF takes for one that may grow
+_COMPLEX = {8: "_PFNC_FLOAT_COMPLEX_TYPE", 16: "_PFNC_DOUBLE_COMPLEX_TYPE"}  # type names of the netCDF library
+_UNLIMITED = 1024  # chunk length along a dimension of length 0, which netCDF reads as unlimited
 _TEXT = h5py.string_dtype()
 
 
 def write_netcdf(path: str | PathLike[str], groups: Mapping[str, tuple[xr.Dataset, Chunks]]) -> None:
-    """Write datasets to a new file, one a group.
+    """Write datasets to a new file, each to a group.
 
     Parameters
     ----------
-    path : path
-        File to write; one that stands there is replaced.
+    path : str or Path
+        File to write; an existing one is replaced.
     groups : mapping of str to (Dataset, mapping of str to tuple of int)
-        By the path of the group, parents before their children, whose dimensions they share: the dataset, and the
-        chunk of each variable that is stored in chunks with a checksum (fletcher32) each.
+        By the path of the group, parents before their children, which inherit their dimensions: the dataset, and the
+        chunk shape of each variable that is stored in chunks with a checksum (fletcher32) each.
 
     Raises
     ------
     DiskError
-        If the disk does not take it.
+        If the disk refuses a write.
     """
     numbers = count()
     with _Disk(path) as disk, h5py.File(disk, "w", track_order=True) as file:
@@ -58,11 +57,11 @@ def write_netcdf(path: str | PathLike[str], groups: Mapping[str, tuple[xr.Datase
 
 
 class DiskError(OSError):
-    """A write that the disk refused."""
+    """A write that the disk refused, for instance because it is full."""
 
 
 class _Disk(FileIO):
-    """A new file that raises on closing what its disk refused before: HDF5 crashes on a write that fails."""
+    """A new file that raises the error of a refused write on closing: HDF5 crashes if a write itself raises."""
 
     def __init__(self, path: str | PathLike[str]) -> None:
         super().__init__(path, "w+")
@@ -116,13 +115,13 @@ def _scale_above(group: h5py.Group, dim: object, size: int) -> h5py.Dataset | No
 
 
 def _new_scale(group: h5py.Group, dim: str, dataset: xr.Dataset, chunks: Chunks, number: int) -> h5py.Dataset:
-    """Declare a dimension: its coordinate variable, or a dataset that takes no room."""
+    """Create the scale of a dimension: its coordinate variable, or a dataset without storage."""
     if dim in dataset.variables:
         coded = conventions.encode_cf_variable(dataset.variables[dim], name=dim)
         scale, label = _new_dataset(group, dim, coded, chunks.get(dim)), dim
     else:
         size = dataset.sizes[dim]
-        scale = group.create_dataset(dim, shape=(size,), dtype=">f4", track_order=True, **_growing((size,), None))
+        scale = group.create_dataset(dim, shape=(size,), dtype=">f4", track_order=True, **_layout((size,), None))
         label = f"{_NO_VARIABLE}{size:10d}"
     scale.make_scale(label)
     scale.attrs.create("_Netcdf4Dimid", number, dtype=np.int32)
@@ -136,21 +135,21 @@ def _new_dataset(group: h5py.Group, name: str, variable: xr.Variable, chunks: tu
         values, dtype = values.astype(object), _TEXT
     elif dtype.kind == "c":
         dtype = _complex_type(group, dtype)
-    made = group.create_dataset(
+    created = group.create_dataset(
         name,
         data=values,
         dtype=dtype,
         fletcher32=chunks is not None or None,
         fillvalue=variable.attrs.get("_FillValue"),
         track_order=True,
-        **_growing(values.shape, chunks),
+        **_layout(values.shape, chunks),
     )
-    made.flush()  # chunks get their places now, and not when the last reference goes
-    return made
+    created.flush()  # chunks are allocated now, and not when the last reference goes
+    return created
 
 
-def _growing(shape: tuple[int, ...], chunks: tuple[int, ...] | None) -> dict[str, Any]:
-    """Return chunks and largest shape: a dimension of length 0 is one without bound."""
+def _layout(shape: tuple[int, ...], chunks: tuple[int, ...] | None) -> dict[str, Any]:
+    """Return chunk shape and maximum shape: a dimension of length 0 is unlimited."""
     if 0 not in shape:
         return {"chunks": chunks}
     return {"chunks": tuple(size or _UNLIMITED for size in shape), "maxshape": tuple(size or None for size in shape)}
@@ -165,12 +164,12 @@ def _complex_type(group: h5py.Group, dtype: np.dtype[Any]) -> h5py.Datatype:
 
 
 def _write_attrs(target: h5py.Group | h5py.Dataset, attrs: Mapping[Any, Any]) -> None:
-    """Write text as text of variable length, and a number as a row of one."""
+    """Write text with variable length, and a number as an array of one."""
     for name, value in attrs.items():
-        row = np.atleast_1d(value)
+        values = np.atleast_1d(value)
         if isinstance(value, str):
             target.attrs.create(str(name), value, dtype=_TEXT)
-        elif row.dtype.kind in "UO":
-            target.attrs.create(str(name), row.astype(object), dtype=_TEXT)
+        elif values.dtype.kind in "UO":
+            target.attrs.create(str(name), values.astype(object), dtype=_TEXT)
         else:
-            target.attrs.create(str(name), row)
+            target.attrs.create(str(name), values)

@@ -1,9 +1,8 @@
-"""Many alike records in one dataset: channels stacked, pulses padded, truth laid end to end.
+"""Records of one layout in one dataset: channels stacked, pulse times padded, true values concatenated.
 
-Channels have one length, so they stack to (record, time). Pulse times differ in number and are padded with NaN.
-Truth differs in everything from one record to the next (a crack adds lines), so the values of each of its
-variables lie end to end along a dimension of their own, and what restores them, their dimensions, shape and
-attributes, is JSON, a line for each record.
+Channels have one length and are stacked to (record, time). Pulse times differ in number and are padded with NaN.
+Truth variables differ in number and shape from record to record (a crack adds lines), so the values of each are
+concatenated along a dimension of their own; their dimensions, shapes and attributes are JSON text for each record.
 """
 
 import json
@@ -19,21 +18,21 @@ LAYOUT, ATTRS = "layout_of_truth", "attrs_of_record"
 
 
 def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *, dtype: str) -> xr.Dataset:
-    """Return one dataset of alike records and their labels.
+    """Return one dataset of records of one layout and their labels.
 
     Parameters
     ----------
     records : sequence of xarray.Dataset
         With the same channels and tachometers, of the same lengths and rates.
     labels : mapping of str to sequence
-        A value a record, by the name of the label.
-    dtype : "float32" or "float64"
-        In which the samples are kept; pulse times and truth always are float64.
+        By the name of a label, its value for each record.
+    dtype : {"float32", "float64"}
+        Type of the stored samples; pulse times and truth are float64.
 
     Raises
     ------
     ValueError
-        If the records are not alike, or a label has the name of a channel.
+        If the records differ in layout, or a label has the name of a channel.
     """
     names = [str(name) for name in records[0].data_vars if not _is_truth(name)]
     variables: dict[str, xr.Variable] = {name: _stacked(records, name, dtype) for name in names}
@@ -45,17 +44,17 @@ def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *
     for name in truths:
         flat = [record.variables[name].to_numpy().ravel() for record in records if name in record.variables]
         variables[name] = xr.Variable(f"flat_{name}", np.concatenate(flat))
-    layouts = [_text(_layout(record, truths)) for record in records]
-    attrs = [_text(record.attrs) for record in records]
+    layouts = [_json(_layout(record, truths)) for record in records]
+    attrs = [_json(record.attrs) for record in records]
     variables[LAYOUT], variables[ATTRS] = (xr.Variable(ROWS, np.array(texts)) for texts in (layouts, attrs))
     return xr.Dataset(variables, attrs={"schema": SCHEMA})
 
 
 def unpacked(shard: xr.Dataset, row: int) -> xr.Dataset:
-    """Return one record of a packed dataset, its time axes still to be attached."""
-    here = shard.isel({ROWS: row})
+    """Return one record of a packed dataset, without time axes."""
+    selected = shard.isel({ROWS: row})
     variables: dict[str, xr.Variable] = {}
-    for name, variable in here.data_vars.items():
+    for name, variable in selected.data_vars.items():
         if variable.attrs.get("role") == "label" or _is_truth(name) or name in (LAYOUT, ATTRS):
             continue
         values = variable.to_numpy()
@@ -68,17 +67,18 @@ def unpacked(shard: xr.Dataset, row: int) -> xr.Dataset:
         flat = shard[name][start : start + _size(layout)].to_numpy()
         variables[name] = xr.Variable(layout["dims"], flat.reshape(layout["shape"]), layout["attrs"])
     coordinates = [name for name, layout in layouts[row].items() if layout["coordinate"]]
-    return xr.Dataset(variables, attrs=json.loads(here[ATTRS].item())).set_coords(coordinates)
+    return xr.Dataset(variables, attrs=json.loads(selected[ATTRS].item())).set_coords(coordinates)
 
 
 def _stacked(records: Sequence[xr.Dataset], name: str, dtype: str) -> xr.Variable:
+    """Return one variable of all records, stacked along the dimension of records."""
     first = records[0].variables[name]
     rows = []
     for record in records:
         if name not in record.variables:
             raise ValueError(f'"{name}" is in some records only; the records of a dataset have the same channels.')
-        if _text(record.variables[name].attrs) != _text(first.attrs):
-            raise ValueError(f'"{name}" is not described alike in all records; units, place and rate are to agree.')
+        if _json(record.variables[name].attrs) != _json(first.attrs):
+            raise ValueError(f'"{name}" has different attributes in the records; units, place and rate have to agree.')
         rows.append(record.variables[name].to_numpy())
     width = max(row.size for row in rows)
     if first.ndim and not _is_padded(first) and min(row.size for row in rows) < width:
@@ -92,6 +92,7 @@ def _stacked(records: Sequence[xr.Dataset], name: str, dtype: str) -> xr.Variabl
 
 
 def _layout(record: xr.Dataset, truths: Sequence[str]) -> dict[str, Any]:
+    """Return dimensions, shape and attributes of each truth variable of a record."""
     return {
         name: {
             "dims": list(record.variables[name].dims),
@@ -116,10 +117,6 @@ def _is_padded(variable: xr.Variable) -> bool:
     return any(str(dim).startswith("pulse_") for dim in variable.dims)
 
 
-def _text(facts: Mapping[Any, Any]) -> str:
-    return json.dumps(dict(facts), default=_plain)
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401
-    """Translate what JSON lacks, numpy's numbers and rows of them."""
-    return value.tolist()
+def _json(mapping: Mapping[Any, Any]) -> str:
+    """Return a mapping as JSON, numpy scalars and arrays as numbers and lists."""
+    return json.dumps(dict(mapping), default=lambda value: value.tolist())

@@ -1,11 +1,11 @@
-"""What a gearbox is declared of: axes, gears, meshes and bearings, each with what its numbers must satisfy."""
+"""The parts of a declared gearbox, axes, gears, meshes and bearings, and the checks of their numbers."""
 
 import math
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from hums._planets import stations
+from hums._planets import planet_angles
 from hums.declared import Declared, closest
 
 __all__ = ["X_AXIS", "Axis", "Bearing", "Gear", "Mesh", "Multiples", "Name", "Positive", "Vector", "unit_vector"]
@@ -14,11 +14,14 @@ Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1)]
 X_AXIS: Vector = (1.0, 0.0, 0.0)
-_ROUNDED = 0.05  # of the number of elements: more than this no data sheet rounds
+_ROUNDING = 0.05  # of the number of elements: above what a data sheet rounds
 
 
 class Axis(Declared):
-    """A level: the links that turn about one common line, and that line's direction."""
+    """An axis (level in the papers): the coaxial links, and the direction of their common line.
+
+    ``through`` is a point of the line in mm; ``copies`` repeats the axis round its carrier, at ``spacing_deg``.
+    """
 
     name: Name
     links: Annotated[tuple[Name, ...], Field(min_length=2)]
@@ -34,16 +37,16 @@ class Axis(Declared):
             raise ValueError("a link is listed twice; list each link of the axis once")
         if self.direction is not None and self.parallel_to is not None:
             raise ValueError("direction and parallel_to are both given; keep one")
-        if self.direction is not None and not _is_direction(self.direction):
+        if self.direction is not None and not (any(self.direction) and all(map(math.isfinite, self.direction))):
             raise ValueError(f"direction = {list(self.direction)} is no direction; give a finite, non-zero vector")
         if self.spacing_deg is not None:
             if self.copies is None:
                 raise ValueError("spacing_deg is given without copies; say how many copies there are")
-            stations(self.copies, self.spacing_deg)
+            planet_angles(self.copies, self.spacing_deg)
         return self
 
     def instances(self) -> tuple[str, ...]:
-        """Return the names of the axes this one stands for: itself, or its numbered copies."""
+        """Return the names of the copies of this axis, ``planet 1`` and so on; without copies, its own."""
         return tuple(f"{self.name} {number + 1}" for number in range(self.copies or 0)) or (self.name,)
 
 
@@ -58,7 +61,7 @@ class Mesh(Declared):
     """Two gears in contact, or one gear whose mate is unknown.
 
     ``position_mm`` is where the middle of the face lies along the first gear's axis, from that axis' ``through``;
-    ``hand`` is the sense of the first gear's helix.
+    ``hand`` is the hand of the first gear's helix.
     """
 
     name: Name
@@ -111,7 +114,7 @@ class Mesh(Declared):
 
 
 class Multiples(Declared):
-    """Defect rates of a bearing as a data sheet prints them, per turn of one ring against the other."""
+    """Defect frequencies of a bearing as a data sheet prints them, per relative turn of its rings."""
 
     inner: Positive
     outer: Positive
@@ -149,7 +152,7 @@ class Multiples(Declared):
 
     @property
     def defect(self) -> float:
-        """Rate at which one spot of a rolling element meets a race, twice its spin."""
+        """Impacts of one spot of a rolling element on the races per relative turn of the rings, twice its spin."""
         return self.element_defect if self.element_defect is not None else 2 * (self.element_spin or 0.0)
 
 
@@ -194,10 +197,10 @@ class Bearing(Declared):
         if diameter is not None and pitch is not None and diameter >= pitch:
             raise ValueError(f"element_diameter_mm = {diameter} is not below pitch_diameter_mm = {pitch}")
         self._check_elements()
-        self._check_places()
+        self._check_positions()
         return self
 
-    def _check_places(self) -> None:
+    def _check_positions(self) -> None:
         if self.position_mm is not None and len(self.position_mm) != len(self.names):
             raise ValueError(
                 f"position_mm = {list(self.position_mm)} does not fit the names {', '.join(self.names)}; "
@@ -205,7 +208,9 @@ class Bearing(Declared):
             )
         for name in self.takes_axial:
             if name not in self.names:
-                raise ValueError(f'takes_axial names "{name}", which is not here{closest(name, list(self.names))}')
+                raise ValueError(
+                    f'takes_axial names "{name}", which is not one of its names{closest(name, list(self.names))}'
+                )
 
     def _check_elements(self) -> None:
         """Refuse a number of elements that the multiples contradict, or that does not fit on the pitch circle."""
@@ -213,27 +218,23 @@ class Bearing(Declared):
             return
         if self.multiples is not None:
             total = self.multiples.inner + self.multiples.outer
-            if abs(total / self.elements - 1) > _ROUNDED:
+            if abs(total / self.elements - 1) > _ROUNDING:
                 raise ValueError(
                     f"multiples inner {self.multiples.inner:g} + outer {self.multiples.outer:g} = {total:g} is not "
                     f"the number of elements, {self.elements}; correct one of them, or leave elements out"
                 )
         elif self.element_diameter_mm is not None and self.pitch_diameter_mm is not None:
-            room = math.pi * self.pitch_diameter_mm
-            if self.elements * self.element_diameter_mm > room:
+            circumference_mm = math.pi * self.pitch_diameter_mm
+            if self.elements * self.element_diameter_mm > circumference_mm:
                 raise ValueError(
                     f"{self.elements} elements of element_diameter_mm = {self.element_diameter_mm:g} do not fit on the "
-                    f"pitch circle, which is {room:.4g} mm round; correct elements or a diameter"
+                    f"pitch circle, which is {circumference_mm:.4g} mm round; correct elements or a diameter"
                 )
 
 
-def _is_direction(vector: Vector) -> bool:
-    return any(vector) and all(math.isfinite(x) for x in vector)
-
-
 def unit_vector(vector: Vector) -> Vector:
-    """Return the vector over its length."""
-    largest = max(abs(x) for x in vector)  # taken out first, so that no square overflows
+    """Return the vector divided by its length."""
+    largest = max(abs(x) for x in vector)  # divided out first, so that no square overflows
     x, y, z = (x / largest for x in vector)
     length = math.hypot(x, y, z)
     return (x / length, y / length, z / length)

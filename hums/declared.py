@@ -1,4 +1,4 @@
-"""What every hand-written file has in common: strict, deeply frozen models and errors that read as sentences."""
+"""The base of all hand-written files: strict, deeply frozen models, and validation errors in sentences."""
 
 import difflib
 import json
@@ -15,7 +15,7 @@ M = TypeVar("M", bound="Declared")
 
 
 class Declared(BaseModel):
-    """A table of a hand-written file: no coercion, no unknown keys, nothing that can change later."""
+    """A table of a hand-written file: no coercion of types, no unknown keys, immutable."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
 
@@ -31,7 +31,7 @@ class Declared(BaseModel):
         return frozen(table)
 
     def changed(self, **values: object) -> Self:
-        """Return a validated copy with `values` in place of the fields they name."""
+        """Return a validated copy with some fields replaced."""
         fields = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self).model_validate(fields | values)
 
@@ -47,10 +47,10 @@ def quoted(names: Iterable[str]) -> str:
 
 
 def closest(word: str, valid: set[str] | list[str]) -> str:
-    """Return ``; did you mean "x"?`` or, where nothing is near, the list of what is valid."""
-    near = difflib.get_close_matches(word, sorted(valid), n=1)
-    if near:
-        return f'; did you mean "{near[0]}"?'
+    """Return the end of an error: the valid word closest to a misspelt one, else all valid words."""
+    matches = difflib.get_close_matches(word, sorted(valid), n=1)
+    if matches:
+        return f'; did you mean "{matches[0]}"?'
     return f"; valid: {', '.join(sorted(valid))}"
 
 
@@ -64,7 +64,7 @@ def frozen(value: Any) -> Any:  # noqa: ANN401
 
 
 def validated(model: type[M], table: dict[str, Any], *, where: str, error: type[ValueError]) -> M:
-    """Validate a parsed table; on failure raise `error` with one sentence for each thing that is wrong."""
+    """Validate a parsed table; on failure raise `error` with one clause for each invalid value."""
     try:
         return model.model_validate(table)
     except ValidationError as caught:
@@ -72,13 +72,13 @@ def validated(model: type[M], table: dict[str, Any], *, where: str, error: type[
 
 
 def sentences(caught: ValidationError) -> str:
-    """Say in words what a validation found wrong."""
-    text = "; ".join(dict.fromkeys(_sentence(details) for details in _causes(caught.errors())))
+    """Return the message of a validation error: one clause for each invalid value."""
+    text = "; ".join(dict.fromkeys(_clause(details) for details in _causes(caught.errors())))
     return text if text.endswith("?") else f"{text}."
 
 
 def named_file(name_or_path: str | Path, *, shipped: dict[str, Path], thing: str, error: type[ValueError]) -> Path:
-    """Return the file that a name of a catalogue or a path means; the catalogue wins over a file of its name."""
+    """Return the file of a catalogue name or a path; a catalogue name has precedence over a file of that name."""
     name, path = str(name_or_path), Path(name_or_path)
     if name in shipped:
         return shipped[name]
@@ -88,13 +88,13 @@ def named_file(name_or_path: str | Path, *, shipped: dict[str, Path], thing: str
 
 
 def shipped_files(package: str) -> dict[str, Path]:
-    """Return the TOML files in the folder `catalogue` of a package: name -> file."""
+    """Return the TOML files in the folder `catalogue` of a package, by stem."""
     folder = Path(str(files(package))) / "catalogue"
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
-    """Parse a TOML file, or raise `error` with the file's name and what is wrong with it."""
+    """Return the tables of a TOML file; raise `error` where it cannot be read."""
     if path.is_dir():
         raise error(f"{path} is a directory; name a .toml file in it.")
     try:
@@ -112,7 +112,7 @@ def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
 
 
 def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:
-    """Leave out what only follows from an error further in, such as a list short of its refused items."""
+    """Leave out the errors that only follow from a nested one: a list too short for lack of its invalid items."""
     places = [details["loc"] for details in errors]
     return [
         details
@@ -124,11 +124,7 @@ def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:
     ]
 
 
-def _toml(value: str | float) -> str:
-    return json.dumps(value)  # the same as in TOML for text, numbers and booleans
-
-
-def _sentence(details: ErrorDetails) -> str:
+def _clause(details: ErrorDetails) -> str:
     place = ".".join(str(part + 1) if isinstance(part, int) else part for part in details["loc"])
     message = details["msg"].removeprefix("Value error, ").rstrip(".")
     if details["type"] == "missing":
@@ -137,6 +133,7 @@ def _sentence(details: ErrorDetails) -> str:
         return f"{place}: {message}" if place else message
     if details["type"] == "tuple_type":
         given = details["input"]
-        listed = f", as in [{_toml(given)}]" if isinstance(given, str | int | float) else ""
+        # JSON and TOML write text, numbers and booleans alike
+        listed = f", as in [{json.dumps(given)}]" if isinstance(given, str | int | float) else ""
         return f"{place} = {given!r}: give a list in brackets{listed}"
     return f"{place} = {details['input']!r}: {message[0].lower()}{message[1:]}"

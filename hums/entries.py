@@ -1,28 +1,34 @@
-"""What may stand in a record: units, names, numbers and moments, each refused in a sentence where it may not."""
+"""Validation of the fields of a record: units, names, numbers, times."""
+
+from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from numbers import Real
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "ANGLE_REMEDY",
     "RATE_REMEDY",
     "SCHEMA",
     "UNITS",
     "UNKNOWN_ANGLE",
-    "WAYS_TO_ANGLE",
     "RecordError",
     "check_name",
     "direction_of",
-    "finite",
+    "finite_number",
     "known_units",
-    "positive",
-    "shown",
-    "utc",
-    "vector",
+    "plain_repr",
+    "positive_number",
+    "real_vector",
+    "utc_text",
 ]
 
 SCHEMA = "hums-record/1"
@@ -42,11 +48,11 @@ UNITS: Mapping[str, tuple[str, ...]] = {
     "A": (),
     "1": (),
 }
-"""Units a channel may have, each with the spellings that are read as it."""
+"""Units of channels, each with the other spellings that are accepted for it."""
 
 _CANONICAL = {spelling: units for units, aliases in UNITS.items() for spelling in (units, *aliases)}
 
-WAYS_TO_ANGLE = (
+ANGLE_REMEDY = (
     "Give exactly one of: pulse times, angle=PulseTimes(times_s=..., shaft=..., pulses_per_rev=...), on the "
     "command line --tach-times NAME; a tachometer waveform, angle=TachometerWaveform(values=..., shaft=..., "
     "pulses_per_rev=...), --tach-waveform NAME; a declared constant speed, angle=NominalSpeed(rpm=..., "
@@ -58,13 +64,24 @@ RATE_REMEDY = "state the samples per second, rate_hz=... (on the command line --
 
 
 class RecordError(ValueError):
-    """What keeps a dataset, a file or an argument from being a record, in one sentence."""
+    """A dataset, a file or an argument that is not a valid record.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> try:
+    ...     hums.make_record({"vib": np.zeros(100)}, rate_hz=0, angle=hums.UnknownAngle(), units="g")
+    ... except hums.RecordError as error:
+    ...     print(str(error).split(";")[0])
+    rate_hz=0: a positive, finite number is needed
+    """
 
 
-def vector(values: ArrayLike, what: str) -> NDArray[np.floating]:
-    """Return 1-D float32 as it is and every other 1-D real array as float64."""
+def real_vector(values: ArrayLike, what: str) -> NDArray[np.floating]:
+    """Return a 1-D array of real numbers as float32 if it is that, else as float64; masked samples become NaN."""
     if isinstance(values, np.ma.MaskedArray):
-        values = np.ma.filled(values.astype(np.float64), np.nan)  # masked samples are gaps
+        values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
         array = np.asarray(values)
     except ValueError as error:
@@ -82,7 +99,7 @@ def vector(values: ArrayLike, what: str) -> NDArray[np.floating]:
 
 
 def known_units(units: object, what: str) -> str:
-    """Return units as `UNITS` writes them."""
+    """Return units in the spelling of `UNITS`."""
     valid = ", ".join(f'"{name}"' for name in UNITS)
     if units is None or units == "":
         raise RecordError(
@@ -95,7 +112,7 @@ def known_units(units: object, what: str) -> str:
 
 
 def direction_of(direction: Sequence[float] | str, what: str) -> str | list[float]:
-    """Return three finite numbers as a list, or words as they are."""
+    """Return a direction as a list of three finite numbers; words unchanged."""
     if isinstance(direction, str):
         return direction
     vector = np.asarray(direction)
@@ -104,8 +121,8 @@ def direction_of(direction: Sequence[float] | str, what: str) -> str | list[floa
     return [float(component) for component in vector]
 
 
-def utc(moment: datetime | str | None) -> str:
-    """Return a moment as ISO 8601 in UTC, "" for none; one without its offset from UTC is refused."""
+def utc_text(moment: datetime | str | None) -> str:
+    """Return a time as ISO 8601 in UTC, "" for None; refuse one without its offset from UTC."""
     if moment is None or moment == "":
         return ""
     try:
@@ -122,29 +139,29 @@ def utc(moment: datetime | str | None) -> str:
     return when.astimezone(UTC).isoformat().replace("+00:00", "Z")
 
 
-def positive(value: object, what: str, remedy: str) -> float:
-    """Return a positive, finite number, or refuse it with what would remedy it."""
+def positive_number(value: object, what: str, remedy: str) -> float:
+    """Return a positive, finite number; refuse others with a remedy."""
     if isinstance(value, Real) and not isinstance(value, bool | np.bool) and 0 < float(value) < math.inf:
         return float(value)
-    raise RecordError(f"{what}={shown(value)}: a positive, finite number is needed; {remedy}.")
+    raise RecordError(f"{what}={plain_repr(value)}: a positive, finite number is needed; {remedy}.")
 
 
-def finite(value: object, what: str, kind: str = "number of seconds") -> float:
-    """Return a finite number."""
+def finite_number(value: object, what: str, kind: str = "number of seconds") -> float:
+    """Return a finite number; refuse others."""
     if isinstance(value, Real) and not isinstance(value, bool | np.bool) and math.isfinite(value):
         return float(value)
-    raise RecordError(f"{what}={shown(value)}: a finite {kind} is needed.")
+    raise RecordError(f"{what}={plain_repr(value)}: a finite {kind} is needed.")
 
 
-def shown(value: object) -> str:
-    """Return a value as an error shows it: a number of numpy as plain Python."""
+def plain_repr(value: object) -> str:
+    """Return the `repr` of a value, of a numpy scalar that of the Python number."""
     return repr(value.item() if isinstance(value, np.generic) else value)
 
 
 def check_name(name: object, what: str) -> None:
-    """Refuse names that do not survive a file, where a slash opens a group, or that mean something else."""
-    good = isinstance(name, str) and name.strip() == name and name not in {"", ".", ".."}
-    if not isinstance(name, str) or not good or "/" in name or "\0" in name:
+    """Refuse names that HDF5 cannot store, in which a slash opens a group, and names with a meaning of their own."""
+    valid = isinstance(name, str) and name.strip() == name and name not in {"", ".", ".."}
+    if not isinstance(name, str) or not valid or "/" in name or "\0" in name:
         raise RecordError(f"{what}: the name {name!r} cannot be kept in a file; use words without / and outer blanks.")
     if what != "truth" and (name in {"time", "nominal_speed"} or name.startswith("truth_")):
         raise RecordError(f'{what}: the name "{name}" has a meaning of its own in a record; choose another.')

@@ -1,4 +1,4 @@
-"""From defect orders to whole families of lines, and which lines a record cannot tell apart."""
+"""Families of harmonics and sidebands of defect orders, and the lines among them that a record cannot resolve."""
 
 import math
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 HANN_HALF_LOBE = 2.0  # bins of 1 / revolutions from the peak of a Hann line to its first zero
-_ROUNDING = 16 * np.finfo(float).eps  # a few products and sums of rounded rates
+_ROUNDING = 16 * np.finfo(float).eps  # of an order, after a few products and sums
 
 
 class _Line(NamedTuple):
@@ -28,7 +28,7 @@ class _Line(NamedTuple):
 
 
 def order_families(table: pd.DataFrame, *, harmonics: int, sidebands: int) -> pd.DataFrame:
-    """List the harmonics of every defect order and the sidebands about each of them.
+    """Return the harmonics of every defect order and the sidebands of each of them.
 
     Parameters
     ----------
@@ -45,7 +45,21 @@ def order_families(table: pd.DataFrame, *, harmonics: int, sidebands: int) -> pd
         ``component``, ``kind``, ``order``, ``exact``, ``sources`` and ``seen_from`` as in `defect_orders`, then
         ``harmonic``, ``sideband`` (signed, 0 for the harmonic itself) and ``spacing`` (orders, 0 without a
         sideband): ``order = |harmonic x fundamental + sideband x spacing|``. It is exact where both terms are.
-        A sideband that would lie below zero is listed where a spectrum shows it, one at zero not at all.
+        A negative order is folded to its magnitude, where a spectrum shows it; one of zero is left out.
+
+    Raises
+    ------
+    ValueError
+        Where `harmonics` or `sidebands` is not a whole number in range.
+
+    Examples
+    --------
+    >>> import hums
+    >>> table = hums.defect_orders(hums.load_gearbox("two-stage"))
+    >>> mesh = table[(table.component == "stage 1") & (table.kind == "gear_mesh")]
+    >>> families = hums.order_families(mesh, harmonics=1, sidebands=1)  # 23 teeth, shafts at 1 and 23/67
+    >>> [str(order) for order in families.exact]
+    ['23', '22', '24', '1518/67', '1564/67']
     """
     _check_count("harmonics", harmonics, least=1)
     _check_count("sidebands", sidebands, least=0)
@@ -54,10 +68,10 @@ def order_families(table: pd.DataFrame, *, harmonics: int, sidebands: int) -> pd
 
 
 def collisions(table: pd.DataFrame, *, revolutions: float) -> pd.DataFrame:
-    """List the lines of different components, or of different kinds, that lie too close for a record.
+    """Return the pairs of lines of different components or kinds that are close, and whether a record resolves them.
 
-    Two lines can be told apart once they are ``HANN_HALF_LOBE`` = 2 bins apart, a bin being ``1 / revolutions``:
-    the half width of the main lobe of a Hann window, so that the peak of each falls on the first zero of the other.
+    Two lines are resolved if they are at least ``HANN_HALF_LOBE`` = 2 bins of ``1 / revolutions`` apart: half the
+    width of the main lobe of a Hann window, so that the peak of each falls on the first zero of the other.
 
     Parameters
     ----------
@@ -69,15 +83,25 @@ def collisions(table: pd.DataFrame, *, revolutions: float) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        A row for every pair that cannot be told apart, and for every pair next to each other that can.
+        A row for every pair that is not resolved, and for every pair of neighbours that is.
         ``component``, ``kind`` and ``order`` (for families ``harmonic`` and ``sideband`` too) with ``_a`` for the
-        lower and ``_b`` for the upper line; ``difference`` in orders; ``exact``, whether teeth alone make both
-        orders equal; ``resolvable``; and ``revolutions_needed``, which is infinite where no record would do.
+        lower and ``_b`` for the upper line; ``difference`` in orders; ``exact``, whether the orders are equal as
+        fractions; ``resolvable``; and ``revolutions_needed``, which is infinite for equal orders.
 
     Raises
     ------
     ValueError
         Where `revolutions` is not a positive number.
+
+    Examples
+    --------
+    >>> import hums
+    >>> table = hums.defect_orders(hums.load_gearbox("two-stage"))
+    >>> shaft = table[(table.component == "input") & (table.kind == "shaft")]  # order 1
+    >>> tooth = table[table.component == "stage 1/intermediate"]  # order 23/67, 44/67 below
+    >>> pairs = hums.collisions(table.loc[[*shaft.index, *tooth.index]], revolutions=3)
+    >>> bool(pairs.resolvable[0]), float(pairs.revolutions_needed[0].round(6)), round(2 * 67 / 44, 6)
+    (False, 3.045455, 3.045455)
     """
     if not (math.isfinite(revolutions) and revolutions > 0):
         raise ValueError(f"revolutions = {revolutions} is not a positive number; give the length of the record.")
@@ -97,17 +121,18 @@ def collisions(table: pd.DataFrame, *, revolutions: float) -> pd.DataFrame:
 
 
 def _family(row: Any, harmonics: int, sidebands: int) -> Iterator[_Line]:  # noqa: ANN401 - a row of a table
-    sides = [side for side in range(-sidebands, sidebands + 1) if side]
+    """Yield the harmonics of a defect order, each with its sidebands."""
+    numbers = [number for number in range(-sidebands, sidebands + 1) if number]
     for harmonic in range(1, harmonics + 1):
         yield _line(row, harmonic, 0, Fraction(0))
         for spacing in row.sidebands:
-            beside = (_line(row, harmonic, side, spacing) for side in sides)
-            yield from (line for line in beside if line.order > _ROUNDING * harmonic * row.order)
+            lines = (_line(row, harmonic, number, spacing) for number in numbers)
+            yield from (line for line in lines if line.order > _ROUNDING * harmonic * row.order)
 
 
 def _line(row: Any, harmonic: int, sideband: int, spacing: Fraction | float) -> _Line:  # noqa: ANN401
-    both = isinstance(row.exact, Fraction) and isinstance(spacing, Fraction)
-    exact = abs(harmonic * row.exact + sideband * spacing) if both else None
+    is_exact = isinstance(row.exact, Fraction) and isinstance(spacing, Fraction)
+    exact = abs(harmonic * row.exact + sideband * spacing) if is_exact else None
     order = abs(harmonic * row.order + sideband * float(spacing)) if exact is None else float(exact)
     return _Line(
         component=row.component,
@@ -123,16 +148,16 @@ def _line(row: Any, harmonic: int, sideband: int, spacing: Fraction | float) -> 
 
 
 def _close_pairs(lines: pd.DataFrame, width: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows of all pairs closer than `width` and of all neighbours, of rising orders.
+    """Return the rows of all pairs closer than `width` and of all neighbours, in lines sorted by order.
 
-    Lines of one component and kind are left out: that they meet hides nothing.
+    Pairs of one component and kind are left out, as their overlap confuses no components.
     """
     order = lines["order"].to_numpy(dtype=float)
-    own = np.arange(order.size)
-    beyond = np.searchsorted(order, order + width)
-    reach = np.minimum(np.maximum(beyond, own + 2), order.size) - own - 1
-    lower = np.repeat(own, reach)
-    upper = lower + 1 + np.arange(lower.size) - np.repeat(np.cumsum(reach) - reach, reach)
+    row = np.arange(order.size)
+    end = np.searchsorted(order, order + width)
+    count = np.minimum(np.maximum(end, row + 2), order.size) - row - 1  # pairs in which the row is the lower line
+    lower = np.repeat(row, count)
+    upper = lower + 1 + np.arange(lower.size) - np.repeat(np.cumsum(count) - count, count)
     family = lines.groupby(["component", "kind"]).ngroup().to_numpy()
     different = family[lower] != family[upper]
     return lower[different], upper[different]
@@ -141,7 +166,7 @@ def _close_pairs(lines: pd.DataFrame, width: float) -> tuple[NDArray[np.intp], N
 def _differences(
     lines: pd.DataFrame, lower: NDArray[np.intp], upper: NDArray[np.intp]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return how far apart pairs are, in rational arithmetic where both orders are exact, and which are equal so."""
+    """Return the differences of pairs, in rational arithmetic where both orders are exact, and which are exactly 0."""
     order, fractions = lines["order"].to_numpy(dtype=float), list(lines["exact"])
     difference = order[upper] - order[lower]
     # rates that are equal by formula, such as elements x cage and outer race, may differ by their rounding

@@ -25,7 +25,7 @@ from hums.jobs import Job, Serial, Workers, run_jobs
 from hums.layout import Analysis, group
 from hums.search import ENVELOPE, ORDER_SPECTRUM
 from hums.shards import dataset_record, dataset_size, is_dataset
-from hums.store import open_record, written_beside
+from hums.store import atomic_write, open_record
 from hums.tables import findings_table, indicator_table, line_table
 
 __all__ = ["Fleet", "FleetError", "analyze_fleet"]
@@ -180,7 +180,7 @@ def analyze_fleet(
 def _check_task(path: Path, task: dict[str, str]) -> None:
     """Write gearbox, settings and version into the folder; raise where it already holds other ones."""
     if not path.is_file():
-        with written_beside(path) as part:
+        with atomic_write(path) as part:
             part.write_text(json.dumps(task, indent=1), encoding="utf-8")
         return
     there = json.loads(path.read_text(encoding="utf-8"))
@@ -228,7 +228,7 @@ def _result_name(source: _Source) -> str:
 
 def _analyse_to_file(gearbox: str, settings: str, source: _Source, path: Path) -> None:
     row = {"record": source.name} | _row(source, *_parsed(gearbox, settings))
-    with written_beside(path) as part:
+    with atomic_write(path) as part:
         part.write_bytes(gzip.compress(json.dumps(row).encode(), mtime=0))
 
 

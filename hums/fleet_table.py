@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from hums._trends import MIN_POINTS, Trend, adjusted_p_values, trend
-from hums.store import write_tree, written_beside
+from hums.store import atomic_write, write_tree
 
 __all__ = ["SIGNIFICANCE", "WrittenTables", "write_tables"]
 
@@ -50,9 +50,9 @@ def write_tables(results: Sequence[Path], folder: Path) -> WrittenTables:
         columns.add(_read(path))
     table = _table(results, columns)
     write_tree(xr.DataTree(table), folder / "fleet.h5")
-    with written_beside(folder / "fleet.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
+    with atomic_write(folder / "fleet.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
         _write_csv(table, stream)
-    with written_beside(folder / "trends.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
+    with atomic_write(folder / "trends.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
         rows = list(_series_trends(table))
         _write_trends(rows, stream)
     failed = table["error"].to_numpy() != ""

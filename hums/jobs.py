@@ -1,8 +1,7 @@
-"""One function over many items, each of which makes one file: in this process, in several, or on a Dask cluster.
+"""Jobs that write one file each: in this process, in several, or on a Dask cluster.
 
-What is finished stands as a file, so a run that was stopped at any instant goes on where it was: the same call
-again makes the files that are missing. For that, the function has to put its file in place whole or not at all,
-as everything in `hums.store` does, and what it writes may depend on its item alone.
+A run that was stopped at any instant resumes: the same call again writes the files that are missing. For that, the
+function has to write its file atomically, as `hums.store` does, and the file may depend on its item alone.
 """
 
 import os
@@ -18,28 +17,57 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from hums.store import remove_parts
+from hums.store import remove_partial_files
 
 __all__ = ["Cluster", "Job", "JobError", "Processes", "Serial", "Tally", "Workers", "run_jobs"]
 
 Item = TypeVar("Item")
-_AHEAD = 2  # jobs handed out for each worker, so that none waits for the next
+_JOBS_PER_WORKER = 2  # submitted at a time, so that no worker waits for the next
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-_REACH_S = 10  # to find a scheduler
+_TIMEOUT_S = 10  # of the connection to a scheduler
 
 
 class JobError(ValueError):
-    """A run that cannot start or cannot go on, in one sentence."""
+    """A run that cannot start or cannot continue.
+
+    Examples
+    --------
+    >>> import hums
+    >>> try:
+    ...     hums.Processes(count=0)
+    ... except hums.JobError as error:
+    ...     print(error)
+    workers = 0: at least 1 process is needed.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Serial:
-    """Work in this process."""
+    """Run jobs in this process, one after another.
+
+    Examples
+    --------
+    >>> import hums
+    >>> hums.Serial()
+    Serial()
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Processes:
-    """Work in `count` processes of this machine, each with one thread for its linear algebra."""
+    """Run jobs in processes of this machine, each with one thread for its linear algebra.
+
+    Attributes
+    ----------
+    count : int
+        Number of processes, at least 1.
+
+    Examples
+    --------
+    >>> import hums
+    >>> hums.Processes(count=2).count
+    2
+    """
 
     count: int
 
@@ -50,9 +78,21 @@ class Processes:
 
 @dataclass(frozen=True, kw_only=True)
 class Cluster:
-    """Work on a Dask cluster whose scheduler listens at `address`, such as ``tcp://10.0.0.1:8786``.
+    """Run jobs on a Dask cluster.
 
-    It and its workers need this package in the same version, and the workers the disk that is written to.
+    The scheduler and its workers need this package in the same version, and the workers access to the folder that is
+    written to.
+
+    Attributes
+    ----------
+    address : str
+        Address of the scheduler, such as ``tcp://10.0.0.1:8786``.
+
+    Examples
+    --------
+    >>> import hums
+    >>> hums.Cluster(address="tcp://10.0.0.1:8786").address
+    'tcp://10.0.0.1:8786'
     """
 
     address: str
@@ -63,7 +103,7 @@ Workers = Serial | Processes | Cluster
 
 @dataclass(frozen=True, kw_only=True)
 class Job(Generic[Item]):
-    """One item, the name of the file it makes, and how many things are in it, which the progress bar counts."""
+    """One item, the name of its file, and its size in units of the progress bar."""
 
     name: str
     item: Item
@@ -72,7 +112,7 @@ class Job(Generic[Item]):
 
 @dataclass(frozen=True, kw_only=True)
 class Tally:
-    """How many jobs were done in this run, and how many had been done before it."""
+    """Number of jobs done in this run, and of those whose files were kept from earlier runs."""
 
     done: int
     kept: int
@@ -91,14 +131,16 @@ def run_jobs(
     Parameters
     ----------
     function : callable
-        Writes the file of one item, whole or not at all. For processes and clusters it and the items are pickled:
-        a function of a module, or a `functools.partial` of one.
+        Writes the file of one item atomically. For processes and clusters it is pickled, as are the items: a function
+        of a module, or a `functools.partial` of one.
     jobs : sequence of Job
+        Items and the names of their files.
     folder : Path
-        An existing folder, given over to these files: what a killed run left half written is removed from it.
+        Existing folder for these files only: partial files of killed runs are removed from it.
     workers : Serial, Processes or Cluster
+        Where the jobs run.
     title : str, optional
-        Words beside a progress bar on standard error; without them no bar is drawn.
+        Label of a progress bar on standard error; None: no bar.
 
     Returns
     -------
@@ -107,28 +149,28 @@ def run_jobs(
     Raises
     ------
     JobError
-        If another run works in the folder, a worker dies, or a cluster cannot be reached or writes elsewhere.
+        If another run uses the folder, a worker dies, or a cluster cannot be reached or writes elsewhere.
     Exception
-        What `function` raised, after jobs that were under way have ended. Finished files stay.
+        Any exception of `function`, after the running jobs have ended. Finished files remain.
     """
     folder = folder.resolve()
-    with _alone(folder):
-        remove_parts(folder)
-        there = {path.name for path in folder.iterdir()}
-        missing = [job for job in jobs if job.name not in there]
+    with _locked(folder):
+        remove_partial_files(folder)
+        finished = {path.name for path in folder.iterdir()}
+        missing = [job for job in jobs if job.name not in finished]
         kept = sum(job.size for job in jobs) - sum(job.size for job in missing)
-        with _bar(title, total=kept + sum(job.size for job in missing), done=kept) as advance:
+        with _progress_bar(title, total=kept + sum(job.size for job in missing), done=kept) as advance:
             if isinstance(workers, Serial):
                 for job in missing:
                     function(job.item, folder / job.name)
                     advance(job.size)
             elif missing:
                 with _pool(workers, jobs=len(missing)) as (pool, width):
-                    _spread(function, missing, folder=folder, pool=pool, width=width, advance=advance)
+                    _submit(function, missing, folder=folder, pool=pool, width=width, advance=advance)
     return Tally(done=len(missing), kept=len(jobs) - len(missing))
 
 
-def _spread(
+def _submit(
     function: Callable[[Item, Path], None],
     jobs: Sequence[Job[Item]],
     *,
@@ -137,7 +179,7 @@ def _spread(
     width: int,
     advance: Callable[[int], None],
 ) -> None:
-    """Keep `width` jobs with the pool, so that a hundred thousand do not wait in its queue."""
+    """Run the jobs in a pool with at most `width` of them submitted at a time, so that its queue stays short."""
     waiting = iter(jobs)
     running: dict[Future[None], Job[Item]] = {}
     while True:
@@ -156,20 +198,20 @@ def _spread(
             advance(job.size)
 
 
-# ---- where the work is done --------------------------------------------------------------------------------
+# ---- executors ---------------------------------------------------------------------------------------------
 
 
 @contextmanager
 def _pool(workers: Processes | Cluster, *, jobs: int) -> Iterator[tuple[Executor, int]]:
-    """Yield an executor and how many jobs to keep with it."""
+    """Yield an executor and the number of jobs to submit to it at a time."""
     if isinstance(workers, Cluster):
         with _cluster(workers.address) as (pool, threads):
-            yield pool, _AHEAD * threads
+            yield pool, _JOBS_PER_WORKER * threads
         return
     count = min(workers.count, jobs)
     with _one_thread_each(), ProcessPoolExecutor(count, get_context("spawn"), initializer=_prepare_worker) as pool:
         try:
-            yield pool, _AHEAD * count
+            yield pool, _JOBS_PER_WORKER * count
         except BrokenProcessPool:
             raise JobError(
                 "a worker process died, as it does when memory runs out. What is finished is kept: run the same "
@@ -181,7 +223,7 @@ def _pool(workers: Processes | Cluster, *, jobs: int) -> Iterator[tuple[Executor
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Have processes started meanwhile use one thread each: they are the parallel part, and sums keep their order."""
+    """Limit the processes that are started meanwhile to one thread each, which also fixes the order of sums."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
     try:
@@ -195,7 +237,7 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _prepare_worker() -> None:
-    """Leave interrupts to the parent, and end with it: killed outright, it cannot tell its workers to stop."""
+    """Ignore interrupts, which the parent handles, and end with the parent, also if it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:
@@ -215,7 +257,7 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
         raise JobError('a cluster needs Dask: pip install "hums-toolkit[dask]".') from None
     connect: Any = Client  # which has no types
     try:
-        client = connect(address, timeout=_REACH_S, set_as_default=False)
+        client = connect(address, timeout=_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise JobError(
             f"no Dask scheduler answers at {address} ({error}); start one with: dask scheduler, and give its address."
@@ -235,16 +277,16 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
                 "this package, in the same version, where the scheduler and its workers run."
             ) from error
         finally:
-            pool.shutdown(wait=False)  # what still runs was asked for by a run that has failed
+            pool.shutdown(wait=False)  # after a failure, running jobs are not awaited
 
 
-# ---- one run at a time, and how far it is ------------------------------------------------------------------
+# ---- lock and progress -------------------------------------------------------------------------------------
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Hold the folder against a second run; the system lets go of it when a process dies."""
-    if os.name != "posix":  # elsewhere two runs at once are the user's to avoid
+def _locked(folder: Path) -> Iterator[None]:
+    """Lock the folder against a second run; the system releases the lock of a process that dies."""
+    if os.name != "posix":  # no lock elsewhere: the user has to avoid two runs at once
         yield
         return
     import fcntl  # noqa: PLC0415 - exists on POSIX only
@@ -261,12 +303,12 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _bar(title: str | None, *, total: int, done: int) -> Iterator[Callable[[int], None]]:
-    """Yield the function that moves a bar on."""
+def _progress_bar(title: str | None, *, total: int, done: int) -> Iterator[Callable[[int], None]]:
+    """Yield a function that advances a progress bar by a number of units."""
     if title is None:
         yield lambda _: None
         return
-    from rich.console import Console  # noqa: PLC0415 - only a person needs it
+    from rich.console import Console  # noqa: PLC0415 - for the bar only
     from rich.progress import (  # noqa: PLC0415
         BarColumn,
         MofNCompleteColumn,

@@ -7,8 +7,13 @@ Alazard and Amiez 2012, eq. 2, with the directions already in the signs of the t
 whole-number coefficients and are solved in rational arithmetic; directions enter only when the rates are
 added up to velocity vectors.
 
-The papers' own way, a complex constraint matrix and its null space, stands beside it as an independent check
-for mechanisms whose axes lie in one plane.
+The method of the papers, the null space of a complex constraint matrix, is kept as an independent check for
+mechanisms whose axes lie in one plane.
+
+References
+----------
+J. Penaud, D. Alazard and A. Amiez, Kinematic analysis of spatial geared mechanisms, Journal of Mechanical Design 134
+(2012), 021009.
 """
 
 import math
@@ -27,38 +32,57 @@ from hums.declared import closest, count
 from hums.gearbox import Gearbox, GearboxError
 from hums.mechanism import Contact, Joint, Mechanism, build_mechanism
 
-Rates = Form  # in the joint rates, by body
+Rates = Form  # a linear form in the joint rates, which are named after their bodies
 Speeds = Mapping[str, float | Fraction]
 _ONE = Fraction(1)
 _ZERO = Fraction(0)
-_FLAT = 1e-12
+_IN_PLANE = 1e-12  # largest z component, or deviation from parallel, of unit vectors
 
 
 @dataclass(frozen=True)
 class Kinematics:
-    """The solved mechanism: degrees of freedom, carriers, velocity ratios."""
+    """The solved kinematics of a gearbox: degrees of freedom, carriers, velocity ratios.
+
+    Built by `solve_kinematics`.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        Bodies, turning pairs and contacts.
+    pivots : mapping of body to linear form
+        The joint rates that depend on the free ones, as combinations of them.
+
+    Examples
+    --------
+    >>> import hums
+    >>> kinematics = hums.solve_kinematics(hums.load_gearbox("planetary-27-36-99"))
+    >>> kinematics.dof, kinematics.free
+    (1, ('sun',))
+    >>> kinematics.carriers[0]
+    'carrier'
+    """
 
     mechanism: Mechanism
     pivots: Mapping[str, Rates]
 
     @property
     def gearbox(self) -> Gearbox:
-        """What was drawn."""
+        """The gearbox as declared."""
         return self.mechanism.gearbox
 
     @property
     def bodies(self) -> Mapping[str, str]:
-        """Link -> body; links that are rigid with each other are one body."""
+        """Body of each link; links that are rigid with each other are one body."""
         return self.mechanism.bodies
 
     @property
     def joints(self) -> Mapping[str, Joint]:
-        """Body -> the turning pair that holds it."""
+        """Turning pair of each body."""
         return self.mechanism.joints
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
-        """Every mesh, copies counted."""
+        """Every mesh, copies expanded."""
         return self.mechanism.contacts
 
     @property
@@ -68,12 +92,12 @@ class Kinematics:
 
     @cached_property
     def free(self) -> tuple[str, ...]:
-        """Bodies whose joint rates are free: one for each degree of freedom."""
+        """Bodies whose joint rates are independent: one for each degree of freedom."""
         return tuple(body for body in self.joints if body not in self.pivots)
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom."""
+        """Number of degrees of freedom."""
         return len(self.free)
 
     @property
@@ -84,35 +108,42 @@ class Kinematics:
     # ---- speeds --------------------------------------------------------------------------------------------
 
     def rates(self, speeds: Speeds | None = None) -> dict[str, Fraction]:
-        """Solve for every joint rate, given the speeds of as many links as there are degrees of freedom.
+        """Return every joint rate, given the speeds of as many links as there are degrees of freedom.
 
         Parameters
         ----------
-        speeds : mapping of link name to speed, any unit
-            Absolute speeds along the links' declared axes, of any links; more than needed are welcome where
-            they agree (to 1e-9 where they are floats). None: one turn of the gearbox's reference.
+        speeds : mapping of str to float or Fraction, optional
+            Absolute speeds of links along their declared axes, in any unit. More than needed are accepted where they
+            agree (to 1e-9 where they are floats). None: speed 1 of the gearbox's reference.
 
         Returns
         -------
-        dict of body name to Fraction, in the unit of `speeds`
+        dict of str to Fraction
+            Speed of each body relative to the one that carries its axis, in the unit of `speeds`.
 
         Raises
         ------
         GearboxError
-            Too few speeds; contradictory ones, by name; a speed imposed on a link whose axis itself turns in
-            another direction.
+            Too few speeds; contradictory ones; a speed of a link whose axis itself turns in another direction.
+
+        Examples
+        --------
+        >>> import hums
+        >>> kinematics = hums.solve_kinematics(hums.load_gearbox("planetary-27-36-99"))
+        >>> print(kinematics.rates({"sun": 1})["carrier"])  # Willis: 27 / (27 + 99), the ring at rest
+        3/14
         """
-        imposed = self._one_turn() if speeds is None else speeds
+        imposed = self._unit_reference_speed() if speeds is None else speeds
         values = {link: _fraction(link, speed) for link, speed in imposed.items()}
-        found: dict[str, Rates] = {}  # free body -> combination of the imposed speeds
+        found: dict[str, Rates] = {}  # by free body, a linear form in the imposed speeds
         for link, speed in values.items():
             form = reduced(self.spin(link), self.pivots) | {_imposed(link): -_ONE}
-            left = reduced(form, found)
-            unknown = next((body for body in left if not _is_imposed(body)), None)
+            residual = reduced(form, found)
+            unknown = next((body for body in residual if not _is_imposed(body)), None)
             if unknown is not None:
-                add_pivot(found, left, unknown)
-            elif not _agree(left, values, exact=all(isinstance(x, int | Fraction) for x in imposed.values())):
-                self._refuse_contradiction(left, link, speed, values)
+                add_pivot(found, residual, unknown)
+            elif not _vanishes(residual, values, exact=all(isinstance(x, int | Fraction) for x in imposed.values())):
+                self._refuse_contradiction(residual, link, speed, values)
         missing = [body for body in self.free if body not in found]
         if missing:
             raise GearboxError(
@@ -125,10 +156,32 @@ class Kinematics:
         return {body: free[body] if body in free else evaluate(self.pivots[body], free) for body in self.joints}
 
     def spin(self, link: str, *, seen_from: str | None = None) -> Rates:
-        """Return a link's turning about its own axis, as a linear form in the joint rates.
+        """Return the speed of a link about its own axis as a linear form in the joint rates.
 
-        Seen from the frame where `seen_from` is None, which needs all axes up to the frame to be parallel;
-        otherwise from any link on the same axis, or on a parallel one.
+        Parameters
+        ----------
+        link : str
+            Link that turns.
+        seen_from : str, optional
+            Link relative to which it turns, on the same axis or on a parallel one. None: the frame, which needs all
+            axes from the link to the frame to be parallel.
+
+        Returns
+        -------
+        dict of str to Fraction
+            Factor of each joint rate.
+
+        Raises
+        ------
+        GearboxError
+            An unknown link, or axes that are not parallel.
+
+        Examples
+        --------
+        >>> import hums
+        >>> kinematics = hums.solve_kinematics(hums.load_gearbox("planetary-27-36-99"))
+        >>> {body: int(factor) for body, factor in kinematics.spin("planet 1").items()}
+        {'planet 1': 1, 'carrier': 1}
         """
         body = self._body(link)
         if seen_from is None:
@@ -138,22 +191,60 @@ class Kinematics:
             return {}
         axis = self.mechanism.shared_axis(body, other)
         if axis is not None:
-            return difference(self._on_axis(body, axis), self._on_axis(other, axis))
+            return difference(self._rate_on(body, axis), self._rate_on(other, axis))
         if other == self.mechanism.frame:
             return dict(self._absolute(body))
-        along = self._along(body, other)
-        seen = {name: along * factor for name, factor in self._absolute(other).items()}
-        return difference(self._absolute(body), seen)
+        sense = self._relative_sense(body, other)
+        reference = {name: sense * factor for name, factor in self._absolute(other).items()}
+        return difference(self._absolute(body), reference)
 
     def relative_speed(self, link: str, *, seen_from: str, speeds: Speeds | None = None) -> Fraction:
-        """Return the speed of `link` about its axis as `seen_from` sees it, signed, exact for exact `speeds`."""
+        """Return the signed speed of a link about its axis relative to another link.
+
+        Parameters
+        ----------
+        link, seen_from : str
+            As in `spin`.
+        speeds : mapping of str to float or Fraction, optional
+            As in `rates`.
+
+        Returns
+        -------
+        Fraction
+            In the unit of `speeds`; exact where they are.
+
+        Examples
+        --------
+        >>> import hums
+        >>> kinematics = hums.solve_kinematics(hums.load_gearbox("two-stage"))
+        >>> print(kinematics.relative_speed("intermediate", seen_from="housing"))  # 23 teeth drive 67
+        -23/67
+        """
         return evaluate(self.spin(link, seen_from=seen_from), self.rates(speeds))
 
     def vectors(self, speeds: Speeds | None = None) -> xr.DataArray:
-        """Return the angular velocity vector of every link at the declared configuration, (link, 3)."""
+        """Return the angular velocity vector of every link at the declared configuration.
+
+        Parameters
+        ----------
+        speeds : mapping of str to float or Fraction, optional
+            As in `rates`.
+
+        Returns
+        -------
+        xarray.DataArray
+            (link, component), in the unit of `speeds`.
+
+        Examples
+        --------
+        >>> import hums
+        >>> kinematics = hums.solve_kinematics(hums.load_gearbox("two-stage"))
+        >>> kinematics.vectors({"input": 67}).sel(link="intermediate").values.tolist()
+        [-23.0, 0.0, 0.0]
+        """
         rates = self.rates(speeds)
         of_body = {self.mechanism.frame: np.zeros(3)}
-        for body in _outwards(self.joints, self.mechanism.frame):
+        for body in _carriers_first(self.joints, self.mechanism.frame):
             joint = self.joints[body]
             direction = np.array(self.mechanism.directions[joint.axis])
             of_body[body] = of_body[joint.carried_by] + float(rates[body]) * direction
@@ -163,14 +254,31 @@ class Kinematics:
         )
 
     def velocities(self, speeds: Speeds | None = None) -> xr.DataArray:
-        """Return the complex angular velocity of every link, (link,): x is real, y imaginary.
+        """Return the complex angular velocity of every link: x is real, y imaginary.
+
+        Parameters
+        ----------
+        speeds : mapping of str to float or Fraction, optional
+            As in `rates`.
+
+        Returns
+        -------
+        xarray.DataArray
+            (link,), complex, in the unit of `speeds`.
 
         Raises
         ------
         GearboxError
             Where an axis leaves the x-y plane: use `vectors`.
+
+        Examples
+        --------
+        >>> import hums
+        >>> kinematics = hums.solve_kinematics(hums.load_gearbox("two-stage"))
+        >>> complex(kinematics.velocities({"input": 67}).sel(link="intermediate"))
+        (-23+0j)
         """
-        self._refuse_space()
+        self._require_plane()
         vectors = self.vectors(speeds)
         return xr.DataArray(
             vectors.sel(component="x").to_numpy() + 1j * vectors.sel(component="y").to_numpy(),
@@ -179,55 +287,76 @@ class Kinematics:
         )
 
     def velocity_ratios(self, inputs: Sequence[str] | None = None) -> xr.DataArray:
-        """Return the velocity ratio matrix Omega_0 of the papers, (link, input), complex, 1 at each input.
-
-        Angles are relative to the input's own axis. Parameters and errors as in `velocities`.
+        """Return the velocity ratio matrix Omega_0 of Penaud, Alazard and Amiez 2012.
 
         Parameters
         ----------
-        inputs : sequence of link names, as many as there are degrees of freedom
-            None: the gearbox's reference.
+        inputs : sequence of str, optional
+            Links, as many as there are degrees of freedom. None: the gearbox's reference.
+
+        Returns
+        -------
+        xarray.DataArray
+            (link, input), complex, 1 at each input; its argument is the angle to the input's own axis.
+
+        Raises
+        ------
+        GearboxError
+            As in `velocities` and `rates`.
+
+        Examples
+        --------
+        >>> import hums
+        >>> kinematics = hums.solve_kinematics(hums.load_gearbox("two-stage"))
+        >>> ratio = kinematics.velocity_ratios(["input"]).sel(link="output", input="input").item()
+        >>> round(ratio.real * 67 * 61, 9)  # (-23 / 67) (-19 / 61)
+        437.0
         """
-        names = tuple(self._one_turn()) if inputs is None else tuple(inputs)
+        names = tuple(self._unit_reference_speed()) if inputs is None else tuple(inputs)
         columns = []
         for name in names:
-            turning = self.velocities({other: Fraction(int(other == name)) for other in names})
-            columns.append(turning.to_numpy() / turning.sel(link=name).item())
+            velocities = self.velocities({other: Fraction(int(other == name)) for other in names})
+            columns.append(velocities.to_numpy() / velocities.sel(link=name).item())
         return xr.DataArray(
             np.stack(columns, axis=1), dims=("link", "input"), coords={"link": list(self.links), "input": list(names)}
         )
 
-    # ---- the papers' matrix --------------------------------------------------------------------------------
+    # ---- constraint matrix and null space ------------------------------------------------------------------
 
     @cached_property
     def constraint_matrix(self) -> NDArray[np.complex128]:
         """The kinematic constraint matrix M of Penaud, Alazard and Amiez 2012, 2.4: (1 + meshes + rigid, link).
 
-        First the frame at rest, then a row a mesh of two gears, then one for each second name of a body. Each
-        mesh has its gears' teeth, turned by ``pitch_angle_deg`` where declared, else by the axes' directions,
-        which gives the same row up to a unit factor.
+        The first row holds the frame at rest, the next ones are those of the meshes of two gears, the last ones equate
+        links that are one body. The entries of a mesh are its gears' teeth, turned by ``pitch_angle_deg`` where
+        declared, else by the axes' directions, which gives the same row up to a unit factor.
         """
-        self._refuse_space()
-        place = {link: column for column, link in enumerate(self.links)}
-        rows = [self._row(place, {self.gearbox.frame: 1.0})]
+        self._require_plane()
+        terms: list[Mapping[str, complex]] = [{self.gearbox.frame: 1.0}]
         for contact in self.contacts:
             if len(contact.gears) == 1:
                 continue
             weights = self._mesh_weights(contact)
-            terms = {link: weight for (link, _), weight in zip(contact.gears, weights, strict=True)}
-            terms[contact.carrier] = terms.get(contact.carrier, 0) - sum(weights)
-            rows.append(self._row(place, terms))
-        rows += [self._row(place, {link: 1.0, body: -1.0}) for link, body in self.bodies.items() if link != body]
-        return np.array(rows)
+            row = {link: weight for (link, _), weight in zip(contact.gears, weights, strict=True)}
+            row[contact.carrier] = row.get(contact.carrier, 0) - sum(weights)
+            terms.append(row)
+        terms += [{link: 1.0, body: -1.0} for link, body in self.bodies.items() if link != body]
+        column = {link: number for number, link in enumerate(self.links)}
+        matrix = np.zeros((len(terms), len(column)), dtype=np.complex128)
+        for number, entries in enumerate(terms):
+            for link, weight in entries.items():
+                matrix[number, column[link]] += weight
+        return matrix
 
     @cached_property
     def null_space(self) -> NDArray[np.complex128]:
-        """An orthonormal basis of the null space of `constraint_matrix`, (link, dof): the independent solver."""
+        """Orthonormal basis of the null space of `constraint_matrix`, (link, dof)."""
         from scipy.linalg import null_space  # noqa: PLC0415
 
         return np.asarray(null_space(self.constraint_matrix))
 
     def _mesh_weights(self, contact: Contact) -> list[complex]:
+        """Return the entries of a contact's gears in the constraint matrix: teeth times exp(j angle)."""
         if contact.pitch_angle_deg is not None:
             angles = np.radians(contact.pitch_angle_deg)
             return [abs(teeth) * complex(np.exp(1j * a)) for (_, teeth), a in zip(contact.gears, angles, strict=True)]
@@ -238,23 +367,16 @@ class Kinematics:
             weights.append(teeth * complex(x, -y))
         return weights
 
-    @staticmethod
-    def _row(place: Mapping[str, int], terms: Mapping[str, complex]) -> NDArray[np.complex128]:
-        row = np.zeros(len(place), dtype=np.complex128)
-        for link, weight in terms.items():
-            row[place[link]] += weight
-        return row
-
-    def _refuse_space(self) -> None:
+    def _require_plane(self) -> None:
         for axis, (_, _, z) in self.mechanism.directions.items():
-            if abs(z) > _FLAT:
+            if abs(z) > _IN_PLANE:
                 raise GearboxError(
                     f'axis "{axis}" leaves the x-y plane, so no complex number holds its speeds; use vectors().'
                 )
 
-    # ---- pieces --------------------------------------------------------------------------------------------
+    # ---- linear forms in the joint rates -------------------------------------------------------------------
 
-    def _one_turn(self) -> dict[str, Fraction]:
+    def _unit_reference_speed(self) -> dict[str, Fraction]:
         if self.gearbox.reference is None:
             raise GearboxError(
                 f'gearbox "{self.gearbox.name}" declares no reference; add reference = "LINK" or name the inputs.'
@@ -266,40 +388,44 @@ class Kinematics:
             raise GearboxError(f'gearbox "{self.gearbox.name}" has no link "{link}"{closest(link, list(self.bodies))}')
         return self.bodies[link]
 
-    def _on_axis(self, body: str, axis: str) -> Rates:
+    def _rate_on(self, body: str, axis: str) -> Rates:
+        """Return the rate of a body about an axis relative to the axis's carrier; zero for the carrier itself."""
         return {body: _ONE} if body in self.joints and self.joints[body].axis == axis else {}
 
-    def _along(self, body: str, other: str) -> int:
-        """Return +1 or -1 as the axes of two bodies point the same or the opposite way; refuse all else."""
+    def _relative_sense(self, body: str, other: str) -> int:
+        """Return +1 where the axes of two bodies are parallel, -1 where antiparallel; refuse all else."""
         one, two = (self.mechanism.directions[self.joints[name].axis] for name in (body, other))
-        along = sum(a * b for a, b in zip(one, two, strict=True))
-        if abs(abs(along) - 1) > _FLAT:
+        cosine = sum(a * b for a, b in zip(one, two, strict=True))
+        if abs(abs(cosine) - 1) > _IN_PLANE:
             raise GearboxError(
                 f'"{body}" and "{other}" turn about axes in different directions, so one number cannot say how fast '
                 "the one turns seen from the other; name the speed relative to its carrier, or use vectors()."
             )
-        return round(along)
+        return round(cosine)
 
     def _absolute(self, body: str) -> Rates:
-        """Return the turning of a body about its own axis as the frame sees it: the sum along its carriers."""
-        known = self._known_absolute
-        if body not in known:
+        """Return the absolute speed of a body about its own axis: its joint rate and those of its carriers."""
+        cache = self._absolute_cache
+        if body not in cache:
             joint = self.joints[body]
             form = {body: _ONE}
             if joint.carried_by != self.mechanism.frame:
-                along = self._along(body, joint.carried_by)
-                form |= {name: along * factor for name, factor in self._absolute(joint.carried_by).items()}
-            known[body] = form
-        return known[body]
+                sense = self._relative_sense(body, joint.carried_by)
+                form |= {name: sense * factor for name, factor in self._absolute(joint.carried_by).items()}
+            cache[body] = form
+        return cache[body]
 
     @cached_property
-    def _known_absolute(self) -> dict[str, Rates]:
+    def _absolute_cache(self) -> dict[str, Rates]:
         return {self.mechanism.frame: {}}
 
-    def _refuse_contradiction(self, left: Rates, link: str, speed: Fraction, values: Mapping[str, Fraction]) -> None:
-        others = [name for name in values if name != link and _imposed(name) in left]
-        needed = -evaluate({key: f for key, f in left.items() if key != _imposed(link)}, _symbols(values))
-        implied = float(needed / left[_imposed(link)])
+    def _refuse_contradiction(
+        self, residual: Rates, link: str, speed: Fraction, values: Mapping[str, Fraction]
+    ) -> None:
+        others = [name for name in values if name != link and _imposed(name) in residual]
+        symbols = {_imposed(name): value for name, value in values.items()}
+        needed = -evaluate({key: f for key, f in residual.items() if key != _imposed(link)}, symbols)
+        implied = float(needed / residual[_imposed(link)])
         given = " and ".join(f'"{name}" = {float(values[name]):g}' for name in others) or "the mechanism"
         raise GearboxError(
             f'speeds contradict each other: {given} make "{link}" turn at {implied:g}, but it is given as '
@@ -313,15 +439,20 @@ def solve_kinematics(
     fixed: Iterable[str] = (),
     constraints: Iterable[Mapping[str, float | Fraction]] = (),
 ) -> Kinematics:
-    """Solve a mechanism for the ratios of all its speeds.
+    """Solve the kinematics of a gearbox for the ratios of all its speeds.
+
+    Each mesh between gears i and j on carrier k is an equation ``Z_i (w_i - w_k) + Z_j (w_j - w_k) = 0`` (Willis),
+    solved in rational arithmetic.
 
     Parameters
     ----------
     gearbox : Gearbox
         From `load_gearbox` or `from_adjacency_table`.
-    fixed : links held at rest, besides the frame.
-    constraints : linear relations between speeds
-        Each a mapping of link to factor: the speeds along the links' own axes, so weighted, add up to zero.
+    fixed : iterable of str
+        Links held at rest, besides the frame.
+    constraints : iterable of mappings of str to float or Fraction
+        Linear relations between speeds, each a factor by link: the speeds of the links along their own axes, times
+        these factors, sum to zero.
 
     Returns
     -------
@@ -330,35 +461,44 @@ def solve_kinematics(
     Raises
     ------
     GearboxError
-        A mechanism that is none (see `hums.mechanism`) or that cannot move: the parts by name, and the cure; a
-        bearing whose rings are one body.
+        A gearbox that is not a mechanism (see `hums.mechanism`) or that cannot move; a bearing whose rings are one
+        body.
+
+    Examples
+    --------
+    >>> import hums
+    >>> gearbox = hums.load_gearbox("planetary-27-36-99")
+    >>> kinematics = hums.solve_kinematics(gearbox)
+    >>> print(kinematics.relative_speed("carrier", seen_from="housing"))  # 27 / (27 + 99)
+    3/14
     """
     fixed, constraints = tuple(fixed), tuple(constraints)
     unsolved = Kinematics(build_mechanism(gearbox), {})
-    _refuse_bearings_in_one_body(unsolved)
+    _check_bearings(unsolved)
     rows = _equations(unsolved, fixed, constraints)
-    rank = {body: number for number, body in enumerate(unsolved.joints)}
+    position = {body: number for number, body in enumerate(unsolved.joints)}
     pivots: dict[str, Rates] = {}
     users: dict[str, set[str]] = {}
     for _, row in rows:
-        left = reduced(row, pivots)
-        if left:
+        residual = reduced(row, pivots)
+        if residual:
             # the body declared last is expressed by the earlier ones, so inputs tend to stay free
-            add_pivot(pivots, left, max(left, key=rank.__getitem__), users=users)
+            add_pivot(pivots, residual, max(residual, key=position.__getitem__), users=users)
     solved = Kinematics(unsolved.mechanism, pivots)
-    stuck = [
+    locked = [
         body for body, form in pivots.items() if not form and solved.joints[body].carried_by == solved.mechanism.frame
     ]
-    if solved.dof == 0 or (stuck and not (fixed or constraints)):
-        what = f'gearbox "{gearbox.name}"' if solved.dof == 0 else f'gearbox "{gearbox.name}": "{stuck[0]}"'
+    if solved.dof == 0 or (locked and not (fixed or constraints)):
+        what = f'gearbox "{gearbox.name}"' if solved.dof == 0 else f'gearbox "{gearbox.name}": "{locked[0]}"'
         raise GearboxError(
-            f"{what} cannot move: it is locked by {_who_locks(rows)}. Check the signs of the teeth (minus: internal "
-            "gear), which links are rigid, and what is fixed; make a link that is to rest rigid with the frame."
+            f"{what} cannot move: it is locked by {_locking_equations(rows)}. Check the signs of the teeth "
+            "(minus: internal gear), which links are rigid, and what is fixed; make a link that is to rest rigid with "
+            "the frame."
         )
     return solved
 
 
-def _refuse_bearings_in_one_body(unsolved: Kinematics) -> None:
+def _check_bearings(unsolved: Kinematics) -> None:
     for bearing in unsolved.gearbox.bearings:
         inner, outer = bearing.inner_ring, bearing.outer_ring
         bodies = [unsolved.bodies[unsolved.gearbox.instances(ring)[0]] for ring in (inner, outer)]
@@ -373,7 +513,7 @@ def _refuse_bearings_in_one_body(unsolved: Kinematics) -> None:
 def _equations(
     unsolved: Kinematics, fixed: Iterable[str], constraints: Iterable[Mapping[str, float | Fraction]]
 ) -> list[tuple[str, Rates]]:
-    """Return every equation in the joint rates, with the name of what makes it."""
+    """Return the equations ``form = 0`` in the joint rates, each with the name of its mesh or constraint."""
     rows = []
     for contact in unsolved.contacts:
         if len(contact.gears) == 1:
@@ -393,39 +533,33 @@ def _equations(
     return rows
 
 
-def _who_locks(rows: Sequence[tuple[str, Rates]]) -> str:
-    """Name the fewest equations that leave some body no rate but zero.
+def _locking_equations(rows: Sequence[tuple[str, Rates]]) -> str:
+    """Return the names of the fewest equations that together hold some body at rest.
 
-    Every equation gets a slip of its own; once a body's rate is a combination of slips alone, those are the
-    ones that hold it.
+    Every equation gets a slack variable of its own. A body whose rate is a combination of slack variables only is
+    held by the equations of these.
     """
     pivots: dict[str, Rates] = {}
     for number, (_, row) in enumerate(rows):
-        left = reduced(row | {_imposed(str(number)): -_ONE}, pivots)
-        body = next((name for name in left if not _is_imposed(name)), None)
+        residual = reduced(row | {_imposed(str(number)): -_ONE}, pivots)
+        body = next((name for name in residual if not _is_imposed(name)), None)
         if body is not None:
-            add_pivot(pivots, left, body)
-    held = [form for form in pivots.values() if all(map(_is_imposed, form))]
-    guilty = min(held, key=len)
-    names = dict.fromkeys(rows[int(key.removeprefix(_MARK))][0] for key in guilty)
-    return ", ".join(names)
+            add_pivot(pivots, residual, body)
+    locked = min((form for form in pivots.values() if all(map(_is_imposed, form))), key=len)
+    return ", ".join(dict.fromkeys(rows[int(key.removeprefix(_IMPOSED))][0] for key in locked))
 
 
-# ---- rational linear algebra: forms are sparse rows, pivots are variables solved for the others ------------------
+# ---- symbols for imposed speeds in the forms -----------------------------------------------------------------
 
-_MARK = "\0"  # sets a constant's name apart from every body's
+_IMPOSED = "\0"  # prefix that no body's name has
 
 
 def _imposed(name: str) -> str:
-    return _MARK + name
+    return _IMPOSED + name
 
 
 def _is_imposed(name: str) -> bool:
-    return name.startswith(_MARK)
-
-
-def _symbols(values: Mapping[str, Fraction]) -> dict[str, Fraction]:
-    return {_imposed(link): speed for link, speed in values.items()}
+    return name.startswith(_IMPOSED)
 
 
 def _fraction(link: str, speed: object) -> Fraction:
@@ -434,19 +568,19 @@ def _fraction(link: str, speed: object) -> Fraction:
     return Fraction(speed) if isinstance(speed, int | Fraction) else Fraction(float(speed))
 
 
-def _agree(left: Rates, values: Mapping[str, Fraction], *, exact: bool) -> bool:
-    """Whether a combination of imposed speeds that must vanish does."""
-    terms = [factor * values[name.removeprefix(_MARK)] for name, factor in left.items()]
+def _vanishes(form: Rates, values: Mapping[str, Fraction], *, exact: bool) -> bool:
+    """Return whether a linear form in the imposed speeds is zero, to 1e-9 of its largest term unless exact."""
+    terms = [factor * values[name.removeprefix(_IMPOSED)] for name, factor in form.items()]
     total = abs(sum(terms, _ZERO))
     return total == 0 if exact else total <= Fraction(1, 10**9) * max((abs(term) for term in terms), default=_ZERO)
 
 
-def _outwards(joints: Mapping[str, Joint], frame: str) -> list[str]:
-    """Bodies such that each comes after the one that carries it."""
-    held_by: dict[str, list[str]] = {}
+def _carriers_first(joints: Mapping[str, Joint], frame: str) -> list[str]:
+    """Return the bodies in an order in which each comes after the one that carries it."""
+    carried_by: dict[str, list[str]] = {}
     for body, joint in joints.items():
-        held_by.setdefault(joint.carried_by, []).append(body)
+        carried_by.setdefault(joint.carried_by, []).append(body)
     order = [frame]
     for body in order:
-        order += held_by.get(body, [])
+        order += carried_by.get(body, [])
     return order[1:]

@@ -1,7 +1,7 @@
-"""The graph of a mechanism: bodies, the axes they turn about, and the contacts between their gears.
+"""The graph of a mechanism: bodies, turning pairs, and the contacts between gears with their carriers.
 
-A `hums.Gearbox` says what was drawn; here its copies are expanded, rigid links become one body, every body but
-the frame gets the one turning pair that holds it, and every mesh its carrier.
+It is derived from a `hums.Gearbox`: copies are expanded, rigid links become one body, every body but the frame gets
+its one turning pair, and every mesh its carrier.
 """
 
 import math
@@ -13,12 +13,12 @@ from itertools import pairwise
 from hums.gearbox import Gearbox, GearboxError, Mesh, Vector
 
 _PARALLEL = 1e-9
-_MEET_MM = 1e-6  # of the distance scale of the declared points
+_MEET_MM = 1e-6  # smallest distance between axes that do not meet
 
 
 @dataclass(frozen=True, kw_only=True)
 class Joint:
-    """The turning pair that holds a body: the axis it turns about and the body that carries the axis."""
+    """The turning pair of a body: the axis it turns about, and the body that carries this axis."""
 
     body: str
     axis: str
@@ -27,7 +27,7 @@ class Joint:
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
-    """One mesh of the expanded mechanism, a planet's copies each counted: its gears and its carrier."""
+    """One mesh of the expanded mechanism, one for each copy of a planet: (link, teeth) of its gears, and carrier."""
 
     mesh: str
     gears: tuple[tuple[str, int], ...]
@@ -37,15 +37,21 @@ class Contact:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """Bodies, levels and contacts of a gearbox.
+    """Bodies, turning pairs and contacts of a gearbox.
 
     Attributes
     ----------
-    bodies : link -> body; links that are rigid with each other are one body, called like the first of them.
-    levels : expanded axis -> the bodies that turn about it.
-    directions : expanded axis -> unit vector.
-    joints : body -> what holds it; every body but the frame, in the order of declaration.
-    contacts : every mesh, copies counted.
+    gearbox : Gearbox
+        The declaration.
+    bodies : mapping of link to body
+        Links that are rigid with each other are one body, named after the first of them.
+    levels : mapping of axis to tuple of bodies
+        The bodies on each axis, copies expanded.
+    directions : mapping of axis to (3,) unit vector
+    joints : mapping of body to Joint
+        The turning pair of every body but the frame, in the order of declaration.
+    contacts : tuple of Contact
+        Every mesh, copies expanded.
     """
 
     gearbox: Gearbox
@@ -62,23 +68,23 @@ class Mechanism:
 
     @cached_property
     def axes_of(self) -> Mapping[str, tuple[str, ...]]:
-        """The axes each body turns about or carries, its own joint's first."""
+        """The axes each body turns about or carries, that of its own turning pair first."""
         return _axes_of(self.levels, self.joints)
 
     def shared_axis(self, body: str, other: str) -> str | None:
-        """Return the axis two bodies are both on, or None."""
-        beside = self.axes_of[other]
-        return next((axis for axis in self.axes_of[body] if axis in beside), None)
+        """Return the axis that two bodies have in common, or None."""
+        others = self.axes_of[other]
+        return next((axis for axis in self.axes_of[body] if axis in others), None)
 
 
 def build_mechanism(gearbox: Gearbox) -> Mechanism:
-    """Expand a gearbox into its mechanism.
+    """Derive the mechanism of a gearbox.
 
     Raises
     ------
     GearboxError
-        A link that nothing holds or that two axes hold, a mesh without a carrier or with two possible ones,
-        gears whose axes cannot mesh, several mechanisms in one file: the parts by name, and the cure.
+        A link without a turning pair or with two, a mesh without a carrier or with two possible ones, gears whose
+        axes cannot mesh, several mechanisms in one file.
     """
     bodies = _bodies(gearbox)
     levels, directions = _levels(gearbox, bodies)
@@ -96,54 +102,54 @@ def build_mechanism(gearbox: Gearbox) -> Mechanism:
 
 
 def _bodies(gearbox: Gearbox) -> dict[str, str]:
-    """Map each link to its body: itself, or the first name of its rigid group, the frame's name first."""
+    """Map each link to its body: itself, or the first link of its rigid group, where the frame comes first."""
     body = {link: link for link in gearbox.links}
     rank = [name for group in gearbox.rigid for link in group for name in gearbox.instances(link)]
     for group in gearbox.rigid:
         instances = [gearbox.instances(link) for link in group]
-        alike = len({len(names) for names in instances}) == 1
-        # copies that all come in the same number are joined one by one: a stepped planet
-        for names in zip(*instances, strict=True) if alike else [sum(instances, ())]:
+        same_copies = len({len(names) for names in instances}) == 1
+        # links of equally many copies are joined copy by copy: a stepped planet
+        for names in zip(*instances, strict=True) if same_copies else [sum(instances, ())]:
             roots = {body[name] for name in names}
             root = gearbox.frame if gearbox.frame in roots else min(roots, key=rank.index)
-            for link, held in body.items():
-                if held in roots:
+            for link, current in body.items():
+                if current in roots:
                     body[link] = root
     return body
 
 
 def _levels(gearbox: Gearbox, bodies: Mapping[str, str]) -> tuple[dict[str, tuple[str, ...]], dict[str, Vector]]:
-    """Expand the axes: name -> bodies on it, each body once; copies are named ``planet 1`` and so on."""
-    levels, directions, drawn = {}, {}, gearbox.directions()
+    """Return the bodies on each axis, each body once, and the direction of each axis; copies expanded."""
+    levels, directions, declared = {}, {}, gearbox.directions()
     for axis in gearbox.axes:
         members = [gearbox.instances(link) for link in axis.links]
         for number, name in enumerate(axis.instances()):
             levels[name] = tuple(dict.fromkeys(bodies[m[number] if len(m) > 1 else m[0]] for m in members))
-            directions[name] = drawn[axis.name]
+            directions[name] = declared[axis.name]
     return levels, directions
 
 
 def _joints(gearbox: Gearbox, bodies: Mapping[str, str], levels: Mapping[str, tuple[str, ...]]) -> dict[str, Joint]:
-    """Walk outwards from the frame: the first axis that reaches a body holds it."""
-    touching: dict[str, list[str]] = {}
+    """Find the turning pair of each body, breadth first from the frame: the first axis that reaches it."""
+    axes_through: dict[str, list[str]] = {}
     for axis, members in levels.items():
         for body in members:
-            touching.setdefault(body, []).append(axis)
+            axes_through.setdefault(body, []).append(axis)
     frame = bodies[gearbox.frame]
     joints: dict[str, Joint] = {}
-    queue, walked = [frame], set()
+    queue, visited = [frame], set()
     for body in queue:
-        for axis in touching.get(body, ()):
-            if axis in walked:
+        for axis in axes_through.get(body, ()):
+            if axis in visited:
                 continue
-            walked.add(axis)
+            visited.add(axis)
             for other in levels[axis]:
                 if other == body:
                     continue
                 if other in joints or other == frame:
-                    held = joints[other].axis if other in joints else "the frame"
+                    first = joints[other].axis if other in joints else "the frame"
                     raise GearboxError(
-                        f'gearbox "{gearbox.name}": "{other}" is held twice, by axis "{axis}" and by "{held}"; '
+                        f'gearbox "{gearbox.name}": "{other}" is held twice, by axis "{axis}" and by "{first}"; '
                         "list links that turn about one line on one axis."
                     )
                 joints[other] = Joint(body=other, axis=axis, carried_by=body)
@@ -159,6 +165,7 @@ def _joints(gearbox: Gearbox, bodies: Mapping[str, str], levels: Mapping[str, tu
 
 
 def _axes_of(levels: Mapping[str, tuple[str, ...]], joints: Mapping[str, Joint]) -> dict[str, tuple[str, ...]]:
+    """Return the axes of each body, that of its turning pair first."""
     axes: dict[str, list[str]] = {}
     for axis, members in levels.items():
         for body in members:
@@ -175,36 +182,37 @@ def _contact(
     levels: Mapping[str, tuple[str, ...]],
     axes_of: Mapping[str, tuple[str, ...]],
 ) -> Contact:
-    def pick(link: str) -> str:
+    """Return copy `number` of a mesh with its carrier, the one body that shares an axis with each gear."""
+
+    def instance(link: str) -> str:
         names = gearbox.instances(link)
         return names[number] if len(names) > 1 else names[0]
 
-    gears = tuple((pick(gear.link), gear.teeth) for gear in mesh.gears)
+    gears = tuple((instance(gear.link), gear.teeth) for gear in mesh.gears)
     # S_i of Penaud 2012, eq. 1: the bodies that share an axis with gear i
-    near = [{x for axis in axes_of[bodies[link]] for x in levels[axis]} - {bodies[link]} for link, _ in gears]
-    places = [f"on {_set(around)}" for around in near]
-    turns = f"{gears[0][0]} turns {places[0]}" + "".join(
-        f", {gear[0]} {at}" for gear, at in zip(gears[1:], places[1:], strict=True)
+    coaxial = [{x for axis in axes_of[bodies[link]] for x in levels[axis]} - {bodies[link]} for link, _ in gears]
+    found = f"{gears[0][0]} turns on {_set(coaxial[0])}" + "".join(
+        f", {link} on {_set(others)}" for (link, _), others in zip(gears[1:], coaxial[1:], strict=True)
     )
-    if len(gears) == 2 and bodies[gears[1][0]] in near[0]:  # noqa: PLR2004
+    if len(gears) == 2 and bodies[gears[1][0]] in coaxial[0]:  # noqa: PLR2004
         raise GearboxError(
-            f'mesh "{mesh.name}": both gears turn about one line ({turns}), so they cannot meet, and each of '
-            f"{_set(set.intersection(*near))} could be their carrier. Put the gears on two axes."
+            f'mesh "{mesh.name}": both gears turn about one line ({found}), so they cannot meet, and each of '
+            f"{_set(set.intersection(*coaxial))} could be their carrier. Put the gears on two axes."
         )
     if mesh.carrier is not None:
-        carrier = bodies[pick(mesh.carrier)]
-        for (link, _), around in zip(gears, near, strict=True):
-            if carrier not in around:
+        carrier = bodies[instance(mesh.carrier)]
+        for (link, _), others in zip(gears, coaxial, strict=True):
+            if carrier not in others:
                 raise GearboxError(
                     f'mesh "{mesh.name}": the carrier "{mesh.carrier}" does not hold "{link}" '
-                    f"({link} turns on {_set(around)}). Name a carrier that shares an axis with each gear."
+                    f"({link} turns on {_set(others)}). Name a carrier that shares an axis with each gear."
                 )
     else:
         # on two axes of a tree there is at most one
-        common = set.intersection(*near)
+        common = set.intersection(*coaxial)
         if not common:
             raise GearboxError(
-                f'mesh "{mesh.name}": no link carries both gears ({turns}). Add the axis that holds the gears, or '
+                f'mesh "{mesh.name}": no link carries both gears ({found}). Add the axis that holds the gears, or '
                 'name the carrier with carrier = "...".'
             )
         carrier = common.pop()
@@ -212,7 +220,7 @@ def _contact(
 
 
 def _check_axes(mechanism: Mechanism) -> None:
-    """Refuse gears whose axes cannot mesh as their kind needs: parallel, meeting, or neither."""
+    """Refuse gears whose axes do not suit their kind: parallel, intersecting, or crossed."""
     gearbox = mechanism.gearbox
     kinds = {mesh.name: mesh.kind for mesh in gearbox.meshes}
     through = {axis.name: axis.through for axis in gearbox.axes if axis.through is not None}
@@ -248,27 +256,29 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 
 def _check_connected(mechanism: Mechanism) -> None:
-    """Refuse a file of several mechanisms that share the frame and nothing else."""
-    group = {body: body for body in mechanism.joints}
+    """Refuse a file of several mechanisms that have only the frame in common: union-find over the moving bodies."""
+    parent = {body: body for body in mechanism.joints}
 
     def root(body: str) -> str:
-        while group[body] != body:
-            group[body] = group[group[body]]
-            body = group[body]
+        while parent[body] != body:
+            parent[body] = parent[parent[body]]
+            body = parent[body]
         return body
 
     pairs = [(joint.body, joint.carried_by) for joint in mechanism.joints.values()]
     for contact in mechanism.contacts:
         pairs += pairwise([*(mechanism.bodies[link] for link, _ in contact.gears), contact.carrier])
         pairs += pairwise(mechanism.bodies[link] for link, _ in contact.gears)
-    moving = [(a, b) for a, b in pairs if a in group and b in group]
+    moving = [(a, b) for a, b in pairs if a in parent and b in parent]
     for a, b in moving:
-        group[root(a)] = root(b)
+        parent[root(a)] = root(b)
     parts: dict[str, list[str]] = {}
     for body in mechanism.joints:
         parts.setdefault(root(body), []).append(body)
     meshing = {mechanism.bodies[link] for contact in mechanism.contacts for link, _ in contact.gears}
-    parts = {name: bodies for name, bodies in parts.items() if meshing & set(bodies)}  # a plain shaft is no mechanism
+    parts = {
+        name: bodies for name, bodies in parts.items() if meshing & set(bodies)
+    }  # shafts without gears do not count
     if len(parts) > 1:
         first, second = list(parts.values())[:2]
         raise GearboxError(

@@ -1,12 +1,12 @@
-"""From velocity ratios to the table of defect orders: which component produces which line.
+"""Defect orders: the orders at which the components of a gearbox excite vibration, from its velocity ratios.
 
 An order counts cycles per revolution of the reference shaft. It is a `Fraction` while teeth alone define it.
 Bearing rates follow the rolling kinematics of Penaud and Alazard 2010, eq. 6 to 8, with the errata: the
 relative speed multiplies the whole bracket, and the factor D/d of the rolling element keeps the plain
 diameters (2 BSF as usually defined) unless the paper's variant is asked for.
 
-Sidebands lie apart by the rate of what modulates a line: the turning of a damaged part through its load, and,
-where a contact is carried round, its passing of a sensor on the frame.
+The spacing of sidebands is the rate of the modulation: the rotation of a damaged part relative to its load and, where
+a planet carrier moves the contact, the planets passing a sensor on the frame.
 """
 
 import math
@@ -46,10 +46,7 @@ ElementFormula = Literal["usual", "projected_diameter"]
 
 @dataclass(frozen=True, kw_only=True)
 class DefectOrder:
-    """One row of the table: a component, a kind of defect, and the order at which it repeats.
-
-    The spacings in `sidebands` are Fractions while teeth alone define them, like `exact`, and floats otherwise.
-    """
+    """One row of `defect_orders`: a component, a kind of defect, and its order; attributes are its columns."""
 
     component: str
     kind: str
@@ -62,11 +59,26 @@ class DefectOrder:
 
 @dataclass(frozen=True, kw_only=True)
 class BearingOrders:
-    """Rates of one bearing in orders: of its rings against each other, its defects, and its elements.
+    """Rotation and defect orders of one bearing.
 
-    With rolling contact and `elements` Z: inner + outer = Z x relative, outer = Z x (cage against outer ring).
-    `inner_ring`, `outer_ring` and `cage` turn as the load zone sees them, which rests in the body that carries the
-    bearing's axis: the frame, or for a planet's bearing the planet carrier. `carried` is that body's own turning.
+    With pure rolling and Z elements, ``inner_race + outer_race = Z relative`` and ``outer_race = Z cage_to_outer``.
+
+    Attributes
+    ----------
+    name : str
+    relative : float
+        Rotation of the rings relative to each other.
+    inner_ring, outer_ring, cage : float
+        Rotation relative to the load zone, which is fixed in the body that carries the bearing's axis: the frame, or
+        the planet carrier for a planet's bearing.
+    inner_race, outer_race, rolling_element : float
+        Impacts of a defect: BPFI, BPFO and, for both races, 2 BSF.
+    cage_to_outer : float
+        Rotation of the cage relative to the outer ring.
+    elements : int
+        Number of rolling elements.
+    carried : float
+        Rotation of the body that carries the bearing's axis.
     """
 
     name: str
@@ -89,32 +101,46 @@ def defect_orders(
     speeds: Mapping[str, float | Fraction] | None = None,
     element_formula: ElementFormula = "usual",
 ) -> "pd.DataFrame":
-    """Tabulate every contact of a gearbox that repeats, and how often.
+    """Return the table of defect orders of a gearbox: shafts, meshes, teeth, planets and bearings.
 
     Parameters
     ----------
     gearbox : Gearbox or Kinematics
+        Gearbox, or its solution where `solve_kinematics` got further constraints.
     reference : str, optional
-        The link whose revolutions orders count; by default the one the gearbox declares.
-    speeds : mapping of link name to speed, optional
-        Needed where the gearbox has several degrees of freedom; any unit, only ratios matter.
+        Link whose revolutions orders count; by default the one that the gearbox declares.
+    speeds : mapping of str to float or Fraction, optional
+        Speeds of links, needed where the gearbox has several degrees of freedom; any unit, only ratios matter.
     element_formula : {"usual", "projected_diameter"}
-        How often a spot of a rolling element is struck, where a bearing is given by its geometry; see
-        `bearing_multiples`.
+        Formula for the defect rate of rolling elements of a bearing that is given by its geometry: see Notes.
 
     Returns
     -------
     pandas.DataFrame
-        ``component``, ``kind`` (one of `KINDS`), ``order`` (float), ``exact`` (Fraction or None), ``sources``
-        (how many physical places share the order), ``seen_from`` (the link the motion is relative to) and
-        ``sidebands`` (spacings of the modulation to expect, in orders: Fractions while exact, floats
-        otherwise). What stands still has no row.
+        ``component``; ``kind``, one of `KINDS`; ``order``, cycles per revolution of the reference; ``exact``, the
+        order as a Fraction where teeth alone define it, else None; ``sources``, the number of teeth, elements or
+        meshes that share the order; ``seen_from``, the link that the motion is relative to; ``sidebands``, expected
+        spacings of sidebands in orders (Fractions where exact). Components at rest have no row.
 
     Raises
     ------
     GearboxError
-        No reference, a reference at rest, speeds that do not settle every degree of freedom, or an unknown
-        `element_formula`.
+        No reference, a reference at rest, too few or contradictory speeds, or an unknown `element_formula`.
+
+    Notes
+    -----
+    A bearing with Z elements of diameter d on the pitch diameter D at contact angle a has, per relative turn of its
+    rings, the inner and outer race orders ``Z/2 (1 +- d/D cos a)`` and the element order ``D/d (1 - (d/D cos a)^2)``,
+    where "projected_diameter" replaces D/d by D/(d cos a).
+
+    Examples
+    --------
+    >>> import hums
+    >>> table = hums.defect_orders(hums.load_gearbox("planetary-27-36-99")).set_index(["component", "kind"])
+    >>> print(table.exact["sun-planet", "gear_mesh"])  # 99 teeth of the ring x 3/14 of the carrier
+    297/14
+    >>> print(table.exact["planet pass", "planet_pass"])  # 3 planets
+    9/14
     """
     import pandas as pd  # noqa: PLC0415
 
@@ -122,9 +148,9 @@ def defect_orders(
     # column by column and typed: from rows pandas takes several times as long
     numbers = {"order": np.float64, "sources": np.int64}
     columns = {name: np.empty(len(rows), dtype=numbers.get(name, object)) for name in COLUMNS}
-    for place, row in enumerate(rows):
+    for number, row in enumerate(rows):
         for name, column in columns.items():
-            column[place] = getattr(row, name)
+            column[number] = getattr(row, name)
     return pd.DataFrame(columns, copy=False)
 
 
@@ -148,7 +174,7 @@ def bearing_orders(
     speeds: Mapping[str, float | Fraction] | None = None,
     element_formula: ElementFormula = "usual",
 ) -> tuple[BearingOrders, ...]:
-    """Return the rates of every bearing, in orders; parameters as in `defect_orders`."""
+    """Return the rotation and defect orders of every bearing; parameters as in `defect_orders`."""
     motion = _Motion.of(gearbox, reference, speeds)
     return tuple(rates for bearing in motion.gearbox.bearings for rates in _rates_of(motion, bearing, element_formula))
 
@@ -156,31 +182,35 @@ def bearing_orders(
 def bearing_multiples(
     bearing: Bearing, *, element_formula: ElementFormula = "usual"
 ) -> tuple[float, float, float, float, int]:
-    """Return inner, outer, element-defect and cage rate per relative turn of the rings, and the elements.
+    """Return BPFI, BPFO, 2 BSF and FTF of a bearing per relative turn of its rings, and its number of elements.
 
     By geometry ``Z/2 (1 +- d/D cos a)``, ``D/d (1 - (d/D cos a)^2)`` and ``(1 - d/D cos a)/2`` (Penaud and
-    Alazard 2010, eq. 6 to 8, with errata); otherwise as printed. The element formula ``"projected_diameter"``
-    is the paper's own, with ``d cos a`` for ``d`` also in the factor ``D/d``: ``D/(d cos a) (1 - (d/D cos a)^2)``.
+    Alazard 2010, eq. 6 to 8, with errata); otherwise the declared multiples. The element formula
+    ``"projected_diameter"`` is the paper's own, with ``d cos a`` for ``d`` also in the factor ``D/d``:
+    ``D/(d cos a) (1 - (d/D cos a)^2)``.
     """
     known = list(get_args(ElementFormula))
     if element_formula not in known:
         raise GearboxError(f'element_formula = "{element_formula}" is unknown{closest(str(element_formula), known)}')
     if bearing.multiples is not None:
-        printed = bearing.multiples
-        elements = bearing.elements or round(printed.inner + printed.outer)
-        return printed.inner, printed.outer, printed.defect, printed.cage, elements
+        declared = bearing.multiples
+        elements = bearing.elements or round(declared.inner + declared.outer)
+        return declared.inner, declared.outer, declared.defect, declared.cage, elements
     if bearing.element_diameter_mm is None or bearing.pitch_diameter_mm is None or bearing.elements is None:
         raise GearboxError(f'bearing "{bearing.names[0]}" has neither multiples nor a full geometry.')
     ratio = bearing.element_diameter_mm / bearing.pitch_diameter_mm
-    along = ratio * math.cos(math.radians(bearing.contact_angle_deg))
+    projected = ratio * math.cos(math.radians(bearing.contact_angle_deg))
     half = bearing.elements / 2
-    defect = (1 - along**2) / (along if element_formula == "projected_diameter" else ratio)
-    return half * (1 + along), half * (1 - along), defect, (1 - along) / 2, bearing.elements
+    defect = (1 - projected**2) / (projected if element_formula == "projected_diameter" else ratio)
+    return half * (1 + projected), half * (1 - projected), defect, (1 - projected) / 2, bearing.elements
 
 
 @dataclass(frozen=True)
 class _Motion:
-    """A solved mechanism at given speeds; every speed in turns per turn of the reference."""
+    """A mechanism at given speeds, in revolutions per revolution of the reference.
+
+    `exact` states whether teeth and exact speeds alone define them.
+    """
 
     kinematics: Kinematics
     rates: Mapping[str, Fraction]
@@ -222,19 +252,19 @@ class _Motion:
         form = self.kinematics.spin(link, seen_from=seen_from)
         return evaluate(form, self.rates)
 
-    def turn(self, link: str) -> Fraction:
-        """Return a link's turning as the body that carries its axis sees it; 0 for the frame."""
+    def rotation(self, link: str) -> Fraction:
+        """Return the speed of a link relative to the body that carries its axis; 0 for the frame."""
         return self.rates.get(self.kinematics.bodies[link], Fraction(0))
 
-    def holder(self, link: str) -> str:
+    def carrier(self, link: str) -> str:
         """Return the body that carries a link's axis; the frame for the frame itself."""
         joint = self.kinematics.joints.get(self.kinematics.bodies[link])
         return self.kinematics.mechanism.frame if joint is None else joint.carried_by
 
-    def spacings(self, *turns: Fraction | float) -> tuple[Fraction | float, ...]:
-        """Return the sizes of some rates, each once: exact where possible, those at rest left out."""
-        moving = (turn if self.exact else float(turn) for turn in turns if turn)
-        return tuple(dict.fromkeys(-turn if turn < 0 else turn for turn in moving))
+    def spacings(self, *speeds: Fraction | float) -> tuple[Fraction | float, ...]:
+        """Return the magnitudes of some speeds without zeros and repetitions, as fractions where exact."""
+        moving = (speed if self.exact else float(speed) for speed in speeds if speed)
+        return tuple(dict.fromkeys(-speed if speed < 0 else speed for speed in moving))
 
     def row(
         self,
@@ -246,12 +276,12 @@ class _Motion:
         seen_from: str,
         sidebands: tuple[Fraction | float, ...] = (),
     ) -> DefectOrder:
-        size = -order if order < 0 else order
+        magnitude = -order if order < 0 else order
         return DefectOrder(
             component=component,
             kind=kind,
-            exact=size if self.exact else None,
-            order=float(size),
+            exact=magnitude if self.exact else None,
+            order=float(magnitude),
             sources=sources,
             seen_from=seen_from,
             sidebands=sidebands,
@@ -259,39 +289,41 @@ class _Motion:
 
 
 def _shafts(motion: _Motion) -> Iterator[DefectOrder]:
-    """Links that turn about an axis fixed in the frame."""
+    """Yield the rows of the links whose axis is fixed in the frame."""
     frame = motion.kinematics.mechanism.frame
     for body in motion.kinematics.joints:
-        if motion.holder(body) == frame:
-            yield motion.row(body, "shaft", motion.turn(body), sources=1, seen_from=frame)
+        if motion.carrier(body) == frame:
+            yield motion.row(body, "shaft", motion.rotation(body), sources=1, seen_from=frame)
 
 
 def _meshes(motion: _Motion) -> Iterator[DefectOrder]:
-    """Mesh, tooth, hunting-tooth and assembly-phase orders; the copies of a mesh share one row."""
+    """Yield the rows of mesh, tooth, hunting tooth and assembly phase; the copies of a mesh share one row."""
     contacts: dict[str, list[Contact]] = {}
     for contact in motion.kinematics.contacts:
         contacts.setdefault(contact.mesh, []).append(contact)
-    for name, alike in contacts.items():
-        first, count = alike[0], len(alike)
-        seen_from, passing = first.carrier, motion.turn(first.carrier)
+    for name, copies_of_mesh in contacts.items():
+        first, count = copies_of_mesh[0], len(copies_of_mesh)
+        seen_from, carrier_speed = first.carrier, motion.rotation(first.carrier)
         teeth = [abs(number) for _, number in first.gears]
-        turns = [motion.speed(link, first.carrier) for link, _ in first.gears]
-        mesh = teeth[0] * turns[0]
-        beside = motion.spacings(*turns, count * passing)
-        yield motion.row(name, "gear_mesh", mesh, sources=count, seen_from=seen_from, sidebands=beside)
-        for (link, number), turn in zip(first.gears, turns, strict=True):
+        speeds = [motion.speed(link, first.carrier) for link, _ in first.gears]
+        mesh = teeth[0] * speeds[0]
+        sidebands = motion.spacings(*speeds, count * carrier_speed)
+        yield motion.row(name, "gear_mesh", mesh, sources=count, seen_from=seen_from, sidebands=sidebands)
+        for (link, number), speed in zip(first.gears, speeds, strict=True):
             declared = _declared(motion.gearbox, link)
             copies = len(motion.gearbox.instances(declared))
-            # a gear that meets every planet has each of its teeth struck once a planet and turn, wherever in the
-            # gear's own turn that happens; a planet's tooth is struck where the carrier has taken it
-            moving = motion.turn(link) if count > copies or motion.holder(link) != first.carrier else passing
+            # a tooth of a gear that meets every planet is in contact once per planet and turn: its impacts are
+            # modulated by the gear's own rotation, those of a planet's tooth by the carrier's
+            modulation = (
+                motion.rotation(link) if count > copies or motion.carrier(link) != first.carrier else carrier_speed
+            )
             yield motion.row(
                 f"{name}/{declared}",
                 "tooth",
-                turn if count == copies else turn * count / copies,
+                speed if count == copies else speed * count / copies,
                 sources=abs(number) * copies,
                 seen_from=seen_from,
-                sidebands=motion.spacings(moving),
+                sidebands=motion.spacings(modulation),
             )
         if len(teeth) == 2:  # noqa: PLR2004
             yield motion.row(name, "hunting_tooth", mesh / math.lcm(*teeth), sources=count, seen_from=seen_from)
@@ -299,43 +331,44 @@ def _meshes(motion: _Motion) -> Iterator[DefectOrder]:
 
 
 def _planets(motion: _Motion) -> Iterator[DefectOrder]:
-    """Planets passing a sensor, and planet teeth, which meet one gear after the other."""
+    """Yield the rows of planets passing a sensor, and of planet teeth, which meet one gear after the other."""
     kinematics = motion.kinematics
     gears = [gear for contact in kinematics.contacts for gear in contact.gears]
     toothed = {kinematics.bodies[link] for link, _ in gears}
     for link in dict.fromkeys(_declared(motion.gearbox, name) for name in motion.gearbox.links):
         first, copies = motion.gearbox.instances(link)[0], len(motion.gearbox.instances(link))
-        carrier = motion.holder(first)
+        carrier = motion.carrier(first)
         if carrier == kinematics.mechanism.frame and copies == 1:
             continue
-        met = [abs(number) for name, number in gears if name == first]
-        passing, body = motion.turn(carrier), kinematics.bodies[first]
-        if first == body and body in toothed:  # a planet, not a second gear on one
-            around = motion.holder(carrier)
-            yield motion.row(f"{link} pass", "planet_pass", copies * passing, sources=1, seen_from=around)
-        if len(met) > 1:
+        teeth = [abs(number) for name, number in gears if name == first]  # one entry for each of its meshes
+        carrier_speed, body = motion.rotation(carrier), kinematics.bodies[first]
+        if first == body and body in toothed:  # not for the second gear of a stepped planet
+            seen_from = motion.carrier(carrier)
+            yield motion.row(f"{link} pass", "planet_pass", copies * carrier_speed, sources=1, seen_from=seen_from)
+        if len(teeth) > 1:
             yield motion.row(
                 link,
                 "planet_tooth",
-                len(met) * motion.turn(first),
-                sources=max(met) * copies,
+                len(teeth) * motion.rotation(first),
+                sources=max(teeth) * copies,
                 seen_from=carrier,
-                sidebands=motion.spacings(passing),
+                sidebands=motion.spacings(carrier_speed),
             )
 
 
 def _bearings(motion: _Motion, formula: ElementFormula) -> Iterator[DefectOrder]:
+    """Yield the rows of inner race, outer race, rolling element and cage of every bearing."""
     for bearing in motion.gearbox.bearings:
-        copies = _copies(motion.gearbox, bearing)
-        held, inner, outer = _rings(motion, bearing)
-        carried = motion.turn(held)
+        copies = max(len(motion.gearbox.instances(ring)) for ring in (bearing.inner_ring, bearing.outer_ring))
+        carrier, inner, outer = _rings(motion, bearing)
+        carrier_speed = motion.rotation(carrier)
         for rates in _rates_of(motion, bearing, formula):
-            struck, cage = copies * rates.elements, f"{rates.name} cage"
-            for kind, order, sources, seen_from, turns in (
-                ("inner_race", rates.inner_race, copies, bearing.inner_ring, (inner, carried)),
-                ("outer_race", rates.outer_race, copies, bearing.outer_ring, (outer, carried)),
-                ("rolling_element", rates.rolling_element, struck, cage, (rates.cage, carried)),
-                ("cage", rates.cage, copies, held, ()),
+            elements, cage = copies * rates.elements, f"{rates.name} cage"
+            for kind, order, sources, seen_from, modulation in (
+                ("inner_race", rates.inner_race, copies, bearing.inner_ring, (inner, carrier_speed)),
+                ("outer_race", rates.outer_race, copies, bearing.outer_ring, (outer, carrier_speed)),
+                ("rolling_element", rates.rolling_element, elements, cage, (rates.cage, carrier_speed)),
+                ("cage", rates.cage, copies, carrier, ()),
             ):
                 yield DefectOrder(
                     component=rates.name,
@@ -344,13 +377,14 @@ def _bearings(motion: _Motion, formula: ElementFormula) -> Iterator[DefectOrder]
                     order=order,
                     sources=sources,
                     seen_from=seen_from,
-                    sidebands=motion.spacings(*turns),
+                    sidebands=motion.spacings(*modulation),
                 )
 
 
 def _rates_of(motion: _Motion, bearing: Bearing, formula: ElementFormula) -> Iterator[BearingOrders]:
+    """Yield the orders of each of the bearings that one declaration names."""
     inner_race, outer_race, defect, cage, elements = bearing_multiples(bearing, element_formula=formula)
-    held, inner, outer = _rings(motion, bearing)
+    carrier, inner, outer = _rings(motion, bearing)
     relative = float(inner - outer)
     for name in bearing.names:
         yield BearingOrders(
@@ -364,23 +398,21 @@ def _rates_of(motion: _Motion, bearing: Bearing, formula: ElementFormula) -> Ite
             cage=abs(float(outer) + cage * relative),
             cage_to_outer=cage * abs(relative),
             elements=elements,
-            carried=float(motion.turn(held)),
+            carried=float(motion.rotation(carrier)),
         )
 
 
 def _rings(motion: _Motion, bearing: Bearing) -> tuple[str, Fraction, Fraction]:
-    """Return the body that carries a bearing's axis, and how fast it sees the inner and the outer ring turn."""
+    """Return the body that carries a bearing's axis, and the speeds of inner and outer ring relative to it."""
     rings = [motion.gearbox.instances(ring)[0] for ring in (bearing.inner_ring, bearing.outer_ring)]
     bodies = [motion.kinematics.bodies[ring] for ring in rings]
-    # a planet's bearing sits on its carrier, which is one of the rings
-    held = next((motion.holder(body) for body in bodies if motion.holder(body) in bodies), motion.holder(bodies[0]))
-    inner, outer = (motion.speed(ring, held) for ring in rings)
-    return held, inner, outer
+    # one of the rings of a planet's bearing is its carrier
+    carriers = [motion.carrier(body) for body in bodies]
+    carrier = next((body for body in carriers if body in bodies), carriers[0])
+    inner, outer = (motion.speed(ring, carrier) for ring in rings)
+    return carrier, inner, outer
 
 
 def _declared(gearbox: Gearbox, instance: str) -> str:
+    """Return the declared link of a copy, ``planet`` for ``planet 2``."""
     return next(link for link in (*gearbox.copied, instance) if instance in (*gearbox.instances(link), link))
-
-
-def _copies(gearbox: Gearbox, bearing: Bearing) -> int:
-    return max(len(gearbox.instances(ring)) for ring in (bearing.inner_ring, bearing.outer_ring))

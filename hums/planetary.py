@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from scipy import fft
 
-from hums._planets import stations
+from hums._planets import planet_angles
 from hums.baseline import Baseline
 from hums.channels import AnalysedChannel, Values, resample_in_angle
 from hums.gears import Gear, MonitoredComponent, gear_indicators, unavailable
@@ -95,7 +95,7 @@ def _stage(machine: Machine, carrier: str, rings: _Meshes, suns: _Meshes) -> Sta
     gearbox = machine.kinematics.gearbox
     names = {planets[0], planets[0].rpartition(" ")[0]}  # of the first copy, and of all copies
     axis = next((axis for axis in gearbox.axes if axis.copies == len(planets) and names & set(axis.links)), None)
-    spacing = stations(len(planets), axis.spacing_deg if axis else None)
+    spacing = planet_angles(len(planets), axis.spacing_deg if axis else None)
     fits = ring_teeth + sun_teeth  # assembly condition: positions are multiples of 1 / (ring + sun teeth)
     places = tuple(Fraction(round(angle / 360 * fits), fits) for angle in spacing)
     off = max(abs(angle - 360 * float(place)) for angle, place in zip(spacing, places, strict=True))

@@ -1,4 +1,4 @@
-"""What flows where: the load of each contact, and the branches of power between the links.
+"""Power flow: the load of each contact, and the branches of power between the links.
 
 References
 ----------
@@ -19,12 +19,12 @@ _ZERO = Fraction(0)
 
 
 def tooth_load(solution: Solution, number: int) -> ToothLoad:
-    """Describe the load of one contact."""
+    """Return the load of one contact."""
     statics, contact = solution.statics, solution.statics.contacts[number]
     load, flow, driver = solution.load(number), solution.flow(number), solution.driving(number)
     (link_one, teeth_one), (link_two, teeth_two) = contact.gears
-    part_one, part_two = solution.parts(number)
-    torques_nm = _float(_times(load, teeth_one * part_one)), _float(_times(load, teeth_two * part_two))
+    factor_one, factor_two = solution.load_factors(number)
+    torques_nm = _float(_times(load, teeth_one * factor_one)), _float(_times(load, teeth_two * factor_two))
     loses = solution.drivers[number] is not None
     return ToothLoad(
         mesh=contact.mesh,
@@ -42,12 +42,12 @@ def tooth_load(solution: Solution, number: int) -> ToothLoad:
 
 
 def branches(solution: Solution) -> Iterator[Branch]:
-    """Sum what the meshes put on each body that turns about an axis at rest."""
+    """Yield the torques of the meshes on each body whose axis is fixed in the frame, summed by branch."""
     statics, kinematics = solution.statics, solution.statics.kinematics
     for body, joint in kinematics.joints.items():
         if joint.carried_by != kinematics.mechanism.frame:
             continue
-        for numbers in _places(statics, body):
+        for numbers in _contact_groups(statics, body):
             torque = _torque(solution, body, numbers)
             yield Branch(
                 link=body,
@@ -58,7 +58,7 @@ def branches(solution: Solution) -> Iterator[Branch]:
 
 
 def reaction(torques: Iterable[tuple[float, Vector]]) -> Vector:
-    """Return minus the sum of torques about their directions."""
+    """Return minus the sum of torques, each about its direction, (3,)."""
     x, y, z = 0.0, 0.0, 0.0
     for torque, direction in torques:
         x, y, z = x - torque * direction[0], y - torque * direction[1], z - torque * direction[2]
@@ -66,23 +66,23 @@ def reaction(torques: Iterable[tuple[float, Vector]]) -> Vector:
 
 
 def watts(power: Fraction | None) -> float:
-    """Turn N m times turns a second into W, and what is not known into NaN."""
+    """Convert N m times turns a second to W, None to NaN."""
     return 2 * math.pi * _float(power)
 
 
 def _absolute_power(solution: Solution, number: int) -> float | None:
-    """Power from the first to the second gear as the frame sees it, at a gear that turns about the carrier's axis."""
+    """Return the absolute power from the first to the second gear, at a gear that turns about the carrier's axis."""
     statics, contact = solution.statics, solution.statics.contacts[number]
     joints, frame = statics.kinematics.joints, statics.kinematics.mechanism.frame
     if contact.carrier == frame:
         return watts(solution.flow(number))
-    holder = joints[contact.carrier]
-    if holder.carried_by != frame:
+    carrier = joints[contact.carrier]
+    if carrier.carried_by != frame:
         return None
-    for sign, (link, teeth), part in zip((-1, 1), contact.gears, solution.parts(number), strict=True):
+    for sign, (link, teeth), factor in zip((-1, 1), contact.gears, solution.load_factors(number), strict=True):
         body = statics.kinematics.bodies[link]
-        if body == frame or joints[body].axis == holder.axis:
-            return watts(_times(solution.load(number), sign * teeth * part * statics.speed(link)))
+        if body == frame or joints[body].axis == carrier.axis:
+            return watts(_times(solution.load(number), sign * teeth * factor * statics.speed(link)))
     return None
 
 
@@ -90,7 +90,7 @@ def _torque(solution: Solution, body: str, numbers: Iterable[int]) -> Fraction |
     """Return the torque of some contacts on a body; None where one of their loads is indeterminate."""
     torque = _ZERO
     for number in numbers:
-        factor = solution.row(number).get(body, _ZERO)  # zero of a mesh between planets on their carrier
+        factor = solution.generalized_torque(number).get(body, _ZERO)  # zero for the carrier of a mesh between planets
         load = solution.load(number) if factor else _ZERO
         if load is None:
             return None
@@ -98,21 +98,21 @@ def _torque(solution: Solution, body: str, numbers: Iterable[int]) -> Fraction |
     return torque
 
 
-def _places(statics: Statics, body: str) -> list[list[int]]:
-    """Contacts that act on a body, grouped: by mesh where it is a gear, by set of planets where it is a carrier."""
+def _contact_groups(statics: Statics, body: str) -> list[list[int]]:
+    """Return the contacts that act on a body, grouped by mesh where it is a gear, by planet set where a carrier."""
     bodies, joints = statics.kinematics.bodies, statics.kinematics.joints
     groups: list[tuple[set[str], list[int]]] = []
     for number, contact in enumerate(statics.contacts):
         gears = {bodies[link] for link, _ in contact.gears}
         if body not in (*gears, contact.carrier):
             continue
-        marks, numbers = {f"mesh {contact.mesh}"}, [number]
+        keys, numbers = {f"mesh {contact.mesh}"}, [number]
         if body not in gears:
-            marks |= {f"planet {gear}" for gear in gears if gear in joints and joints[gear].carried_by == body}
-        for group in [group for group in groups if group[0] & marks]:
+            keys |= {f"planet {gear}" for gear in gears if gear in joints and joints[gear].carried_by == body}
+        for group in [group for group in groups if group[0] & keys]:
             groups.remove(group)
-            marks, numbers = marks | group[0], group[1] + numbers
-        groups.append((marks, numbers))
+            keys, numbers = keys | group[0], group[1] + numbers
+        groups.append((keys, numbers))
     return [numbers for _, numbers in groups]
 
 

@@ -27,8 +27,8 @@ def print_orders(table: "pd.DataFrame", *, csv: bool, json: bool) -> None:
 
 
 def print_record(record: "xr.Dataset") -> None:
-    """Print the contents of a record, one line per channel and tachometer."""
-    from hums.record import nominal_speed, sampling, tachometers, turning_speeds, vibration_channels  # noqa: PLC0415
+    """Print what a record holds, a line for each channel and tachometer."""
+    from hums.record import nominal_speed, sampling, speed_percentiles, tachometers, vibration_channels  # noqa: PLC0415
 
     for label, key in (("machine", "machine"), ("recorded at", "recorded_at")):
         if record.attrs.get(key):
@@ -41,7 +41,7 @@ def print_record(record: "xr.Dataset") -> None:
             f"{when.count / when.rate_hz:.3f} s from {when.start_s:g} s, in {attrs['units']}{where}"
         )
     for name in tachometers(record):
-        attrs, speeds = record[name].attrs, turning_speeds(record[name])
+        attrs, speeds = record[name].attrs, speed_percentiles(record[name])
         about = "" if speeds is None else ", about {:.4g} rev/s (98 % of revolutions {:.4g} to {:.4g})".format(*speeds)
         typer.echo(
             f"{'tachometer':<12} {name}: {record[name].size} pulses, {attrs['pulses_per_rev']} a revolution of "

@@ -1,33 +1,32 @@
-"""What a record is: vibration channels and the one thing that tells a shaft's angle.
+"""Records: vibration channels and one source of shaft angle in an `xarray.Dataset`.
 
-A record is an `xarray.Dataset`. `make_record` is its one constructor and `check_record` says in a
-sentence what keeps a dataset from being one. Undeclared units and rates are refused, never guessed.
+`make_record` builds a record, `check_record` validates one. Undeclared units and rates are refused, never guessed.
 """
 
+from __future__ import annotations
+
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
 
 from hums.entries import (
+    ANGLE_REMEDY,
     RATE_REMEDY,
     SCHEMA,
     UNITS,
     UNKNOWN_ANGLE,
-    WAYS_TO_ANGLE,
     RecordError,
     check_name,
     direction_of,
-    finite,
+    finite_number,
     known_units,
-    positive,
-    utc,
-    vector,
+    positive_number,
+    real_vector,
+    utc_text,
 )
 from hums.record_check import check_record
 from hums.record_parts import (
@@ -37,10 +36,16 @@ from hums.record_parts import (
     detach_time,
     nominal_speed,
     sampling,
+    speed_percentiles,
     tachometers,
-    turning_speeds,
     vibration_channels,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from datetime import datetime
+
+    from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "SCHEMA",
@@ -59,8 +64,8 @@ __all__ = [
     "make_record",
     "nominal_speed",
     "sampling",
+    "speed_percentiles",
     "tachometers",
-    "turning_speeds",
     "vibration_channels",
 ]
 
@@ -76,20 +81,29 @@ class Channel:
     units : str
         One of `UNITS` or a spelling of it.
     sensor : str
-        The transducer, in the words of whoever mounted it.
+        Name of the sensor.
     direction : (3,) tuple of float, str or None
         Sensitive axis, in the gearbox's coordinates or in words.
     rate_hz : float or None
         Samples per second where they differ from the record's.
     sensitivity : float or None
-        `units` for one of `measures`, as 0.1 V for one g; negative where the sensor is mounted the other way round.
-        Noted, not applied: see `hums.calibrated`.
+        Output in `units` for one unit of `measures`, as 0.1 V for one g; negative where the sensor is mounted the other
+        way round. It is stored, not applied: see `hums.calibrated`.
     measures : str or None
-        Units of what the sensor senses; needed with `sensitivity`.
+        Units of the measured quantity; needed with `sensitivity`.
     calibration_factor : float or None
-        What the last calibration found the true value to be, over that by the sensitivity.
+        True value over the value by `sensitivity`, from the last calibration.
     delay_s : float or None
-        How much later than the machine the channel shows it.
+        Delay of the channel relative to the machine, in s.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> channel = hums.Channel(values=np.zeros(1000), units="m/s²", direction=(0, 0, 1))
+    >>> record = hums.make_record({"vertical": channel}, rate_hz=1000, angle=hums.UnknownAngle())
+    >>> record.vertical.units
+    'm s-2'
     """
 
     values: ArrayLike
@@ -105,7 +119,7 @@ class Channel:
 
 @dataclass(frozen=True, kw_only=True)
 class PulseTimes:
-    """Times at which a tachometer's pulses arrived.
+    """Pulse times of a tachometer.
 
     Attributes
     ----------
@@ -116,7 +130,16 @@ class PulseTimes:
     pulses_per_rev : int
         Pulses in one revolution of that shaft.
     name : str
-        Name of the variable.
+        Name of the tachometer in the record.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> pulses = hums.PulseTimes(times_s=np.arange(0, 1, 0.05), shaft="input", pulses_per_rev=2)  # 10 rev/s
+    >>> record = hums.make_record({"vib": np.zeros(1000)}, rate_hz=1000, angle=pulses, units="g")
+    >>> record.tachometer.attrs["pulses_per_rev"], record.sizes["pulse_tachometer"]
+    (2, 20)
     """
 
     times_s: ArrayLike
@@ -127,7 +150,7 @@ class PulseTimes:
 
 @dataclass(frozen=True, kw_only=True)
 class TachometerWaveform:
-    """The sampled signal of a tachometer, in which the pulses are still to be found.
+    """Sampled signal of a tachometer, in which `make_record` detects the pulses.
 
     Attributes
     ----------
@@ -140,9 +163,19 @@ class TachometerWaveform:
     units : str
         One of `UNITS`.
     name : str
-        Name of the variable that holds the pulses; the samples are kept as `NAME_waveform`.
+        Name of the tachometer in the record, where its samples are `NAME_waveform`.
     rate_hz : float or None
         Samples per second where they differ from the record's.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> time_s = np.arange(1000) / 1000
+    >>> waveform = hums.TachometerWaveform(values=np.sin(2 * np.pi * 10 * time_s), shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"vib": np.zeros(1000)}, rate_hz=1000, angle=waveform, units="g")
+    >>> bool(np.allclose(np.diff(record.tachometer), 0.1))
+    True
     """
 
     values: ArrayLike
@@ -163,6 +196,15 @@ class NominalSpeed:
         Speed of `shaft` in revolutions per minute.
     shaft : str
         The shaft that turns at it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> speed = hums.NominalSpeed(rpm=600, shaft="input")
+    >>> record = hums.make_record({"vib": np.zeros(1000)}, rate_hz=1000, angle=speed, units="g")
+    >>> float(record.nominal_speed), record.nominal_speed.units
+    (10.0, 'rev s-1')
     """
 
     rpm: float
@@ -171,7 +213,16 @@ class NominalSpeed:
 
 @dataclass(frozen=True, kw_only=True)
 class UnknownAngle:
-    """Nothing tells the angle of any shaft: an analysis has to estimate the speed from the vibration."""
+    """The angle of no shaft is known: an analysis has to estimate the speed from the vibration.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> record = hums.make_record({"vib": np.zeros(1000)}, rate_hz=1000, angle=hums.UnknownAngle(), units="g")
+    >>> record.attrs["angle"]
+    'unknown'
+    """
 
 
 Angle = PulseTimes | TachometerWaveform | NominalSpeed | UnknownAngle
@@ -198,17 +249,17 @@ def make_record(
     rate_hz : float
         Samples per second.
     angle : PulseTimes, TachometerWaveform, NominalSpeed, a sequence of tachometers of one kind, or UnknownAngle
-        What tells the angle of a shaft.
+        Source of shaft angle.
     units : str or mapping of str to str, optional
         Units of the channels that are given as bare arrays.
     machine : str
-        Which machine was recorded.
+        Name of the machine.
     recorded_at : datetime or str, optional
-        When the recording began: an aware datetime, or ISO 8601 with its offset from UTC.
+        Time at which the recording began: an aware datetime, or ISO 8601 with its offset from UTC.
     start_s : float
         Time of the first sample in s, on the clock of the pulse times.
     truth : mapping of str to DataArray, optional
-        What is known of a synthetic record; every name starts with ``truth_``.
+        True values of a synthetic record; every name starts with ``truth_``.
     attrs : mapping, optional
         Further attributes of the record.
 
@@ -221,32 +272,42 @@ def make_record(
     ------
     RecordError
         If anything is missing, contradictory or not declared.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> time_s = np.arange(2000) / 1000
+    >>> pulses = hums.PulseTimes(times_s=np.arange(0, 2, 0.1), shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"vib": np.sin(2 * np.pi * time_s)}, rate_hz=1000, angle=pulses, units="g")
+    >>> float(record.time[-1]), record.vib.units
+    (1.999, 'g')
     """
-    rate = positive(rate_hz, "rate_hz", RATE_REMEDY)
-    start = finite(start_s, "start_s")
+    rate = positive_number(rate_hz, "rate_hz", RATE_REMEDY)
+    start = finite_number(start_s, "start_s")
     variables = {
         name: _channel_variable(channel, name=name, rate_hz=rate, start_s=start)
         for name, channel in _declared_channels(channels, units).items()
     }
     _check_lengths(variables)
     for name, variable in _angle_variables(angle, rate_hz=rate, start_s=start):
-        _check_free(name, variables)
-        _check_no_vibration(name, variable, variables)
+        _check_new(name, variables)
+        _check_not_vibration(name, variable, variables)
         variables[name] = variable
     _check_lengths(variables)
-    _check_dimensions_free(variables)
-    own: dict[str, Any] = {
+    _check_dimensions(variables)
+    required: dict[str, Any] = {
         "schema": SCHEMA,
         "machine": machine,
-        "recorded_at": utc(recorded_at),
+        "recorded_at": utc_text(recorded_at),
         "rate_hz": rate,
         "start_s": start,
     }
-    if clash := sorted(own.keys() & (attrs or {}).keys()):
+    if clash := sorted(required.keys() & (attrs or {}).keys()):
         raise RecordError(f'attrs: "{clash[0]}" is written by make_record itself; give it as an argument.')
     if isinstance(angle, UnknownAngle):
-        own["angle"] = UNKNOWN_ANGLE
-    record = attach_time(xr.Dataset(variables, attrs={**own, **(attrs or {})}))
+        required["angle"] = UNKNOWN_ANGLE
+    record = attach_time(xr.Dataset(variables, attrs={**required, **(attrs or {})}))
     record = _with_truth(record, truth or {})
     check_record(record)
     return record
@@ -255,7 +316,7 @@ def make_record(
 def _declared_channels(
     channels: Mapping[str, Channel | ArrayLike], units: str | Mapping[str, str] | None
 ) -> dict[str, Channel]:
-    """Turn bare arrays into channels; refuse units for a channel that is not there."""
+    """Return all channels as `Channel`; refuse units for a channel that does not exist."""
     if not isinstance(channels, Mapping):
         raise RecordError(
             f'channels: a {type(channels).__name__}, which has no names; give {{"name": values}} or a Channel by name.'
@@ -280,8 +341,9 @@ def _declared_channels(
 def _channel_variable(
     channel: Channel, *, name: str, rate_hz: float, start_s: float, role: str = "vibration"
 ) -> xr.Variable:
+    """Return a channel as a variable of the record."""
     what = f'channel "{name}"'
-    values = vector(channel.values, what)
+    values = real_vector(channel.values, what)
     attrs: dict[str, Any] = {"units": known_units(channel.units, what), "role": role}
     if channel.sensor:
         attrs["sensor"] = channel.sensor
@@ -290,14 +352,14 @@ def _channel_variable(
     attrs |= _calibration(channel, what)
     own_rate = rate_hz
     if channel.rate_hz is not None:
-        own_rate = positive(channel.rate_hz, f"{what}: rate_hz", RATE_REMEDY)
+        own_rate = positive_number(channel.rate_hz, f"{what}: rate_hz", RATE_REMEDY)
     if own_rate == rate_hz:
         return xr.Variable("time", values, attrs)
     return xr.Variable(f"time_{name}", values, {**attrs, "rate_hz": own_rate, "start_s": start_s})
 
 
 def _calibration(channel: Channel, what: str) -> dict[str, float | str]:
-    """Return what is known of the chain from sensor to file, as attributes that `hums.calibrated` applies."""
+    """Return the calibration of a channel as attributes, which `hums.calibrated` applies."""
     attrs: dict[str, float | str] = {}
     if (channel.sensitivity is None) != (channel.measures is None):
         raise RecordError(
@@ -309,49 +371,50 @@ def _calibration(channel: Channel, what: str) -> dict[str, float | str]:
     for name in ("sensitivity", "calibration_factor"):
         value = getattr(channel, name)
         if value is not None:
-            attrs[name] = finite(value, f"{what}: {name}", "number other than zero")
+            attrs[name] = finite_number(value, f"{what}: {name}", "number other than zero")
             if value == 0:
                 raise RecordError(f"{what}: {name}=0: a finite number other than zero is needed.")
     if channel.delay_s is not None:
-        attrs["delay_s"] = finite(channel.delay_s, f"{what}: delay_s")
+        attrs["delay_s"] = finite_number(channel.delay_s, f"{what}: delay_s")
     return attrs
 
 
 def _angle_variables(
     angle: Angle | Sequence[Angle] | None, *, rate_hz: float, start_s: float
 ) -> Iterable[tuple[str, xr.Variable]]:
-    """Turn the declared sources of angle, all of one kind, into named variables."""
+    """Yield the declared sources of shaft angle, all of one kind, as named variables."""
     for source in _angle_sources(angle):
         if isinstance(source, UnknownAngle):
             continue
         if isinstance(source, NominalSpeed):
-            rpm = positive(source.rpm, "nominal speed: rpm", "state the speed of the shaft in rev/min")
+            rpm = positive_number(source.rpm, "nominal speed: rpm", "state the speed of the shaft in rev/min")
             attrs = {"units": "rev s-1", "shaft": source.shaft, "nominal": 1}
             yield "nominal_speed", xr.Variable((), rpm / 60, attrs)
             continue
         check_name(source.name, "tachometer")
         attrs = {"units": "s", "shaft": source.shaft, "pulses_per_rev": source.pulses_per_rev}
         if isinstance(source, PulseTimes):
-            times_s = vector(source.times_s, f'tachometer "{source.name}"').astype(np.float64)
+            times_s = real_vector(source.times_s, f'tachometer "{source.name}"').astype(np.float64)
         else:
             waveform = _waveform_variable(source, rate_hz=rate_hz, start_s=start_s)
             yield f"{source.name}_waveform", waveform
-            times_s, threshold = _found_pulses(source.name, waveform, rate_hz=rate_hz, start_s=start_s)
+            times_s, threshold = _detected_pulses(source.name, waveform, rate_hz=rate_hz, start_s=start_s)
             attrs["threshold"] = threshold
         yield source.name, xr.Variable(f"pulse_{source.name}", times_s, attrs)
 
 
 def _angle_sources(angle: Angle | Sequence[Angle] | None) -> list[Angle]:
+    """Return the declared sources of shaft angle; refuse none, unknown ones and those of several kinds."""
     sources = [] if angle is None else list(angle) if isinstance(angle, Sequence) else [angle]
     if not sources:
-        raise RecordError(f"angle: nothing tells the angle of a shaft. {WAYS_TO_ANGLE}")
+        raise RecordError(f"angle: no source of shaft angle is given. {ANGLE_REMEDY}")
     for source in sources:
         if not isinstance(source, Angle):
-            raise RecordError(f"angle: {type(source).__name__} is none of the three. {WAYS_TO_ANGLE}")
+            raise RecordError(f"angle: {type(source).__name__} is none of the three. {ANGLE_REMEDY}")
     kinds = {type(source).__name__ for source in sources}
     if len(kinds) > 1 or (len(sources) > 1 and not kinds <= {"PulseTimes", "TachometerWaveform"}):
         found = ", ".join(type(source).__name__ for source in sources)
-        raise RecordError(f"angle: {found} contradict each other or repeat. {WAYS_TO_ANGLE}")
+        raise RecordError(f"angle: {found} contradict each other or repeat. {ANGLE_REMEDY}")
     return sources
 
 
@@ -361,9 +424,10 @@ def _waveform_variable(source: TachometerWaveform, *, rate_hz: float, start_s: f
     return _channel_variable(channel, name=name, rate_hz=rate_hz, start_s=start_s, role="tachometer")
 
 
-def _found_pulses(
+def _detected_pulses(
     name: str, waveform: xr.Variable, *, rate_hz: float, start_s: float
 ) -> tuple[NDArray[np.float64], float]:
+    """Return the pulse times of a tachometer waveform in s, and the detection threshold."""
     from signals.tachometer import pulse_times  # noqa: PLC0415 - only a waveform needs signal processing
 
     own_rate = waveform.attrs.get("rate_hz", rate_hz)
@@ -375,7 +439,8 @@ def _found_pulses(
 
 
 def _with_truth(record: xr.Dataset, truth: Mapping[str, xr.DataArray]) -> xr.Dataset:
-    axes = set(record.xindexes)  # of time: those of the record hold
+    """Return the record with its true values, on the time axes of the record."""
+    axes = set(record.xindexes)
     for name, array in truth.items():
         check_name(name, "truth")
         if not name.startswith("truth_") or not isinstance(array, xr.DataArray):
@@ -390,8 +455,8 @@ def _with_truth(record: xr.Dataset, truth: Mapping[str, xr.DataArray]) -> xr.Dat
     return record
 
 
-def _check_no_vibration(name: str, waveform: xr.Variable, variables: Mapping[str, xr.Variable]) -> None:
-    """Refuse a tachometer's waveform that is one of the vibration channels: its pulses would be those of a mesh."""
+def _check_not_vibration(name: str, waveform: xr.Variable, variables: Mapping[str, xr.Variable]) -> None:
+    """Refuse a tachometer's waveform that is one of the vibration channels: its pulses would follow a mesh."""
     if waveform.attrs.get("role") != "tachometer":
         return
     for channel, variable in variables.items():
@@ -399,17 +464,17 @@ def _check_no_vibration(name: str, waveform: xr.Variable, variables: Mapping[str
         if same:
             raise RecordError(
                 f'tachometer "{name.removesuffix("_waveform")}": its waveform is channel "{channel}" itself, sample by '
-                "sample; vibration tells no turns. Name the tachometer's own channel (--tach-waveform), or estimate "
-                "the speed from the vibration (UnknownAngle, --no-tachometer)."
+                "sample; vibration has no pulses of a shaft. Name the tachometer's own channel (--tach-waveform), or "
+                "estimate the speed from the vibration (UnknownAngle, --no-tachometer)."
             )
 
 
-def _check_free(name: str, taken: Mapping[str, object]) -> None:
+def _check_new(name: str, taken: Mapping[str, object]) -> None:
     if name in taken:
         raise RecordError(f'two parts of the record are named "{name}"; rename the channel or the tachometer.')
 
 
-def _check_dimensions_free(variables: Mapping[str, xr.Variable]) -> None:
+def _check_dimensions(variables: Mapping[str, xr.Variable]) -> None:
     for dim in {str(dim) for variable in variables.values() for dim in variable.dims}:
         if dim in variables:
             raise RecordError(f'the name "{dim}" is that of a dimension of the record; choose another.')

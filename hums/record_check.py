@@ -1,4 +1,4 @@
-"""What keeps a dataset from being a record, in a sentence."""
+"""Validation of records."""
 
 from numbers import Integral
 
@@ -6,30 +6,39 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.entries import RATE_REMEDY, SCHEMA, UNKNOWN_ANGLE, WAYS_TO_ANGLE, RecordError, known_units, positive, shown
+from hums.entries import (
+    ANGLE_REMEDY,
+    RATE_REMEDY,
+    SCHEMA,
+    UNKNOWN_ANGLE,
+    RecordError,
+    known_units,
+    plain_repr,
+    positive_number,
+)
 from hums.record_parts import kind_of, names_of, nominal_speed, rate_of, sampling, tachometers, vibration_channels
 
 __all__ = ["check_record"]
 
-_FEWEST_SAMPLES_A_PULSE = 1.5  # the sample times themselves come at 1
-_FEWEST_SAMPLES_A_TURN = 4.0  # of the vibration: below, not even the shaft's second harmonic shows
-_FEWEST_INTERVALS = 20  # whose median change from turn to turn says something
-_MOST_CHANGE_A_TURN = 0.3  # a real shaft's is some per cent; that of random crossings some 60 %
+_MIN_SAMPLES_PER_PULSE = 1.5  # at 1 they are the sample times
+_MIN_SAMPLES_PER_TURN = 4.0  # of the vibration: the shaft's second harmonic at half the rate
+_MIN_INTERVALS = 20  # for a meaningful median of their changes
+_MAX_CHANGE_PER_TURN = 0.3  # some per cent for a shaft, some 60 % for random crossings
 
 
 def check_record(record: xr.Dataset) -> None:
-    """Refuse what is not a record. Samples are not read, only what describes them.
+    """Refuse a dataset that is not a valid record. Vibration samples are not read.
 
     Raises
     ------
     RecordError
-        With the sentence that says what is wrong and what to do about it.
+        If it is not a record.
     """
     if not isinstance(record, xr.Dataset):
         raise RecordError(f"a record is an xarray.Dataset, not a {type(record).__name__}; see make_record.")
     if (schema := record.attrs.get("schema")) != SCHEMA:
         raise RecordError(f'attribute schema={schema!r}: a record carries "{SCHEMA}"; build it with make_record.')
-    positive(record.attrs.get("rate_hz"), "attribute rate_hz", RATE_REMEDY)
+    positive_number(record.attrs.get("rate_hz"), "attribute rate_hz", RATE_REMEDY)
     if not vibration_channels(record):
         raise RecordError("no vibration channel: a record needs at least one; name it in channels.")
     for name, variable in record.data_vars.items():
@@ -49,7 +58,7 @@ def _check_variable(record: xr.Dataset, name: str, variable: xr.DataArray) -> No
     elif kind == "tachometer":
         _check_tachometer(name, variable)
     elif kind == "speed":
-        positive(variable.values[()], "nominal_speed", "state the speed of the shaft in rev s-1")
+        positive_number(variable.values[()], "nominal_speed", "state the speed of the shaft in rev s-1")
         _check_shaft("nominal_speed", variable)
 
 
@@ -66,16 +75,16 @@ def _check_channel(record: xr.Dataset, name: str, variable: xr.DataArray) -> Non
     units = variable.attrs.get("units")
     if known_units(units, what) != units:
         raise RecordError(f'{what}: units="{units}" are written "{known_units(units, what)}" in a record.')
-    positive(rate_of(record, variable), f"{what}: rate_hz", RATE_REMEDY)
+    positive_number(rate_of(record, variable), f"{what}: rate_hz", RATE_REMEDY)
     sampling(record, name)
 
 
 def _check_angle(record: xr.Dataset) -> None:
     names, nominal = tachometers(record), nominal_speed(record)
     if not names and nominal is None and record.attrs.get("angle") != UNKNOWN_ANGLE:
-        raise RecordError(f"angle: nothing in this record tells the angle of a shaft. {WAYS_TO_ANGLE}")
+        raise RecordError(f"angle: this record has no source of shaft angle. {ANGLE_REMEDY}")
     if names and nominal is not None:
-        raise RecordError(f'angle: both nominal_speed and the tachometer "{names[0]}". {WAYS_TO_ANGLE}')
+        raise RecordError(f'angle: both nominal_speed and the tachometer "{names[0]}". {ANGLE_REMEDY}')
     spans = [sampling(record, name) for name in vibration_channels(record)]
     first_s = min(span.start_s for span in spans)
     last_s = max(span.start_s + span.count / span.rate_hz for span in spans)
@@ -91,7 +100,7 @@ def _check_angle(record: xr.Dataset) -> None:
 
 
 def _check_speeds(record: xr.Dataset) -> None:
-    """Refuse a shaft that turns, or pulses that come, faster than the fastest channel can show."""
+    """Refuse a shaft speed or a pulse rate that is too high for the highest sampling rate of the record."""
     rate_hz = max(sampling(record, name).rate_hz for name in names_of(record, "vibration", "waveform"))
     nominal = nominal_speed(record)
     if nominal is not None and float(nominal) >= rate_hz / 2:
@@ -104,26 +113,26 @@ def _check_speeds(record: xr.Dataset) -> None:
 
 
 def _check_spacing(name: str, pulses: xr.DataArray, rate_hz: float) -> None:
-    """Refuse pulses that no shaft makes whose vibration is sampled at `rate_hz`."""
+    """Refuse pulse times that are too dense for `rate_hz` or too irregular for a shaft."""
     times_s, per_rev = pulses.values, int(pulses.attrs["pulses_per_rev"])
     spacing_s = (times_s[-1] - times_s[0]) / (times_s.size - 1)
     what = f'tachometer "{name}": its pulses are {spacing_s:.3g} s apart on average'
-    if spacing_s * rate_hz < _FEWEST_SAMPLES_A_PULSE:
+    if spacing_s * rate_hz < _MIN_SAMPLES_PER_PULSE:
         raise RecordError(
             f"{what}, {spacing_s * rate_hz:.3g} samples at {rate_hz:g} Hz: a pulse about every sample, or more. Give "
             "the moments at which the pulses came, in seconds, not the times of the samples; or correct the rate."
         )
-    if spacing_s * per_rev * rate_hz < _FEWEST_SAMPLES_A_TURN:
+    if spacing_s * per_rev * rate_hz < _MIN_SAMPLES_PER_TURN:
         raise RecordError(
             f"{what}, which at {per_rev} a revolution makes {1 / (spacing_s * per_rev):.4g} rev/s, a turn every "
             f"{spacing_s * per_rev * rate_hz:.3g} samples at {rate_hz:g} Hz; the vibration shows nothing of so fast a "
             "shaft. Correct the times (seconds), pulses_per_rev (--pulses-per-rev) or the rate."
         )
     intervals = np.diff(times_s)
-    if intervals.size < per_rev + _FEWEST_INTERVALS:
+    if intervals.size < per_rev + _MIN_INTERVALS:
         return
     change = float(np.median(np.abs(intervals[per_rev:] - intervals[:-per_rev])) / np.median(intervals))
-    if change > _MOST_CHANGE_A_TURN:
+    if change > _MAX_CHANGE_PER_TURN:
         raise RecordError(
             f"{what} and come without order: from one revolution to the next their distance changes by {change:.0%}, "
             "in the middle of all. No shaft turns like that; is this a vibration, not a tachometer's signal? Name "
@@ -138,7 +147,7 @@ def _check_tachometer(name: str, variable: xr.DataArray) -> None:
     pulses = variable.attrs.get("pulses_per_rev")
     if not isinstance(pulses, Integral) or isinstance(pulses, bool) or pulses < 1:
         raise RecordError(
-            f"{what}: pulses_per_rev={shown(pulses)}: a positive whole number is needed (--pulses-per-rev)."
+            f"{what}: pulses_per_rev={plain_repr(pulses)}: a positive whole number is needed (--pulses-per-rev)."
         )
     _check_shaft(what, variable)
     _check_pulses(what, variable.values)
@@ -147,12 +156,12 @@ def _check_tachometer(name: str, variable: xr.DataArray) -> None:
 def _check_shaft(what: str, variable: xr.DataArray) -> None:
     shaft = variable.attrs.get("shaft")
     if not isinstance(shaft, str) or not shaft:
-        raise RecordError(f'{what}: shaft={shown(shaft)}; name the shaft it turns with, shaft="..." (--shaft).')
+        raise RecordError(f'{what}: shaft={plain_repr(shaft)}; name the shaft it turns with, shaft="..." (--shaft).')
 
 
 def _check_pulses(what: str, times_s: NDArray[np.float64]) -> None:
     if times_s.size < 2:  # noqa: PLR2004 - a speed is a difference
-        raise RecordError(f"{what}: {times_s.size} pulse; at least 2 are needed to tell a speed.")
+        raise RecordError(f"{what}: {times_s.size} pulse; at least 2 are needed for a speed.")
     bad = np.flatnonzero(~np.isfinite(times_s))
     if bad.size:
         raise RecordError(f"{what}: pulse {bad[0]} is at {times_s[bad[0]]}; leave out a pulse whose time is unknown.")

@@ -1,4 +1,4 @@
-"""The parts of a record: which variable is what, and when its samples were taken."""
+"""The parts of a record: kind of each variable, sampling, time axes, pulse times."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,21 +9,21 @@ import xarray as xr
 from numpy.typing import NDArray
 from xarray.indexes import RangeIndex
 
-from hums.entries import RATE_REMEDY, RecordError, finite, positive
+from hums.entries import RATE_REMEDY, RecordError, finite_number, positive_number
 
 __all__ = [
     "Sampling",
     "attach_time",
     "channel_values",
-    "described",
     "detach_time",
     "kind_of",
     "names_of",
     "nominal_speed",
     "rate_of",
     "sampling",
+    "sampling_attrs",
+    "speed_percentiles",
     "tachometers",
-    "turning_speeds",
     "vibration_channels",
 ]
 
@@ -32,7 +32,7 @@ Kind = Literal["vibration", "waveform", "tachometer", "speed", "truth"]
 
 @dataclass(frozen=True, kw_only=True)
 class Sampling:
-    """When the samples of a channel were taken: sample `i` of `count` at `start_s + i / rate_hz`.
+    """Sampling of a channel: sample `i` of `count` is at `start_s + i / rate_hz`.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Sampling:
 
 
 def kind_of(name: str, variable: xr.DataArray | xr.Variable) -> Kind | None:
-    """Tell what a variable is in a record; None for what has no place there."""
+    """Return the kind of a variable of a record; None for one that does not belong there."""
     if name.startswith("truth_"):
         return "truth"
     if name == "nominal_speed":
@@ -62,43 +62,43 @@ def kind_of(name: str, variable: xr.DataArray | xr.Variable) -> Kind | None:
 
 
 def names_of(record: xr.Dataset, *kinds: Kind) -> list[str]:
-    """Names of the variables of these kinds, in the order of the record."""
+    """Return the names of the variables of some kinds, in the order of the record."""
     return [str(name) for name, variable in record.data_vars.items() if kind_of(str(name), variable) in kinds]
 
 
-def described(record: xr.Dataset, variable: xr.DataArray | xr.Variable) -> Mapping[str, Any]:
-    """Where rate_hz and start_s of a channel stand: in the record or, at its own rate, in the variable."""
+def sampling_attrs(record: xr.Dataset, variable: xr.DataArray | xr.Variable) -> Mapping[str, Any]:
+    """Return the attributes with a channel's rate_hz and start_s: the record's or, at a rate of its own, its own."""
     return record.attrs if variable.dims == ("time",) else variable.attrs
 
 
 def rate_of(record: xr.Dataset, variable: xr.DataArray | xr.Variable) -> Any:  # noqa: ANN401
-    """Return what is stated as the samples per second of a channel, unchecked."""
-    return described(record, variable).get("rate_hz")
+    """Return the declared samples per second of a channel, unchecked."""
+    return sampling_attrs(record, variable).get("rate_hz")
 
 
 def vibration_channels(record: xr.Dataset) -> list[str]:
-    """Names of the vibration channels, in the order of the record."""
+    """Return the names of the vibration channels, in the order of the record."""
     return names_of(record, "vibration")
 
 
 def tachometers(record: xr.Dataset) -> list[str]:
-    """Names of the variables that hold pulse times, in the order of the record."""
+    """Return the names of the tachometers, variables of pulse times, in the order of the record."""
     return names_of(record, "tachometer")
 
 
 def nominal_speed(record: xr.Dataset) -> xr.DataArray | None:
-    """Return the declared constant speed in rev s-1, its `shaft` among the attributes, or None."""
+    """Return the declared constant speed in rev s-1, with attribute `shaft`, or None."""
     return record.get("nominal_speed")
 
 
 def sampling(record: xr.Dataset, channel: str) -> Sampling:
-    """Tell when the samples of `channel` were taken, also in a slice of a record."""
+    """Return the sampling of a channel, also of a slice of a record; refuse an uneven time axis."""
     variable = record.variables[channel]
     dim = str(variable.dims[0])
     index = record.xindexes.get(dim)
     rate = float(rate_of(record, variable))
     count = variable.sizes[dim]
-    # Half a sample of drift over the record is where two clocks stop being one.
+    # more than half a sample of drift over the record would shift samples
     if not isinstance(index, RangeIndex) or abs(index.step * rate - 1) * count > 0.5:  # noqa: PLR2004
         raise RecordError(
             f'channel "{channel}": its axis "{dim}" does not run evenly at rate_hz={rate:g}. From a file, '
@@ -108,7 +108,7 @@ def sampling(record: xr.Dataset, channel: str) -> Sampling:
 
 
 def channel_values(record: xr.Dataset, name: str) -> NDArray[np.floating]:
-    """Read one variable of a record, and say which file is damaged if that fails.
+    """Return the samples of one variable of a record; a read error names the damaged file.
 
     Returns
     -------
@@ -126,7 +126,7 @@ def channel_values(record: xr.Dataset, name: str) -> NDArray[np.floating]:
 
 
 def attach_time(dataset: xr.Dataset) -> xr.Dataset:
-    """Give every channel its time axis, computed from start, count and rate and never stored."""
+    """Return a record with a time axis for every channel, a range computed from start, count and rate."""
     for name in names_of(dataset, "vibration", "waveform"):
         variable = dataset.variables[name]
         if variable.ndim != 1:
@@ -136,12 +136,12 @@ def attach_time(dataset: xr.Dataset) -> xr.Dataset:
         dim = str(variable.dims[0])
         if isinstance(dataset.xindexes.get(dim), RangeIndex):
             continue
-        rate = positive(rate_of(dataset, variable), f'channel "{name}": rate_hz', RATE_REMEDY)
-        if dim in dataset.coords:  # written by other hands, as numbers: a slice then starts where they say
+        rate = positive_number(rate_of(dataset, variable), f'channel "{name}": rate_hz', RATE_REMEDY)
+        if dim in dataset.coords:  # stored as numbers by other software
             start = _stored_start(dataset[dim], name=name, rate_hz=rate)
             dataset = dataset.drop_vars(dim)
         else:
-            start = finite(described(dataset, variable).get("start_s"), f'channel "{name}": start_s')
+            start = finite_number(sampling_attrs(dataset, variable).get("start_s"), f'channel "{name}": start_s')
         count = variable.size
         index = RangeIndex.linspace(start, start + count / rate, num=count, endpoint=False, dim=dim)
         dataset = dataset.assign_coords(xr.Coordinates.from_xindex(index))
@@ -149,7 +149,7 @@ def attach_time(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def _stored_start(axis: xr.DataArray, *, name: str, rate_hz: float) -> float:
-    """Return where an axis of numbers starts, if its ends agree with the rate."""
+    """Return the start of a stored time axis in s; refuse one that does not agree with the rate."""
     if axis.dtype.kind not in "iuf":
         raise RecordError(f'channel "{name}": its axis "{axis.name}" is of type {axis.dtype}; seconds are needed.')
     first, last = float(axis[0]), float(axis[-1])
@@ -162,7 +162,7 @@ def _stored_start(axis: xr.DataArray, *, name: str, rate_hz: float) -> float:
 
 
 def detach_time(record: xr.Dataset) -> xr.Dataset:
-    """Reduce the time axes to bare dimensions and keep where they start, the inverse of `attach_time`."""
+    """Return a record without time axes, their starts in attributes: the inverse of `attach_time`."""
     axes = set()
     for name in names_of(record, "vibration", "waveform"):
         when = sampling(record, name)
@@ -175,11 +175,10 @@ def detach_time(record: xr.Dataset) -> xr.Dataset:
     return record.drop_vars(axes)
 
 
-def turning_speeds(pulses: xr.DataArray) -> tuple[float, float, float] | None:
-    """Return the median speed that a tachometer's pulses tell, and what 1 % and 99 % of its revolutions stay below.
+def speed_percentiles(pulses: xr.DataArray) -> tuple[float, float, float] | None:
+    """Return the median and the 1 % and 99 % percentiles of the speed by revolution, in rev/s, of pulse times.
 
-    In rev/s, straight from the pulse times: missed and spurious ones are not repaired here. None where the pulses make
-    no whole revolution.
+    Missed and spurious pulses are not repaired. None for less than a revolution.
     """
     times_s, per_rev = pulses.values, int(pulses.attrs["pulses_per_rev"])
     if times_s.size <= per_rev:

@@ -1,7 +1,7 @@
-"""A dataset in a folder: many alike records and their labels, opened as one lazy `xarray.Dataset`.
+"""A dataset in a folder: records of one layout and their labels, opened as one lazy `xarray.Dataset`.
 
-The folder holds ``index.h5``, the labels of all records and what their channels are, and the records themselves
-in files of a few dozen (`hums.store.write_shard`). Files are opened when values are read and closed again, so a
+``index.h5`` in the folder contains the labels of all records and the attributes of their channels; the records are in
+files of a few dozen each (`hums.store.write_shard`). Files are opened when values are read and closed again, so a
 dataset may be pickled, forked and read from many processes at once.
 """
 
@@ -25,66 +25,106 @@ INDEX, SCHEMA = "index.h5", "hums-dataset/1"
 
 
 def is_dataset(folder: str | Path) -> bool:
-    """Tell whether a folder holds a dataset that is complete."""
+    """Return whether a folder contains a complete dataset."""
     return (Path(folder) / INDEX).is_file()
 
 
 def open_dataset(folder: str | Path) -> xr.Dataset:
-    """Open a dataset that ``hums dataset`` made.
+    r"""Open a dataset that ``hums dataset`` made.
 
     Parameters
     ----------
-    folder : path
+    folder : str or Path
+        Folder of the dataset.
 
     Returns
     -------
     xarray.Dataset
-        Each channel (record, time) and each tachometer's pulse times (record, pulse_NAME), padded with NaN, with
-        their units; samples are read when they are used. Labels are coordinates along `record`, in memory. The
-        truth of one record is in what `dataset_record` returns.
+        Each channel (record, time) and the pulse times of each tachometer (record, pulse_NAME), padded with NaN, with
+        their units, read on access. Labels are coordinates along `record`, in memory. `dataset_record` returns
+        the truth of a record.
 
     Raises
     ------
     RecordError
-        If the folder holds no dataset, or one that is not finished.
+        If the folder contains no dataset, or an incomplete one.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import data_synth, hums
+    >>> plan = 'records = 2\nseed = 1\nclass = [{ name = "healthy" }]\n[scene]\ngearbox = "two-stage"\n'
+    >>> plan += 'rate_hz = 2000\nduration_s = 1\nfidelity = "kinematic"\nspeed = { link = "input", rpm = 600 }\n'
+    >>> plan += 'tachometer = { link = "input", pulses_per_rev = 1 }\n'
+    >>> plan += 'resonance = { frequency_hz = 500, damping_ratio = 0.05 }\n'
+    >>> plan += 'sensor = [{ name = "vib", on = "output", units = "g" }]\n'
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = pathlib.Path(folder, "two.toml").write_text(plan, encoding="utf-8")
+    ...     _ = data_synth.make_dataset(pathlib.Path(folder, "two.toml"), pathlib.Path(folder, "two"))
+    ...     dataset = hums.open_dataset(pathlib.Path(folder, "two"))
+    ...     print(dict(dataset.vib.sizes), dataset["class"].values.tolist(), dataset.tachometer.shape)
+    {'record': 2, 'time': 2000} ['healthy', 'healthy'] (2, 10)
     """
     folder = Path(folder).resolve()
     index = _index(folder, labels=True)
     rows = index.sizes["record"]
     variables = {}
-    for name, facts in json.loads(index.attrs["arrays_json"]).items():
+    for name, layout in json.loads(index.attrs["arrays_json"]).items():
         values = _Rows(
             folder=folder,
             pattern=index.attrs["shards"],
             per_shard=int(index.attrs["records_per_shard"]),
             name=name,
-            shape=(rows, *facts["width"]),
-            dtype=np.dtype(facts["dtype"]),
+            shape=(rows, *layout["width"]),
+            dtype=np.dtype(layout["dtype"]),
         )
-        variables[name] = xr.Variable(("record", *facts["dims"]), indexing.LazilyIndexedArray(values), facts["attrs"])
+        variables[name] = xr.Variable(("record", *layout["dims"]), indexing.LazilyIndexedArray(values), layout["attrs"])
     attrs = {name: index.attrs[name] for name in ("schema", "machine", "rate_hz", "start_s", "plan")}
     dataset = xr.Dataset(variables, attrs=attrs)
-    return _with_time(dataset).assign_coords(index.data_vars).assign_coords(record=np.arange(rows))
+    times = attach_time(dataset.isel(record=0)).coords  # the same for all records, and not stored
+    return dataset.assign_coords(times).assign_coords(index.data_vars).assign_coords(record=np.arange(rows))
 
 
 def dataset_size(folder: str | Path) -> int:
-    """Return how many records a dataset holds."""
+    """Return the number of records in a dataset."""
     return int(_index(Path(folder).resolve(), labels=False).attrs["records"])
 
 
 def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
-    """Read one record of a dataset, as it was simulated, with its truth; in memory.
+    r"""Return one record of a dataset with its truth, in memory.
 
     Parameters
     ----------
-    folder : path
+    folder : str or Path
+        Folder of the dataset.
     number : int
-        From 0.
+        Number of the record, from 0.
+
+    Returns
+    -------
+    xarray.Dataset
+        The record as it was simulated.
 
     Raises
     ------
     RecordError
         If there is no such record, or its file is damaged.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import data_synth, hums
+    >>> plan = 'records = 2\nseed = 1\nclass = [{ name = "healthy" }]\n[scene]\ngearbox = "two-stage"\n'
+    >>> plan += 'rate_hz = 2000\nduration_s = 1\nfidelity = "kinematic"\nspeed = { link = "input", rpm = 600 }\n'
+    >>> plan += 'tachometer = { link = "input", pulses_per_rev = 1 }\n'
+    >>> plan += 'resonance = { frequency_hz = 500, damping_ratio = 0.05 }\n'
+    >>> plan += 'sensor = [{ name = "vib", on = "output", units = "g" }]\n'
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = pathlib.Path(folder, "two.toml").write_text(plan, encoding="utf-8")
+    ...     _ = data_synth.make_dataset(pathlib.Path(folder, "two.toml"), pathlib.Path(folder, "two"))
+    ...     record = hums.dataset_record(pathlib.Path(folder, "two"), 1)
+    >>> record.sizes["time"], record.vib.units, any(name.startswith("truth_") for name in record)
+    (2000, 'g', True)
     """
     folder = Path(folder).resolve()
     index = _index(folder, labels=False)
@@ -100,6 +140,7 @@ def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
 
 
 def _index(folder: Path, *, labels: bool) -> xr.Dataset:
+    """Return the index of a dataset: its attributes and, where asked for, the labels in memory."""
     if not folder.is_dir():
         raise RecordError(f"{folder}: there is no such folder; name the one that hums dataset wrote into.")
     if not is_dataset(folder):
@@ -112,11 +153,6 @@ def _index(folder: Path, *, labels: bool) -> xr.Dataset:
     if index.attrs.get("schema") != SCHEMA:
         raise RecordError(f"{folder / INDEX} holds {index.attrs.get('schema')!r}, where a dataset holds {SCHEMA!r}.")
     return index
-
-
-def _with_time(dataset: xr.Dataset) -> xr.Dataset:
-    """Attach the time axes that each record has; none is stored."""
-    return dataset.assign_coords(attach_time(dataset.isel(record=0)).coords)
 
 
 class _Rows(BackendArray):
@@ -140,8 +176,8 @@ class _Rows(BackendArray):
             with open_hdf5(self.folder / self.pattern.format(shard)) as file:
                 for at in np.flatnonzero(shards == shard):
                     values = self._row(file, int(rows[at]), [slice(*span) for span in spans])
-                    place: tuple[Any, ...] = (at, *(slice(size) for size in values.shape))
-                    block[place] = values
+                    target: tuple[Any, ...] = (at, *(slice(size) for size in values.shape))
+                    block[target] = values
         within: list[Any] = [part - start for part, (start, _) in zip(columns, spans, strict=True)]
         kept: NDArray[Any] = block[(slice(None), *within)]
         return np.asarray(kept if picked.ndim else kept[0])

@@ -1,8 +1,8 @@
-"""The equations of static equilibrium by virtual work, and what a solution of them says about each contact.
+"""The equations of static equilibrium by virtual work, and the load of each contact in their solution.
 
 The speeds of a mechanism obey ``A r = 0``, one row of `A` for each mesh and one rate `r` for each turning pair.
-The same rows carry the loads: a mesh whose tooth load is ``L`` (N m a tooth) puts the torque ``Z_i L`` on gear i
-about its own axis and the opposite on its carrier. With external torques ``T`` on links that turn at ``B r``,
+The same rows hold the loads: a mesh whose tooth load is ``L`` (N m a tooth) applies the torque ``Z_i L`` to gear i
+about its own axis and the opposite to its carrier. With external torques ``T`` on links that turn at ``B r``,
 equilibrium is ``B' T + A' L = 0``. The coefficients are whole numbers, so the equations are solved in rational
 arithmetic: whether a load is determinate is decided exactly.
 
@@ -29,17 +29,25 @@ from hums.kinematics import Kinematics
 from hums.loads import TorqueError
 from hums.mechanism import Contact
 
-Drivers = tuple[int | None, ...]  # of each contact the gear that drives, 0 or 1; None: nothing is lost there
+Drivers = tuple[int | None, ...]  # driving gear of each contact, 0 or 1; None: the contact loses no power
 _ZERO = Fraction(0)
 _ONE = Fraction(1)
-_ROUNDING = Fraction(1, 10**9)  # torques given as decimals balance to this part of the largest
+_TOLERANCE = Fraction(1, 10**9)  # of the largest torque: decimals balance no better
 
 
 @dataclass(frozen=True)
 class Statics:
-    """A mechanism, its external torques in N m, its rates in turns a second, the efficiency of each contact.
+    """The statics problem of a mechanism. Contacts are numbered in the order of `contacts`.
 
-    Contacts of two gears are numbered in the order of `contacts`.
+    Attributes
+    ----------
+    kinematics : Kinematics
+    torques : mapping of str to Fraction or None
+        External torque of each loaded link in N m; None: unknown.
+    rates : mapping of str to Fraction
+        Joint rates in relative_speeds a second.
+    efficiencies : tuple of Fraction
+        Of each contact.
     """
 
     kinematics: Kinematics
@@ -49,22 +57,22 @@ class Statics:
 
     @property
     def name(self) -> str:
-        """The gearbox, as an error names it."""
+        """The gearbox in errors."""
         return f'gearbox "{self.kinematics.gearbox.name}"'
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
-        """Contacts of two gears; a mate that is unknown carries no load."""
+        """Contacts of two gears; those whose mate is unknown transmit no load."""
         return gear_pairs(self.kinematics)
 
     @cached_property
-    def turns(self) -> tuple[Fraction, ...]:
-        """Speed of each contact's first gear relative to the carrier."""
+    def relative_speeds(self) -> tuple[Fraction, ...]:
+        """Speed of each contact's first gear relative to the carrier, in turns a second."""
         return tuple(self.speed(contact.gears[0][0], contact.carrier) for contact in self.contacts)
 
     @property
-    def undriven(self) -> Drivers:
-        """Drivers where no contact loses power."""
+    def lossless(self) -> Drivers:
+        """The drivers where no contact loses power."""
         return (None,) * len(self.contacts)
 
     def mesh(self, number: int) -> Mesh:
@@ -73,10 +81,10 @@ class Statics:
         return next(mesh for mesh in self.kinematics.gearbox.meshes if mesh.name == name)
 
     def axes(self, number: int) -> tuple[str, str]:
-        """Return the axes in the carrier about which the two gears of a contact turn."""
+        """Return the axes of the two gears of a contact, fixed in its carrier."""
         mechanism, contact = self.kinematics.mechanism, self.contacts[number]
         one, two = (
-            mechanism.shared_axis(mechanism.bodies[link], contact.carrier) or ""  # a contact always has them
+            mechanism.shared_axis(mechanism.bodies[link], contact.carrier) or ""  # never None in a contact
             for link, _ in contact.gears
         )
         return one, two
@@ -87,47 +95,47 @@ class Statics:
         return one, two
 
     def speed(self, link: str, seen_from: str | None = None) -> Fraction:
-        """Return the speed of a link about its own axis, in turns a second."""
+        """Return the speed of a link about its own axis, in relative_speeds a second."""
         return evaluate(self.kinematics.spin(link, seen_from=seen_from), self.rates)
 
-    def passed_on(self, number: int, driver: int | None) -> tuple[Fraction, Fraction]:
-        """Return the part of the tooth load that reaches each of the two gears of a contact."""
+    def load_factors(self, number: int, driver: int | None) -> tuple[Fraction, Fraction]:
+        """Return the factors of the tooth load on the two gears: 1 on the driver, the efficiency on the driven."""
         driven = _ONE if driver is None else self.efficiencies[number]
         return (driven, _ONE) if driver == 1 else (_ONE, driven)
 
-    def row(self, number: int, driver: int | None = None) -> Form:
-        """Return the torque on each turning pair by one unit of tooth load."""
+    def generalized_torque(self, number: int, driver: int | None = None) -> Form:
+        """Return the torque of a unit tooth load on each turning pair: a row of A, with losses."""
         contact, row = self.contacts[number], Form()
-        for (link, teeth), part in zip(contact.gears, self.passed_on(number, driver), strict=True):
+        for (link, teeth), load_factor in zip(contact.gears, self.load_factors(number, driver), strict=True):
             spin = self.kinematics.spin(link, seen_from=contact.carrier)
-            add(row, {body: teeth * part * factor for body, factor in spin.items()})
+            add(row, {body: teeth * load_factor * factor for body, factor in spin.items()})
         return row
 
     def equations(self, drivers: Drivers) -> list[Form]:
-        """Return the equilibrium of every turning pair, in the unknown torques and tooth loads."""
+        """Return the equations ``B' T + A' L = 0``, one for each turning pair, in unknown torques and tooth loads."""
         forms: dict[str, Form] = {body: {} for body in self.kinematics.joints}
         for link in self.torques:
             for body, factor in self.kinematics.spin(link).items():
-                add(forms[body], self.term(link, factor))
+                add(forms[body], self.external_term(link, factor))
         for number, driver in enumerate(drivers):
-            for body, factor in self.row(number, driver).items():
-                add(forms[body], {tooth_load_name(number): factor})
+            for body, factor in self.generalized_torque(number, driver).items():
+                add(forms[body], {tooth_load_symbol(number): factor})
         return list(forms.values())
 
-    def term(self, link: str, factor: Fraction) -> Form:
-        """Return a multiple of an external torque: an unknown where the link takes the balance, else a constant."""
+    def external_term(self, link: str, factor: Fraction) -> Form:
+        """Return a multiple of an external torque as a form: an unknown where it is None, else a constant."""
         torque = self.torques[link]
         return {link: factor} if torque is None else {CONSTANT: torque * factor}
 
-    def is_zero(self, left_over: Fraction) -> bool:
-        """Whether what is left of an equation is the rounding of the given torques."""
+    def is_zero(self, residual: Fraction) -> bool:
+        """Return whether the residual of an equation is within the rounding of the given torques."""
         largest = max((abs(torque) for torque in self.torques.values() if torque is not None), default=_ZERO)
-        return balances(left_over, largest)
+        return is_balanced(residual, largest)
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What equilibrium settles: unknown torques and tooth loads, with the gears that drive."""
+    """The solution of a statics problem: the determinate unknown torques and tooth loads, and the driving gears."""
 
     statics: Statics
     drivers: Drivers
@@ -135,35 +143,35 @@ class Solution:
 
     def load(self, number: int) -> Fraction | None:
         """Return the tooth load of a contact in N m a tooth, at the driving gear; None where it is indeterminate."""
-        return self.values.get(tooth_load_name(number))
+        return self.values.get(tooth_load_symbol(number))
 
     def flow(self, number: int) -> Fraction | None:
         """Return the power from the first to the second gear of a contact, relative to its carrier, at the driver.
 
-        In N m times turns a second.
+        In N m times relative_speeds a second.
         """
         load, (_, teeth) = self.load(number), self.statics.contacts[number].gears[0]
-        return None if load is None else -load * teeth * self.statics.turns[number]
+        return None if load is None else -load * teeth * self.statics.relative_speeds[number]
 
     def driving(self, number: int) -> int | None:
-        """Return the gear of a contact that drives, 0 or 1; None where no power flows or its load is open."""
+        """Return the driving gear of a contact, 0 or 1; None without power or with an indeterminate load."""
         flow = self.flow(number)
         return int(flow < 0) if flow else None
 
-    def parts(self, number: int) -> tuple[Fraction, Fraction]:
-        """Return the part of the tooth load that reaches each of the two gears of a contact."""
-        return self.statics.passed_on(number, self.drivers[number])
+    def load_factors(self, number: int) -> tuple[Fraction, Fraction]:
+        """Return the factors of the tooth load on the two gears of a contact."""
+        return self.statics.load_factors(number, self.drivers[number])
 
-    def row(self, number: int) -> Form:
-        """Return the torque on each turning pair by one unit of tooth load."""
-        return self.statics.row(number, self.drivers[number])
+    def generalized_torque(self, number: int) -> Form:
+        """Return the torque of a unit tooth load on each turning pair."""
+        return self.statics.generalized_torque(number, self.drivers[number])
 
-    def losing(self) -> Drivers:
-        """Return of each contact that loses power the gear that drives it."""
+    def driving_gears(self) -> Drivers:
+        """Return the driving gear of each contact that loses power, None for the others."""
         statics = self.statics
         found: list[int | None] = []
         for number, contact in enumerate(statics.contacts):
-            loses = statics.efficiencies[number] < 1 and statics.turns[number] != 0
+            loses = statics.efficiencies[number] < 1 and statics.relative_speeds[number] != 0
             if loses and self.load(number) is None:
                 raise TorqueError(
                     f'mesh "{contact.mesh}": its load is indeterminate, and so is its loss; declare meshes that share '
@@ -174,15 +182,15 @@ class Solution:
 
 
 def gear_pairs(kinematics: Kinematics) -> tuple[Contact, ...]:
-    """Return the contacts of two gears, those that can carry a load."""
+    """Return the contacts of two gears, those that can transmit a load."""
     return tuple(contact for contact in kinematics.contacts if len(contact.gears) == 2)  # noqa: PLR2004
 
 
-def balances(left_over: Fraction, largest: Fraction) -> bool:
-    """Whether torques that should add up to nothing do, to the rounding of the largest of them."""
-    return abs(left_over) <= _ROUNDING * largest
+def is_balanced(total: Fraction, largest: Fraction) -> bool:
+    """Return whether a sum of torques is zero to the rounding of the largest of them."""
+    return abs(total) <= _TOLERANCE * largest
 
 
-def tooth_load_name(number: int) -> str:
-    """Return the name of a contact's unknown tooth load; no link is called so."""
+def tooth_load_symbol(number: int) -> str:
+    """Return the name of a contact's tooth load among the unknowns; no link has such a name."""
     return f"\0{number}"

@@ -1,7 +1,7 @@
-"""Records and results on disk: HDF5 in netCDF4 layout, checksummed, written whole or not at all.
+"""Records and results on disk: HDF5 in netCDF4 layout, checksummed, written atomically.
 
-``xarray.open_dataset(path, engine="h5netcdf")`` reads every file written here. What `open_record` adds is
-the time axis, which is computed and not stored, and the check.
+``xarray.open_dataset(path, engine="h5netcdf")`` reads every file written here. `open_record` adds the time axis,
+which is computed and not stored, and validates the record.
 """
 
 import os
@@ -21,6 +21,7 @@ from hums._packing import packed, unpacked
 from hums.record import SCHEMA, RecordError, attach_time, check_record, detach_time
 
 __all__ = [
+    "atomic_write",
     "existing_file",
     "is_hdf5",
     "open_hdf5",
@@ -28,17 +29,16 @@ __all__ = [
     "open_shard",
     "open_tree",
     "record_of_shard",
-    "remove_parts",
+    "remove_partial_files",
     "save_record",
     "write_shard",
     "write_tree",
-    "written_beside",
 ]
 
 _ENGINE: Final = "h5netcdf"
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _CHUNK = 65536  # values: half a megabyte of float64, which HDF5's own cache of a megabyte holds
-_DAMAGE = (
+_READ_ERRORS = (
     OSError,
     RuntimeError,
     LookupError,
@@ -51,21 +51,33 @@ Opened = TypeVar("Opened", xr.Dataset, xr.DataTree)
 
 
 def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
-    """Write a record to `path`; a file that stood there is replaced only once the new one is complete.
+    """Write a record to a file, which replaces an existing one only once it is complete.
 
     Parameters
     ----------
     record : xarray.Dataset
-        What `make_record` built, also a slice of it: its time axis is kept as start, count and rate.
-    path : path
+        Record from `make_record`, or a slice of one: its time axis is stored as start, count and rate.
+    path : str or Path
         File to write.
 
     Raises
     ------
     RecordError
-        If it is not a record, or holds what HDF5 cannot.
+        If it is not a record, or contains values that HDF5 cannot store.
     OSError
-        If the disk does not take it.
+        If the disk refuses the write.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> import hums
+    >>> record = hums.make_record({"vib": np.ones(1000)}, rate_hz=1000, angle=hums.UnknownAngle(), units="g")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     hums.save_record(record.isel(time=slice(500, None)), pathlib.Path(folder) / "half.h5")
+    ...     with hums.open_record(pathlib.Path(folder) / "half.h5") as half:
+    ...         print(float(half.time[0]), half.sizes["time"])
+    0.5 500
     """
     check_record(record)
     plain = _writable(detach_time(record), where="record")
@@ -73,12 +85,34 @@ def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
 
 
 def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Open a record. Samples are read when they are used; close it, or use it in a ``with`` block.
+    """Open a record; samples are read on access.
+
+    Parameters
+    ----------
+    path : str or Path
+        File from `save_record`, ``hums convert`` or ``hums synth``.
+
+    Returns
+    -------
+    xarray.Dataset
+        To be closed, or used in a ``with`` block.
 
     Raises
     ------
     RecordError
-        If there is no whole record at `path`: the sentence tells what there is instead.
+        If the file is missing, damaged or not a record.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> import hums
+    >>> record = hums.make_record({"vib": np.ones(1000)}, rate_hz=1000, angle=hums.UnknownAngle(), units="g")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     hums.save_record(record, pathlib.Path(folder) / "record.h5")
+    ...     with hums.open_record(pathlib.Path(folder) / "record.h5") as opened:
+    ...         print(opened.identical(record), opened.vib.units)
+    True g
     """
     file = existing_file(path)
     _check_schema(file)
@@ -89,7 +123,7 @@ def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
     except RecordError as error:
         opened.close()
         raise RecordError(f"{file}: {error}") from error
-    except _DAMAGE as error:
+    except _READ_ERRORS as error:
         opened.close()
         raise _damaged(file, error) from error
     record.set_close(opened.close)
@@ -97,13 +131,13 @@ def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def write_tree(tree: xr.DataTree, path: str | os.PathLike[str]) -> None:
-    """Write a tree of datasets as groups of one file, with the same care as a record."""
+    """Write a tree of datasets as groups of one file, checksummed and atomically."""
     nodes = {node.path: _writable(node.to_dataset(inherit=False), where=f"group {node.path}") for node in tree.subtree}
     _write({where: (dataset, _all_chunks(dataset)) for where, dataset in nodes.items()}, path)
 
 
 def open_tree(path: str | os.PathLike[str]) -> xr.DataTree:
-    """Open a tree that `write_tree` wrote. Values are read when they are used.
+    """Open a tree that `write_tree` wrote; values are read on access.
 
     Raises
     ------
@@ -116,7 +150,7 @@ def open_tree(path: str | os.PathLike[str]) -> xr.DataTree:
 def write_shard(
     records: Sequence[xr.Dataset], path: str | os.PathLike[str], *, labels: Mapping[str, Sequence[Any]], dtype: str
 ) -> None:
-    """Write alike records and their labels to one file, one record a row, with the same care as a record.
+    """Write records of one layout and their labels to one file, a row for each, checksummed and atomically.
 
     Parameters
     ----------
@@ -125,21 +159,21 @@ def write_shard(
     path : path
         File to write.
     labels : mapping of str to sequence
-        A value a record, by the name of the label.
-    dtype : "float32" or "float64"
-        In which the samples are kept.
+        By the name of a label, its value for each record.
+    dtype : {"float32", "float64"}
+        Type of the stored samples.
     """
     shard = _writable(packed(records, labels, dtype=dtype), where="shard")
     chunks = _all_chunks(shard)
     for name in chunks:
         _, *row = shard.variables[name].shape
-        if row:  # a record is read without its neighbours
+        if row:  # a chunk for each record, so that one is read alone
             chunks[name] = (1, *_chunks(tuple(row)))
     _write({"/": (shard, chunks)}, path)
 
 
 def open_shard(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Open a file that `write_shard` wrote. Values are read when they are used.
+    """Open a file that `write_shard` wrote; values are read on access.
 
     Raises
     ------
@@ -150,14 +184,14 @@ def open_shard(path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def record_of_shard(shard: xr.Dataset, row: int) -> xr.Dataset:
-    """Read one record of an open shard."""
+    """Return one record of an open shard, in memory."""
     record = attach_time(unpacked(shard, row))
     check_record(record)
     return record
 
 
 def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
-    """Open any HDF5 file to read, as a context manager.
+    """Open any HDF5 file for reading, as a context manager.
 
     Raises
     ------
@@ -179,22 +213,22 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
         raise RecordError(
             f"{file} cannot be read now ({error}); check who may read it and whether a program still writes it."
         ) from error
-    except _DAMAGE as error:
+    except _READ_ERRORS as error:
         raise _damaged(file, error) from error
 
 
 def is_hdf5(path: str | os.PathLike[str]) -> bool:
-    """Tell whether the file carries the signature of HDF5, also behind the header of MATLAB v7.3."""
+    """Return whether a file has the signature of HDF5, also behind the header of MATLAB v7.3."""
     return bool(h5py.is_hdf5(path))
 
 
 def existing_file(path: str | os.PathLike[str]) -> Path:
-    """Return `path` if a file with something in it stands there.
+    """Return the path of an existing file that is not empty.
 
     Raises
     ------
     RecordError
-        If there is none, or a directory, or an empty file.
+        If it is missing, a directory, or empty.
     """
     file = Path(path)
     if file.is_dir():
@@ -218,7 +252,7 @@ def _checked_and_opened(path: str | os.PathLike[str], open_with: Callable[..., O
 def _opened(file: Path, open_with: Callable[..., Opened]) -> Opened:
     try:
         return open_with(file, engine=_ENGINE)
-    except _DAMAGE as error:
+    except _READ_ERRORS as error:
         raise _damaged(file, error) from error
 
 
@@ -228,7 +262,7 @@ def _check_schema(file: Path) -> None:
             schema = contents.attrs.get("schema")
     except (OSError, RuntimeError, LookupError) as error:
         raise _damaged(file, error) from error
-    if isinstance(schema, str) and schema == SCHEMA:  # other hands may have put an array there
+    if isinstance(schema, str) and schema == SCHEMA:  # files of other software may have an array there
         return
     if schema is None:
         raise RecordError(
@@ -248,17 +282,17 @@ def _damaged(file: Path, why: object) -> RecordError:
 
 
 def _write(groups: Mapping[str, tuple[xr.Dataset, Chunks]], path: str | os.PathLike[str]) -> None:
-    with written_beside(path) as part:
+    with atomic_write(path) as part:
         try:
             write_netcdf(part, groups)
-        except (DiskError, RuntimeError) as error:  # the latter where HDF5 misses what the disk refused
+        except (DiskError, RuntimeError) as error:  # the latter where HDF5 misses a refused write
             raise OSError(f"{path} could not be written ({error}); check the space on its disk.") from error
 
 
 @contextmanager
-def written_beside(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a file to write; put it in the place of `path` if all went well, remove it if not."""
-    target = Path(path).resolve()  # so that a link goes on pointing to what it pointed to
+def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary file to write, which replaces `path` on success and is removed on failure."""
+    target = Path(path).resolve()  # so that a symbolic link remains one
     if target.is_dir():
         raise RecordError(f"{path} is a directory; name a file in it.")
     if not target.parent.is_dir():
@@ -275,14 +309,14 @@ def written_beside(path: str | os.PathLike[str]) -> Iterator[Path]:
         _sync(target.parent)
 
 
-def remove_parts(folder: Path) -> None:
-    """Remove what writers that were killed left in a folder; nothing may be writing there."""
+def remove_partial_files(folder: Path) -> None:
+    """Remove the temporary files of killed writers from a folder, in which nothing may be writing."""
     for part in folder.glob(".hums-*.part"):
         part.unlink(missing_ok=True)
 
 
 def _sync(path: Path) -> None:
-    """Have the disk hold what was written: without it a power cut can leave a new name on old bytes."""
+    """Flush a file or directory to the disk: after a power cut a new name may else belong to old bytes."""
     descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
     try:
         os.fsync(descriptor)
@@ -291,11 +325,10 @@ def _sync(path: Path) -> None:
 
 
 def _all_chunks(dataset: xr.Dataset) -> dict[str, tuple[int, ...]]:
-    """Return the chunks, with a checksum each, of every array of numbers.
+    """Return the chunk shape of every array of numbers: only chunked arrays can have checksums in HDF5.
 
-    The fill value of floats is NaN, xarray's default: a chunk that HDF5 does not find in a damaged index then reads as
-    NaN, which the analysis refuses, and not as a stretch of silence. HDF5 cannot checksum what is not chunked, nor the
-    text behind a reference.
+    The fill value of floats is NaN, xarray's default: a chunk that is missing in a damaged index then reads as NaN,
+    which the analysis refuses, and not as zeros.
     """
     return {
         str(name): _chunks(variable.shape)
@@ -305,7 +338,7 @@ def _all_chunks(dataset: xr.Dataset) -> dict[str, tuple[int, ...]]:
 
 
 def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Halve the longest axis, which is time where there is time, until a chunk is small enough."""
+    """Return the chunk shape of an array: its longest axis, usually time, is halved until a chunk is small enough."""
     chunks = list(shape)
     while np.prod(chunks, dtype=np.int64) > _CHUNK:
         longest = int(np.argmax(chunks))
@@ -314,7 +347,7 @@ def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _writable(dataset: xr.Dataset, *, where: str) -> xr.Dataset:
-    """Return the dataset with attributes that netCDF holds and without the encoding of an earlier file."""
+    """Return a dataset with attributes that netCDF can store and without the encoding of an earlier file."""
     plain = dataset.drop_encoding()
     plain.attrs = _plain_attrs(dataset.attrs, where)
     for name, variable in plain.variables.items():
@@ -329,7 +362,7 @@ def _plain_attrs(attrs: Mapping[Any, Any], where: str) -> dict[str, Any]:
 
 
 def _plain(value: Any, what: str) -> Any:  # noqa: ANN401
-    """Translate what netCDF lacks: a truth value becomes 0 or 1, a moment ISO 8601, a lone row an array."""
+    """Return an attribute in a type of netCDF: booleans as 0 or 1, times as ISO 8601, sequences as arrays."""
     if isinstance(value, str):
         if "\0" in value:
             raise RecordError(f"{what} contains a NUL character; remove it.")

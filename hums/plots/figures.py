@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from hums.plots.labels import apply_layout
 from hums.plots.style import FAINT, INK
-from hums.store import written_beside
+from hums.store import atomic_write
 
 _STYLE: dict[str, Any] = {
     "font.size": 9,
@@ -97,7 +97,7 @@ def save_figure(draw: Callable[[Axes], object], path: str | Path, *, width: floa
         raise ValueError(f'"{path}" ends in "{path.suffix}"; end it in .svg, .png or .pdf.')
     if not (width > 0 and height > 0):
         raise ValueError(f"width = {width:g}, height = {height:g}: give the figure a positive size in inches.")
-    with written_beside(path) as part, part.open("wb") as file:
+    with atomic_write(path) as part, part.open("wb") as file:
         _save(draw, file, kind=kind, width=width, height=height)
     return path
 

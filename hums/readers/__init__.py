@@ -1,20 +1,19 @@
-"""Other people's files to records: the suffix decides who reads.
+"""Conversion of files of other programs to records; the suffix selects the reader.
 
-A reader returns what the file holds by name: an array, or the words that say why it is none. What the file
+A reader returns the contents of a file by name: an array, or a phrase that describes what is not numeric. What the file
 does not state (units, rate, shaft) the caller declares; nothing is guessed.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
-from datetime import datetime
-from os import PathLike
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hums.readers.clocks import beginning, rate_hz_of, refuse_other_clock
+from hums.readers.clocks import check_time_column, rate_hz_of, start_and_epoch
 from hums.readers.foreign import Field, ForeignFile, Stated
 from hums.record import (
     UNITS,
@@ -30,7 +29,11 @@ from hums.record import (
 from hums.store import existing_file
 
 if TYPE_CHECKING:
+    from datetime import datetime
+    from os import PathLike
+
     import xarray as xr
+    from numpy.typing import NDArray
 
 __all__ = ["ForeignFile", "Stated", "convert", "read_file"]
 
@@ -38,12 +41,31 @@ _SUFFIXES = (".mat", ".wav", ".csv", ".tdms", ".uff", ".unv", ".h5", ".hdf5")
 
 
 def read_file(path: str | PathLike[str]) -> ForeignFile:
-    """Read a foreign file with the reader of its suffix.
+    r"""Return the contents of another program's file, read by the reader of its suffix.
+
+    Parameters
+    ----------
+    path : str or Path
+        A .mat, .wav, .csv, .tdms, .uff, .unv, .h5 or .hdf5 file.
+
+    Returns
+    -------
+    ForeignFile
 
     Raises
     ------
     RecordError
-        If there is no file, no reader for it, or the reader does not get through.
+        If the file is missing or damaged, or there is no reader for its suffix.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from hums.readers import read_file
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "log.csv")
+    ...     _ = path.write_text("time,vib\n0.0,1.5\n0.1,2.5\n", encoding="utf-8")
+    ...     print(read_file(path).fields["vib"].tolist())
+    [1.5, 2.5]
     """
     file = existing_file(path)
     rate_hz: float | None = None
@@ -102,16 +124,16 @@ def convert(
     scale: float = 1.0,
     machine: str = "",
     recorded_at: datetime | str | None = None,
-) -> "xr.Dataset":
-    """Make a record of another program's file.
+) -> xr.Dataset:
+    """Convert another program's file to a record.
 
     Parameters
     ----------
-    source : path
-        A .mat, .wav, .csv, .tdms, .uff or .h5 file.
+    source : str or Path
+        A .mat, .wav, .csv, .tdms, .uff, .unv, .h5 or .hdf5 file.
     channels : sequence of str
-        Names of the vibration channels in the file; a field of a struct, a group or a folder by its path,
-        ``bearing.gs`` or ``bearing/gs``. In the record parts of a name are joined by dots.
+        Names of the vibration channels in the file; a member of a struct or a group by its path, ``bearing.gs`` or
+        ``bearing/gs``. In the record the parts of a name are joined by dots.
     units : str or mapping of str to str, optional
         Units of the channels after `scale`; needed where the file states none.
     rate_hz : float, optional
@@ -120,28 +142,45 @@ def convert(
         Name of the pulse times in s, or of the sampled tachometer signal.
     pulses_per_rev : int, optional
         Pulses in one revolution of `shaft`; needed with either tachometer.
-    shaft : str
-        The shaft that carries the tachometer or turns at `shaft_rpm`.
+    shaft : str, optional
+        Shaft that carries the tachometer or turns at `shaft_rpm`.
     shaft_rpm : float, optional
         Declared constant speed in rev/min.
     no_tachometer : bool
-        Declare that nothing tells the angle: the speed has to be estimated from the vibration.
+        Declare that no shaft angle is known: the speed has to be estimated from the vibration.
     scale : float
-        Factor from the numbers in the file to `units`; for a .wav of integers, what full scale means.
+        Factor from the numbers in the file to `units`; for a .wav of integers, the value of full scale.
     machine, recorded_at
         As in `make_record`; a .tdms file may state when it was recorded.
 
     Returns
     -------
     xarray.Dataset
-        A record; attribute ``source`` names the file.
+        A record with the name of the file in attribute ``source``.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read, or its contents and the declarations are incomplete or contradictory.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> import hums
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "log.csv")
+    ...     np.savetxt(path, np.ones(1000), header="vib", comments="")
+    ...     record = hums.convert(path, channels=["vib"], units="g", rate_hz=1000, shaft="input", shaft_rpm=600)
+    >>> float(record.vib[0]), float(record.nominal_speed), record.attrs["source"]
+    (1.0, 10.0, 'log.csv')
     """
     file = read_file(source)
     if not channels:
         raise RecordError(f"channels: none named (--channel). {file.path.name}: {file.contents()}")
     factor = _scale(scale)
-    if isinstance(units, Mapping) and (strange := [name for name in units if name not in channels]):
-        raise RecordError(f'units: no channel "{strange[0]}"; the channels are {", ".join(channels)}.')
+    if isinstance(units, Mapping) and (unknown := [name for name in units if name not in channels]):
+        raise RecordError(f'units: no channel "{unknown[0]}"; the channels are {", ".join(channels)}.')
     values = {
         file.name(name): Channel(
             values=_scaled(file.vector(name), factor),
@@ -151,10 +190,10 @@ def convert(
         for name in channels
     }
     rate = rate_hz_of(file, channels[0], declared=rate_hz)
-    timed = [*channels, *([tach_waveform] if tach_waveform else [])]
-    start_s, began = beginning(file, timed, rate_hz=rate)
-    clocked = [file.name(name) for name in (*timed, tach_times) if name]
-    refuse_other_clock(file, rate, count=file.vector(channels[0]).size, other_than=clocked)
+    sampled = [*channels, *([tach_waveform] if tach_waveform else [])]
+    start_s, epoch = start_and_epoch(file, sampled, rate_hz=rate)
+    used = [file.name(name) for name in (*sampled, tach_times) if name]
+    check_time_column(file, rate, count=file.vector(channels[0]).size, used=used)
     return make_record(
         values,
         rate_hz=rate,
@@ -169,7 +208,7 @@ def convert(
             rate_hz=rate_hz,
         ),
         machine=machine,
-        recorded_at=began if recorded_at is None else recorded_at,
+        recorded_at=epoch if recorded_at is None else recorded_at,
         start_s=start_s,
         attrs={"source": file.path.name},
     )
@@ -186,6 +225,7 @@ def _angle(
     no_tachometer: bool,
     rate_hz: float | None,
 ) -> Angle | None:
+    """Return the declared source of shaft angle, None where there is no declaration."""
     options: dict[str, object] = {
         "--tach-times": tach_times,
         "--tach-waveform": tach_waveform,
@@ -194,9 +234,9 @@ def _angle(
     }
     given = [option for option, value in options.items() if value is not None]
     if not given:
-        return None  # make_record says which ways there are
+        return None  # make_record raises the error
     if len(given) > 1:
-        raise RecordError(f"{' and '.join(given)}: one thing tells the angle of the shaft; give one of them.")
+        raise RecordError(f"{' and '.join(given)}: the shaft angle has one source; give one of them.")
     if no_tachometer:
         return UnknownAngle()
     if not shaft:
@@ -222,9 +262,9 @@ def _angle(
 
 
 def _units(file: ForeignFile, name: str, units: str | Mapping[str, str] | None, *, scale: float) -> str:
-    """Return the declared units of a channel, or those the file states if nothing scales them away."""
+    """Return the units of a channel, declared or stated by the file; stated units hold only at scale 1."""
     declared = units.get(name) if isinstance(units, Mapping) else units
-    stated = file.says(name).units
+    stated = file.metadata(name).units
     if stated is None:
         return declared or ""
     if scale != 1:
@@ -234,7 +274,11 @@ def _units(file: ForeignFile, name: str, units: str | Mapping[str, str] | None, 
                 'declare it, units="..." (--units).'
             )
         return declared
-    if declared is not None and None not in (_known(declared), _known(stated)) and _known(declared) != _known(stated):
+    if (
+        declared is not None
+        and None not in (_canonical(declared), _canonical(stated))
+        and _canonical(declared) != _canonical(stated)
+    ):
         raise RecordError(
             f'units="{declared}" contradict {file.path.name}, which states "{stated}" for "{name}". Give the factor '
             f'from "{stated}" to "{declared}", scale=... (--scale), or leave --units out; if the file is wrong, take '
@@ -243,7 +287,8 @@ def _units(file: ForeignFile, name: str, units: str | Mapping[str, str] | None, 
     return declared or stated
 
 
-def _known(units: str) -> str | None:
+def _canonical(units: str) -> str | None:
+    """Return units in the spelling of `UNITS`, None for unknown ones."""
     return next((name for name, aliases in UNITS.items() if units in (name, *aliases)), None)
 
 
@@ -258,7 +303,7 @@ def _scaled(values: NDArray[np.generic], factor: float) -> NDArray[np.generic]:
 
 
 def _unpadded(times_s: NDArray[np.generic]) -> NDArray[np.generic]:
-    """Cut the blanks at the end, with which a table fills a column that is shorter than its neighbours."""
+    """Return times without the NaN at their end, with which a table pads a shorter column."""
     if times_s.dtype.kind != "f":
         return times_s
     filled = np.flatnonzero(~np.isnan(times_s))

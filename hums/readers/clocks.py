@@ -1,4 +1,4 @@
-"""Whether what a caller declares of the times of a file agrees with what the file says of them."""
+"""Sampling rates and start times of foreign files: declared values against those that the file states."""
 
 import re
 from collections.abc import Sequence
@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 from hums.readers.foreign import ForeignFile
 from hums.record import RecordError
 
-__all__ = ["beginning", "rate_hz_of", "refuse_other_clock"]
+__all__ = ["check_time_column", "rate_hz_of", "start_and_epoch"]
 
-_CLOCKS = {"t", "time", "t_s", "time_s", "t_sec", "time_sec", "time_seconds"}  # also "Time [s]" and "time (s)"
-_SAME_RATE = 0.01
-_PRINTED = 1e-5  # a step printed with six digits
+_TIME_COLUMNS = {"t", "time", "t_s", "time_s", "t_sec", "time_sec", "time_seconds"}  # also "Time [s]" and "time (s)"
+_RATE_TOLERANCE = 0.01
+_STEP_TOLERANCE = 1e-5  # a step printed with six digits
 
 
 def rate_hz_of(file: ForeignFile, name: str, *, declared: float | None) -> float:
-    """Return the declared rate of a channel or the file's.
+    """Return the samples per second of a channel, declared or stated by the file; refuse a contradiction.
 
-    A header of whole numbers may have dropped a fraction, and a printed step its seventh digit: within 1 Hz, or
-    1e-5 of it, what is declared holds.
+    The declared rate has precedence within 1 Hz, as a header of whole numbers drops a fraction, or within 1e-5, as a
+    printed time step drops digits.
     """
-    stated = file.says(name).rate_hz
+    stated = file.metadata(name).rate_hz
     if declared is None:
         if stated is None:
             raise RecordError(
@@ -32,8 +32,8 @@ def rate_hz_of(file: ForeignFile, name: str, *, declared: float | None) -> float
             )
         return stated
     if stated is not None and isinstance(declared, Real):
-        apart = abs(declared - stated)
-        if apart >= max(min(1.0, _SAME_RATE * stated), _PRINTED * stated):
+        difference = abs(declared - stated)
+        if difference >= max(min(1.0, _RATE_TOLERANCE * stated), _STEP_TOLERANCE * stated):
             raise RecordError(
                 f"rate_hz={declared:g} contradicts {file.path.name}, which states {stated:g} Hz; leave "
                 "--rate-hz out, or correct the file."
@@ -41,35 +41,40 @@ def rate_hz_of(file: ForeignFile, name: str, *, declared: float | None) -> float
     return declared
 
 
-def beginning(file: ForeignFile, names: Sequence[str], *, rate_hz: float) -> tuple[float, datetime | None]:
-    """Return the time of the first sample in s and the moment it counts from, as the file states them for `names`.
+def start_and_epoch(file: ForeignFile, names: Sequence[str], *, rate_hz: float) -> tuple[float, datetime | None]:
+    """Return the time of the first sample of some channels in s and the epoch it counts from, as the file states.
 
     Raises
     ------
     RecordError
-        If they began more than half a sample apart: a record has one clock.
+        If their first samples are more than half a sample apart.
     """
-    says = [file.says(name) for name in names]
-    starts = [stated.start_s or 0.0 for stated in says]
-    moments = [stated.began.timestamp() if stated.began else 0.0 for stated in says]
-    for name, start, moment in zip(names, starts, moments, strict=True):
-        late = (start - starts[0]) + (moment - moments[0])
-        if late and isinstance(rate_hz, Real) and abs(late) * rate_hz > 0.5:  # noqa: PLR2004 - make_record weighs the rate
+    metadata = [file.metadata(name) for name in names]
+    starts = [stated.start_s or 0.0 for stated in metadata]
+    epochs_s = [stated.epoch.timestamp() if stated.epoch else 0.0 for stated in metadata]
+    for name, start, epoch_s in zip(names, starts, epochs_s, strict=True):
+        late = (start - starts[0]) + (epoch_s - epochs_s[0])
+        if late and isinstance(rate_hz, Real) and abs(late) * rate_hz > 0.5:  # noqa: PLR2004 - make_record checks the rate
             raise RecordError(
                 f'{file.path.name}: "{name}" begins {late:g} s after "{names[0]}"; a record has one clock. '
                 "Convert them one by one, or cut them to the same span."
             )
-    return starts[0], says[0].began
+    return starts[0], metadata[0].epoch
 
 
-def refuse_other_clock(file: ForeignFile, rate_hz: float, *, count: int, other_than: Sequence[str]) -> None:
-    """Hold the rate against a column of evenly spaced times, one for each of `count` samples, if there is one."""
+def check_time_column(file: ForeignFile, rate_hz: float, *, count: int, used: Sequence[str]) -> None:
+    """Check the rate against a column of evenly spaced times of `count` samples, if the file has one."""
     for name, field in file.fields.items():
-        plain = re.sub(r"[\W_]+", "_", name.rpartition(".")[2].lower()).strip("_")
-        if name in other_than or plain not in _CLOCKS or isinstance(field, str) or max(field.shape, default=1) != count:
+        normalized = re.sub(r"[\W_]+", "_", name.rpartition(".")[2].lower()).strip("_")
+        if (
+            name in used
+            or normalized not in _TIME_COLUMNS
+            or isinstance(field, str)
+            or max(field.shape, default=1) != count
+        ):
             continue
         step_s = _even_step(field.reshape(-1)) if field.size == count else None
-        if step_s and isinstance(rate_hz, Real) and abs(step_s * rate_hz - 1) > _SAME_RATE:
+        if step_s and isinstance(rate_hz, Real) and abs(step_s * rate_hz - 1) > _RATE_TOLERANCE:
             raise RecordError(
                 f'rate_hz={rate_hz:g} contradicts {file.path.name}, whose "{name}" goes in steps of {step_s:.6g} s, '
                 f"{1 / step_s:.6g} Hz. Correct --rate-hz; if that column is not in seconds, give it another name."
@@ -77,12 +82,12 @@ def refuse_other_clock(file: ForeignFile, rate_hz: float, *, count: int, other_t
 
 
 def _even_step(times: NDArray[np.generic]) -> float | None:
-    """Return the step of times that rise evenly, however coarsely they are printed, else None."""
+    """Return the step of evenly spaced times, also coarsely rounded ones, else None."""
     if times.size < 2 or times.dtype.kind not in "iuf":  # noqa: PLR2004
         return None
     numbers = times.astype(np.float64)
     span = numbers[-1] - numbers[0]
     if not (span > 0 and np.isfinite(numbers).all()):
         return None
-    even = np.linspace(numbers[0], numbers[-1], numbers.size)
-    return float(span / (numbers.size - 1)) if np.max(np.abs(numbers - even)) < _SAME_RATE * span else None
+    linear = np.linspace(numbers[0], numbers[-1], numbers.size)
+    return float(span / (numbers.size - 1)) if np.max(np.abs(numbers - linear)) < _RATE_TOLERANCE * span else None

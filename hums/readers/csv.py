@@ -1,4 +1,4 @@
-"""CSV files: columns named by a header line, or counted where there is none."""
+"""CSV files: columns named by a header line, or numbered without one."""
 
 import codecs
 import csv
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 __all__ = ["read"]
 
-_ENCODING = "utf-8-sig"  # spreadsheets put a mark in front
-_HEAD = 100  # lines that show how the file is written
+_ENCODING = "utf-8-sig"  # spreadsheets begin with a byte order mark
+_HEAD = 100  # lines from which the format is detected
 
 
 def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
-    """Read the columns, (n,) each, under the names of the header or as "column 1", "column 2", ...
+    """Return the columns, (n,) each, under the names of the header or as "column 1", "column 2", ...
 
-    Separated by semicolons, tabs or commas. Between the first two, a comma in a number is its decimal point. Text is
+    Separators are semicolons, tabs or commas; with the first two a comma in a number is its decimal point. Text is
     UTF-8, or UTF-16 as some spreadsheets and loggers write it. Blank cells are NaN; rows with fewer cells than the
     first are refused.
     """
@@ -35,8 +35,8 @@ def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
     first, *others = _head(path, encoding) or [""]
     separator = next((sign for sign in ";\t" if sign in first), ",")
     cells = [cell.replace(",", ".") for cell in first.split(separator) if cell.strip()]  # a value may be blank
-    headless = bool(cells) and all(_is_number(cell) for cell in cells)
-    rows = [first, *others] if headless else others
+    without_header = bool(cells) and all(_is_number(cell) for cell in cells)
+    rows = [first, *others] if without_header else others
     decimal = "," if separator != "," and any("," in row for row in rows) else "."
     try:
         with warnings.catch_warnings():
@@ -45,7 +45,7 @@ def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
                 path,
                 sep=separator,
                 decimal=decimal,
-                header=None if headless else 0,
+                header=None if without_header else 0,
                 index_col=False,
                 skipinitialspace=True,
                 low_memory=False,
@@ -58,14 +58,14 @@ def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
         ) from error
     if table.shape[1] > 1 and table.iloc[:, -1].isna().any():  # a short row leaves its last cells blank
         _refuse_short_rows(path, encoding, separator)
-    names = [f"column {number}" if headless else str(name).strip() for number, name in enumerate(table, 1)]
+    names = [f"column {number}" if without_header else str(name).strip() for number, name in enumerate(table, 1)]
     if repeated := [name for name, times in Counter(names).items() if times > 1]:
         raise RecordError(f'{path}: two columns are named "{repeated[0]}"; give each a name of its own.')
     return {name: _column(table.iloc[:, place]) for place, name in enumerate(names)}
 
 
 def _encoding(path: Path) -> str:
-    """Tell UTF-16 by its mark, or by every other byte being zero, as it is in plain text without one."""
+    """Return the encoding: UTF-16 by its byte order mark, or without one where every other byte is zero."""
     with path.open("rb") as stream:
         start = stream.read(2 * _HEAD)
     if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
@@ -77,22 +77,23 @@ def _encoding(path: Path) -> str:
 
 
 def _head(path: Path, encoding: str) -> list[str]:
+    """Return the first lines that are not blank."""
     with path.open(encoding=encoding, errors="replace") as stream:
         return [line.strip("\r\n") for line in islice(filter(str.strip, stream), _HEAD)]
 
 
 def _refuse_short_rows(path: Path, encoding: str, separator: str) -> None:
-    """Go through the rows once more, now that one may be short: blank cells at its end would show nothing of it."""
+    """Refuse a row with fewer cells than the first, which pandas pads like blank cells at its end."""
     with path.open(encoding=encoding, errors="replace", newline="") as stream:
         rows = csv.reader(stream, delimiter=separator, skipinitialspace=True)
-        wanted = 0
+        expected = 0
         for row in rows:
             if len(row) <= 1 and not "".join(row).strip():
                 continue
-            wanted = wanted or len(row)
-            if len(row) < wanted:
+            expected = expected or len(row)
+            if len(row) < expected:
                 raise RecordError(
-                    f"{path}: the row in line {rows.line_num} has {len(row)} of {wanted} cells. Every row needs the "
+                    f"{path}: the row in line {rows.line_num} has {len(row)} of {expected} cells. Every row needs the "
                     f'columns of the first; end a blank one with its separator, "{separator}".'
                 )
 
@@ -106,6 +107,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _column(column: "pd.Series") -> NDArray[np.generic] | str:
+    """Return a column as numbers, or a phrase that describes what is not numeric."""
     import pandas as pd  # noqa: PLC0415
 
     if column.empty:
@@ -113,8 +115,8 @@ def _column(column: "pd.Series") -> NDArray[np.generic] | str:
     if column.dtype.kind in "iuf":
         return column.to_numpy()
     numbers = pd.to_numeric(column, errors="coerce")
-    truths = column.map(lambda cell: isinstance(cell, bool | np.bool))
-    wrong = column[column.notna() & (numbers.isna() | truths)]
-    if wrong.empty:  # whole numbers of more than 64 bits
+    booleans = column.map(lambda cell: isinstance(cell, bool | np.bool))
+    invalid = column[column.notna() & (numbers.isna() | booleans)]
+    if invalid.empty:  # whole numbers of more than 64 bits
         return numbers.to_numpy(dtype=np.float64)
-    return f'text, "{wrong.iloc[0]}" in row {wrong.index[0] + 1}'
+    return f'text, "{invalid.iloc[0]}" in row {invalid.index[0] + 1}'

@@ -1,4 +1,4 @@
-"""What another program's file holds and states, before anything is declared about it."""
+"""Contents of another program's file: arrays, and the units, rates and times that the file states."""
 
 import difflib
 from collections.abc import Mapping
@@ -15,48 +15,48 @@ from hums.record import RecordError
 __all__ = ["Field", "ForeignFile", "Stated", "rate_of_step"]
 
 Field = NDArray[np.generic] | str
-"""An array of numbers, or the words that say what stands there instead."""
+"""An array of numbers, or a phrase that describes what is not numeric, such as "text"."""
 
-_WHOLE = 1e-9  # one over a step of ten microseconds is 99999.99999999999 Hz
+_INTEGER_TOLERANCE = 1e-9  # one over a step of ten microseconds is 99999.99999999999 Hz
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stated:
-    """What a file itself says of one of its channels; None where it says nothing.
+    """Metadata of one channel as the file states them; None where it states nothing.
 
     Attributes
     ----------
     units : str or None
-        In the words of the file.
+        In the spelling of the file.
     rate_hz : float or None
         Samples per second.
     start_s : float or None
-        Time of the first sample, in s after `began`.
+        Time of the first sample in s after `epoch`.
     began : datetime or None
-        The moment from which its times count, with its offset from UTC.
+        Time from which `start_s` counts, with its offset from UTC.
     """
 
     units: str | None = None
     rate_hz: float | None = None
     start_s: float | None = None
-    began: datetime | None = None
+    epoch: datetime | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForeignFile:
-    """What another program's file holds.
+    """Contents of another program's file.
 
     Attributes
     ----------
     path : Path
-        Where it is.
+        The file.
     fields : mapping of str to array or str
-        By name, an array of numbers, or what stands there instead, such as "text". Parts of a name are joined by
-        dots, as in "bearing.gs", also where the file has slashes.
+        By name, an array of numbers, or a phrase such as "text". Parts of a name are joined by dots, as in
+        "bearing.gs", also where the file has slashes.
     rate_hz : float or None
-        Samples per second, where the file states them for all it holds.
+        Samples per second, where the file states them for all fields.
     stated : mapping of str to Stated
-        What the file says of single fields.
+        Metadata of single fields.
     """
 
     path: Path
@@ -65,16 +65,16 @@ class ForeignFile:
     stated: Mapping[str, Stated] = field(default_factory=lambda: MappingProxyType({}))
 
     def name(self, name: str) -> str:
-        """Return the field's name as it stands in `fields`, if `name` has slashes for dots."""
+        """Return the key in `fields` of a name that may have slashes for dots."""
         return name if name in self.fields else name.strip("/").replace("/", ".")
 
-    def says(self, name: str) -> Stated:
-        """Return what the file says of the field `name`, its rate also where it holds for all fields."""
+    def metadata(self, name: str) -> Stated:
+        """Return the metadata of a field, with the rate of the file where it has none of its own."""
         own = self.stated.get(self.name(name), Stated())
         return own if own.rate_hz is not None else replace(own, rate_hz=self.rate_hz)
 
     def vector(self, name: str) -> NDArray[np.generic]:
-        """Return the array `name` as one row of numbers, (n,), whether it was a row or a column."""
+        """Return a field that is a row or a column of numbers as an array (n,)."""
         values = self.fields.get(self.name(name))
         if values is None:
             raise RecordError(f'{self.path.name} has no "{name}"{_closest(name, self.fields)} {self.contents()}')
@@ -88,19 +88,19 @@ class ForeignFile:
         return values.reshape(-1)
 
     def contents(self) -> str:
-        """Say what the file holds, one sentence for arrays and one for the rest."""
-        arrays = [f"{name} ({_shape(held)})" for name, held in self.fields.items() if not isinstance(held, str)]
-        others = [f"{name} ({held})" for name, held in self.fields.items() if isinstance(held, str)]
+        """Return a description of the contents: a sentence for arrays and one for the rest."""
+        arrays = [f"{name} ({_shape(values)})" for name, values in self.fields.items() if not isinstance(values, str)]
+        others = [f"{name} ({values})" for name, values in self.fields.items() if isinstance(values, str)]
         rest = f" Not numbers: {', '.join(others)}." if others else ""
         return f"It holds {', '.join(arrays) or 'no array of numbers'}.{rest}"
 
 
 def rate_of_step(step_s: object) -> float | None:
-    """Return samples per second from the step between two, whole where rounding alone keeps it from that."""
+    """Return samples per second from the time step, rounded to an integer within 1e-9; None for an invalid step."""
     if isinstance(step_s, bool) or not isinstance(step_s, int | float | np.number) or not 0 < float(step_s) < np.inf:
         return None
     rate_hz = 1 / float(step_s)
-    return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) <= _WHOLE * rate_hz else rate_hz
+    return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) <= _INTEGER_TOLERANCE * rate_hz else rate_hz
 
 
 def _shape(values: NDArray[np.generic]) -> str:
@@ -108,5 +108,5 @@ def _shape(values: NDArray[np.generic]) -> str:
 
 
 def _closest(name: str, names: Mapping[str, object]) -> str:
-    near = difflib.get_close_matches(name, list(names), n=1)
-    return f'; did you mean "{near[0]}"?' if near else "."
+    matches = difflib.get_close_matches(name, list(names), n=1)
+    return f'; did you mean "{matches[0]}"?' if matches else "."

@@ -1,4 +1,4 @@
-"""HDF5 files of other programs: every array under its path, its units where its attribute says them."""
+"""HDF5 files of other programs: every array under its path, with the units of its attribute."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +12,7 @@ __all__ = ["read"]
 
 
 def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
-    """Read every array of numbers under its path, dots for slashes; an attribute ``units`` is what it states.
+    """Return every array under its path, with dots for slashes, and the units of its attribute ``units``.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def _arrays(prefix: str, group: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN4
     for key, item in group.items():
         if hasattr(item, "items"):
             yield from _arrays(f"{prefix}{key}.", item)
-        elif hasattr(item, "shape"):  # a named type has none
+        elif hasattr(item, "shape"):  # unlike a named type
             yield f"{prefix}{key}", item
 
 

@@ -1,4 +1,4 @@
-"""MATLAB files: v4 to v7 through scipy, v7.3, which is HDF5, through the store."""
+"""MATLAB files: v4 to v7 by scipy, v7.3 as HDF5."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,12 +25,12 @@ _NUMBERS = ("", "double", "single", "logical", *(f"{sign}int{bits}" for sign in 
 
 
 def read(path: Path) -> dict[str, Field]:
-    """Read every variable, the fields of structs under dotted names.
+    """Return every variable by name, the fields of structs under dotted names.
 
     Returns
     -------
-    dict
-        By name, an array in MATLAB's shape, or what the variable is when it is not numeric.
+    dict of str to array or str
+        An array in MATLAB's shape, or a phrase that describes what is not numeric.
     """
     return _read_hdf5(path) if is_hdf5(path) else _read_classic(path)
 
@@ -43,7 +43,7 @@ def _read_classic(path: Path) -> dict[str, Field]:
 
     try:
         contents = loadmat(path)
-    except Exception as error:  # a parser of binary trust fails on broken bytes in any way it likes
+    except Exception as error:  # a parser may fail in any way on damaged bytes
         raise RecordError(
             f"{path} is no MATLAB file, or damaged ({error}). Copy it again, or save it again in MATLAB."
         ) from error
@@ -81,7 +81,7 @@ def _read_hdf5(path: Path) -> dict[str, Field]:
 
 def _hdf5_fields(prefix: str, group: Any) -> Iterator[tuple[str, Field]]:  # noqa: ANN401
     for key, item in group.items():
-        if key.startswith("#"):  # where MATLAB keeps what cells refer to
+        if key.startswith("#"):  # where MATLAB stores the contents of cells
             continue
         name = f"{prefix}{key}"
         if "MATLAB_sparse" in item.attrs:
@@ -102,4 +102,4 @@ def _hdf5_field(item: Any) -> Field:  # noqa: ANN401
     if matlab_class not in _NUMBERS or item.dtype.kind not in "biuf":
         return _CLASSES.get(matlab_class, "a struct array" if not matlab_class else f"a {matlab_class}")
     values: NDArray[np.generic] = item[()]
-    return values.T  # MATLAB counts the first axis fastest
+    return values.T  # MATLAB arrays are in column-major order

@@ -1,4 +1,4 @@
-"""TDMS files of LabVIEW and its loggers: channels in groups, each with what was written about it."""
+"""TDMS files of LabVIEW and its loggers: channels in groups, each with properties."""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -14,10 +14,10 @@ __all__ = ["read"]
 
 
 def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
-    """Read every channel under "group.channel", with the scaling that the file holds applied.
+    """Return every channel as "group.channel", scaled as the file states, and the metadata of each.
 
-    What the file states is in the properties that LabVIEW gives a waveform: ``unit_string``, ``wf_increment`` (s),
-    ``wf_start_time`` (UTC) and ``wf_start_offset`` (s).
+    The metadata are LabVIEW's waveform properties ``unit_string``, ``wf_increment`` (s), ``wf_start_time`` (UTC) and
+    ``wf_start_offset`` (s).
 
     Raises
     ------
@@ -34,7 +34,7 @@ def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
         contents = nptdms.TdmsFile.read(path)
         channels = [channel for group in contents.groups() for channel in group.channels()]
         found = [(_name(channel), channel[:], dict(channel.properties)) for channel in channels]
-    except Exception as error:  # a parser of binary trust fails on broken bytes in any way it likes
+    except Exception as error:  # a parser may fail in any way on damaged bytes
         raise RecordError(f"{path} is no TDMS file, or damaged ({error}). Copy it again from where it came.") from error
     if contents.file_status.incomplete_final_segment or not channels:
         raise RecordError(f"{path} is damaged: its last part is cut off. Copy it again from where it came.")
@@ -52,24 +52,24 @@ def _field(values: Any) -> Field:  # noqa: ANN401
     array = np.asarray(values)
     if array.size == 0:
         return "empty"
-    words = {"O": "text", "U": "text", "S": "text", "M": "times of day", "c": "complex numbers"}
-    return words.get(array.dtype.kind, array)
+    phrases = {"O": "text", "U": "text", "S": "text", "M": "times of day", "c": "complex numbers"}
+    return phrases.get(array.dtype.kind, array)
 
 
 def _stated(properties: Mapping[str, Any]) -> Stated:
-    units, offset, began = (properties.get(key) for key in ("unit_string", "wf_start_offset", "wf_start_time"))
+    units, offset, start_time = (properties.get(key) for key in ("unit_string", "wf_start_offset", "wf_start_time"))
     rate_hz = rate_of_step(properties.get("wf_increment"))
     return Stated(
         units=str(units).strip() or None if units is not None else None,
         rate_hz=rate_hz,
         start_s=float(offset) if rate_hz and isinstance(offset, int | float | np.number) else None,
-        began=_moment(began) if rate_hz else None,
+        epoch=_utc_time(start_time) if rate_hz else None,
     )
 
 
-def _moment(stamp: object) -> datetime | None:
-    """Return a TDMS time, which counts in UTC; LabVIEW writes its year zero, 1904, for none."""
+def _utc_time(stamp: object) -> datetime | None:
+    """Return a TDMS time stamp, which is in UTC; None for LabVIEW's zero, in 1904."""
     if not isinstance(stamp, np.datetime64) or np.isnat(stamp):
         return None
-    moment = datetime.fromisoformat(str(stamp.astype("datetime64[us]"))).replace(tzinfo=UTC)
-    return moment if moment.year > 1904 else None  # noqa: PLR2004
+    time = datetime.fromisoformat(str(stamp.astype("datetime64[us]"))).replace(tzinfo=UTC)
+    return time if time.year > 1904 else None  # noqa: PLR2004

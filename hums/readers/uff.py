@@ -1,4 +1,4 @@
-"""Universal files (UFF): the time histories among their data sets of type 58."""
+"""Universal files (UFF): the time histories in their data sets of type 58."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -20,10 +20,10 @@ _END = b"-1"
 
 
 def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
-    """Read every function under its response's place: entity where named, node and direction, as "case 3+Z".
+    """Return every function by its response degree of freedom, entity where named, node and direction: "case 3+Z".
 
-    Where two have one place, the number of the data set follows, as "3+Z (2)". The rate and the first time are those
-    of an even abscissa in seconds; a text file prints its step with six digits, so a declared rate may be finer.
+    Functions of one degree of freedom are numbered by data set, as "3+Z (2)". The rate and the first time are those
+    of an even abscissa in seconds; a text file prints its step with six digits, so a declared rate may be more precise.
     Units are the label of the ordinate.
 
     Raises
@@ -39,7 +39,7 @@ def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
         ) from error
     try:
         found = pyuff.UFF(str(path)).read_sets()
-    except Exception as error:  # a parser of foreign text fails on broken bytes in any way it likes
+    except Exception as error:  # a parser may fail in any way on damaged text
         raise RecordError(
             f"{path} is no universal file, or damaged ({error}). Copy it again from where it came."
         ) from error
@@ -47,7 +47,7 @@ def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
     if not sets:
         raise RecordError(f"{path} is no whole universal file: no data set in it is complete.")
     functions = [entry for entry in sets if entry.get("type") == _FUNCTION]
-    if not _ends_well(path) or any(entry["num_pts"] != len(entry["data"]) for entry in functions):
+    if not _is_complete(path) or any(entry["num_pts"] != len(entry["data"]) for entry in functions):
         raise RecordError(f"{path} is damaged: its last part is cut off. Copy it again from where it came.")
     names = _names(functions)
     return (
@@ -56,25 +56,25 @@ def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
     )
 
 
-def _ends_well(path: Path) -> bool:
+def _is_complete(path: Path) -> bool:
     with path.open("rb") as stream:
         stream.seek(-min(path.stat().st_size, 4096), 2)
         return stream.read().rstrip().endswith(_END)
 
 
 def _names(functions: list[Mapping[str, Any]]) -> list[str]:
-    places = [_place(entry) for entry in functions]
-    times = Counter(places)
-    return [place if times[place] == 1 else f"{place} ({number})" for number, place in enumerate(places, start=1)]
+    dofs = [_response_dof(entry) for entry in functions]
+    counts = Counter(dofs)
+    return [dof if counts[dof] == 1 else f"{dof} ({number})" for number, dof in enumerate(dofs, start=1)]
 
 
-def _place(entry: Mapping[str, Any]) -> str:
-    """Return entity, node and direction; a direction is a number from 1 to 6, negative against its axis."""
+def _response_dof(entry: Mapping[str, Any]) -> str:
+    """Return entity, node and direction; the number of a direction, 1 to 6, is negative against its axis."""
     direction = int(entry["rsp_dir"])
-    way = _DIRECTIONS[abs(direction)] if abs(direction) < len(_DIRECTIONS) else f" direction {direction}"
+    axis = _DIRECTIONS[abs(direction)] if abs(direction) < len(_DIRECTIONS) else f" direction {direction}"
     entity = _label(entry["rsp_ent_name"])
-    place = f"{int(entry['rsp_node'])}{way.replace('+', '-') if direction < 0 else way}"
-    return f"{entity} {place}".replace("/", ".") if entity else place
+    dof = f"{int(entry['rsp_node'])}{axis.replace('+', '-') if direction < 0 else axis}"
+    return f"{entity} {dof}".replace("/", ".") if entity else dof
 
 
 def _field(entry: Mapping[str, Any]) -> Field:
@@ -95,6 +95,6 @@ def _stated(entry: Mapping[str, Any]) -> Stated:
 
 
 def _label(text: object) -> str | None:
-    """Return a label, or None for the word that stands where there is none."""
-    words = str(text).strip()
-    return None if words.upper() in {"", "NONE"} else words
+    """Return a label, None for a blank one or the word NONE."""
+    label = str(text).strip()
+    return None if label.upper() in {"", "NONE"} else label

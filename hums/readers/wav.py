@@ -1,4 +1,4 @@
-"""WAV files: the rate is in the header, the unit is not."""
+"""WAV files: rate in the header, no units."""
 
 import warnings
 from pathlib import Path
@@ -12,25 +12,25 @@ __all__ = ["read"]
 
 
 def read(path: Path) -> tuple[int, dict[str, NDArray[np.generic]]]:
-    """Read the rate in Hz and the channels, (n,) each, as "channel 1", "channel 2", ...
+    """Return the rate in Hz and the channels, (n,) each, as "channel 1", "channel 2", ...
 
-    Integers become float64 with full scale at 1; floats are as the file has them.
+    Integers become float64 with full scale at 1; floats are not changed.
     """
     from scipy.io import wavfile  # noqa: PLC0415
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks that are not sound
+            warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks without sound
             warnings.filterwarnings("error", "Reached EOF prematurely", wavfile.WavFileWarning)
             rate_hz, samples = wavfile.read(path)
-    except Exception as error:  # a parser of binary trust fails on broken bytes in any way it likes
+    except Exception as error:  # a parser may fail in any way on damaged bytes
         raise RecordError(f"{path} is no whole WAV file ({error}). Copy it again from where it came.") from error
     columns = _full_scale(np.atleast_2d(samples.T))
     return int(rate_hz), {f"channel {number}": column for number, column in enumerate(columns, start=1)}
 
 
 def _full_scale(samples: NDArray[np.generic]) -> NDArray[np.generic]:
-    """Map integers to +-1. Bytes are unsigned about 128; 24 bits arrive in the upper bits of 32."""
+    """Scale integers to +-1. Bytes are unsigned about 128; scipy returns 24 bits in the upper bits of 32."""
     kind, bits = samples.dtype.kind, 8 * samples.dtype.itemsize
     if kind not in "iu":
         return samples

@@ -17,7 +17,7 @@ from hums.orders import BEARING_KINDS
 from hums.plots import plot_spectrum, plot_speed, plot_tracks, svg
 from hums.report.indicators import indicator_tables
 from hums.search import ENVELOPE, ORDER_SPECTRUM
-from hums.store import written_beside
+from hums.store import atomic_write
 from hums.tables import envelope_bands, indicator_table, line_table, summary
 
 
@@ -185,5 +185,5 @@ def _probability_text(probability: float) -> str:
 
 
 def _write_text(path: Path, text: str) -> None:
-    with written_beside(path) as part:
+    with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")

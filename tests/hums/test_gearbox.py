@@ -345,7 +345,7 @@ class TestRefusals:
                 "position_mm = [1.0, 2.0] does not fit the names x; give one position for each",
             ),
             (bearing(position_mm=[float("inf")]), "finite"),
-            (bearing(takes_axial=["y"]), 'takes_axial names "y", which is not here; valid: x'),
+            (bearing(takes_axial=["y"]), 'takes_axial names "y", which is not one of its names; valid: x'),
             (mesh(pressure_angle_deg=90), "pressure_angle_deg = 90: input should be less than 90"),
             (mesh(helix_angle_deg=90), "helix_angle_deg = 90: input should be less than 90"),
             (mesh(helix_angle_deg=-95), "helix_angle_deg = -95: input should be greater than -90"),

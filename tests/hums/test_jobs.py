@@ -125,7 +125,7 @@ class TestQueue:
                 return super().result(timeout)
 
         pool, many = Counting(), [Job(name=str(item), item=item) for item in range(50)]
-        jobs._spread(clusters.write_item, many, folder=tmp_path, pool=pool, width=4, advance=lambda _: None)
+        jobs._submit(clusters.write_item, many, folder=tmp_path, pool=pool, width=4, advance=lambda _: None)
         assert len(contents(tmp_path)) == 50
         assert pool.most == 4
 
@@ -142,7 +142,7 @@ class TestQueue:
 class TestRefusals:
     @posix
     def test_a_second_run_in_one_folder(self, tmp_path):
-        with jobs._alone(tmp_path), pytest.raises(JobError, match=r"another run is at work in .*; wait for it"):
+        with jobs._locked(tmp_path), pytest.raises(JobError, match=r"another run is at work in .*; wait for it"):
             run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial())
         run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial())  # it let go
 
@@ -160,7 +160,7 @@ class TestRefusals:
 
     def test_no_scheduler(self, tmp_path, monkeypatch):
         pytest.importorskip("dask.distributed")
-        monkeypatch.setattr(jobs, "_REACH_S", 0.5)
+        monkeypatch.setattr(jobs, "_TIMEOUT_S", 0.5)
         with pytest.raises(JobError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9 .*dask scheduler"):
             run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Cluster(address="tcp://127.0.0.1:9"))
 

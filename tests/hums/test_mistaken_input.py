@@ -18,7 +18,7 @@ from hums.record import (
     UnknownAngle,
     check_record,
     make_record,
-    turning_speeds,
+    speed_percentiles,
 )
 from hums.store import save_record
 from hums.tables import health_table, line_table, summary
@@ -64,7 +64,7 @@ def test_the_column_of_sample_times_is_no_tachometer():
 def test_a_fast_encoder_is_one():
     # 100 pulses a turn at 20 turns a second: 2.5 samples apart
     times_s = np.arange(0.0, SECONDS, 1 / (100 * SPEED_HZ))
-    assert turning_speeds(record_of(times_s, per_rev=100)["tachometer"])[0] == pytest.approx(SPEED_HZ, rel=1e-9)
+    assert speed_percentiles(record_of(times_s, per_rev=100)["tachometer"])[0] == pytest.approx(SPEED_HZ, rel=1e-9)
 
 
 @pytest.mark.parametrize(("samples", "refused"), [(3.9, True), (4.1, False)])
@@ -97,13 +97,13 @@ def test_uneven_stripes_missed_pulses_and_a_run_up_are_a_tachometers():
     turns = np.arange(0, 60, 0.5) + np.tile([0.0, -0.3], 60)  # two stripes, 0.2 and 0.8 of a turn apart
     times_s = np.sqrt(turns[1:] / 60) * SECONDS  # from rest
     kept = np.delete(times_s, np.arange(20, 110, 20))
-    middle, low, high = turning_speeds(record_of(kept, per_rev=2)["tachometer"])
+    middle, low, high = speed_percentiles(record_of(kept, per_rev=2)["tachometer"])
     assert low < middle < high < 2 * 60 / SECONDS  # a run-up from rest ends at twice its mean
 
 
 def test_turning_speeds_of_a_steady_shaft_and_of_less_than_a_turn():
-    assert turning_speeds(record_of()["tachometer"]) == pytest.approx((SPEED_HZ,) * 3, rel=1e-9)
-    assert turning_speeds(record_of(np.array([0.0, 1.0]), per_rev=4)["tachometer"]) is None
+    assert speed_percentiles(record_of()["tachometer"]) == pytest.approx((SPEED_HZ,) * 3, rel=1e-9)
+    assert speed_percentiles(record_of(np.array([0.0, 1.0]), per_rev=4)["tachometer"]) is None
 
 
 def test_the_commands_print_the_speed_found(tmp_path, monkeypatch, capsys):

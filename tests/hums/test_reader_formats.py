@@ -196,7 +196,7 @@ def test_what_a_universal_file_does_not_state(tmp_path):
 
 def test_a_step_of_six_digits_may_be_refined(tmp_path):
     path = uff(tmp_path / "a.uff", binary=0, abscissa_inc=1 / 65537)
-    stated = read_file(path).says("3+Z").rate_hz
+    stated = read_file(path).metadata("3+Z").rate_hz
     assert stated != 65537
     assert abs(stated / 65537 - 1) < 5e-6  # half of the last digit of 1.52586e-05
     assert convert(path, channels=["3+Z"], rate_hz=65537, **NOMINAL).attrs["rate_hz"] == 65537

@@ -238,8 +238,8 @@ def test_undeclared_rate_units_and_angle(mat):
     [
         ({"shaft": None}, "--tach-times needs the shaft"),
         ({"pulses_per_rev": None}, '--tach-times needs the pulses in one revolution of "high speed"'),
-        ({"tach_waveform": "wave"}, "--tach-times and --tach-waveform: one thing"),
-        ({"shaft_rpm": 1500.0}, "--tach-times and --shaft-rpm: one thing"),
+        ({"tach_waveform": "wave"}, "--tach-times and --tach-waveform: the shaft angle has one source"),
+        ({"shaft_rpm": 1500.0}, "--tach-times and --shaft-rpm: the shaft angle has one source"),
         ({"tach_times": "tacho"}, 'did you mean "tach"?'),
         ({"tach_times": "row"}, "--tach-waveform"),
         ({"pulses_per_rev": 0}, "--pulses-per-rev"),

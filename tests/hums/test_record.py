@@ -545,7 +545,7 @@ def with_an_alias_for_units(record):
         (lambda record: record.drop_vars("case"), "no vibration channel"),
         (lambda record: record.isel(time=slice(0, 0)), "empty"),
         (lambda record: record.astype(np.int32), "float32 or float64"),
-        (without_angle, "nothing in this record tells the angle"),
+        (without_angle, "this record has no source of shaft angle"),
         (with_extra_variable, 'variable "extra" is no part of a record'),
         (with_both_kinds, "both nominal_speed and the tachometer"),
         (with_two_dimensions, "a channel has one"),

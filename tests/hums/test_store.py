@@ -445,7 +445,7 @@ def test_a_record_that_lost_a_part_names_its_file(path):
     with h5py.File(path, mode="r+") as file:
         del file["tachometer"]
     text = refusal(open_record, path)
-    assert text.startswith(f"{path}: angle: nothing in this record")
+    assert text.startswith(f"{path}: angle: this record has no source of shaft angle")
     with h5py.File(path, mode="r+") as file:
         del file.attrs["rate_hz"]
     assert "rate_hz=None" in refusal(open_record, path)
