@@ -7,6 +7,7 @@ from typing import IO, Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from hums.plots.labels import settle
@@ -75,6 +76,7 @@ def save_figure(draw: Callable[[Axes], object], path: str | Path, *, width: floa
 def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: float, height: float) -> None:
     with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
         figure = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(figure)  # which keeps its renderer; without, one is made whenever a text is measured
         ax = figure.add_subplot()
         draw(ax)
         if ax in figure.axes:  # else it made room for others
