@@ -81,5 +81,5 @@ def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: fl
         draw(ax)
         if ax in figure.axes:  # else it made room for others
             settle(ax)
-            figure.set_layout_engine("none")  # which would run it twice more
+            figure.set_layout_engine(None)  # which would run it twice more, and draw twice
         figure.savefig(file, format=kind, metadata=_METADATA[kind], dpi=_DPI)
