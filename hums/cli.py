@@ -382,7 +382,7 @@ RECORD_SUFFIXES = (".h5", ".hdf5")
 
 def main() -> int:
     """Run the command; a mistake of the user's ends in one sentence and exit code 2."""
-    gc.set_threshold(10_000)  # what is imported stays: to search it for garbage all the time is a tenth of a short run
+    gc.set_threshold(50_000)  # what is imported stays: to search it for garbage all the time is a tenth of a short run
     with warnings.catch_warnings():
         warnings.showwarning = _print_warning
         try:
