@@ -7,6 +7,7 @@ from typing import IO, Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from hums.plots.labels import apply_layout
@@ -105,9 +106,10 @@ def save_figure(draw: Callable[[Axes], object], path: str | Path, *, width: floa
 def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: float, height: float) -> None:
     with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
         figure = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(figure)  # which keeps its renderer; without, one is made whenever a text is measured
         ax = figure.add_subplot()
         draw(ax)
         if ax in figure.axes:  # else `draw` replaced it by others
             apply_layout(ax)
-            figure.set_layout_engine("none")  # which would run it twice more
+            figure.set_layout_engine(None)  # which would run it twice more, and draw twice
         figure.savefig(file, format=kind, metadata=_METADATA[kind], dpi=_DPI)

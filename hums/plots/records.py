@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.text import Annotation
 
 from hums.plots.labels import LabelSpace, apply_layout, point_size
-from hums.plots.style import INK, KIND_COLOURS, LINE, TRACK_COLOURS
+from hums.plots.style import INK, KIND_COLOURS, LINE, TRACK_COLOURS, power_of_ten
 
 _COLUMNS = 1600  # of a drawn spectrum, each at its largest value
 _MOST_LABELS = 14
@@ -91,12 +91,12 @@ def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes, logarithmic: boo
     lines = _lines(group, channel)
     top = float(amplitude.max()) or 1.0
     bottom = float(np.median(amplitude)) / 2 if logarithmic else 0.0
-    for line in lines:
-        colour = KIND_COLOURS.get(line["kind"], INK)
-        if line["claimed"]:
-            ax.plot(line["order_found"], line["line_amplitude"], "o", color=colour, ms=3.5, zorder=3)
-        else:
-            ax.plot(line["line_order"], bottom, "|", color=colour, ms=5, alpha=0.5, clip_on=False)
+    for kind in dict.fromkeys(line["kind"] for line in lines):
+        colour, mine = KIND_COLOURS.get(kind, INK), [line for line in lines if line["kind"] == kind]
+        dots = [(line["order_found"], line["line_amplitude"]) for line in mine if line["claimed"]]
+        ticks = [(line["line_order"], bottom) for line in mine if not line["claimed"]]
+        ax.plot(*zip(*dots, strict=True), "o", color=colour, ms=3.5, zorder=3) if dots else None
+        ax.plot(*zip(*ticks, strict=True), "|", color=colour, ms=5, alpha=0.5, clip_on=False) if ticks else None
     ax.set(
         xlabel="order, cycles per revolution of the reference",
         ylabel=f"peak amplitude, {spectrum['units'].item()}",
@@ -104,6 +104,8 @@ def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes, logarithmic: boo
         yscale="log" if logarithmic else "linear",
         ylim=(bottom, 1.1 * top),
     )
+    if logarithmic:  # in plain letters, since mathematical text is slow to lay out
+        ax.yaxis.set_major_formatter(lambda value, _: power_of_ten(value))
     _name_lines([line for line in lines if line["claimed"]], np.column_stack((orders, amplitude)), ax=ax)
     return ax
 
@@ -171,9 +173,10 @@ def _name_lines(lines: list[dict[Hashable, Any]], drawn: np.ndarray, *, ax: Axes
     apply_layout(ax)
     labels = [_name(line, ax=ax) for line in lines]
     to_fraction = ax.transScale + ax.transLimits
+    to_orders = ax.transData.inverted()
     for label in labels:
         extent = label.get_window_extent().padded(point_size(ax))
-        left, right = (ax.transData.inverted().transform((x, 0.0))[0] for x in (extent.x0, extent.x1))
+        left, right = to_orders.transform([(extent.x0, 0.0), (extent.x1, 0.0)])[:, 0]
         under = drawn[(drawn[:, 0] > left) & (drawn[:, 0] < right), 1]
         label.xy = (label.xy[0], max(label.xy[1], under.max(initial=0.0)))
         available = 1 - (extent.height + _NAME_GAP * point_size(ax)) / ax.bbox.height
@@ -188,6 +191,7 @@ def _name_lines(lines: list[dict[Hashable, Any]], drawn: np.ndarray, *, ax: Axes
     for label in labels:
         extent = label.get_window_extent().padded(0.5 * point_size(ax))
         if named < _MOST_LABELS and space.free(extent):
+            label.set_in_layout(True)
             space.occupy(extent)
             named += 1
         else:
@@ -205,6 +209,7 @@ def _name(line: dict[Hashable, Any], *, ax: Axes) -> Annotation:
         va="bottom",
         fontsize=7,
         color=KIND_COLOURS.get(line["kind"], INK),
+        in_layout=False,  # until it is known to stay
     )
 
 

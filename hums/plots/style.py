@@ -1,5 +1,7 @@
 """Colours and text style of the figures."""
 
+from math import log10
+
 INK, FAINT, LINE, MARK, DOUBT = "#1f2933", "#9aa5b1", "#2563a8", "#c2410c", "#b7791f"
 KIND_COLOURS = {
     "shaft": "#4b5563",
@@ -15,8 +17,14 @@ KIND_COLOURS = {
     "cage": "#2c7a7b",
 }
 TRACK_COLOURS = ("#2563a8", "#c2410c", "#2f855a", "#805ad5", "#b7791f", "#2c7a7b")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def minus(text: str) -> str:
     """Return the text of a number with a minus sign for its hyphen."""
     return text.replace("-", "\N{MINUS SIGN}")
+
+
+def power_of_ten(value: float) -> str:
+    """Return a power of ten as printed, its exponent raised."""
+    return "10" + f"{round(log10(value))}".translate(_RAISED)

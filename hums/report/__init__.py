@@ -78,24 +78,28 @@ def write_report(analysis: Analysis, folder: str | Path) -> Path:
     """
     folder = prepare_folder(folder)
     save_analysis(analysis, folder / "analysis.h5")
-    _write_text(folder / "summary.json", json.dumps(summary(analysis), indent=1, allow_nan=False) + "\n")
+    facts = summary(analysis)
+    _write_text(folder / "summary.json", json.dumps(facts, indent=1, allow_nan=False) + "\n")
     tables = [line_table(analysis, name).assign(spectrum=name) for name in (ORDER_SPECTRUM, ENVELOPE)]
     rows = [table.to_csv(index=False, header=number == 0) for number, table in enumerate(tables)]
     _write_text(folder / "orders.csv", "".join(rows))
     _write_text(folder / "indicators.csv", indicator_table(analysis).to_csv(index=False))
     page = folder / "report.html"
-    _write_text(page, render(analysis))
+    _write_text(page, _page(analysis, facts))
     return page
 
 
 def render(analysis: Analysis) -> str:
     """Return the report as HTML, with the figures as SVG, without scripts or references to other files."""
     check_analysis(analysis)
+    return _page(analysis, summary(analysis))
+
+
+def _page(analysis: Analysis, facts: dict[str, Any]) -> str:
     template = (files("hums.report") / "page.html").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["words"] = lambda kind: str(kind).replace("_", " ")
     environment.filters["chance"] = _probability_text
-    facts = summary(analysis)
     return environment.from_string(template).render(
         facts=facts,
         diagnosed=[finding for finding in facts["findings"] if finding["verdict"] == DIAGNOSED],

@@ -32,6 +32,8 @@ from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, f
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Gram = Floats | Callable[[slice], Floats]
+Outside = tuple["Information", "Information"]  # on the first node of a range, and on the last
 
 # Numbers in the matrices and vectors of the stretch of nodes that is smoothed at once.
 STRETCH_NUMBERS = 1 << 19
@@ -71,7 +73,7 @@ class NodeChain:
     after : information on that at the last node from data after it.
     """
 
-    gram: Floats | Callable[[slice], Floats]
+    gram: Gram
     data: Floats | Callable[[slice], Floats]
     nodes: int
     process_noise: Floats
@@ -116,7 +118,7 @@ class NodeChain:
             )
         )
 
-    def outside(self, nodes: slice) -> tuple[Information, Information]:
+    def outside(self, nodes: slice) -> Outside:
         """Return the information of all other nodes on the first of a range, before its data, and on the last."""
         before, after, unkept = self.before.copy(), self.after.copy(), self.store(slice(0, 0))
         early, late = slice(0, nodes.start), slice(nodes.stop, self.nodes)

@@ -115,7 +115,8 @@ class Coupling:
         others = WithoutOthers(self.grid, smoothed.levels, everywhere(self.grid))
         lone = self._smooth_lone(others, smoothed)
         self.chains = [
-            (group, smooth_group(self.grid, group, others.together(group), smoothed)) for group, _ in self.chains
+            (group, smooth_group(self.grid, group, others.together(group), smoothed, chain.gram))
+            for group, chain in self.chains
         ]
         if ends:
             self._smooth_local_groups(others, lone, smoothed)

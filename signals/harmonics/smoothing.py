@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from signals.harmonics._information_smoother import Information, NodeChain, smooth_chain
+from signals.harmonics._information_smoother import Gram, Information, NodeChain, Outside, smooth_chain
 from signals.harmonics.grid import Flags, Grid
 from signals.harmonics.model import Complexes, Floats, Indices
 
@@ -119,27 +119,23 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
     )
 
 
-def smooth_group(grid: Grid, group: Indices, data: Floats, smoothed: Smoothed) -> NodeChain:
-    """Smooth a group together, in place, over the whole record; return its chain."""
-    chain = chain_together(grid, group, slice(0, grid.nodes), data, no_neighbours(grid, group))
+def smooth_group(grid: Grid, group: Indices, data: Floats, smoothed: Smoothed, gram: Gram | None = None) -> NodeChain:
+    """Smooth a group together, in place, over the whole record; return its chain. `gram` is that of an earlier one."""
+    chain = chain_together(grid, group, slice(0, grid.nodes), data, no_neighbours(grid, group), gram)
     levels, variance, explained, log_variance = _solved(grid, group, chain, smoothed.first)
     smoothed.levels[:, group], smoothed.variances[group] = levels, variance
     smoothed.explained[group], smoothed.log_variances[group] = explained / group.size, log_variance / group.size
     return chain
 
 
-def no_neighbours(grid: Grid, group: Indices) -> tuple[Information, Information]:
+def no_neighbours(grid: Grid, group: Indices) -> Outside:
     """Return the information on a group from outside a whole record: the prior, and none."""
     before = _prior(grid, group, 0)
     return before, before.none()
 
 
 def smooth_run(
-    grid: Grid,
-    group: Indices,
-    nodes: slice,
-    data: Floats,
-    outside: list[tuple[Indices, tuple[Information, Information]]],
+    grid: Grid, group: Indices, nodes: slice, data: Floats, outside: list[tuple[Indices, Outside]]
 ) -> tuple[Complexes, Floats, Floats]:
     """Smooth a group together over a range of nodes.
 
@@ -194,9 +190,9 @@ def _columns(grid: Grid, orders: Indices) -> list[tuple[int, int]]:
 
 
 def chain_together(
-    grid: Grid, group: Indices, nodes: slice, data: Floats | None, known: tuple[Information, Information]
+    grid: Grid, group: Indices, nodes: slice, data: Floats | None, known: Outside, gram: Gram | None = None
 ) -> NodeChain:
-    """Return the chain of a group over a range of nodes, with the products of all its columns.
+    """Return the chain of a group over a range of nodes, with the products of all its columns, `gram` if known.
 
     Parameters
     ----------
@@ -208,7 +204,7 @@ def chain_together(
     def within(some: slice) -> slice:
         return slice(nodes.start + some.start, nodes.start + some.stop)
 
-    def gram(some: slice) -> Floats:
+    def products(some: slice) -> Floats:
         return grid.gram(group, within(some))
 
     def columns(values: Floats) -> Floats:
@@ -218,7 +214,7 @@ def chain_together(
     process, count = grid.process_noise(group), nodes.stop - nodes.start
     few = data is not None and count * grid.squares * (group.size + nonzero.size) ** 2 <= MOST_KEPT
     return NodeChain(
-        gram=gram(slice(0, count)) if few else gram,
+        gram=gram if gram is not None else products(slice(0, count)) if few else products,
         data=(lambda some: columns(grid.data_at(group, within(some)))) if data is None else columns(data),
         nodes=count,
         process_noise=process if len(process) == 1 else process[nodes],
