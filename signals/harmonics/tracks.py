@@ -1,16 +1,22 @@
 """Results of the order trackers: complex amplitudes, standard deviations, flags and statistics of the innovations."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from enum import IntFlag
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.model import BandwidthUnits, Complexes, Estimator, Floats, Indices, Method
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from signals.harmonics.model import BandwidthUnits, Complexes, Estimator, Floats, Indices, Method
 
 
 class OutputFlag(IntFlag):
