@@ -2,11 +2,10 @@
 
 Block `i` holds the samples from `i length` up to `(i + 1) length`; nodes lie at its first sample and at that of the
 next. Within a block the place u runs from 0 to 1, and a moment is a sum over its samples times a power of u. Phasors
-are made for about `PIECE` samples at a time, which stay in the nearest cache, in a plain loop without a branch, which
-compilers turn into vector instructions: an angle is reduced to a quarter turn about zero by the nearest multiple of pi,
-subtracted in three parts [1]_, and both functions are their Taylor polynomials there, the first terms left out below
-1e-17. Multiples up to 2^19 pi are exact in the first two parts, so an angle of up to a million radians keeps all its
-digits; beyond, the error grows as that of the angle itself does.
+are computed for about `PIECE` samples at a time, which stay in the first-level cache, in a loop without branches that
+compilers vectorise: the nearest multiple of pi is subtracted from an angle in three parts [1]_, and sine and cosine of
+the rest are Taylor polynomials with errors below 1e-17. Multiples up to 2^19 pi are exact in the first two parts, so
+angles of up to a million radians have full precision; beyond, the error grows as that of the angle itself does.
 
 .. [1] W. J. Cody, W. Waite, "Software manual for the elementary functions", Prentice-Hall, 1980.
 """
@@ -23,11 +22,11 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Complexes = NDArray[np.complex128]
 
-
 PIECE = 256
 
 
 def _leading_bits(value: Fraction, bits: int) -> float:
+    """Return the number with the leading bits of a value."""
     exponent = frexp(float(value))[1]
     return ldexp(int(value * Fraction(2) ** (bits - exponent)), exponent - bits)
 
@@ -52,7 +51,7 @@ def fill_phasors(order: float, phase: Floats, cosine: Floats, sine: Floats) -> N
         rest = angle - multiple * _PI_HIGH
         rest = rest - multiple * _PI_MIDDLE
         rest = rest - multiple * _PI_LOW
-        # Half a multiple is a whole number, or half away from one: where both functions change their sign.
+        # Both functions change their sign where half the multiple is not a whole number.
         off = 0.5 * multiple - np.rint(0.5 * multiple)
         sign = 1.0 - 8.0 * off * off
         s = rest * rest
@@ -99,14 +98,14 @@ def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: in
         an even number of moments.
     """
     blocks, moments, _, channels, _ = sums.shape
-    room = 2 * PIECE
-    cosine, sine, weights = np.empty(room), np.empty(room), np.empty((channels * moments, room))
+    size = 2 * PIECE
+    cosine, sine, weights = np.empty(size), np.empty(size), np.empty((channels * moments, size))
     together = max(1, PIECE // length)
     for begin in range(0, blocks, together):
         end = min(begin + together, blocks)
         stop = min(end * length, x.shape[1])
-        for first in range(begin * length, stop, room):
-            last = min(first + room, stop)
+        for first in range(begin * length, stop, size):
+            last = min(first + size, stop)
             for channel in range(channels):
                 row = channel * moments
                 for n in range(last - first):
@@ -143,7 +142,7 @@ def _add_products(weights: Floats, one: Floats, other: Floats, sums: Floats, col
 
 @compiled_sums
 def correlate(seen: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, sums: Floats) -> None:
-    """Fill the moments of the products of every two columns of the model, block by block.
+    """Fill the moments of the products of every two regressors, block by block.
 
     Parameters
     ----------
@@ -153,14 +152,14 @@ def correlate(seen: Floats, phase: Floats, orders: Floats, shaft: Indices, lengt
         products of cos and -sin of all orders (all cos first).
     """
     blocks, moments, width, _ = sums.shape
-    count, room = orders.size, 2 * PIECE
-    columns, places, weighted = np.empty((width, room)), np.empty(room), np.empty(room)
+    count, size = orders.size, 2 * PIECE
+    columns, places, weighted = np.empty((width, size)), np.empty(size), np.empty(size)
     together = max(1, PIECE // length)
     for begin in range(0, blocks, together):
         end = min(begin + together, blocks)
         stop = min(end * length, seen.size)
-        for first in range(begin * length, stop, room):
-            last = min(first + room, stop)
+        for first in range(begin * length, stop, size):
+            last = min(first + size, stop)
             here = seen[first:last]
             for k in range(count):
                 cosine, sine = columns[k], columns[count + k]

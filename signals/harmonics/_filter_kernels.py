@@ -1,8 +1,8 @@
-"""Loops over samples of the causal filters: the covariance filter with a diffuse start, and fixed gains.
+"""Loops over samples of the causal filters: the covariance filter with a diffuse prior, and steady-state gains.
 
 A state holds `poles` blocks of quadratures: the levels, their first backward differences, and so on; real and imaginary
 parts of the orders alternate within a block. From sample to sample it becomes `F (state + increment)`: F an upper
-triangle of ones, the increment in the highest differences alone.
+triangle of ones, the increment, of variance Q, in the highest differences alone.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ PIECE = 128  # samples whose phasors are made at a time: they stay in the neares
 def _fill_regressors(
     phase: Floats, orders: Floats, shaft: Indices, first: int, cosine: Floats, sine: Floats, rows: Floats
 ) -> None:
-    """Fill (sample, 2 order) rows with cos and -sin of each order in turn, from sample `first` on."""
+    """Fill (sample, 2 order) rows H with cos and -sin of each order in turn, from sample `first` on."""
     last = min(first + len(rows), phase.shape[1])
     for k in range(orders.size):
         fill_phasors(orders[k], phase[shaft[k], first:last], cosine, sine)
@@ -39,40 +39,40 @@ def _dot(a: Floats, b: Floats) -> float:
 
 
 @compiled_sums
-def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, seen: Floats, covariance: Floats) -> float:
-    """Update the factor V of what the prior leaves open; return the variance of the innovation.
+def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats, covariance: Floats) -> float:
+    """Update the factor V of the diffuse covariance; return the variance of the innovation.
 
     With `a = V^T h` and `known` the innovation's variance without V, the whole variance is `s = known + a . a` and V
     becomes `V (I - a a^T / (known r (r + 1))) - P h a^T / (known r)`, r^2 = s / known: Potter's update [1]_ beside that
-    of P, no difference of large variances. `covariance` is filled with `(P + V V^T) h`, `seen` with a.
+    of P, without differences of large variances. `covariance` is filled with `(P + V V^T) h`.
 
     References
     ----------
     .. [1] J. E. Potter, R. G. Stern, "Statistical filtering of space navigation measurements", AIAA Guidance and
        Control Conference, 1963.
     """
-    size = seen.size
+    size = a.size
     for d in range(size):
-        seen[d] = 0.0
+        a[d] = 0.0
     for b in range(h.size):
         for d in range(size):
-            seen[d] += h[b] * V[b, d]
-    variance = known + _dot(seen, seen)
+            a[d] += h[b] * V[b, d]
+    variance = known + _dot(a, a)
     root = np.sqrt(variance / known)
     for b in range(size):
-        reach = 0.0
+        va = 0.0
         for d in range(size):
-            reach += V[b, d] * seen[d]
-        covariance[b] = ph[b] + reach
-        factor = (reach / (root + 1.0) + ph[b]) / (known * root)
+            va += V[b, d] * a[d]
+        covariance[b] = ph[b] + va
+        factor = (va / (root + 1.0) + ph[b]) / (known * root)
         for d in range(size):
-            V[b, d] -= factor * seen[d]
+            V[b, d] -= factor * a[d]
     return variance
 
 
 @compiled_sums
 def _covariance_times(P: Floats, h: Floats, ph: Floats) -> None:
-    """Fill `P h`, for a row h that has levels alone."""
+    """Fill `ph = P h`, where h is the part of a regressor for the levels; that for the differences is zero."""
     for a in range(ph.size):
         total = 0.0
         for b in range(h.size):
@@ -84,14 +84,14 @@ def _covariance_times(P: Floats, h: Floats, ph: Floats) -> None:
 def _update_covariance(P: Floats, gain: Floats, ph: Floats) -> None:
     """Subtract `gain ph^T` from P."""
     for a in range(gain.size):
-        share = gain[a]
+        gain_a = gain[a]
         for b in range(ph.size):
-            P[a, b] = P[a, b] - share * ph[b]
+            P[a, b] = P[a, b] - gain_a * ph[b]
 
 
 @compiled_sums
-def _sum_rows(values: Floats, width: int) -> None:
-    """Multiply (state, any) values by F, in place: each block becomes its sum with all later ones."""
+def _transition_rows(values: Floats, width: int) -> None:
+    """Replace (state, any) values by `F values`: each block becomes its sum with all later ones."""
     for a in range(len(values) - width - 1, -1, -1):
         own, later = values[a], values[a + width]
         for b in range(own.size):
@@ -99,8 +99,8 @@ def _sum_rows(values: Floats, width: int) -> None:
 
 
 @compiled_sums
-def _sum_columns(values: Floats, width: int) -> None:
-    """Multiply (any, state) values by F^T from the right, in place."""
+def _transition_columns(values: Floats, width: int) -> None:
+    """Replace (any, state) values by `values F^T`."""
     for a in range(len(values)):
         for start in range(values.shape[1] - 2 * width, -1, -width):
             own, later = values[a, start : start + width], values[a, start + width : start + 2 * width]
@@ -110,73 +110,59 @@ def _sum_columns(values: Floats, width: int) -> None:
 
 @compiled_sums
 def filter_covariance(
-    x: Floats,
-    phase: Floats,
-    orders: Floats,
-    shaft: Indices,
-    process: Floats,
-    diffuse: bool,
-    mean: Floats,
-    P: Floats,
-    V: Floats,
-    outputs: tuple[int, int],
-    innovations: Floats,
-    scales: Floats,
-    levels: Floats,
+    x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, diffuse: bool, mean: Floats, P: Floats,
+    V: Floats, outputs: tuple[int, int], innovations: Floats, innovation_variances: Floats, levels: Floats,
     variances: Floats,
-) -> None:
-    """Run the covariance filter over some samples.
-
-    Of each sample `x = h . levels + noise` of variance 1: the innovation `x - h . mean`, its variance `s = 1 + h . (P +
-    V V^T) h`, the gain `(P + V V^T) h / s`, the update of mean and covariance; then the prediction of the next one.
+) -> None:  # fmt: skip
+    """Run the covariance filter over some samples, with measurements `x = h . levels + noise` of variance 1.
 
     Parameters
     ----------
     x : (sample, channel) array, NaN where missing, in all channels.
-    phase : (shaft, sample) array in rad.
-    orders, shaft : (order,) arrays, cycles per revolution and the shaft they count.
-    process : (sample or 1, 2 order) array, variances of the increments after each sample.
-    diffuse : whether V counts.
+    phase, orders, shaft : (shaft, sample) array in rad, (order,) cycles per revolution, (order,) indices into `phase`.
+    process : (sample or 1, 2 order) array, variances Q of the increments after each sample.
+    diffuse : whether V is not zero.
     mean : (channel, state) array, predicted for the first sample on entry, for the one after the last on return.
-    P : (state, state) array, the covariance of the mean but for V V^T.
-    V : (state, state) array, factor of what the prior leaves open.
+    P, V : (state, state) arrays, the covariance of the mean is P + V V^T.
     outputs : samples before the first of them, and from one to the next.
-    innovations : (sample, channel) array, filled: over their standard deviations, 0 where missing.
-    scales : (sample,) array, filled: variances of the innovations, 0 where missing.
+    innovations : (sample, channel) array, filled: normalised by their standard deviations, 0 where missing.
+    innovation_variances : (sample,) array, filled: 0 where missing.
     levels : (output, channel, 2 order) array, filled.
-    variances : (output, order) array, filled: half the sums over two quadratures, of which the mean's second has none.
+    variances : (output, order) array, filled: half the sum over both quadratures, of which the mean's second is 0.
     """
     (samples, channels), (skip, every) = x.shape, outputs
     width, size = process.shape[1], mean.shape[1]
     cosine, sine, rows = np.empty(PIECE), np.empty(PIECE), np.empty((PIECE, width))
-    ph, gain, seen = np.empty(size), np.empty(size), np.empty(size)
+    ph, gain, projection = np.empty(size), np.empty(size), np.empty(size)
     output = 0
     for i in range(samples):
         at = i % PIECE
         if at == 0:
             _fill_regressors(phase, orders, shaft, i, cosine, sine, rows)
         h = rows[at]
-        scales[i] = 0.0
+        innovation_variances[i] = 0.0
         for channel in range(channels):
             innovations[i, channel] = 0.0
         if not np.isnan(x[i, 0]):
+            # Gain K = P h / s with s = 1 + h . P h; update P - K (P h)^T.
             _covariance_times(P, h, ph)
             known = 1.0 + _dot(h, ph[:width])
-            share = 1.0 / known
+            precision = 1.0 / known
             for a in range(size):
-                gain[a] = share * ph[a]
+                gain[a] = precision * ph[a]
             _update_covariance(P, gain, ph)
             variance = known
-            if diffuse:
-                variance = _update_diffuse(V, h, ph, known, seen, gain)
-                share = 1.0 / variance
+            if diffuse:  # gain K = (P + V V^T) h / s with s = 1 + h . (P + V V^T) h
+                variance = _update_diffuse(V, h, ph, known, projection, gain)
+                precision = 1.0 / variance
                 for a in range(size):
-                    gain[a] *= share
-            scales[i] = variance
+                    gain[a] *= precision
+            innovation_variances[i] = variance
             for channel in range(channels):
+                # Innovation e = x - h . mean; update mean + K e.
                 own = mean[channel]
                 innovation = x[i, channel] - _dot(h, own[:width])
-                innovations[i, channel] = innovation * np.sqrt(share)
+                innovations[i, channel] = innovation * np.sqrt(precision)
                 for a in range(size):
                     own[a] += gain[a] * innovation
         if i >= skip and (i - skip) % every == 0:
@@ -189,39 +175,31 @@ def filter_covariance(
                     total += _dot(V[2 * k], V[2 * k]) + _dot(V[2 * k + 1], V[2 * k + 1])
                 variances[output, k] = 0.5 * total
             output += 1
+        # Predict F mean, F (P + Q) F^T, F V.
         step = min(i, len(process) - 1)
         for b in range(width):
             P[size - width + b, size - width + b] += process[step, b]
         if size > width:
-            _sum_rows(P, width)
-            _sum_columns(P, width)
-            _sum_columns(mean, width)
+            _transition_rows(P, width)
+            _transition_columns(P, width)
+            _transition_columns(mean, width)
             if diffuse:
-                _sum_rows(V, width)
+                _transition_rows(V, width)
 
 
 @compiled_sums
 def filter_steadily(
-    x: Floats,
-    phase: Floats,
-    orders: Floats,
-    shaft: Indices,
-    gains: Floats,
-    state: Floats,
-    skip: int,
-    every: int,
-    innovations: Floats,
-    levels: Floats,
-) -> None:
-    """Run the filter with fixed gains over some samples.
-
-    Of each sample the innovation `e = x - h . level`, levels and differences `+= gain h e`, then F.
+    x: Floats, phase: Floats, orders: Floats, shaft: Indices, gains: Floats, state: Floats, skip: int, every: int,
+    innovations: Floats, levels: Floats,
+) -> None:  # fmt: skip
+    """Run the filter with steady-state gains over some samples.
 
     Parameters
     ----------
     x : (sample, channel) array.
-    phase, orders, shaft, skip, every : as for `filter_covariance`.
-    gains : (pole, 2 order) array.
+    phase, orders, shaft : as for `filter_covariance`.
+    gains : (pole, 2 order) array, which times h are the Kalman gains.
+    skip, every : samples before the first output, and from one to the next.
     state : (channel, pole, 2 order) array, predicted for the first sample on entry, for the one after the last on
         return.
     innovations : (sample, channel) array, filled.
@@ -230,25 +208,26 @@ def filter_steadily(
     samples, channels = x.shape
     poles, width = gains.shape
     cosine, sine, rows = np.empty(PIECE), np.empty(PIECE), np.empty((PIECE, width))
-    unwanted, output = np.empty(width), 0
+    unused, output = np.empty(width), 0
     for first in range(0, samples, PIECE):
         _fill_regressors(phase, orders, shaft, first, cosine, sine, rows)
         for i in range(first, min(first + PIECE, samples)):
             h = rows[i - first]
-            wanted = i >= skip and (i - skip) % every == 0
+            is_output = i >= skip and (i - skip) % every == 0
             for channel in range(channels):
                 own = state[channel]
-                kept = levels[output, channel] if wanted else unwanted
+                level = levels[output, channel] if is_output else unused
+                # Innovation e = x - h . level; update each difference by its gain h e.
                 innovation = x[i, channel] - _dot(h, own[0])
                 innovations[i, channel] = innovation
                 for b in range(width):
                     own[0, b] += gains[0, b] * innovation * h[b]
-                    kept[b] = own[0, b]
+                    level[b] = own[0, b]
                 for j in range(1, poles):
                     for b in range(width):
                         own[j, b] += gains[j, b] * innovation * h[b]
-                for j in range(poles - 2, -1, -1):
+                for j in range(poles - 2, -1, -1):  # predict by F
                     for b in range(width):
                         own[j, b] += own[j + 1, b]
-            if wanted:
+            if is_output:
                 output += 1

@@ -1,8 +1,6 @@
 """Loops of the information smoother: its filter, forward or backward, and the sum of both.
 
-A state holds `poles` blocks of `width` numbers: the highest backward differences first, the levels last. From one node
-to the next each block becomes its sum with all higher ones, after increments to the highest differences: see
-`_information_smoother`.
+The states and their transitions are those of `_information_smoother`.
 """
 
 import numpy as np
@@ -23,11 +21,11 @@ BACKWARD = np.array([_STORE, _UPDATE, _PROPAGATE, _MARGINALISE])
 def _marginalise(
     process: Floats, at: int, renewed: bool, matrix: Floats, vector: Floats, column: Floats, squares: Floats
 ) -> float:
-    """Integrate the unknown increments out of the highest differences; return `log det(I + Q J)`.
+    """Marginalise over the increments of the highest differences; return `log det(I + Q J)`.
 
-    One increment after the other: `J -= q / (1 + q J_aa) J_a J_a^T`, j likewise. Where increments do not add to the
-    differences but take their place, the old ones are integrated out: `J -= J_a J_a^T / J_aa`, and `J_aa = 1 / q`.
-    `column`, (state,), is to work in; `squares`, (lane,), grows by what completing the squares leaves of j.
+    One increment after the other: `J -= q / (1 + q J_aa) J_a J_a^T`, j likewise. Where increments replace the
+    differences instead of adding to them, the old ones are integrated out: `J -= J_a J_a^T / J_aa`, and `J_aa = 1 / q`.
+    `column`, (state,), is scratch; `squares`, (lane,), grows by the terms in j^2 of the completed squares.
     """
     size = len(matrix)
     log_determinant = 0.0
@@ -47,7 +45,7 @@ def _marginalise(
             if b != a:
                 for lane in range(vector.shape[1]):
                     vector[b, lane] -= part * vector[a, lane]
-        # Its own row is divided, not reduced by nearly all of it.
+        # Its own row is divided, not reduced by a difference of nearly equal numbers.
         for b in range(size):
             matrix[max(a, b), min(a, b)] = column[b] * kept
         matrix[a, a] = column[a] / loss
@@ -61,34 +59,22 @@ def _marginalise(
 
 @compiled
 def filter_information(
-    information: Floats,
-    score: Floats,
-    process: Floats,
-    renewed: bool,
-    steps: Indices,
-    matrix: Floats,
-    vector: Floats,
-    matrices: Floats,
-    vectors: Floats,
-    squares: Floats,
-) -> float:
-    """Run the information filter over some nodes, forward or backward.
+    information: Floats, score: Floats, process: Floats, renewed: bool, steps: Indices, matrix: Floats, vector: Floats,
+    matrices: Floats, vectors: Floats, squares: Floats,
+) -> float:  # fmt: skip
+    """Run the information filter over some nodes; return the sum over the increments of `log det(I + Q J)`.
 
     Parameters
     ----------
     information : (node or 1, state state) array, H^T H.
     score : (node, state lane) array, H^T y.
     process : (node or 1, width) array, variances of the increments that follow each node, or backward precede it.
-    renewed : whether increments take the place of the highest differences instead of adding to them.
+    renewed : whether increments replace the highest differences instead of adding to them.
     steps : `FORWARD` or `BACKWARD`.
     matrix, vector : (state, state) and (state, lane) arrays J and j, at the node entered first before its data; updated
         to the node after the one left last.
     matrices, vectors : (node, state state) and (node, state lane) arrays, filled, or of no nodes.
     squares : (lane,) array, added to: `j_a^2 q / (1 + q J_aa)` of every increment.
-
-    Returns
-    -------
-    sum over the increments of `log det(I + Q J)`.
     """
     forward = steps[0] == _UPDATE
     flat, row = matrix.reshape(-1), vector.reshape(-1)
@@ -131,7 +117,7 @@ def filter_information(
 
 @compiled_sums
 def _dot(one: Floats, a: int, other: Floats, b: int, size: int) -> float:
-    """Return the product of two rows as far as `size`."""
+    """Return the inner product of the first `size` numbers of two rows."""
     total = 0.0
     for c in range(size):
         total += one[a, c] * other[b, c]
@@ -140,15 +126,9 @@ def _dot(one: Floats, a: int, other: Floats, b: int, size: int) -> float:
 
 @compiled_sums
 def combine(
-    information: Floats,
-    past: Floats,
-    past_vectors: Floats,
-    future: Floats,
-    future_vectors: Floats,
-    levels: Floats,
-    variances: Floats,
-    explained: Floats,
-) -> bool:
+    information: Floats, past: Floats, past_vectors: Floats, future: Floats, future_vectors: Floats, levels: Floats,
+    variances: Floats, explained: Floats,
+) -> bool:  # fmt: skip
     """Fill levels and variances of some nodes from the sum of past and future information; False if one is singular.
 
     The sum is factored, J = L L^T, with the levels last: the last block of L is the root of the information on them.

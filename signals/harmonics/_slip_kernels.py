@@ -1,8 +1,8 @@
-"""The loops over samples and blocks of the tracker of a slipping order, `slip`.
+"""Loops over samples and blocks of the extended Kalman filter and smoother of a slipping order; see `slip`.
 
 A state is the real parts of A over the harmonics, their imaginary parts, and the slip. The samples of a block,
-linearised at a state, are condensed to the information and the score of a least-squares problem; a Kalman filter goes
-forward through the blocks and a Rauch-Tung-Striebel smoother back.
+linearised at a state, are condensed to the information matrix and the score of a least-squares problem; a Kalman filter
+runs forward through the blocks and a Rauch-Tung-Striebel smoother backward.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ Whole = NDArray[np.int64]
 
 
 class SlipChain(NamedTuple):
-    """A record in blocks, in units of its noise."""
+    """A record in blocks, divided by the standard deviation of its noise."""
 
     x: Floats  # (sample,), the record over the standard deviation of its noise
     phase: Floats  # (sample,), angle of the shaft in rad
@@ -25,11 +25,11 @@ class SlipChain(NamedTuple):
     edges: Whole  # (block + 1,), first samples of the blocks and one past the last
     centres: Whole  # (block,), their middle samples
     turning: Floats  # (block,), `SlipRecord.turning` there
-    outputs: Whole  # (output,), the blocks that are put out
-    turns: Floats  # (block - 1,), order times the step of the phase from middle to middle
-    walks: Floats  # (block - 1,), variances of the changes of a quadrature
-    slip_walks: Floats  # (block - 1,), variances of the changes of the slip
-    prior_mean: Floats  # (state,), before the first sample
+    outputs: Whole  # (output,), the blocks that have an output
+    turns: Floats  # (block - 1,), order times the change of the phase from middle to middle
+    process: Floats  # (block - 1,), process-noise variances of a quadrature from block to block
+    slip_process: Floats  # (block - 1,), those of the slip
+    prior_mean: Floats  # (state,)
     prior_std: Floats  # (state,)
 
 
@@ -70,7 +70,7 @@ def condense(chain: SlipChain, first: int, last: int, states: Floats, informatio
 def _update(
     information: Floats, score: Floats, at: Floats, mean: Floats, P: Floats, row: Floats, gain: Floats
 ) -> tuple[float, int]:
-    """Update mean and P by a block linearised at the state `at`; its information and score are used up.
+    """Update mean and P by a block linearised at the state `at`; its information and score are overwritten.
 
     Each pivot of the information is a scalar measurement with unit noise: `row (state - at) + noise = datum`.
     Returns the sum of squared innovations over their variances, and their number.
@@ -78,11 +78,11 @@ def _update(
     total, count = 0.0, 0
     full = np.diag(information).copy()
     for _ in range(mean.size):
-        # A block measures no more directions than it has samples: the clearest first, what rounding leaves not at all.
-        pivot, clearest = -1, 1e-12
+        # The rank is at most the number of samples: largest relative pivot first, down to rounding errors.
+        pivot, largest = -1, 1e-12
         for a in range(mean.size):
-            if information[a, a] > clearest * full[a]:
-                pivot, clearest = a, information[a, a] / full[a]
+            if information[a, a] > largest * full[a]:
+                pivot, largest = a, information[a, a] / full[a]
         if pivot < 0:
             break
         root = np.sqrt(information[pivot, pivot])
@@ -111,7 +111,7 @@ def _update(
 
 @compiled
 def _times(F: Floats, P: Floats, product: Floats) -> None:
-    """Fill `product` with F P: F couples the two parts of an amplitude with each other and the slip, no more."""
+    """Fill `product` with F P; F is zero but for the couplings of each amplitude's two parts and the slip."""
     harmonics = len(F) // 2
     for b in range(len(F)):
         for k in range(harmonics):
@@ -127,9 +127,9 @@ def _predict(
 ) -> None:
     """Predict mean and P in the next block by F, linearised where the state is `at` and the next slip `ahead`.
 
-    The step is its `turns`, `walks` and `slip_walks` of the chain. Fills F, and FP with F times the P before.
+    The step is its `turns`, `process` and `slip_process` of the chain. Fills F, and FP with F times the P before.
     """
-    turn, walk, slip_walk = step
+    turn, process, slip_process = step
     size, harmonics, middle = mean.size, mean.size // 2, 0.5 * (at[-1] + ahead)
     off = mean[-1] - middle
     F[:] = 0.0
@@ -148,30 +148,30 @@ def _predict(
     _times(F, P, FP)
     _times(F, FP.T, P)
     for a in range(size):
-        P[a, a] += walk if a < size - 1 else 0.0
+        P[a, a] += process if a < size - 1 else 0.0
         for b in range(a + 1):
-            # The change of the slip turns the line by half of what the slip before it does.
+            # The slip within the step is the mean of both blocks', so its change turns the line by half as much.
             share = (0.5 if a < size - 1 else 1.0) * (0.5 if b < size - 1 else 1.0)
-            P[a, b] += slip_walk * share * F[a, -1] * F[b, -1]
+            P[a, b] += slip_process * share * F[a, -1] * F[b, -1]
             P[b, a] = P[a, b]
 
 
 @compiled
 def forward(
-    chain: SlipChain, follow: bool, states: Floats, informations: Floats, scores: Floats
+    chain: SlipChain, extended: bool, states: Floats, informations: Floats, scores: Floats
 ) -> tuple[Floats, Floats, float, int]:
-    """Filter all blocks: linearised at `states`, or (`follow`) at each prediction: the extended Kalman filter.
+    """Filter all blocks, linearised at `states` or, as the extended Kalman filter, at each prediction.
 
     The informations, (block, state, state), and scores, (block, state), condensed at the states, (block, state), are
-    used up; in `follow` the states are the filtered means on return. Returns the means and covariances after each
-    block, the sum of squared innovations over their variances, and their number.
+    overwritten; the extended filter returns its filtered means in `states`. Returns the means and covariances after
+    each block, the sum of squared innovations over their variances, and their number.
     """
     means, covariances = np.empty_like(scores), np.empty_like(informations)
     mean, P = chain.prior_mean.copy(), np.diag(chain.prior_std**2)
     F, FP, row, gain = np.empty_like(P), np.empty_like(P), np.empty_like(mean), np.empty_like(mean)
     total, count = 0.0, 0
     for m in range(len(means)):
-        if follow:
+        if extended:
             states[m] = mean
             condense(chain, m, m + 1, states, informations, scores)
         added, more = _update(informations[m], scores[m], states[m], mean, P, row, gain)
@@ -179,24 +179,24 @@ def forward(
         count += more
         means[m] = mean
         covariances[m] = P
-        if follow:
+        if extended:
             states[m] = mean
         if m + 1 < len(means):
-            step = chain.turns[m], chain.walks[m], chain.slip_walks[m]
-            _predict(step, states[m], states[m if follow else m + 1, -1], mean, P, F, FP)
+            step = chain.turns[m], chain.process[m], chain.slip_process[m]
+            _predict(step, states[m], states[m if extended else m + 1, -1], mean, P, F, FP)
     return means, covariances, total, count
 
 
 @compiled
-def backward(chain: SlipChain, follow: bool, states: Floats, means: Floats, covariances: Floats) -> None:
+def backward(chain: SlipChain, extended: bool, states: Floats, means: Floats, covariances: Floats) -> None:
     """Smooth what `forward` returned, in place (Rauch, Tung, Striebel)."""
     size = means.shape[1]
     F, gain, spread = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
     for m in range(len(means) - 2, -1, -1):
         mean, P = means[m].copy(), covariances[m].copy()
-        step = chain.turns[m], chain.walks[m], chain.slip_walks[m]
-        _predict(step, states[m], states[m if follow else m + 1, -1], mean, P, F, gain)
-        # The gain, transposed: P^-1 F P_m, forth and back through the Cholesky factor.
+        step = chain.turns[m], chain.process[m], chain.slip_process[m]
+        _predict(step, states[m], states[m if extended else m + 1, -1], mean, P, F, gain)
+        # The gain, transposed: P^-1 F P_m, by forward and back substitution with the Cholesky factor.
         factor = np.linalg.cholesky(P)
         for a in range(size):
             for c in range(size):

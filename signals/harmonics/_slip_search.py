@@ -1,18 +1,18 @@
-"""Where a slipping line is: the path through slips that has most power, and whether noise alone would have it.
+"""Detection of a slipping order: the path of slips with most power, and its false-alarm probability.
 
-The record is cut into segments in which the shaft turns equally far, over which amplitude and slip can be taken for
-constant. The power of each at a grid of slips is weighed against that of the noise beside; the path through these
-cells that has most, less what its changes cost, is found by dynamic programming (Viterbi).
+The record is cut into segments of equal shaft rotation, over which amplitude and slip can be taken as constant. The
+power of each segment at a grid of slips is divided by that of the noise beside; the path through the grid with the
+largest sum of powers, less the cost of its changes, is found by dynamic programming (Viterbi).
 
-The noise is measured by the power of cells of order near the line that no harmonic reaches: independent and
-exponentially distributed in white noise. Other lines may be in some: so only the lower half counts, the others for no
-more than the highest of that half. The mean of such a sum has the Gamma distribution of as many powers as it counts
-(B. Epstein, M. Sobel, "Life testing", J. American Statistical Association 48, 1953).
+The noise is estimated from the power at orders near the line that no harmonic reaches: independent and exponentially
+distributed in white noise. Some may hold other lines: so the largest of the lower half stands for each of the upper
+half. The mean of this sum over the lower half has a Gamma distribution of as many powers (B. Epstein, M. Sobel, "Life
+testing", J. American Statistical Association 48, 1953).
 
-White noise gives a segment's power, over the variance R, the moments E exp(theta power) = det(1 - 2 theta C)^(-1/2)
-with C the covariance of the cosines and sines it is taken from: (1 - theta)^-1 for each harmonic that makes many turns
-there, more where it makes few. Over all paths Markov's inequality for exp(theta score) with the best theta bounds the
-probability of a score, the looser the livelier the slip may be. The bound is averaged over the law of a measured R.
+White noise of variance R gives a segment's power over R the moments E exp(theta power) = det(1 - 2 theta C)^(-1/2)
+with C the covariance of its cosine and sine sums: (1 - theta)^-1 for each harmonic with many turns there, more with
+few. Over all paths, Markov's inequality for exp(theta score) with the best theta bounds the probability of a score,
+the less tightly the more the slip may change. The bound is averaged over the distribution of an estimated R.
 """
 
 from dataclasses import dataclass, replace
@@ -33,29 +33,29 @@ Whole = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlipRecord:
-    """Samples, and the angle of the shaft at each, which may rest and turn back."""
+    """A record with the shaft angle, which may rest and turn back."""
 
     x: Floats  # (n,)
     phase: Floats  # (n,), rad
 
     @cached_property
     def turning(self) -> Floats:
-        """(n,) array, how far the shaft has turned since the first sample, either way, in rad."""
+        """(n,) array, total rotation of the shaft since the first sample, in either direction, in rad."""
         return np.append(0.0, np.cumsum(np.abs(np.diff(self.phase))))
 
     @cached_property
     def per_rev(self) -> float:
-        """Samples in a revolution, at the speed with which an angle is turned on average: rests do not count."""
+        """Samples per revolution at the speed averaged over the angle, so that rests do not count."""
         step = np.diff(self.phase)
         return float(2 * pi * self.turning[-1] / (step @ step))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """What is looked for."""
+    """The order searched for."""
 
     order: float  # of the fundamental, cycles per revolution
-    harmonics: int  # how many
+    harmonics: int  # number of harmonics
     largest_slip: float  # relative to the order
     slip_change: float  # standard deviation of the slip's change in a revolution
 
@@ -66,8 +66,8 @@ class Line:
 
     @property
     def steady_rev(self) -> float:
-        """Revolutions over which the walk of the slip turns the highest harmonic by a radian."""
-        # A walk of variance v a revolution turns by an angle of variance (2 pi order)^2 v m^3 / 3 in m of them.
+        """Revolutions over which the random walk of the slip turns the highest harmonic by a radian."""
+        # A random walk of variance v a revolution turns by an angle of variance (2 pi order)^2 v m^3 / 3 in m of them.
         return float((np.sqrt(3) / (2 * pi * self.top * self.slip_change)) ** (2 / 3))
 
 
@@ -77,13 +77,13 @@ class Demodulated:
 
     sums: Complexes  # (harmonic, block)
     counts: Floats  # (block,), of observed samples
-    turned: Floats  # (block,), how far the shaft turns in each, rad
-    angle: Floats  # (block,), of the shaft at the middle of each, rad
+    turned: Floats  # (block,), rotation of the shaft in each, rad
+    angle: Floats  # (block,), shaft angle at the middle of each, rad
     parts: tuple[slice, ...]  # the blocks of each segment
 
     @classmethod
     def of(cls, record: SlipRecord, *, order: float, harmonics: int, block: int, cuts: Whole) -> Self:
-        """Sum over blocks of so many samples, within segments that begin and end at the cuts."""
+        """Sum over blocks of `block` samples, within segments that begin and end at the cuts."""
         n = record.x.size
         begins = np.zeros(n + 1, dtype=np.bool_)
         begins[::block] = begins[cuts] = True
@@ -104,25 +104,25 @@ class Demodulated:
         )
 
     def power(self, part: slice, harmonic: int, deviations: Floats, *, window: Floats | float = 1.0) -> Floats:
-        """(deviation,) array, power of a segment at orders so far from that of a harmonic; of white noise R in each."""
+        """Return the (deviation,) power of a segment at these order differences from a harmonic; R in white noise."""
         lead = self.angle[part] - self.angle[part].mean()
         sums = phasors(np.outer(deviations, lead)) @ (window * self.sums[harmonic, part])
         seen = float(np.sum(np.square(window) * self.counts[part]))
         return np.asarray((sums.real**2 + sums.imag**2) / (seen or 1.0))
 
 
-_CELLS_PER_WIDTH = 2  # of slips searched, for each width (1 / segment) of a line
-_TURN_OF_BLOCK = 1 / 32  # of a turn, at the edge of what is looked at
+_CELLS_PER_WIDTH = 2  # slips searched for each width (1 / segment) of a line
+_TURN_OF_BLOCK = 1 / 32  # turns in a block at the largest order difference evaluated
 _TILTS = np.arange(1, 20) / 20  # theta of the bound
-# Of measured R over true. Above the last the bound is taken at the last, which loses little.
+# Estimated R over true R. Above the last ratio the bound is taken at the last, a small loss.
 _RATIOS = np.geomspace(1e-4, 1.25, 600)
-# Of cells of noise, in widths, 1 / segment. Under Hann's window cells this far apart are as good as independent, a
-# line this far away is 41 dB down and falls off by 18 dB an octave.
+# Spacing of noise cells and their distance from a line, in widths (1 / segment). Under Hann's window such cells are
+# practically independent, and a line at this distance is 41 dB down, falling off by 18 dB an octave.
 _SPACING = 2
 _AWAY = 3
 _CELLS = 24  # in a segment, for each harmonic
-_FEWEST = 16  # in the record
-_WANTED = 64  # in the record
+_FEWEST = 16  # in the record, at least
+_SUFFICIENT = 64  # in the record
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,21 +131,21 @@ class Ridge:
 
     turning: Floats  # (segment,), `SlipRecord.turning` in the middle of each segment
     slip: Floats  # (segment,)
-    slip_width: float  # the slip that turns the line once more in a segment
+    slip_width: float  # slip that adds one turn of the line in a segment
     noise_variance: float  # R
-    false_alarm_probability: float  # bound on that of noise alone having such a path
+    false_alarm_probability: float  # bound on the probability of such a path in noise alone
 
 
 def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: float | None) -> Ridge:
-    """Look for the line; `width` is the bandwidth of its amplitude in cycles a sample, one or one a sample."""
+    """Search for the line; `width` is the bandwidth of its amplitude in cycles per sample, (1,) or (sample,)."""
     cuts = _cuts(record, line, width)
-    # The angle comes less far than the shaft turns where it turns back.
+    # Where the shaft turns back, the angle covers less than the total rotation.
     cell = 2 * pi / float(np.median([np.ptp(record.phase[a : b + 1]) for a, b in pairwise(cuts)]))
     cells = cells_beside(record, line, width=cell, segments=cuts.size - 1)
     farthest = 0.0 if noise_variance is not None else float(np.abs(np.concatenate(cells)).max(initial=0.0))
     reach = max(farthest, line.top * line.largest_slip + cell)
     block = max(1, int(_TURN_OF_BLOCK * record.per_rev / reach))
-    # Samples at which the shaft rests say nothing of a slip.
+    # Samples at which the shaft rests hold no information on the slip.
     still = np.concatenate([[True], np.diff(record.turning) == 0, [True]])
     turned = replace(record, x=np.where(still[:-1] & still[1:], np.nan, record.x))
     data = Demodulated.of(turned, order=line.order, harmonics=line.harmonics, block=block, cuts=cuts)
@@ -162,50 +162,47 @@ def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: flo
     change = line.slip_change**2 * np.diff(middle) / (2 * pi) + (grid[1] - grid[0]) ** 2 / 12
     slip, score = _best_path(power, grid, change)
     spreads = power_spreads(ones, order=line.order, largest_slip=line.largest_slip)
+    probability = chance(score, grid, change, spreads=spreads, counted=counted)
     return Ridge(
-        turning=middle,
-        slip=slip,
-        slip_width=slip_width,
-        noise_variance=noise,
-        false_alarm_probability=chance(score, grid, change, spreads=spreads, counted=counted),
+        turning=middle, slip=slip, slip_width=slip_width, noise_variance=noise, false_alarm_probability=probability
     )
 
 
 def _cuts(record: SlipRecord, line: Line, width: Floats) -> Whole:
-    """First samples of segments, over which amplitude and slip can be taken for constant; and one past the last."""
+    """Return the first samples of segments with nearly constant amplitude and slip, and the end of the last one."""
     turning = record.turning
     mean = width[0] if width.size == 1 else np.average(width[1:], weights=np.diff(turning))
-    memory = 2 * pi / (mean * record.per_rev) if mean > 0 else np.inf
-    segments = max(1, round(turning[-1] / min(memory, 2 * pi * line.steady_rev)))
+    longest = 2 * pi / (mean * record.per_rev) if mean > 0 else np.inf
+    segments = max(1, round(turning[-1] / min(longest, 2 * pi * line.steady_rev)))
     inner = np.searchsorted(turning, turning[-1] * np.arange(1, segments) / segments)
     return np.unique(np.concatenate([[0], inner, [turning.size]]))
 
 
 def cells_beside(record: SlipRecord, line: Line, *, width: float, segments: int) -> list[Floats]:
-    """Choose the cells nearest to the searched bands: not in one, nor near order 0 or half of the rate.
+    """Return the noise cells nearest to the searched bands, away from these, order 0 and half of the rate.
 
-    Each counts as many orders from the harmonic nearest to it; there is one array for each harmonic.
+    One array for each harmonic, of order differences from it: those of the cells that it is nearest to.
     """
     fastest = float(np.diff(record.turning).max())
     order = width * np.arange(_AWAY, pi / fastest / width - 1, _SPACING)
     number = np.arange(1, line.harmonics + 1)
     away = order[:, None] - number * line.order
-    beyond = np.min(np.abs(away) - number * line.order * line.largest_slip, axis=1)
-    good = np.flatnonzero(beyond >= _AWAY * width)
-    near = good[np.argsort(beyond[good], kind="stable")]
-    away = away[near[: max(_CELLS * line.harmonics, -(-_WANTED // segments))]]
+    margin = np.min(np.abs(away) - number * line.order * line.largest_slip, axis=1)
+    good = np.flatnonzero(margin >= _AWAY * width)
+    near = good[np.argsort(margin[good], kind="stable")]
+    away = away[near[: max(_CELLS * line.harmonics, -(-_SUFFICIENT // segments))]]
     nearest = np.abs(away).argmin(axis=1)
     return [away[nearest == k, k] for k in range(line.harmonics)]
 
 
 def noise_beside(data: Demodulated, cells: list[Floats], *, order: float) -> tuple[float, int]:
-    """Return the variance of white noise as dense as that in the cells, and how many powers it is the mean of."""
+    """Return the variance of white noise with the power density in the cells, and the number of powers averaged."""
     powers = []
     for part in data.parts:
         angle, counts, turned = data.angle[part], data.counts[part], data.turned[part]
         lead = angle - (angle.max() + angle.min()) / 2
         window = 0.5 + 0.5 * np.cos(lead * (2 * pi / max(np.ptp(lead), 1e-300)))
-        # What is half a gap has cells half as fine: neighbours are not independent, and the line is in some.
+        # In a segment with half of it missing cells are twice as wide: they are dependent, and reach the line.
         if turned[counts > 0].sum() >= turned.sum() / 2 and window @ counts > 0:
             powers += [data.power(part, k, away, window=window) for k, away in enumerate(cells)]
     values = np.sort(np.concatenate(powers)) if powers else np.empty(0)
@@ -225,7 +222,7 @@ def noise_beside(data: Demodulated, cells: list[Floats], *, order: float) -> tup
 
 
 def _best_path(power: Floats, grid: Floats, change: Floats) -> tuple[Floats, float]:
-    """Find the slips of the path with most power, less half its squared changes over their variances; and its score."""
+    """Return the slips and the score of the best path: power less half the squared changes over their variances."""
     score = power[0]
     came_from = np.empty((len(power), grid.size), dtype=np.int64)
     apart = (grid[:, None] - grid) ** 2 / 2
@@ -237,7 +234,7 @@ def _best_path(power: Floats, grid: Floats, change: Floats) -> tuple[Floats, flo
     path[-1] = score.argmax()
     for segment in range(len(power) - 1, 0, -1):
         path[segment - 1] = came_from[segment, path[segment]]
-    # Each slip moves to the summit of the parabola through its cell and the two beside it.
+    # Each slip is refined to the vertex of the parabola through its cell and the two beside it.
     at = np.clip(path, 1, grid.size - 2)
     left, middle, right = (power[np.arange(path.size), at + side] for side in (-1, 0, 1))
     bend = left - 2 * middle + right
@@ -247,9 +244,9 @@ def _best_path(power: Floats, grid: Floats, change: Floats) -> tuple[Floats, flo
 
 
 def power_spreads(ones: Demodulated, *, order: float, largest_slip: float) -> Floats:
-    """(part, slip, 2 harmonics) array, eigenvalues of C; from a record of ones at twice as many harmonics.
+    """Return the (part, slip, 2 harmonics) eigenvalues of C, from a record of ones at twice as many harmonics.
 
-    Of the parts with samples alone, without slip and with the largest either way.
+    For the segments that have samples, at zero slip and at the largest in both directions.
     """
     twice = len(ones.sums)
     number = np.arange(1, twice + 1)
@@ -267,10 +264,10 @@ def power_spreads(ones: Demodulated, *, order: float, largest_slip: float) -> Fl
 
 
 def chance(score: float, grid: Floats, change: Floats, *, spreads: Floats, counted: int | None) -> float:
-    """Bound the probability that a path through powers of noise reaches this score.
+    """Return a bound on the probability that a path through powers of noise reaches this score.
 
-    The slips searched are the grid, the variances of their changes `change`, (segment - 1,); `spreads` is as
-    `power_spreads` returns it. R is the mean of `counted` powers of noise, or known.
+    `grid` are the slips searched, `change`, (segment - 1,), the variances of their changes, `spreads` the result of
+    `power_spreads`. R is the mean of `counted` powers of noise, or known where that is None.
     """
     with np.errstate(divide="ignore"):  # of theta beyond 1 / (2 spread) the moments are infinite
         moments = [
@@ -290,7 +287,7 @@ def chance(score: float, grid: Floats, change: Floats, *, spreads: Floats, count
 
 
 def _log_paths(grid: Floats, change: Floats, tilts: Floats) -> Floats:
-    """(theta,) array, logarithms of the sums of exp(-theta cost) over all paths."""
+    """Return the (theta,) logarithms of the sums of exp(-theta cost) over all paths."""
     cost = tilts[:, None, None] * (grid[:, None] - grid) ** 2 / 2
     paths, total = np.ones((tilts.size, grid.size, 1)), np.zeros((tilts.size, 1, 1))
     for variance in change:

@@ -1,7 +1,7 @@
-"""Bandwidth, process noise and the Vold-Kalman weight: one thing under three names, and what follows from it.
+"""Bandwidth, process noise and Vold-Kalman weight, equivalent to one another, and the gains that follow from them.
 
-A quadrature whose `poles`-th difference is white with variance q, seen in white noise N, is passed by the
-steady-state smoother with `H(w) = 1 / (1 + (N / q) x^poles)`, where `x = (2 sin(w / 2))^2`, w in rad a sample [1]_.
+For a quadrature whose `poles`-th difference is white with variance q, in white noise of variance N, the steady-state
+smoother has the gain `H(w) = 1 / (1 + (N / q) x^poles)`, where `x = (2 sin(w / 2))^2`, w in rad a sample [1]_.
 The bandwidth is the full width, from one side of the line to the other, between the points `w = pi bandwidth`
 (bandwidth in cycles a sample) where H has fallen to 1 / sqrt(2).
 
@@ -20,15 +20,20 @@ References
 .. [2] T. Kailath, A. H. Sayed, B. Hassibi, *Linear Estimation*, Prentice Hall 2000, chapters 6 and 8.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 from math import comb
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from signals._checks import choice, positive, whole
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -42,35 +47,55 @@ WIDEST_RATIO = 8.0
 def process_variance(
     *, orders: ArrayLike, bandwidth: ArrayLike, rate: float, poles: int, noise_variance: float
 ) -> Floats:
-    """Variance of the white `poles`-th difference that gives the smoother a bandwidth.
+    """Return the process-noise variance q that gives the smoother of each order a bandwidth.
 
     Parameters
     ----------
-    orders : (order,) array; only whether an order is zero matters.
+    orders : (order,) array, cycles per revolution; only whether an order is zero matters.
     bandwidth : (order,) array or number, full -3 dB width of the smoother, in Hz or in orders.
     rate : samples per second (bandwidth in Hz) or per revolution (bandwidth in orders).
-    poles : how many times the random walk is integrated.
-    noise_variance : variance R of the white noise in the record, signal units squared.
+    poles : number of integrations of the random walk, 1 to 4.
+    noise_variance : variance R of the white noise in the record, in its unit squared.
 
     Returns
     -------
-    (order,) array, q of each quadrature in signal units squared per sample.
+    (order,) array
+        Variance q of the `poles`-th difference of each quadrature, in the record's unit squared per sample.
+
+    Examples
+    --------
+    A narrow band with one pole has `q = 2 R (pi bandwidth / rate)^2 / (sqrt(2) - 1)`; the mean has half of it:
+
+    >>> from signals.harmonics import process_variance
+    >>> print(process_variance(orders=[0, 3], bandwidth=1, rate=1000, poles=1, noise_variance=1.0).round(8))
+    [2.383e-05 4.765e-05]
     """
-    return np.asarray(_noise_seen(orders, noise_variance) * _ratio(np.asarray(bandwidth) / rate, poles))
+    return np.asarray(_quadrature_noise(orders, noise_variance) * _ratio(np.asarray(bandwidth) / rate, poles))
 
 
 def smoother_bandwidth(
     *, orders: ArrayLike, process_variance: ArrayLike, rate: float, poles: int, noise_variance: float
 ) -> Floats:
-    """Full -3 dB width of the smoother that a white `poles`-th difference of this variance gives.
+    """Return the full -3 dB width of the smoother of each order with this process noise; inverts `process_variance`.
 
-    The inverse of the function `process_variance`, where the parameters are explained.
+    Parameters
+    ----------
+    process_variance : (order,) array or number, variance q in the record's unit squared per sample.
+    orders, rate, poles, noise_variance : as for `process_variance`.
 
     Returns
     -------
-    (order,) array in the units of `rate`; NaN where even half of the rate is passed with less than 3 dB.
+    (order,) array
+        Width in the units of `rate`; NaN where the gain at half of the rate is still above -3 dB.
+
+    Examples
+    --------
+    >>> from signals.harmonics import process_variance, smoother_bandwidth
+    >>> q = process_variance(orders=[3], bandwidth=2, rate=1000, poles=2, noise_variance=1.0)
+    >>> print(smoother_bandwidth(orders=[3], process_variance=q, rate=1000, poles=2, noise_variance=1.0).round(6))
+    [2.]
     """
-    return _width(np.asarray(process_variance) / _noise_seen(orders, noise_variance), poles) * rate
+    return _width(np.asarray(process_variance) / _quadrature_noise(orders, noise_variance), poles) * rate
 
 
 def isolated_std(
@@ -82,34 +107,54 @@ def isolated_std(
     noise_variance: float,
     estimator: Literal["smoother", "filter"] = "smoother",
 ) -> Floats:
-    """Steady-state standard deviation of the amplitude of an order that no other comes near.
+    """Return the steady-state standard deviation of the amplitude of an order that no other order is near.
 
-    Far from the ends, with no sample missing, once averaged over the order's own turns: the level to which
-    `OrderTracks.std` settles.
+    `OrderTracks.std` has this value far from the ends of a record without gaps, averaged over the order's turns.
 
     Parameters
     ----------
     orders, bandwidth, rate, poles, noise_variance : as for `process_variance`.
-    estimator : "smoother" uses all samples, "filter" this one and those before it.
+    estimator : "smoother" uses all samples, "filter" only those up to the output.
 
     Returns
     -------
-    (order,) array, of the real part, equally of the imaginary part, in signal units.
+    (order,) array
+        Standard deviation of the real part, equally of the imaginary part, in the unit of the record.
+
+    Examples
+    --------
+    A narrow band with one pole passes noise of variance `2 R pi bandwidth / (2 sqrt(sqrt(2) - 1) rate)`:
+
+    >>> from signals.harmonics import isolated_std
+    >>> print(isolated_std(orders=[3], bandwidth=1, rate=1000, poles=1, noise_variance=1.0).round(4))
+    [0.0699]
     """
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     c, u = _factors(np.asarray(bandwidth, dtype=np.float64) / rate, poles)
     passed = -np.expm1(_log_radius(u).sum(axis=-1)) if estimator == "filter" else np.mean(c / (c - 2 * u), axis=-1).real
-    return np.asarray(np.sqrt(_noise_seen(orders, noise_variance) * passed))
+    return np.asarray(np.sqrt(_quadrature_noise(orders, noise_variance) * passed))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bandwidth:
-    """How fast an amplitude may change, and what the estimators of that bandwidth do.
+    """The bandwidth of an order's amplitude, with the gains of the smoother and the causal filter that have it.
 
     Attributes
     ----------
-    width : full -3 dB width of the steady-state smoother for one isolated non-zero order, cycles a sample.
-    poles : how many times the amplitude's random walk is integrated.
+    width : full -3 dB width of the steady-state smoother for one isolated non-zero order, cycles per sample.
+    poles : number of integrations of the random walk, 1 to 4.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.harmonics import Bandwidth
+    >>> band = Bandwidth(width=0.01, poles=2)
+    >>> print(band.hz(rate_hz=1000), band.orders(samples_per_rev=128))
+    10.0 1.28
+    >>> print(band.smoother_gain([0, 0.005]).round(4))  # 1 on the order, -3 dB half a width from it
+    [1.     0.7071]
+    >>> print(np.abs(band.filter_gain(0)).round(4))
+    1.0
     """
 
     width: float
@@ -124,11 +169,16 @@ class Bandwidth:
             )
 
     @classmethod
-    def from_weight(cls, weight: float, *, poles: int) -> "Bandwidth":
-        """Return the bandwidth of the Vold-Kalman filter that weighs differences by `weight`.
+    def from_weight(cls, weight: float, *, poles: int) -> Bandwidth:
+        """Return the bandwidth of the Vold-Kalman filter with a weight r.
 
-        Its envelopes minimise `sum |weight difference^poles Z|^2 + sum |2 x exp(-j phase) - Z|^2`, so
-        weight^2 = N / q.
+        Its envelopes minimise `sum |r difference^poles Z|^2 + sum |2 x exp(-j phase) - Z|^2`, so r^2 = N / q.
+
+        Examples
+        --------
+        >>> from signals.harmonics import Bandwidth
+        >>> print(round(Bandwidth.from_weight(Bandwidth(width=0.01, poles=2).weight, poles=2).width, 6))
+        0.01
         """
         whole(poles, name="poles", least=1, most=MOST_POLES)
         root = positive(weight, name="weight") ** (-1 / poles)
@@ -143,7 +193,7 @@ class Bandwidth:
 
     @property
     def weight(self) -> float:
-        """The weight r of the Vold-Kalman filter of this bandwidth: `r^2 = N / q`."""
+        """Weight r of the Vold-Kalman filter with this bandwidth: `r^2 = N / q`."""
         return float(_ratio(self.width, self.poles) ** -0.5)
 
     def hz(self, rate_hz: float) -> float:
@@ -155,77 +205,75 @@ class Bandwidth:
         return self.width * positive(samples_per_rev, name="samples_per_rev")
 
     def smoother_gain(self, offset: ArrayLike) -> Floats:
-        """Gain of the smoother for an envelope that turns by `offset` cycles a sample: real, no phase."""
+        """Return the gain, real, of the smoother for an envelope at `offset` from the order, in cycles per sample."""
         sine = np.sin(np.pi * np.asarray(offset, dtype=np.float64)) / np.sin(0.5 * np.pi * self.width)
         with np.errstate(over="ignore"):  # far off a narrow band nothing is passed
             return np.asarray(1 / (1 + HALF_POWER * sine ** (2 * self.poles)))
 
     @cached_property
-    def _losses(self) -> Complexes:
+    def _pole_distances(self) -> Complexes:
         """(pole,) array, 1 - z of the causal filter's closed-loop poles."""
         return _factors(self.width, self.poles)[1]
 
     def filter_gain(self, offset: ArrayLike) -> Complexes:
-        """Complex gain of the causal steady-state filter at the same process noise; `offset` in cycles a sample."""
-        u = self._losses
+        """Return the complex gain of the steady-state causal filter with the same process noise, as `smoother_gain`."""
+        u = self._pole_distances
         ahead = np.expm1(2j * np.pi * np.asarray(offset, dtype=np.float64))[..., None]
         return np.asarray(1 - np.prod((1 - u) * ahead / (ahead + u), axis=-1))
 
     @cached_property
     def filter_shares(self) -> Floats:
-        """(pole,) shares of an innovation that the settled causal filter gives to the level and its differences.
+        """(pole,) steady-state Kalman gains of the level and its differences.
 
         With `u_i = 1 - z_i` of its closed-loop poles and `e_j` their elementary symmetric polynomials, they solve
         `sum_(i >= j) C(i - 1, i - j) k_i = e_j`: the coefficients of the characteristic polynomial in z - 1.
         """
-        u = self._losses
-        symmetric = np.poly(-u)[1:].real
+        symmetric = np.poly(-self._pole_distances)[1:].real
         shares = np.zeros(self.poles)
         for j in range(self.poles - 1, -1, -1):
-            above = sum(comb(i, i - j) * shares[i] for i in range(j + 1, self.poles))
-            shares[j] = symmetric[j] - above
+            shares[j] = symmetric[j] - sum(comb(i, i - j) * shares[i] for i in range(j + 1, self.poles))
         return shares
 
     @cached_property
     def filter_decay(self) -> float:
-        """What the slowest closed-loop pole of the causal filter loses a sample: 1 over its memory in samples."""
-        u = self._losses
-        return float(-_log_radius(u).max())
+        """Decay rate per sample of the slowest closed-loop pole of the causal filter: one over its time constant."""
+        return float(-_log_radius(self._pole_distances).max())
 
     @property
     def filter_width_ratio(self) -> float:
-        """Full -3 dB width of the causal filter over that of the smoother; NaN where it passes half of the rate."""
+        """Full -3 dB width of the causal filter over that of the smoother; NaN where -3 dB is not reached."""
         from scipy.optimize import brentq  # noqa: PLC0415  (optimizers are slow to import)
 
         def above(share: float) -> float:
             return float(np.abs(self.filter_gain(0.5 * share * self.width)) ** 2) - 0.5
 
-        start, end = self._peak_share, min(WIDEST_RATIO, 1 / self.width)
+        start, end = self._peak_offset, min(WIDEST_RATIO, 1 / self.width)
         if above(end) > 0:
             return float("nan")
         return float(brentq(above, start, end, xtol=1e-12))
 
     @property
     def filter_peak_db(self) -> float:
-        """Largest gain of the causal filter, in dB above the gain 1 of a steady amplitude."""
-        return float(20 * np.log10(np.abs(self.filter_gain(0.5 * self._peak_share * self.width))))
+        """Largest gain of the causal filter in dB; a constant amplitude has 0 dB."""
+        return float(20 * np.log10(np.abs(self.filter_gain(0.5 * self._peak_offset * self.width))))
 
     @property
-    def _peak_share(self) -> float:
-        """Where the causal filter's gain is largest, in half widths of the smoother."""
+    def _peak_offset(self) -> float:
+        """Offset of the causal filter's largest gain, in half widths of the smoother."""
         from scipy.optimize import minimize_scalar  # noqa: PLC0415
 
         if self.poles == 1:
-            return 0.0  # one real pole: falls from the start
+            return 0.0  # one real pole: the gain falls from the start
 
         def loss(share: float) -> float:
             return -float(np.abs(self.filter_gain(0.5 * share * self.width)))
 
-        end = min(2.0, 1 / self.width)  # above twice the width the numerator's slope has won
+        end = min(2.0, 1 / self.width)  # beyond twice the width the gain falls
         return float(minimize_scalar(loss, bounds=(0.0, end), method="bounded", options={"xatol": 1e-9}).x)
 
 
-def _noise_seen(orders: ArrayLike, noise_variance: float) -> Floats:
+def _quadrature_noise(orders: ArrayLike, noise_variance: float) -> Floats:
+    """Return N of each order: R for the mean, 2 R for any other."""
     return np.where(np.asarray(orders, dtype=np.float64) == 0.0, 1.0, 2.0) * noise_variance
 
 

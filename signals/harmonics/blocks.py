@@ -1,17 +1,15 @@
-"""The block smoother: the record condensed to a grid of nodes, and smoothed there.
+"""The block smoother: the record is condensed to moments of blocks, and smoothed at the nodes between them.
 
-Between nodes an amplitude is taken for a polynomial of as many terms as its walk has poles (one pole: for steady under
-a triangular weight over two blocks). The information of a block's samples is in a few moments, sums of them times
-powers of their place (see `_block_kernels`), and that is what the information smoother over the nodes needs. So a walk
-that grows without bound, as several poles let it, is followed as well as one that stands still. The error is of second
-order in (bandwidth times block): at the edge of the band (pi bandwidth block)^2 / 12 of an envelope, and what moves
-within a block leaks into other orders only by that much, since the spectrum of a node's weight has double zeros where
-images fold. Between nodes the result is cubic (linear for one pole, whose envelopes have no slope).
+Between nodes an amplitude is a polynomial of as many terms as its random walk has poles (one pole: constant under a
+triangular weight over two blocks). A few moments of a block, sums of its samples times powers of their place (see
+`_block_kernels`), hold all information for the smoother over the nodes. The error is of second order in (bandwidth
+times block): at the edge of the band (pi bandwidth block)^2 / 12 of an envelope. Changes within a block leak into other
+orders by no more, since the spectrum of a triangular weight has double zeros where images fold. Between nodes the
+result is interpolated, cubic or, for one pole, linear.
 
-There are two settings. *Fast*: long blocks; orders that do not disturb one another share small chains, those that do
-are smoothed together, with the moments of their products. *Exact*: short blocks and all orders together, so that what
-is left of the error is below a few thousandths of `std`; with blocks of one sample there is none. See
-`docs/trackers.md`.
+There are two settings. *Fast*: long blocks; orders with negligible leakage are smoothed each alone, the others in
+groups. *Exact*: short blocks and all orders jointly, with an error below a few thousandths of `std`, zero with blocks
+of one sample. See `docs/trackers.md`.
 """
 
 from dataclasses import dataclass, field, replace
@@ -60,15 +58,15 @@ def block_length(model: HarmonicModel, samples: int, rtol: float) -> int:
 
 
 def droop(model: HarmonicModel, length: int) -> float:
-    """Return how much of an amplitude at the edge of the widest band blocks of this length take away."""
+    """Return the relative loss of an amplitude at the edge of the widest band in blocks of this length."""
     return float((pi * model.bandwidth.max() * length) ** 2 / 12)
 
 
 def scattered_share(seen: NDArray[np.bool_], length: int) -> float:
-    """Return the part of the samples that are missing in gaps shorter than a block.
+    """Return the share of the samples that are missing in gaps shorter than a block.
 
-    Where such gaps keep in step with a shaft, as those of a clipped waveform do, orders no longer average out of one
-    another under a triangular weight: up to so much of one gets into others.
+    Where such gaps are synchronous with a shaft, as those of a clipped waveform are, orders leak into one another by up
+    to this share.
     """
     edges = np.flatnonzero(np.diff(seen, prepend=True, append=True))
     gaps = edges[1::2] - edges[::2]
@@ -76,10 +74,7 @@ def scattered_share(seen: NDArray[np.bool_], length: int) -> float:
 
 
 def blurs(model: HarmonicModel) -> bool:
-    """Return whether lines stay so close that long blocks may not have the digits to separate them.
-
-    Those within half a bandwidth of each other differ in little but what amplitudes with slopes may do, too.
-    """
+    """Return whether orders stay so close that long blocks, with several poles, may not separate them."""
     if model.poles == 1:
         return False
     kept, _ = one_of_each(model)
@@ -107,8 +102,8 @@ def fast(
     length : samples in a block.
     output_every : samples between outputs.
     startup : first sample whose residual and innovation count in the statistics.
-    coupled : whether orders that disturb one another are smoothed together; if not, each is smoothed on its own.
-    tolerance : part of an amplitude that a neighbour may disturb without being coupled, `LARGEST_LEAK` at the most.
+    coupled : whether orders that leak into one another are smoothed jointly, or each alone.
+    tolerance : largest relative leakage of an order that is not coupled, at most `LARGEST_LEAK`.
     """
     tolerance = min(tolerance, LARGEST_LEAK)
     every_order = np.arange(model.orders.size)
@@ -189,16 +184,16 @@ def exact_length(model: HarmonicModel, samples: int | None = None) -> int:
 
 
 def _far_above_std(smoothed: Smoothed, noise: Floats, tolerance: float) -> bool:
-    """Return whether a tolerance of the largest amplitude is more than a small part of the least standard deviation."""
+    """Return whether the tolerance times the largest amplitude exceeds `SMALL_PART` of the least `std`."""
     std = np.sqrt(smoothed.variances.min() * noise)
     largest = np.abs(smoothed.levels).max(axis=(1, 2))
     return bool(np.any(tolerance * largest > SMALL_PART * std))
 
 
 def one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:
-    """Return one order of each set that is one and the same, and the place of each order's set among these.
+    """Return one order of each set of duplicates, and the index of each order's set among these.
 
-    Of such duplicates a record determines the sum alone: a walk of its own, whose variances are theirs added up.
+    Of duplicates a record determines only the sum, a random walk with the sum of their variances.
     """
     kept: list[int] = []
     named: dict[tuple[float, int], list[int]] = {}
@@ -216,10 +211,10 @@ def one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:
 def _share_out(
     grid: Grid, member: Indices, levels: Complexes, variances: Floats, *, every: int
 ) -> tuple[Complexes, Floats]:
-    """Give every duplicate its part of the sum, and the variance of what no data determine.
+    """Return the amplitudes and variances of duplicates from those of their sums.
 
-    Alike as they are, each is an even part of their sum and a rest that is independent of it. Variances are known at
-    every `every`-th sample.
+    Each duplicate is an equal part of the sum and a rest independent of it, which no data determine. Variances are
+    `every` samples apart.
     """
     if member.size == len(variances):
         return levels, variances
@@ -233,14 +228,14 @@ def _share_out(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockFit:
-    """Amplitudes at the nodes of a grid, each order smoothed by itself and with those that disturb it.
+    """Amplitudes at the nodes of a grid, of orders smoothed alone and in coupled groups.
 
     Attributes
     ----------
     grid : the record.
     smoothed : what is estimated.
     coupling : which orders are smoothed together; None where all are, or none is.
-    alike : whether lines stay within half a bandwidth of each other.
+    alike : whether orders stay within half a bandwidth of each other.
     """
 
     grid: Grid
@@ -259,13 +254,12 @@ class BlockFit:
         return cls(grid=grid, smoothed=smoothed, coupling=coupling, alike=closeness.dwell())
 
     def residuals(self, startup: int) -> Innovations:
-        """Return statistics of what the orders leave of stretches of the record after a sample.
+        """Return statistics of the residuals in stretches of the record from sample `startup` on.
 
         Where the model holds, the variance of a residual is R less that of the fitted waveform, the trace of the joint
-        covariance of the amplitudes times their regressors: single variances do not add up to it where orders are
-        close. Lines that stay within half a bandwidth of each other may have amplitudes that are large and opposed;
-        what is interpolated of these between nodes is no fit of the record: then innovations of the covariance filter
-        are taken, from the first samples on.
+        covariance of the amplitudes times their regressors. Orders that stay within half a bandwidth of each other may
+        have large amplitudes of opposite sign, which are not accurate between nodes: then the innovations of the
+        covariance filter are taken, of the first samples.
         """
         grid, model = self.grid, self.grid.model
         if self.alike:
@@ -300,7 +294,7 @@ AHEAD = 3
 
 @dataclass(eq=False)
 class BlockOutputs:
-    """What there is of them so far, in memory that does not grow with the nodes where outputs are fewer.
+    """Outputs so far, in memory that does not grow with the number of nodes where outputs are fewer.
 
     Attributes
     ----------
@@ -364,7 +358,7 @@ class BlockOutputs:
         self._levels, self._variances = levels[..., :AHEAD].copy(), variances[:, :AHEAD].copy()
 
     def droop(self, noise_std: Floats) -> float:
-        """Return what moving amplitudes lose between nodes, as a part of `std`: root mean square, of the worst order.
+        """Return the loss of varying amplitudes between nodes over `std`: root mean square, of the worst order.
 
         A triangular weight takes a twelfth of its second difference off an envelope.
 

@@ -1,10 +1,9 @@
-"""Orders smoothed at the nodes of a grid: each on its own first, then together what disturbs one another.
+"""Coupled orders: each is smoothed alone first, then those that leak into one another jointly.
 
-In the middle of a record, a smoother leaves of its neighbours what its response lets through. Where the record ends
-or has a gap it leaves more, as much as the causal filter would of what a whole triangular weight lets through; and a
-weight cut short lets through nearly anything. So there more orders are smoothed together, and the waveforms of the
-others, as the first round estimates them, are subtracted from the samples under the weights that are cut. Where
-amplitudes are far above their uncertainty, they are subtracted from all samples.
+In the middle of a record, the leakage of other orders follows from the smoother's gain. Near the ends and gaps it is
+larger, that of the causal filter under a whole triangular weight; an incomplete weight suppresses hardly anything. So
+there more orders are smoothed jointly, and the waveforms of the others, as estimated first, are subtracted from the
+samples under incomplete weights. Where amplitudes are far above `std`, they are subtracted from all samples.
 """
 
 from collections.abc import Callable
@@ -39,10 +38,10 @@ MOST_AT_ENDS = 12
 
 
 def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> "Coupling | None":
-    """Smooth together, in place, what the estimates of `smooth_apart` show to disturb one another.
+    """Smooth jointly, in place, the orders that leak into one another by the estimates of `smooth_apart`.
 
-    Return the groups, with what improves on them near ends and gaps and where amplitudes are far above their
-    uncertainty; None where all orders are one group.
+    Returns the coupling, for further rounds near ends and gaps and of large amplitudes; None where all orders are one
+    group.
     """
     size = smoothed.size
     received = closeness.received(_at_least(grid, Bandwidth.smoother_gain), size)
@@ -54,11 +53,11 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> "Coupling | 
 
 
 class Coupling:
-    """Which orders disturb one another, throughout and near ends and gaps, and how they are smoothed there.
+    """Groups of orders that leak into one another, in the whole record and near its ends and gaps.
 
     Attributes
     ----------
-    left : what orders that are not smoothed together may still leave in one another, of the largest amplitude.
+    left : largest leakage between orders that are not smoothed jointly, relative to the largest amplitude.
     """
 
     def __init__(self, grid: Grid, closeness: Closeness, chains: Chains, received: Floats, size: Floats) -> None:
@@ -95,7 +94,7 @@ class Coupling:
         self.lone = np.setdiff1d(np.arange(size.size), np.concatenate([[], *groups]).astype(np.int64))
 
     def smooth_ends(self, smoothed: Smoothed) -> None:
-        """Subtract the others under weights that are cut, and smooth again, until lone amplitudes hardly move."""
+        """Subtract the others under incomplete weights and smooth again, until amplitudes of lone orders converge."""
         widest = Bandwidth(width=min(float(self.grid.model.bandwidth.max()), 1.0), poles=self.grid.model.poles)
         kept = CUT_LEAK * min(1.0, widest.filter_shares[0] * self.grid.length)
         kept = max(kept, float(np.mean(~self.grid.seen)))  # all of which may be in step with a shaft
@@ -135,7 +134,7 @@ class Coupling:
         return chains
 
     def _smooth_local_groups(self, others: "WithoutOthers", lone: Chains, smoothed: Smoothed) -> None:
-        """Smooth together, in place, what disturbs one another near ends, gaps and jumps of a speed."""
+        """Smooth jointly, in place, the orders that leak into one another near ends, gaps and jumps of a speed."""
         for (kept, nodes), local in zip(self.runs, self.local_groups, strict=True):
             inner = slice(kept.start - nodes.start, kept.stop - nodes.start)
             outside = [(members, chain.outside(nodes)) for members, chain in self.chains + lone] if local else []
@@ -148,10 +147,9 @@ class Coupling:
 
 
 class WithoutOthers:
-    """The moments of a record without the waveforms of other orders, as far as their amplitudes are known.
+    """Moments of a record less the estimated waveforms of other orders, near some nodes.
 
-    What is subtracted is a waveform times the sum of the triangular weights of some nodes: all under these, nothing a
-    block off.
+    The waveforms are weighted with the sum of the triangular weights of these nodes.
     """
 
     def __init__(self, grid: Grid, levels: Complexes, nodes: Flags) -> None:
@@ -200,7 +198,7 @@ class WithoutOthers:
 
 
 def _at_least(grid: Grid, gain: Gain) -> Gain:
-    """Return a gain that takes into account that a short record resolves no less than one over its length."""
+    """Return a gain whose bandwidth is at least the resolution of the record, one over its length."""
 
     def widened(bandwidth: Bandwidth, distance: Floats) -> Floats:
         width = min(max(bandwidth.width, 1.0 / grid.samples), 1.0)
@@ -210,7 +208,7 @@ def _at_least(grid: Grid, gain: Gain) -> Gain:
 
 
 def _split(nearby: Closeness, disturbed: list[Indices]) -> list[Indices]:
-    """Return groups of orders that disturb one another, in parts by frequency where they are many."""
+    """Return groups of orders that leak into one another, large ones divided by frequency."""
     groups = []
     for group in disturbed:
         by_frequency = group[np.argsort(np.abs(nearby.frequency[group]).mean(axis=1))]

@@ -1,8 +1,8 @@
-"""A record in blocks: moments of its samples at the nodes between blocks, and amplitudes at the nodes back at samples.
+"""A record in blocks: moments of its samples for the nodes between blocks, and interpolation from nodes to samples.
 
-With one pole a node stands for the samples under a triangular weight, which falls from 1 at the node to 0 at its
-neighbours: their first two moments. With more, amplitudes are polynomials from node to node, and a node stands for the
-block before it: as many moments as there are poles, and of what is squared one less than twice as many.
+With one pole a node has the moments of the samples under a triangular weight, which falls from 1 at the node to 0 at
+its neighbours. With more, amplitudes are polynomials from node to node, and a node has the moments of the block before
+it: as many as there are poles, and of products one less than twice as many.
 """
 
 from collections.abc import Iterator
@@ -34,8 +34,8 @@ class Grid:
     x : (channel, sample) array, NaN where missing.
     seen : (sample,) array, whether the sample is there.
     length : samples in a block.
-    tolerance : part of an amplitude that a neighbour may disturb without being coupled.
-    shared : (order,) array, how many amplitudes each is the sum of: as many walks added up.
+    tolerance : largest relative leakage of an order that is not coupled.
+    shared : (order,) array, number of duplicate orders that each is the sum of.
     """
 
     model: HarmonicModel
@@ -47,17 +47,17 @@ class Grid:
 
     @property
     def samples(self) -> int:
-        """Of the record."""
+        """Number of samples."""
         return int(self.x.shape[1])
 
     @property
     def blocks(self) -> int:
-        """How many, the last one partly filled."""
+        """Number of blocks; the last one may be partly filled."""
         return -(-self.samples // self.length)
 
     @property
     def nodes(self) -> int:
-        """How many: one more than blocks."""
+        """Number of nodes: one more than blocks."""
         return self.blocks + 1
 
     def reach(self, memories: float) -> int:
@@ -118,7 +118,7 @@ class Grid:
 
     @cached_property
     def jumps(self) -> Flags:
-        """(node,) array: whether a speed jumps in a block beside the node, so that it is not one speed for an order."""
+        """(node,) array, true where a speed jumps in a block beside the node."""
         largest = np.zeros(self.blocks)
         for number, phase in enumerate(self.model.phases):
             highest = float(self.model.orders[self.model.shaft == number].max(initial=0.0))
@@ -129,13 +129,13 @@ class Grid:
         return np.asarray(np.concatenate([jumps[:1], jumps]) | np.concatenate([jumps, jumps[-1:]]))
 
     def process_noise(self, orders: Indices) -> Floats:
-        """(node or 1, column) array for some orders: the walk takes one step a node."""
+        """(node or 1, column) array, process-noise variances from node to node of some orders."""
         model = self.model.subset(orders)
         process = model.process_noise(slice(0, None, self.length), step=self.length)
         return process * self.shared[orders][model.order_of_column]
 
     def prior_variance(self, orders: Indices, node: int = 0) -> Floats:
-        """(pole, column) array for some orders: the prior at the first node, carried on to one by the walk."""
+        """(pole, column) array, prior variances of some orders at a node, from the prior at the first one."""
         model = self.model.subset(orders)
         variance = model.prior_variance(step=self.length) * self.shared[orders][model.order_of_column]
         grown = [
@@ -144,7 +144,7 @@ class Grid:
         return np.stack(grown)
 
     def unmeasured_variance(self, order: int) -> Floats:
-        """(node,) array, variance of a quadrature of one of the amplitudes of an order that is never measured."""
+        """(node,) array, prior variance of a quadrature of one of the duplicates of an order."""
         place = np.array([order])
         process = np.broadcast_to(self.process_noise(place)[:, 0] / self.shared[order], self.nodes)
         covariance = np.diag(self.prior_variance(place)[:, 0] / self.shared[order])

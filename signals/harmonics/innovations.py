@@ -1,4 +1,4 @@
-"""Statistics of innovations and residuals: mean square, variance, autocorrelation."""
+"""Statistics of innovations and residuals: mean square, variance and autocorrelation."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,19 +12,18 @@ from signals.harmonics.model import LAGS, Complexes, Estimate, Floats, Patterns
 
 @dataclass
 class Innovations:
-    """Sums over the innovations that count.
+    """Sums over normalised innovations, those over their standard deviations.
 
     Attributes
     ----------
-    square : (channel,) array, of their squares over their variances.
-    log_variance : of the logarithms of their variances.
-    count : how many.
-    products : (channel, LAGS) array, of the products of two that lie 1, 2, ... samples apart.
-    pairs : (LAGS,) array, how many of these.
-    recent : (channel, LAGS) array, the last ones over their standard deviations, 0 where missing.
-    recent_seen : (LAGS,) array, 1.0 where there is one.
-    kept : stretches of all of them, (channel, sample) over their standard deviations, and (sample,) variances, 0 where
-        missing; None unless they are wanted.
+    square : (channel,) array, sum of their squares.
+    log_variance : sum of the logarithms of the innovation variances.
+    count : number of innovations.
+    products : (channel, LAGS) array, sums of the products of two that lie 1, 2, ... samples apart.
+    pairs : (LAGS,) array, number of these products.
+    recent : (channel, LAGS) array, the last ones, 0 where missing.
+    recent_seen : (LAGS,) array, 1.0 where not missing.
+    kept : all of them in stretches, (channel, sample), with their (sample,) variances, 0 where missing; or None.
     """
 
     square: Floats
@@ -38,25 +37,14 @@ class Innovations:
 
     @classmethod
     def none(cls, *, channels: int, keep: bool = False) -> "Innovations":
-        """Return sums over nothing."""
-        return cls(
-            square=np.zeros(channels),
-            products=np.zeros((channels, LAGS)),
-            pairs=np.zeros(LAGS),
-            recent=np.zeros((channels, LAGS)),
-            recent_seen=np.zeros(LAGS),
-            kept=[] if keep else None,
-        )
+        """Return empty sums; `keep` stores all innovations."""
+        zeros = np.zeros((channels, LAGS))
+        return cls(np.zeros(channels), zeros, np.zeros(LAGS), zeros.copy(), np.zeros(LAGS), kept=[] if keep else None)
 
     @property
     def mean_square(self) -> Floats:
-        """(channel,) array."""
+        """(channel,) array, mean square of the normalised innovations."""
         return self.square / max(self.count, 1)
-
-    @property
-    def mean_log_variance(self) -> float:
-        """Mean of the logarithms of the variances."""
-        return self.log_variance / max(self.count, 1)
 
     @property
     def autocorrelation(self) -> Floats:
@@ -68,28 +56,19 @@ class Innovations:
     def estimate(self, amplitude: Complexes, variance: Floats, **more: Any) -> Estimate:  # noqa: ANN401
         """Return an estimate with these statistics."""
         return Estimate(
-            amplitude=amplitude,
-            variance=variance,
-            innovation_mean_square=self.mean_square,
-            innovation_log_variance=self.mean_log_variance,
-            innovation_autocorrelation=self.autocorrelation,
-            innovation_samples=self.count,
-            innovations=self.kept,
-            **more,
-        )
+            amplitude=amplitude, variance=variance, innovation_mean_square=self.mean_square,
+            innovation_log_variance=self.log_variance / max(self.count, 1), innovation_samples=self.count,
+            innovation_autocorrelation=self.autocorrelation, innovations=self.kept, **more,
+        )  # fmt: skip
 
     def separate(self) -> None:
-        """Take no products of what follows with what was."""
+        """Begin a stretch that is not adjacent to the last one: no products across the gap."""
         self.recent[:] = self.recent_seen[:] = 0.0
 
     def add(self, innovations: Floats, variances: Floats, *, skip: int = 0) -> None:
-        """Count a stretch but for its first samples.
+        """Add (channel, sample) normalised innovations and their (sample,) variances, 0 where missing.
 
-        Parameters
-        ----------
-        innovations : (channel, sample) array, over their standard deviations, 0 where missing.
-        variances : (sample,) array, 0 where missing.
-        skip : how many do not count.
+        The first `skip` samples, those before the end of start-up, are not in the sums.
         """
         if self.kept is not None:
             self.kept.append((innovations, variances))
@@ -108,7 +87,7 @@ class Innovations:
             early = slice(LAGS - lag, stop - lag)
             # No BLAS: its threads take longer to start than such a product does.
             self.products[:, lag - 1] += np.einsum("cn,cn->c", joined[:, LAGS:], joined[:, early])
-        if whole and size >= LAGS:  # all pairs within, and those with what is known before
+        if whole and size >= LAGS:  # all pairs within, and those with recent samples
             self.pairs += size - np.arange(1, LAGS + 1) + np.cumsum(self.recent_seen[::-1])
         else:
             self.pairs += [np.sum(known[LAGS:] * known[LAGS - lag : stop - lag]) for lag in range(1, LAGS + 1)]
@@ -116,13 +95,13 @@ class Innovations:
 
 
 def statistics(patterns: Patterns, estimates: list[Estimate], given: float | None) -> dict[str, Any]:
-    """Return the fields of `OrderTracks` on noise and innovations, (channel, ...) arrays.
+    """Return the (channel, ...) fields of `OrderTracks` on noise and innovations.
 
     Parameters
     ----------
-    patterns : of missing samples.
-    estimates : one for each of them.
-    given : variance of the noise; None where the estimates' own is to be taken.
+    patterns : patterns of missing samples.
+    estimates : the estimate of each pattern.
+    given : variance R of the noise; None where the mean square of the innovations estimates it.
     """
     counts = patterns.shared([np.array(float(estimate.innovation_samples)) for estimate in estimates])
     none = np.where(counts > 0, 0.0, np.nan)
@@ -142,8 +121,8 @@ def statistics(patterns: Patterns, estimates: list[Estimate], given: float | Non
     kept = [estimate.innovations for estimate in estimates if estimate.innovations is not None]
     if not kept:
         return found
-    scaled = patterns.joined([_joined([part[0] for part in parts]) for parts in kept])
-    variances = patterns.shared([_joined([part[1] for part in parts]) for parts in kept])
+    scaled = patterns.joined([np.concatenate([part[0] for part in parts], axis=-1) for parts in kept])
+    variances = patterns.shared([np.concatenate([part[1] for part in parts]) for parts in kept])
     seen = variances > 0
     return found | {
         "innovations": np.where(seen, scaled * np.sqrt(variances), np.nan),
@@ -151,12 +130,8 @@ def statistics(patterns: Patterns, estimates: list[Estimate], given: float | Non
     }
 
 
-def _joined(parts: list[Floats]) -> Floats:
-    return np.concatenate(parts, axis=-1)
-
-
 def _check_not_faint(record: NDArray[np.float64], noise: Floats) -> None:
-    """Refuse numbers whose squares, and with them the noise, are lost below the smallest that doubles have."""
+    """Refuse a record so small that the squares of its samples underflow."""
     for channel in np.flatnonzero(noise < SMALLEST**2):
         values = record[channel]
         largest = max(np.fmax.reduce(values), -np.fmin.reduce(values))

@@ -1,4 +1,4 @@
-"""What the trackers accept: records, phases, orders, bandwidths, and the sentence for everything else."""
+"""Checks of the trackers' arguments: records, phases, orders, bandwidths."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from signals._checks import nearest, number, positive
 from signals.harmonics.model import BandwidthUnits, Floats, Indices, Order
 
-SAMPLES_AT_ONCE = 1 << 15  # whose passing arrays stay in the cache
-# From sample to sample, in rad. Half the rate itself is legal; angles of exactly that round to either side.
+SAMPLES_AT_ONCE = 1 << 15  # so that temporary arrays stay in the cache
+# Largest turn between samples in rad. Half the rate itself is allowed; angles of exactly that round to either side.
 MOST_TURN = np.pi * (1 + 1e-9)
-# Numbers outside leave too little room for sums of their squares.
+# Sums of squares of numbers outside this range over- or underflow.
 SMALLEST, LARGEST = 1e-120, 1e120
-# Below it, in cycles a sample, the squares of bandwidths are lost.
+# In cycles per sample: the squares of smaller bandwidths underflow.
 NARROWEST = 1e-100
 
 
@@ -52,7 +52,7 @@ def check_noise_variance(value: object) -> float:
 
 
 def check_initial_std(value: object, *, noise: float) -> float:
-    """Return the prior's standard deviation in those of the noise, or refuse it."""
+    """Return the prior standard deviation in standard deviations of the noise, or refuse it."""
     std = positive(value, name="initial_std")
     if not SMALLEST < std / np.sqrt(noise) < LARGEST:
         raise ValueError(
@@ -67,7 +67,7 @@ def check_orders(
 ) -> tuple[Floats, tuple[str, ...], Indices, tuple[Floats, ...]]:
     """Check orders and phases.
 
-    Returns (order,) orders, the names of their shafts (none for a single phase), (order,) places of their phases, and
+    Returns (order,) orders, the names of their shafts (none for a single phase), (order,) indices of their phases, and
     (sample,) phases in rad, one for each shaft that has an order.
     """
     if isinstance(orders, str | bytes | Mapping) or not np.iterable(orders):
@@ -89,11 +89,11 @@ def check_orders(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CheckedBandwidth:
-    """A bandwidth as given, and what the estimators make of it."""
+    """Bandwidths as given and in cycles per sample."""
 
     given: Floats  # (order,) in `units`, the mean over time where it varies
     units: BandwidthUnits
-    cycles: Floats  # (order, 1), or (order, sample) where it varies, in cycles a sample
+    cycles: Floats  # (order, 1), or (order, sample) where it varies, in cycles per sample
 
 
 def check_bandwidth(
@@ -135,7 +135,7 @@ def check_bandwidth(
 
 
 def _width(value: ArrayLike | None, name: str, *, orders: int, samples: int) -> Floats:
-    """(order, 1 or sample) array."""
+    """Return a bandwidth as an (order, 1 or sample) array, or refuse its shape."""
     width = _real_array(name, value, dims=(0, 1, 2))
     if width.ndim < 2:  # noqa: PLR2004
         if width.size not in (1, orders):
@@ -152,6 +152,7 @@ def _width(value: ArrayLike | None, name: str, *, orders: int, samples: int) -> 
 
 
 def _check_range(width: Floats, cycles: Floats, *, names: tuple[str, str], rate: float | None) -> None:
+    """Refuse bandwidths that are not positive, above half of the rate, or too small for double precision."""
     good = (width > 0 if width.shape[1] == 1 else width >= 0) & (cycles < 0.5)  # noqa: PLR2004
     if not good.all():
         order, sample = np.argwhere(~good)[0]
@@ -175,7 +176,7 @@ def _check_range(width: Floats, cycles: Floats, *, names: tuple[str, str], rate:
 def check_phase_std(
     phase_std_rad: ArrayLike | Mapping[str, ArrayLike] | None, *, shafts: tuple[str, ...], samples: int
 ) -> Floats | None:
-    """(order or 1, sample or 1) array: the standard deviation in rad of the angle each order counts."""
+    """Return the (order or 1, sample or 1) standard deviation in rad of each order's shaft angle, or refuse it."""
     if phase_std_rad is None:
         return None
     given: list[tuple[str, Any]] = [("phase_std_rad", phase_std_rad)]

@@ -1,14 +1,14 @@
 """The causal estimators: the covariance filter, sample by sample, and the filter with steady-state gains.
 
-At the start the prior is a million times the noise, and the first samples leave the difference of such numbers. So what
-the prior leaves open is kept apart as a factor V: the covariance is `P + V V^T`, where P, zero at first, is that of an
-exactly known start. Once V V^T is small it is added to P. Where samples are missing for long, or a shaft rests, P grows
-again: then V becomes its Cholesky factor, and P zero.
+The prior variance is a million times that of the noise, and the first updates would subtract such numbers from each
+other. So the diffuse part of the covariance is a factor V: the covariance is `P + V V^T`, where P, zero at first, is
+that of an exactly known initial state. Once V V^T is small it is added to P. Where samples are missing for long, or a
+shaft rests, P grows again: then V becomes its Cholesky factor, and P zero.
 
-The covariance forgets how it started within its memory. In the frame that turns with an order it then stands still but
-for a ripple at the distances between orders, and so do its gains: those of a random walk seen in noise of variance 2R
-(R for the mean), which `Bandwidth.filter_shares` gives exactly. Twice the share goes to an order's complex amplitude,
-since a real sample shows half of what turns.
+The effect of the initial covariance vanishes within some time constants. In the frame that rotates with an order the
+covariance is then constant but for a ripple at the frequency distances between orders, and so are the gains: those of
+a random walk in noise of variance 2R (R for the mean), which `Bandwidth.filter_shares` gives exactly. An order's
+complex amplitude has twice these gains, since the real record holds half of a rotating phasor.
 """
 
 from dataclasses import dataclass
@@ -25,32 +25,32 @@ from signals.harmonics.separability import Closeness
 
 # Samples filtered at a time.
 SAMPLES_AT_ONCE = 1 << 14
-# A covariance is checked once in so many memories, 1 / bandwidth: with four poles and nothing seen it may grow by 1e8
-# over them, which still leaves eight digits.
+# A covariance is checked once in so many times 1 / bandwidth: with four poles and no observations it may grow by 1e8
+# meanwhile, which leaves eight digits.
 CHECK = 8
 LONGEST_CHECK = 1024
-# Variances, where that of the noise is 1, up to which V V^T may be added to P, and from which P is factored: rounding
-# takes 1e-16 of them off what is known at every sample.
-CLOSED, OPEN = 1e2, 1e4
-# Above this prior standard deviation, in those of the noise, products of two with 1e-16 exceed the noise.
+# Variances, where that of the noise is 1, below which V V^T is added to P, and above which P is factored: each sample
+# adds a rounding error of 1e-16 of them.
+LARGEST_ADDED, LARGEST_VARIANCE = 1e2, 1e4
+# Above this prior standard deviation, in those of the noise, rounding errors of its square exceed the noise.
 LARGEST_PRIOR = 1e9
-# Part of its steady-state value that the variance may still be off when the gains are fixed.
-UNSETTLED = 1e-2
-# Samples at a time where gains are fixed, and how many of their innovations are correlated: of a million some 65,000.
+# Largest relative deviation of the variance from its steady state when the gains are fixed.
+STEADY_RTOL = 1e-2
+# Samples at a time with fixed gains, and how many of their innovations are correlated: of a million some 65,000.
 STEADY_AT_ONCE, CORRELATED = 1 << 16, 1 << 12
 
 
 @dataclass
 class FilterState:
-    """Where a covariance filter stands before a sample.
+    """State of the covariance filter before a sample.
 
     Attributes
     ----------
     mean : (channel, state) array, real and imaginary parts of the orders in turn: the levels predicted for the next
         sample, then their first differences, and so on.
     covariance, factor : (state, state) arrays P and V.
-    diffuse : whether V counts.
-    count : samples so far.
+    diffuse : whether V is not zero.
+    count : number of samples so far.
     """
 
     mean: Floats
@@ -76,42 +76,39 @@ class FilterState:
         return cls(np.zeros((channels, size)), np.zeros((size, size)), factor, diffuse=True, count=0)
 
     def check(self, model: HarmonicModel) -> None:
-        """Make P symmetric again, and move what is known between P and V.
+        """Make P symmetric, and move the covariance between P and V where it has become small or large.
 
         Raises
         ------
         FloatingPointError
             A variance is negative, or no Cholesky factor exists.
         """
-        P = self.covariance
+        P, V = self.covariance, self.factor
         P += P.T
         P *= 0.5
         variance = np.diagonal(P)
         if not (np.isfinite(variance).all() and variance.min() >= 0):
             raise lost(model, "exact")
-        if self.diffuse and np.einsum("ab,ab->a", self.factor, self.factor).max() < CLOSED:
-            P += self.factor @ self.factor.T
-            self.factor[:], self.diffuse = 0.0, False
-        if variance.max() > OPEN:
-            self._factor(model)
-
-    def _factor(self, model: HarmonicModel) -> None:
-        """Turn the whole covariance into V, quadratures that have no variance left out."""
-        scale = np.sqrt(np.diagonal(self.covariance) + np.einsum("ab,ab->a", self.factor, self.factor))
-        some = np.flatnonzero(scale)
-        unit = scale[some, None]
-        try:
-            root = np.linalg.cholesky(self.covariance[np.ix_(some, some)] / unit / unit.T + 1e-15 * np.eye(some.size))
-        except np.linalg.LinAlgError as error:
-            raise lost(model, "exact") from error
-        both = np.concatenate([root, self.factor[some] / unit], axis=1)
-        self.covariance[:], self.factor[:] = 0.0, 0.0
-        self.factor[np.ix_(some, some)] = unit * np.asarray(np.linalg.qr(both.T, mode="r")).T
-        self.diffuse = True
+        if self.diffuse and np.einsum("ab,ab->a", V, V).max() < LARGEST_ADDED:
+            P += V @ V.T
+            V[:], self.diffuse = 0.0, False
+        if variance.max() > LARGEST_VARIANCE:
+            # V becomes the factor of the whole covariance; quadratures without variance are left out.
+            scale = np.sqrt(variance + np.einsum("ab,ab->a", V, V))
+            some = np.flatnonzero(scale)
+            unit = scale[some, None]
+            try:
+                root = np.linalg.cholesky(P[np.ix_(some, some)] / unit / unit.T + 1e-15 * np.eye(some.size))
+            except np.linalg.LinAlgError as error:
+                raise lost(model, "exact") from error
+            both = np.concatenate([root, V[some] / unit], axis=1)
+            P[:], V[:] = 0.0, 0.0
+            V[np.ix_(some, some)] = unit * np.asarray(np.linalg.qr(both.T, mode="r")).T
+            self.diffuse = True
 
 
 def _paired(model: HarmonicModel, values: Floats) -> Floats:
-    """(..., 2 order) array of real and imaginary parts in turn, from (..., column) values; 0 for that of the mean."""
+    """(..., 2 order) array, real and imaginary parts in turn, from (..., column) values; 0 for the mean's imaginary."""
     paired = np.zeros((*values.shape[:-1], 2 * model.orders.size))
     paired[..., ::2] = values[..., : model.orders.size]
     paired[..., 2 * model.nonzero + 1] = values[..., model.orders.size :]
@@ -125,11 +122,11 @@ def covariance_filter(
 
     Parameters
     ----------
-    model : what is estimated.
+    model : the state-space model.
     x : (channel, sample) array, NaN where missing: in all channels at once.
     output_every : samples between outputs.
     startup : first sample whose innovation counts in the statistics.
-    keep : whether the innovations of all samples are wanted.
+    keep : whether to return the innovations of all samples.
     """
     levels, variances, innovations = _filtered(model, x, output_every=output_every, startup=startup, keep=keep)
     return innovations.estimate(levels.view(np.complex128).transpose(1, 2, 0), variances.T)
@@ -143,7 +140,7 @@ def count_innovations(model: HarmonicModel, x: Floats, *, startup: int, keep: bo
 def _filtered(
     model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool
 ) -> tuple[Floats, Floats, Innovations]:
-    """Filter a whole record from the prior; return levels, variances and innovations as `filter_on` fills them."""
+    """Filter a record from the prior; return levels, variances and innovations as `filter_on` updates them."""
     state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x), keep=keep)
     outputs = ceil(x.shape[1] / output_every)
     levels, variances = np.empty((outputs, len(x), 2 * model.orders.size)), np.empty((outputs, model.orders.size))
@@ -152,34 +149,27 @@ def _filtered(
 
 
 def filter_on(
-    model: HarmonicModel,
-    x: Floats,
-    state: FilterState,
-    innovations: Innovations,
-    levels: Floats,
-    variances: Floats,
-    *,
-    output_every: int,
-    startup: int,
-) -> None:
-    """Filter on from a state: carry it over these samples and count their innovations.
+    model: HarmonicModel, x: Floats, state: FilterState, innovations: Innovations, levels: Floats, variances: Floats,
+    *, output_every: int, startup: int,
+) -> None:  # fmt: skip
+    """Continue the covariance filter over further samples.
 
     Covariances are checked at sample numbers that do not depend on where a stream is cut into blocks.
 
     Parameters
     ----------
-    model : what is estimated, with the angles of these samples.
+    model : the state-space model, with the angles of these samples.
     x : (channel, sample) array, NaN where missing: in all channels at once.
     state, innovations : updated.
     levels : (output, channel, 2 order) array, filled.
     variances : (output, order) array, filled: means over the quadratures.
-    output_every : samples between outputs, of the whole record.
+    output_every : samples between outputs, counted from the first sample of the record.
     startup : number of the first sample whose innovation counts.
 
     Raises
     ------
     FloatingPointError
-        The covariance lost its digits.
+        The covariance is no longer positive definite.
     """
     channels, samples = x.shape
     interval = int(np.clip(CHECK / model.bandwidth.max(), 1, LONGEST_CHECK))
@@ -188,9 +178,9 @@ def filter_on(
     first, begin, done = state.count, 0, 0
     while begin < samples:
         span = slice(begin, min(begin + SAMPLES_AT_ONCE - (first + begin) % interval, samples))
-        phase, walk = model.phase(span), process if process is not None else _paired(model, model.process_noise(span))
-        values, found = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - begin, channels))
-        scales = np.empty(len(found))
+        phase, q = model.phase(span), process if process is not None else _paired(model, model.process_noise(span))
+        values, normalised = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - begin, channels))
+        innovation_variances = np.empty(len(normalised))
         before = done
         while begin < span.stop:
             end = min(begin + interval - state.count % interval, span.stop)
@@ -198,8 +188,8 @@ def filter_on(
             skip = -state.count % output_every
             filter_covariance(
                 values[part], np.ascontiguousarray(phase[:, part]), orders, shaft,
-                walk if len(walk) == 1 else walk[part], state.diffuse, state.mean, state.covariance, state.factor,
-                (skip, output_every), found[part], scales[part], levels[done:], variances[done:],
+                q if len(q) == 1 else q[part], state.diffuse, state.mean, state.covariance, state.factor,
+                (skip, output_every), normalised[part], innovation_variances[part], levels[done:], variances[done:],
             )  # fmt: skip
             done += len(range(skip, end - begin, output_every))
             state.count, begin = state.count + end - begin, end
@@ -208,16 +198,16 @@ def filter_on(
         variances[before:done, orders == 0] *= 2  # the mean has one quadrature
         if not variances[before:done].min(initial=np.inf) > 0:
             raise lost(model, "exact")
-        innovations.add(found.T, scales, skip=startup - first - span.start)
+        innovations.add(normalised.T, innovation_variances, skip=startup - first - span.start)
 
 
 def ripple(closeness: Closeness) -> float:
-    """Return how far steady-state gains lead from the exact estimates, as a part of the error of these.
+    """Return the error of steady-state gains, as a part of the error of the exact filter.
 
-    Other orders, and an order's own image, move its gain about the steady one, each by what the causal filter lets
-    through at its distance, wherever in the record that is least, and at a beat of its own: what they do adds up in
-    square. With more poles a loop takes less before it is unstable. Measured with walks of 2 to 20 orders evenly
-    apart, the estimates differed by 0.4 to 0.75 of this; from 1 on they may grow without bound.
+    Other orders, and an order's own image, modulate its gain, each by the causal filter's gain at its least distance
+    in the record and at a beat frequency of its own: their squares add up. With more poles the closed loop is closer
+    to instability. Measured with random walks of 2 to 20 equidistant orders, the estimates differed by 0.4 to 0.75 of
+    this; from 1 on they may grow without bound.
     """
     model, nearest = closeness.model, closeness.nearest
     largest = 0.0
@@ -230,20 +220,19 @@ def ripple(closeness: Closeness) -> float:
 
 
 def startup_samples(model: HarmonicModel) -> int:
-    """Return the samples after which the variance has come within `UNSETTLED` of its steady-state value."""
-    slowest = min(band.filter_decay for band in _bands(model))
-    return ceil(log(2 / UNSETTLED) / (2 * slowest))
+    """Return the samples after which the variance is within `STEADY_RTOL` of its steady state."""
+    return ceil(log(2 / STEADY_RTOL) / (2 * min(band.filter_decay for band in _bands(model))))
 
 
 def _bands(model: HarmonicModel) -> dict[Bandwidth, list[int]]:
-    """Return the bandwidths there are and the places of the orders that have them."""
+    """Return the distinct bandwidths, each with the indices of its orders."""
     found: dict[Bandwidth, list[int]] = {}
-    for place, width in enumerate(model.bandwidth[:, 0].tolist()):
-        found.setdefault(_band(width, model.poles), []).append(place)
+    for order, width in enumerate(model.bandwidth[:, 0].tolist()):
+        found.setdefault(_band(width, model.poles), []).append(order)
     return found
 
 
-# What follows from a bandwidth is asked for again with every record.
+# The gains of a bandwidth are needed again for every record.
 @lru_cache(maxsize=256)
 def _band(width: float, poles: int) -> Bandwidth:
     return Bandwidth(width=width, poles=poles)
@@ -252,18 +241,16 @@ def _band(width: float, poles: int) -> Bandwidth:
 def steady_state_filter(
     model: HarmonicModel, x: Floats, *, output_every: int, startup: int, error_bound: float
 ) -> Estimate:
-    """Filter all channels of a record without gaps, with bandwidths that stay the same.
+    """Filter all channels of a record without gaps, with constant bandwidths.
 
-    The covariance filter runs until the variance is within `UNSETTLED` of its steady-state value; from there on the
-    gains are fixed, and the variance is that of the first output after it.
+    The covariance filter runs until the variance is within `STEADY_RTOL` of its steady state; from there on the gains
+    and the variance are those of the steady state.
 
     Parameters
     ----------
-    model : what is estimated.
+    model, output_every, startup : as for `covariance_filter`.
     x : (channel, sample) array, all finite.
-    output_every : samples between outputs.
-    startup : first sample whose innovation counts in the statistics.
-    error_bound : what the estimate is to say of its error.
+    error_bound : `Estimate.error_bound` of the result.
     """
     channels, samples = x.shape
     begin = min(startup_samples(model), samples)
@@ -273,17 +260,21 @@ def steady_state_filter(
     variances = np.empty((min(exact + 1, len(levels)), model.orders.size))
     head = levels[:exact], variances[:exact]
     filter_on(model, x[:, :begin], state, innovations, *head, output_every=output_every, startup=startup)
-    gains, variance = _steady_gains(model)
+    bands = [_band(width, model.poles) for width in model.bandwidth[:, 0].tolist()]
+    noise = np.where(model.orders == 0, 1.0, 2.0)
+    shares = noise * np.stack([band.filter_shares for band in bands], axis=1)
+    variance = float(1 + np.sum(shares[0] / (1 - shares[0] / noise)))  # of the innovation, where R = 1
+    gains = np.repeat(shares, 2, axis=1)  # (pole, 2 order)
     variances[exact:] = gains[0, ::2]
     predicted = state.mean.reshape(channels, model.poles, -1)
     for first in range(begin, samples, STEADY_AT_ONCE):
         span = slice(first, min(first + STEADY_AT_ONCE, samples))
-        values, found = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - first, channels))
+        values, residuals = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - first, channels))
         filter_steadily(
             values, model.phase(span), model.orders, model.shaft, gains, predicted, -first % output_every, output_every,
-            found, levels[ceil(first / output_every) :],
+            residuals, levels[ceil(first / output_every) :],
         )  # fmt: skip
-        counted = found.T[:, max(startup - first, 0) :] / sqrt(variance)
+        counted = residuals.T[:, max(startup - first, 0) :] / sqrt(variance)
         late = counted[:, -CORRELATED:]
         early = counted.shape[1] - late.shape[1]
         innovations.square += np.einsum("cn,cn->c", counted[:, :early], counted[:, :early])
@@ -293,13 +284,3 @@ def steady_state_filter(
         innovations.add(late, np.full(late.shape[1], variance))
     amplitude = levels.view(np.complex128).transpose(1, 2, 0)
     return innovations.estimate(amplitude, variances.T, error_bound=error_bound)
-
-
-def _steady_gains(model: HarmonicModel) -> tuple[Floats, float]:
-    """(pole, 2 order) shares of an innovation that levels and differences take, and its variance, where R = 1."""
-    bands = [_band(width, model.poles) for width in model.bandwidth[:, 0].tolist()]
-    noise = np.where(model.orders == 0, 1.0, 2.0)
-    shares = noise * np.stack([band.filter_shares for band in bands], axis=1)
-    variance = float(1 + np.sum(shares[0] / (1 - shares[0] / noise)))
-    gains = np.repeat(shares, 2, axis=1)
-    return gains, variance

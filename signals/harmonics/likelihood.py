@@ -1,11 +1,11 @@
-"""The bandwidth under which a record is most likely: how fast each order's amplitude really varies.
+"""Maximum-likelihood bandwidth of each order: how fast its amplitude varies in a record.
 
-A tracker's `std` is honest when its random walk moves as the amplitudes do. Here the amplitudes walk from node to
-node, an eighth of one over the largest bandwidth apart, and are polynomials in between, straight lines with one or two
-poles: all information of the samples of a block is in its moments (see `_information_smoother`). The exact likelihood
-of that chain is what is left when its states are integrated out one after the other, the product of the densities of a
-Kalman filter's innovations [1]_. Orders that come near each other share one chain; the others are tracked first and
-subtracted, and those that come near none share the covariance of one, with the data of each beside it.
+A tracker's `std` is right where its random walk varies as the amplitudes do. Here the amplitudes are random walks over
+nodes, an eighth of one over the largest bandwidth apart, and polynomials in between, straight lines with one or two
+poles: the moments of a block hold all information of its samples (see `_information_smoother`). The likelihood of the
+chain of nodes is found by integrating out its states one after the other: the product of the densities of a Kalman
+filter's innovations [1]_. Close orders share one chain; the others are tracked first and subtracted. Orders that no
+other is near have equal covariances, which are computed once for all of them.
 
 References
 ----------
@@ -13,16 +13,17 @@ References
    11, 1965.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from math import ceil, comb, sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import positive, whole
 from signals.harmonics._information_kernels import FORWARD, filter_information
-from signals.harmonics._information_smoother import Information, Measured, NodeChain
+from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
 from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.blocks import BlockFit, block_length, one_of_each, scattered_share
 from signals.harmonics.coupling import WithoutOthers
@@ -32,77 +33,76 @@ from signals.harmonics.model import Floats, HarmonicModel, Indices, Order, lost
 from signals.harmonics.separability import Closeness, components
 from signals.harmonics.smoothing import chain_alone, chain_together, everywhere, no_neighbours
 
-# A block lasts this fraction of 1 / (largest bandwidth): straight lines between its nodes miss a 150th of an envelope
-# at the edge of that band.
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+# Length of a block times the largest bandwidth: straight lines between nodes differ by a 150th from an envelope at the
+# edge of that band.
 BLOCK = 1 / 8
-# Orders whose frequencies come within so many largest bandwidths share a chain: subtracting a tracked order takes
-# along what its smoother passes of the noise beside it, here a hundredth.
+# Orders whose frequencies come within so many largest bandwidths share a chain: subtracting a tracked order subtracts
+# the noise that its smoother passes, at this distance a hundredth.
 NEAR = 2.5
-# An order's own image averages out of the products of its columns where it turns twice in a block.
+# An order's own image averages out of the products of its regressors where it turns twice in a block.
 IMAGE = 2 / BLOCK
-# Of one over the record: over it such an amplitude is a constant (one pole) or a polynomial.
+# Smallest bandwidth times the record's length: with it an amplitude is a constant (one pole) or a polynomial.
 SMALLEST = 0.1
-# Ratio of the bandwidths tried first, and to what share of itself the best one is then found.
+# Ratio of the bandwidths tried first, and relative tolerance of the best one.
 RATIO, FINE = 2.0, 0.02
-# Log likelihoods that differ by less are alike: the smaller bandwidth it is. Below some 1 / record they all are.
+# Log likelihoods that differ by less are equal, and the smallest bandwidth is taken; below some 1 / record all are.
 ALIKE = 1e-3
 SWEEPS = 5
-# With so many poles amplitudes are so free at the ends of a record that orders must be smoothed together there before
-# any is subtracted.
+# From so many poles on, amplitudes at the ends of a record are so uncertain that orders are smoothed together there
+# before any is subtracted.
 MANY_POLES = 3
-# What may be left of a subtracted order, as a part of it.
+# Largest relative rest of a subtracted order.
 SUBTRACTED = 3e-4
-# Standard deviations of a block's noise: wide enough to leave the shape of the likelihood alone, narrow enough that
-# its square does not drown the rest in rounding.
+# Prior in standard deviations of a block's noise: wide enough not to change the shape of the likelihood, narrow enough
+# that rounding of its square is negligible.
 PRIOR_STD = 1e3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChainLikelihood:
-    """The likelihood of data at nodes, as a function of the bandwidths of the walks.
+    """The likelihood of data at nodes as a function of the bandwidths.
 
     Attributes
     ----------
-    model : the orders, with the poles of their walks.
+    model : the state-space model of the orders.
     length : samples between nodes.
-    measured : information in the data, in noise of unit variance.
-    before : information on the state at the first node: of two poles at least, since amplitudes of one pole, too, are
-        straight lines between nodes; their differences are renewed from node to node.
+    measured : information in the data, for noise of unit variance.
+    before : prior information on the state at the first node, of two poles at least: amplitudes of one pole are
+        straight lines between nodes too, with independent differences.
     """
 
     model: HarmonicModel
     length: int
-    measured: Measured
+    measured: NodeInformation
     before: Information
 
     @classmethod
-    def of(cls, model: HarmonicModel, chain: NodeChain, length: int) -> "ChainLikelihood":
-        """Take the data and the prior of a chain."""
+    def of(cls, model: HarmonicModel, chain: NodeChain, length: int) -> ChainLikelihood:
+        """Return the likelihood of a chain's data."""
         return cls(model=model, length=length, measured=chain.measured(slice(0, chain.nodes)), before=chain.before)
 
-    def lanes(self, some: slice) -> "ChainLikelihood":
-        """Return that of some of the lanes alone."""
+    def lanes(self, some: slice) -> ChainLikelihood:
+        """Return the likelihood of some of the lanes."""
         vectors = self.measured.vectors.reshape(-1, *self.before.vector.shape)[:, :, some]
-        measured = Measured(self.measured.matrices, vectors.reshape(len(vectors), -1).copy())
+        measured = NodeInformation(self.measured.matrices, vectors.reshape(len(vectors), -1).copy())
         return replace(self, measured=measured, before=self.before._replace(vector=self.before.vector[:, some].copy()))
 
     def log_likelihood(self, bandwidth: ArrayLike) -> Floats:
-        """(lane,) logarithms of the density of the data but for a constant; (order,) bandwidths in cycles a sample."""
+        """Return the (lane,) log likelihoods, less a constant, of (order,) bandwidths in cycles per sample."""
         width = np.broadcast_to(np.asarray(bandwidth, dtype=np.float64), self.model.orders.shape)
         process = replace(self.model, bandwidth=width[:, None]).process_noise(step=self.length)
         matrix, vector = self.before.copy()
-        squares, unkept = np.zeros(vector.shape[1]), (np.empty((0, matrix.size)), np.empty((0, vector.size)))
+        squares, unstored = np.zeros(vector.shape[1]), (np.empty((0, matrix.size)), np.empty((0, vector.size)))
         columns = len(matrix) // max(2, self.model.poles)  # one where orders share it
         log_determinant = filter_information(
-            *self.measured,
-            process[:, :columns].copy(),
-            self.model.poles == 1,
-            FORWARD,
-            matrix,
-            vector,
-            *unkept,
+            *self.measured, process[:, :columns].copy(), self.model.poles == 1, FORWARD, matrix, vector, *unstored,
             squares,
-        )
+        )  # fmt: skip
         log_determinant += float(np.linalg.slogdet(matrix)[1])
         squares += np.sum(vector * np.linalg.solve(matrix, vector), axis=0)
         return np.asarray((squares - log_determinant) / 2)
@@ -120,49 +120,63 @@ def likely_bandwidth(
     poles: int = 1,
     noise_variance: ArrayLike | None = None,
 ) -> Floats:
-    """Return the most likely bandwidth of each order, for `track_orders` with the same poles.
+    """Return the maximum-likelihood bandwidth of each order, for `track_orders` with the same poles.
 
     Parameters
     ----------
     x : (sample,) array, the record in any unit; NaN marks a missing sample.
     phase_rad : (sample,) array, shaft angle in rad, or a mapping from shaft name to such an array.
-    orders : cycles per revolution, one number an order; with a mapping, (shaft, order) pairs. 0 is the mean.
-    rate_hz : samples per second; with `largest_bandwidth_hz`.
+    orders : orders in cycles per revolution, one number each; with a mapping, (shaft, order) pairs. Order 0 is the
+        mean.
+    rate_hz : sampling rate in Hz; with `largest_bandwidth_hz`.
     samples_per_rev : samples per revolution, for a record sampled in angle; with `largest_bandwidth_orders`.
-    largest_bandwidth_hz : no bandwidth above this is considered. Orders that come within two and a half times of it
-        are weighed together, at the cost of the cube of their number.
+    largest_bandwidth_hz : upper bound of the search in Hz. Orders within 2.5 times of it of one another are estimated
+        jointly, at a cost that grows with the cube of their number.
     largest_bandwidth_orders : the same in cycles per revolution.
-    poles : 1 to 4, how many times the amplitudes' random walk is integrated.
-    noise_variance : variance of white noise as dense as the noise beside each order, one number or (order,).
-        Unless given, what a tracker with the largest bandwidth estimates.
+    poles : number of integrations of the random walk of the amplitudes, 1 to 4.
+    noise_variance : variance of white noise as dense as the noise beside each order, one number or (order,) array; by
+        default as a tracker with the largest bandwidth estimates it.
 
     Returns
     -------
     (order,) array
-        In Hz or in orders, between a tenth of one over the record, where an amplitude is found steady, and the
-        largest allowed, where it is found to be faster still.
+        Bandwidths in Hz or in orders, between a tenth of one over the record (a constant amplitude) and the largest
+        allowed (one that varies at least as fast).
 
     Raises
     ------
     ValueError
-        An input makes no sense; the sentence says which and what to do.
+        An argument is out of range or contradicts another; the message names it and the remedy.
+    FloatingPointError
+        An information matrix is not positive definite in double precision.
+
+    Examples
+    --------
+    A constant amplitude in noise needs no more than a tenth of 1 / record, here 0.1 Hz:
+
+    >>> import numpy as np
+    >>> from signals.harmonics import likely_bandwidth
+    >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000
+    >>> x = 2 * np.cos(3 * phase_rad) + 0.1 * np.random.default_rng(1).standard_normal(5000)
+    >>> print(likely_bandwidth(x, phase_rad=phase_rad, orders=[3], rate_hz=5000, largest_bandwidth_hz=20).round(3))
+    [0.1]
     """
-    record = _one_channel(x)
-    pair = _largest(
-        hz=(largest_bandwidth_hz, rate_hz),
-        orders=(largest_bandwidth_orders, samples_per_rev),
-    )
-    width, rate = pair.values()
+    channels = check_record(x)
+    if len(channels) > 1:
+        raise ValueError(f"x has {len(channels)} channels; each has bandwidths of its own: pass one channel at a time.")
+    if np.isnan(channels).all():
+        raise ValueError(f"x has {channels.size} samples, all of them missing (NaN); at least one is needed.")
+    record = np.asarray(channels[0])
+    width, rate = _check_largest(
+        largest_bandwidth_hz=largest_bandwidth_hz, rate_hz=rate_hz,
+        largest_bandwidth_orders=largest_bandwidth_orders, samples_per_rev=samples_per_rev,
+    )  # fmt: skip
     numbers, _, shaft, phases = check_orders(orders, phase_rad, samples=record.size)
-    noise = None if noise_variance is None else _noise(noise_variance, numbers.size)
+    noise = None if noise_variance is None else _check_noise(noise_variance, numbers.size)
     model = HarmonicModel(
-        orders=numbers,
-        shaft=shaft,
-        phases=phases,
-        bandwidth=np.full((numbers.size, 1), width / rate),
-        poles=whole(poles, name="poles", least=1, most=MOST_POLES),
-        prior_std=PRIOR_STD,
-    )
+        orders=numbers, shaft=shaft, phases=phases, bandwidth=np.full((numbers.size, 1), width / rate),
+        poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=PRIOR_STD,
+    )  # fmt: skip
     kept, member = one_of_each(model)
     try:
         found = _most_likely(model.subset(kept), record, None if noise is None else noise[kept])
@@ -172,18 +186,14 @@ def likely_bandwidth(
 
 
 def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Floats:
-    """(order,) most likely bandwidths in cycles a sample, of orders of which no two are the same."""
+    """Return the (order,) bandwidths in cycles per sample, of distinct orders."""
     seen, width = ~np.isnan(x), float(model.bandwidth[0, 0])
-    # Amplitudes of one pole go straight from node to node here, too, and so are those of others while subtracted.
+    # Amplitudes of one pole are straight lines between nodes here, also those that are subtracted.
     smooth = replace(model, poles=max(2, model.poles))
     grid = Grid(
-        model=smooth,
-        x=x[None],
-        seen=seen,
-        length=block_length(smooth, x.size, SUBTRACTED),
-        tolerance=SUBTRACTED,
+        model=smooth, x=x[None], seen=seen, length=block_length(smooth, x.size, SUBTRACTED), tolerance=SUBTRACTED,
         shared=np.ones(model.orders.size, dtype=np.int64),
-    )
+    )  # fmt: skip
     startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
     fit = BlockFit.of(grid, startup=startup, coupled=True)
     if fit.coupling and model.poles >= MANY_POLES:
@@ -198,22 +208,29 @@ def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Float
     nodes = replace(grid, length=length, model=replace(smooth, prior_std=PRIOR_STD * sqrt(2 / length)))
     others = WithoutOthers(grid, fit.smoothed.levels, everywhere(grid))
     alone, groups = _groups(model, seen, nodes.length)
-    found = np.empty(model.orders.size)
+    found, smallest = np.empty(model.orders.size), min(SMALLEST / x.size, width)
+    tried = np.linspace(np.log(smallest), np.log(width), 2 + int(np.log(width / smallest) / np.log(RATIO)))
     if alone.size:
         data = joined(others.alone(alone), blocks) / std[alone, None, None]
         chain = chain_alone(nodes, alone, data, nodes.at_nodes(nodes.seen_counts))
-        found[alone] = _each_alone(ChainLikelihood.of(model.subset(alone[:1]), chain, nodes.length))
+        likelihood = ChainLikelihood.of(model.subset(alone[:1]), chain, nodes.length)
+        values = np.array([likelihood.log_likelihood(np.exp(b)).reshape(-1, 2).sum(axis=1) for b in tried])
+        for k, order in enumerate(alone):
+            own = likelihood.lanes(slice(2 * k, 2 * k + 2))
+            found[order] = _maximise(own.log_likelihood, tried, values[:, k], orders=1)[0]
     for group in groups:
         data = joined(others.together(group), blocks) / std[group].mean()
         chain = chain_together(nodes, group, slice(0, nodes.nodes), data, no_neighbours(nodes, group))
-        found[group] = _together(ChainLikelihood.of(model.subset(group), chain, nodes.length))
+        likelihood = ChainLikelihood.of(model.subset(group), chain, nodes.length)
+        values = np.array([likelihood.log_likelihood(np.exp(b)).sum() for b in tried])
+        found[group] = _maximise(likelihood.log_likelihood, tried, values, orders=group.size)
     return found
 
 
 def joined(data: Floats, blocks: int) -> Floats:
-    """Return data at every so many nodes, (node, moment, ...), from those at all, both as `Grid.data` has them.
+    """Return the (node, moment, ...) data of blocks joined `blocks` at a time, both as `Grid.data` has them.
 
-    At the place (h + v) / blocks of the longer block lies v of the short one h.
+    The place v in the short block h is the place (h + v) / blocks in the long one.
     """
     moments, filled = data.shape[1], -(-(len(data) - 1) // blocks)
     short = np.zeros((filled * blocks, *data.shape[1:]))
@@ -226,53 +243,22 @@ def joined(data: Floats, blocks: int) -> Floats:
     return np.concatenate([np.zeros_like(long[:1]), long])
 
 
-def _grid_of_bandwidths(chain: ChainLikelihood) -> Floats:
-    """Return the logarithms of the bandwidths tried first."""
-    largest = float(chain.model.bandwidth[0, 0])
-    smallest = min(SMALLEST / chain.model.phases[0].size, largest)
-    return np.linspace(np.log(smallest), np.log(largest), 2 + int(np.log(largest / smallest) / np.log(RATIO)))
+def _maximise(log_likelihood: Callable[[Floats], Floats], start: Floats, values: Floats, *, orders: int) -> Floats:
+    """Return the bandwidths of largest likelihood, given the `values` of equal ones whose logarithms are `start`.
 
-
-def _each_alone(chain: ChainLikelihood) -> Floats:
-    """Return the most likely bandwidth of each order: all by one pass at first, then each from its best."""
-    places = _grid_of_bandwidths(chain)
-    values = np.array([chain.log_likelihood(np.exp(b)).reshape(-1, 2).sum(axis=1) for b in places])
-    found = np.empty(values.shape[1])
-    for k in range(found.size):
-        own = chain.lanes(slice(2 * k, 2 * k + 2))
-
-        def value(b: Floats, own: ChainLikelihood = own) -> float:
-            return float(own.log_likelihood(np.exp(b)).sum())
-
-        found[k : k + 1] = _climb(value, places, values[:, k], orders=1)
-    return found
-
-
-def _together(chain: ChainLikelihood) -> Floats:
-    """Return the most likely bandwidths of orders: one for all at first, then each in turn."""
-    places = _grid_of_bandwidths(chain)
-
-    def value(b: Floats) -> float:
-        return float(chain.log_likelihood(np.exp(b))[0])
-
-    return _climb(value, places, np.array([value(b) for b in places]), orders=chain.model.orders.size)
-
-
-def _climb(value: Callable[[Floats], float], places: Floats, values: Floats, *, orders: int) -> Floats:
-    """Return where a log likelihood is largest, from the best of some places on, one order after the other.
-
-    Every sweep steps half as far: up the slope as long as it rises, then to the vertex of the parabola there.
+    One order after the other moves uphill as long as the likelihood rises, then to the vertex of the parabola; every
+    sweep over the orders halves the step.
     """
     best = int(np.argmax(values > values.max() - ALIKE))
-    found, here, step = np.full(orders, places[best]), float(values[best]), (places[-1] - places[0]) / places.size / 2
+    found, here, step = np.full(orders, start[best]), float(values[best]), (start[-1] - start[0]) / start.size / 2
     for _ in range(SWEEPS):
         step, before = step / 2, found.copy()
         for k in range(orders):
 
             def at(b: float, k: int = k) -> tuple[float, float]:
-                tried = found.copy()
-                tried[k] = np.clip(b, places[0], places[-1])
-                return float(tried[k]), value(tried)
+                moved = found.copy()
+                moved[k] = np.clip(b, start[0], start[-1])
+                return float(moved[k]), float(log_likelihood(np.exp(moved)).sum())
 
             below, above = at(found[k] - step), at(found[k] + step)
             while below[1] > here - ALIKE and below[0] < found[k]:
@@ -291,9 +277,9 @@ def _climb(value: Callable[[Floats], float], places: Floats, values: Floats, *, 
 
 
 def _groups(model: HarmonicModel, seen: NDArray[np.bool_], block: int) -> tuple[Indices, list[Indices]]:
-    """Return the orders that come near none, and groups of those that come near each other or their own image.
+    """Return the isolated orders, and groups of those that are near each other or their own image.
 
-    Gaps within blocks may keep in step with a shaft: then no order is alone.
+    No order is isolated where there are gaps within blocks, since they may be synchronous with a shaft.
     """
     nearest = Closeness(model, seen.size).nearest
     near = nearest < NEAR * model.bandwidth[0]
@@ -304,23 +290,8 @@ def _groups(model: HarmonicModel, seen: NDArray[np.bool_], block: int) -> tuple[
     return np.flatnonzero(~near.any(axis=1)), groups
 
 
-def _one_channel(x: ArrayLike) -> Floats:
-    channels = check_record(x)
-    if len(channels) > 1:
-        raise ValueError(f"x has {len(channels)} channels; each has bandwidths of its own: pass one channel at a time.")
-    if np.isnan(channels).all():
-        raise ValueError(f"x has {channels.size} samples, all of them missing (NaN); at least one is needed.")
-    return np.asarray(channels[0])
-
-
-def _largest(*, hz: tuple[float | None, float | None], orders: tuple[float | None, float | None]) -> dict[str, float]:
-    """Return the pair that is given, under the names `track_orders` has for it."""
-    given = {
-        "largest_bandwidth_hz": hz[0],
-        "rate_hz": hz[1],
-        "largest_bandwidth_orders": orders[0],
-        "samples_per_rev": orders[1],
-    }
+def _check_largest(**given: float | None) -> tuple[float, float]:
+    """Return the largest bandwidth and the rate, in Hz or in orders, or refuse them."""
     names = [name for name, value in given.items() if value is not None]
     if names not in (["largest_bandwidth_hz", "rate_hz"], ["largest_bandwidth_orders", "samples_per_rev"]):
         raise ValueError(
@@ -332,10 +303,10 @@ def _largest(*, hz: tuple[float | None, float | None], orders: tuple[float | Non
         raise ValueError(
             f"{names[0]}={width:g} must be below {rate / 2:g}, half of {names[1]}={rate:g}; choose a smaller one."
         )
-    return {names[0].removeprefix("largest_"): width, names[1]: rate}
+    return width, rate
 
 
-def _noise(value: ArrayLike, orders: int) -> Floats:
+def _check_noise(value: ArrayLike, orders: int) -> Floats:
     noise = np.asarray(value, dtype=np.float64)
     if noise.shape not in ((), (orders,)):
         raise ValueError(

@@ -1,16 +1,13 @@
-"""What the trackers estimate: harmonics of shaft angles whose complex amplitudes drift slowly.
+"""The state-space model of the trackers: shaft orders whose complex amplitudes are integrated random walks.
 
-The record is `y[n] = sum_k Re{ Z_k[n] exp(j order_k phase_k[n]) } + v[n]` with white noise v of variance R:
-one real measurement a sample, `cos` on the real and `-sin` on the imaginary parts. Each of these quadratures
-is a `poles`-fold integrated random walk: its `poles`-th backward difference w is white with variance q. The
-state, (level, first difference, ...), is moved on by an upper triangle of ones and driven by a vector of
-ones times w.
-
-How q follows from the bandwidth is told in `bandwidth`. All but the scale of the uncertainty depends on q / R
-only, so the estimators work with R = 1.
+The record is `y[n] = sum_k Re{ Z_k[n] exp(j order_k phase_k[n]) } + v[n]` with white noise v of variance R: one
+real measurement a sample, with regressors `cos` for the real and `-sin` for the imaginary parts. Each of these
+quadratures is a `poles`-fold integrated random walk: its `poles`-th backward difference w is white with variance q.
+The state, (level, first difference, ...), has an upper triangle of ones as transition matrix, and w drives every
+part of it. `bandwidth` gives q. All but the scale of the covariance depends on q / R only: the estimators use R = 1.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, TypeVar
 
@@ -27,27 +24,27 @@ Estimator = Literal["smoother", "filter"]
 Method = Literal["exact", "fast", "reference"]
 BandwidthUnits = Literal["hz", "orders"]
 
-# Standard deviations of the noise: wide enough to be forgotten at once (over m samples it moves an amplitude
-# by 2e-6 / m of itself), narrow enough that its square does not drown what follows in rounding.
+# Prior in standard deviations of the noise: so wide that it biases the amplitude of m samples by 2e-6 / m of itself,
+# and so narrow that rounding of its square is negligible.
 PRIOR_STD = 1e3
 LAGS = 20  # of the autocorrelation of the innovations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicModel:
-    """The state-space model with R = 1, one state column per observable quadrature.
+    """The state-space model with R = 1; each column is a quadrature, with a regressor and a random walk.
 
     Columns are the real parts of all orders, then the imaginary parts of the non-zero ones.
 
     Attributes
     ----------
     orders : (order,) array, cycles per revolution.
-    shaft : (order,) array, which phase each order counts.
+    shaft : (order,) array, index into `phases` of each order's shaft.
     phases : for each shaft, the (sample,) array of its angle in rad.
     bandwidth : (order, sample) array, or (order, 1) where it is constant: full -3 dB width of the smoother in cycles
-        a sample.
-    poles : how many times the random walk is integrated.
-    prior_std : standard deviation of a quadrature before the first sample, in those of the noise.
+        per sample.
+    poles : number of integrations of the random walk.
+    prior_std : prior standard deviation of a quadrature, in standard deviations of the noise.
     """
 
     orders: Floats
@@ -59,7 +56,7 @@ class HarmonicModel:
 
     @cached_property
     def nonzero(self) -> Indices:
-        """Indices of the non-zero orders: those with an imaginary part."""
+        """Indices of the non-zero orders, which have an imaginary part."""
         return np.flatnonzero(self.orders)
 
     @cached_property
@@ -69,19 +66,13 @@ class HarmonicModel:
 
     @property
     def state_size(self) -> int:
-        """Numbers in the state."""
+        """Dimension of the state."""
         return self.poles * self.order_of_column.size
 
     def subset(self, orders: Indices) -> "HarmonicModel":
         """Return the model of some of the orders."""
-        return HarmonicModel(
-            orders=self.orders[orders],
-            shaft=self.shaft[orders],
-            phases=self.phases,
-            bandwidth=self.bandwidth[orders],
-            poles=self.poles,
-            prior_std=self.prior_std,
-        )
+        own = {name: getattr(self, name)[orders] for name in ("orders", "shaft", "bandwidth")}
+        return replace(self, **own)
 
     def phase(self, samples: slice | Indices) -> Floats:
         """(shaft, sample) array of angles in rad."""
@@ -90,14 +81,14 @@ class HarmonicModel:
         return np.stack([phase[samples] for phase in self.phases])
 
     def regressors(self, samples: slice | Indices) -> Floats:
-        """(sample, column) array of what multiplies the levels in these samples."""
+        """(sample, column) array of regressors: the measurement is their product with the levels."""
         angle = self.orders * self.phase(samples)[self.shaft].T
         return np.concatenate([np.cos(angle), -np.sin(angle[:, self.nonzero])], axis=1)
 
     def process_noise(self, samples: slice = slice(None), *, step: float = 1.0) -> Floats:
-        """(sample or 1, column) array: q of a walk that takes one step for every `step` samples, same bandwidth."""
+        """(sample or 1, column) array: q of random walks of the same bandwidth with one step in `step` samples."""
         bandwidth = self.bandwidth if self.bandwidth.shape[1] == 1 else self.bandwidth[:, samples]
-        # A band as wide as the rate of the steps lets everything through; so does any wider one.
+        # A band as wide as the rate of the steps passes everything, as any wider one would.
         q = process_variance(
             orders=self.orders[:, None],
             bandwidth=np.minimum(bandwidth * step, 1.0),
@@ -108,7 +99,7 @@ class HarmonicModel:
         return np.ascontiguousarray(q[self.order_of_column].T)
 
     def prior_variance(self, *, step: float = 1.0) -> Floats:
-        """(pole, column) array: of the levels and, smaller with the bandwidth, of their differences."""
+        """(pole, column) array: prior variances of the levels and their differences."""
         power = 2 * np.arange(self.poles)[:, None]
         turn = 2 * np.pi * step * self.bandwidth.max(axis=1)[self.order_of_column]
         return np.asarray(self.prior_std**2 * turn**power)
@@ -120,7 +111,7 @@ class HarmonicModel:
         return z
 
     def variance(self, variances: Floats) -> Floats:
-        """(order, output) means over the quadratures of (output, column) variances."""
+        """(order, output) variances, means over the quadratures, of (output, column) variances."""
         mean = variances[:, : self.orders.size].T.copy()
         mean[self.nonzero] += variances[:, self.orders.size :].T
         mean[self.nonzero] /= 2
@@ -129,21 +120,21 @@ class HarmonicModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """What a method makes of a `HarmonicModel` and a record, for noise of unit variance.
+    """Estimates of a `HarmonicModel` from a record, with covariances for R = 1.
 
     Attributes
     ----------
     amplitude : (channel, order, output) array.
-    variance : (order, output) array, mean over the quadratures; the last one is that of all outputs after it.
+    variance : (order, output) array, mean over the quadratures; the last one holds for all further outputs.
     innovation_mean_square : (channel,) array, mean of the squared innovations over their variances, after start-up.
     innovation_log_variance : mean of the logarithm of these variances.
     innovation_autocorrelation : (channel, lag) array.
-    innovation_samples : how many samples it was taken from.
-    error_bound : part of an amplitude by which the estimate may be off; of its own error, for a settled filter.
-    innovations : where asked for, stretches of them: (channel, sample) over their standard deviations, and (sample,)
+    innovation_samples : number of innovations in it.
+    error_bound : largest error relative to an amplitude, of a steady-state filter relative to the exact filter's error.
+    innovations : where asked for, stretches of normalised innovations, (channel, sample), and their (sample,)
         variances, 0 where missing.
-    std_spacing : samples from one variance to the next where they are not those of outputs but of nodes, the last one
-        after the last sample: standard deviations are linear in between.
+    std_spacing : samples between the nodes where `variance` is that of nodes, the last one after the last sample:
+        standard deviations are linear in between. None where it is that of outputs.
     """
 
     amplitude: Complexes
@@ -158,7 +149,7 @@ class Estimate:
 
 
 def lost(model: HarmonicModel, method: Method) -> FloatingPointError:
-    """Return what is raised where a covariance has lost its digits."""
+    """Return the error of a covariance that is no longer positive definite."""
     return FloatingPointError(
         f"method={method!r}: the covariance is not positive definite in double precision, with poles={model.poles}, "
         f"a narrowest bandwidth of {model.bandwidth.max(axis=1).min():.3g} cycles a sample and a prior of "
@@ -172,13 +163,13 @@ _Values = TypeVar("_Values", bound=NDArray[Any])
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Patterns:
-    """The patterns of missing samples in a record, and the way from what was found for each back to its channels.
+    """The patterns of missing samples in a record; results are computed per pattern and assigned to its channels.
 
     Attributes
     ----------
     record : (channel, sample) array, NaN where a sample is missing.
-    seen : (sample,) arrays, one for each pattern, where its samples are there.
-    of_channel : (channel,) array, the number of the pattern each has.
+    seen : (sample,) arrays, one for each pattern, true where its samples are observed.
+    of_channel : (channel,) array, index of each channel's pattern.
     """
 
     record: Floats
@@ -194,11 +185,9 @@ class Patterns:
         for channel, values in enumerate(record):
             whole = not np.isnan(values.max())
             seen = np.ones(values.size, dtype=np.bool_) if whole else ~np.isnan(values)
-            key = b"" if whole else seen.tobytes()
-            if key not in numbers:
-                numbers[key] = len(masks)
+            of_channel[channel] = numbers.setdefault(b"" if whole else seen.tobytes(), len(masks))
+            if of_channel[channel] == len(masks):
                 masks.append(seen)
-            of_channel[channel] = numbers[key]
         return cls(record=record, seen=masks, of_channel=of_channel)
 
     @property
@@ -214,16 +203,13 @@ class Patterns:
         return [self.record[self.of_channel == number] for number in range(len(self.seen))]
 
     def joined(self, parts: list[_Values]) -> _Values:
-        """(channel, ...) array from those of the channels of each pattern."""
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)[self._place]  # type: ignore[return-value]
+        """(channel, ...) array in the record's order, from the arrays of the channels of each pattern."""
+        place = np.argsort(np.argsort(self.of_channel, kind="stable"))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)[place]  # type: ignore[return-value]
 
     def shared(self, parts: list[_Values]) -> _Values:
-        """(channel, ...) array of what all channels of a pattern have in common; a view where they all do."""
+        """(channel, ...) array from one array for each pattern; a view where all channels have one pattern."""
         if len(parts) == 1:
             one = parts[0][None]
             return one if self.of_channel.size == 1 else np.broadcast_to(one, (self.of_channel.size, *one.shape[1:]))  # type: ignore[return-value]
         return np.stack(parts)[self.of_channel]  # type: ignore[return-value]
-
-    @cached_property
-    def _place(self) -> Indices:
-        return np.argsort(np.argsort(self.of_channel, kind="stable"))

@@ -1,4 +1,4 @@
-"""The same model on filterpy: slow, transparent, an oracle for the compiled sweeps.
+"""The same model on filterpy: slow and transparent, an independent check of the compiled estimators.
 
 References
 ----------
@@ -15,23 +15,17 @@ from signals.harmonics.model import LAGS, Estimate, Estimator, Floats, HarmonicM
 def track(model: HarmonicModel, x: Floats, *, estimator: Estimator, output_every: int, startup: int) -> Estimate:
     """Filter, and smooth by the recursion of Rauch, Tung and Striebel [1]_, every sample with dense matrices.
 
-    Parameters
-    ----------
-    model : what is estimated.
-    x : (channel, sample) array, NaN where missing, in all channels at once.
-    estimator : "smoother" or "filter".
-    output_every : samples between outputs.
-    startup : first sample whose innovation counts in the statistics.
+    Parameters as for `kalman_filter.covariance_filter`; `estimator` is "smoother" or "filter".
     """
     columns = model.order_of_column.size
     channels, samples = x.shape
     measurement = np.zeros((samples, 1, model.state_size))
     measurement[:, 0, :columns] = model.regressors(slice(None))
-    walk = np.broadcast_to(model.process_noise(), (samples, columns))
-    # filterpy predicts before each update: the prior is left alone on its way into the first sample.
+    q = np.broadcast_to(model.process_noise(), (samples, columns))
+    # filterpy predicts before each update: the first transition is the identity without process noise.
     transitions = [np.kron(np.triu(np.ones((model.poles, model.poles))), np.eye(columns))] * samples
     ones = np.ones((model.poles, model.poles))
-    noises = [np.kron(ones, np.diag(before)) for before in walk[[0, *range(samples - 1)]]]
+    noises = [np.kron(ones, np.diag(before)) for before in q[[0, *range(samples - 1)]]]
     transitions[0] = np.eye(model.state_size)
     noises[0] = np.zeros_like(noises[0])
 
@@ -41,7 +35,7 @@ def track(model: HarmonicModel, x: Floats, *, estimator: Estimator, output_every
         kalman.x = np.zeros((model.state_size, 1))
         kalman.P = np.diag(model.prior_variance().ravel())
         kalman.R = np.eye(1)
-        # A NaN would poison the state; None is filterpy's missing measurement.
+        # None is filterpy's missing measurement.
         data = [None if np.isnan(sample) else np.array([[sample]]) for sample in values]
         mean, covariance, predicted, predicted_covariance = kalman.batch_filter(
             data, Fs=transitions, Qs=noises, Hs=list(measurement)

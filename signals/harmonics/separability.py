@@ -1,4 +1,4 @@
-"""Which orders come so close that they disturb one another, and which outputs say less for that or for gaps."""
+"""Frequency distances between orders, and the flags of outputs near others, gaps or the ends of the record."""
 
 from collections.abc import Callable
 from functools import cached_property
@@ -12,26 +12,26 @@ from signals.harmonics.tracks import OutputFlag, UnresolvedPair
 
 Gain = Callable[[Bandwidth, Floats], Floats]
 Seen = NDArray[np.bool_]
-Marks = NDArray[np.uint8]
+FlagArray = NDArray[np.uint8]
 
 _NEAR_END, _NEAR_GAP = np.uint8(OutputFlag.NEAR_END), np.uint8(OutputFlag.NEAR_GAP)
 _NOT_SEPARABLE, _ONE_QUADRATURE = np.uint8(OutputFlag.NOT_SEPARABLE), np.uint8(OutputFlag.ONE_QUADRATURE)
 
-# In cycles a sample: two distances above it have no crossing between them, but the fold at half the rate.
+# In cycles per sample: a sign change between two larger distances is the fold at half the rate, not a crossing.
 NEAR = 0.25
-# Stretches of the record over which speeds are averaged when lines are compared: for more orders than these, fewer.
+# Stretches of the record over which speeds are averaged when orders are compared; fewer for more orders than these.
 STRETCHES = 512
 ORDERS_OF_ALL = 40
 
 
 def distances(one: Floats, others: Floats, *, both_sides: bool = True) -> Floats:
-    """(..., stretch) distances in cycles a sample between a line and others, or their images; 0 where they cross.
+    """Return (..., stretch) distances in cycles per sample from an order to others or their images; 0 at crossings.
 
     Parameters
     ----------
-    one : (stretch,) array, frequency of an order in cycles a sample.
-    others : (..., stretch) array.
-    both_sides : whether a crossing counts in the stretch before it, too, not only in the one after.
+    one : (stretch,) array, frequency of an order in cycles per sample.
+    others : (..., stretch) array, frequencies of other orders.
+    both_sides : whether a crossing counts in the stretch before it too, or only in the one after.
     """
     nearest = np.full(np.broadcast_shapes(one.shape, others.shape), 0.5)
     for apart in (others - one, others + one):
@@ -46,16 +46,16 @@ def distances(one: Floats, others: Floats, *, both_sides: bool = True) -> Floats
 
 
 class Closeness:
-    """How far every order is from the others and from its own image, stretch by stretch.
+    """Frequency distances of every order from the others and from its own image, stretch by stretch.
 
-    A line of a real record has an image at minus its frequency, and both come again at every multiple of the rate:
-    the distance is that to the nearest of these.
+    An order of a real record has an image at minus its frequency, and both repeat at every multiple of the rate; the
+    distance is that to the nearest of these.
 
     Attributes
     ----------
-    edges : (stretch + 1,) array of samples.
-    frequency : (order, stretch) array, cycles a sample.
-    bandwidth : (order, stretch) array, cycles a sample.
+    edges : (stretch + 1,) array, first samples of the stretches and the end of the last one.
+    frequency : (order, stretch) array, cycles per sample.
+    bandwidth : (order, stretch) array, cycles per sample.
     """
 
     def __init__(self, model: HarmonicModel, samples: int) -> None:
@@ -85,24 +85,24 @@ class Closeness:
 
     @cached_property
     def nearest(self) -> Floats:
-        """(order, order) array of the least distances to others, and on the diagonal to the order's own image."""
+        """(order, order) array, least distances to the others, and on the diagonal to the order's own image."""
         distance = np.diag(distances_to_images(self.model.orders, self.frequency).min(axis=1))
         for k in range(1, len(distance)):
             distance[k, :k] = distance[:k, k] = distances(self.frequency[k], self.frequency[:k]).min(axis=1)
         return distance
 
     def received(self, gain: Gain, amplitude: Floats) -> Floats:
-        """(order, order) amplitudes that an order gets of another, and on the diagonal of its own image.
+        """Return (order, order) leakage: the amplitude of another order, or of its own image, in an order's estimate.
 
         Parameters
         ----------
-        gain : part of a line that gets into an estimate of a bandwidth, for an array of distances in cycles a sample.
+        gain : gain of the estimator of a bandwidth at an array of distances in cycles per sample.
         amplitude : (order,) array.
         """
         received = np.empty((len(self.frequency), len(self.frequency)))
-        widths, alike = np.unique(self.bandwidth.max(axis=1), return_inverse=True)
+        widths, group = np.unique(self.bandwidth.max(axis=1), return_inverse=True)
         for number, width in enumerate(widths.tolist()):
-            rows = np.flatnonzero(alike.ravel() == number)
+            rows = np.flatnonzero(group.ravel() == number)
             received[rows] = gain(Bandwidth(width=width, poles=self.model.poles), np.minimum(self.nearest[rows], 0.5))
         received *= amplitude
         mean = np.flatnonzero(self.model.orders == 0)
@@ -110,20 +110,20 @@ class Closeness:
         return received
 
     def dwell(self) -> bool:
-        """Return whether two lines stay within half a bandwidth of each other for as long as 1 over the bandwidth."""
+        """Return whether two orders stay within half a bandwidth of each other for 1 / bandwidth or longer."""
         for k in range(1, len(self.frequency)):
             near = np.flatnonzero(self.nearest[k, :k] < self.bandwidth.max() / 2)
             if near.size:
                 width = np.maximum(self.bandwidth[k], self.bandwidth[near])
                 close = distances(self.frequency[k], self.frequency[near]) < width / 2
-                memories = np.cumsum(np.where(close, width * self.lengths, 0.0), axis=1)
-                since = memories - np.maximum.accumulate(np.where(close, 0.0, memories), axis=1)
+                duration = np.cumsum(np.where(close, width * self.lengths, 0.0), axis=1)
+                since = duration - np.maximum.accumulate(np.where(close, 0.0, duration), axis=1)
                 if np.any(since >= 1):
                     return True
         return False
 
-    def unresolved(self) -> tuple[tuple[UnresolvedPair, ...], Marks]:
-        """Return the pairs within half a bandwidth, or a turn in all, of each other, and (order, stretch) flags."""
+    def unresolved(self) -> tuple[tuple[UnresolvedPair, ...], FlagArray]:
+        """Return the pairs within half a bandwidth, or a turn over the record, of each other; and the flags."""
         close = np.zeros(self.frequency.shape, dtype=np.bool_)
         shares = np.zeros((len(close), len(close)))
         samples, widest = self.lengths.sum(), self.bandwidth.max(axis=1)
@@ -132,12 +132,12 @@ class Closeness:
             near = k + 1 + np.flatnonzero(self.nearest[k, k + 1 :] < reach)
             if near.size:
                 distance = distances(self.frequency[k], self.frequency[near])
-                alike = distance < np.maximum(self.bandwidth[k], self.bandwidth[near]) / 2
-                alike |= (distance @ self.lengths < 1)[:, None]
-                close[k] |= alike.any(axis=0)
-                close[near] |= alike
-                shares[k, near] = alike @ self.lengths / samples
-        return unresolved_pairs(shares), marks(close, self.model.orders, self.frequency, self.bandwidth)
+                near_each = distance < np.maximum(self.bandwidth[k], self.bandwidth[near]) / 2
+                near_each |= (distance @ self.lengths < 1)[:, None]
+                close[k] |= near_each.any(axis=0)
+                close[near] |= near_each
+                shares[k, near] = near_each @ self.lengths / samples
+        return unresolved_pairs(shares), flag_close(close, self.model.orders, self.frequency, self.bandwidth)
 
 
 def unresolved_pairs(shares: Floats) -> tuple[UnresolvedPair, ...]:
@@ -146,15 +146,15 @@ def unresolved_pairs(shares: Floats) -> tuple[UnresolvedPair, ...]:
     return tuple(map(UnresolvedPair, first.tolist(), second.tolist(), shares[first, second].tolist()))
 
 
-def marks(close: Seen, orders: Floats, frequency: Floats, bandwidth: Floats) -> Marks:
-    """Return (order, stretch) flags of lines that are close to others or to their own image, given the first."""
+def flag_close(close: Seen, orders: Floats, frequency: Floats, bandwidth: Floats) -> FlagArray:
+    """Return (order, stretch) flags: NOT_SEPARABLE where `close`, ONE_QUADRATURE near the order's own image."""
     return np.asarray(
         _NOT_SEPARABLE * close | _ONE_QUADRATURE * (distances_to_images(orders, frequency) < bandwidth / 2)
     )
 
 
 def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
-    """(order, stretch) distances of frequencies to their own images, in cycles a sample; infinite for the mean."""
+    """Return (order, stretch) distances from the order's own image, in cycles per sample; infinite for the mean."""
     twice = 2 * frequency
     distance = np.abs(twice - np.rint(twice))
     distance[orders == 0] = np.inf
@@ -163,15 +163,15 @@ def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
 
 def flag_outputs(
     closeness: Closeness, patterns: list[Seen], *, every: int, estimator: Estimator
-) -> tuple[list[Marks], tuple[UnresolvedPair, ...]]:
+) -> tuple[list[FlagArray], tuple[UnresolvedPair, ...]]:
     """Return (order, output) flags of a record's outputs for each pattern, and the pairs that are not separable.
 
     Parameters
     ----------
-    closeness : of the orders, in all of the record.
-    patterns : (sample,) arrays, whether the sample is there, one for each pattern of missing samples.
+    closeness : distances of the orders over the whole record.
+    patterns : (sample,) arrays, true where observed, one for each pattern of missing samples.
     every : samples between outputs.
-    estimator : "smoother" or "filter", which knows no later samples.
+    estimator : "smoother" or "filter", which uses no later samples.
     """
     samples = patterns[0].size
     outputs = np.arange(0, samples, every)
@@ -181,7 +181,7 @@ def flag_outputs(
     for stretch in np.flatnonzero(flags.any(axis=0)):
         close[:, places[stretch] : places[stretch + 1]] = flags[:, stretch, None]
     bandwidth = closeness.model.bandwidth
-    reach = half_memory(np.maximum(bandwidth if bandwidth.shape[1] == 1 else bandwidth[:, ::every], 0.5 / samples))
+    reach = output_range(np.maximum(bandwidth if bandwidth.shape[1] == 1 else bandwidth[:, ::every], 0.5 / samples))
     found = [close if len(patterns) == 1 else close.copy() for _ in patterns]
     for own, seen in zip(found, patterns, strict=True):
         first = int(seen.argmax()) if seen.any() else samples
@@ -189,22 +189,22 @@ def flag_outputs(
     return found, pairs
 
 
-def half_memory(bandwidth: Floats) -> Floats:
-    """Return half of 1 / bandwidth in samples, one at least: how far the samples are that an output rests on."""
+def output_range(bandwidth: Floats) -> Floats:
+    """Return half of 1 / bandwidth in samples, at least one: the range of samples that determine an output."""
     return np.asarray(np.maximum(0.5 / bandwidth, 1.0))
 
 
-def flag_gaps(flags: Marks, outputs: Indices, reach: Floats, seen: Seen, *, first: float, later: bool) -> None:
+def flag_gaps(flags: FlagArray, outputs: Indices, reach: Floats, seen: Seen, *, first: float, later: bool) -> None:
     """Add NEAR_END and NEAR_GAP to (order, output) flags.
 
     Parameters
     ----------
     flags : updated.
-    outputs : (output,) array, ascending, places in `seen`.
-    reach : (order, 1 or output) array of `half_memory`.
-    seen : (sample,) array, whether the sample is there.
-    first : place of the first sample that is there; negative where it came before these.
-    later : whether an output rests on later samples, too.
+    outputs : (output,) array, ascending, indices into `seen`.
+    reach : (order, 1 or output) array, of `output_range`.
+    seen : (sample,) array, true where observed.
+    first : index of the first observed sample of the record; negative where it came before these.
+    later : whether outputs use later samples too.
     """
     if not outputs.size:
         return
@@ -224,21 +224,21 @@ def flag_gaps(flags: Marks, outputs: Indices, reach: Floats, seen: Seen, *, firs
 
 
 def leaks(received: Floats, amplitude: Floats) -> Floats:
-    """Return what orders get of one another, (order, order), as parts of their own amplitudes, (order,)."""
-    mine = amplitude[:, None]
-    return np.divide(received, mine, out=np.where(received > 0, np.inf, 0.0), where=mine > 0)
+    """Return (order, order) leakage relative to each order's own amplitude, (order,)."""
+    own = amplitude[:, None]
+    return np.divide(received, own, out=np.where(received > 0, np.inf, 0.0), where=own > 0)
 
 
 def coupled(received: Floats, amplitude: Floats, tolerance: float) -> list[Indices]:
-    """Return the groups of orders that leak more than `tolerance`, single ones among them for their image."""
+    """Return the groups of orders with a relative leakage above `tolerance`, single ones for their image."""
     disturbed = leaks(received, amplitude) > tolerance
     return components(disturbed | disturbed.T)
 
 
 def left_over(received: Floats, amplitude: Floats, groups: list[Indices]) -> float:
-    """Return the most that an order gets of those outside its group, as a part of the largest amplitude.
+    """Return the largest leakage from outside an order's group, relative to the largest amplitude.
 
-    Parameters as for `leaks`. A line counts twice: its image is farther off, but may be hardly so.
+    Parameters as for `leaks`. It counts twice, since an order's image may be hardly farther off.
     """
     part = received.copy()
     for group in groups:
@@ -248,7 +248,7 @@ def left_over(received: Floats, amplitude: Floats, groups: list[Indices]) -> flo
 
 
 def components(linked: NDArray[np.bool_]) -> list[Indices]:
-    """Return the groups of places linked, directly or not, to another or to themselves."""
+    """Return the connected components of a graph, as index arrays; isolated nodes only with a link to themselves."""
     groups, left = [], set(np.flatnonzero(linked.any(axis=1)).tolist())
     while left:
         group, edge = set[int](), {left.pop()}

@@ -1,14 +1,14 @@
-"""A line whose order slips: amplitude, phase and the slip itself, each with its uncertainty.
+"""Track an order that slips: amplitude, phase and slip, each with its standard deviation.
 
-The rollers of a bearing slide, so its lines stand a per cent or so off their nominal order and wander there. A
-tracker at the nominal order must be so wide that it lets the noise in; here the slip s, relative to the order, is
-part of the state. Within a block of samples whose middle is c, and from one middle to the next,
+The rollers of a bearing slide, so its orders differ from their nominal values by a per cent or so, and vary. A
+tracker at the nominal order needs a bandwidth so wide that it passes much noise; here the slip s, relative to the
+order, is part of the state. Within a block of samples whose middle is c, and from one middle to the next,
 
     y[n] = sum_k Re{ A_k exp(j k order (phase[n] + s (phase[n] - phase_c))) } + v[n],     var v = R,
     s -> s' = s + e,     A_k -> exp(j k order (s + s') / 2 (step of the phase)) A_k + w.
 
-Each quadrature of A is the random walk of `model`: on a line whose slip is known this is the plain smoother with one
-pole and the same `bandwidth`. The slip is a random walk over shaft angle.
+Each quadrature of A is the random walk of `model`: with a known slip this is the plain smoother with one pole and the
+same `bandwidth`. The slip is a random walk over shaft angle.
 
 The filter is the extended Kalman filter (Jazwinski 1970, ch. 8). The smoother minimises the exact sum of squares,
 samples over R, changes over their variances, by Gauss-Newton steps: each is a Kalman filter and a Rauch-Tung-Striebel
@@ -16,8 +16,8 @@ smoother of the model linearised at the trajectory so far (Bell 1994 [1]_), halv
 Svensson 2020 [2]_). The uncertainty is that of the linearised model at the minimum, and holds while the phase is known
 to a fraction of a turn. Both start from the path of slips with most power, see `_slip_search`.
 
-A gap in which the walk of the slip would turn the line by more than a radian cuts the line: how often it turned there
-is unknown, and the phase after it must not determine the slip within.
+The amplitude is independent on both sides of a gap in which the random walk of the slip would turn the line by more
+than a radian: the number of turns there is unknown, and the phase after it must not determine the slip within.
 
 References
 ----------
@@ -25,56 +25,71 @@ References
 .. [2] S. Sarkka, L. Svensson, "Levenberg-Marquardt and line-search extended Kalman smoothers", ICASSP 2020.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from signals._checks import choice, positive, real_vector, whole
 from signals.harmonics._slip_search import Line, SlipRecord, search
 from signals.harmonics.inputs import check_bandwidth, check_phase, check_record
-from signals.harmonics.model import BandwidthUnits, Complexes, Estimator, Floats, Indices
 from signals.harmonics.slip_chain import Status, extended_filter, in_blocks, iterate, starts
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from signals.harmonics.model import BandwidthUnits, Complexes, Estimator, Floats, Indices
+
 MOST_HARMONICS = 16
-# Noise alone passes for a line at most this often.
+# Largest false-alarm probability of a detected line.
 _FALSE_ALARM = 0.01
-# Standard deviation of a phase that nobody knows: evenly spread over a turn.
+# Standard deviation of an unknown phase, uniform over a turn.
 _UNKNOWN_PHASE = np.pi / np.sqrt(3)
-# Samples beyond these, whose squares would not fit; and in standard deviations of the noise, in double precision.
+# Range of peak values whose squares are exact in double precision; and largest one over the noise's std.
 _SMALLEST, _LARGEST, _LOUDEST = 1e-100, 1e100, 1e12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlippingTrack:
-    """A slipping order: its harmonics' amplitudes, its slip, and how sure they are.
+    """Complex amplitudes of a slipping order's harmonics and its slip, with their standard deviations.
 
-    Harmonic k is `Re{ Z exp(j k (order phase + slip_phase)) }`. Its amplitude `abs(Z)` and its phase have
-    standard deviations of their own, since uncertainty of the slip goes into the phase alone.
+    The waveform of harmonic k is `Re{ Z exp(j k (order phase + slip_phase)) }`. Amplitude `abs(Z)` and phase have
+    separate standard deviations, since an uncertain slip makes the phase uncertain and not the amplitude.
 
     Attributes
     ----------
     complex_amplitude : (harmonic, output) array, Z relative to the slipped phase.
-    std : (harmonic, output) array, `sqrt(E|Zhat - Z|^2 / 2)` where the slipped phase is taken as given.
+    std : (harmonic, output) array, `sqrt(E|Zhat - Z|^2 / 2)` given the slipped phase.
     amplitude_std : (harmonic, output) array, of `abs(Z)`; where Z is 0, and has no direction, equal to `std`.
-    phase_std_rad : (harmonic, output) array, of the harmonic's whole phase; beyond about 1 the phase is unknown. At
-        most pi / sqrt(3), that of an even spread over a turn: so where Z is 0, or there is no line.
+    phase_std_rad : (harmonic, output) array, of the harmonic's whole phase in rad; above about 1 the phase is unknown.
+        At most pi / sqrt(3), that of a uniform phase: where Z is 0, or no line is detected.
     slip : (output,) array, relative deviation: the line is at `order (1 + slip)`.
-    slip_std : (output,) array; without a line at least that of an even spread over +- largest_slip.
-    slip_phase_rad : (output,) array, the fundamental's turn beyond `order phase`, zero at the first output.
-    sample_index : (output,) array, the sample each output belongs to: the middle of its block.
+    slip_std : (output,) array; where no line is detected at least that of a uniform slip in +- largest_slip.
+    slip_phase_rad : (output,) array, phase of the fundamental less `order phase`, in rad, zero at the first output.
+    sample_index : (output,) array, sample number of each output: the middle of its block.
     order, largest_slip, slip_change_per_rev : as given.
     bandwidth, bandwidth_units : full -3 dB width of the smoother of the amplitude, mean over time, "hz" or "orders".
-    estimator : "smoother" (all samples) or "filter" (this block and those before it).
-    noise_variance : R, as given or as measured beside the line.
+    estimator : "smoother" (all samples) or "filter" (blocks up to the output).
+    noise_variance : R, as given or as estimated beside the line.
     innovation_mean_square : mean of the squared innovations over their variances: near 1 when R, bandwidth and
         slip_change_per_rev suit the record.
     false_alarm_probability : bound on the probability that white Gaussian noise has a path of slips with as much
-        power over R; it does not know whether the line is the one looked for or a neighbour.
-    status : "converged"; "not converged": the last step still mattered; "single pass": the filter does not iterate;
-        "no line": the false alarm probability is above 0.01, amplitude and slip are those of the loudest noise.
-    iterations : Gauss-Newton steps taken.
+        power over R; a neighbouring line is no false alarm in this sense.
+    status : "converged"; "not converged": the last step was not yet negligible; "single pass": the filter does not
+        iterate; "no line": the false alarm probability is above 0.01, and the estimates are those of noise.
+    iterations : number of Gauss-Newton steps.
     objective : (step,) array, half the sum of squares at the start and after every step; it never rises.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.harmonics import track_slipping_order
+    >>> angle = np.arange(5000) / 5
+    >>> setting = dict(order=0.9, largest_slip=0.02, slip_change_per_rev=1e-3, bandwidth_orders=0.1, samples_per_rev=31)
+    >>> print(track_slipping_order(np.random.default_rng(1).standard_normal(5000), phase_rad=angle, **setting).status)
+    no line
     """
 
     complex_amplitude: Complexes = field(metadata={"dims": ("harmonic", "output"), "units": "signal"})
@@ -100,7 +115,7 @@ class SlippingTrack:
 
     @property
     def converged(self) -> bool:
-        """Whether there is a line and the smoother settled on it."""
+        """Whether a line is detected and the smoother's iteration has converged."""
         return self.status == "converged"
 
 
@@ -121,55 +136,74 @@ def track_slipping_order(
     noise_variance: float | None = None,
     most_iterations: int = 100,
 ) -> SlippingTrack:
-    """Follow a line that wanders about its nominal order, and say how far it has slipped.
+    """Estimate the complex amplitudes and the slip of an order that varies about its nominal value.
 
-    Other lines are noise to this estimator: take the mean and whatever is strong and near out of `x` first.
+    Other orders are noise to this estimator: subtract the mean and strong orders near it from `x` first.
 
     Parameters
     ----------
     x : (sample,) array, the record in any unit; NaN marks a missing sample.
     phase_rad : (sample,) array, shaft angle in rad.
-    order : nominal order of the line, cycles per revolution.
-    largest_slip : the line is looked for at `order (1 +- largest_slip)`; 0.02 suits most rolling bearings.
-        Also the standard deviation of the first slip about zero; nothing else bounds the slip later on.
+    order : nominal order of the line in cycles per revolution.
+    largest_slip : half width of the search, `order (1 +- largest_slip)`; 0.02 suits most rolling bearings. Also the
+        prior standard deviation of the first slip about zero; later slips are not bounded.
     slip_change_per_rev : standard deviation of the change of the slip in one revolution, sqrt(m) times that in m;
-        0.001 lets a line at 1 % drift away by another per cent in a hundred revolutions.
+        0.001 lets a line at 1 % drift by another per cent in a hundred revolutions.
     bandwidth_hz : full -3 dB width of the smoother of the amplitude in Hz, one number, or a (1, sample) array
         where it varies; with `rate_hz`.
     bandwidth_orders : the same in cycles per revolution; with `samples_per_rev` or `rate_hz`.
-    rate_hz : samples per second.
+    rate_hz : sampling rate in Hz.
     samples_per_rev : samples per revolution, for a record sampled in angle.
-    harmonics : lines at 1 to this many times the order, which share one slip and one noise variance.
-    estimator : "smoother" uses all samples for each output; "filter" this block and those before it, save for its
-        first slip, at which the search found the line in the first segment. It corrects the phase along the tangent,
-        so its amplitudes are too large by half of `amplitude_std` or so.
+    harmonics : number of harmonics, from the fundamental on, which share one slip and one noise variance.
+    estimator : "smoother" uses all samples for each output; "filter" the blocks up to it, but for its first slip, which
+        the search found in the first segment. It corrects the phase along the tangent, so its amplitudes are too large
+        by about half of `amplitude_std`.
     output_every : samples from one output to the next. Default: the longest block in which amplitude and slip can be
         held constant, a 200th of 1 / bandwidth or less. Fewer outputs leave these blocks as they are.
-    noise_variance : variance R of white noise as dense as that about the line; measured beside it unless given,
-        which takes a hundred samples or so.
-    most_iterations : Gauss-Newton steps before the smoother gives up.
+    noise_variance : variance R of white noise as dense as that about the line; estimated beside it by default, which
+        takes a hundred samples or so.
+    most_iterations : largest number of Gauss-Newton steps.
+
+    Returns
+    -------
+    SlippingTrack
+
+    Raises
+    ------
+    ValueError
+        An argument is out of range or contradicts another; the message names it and the remedy.
+    FloatingPointError
+        A covariance is no longer positive definite in double precision.
+
+    Examples
+    --------
+    A line 1 % above its nominal order 3.6:
+
+    >>> import numpy as np
+    >>> from signals.harmonics import track_slipping_order
+    >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000
+    >>> x = 2 * np.cos(3.6 * 1.01 * phase_rad) + 0.1 * np.random.default_rng(1).standard_normal(5000)
+    >>> setting = dict(order=3.6, largest_slip=0.02, slip_change_per_rev=1e-3, bandwidth_orders=0.1, rate_hz=5000)
+    >>> track = track_slipping_order(x, phase_rad=phase_rad, **setting)
+    >>> print(track.slip.mean().round(3), np.abs(track.complex_amplitude).mean().round(1))
+    0.01 2.0
     """
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     every = None if output_every is None else whole(output_every, name="output_every", least=1)
     limit = whole(most_iterations, name="most_iterations", least=1)
     line = Line(
-        order=positive(order, name="order"),
+        order=positive(order, name="order"), largest_slip=positive(largest_slip, name="largest_slip"),
         harmonics=whole(harmonics, name="harmonics", least=1, most=MOST_HARMONICS),
-        largest_slip=positive(largest_slip, name="largest_slip"),
         slip_change=positive(slip_change_per_rev, name="slip_change_per_rev"),
-    )
+    )  # fmt: skip
     given = None if noise_variance is None else positive(noise_variance, name="noise_variance")
     if line.largest_slip >= 1:
         raise ValueError(f"largest_slip={largest_slip:g} is relative to the order and must be below 1; 2 % is 0.02.")
     record = _check_record(x, phase_rad, line, noise_variance=given)
     bandwidth = check_bandwidth(
-        bandwidth_hz=bandwidth_hz,
-        bandwidth_orders=bandwidth_orders,
-        rate_hz=rate_hz,
-        samples_per_rev=samples_per_rev,
-        shaft=np.zeros(1, dtype=np.int64),
-        phases=(record.phase,),
-    )
+        bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
+        samples_per_rev=samples_per_rev, shaft=np.zeros(1, dtype=np.int64), phases=(record.phase,),
+    )  # fmt: skip
     width = bandwidth.cycles[0]
 
     ridge = search(record, line, width=width, noise_variance=given)
@@ -194,30 +228,18 @@ def track_slipping_order(
     unit = np.sqrt(ridge.noise_variance)
     return SlippingTrack(
         complex_amplitude=unit * amplitude * np.exp(-1j * np.outer(np.arange(1, line.harmonics + 1), slip_phase)),
-        std=unit * std,
-        amplitude_std=unit * amplitude_std,
-        phase_std_rad=phase_std,
-        slip=means[:, -1],
-        slip_std=slip_std,
-        slip_phase_rad=slip_phase,
-        sample_index=chain.centres[chain.outputs],
-        order=line.order,
-        largest_slip=line.largest_slip,
-        slip_change_per_rev=line.slip_change,
-        bandwidth=float(bandwidth.given[0]),
-        bandwidth_units=bandwidth.units,
-        estimator=estimator,
-        noise_variance=ridge.noise_variance,
-        innovation_mean_square=path.innovation_mean_square,
-        false_alarm_probability=ridge.false_alarm_probability,
-        status=status,
-        iterations=max(0, objective.size - 1),
-        objective=objective,
-    )
+        std=unit * std, amplitude_std=unit * amplitude_std, phase_std_rad=phase_std,
+        slip=means[:, -1], slip_std=slip_std, slip_phase_rad=slip_phase, sample_index=chain.centres[chain.outputs],
+        order=line.order, largest_slip=line.largest_slip, slip_change_per_rev=line.slip_change,
+        bandwidth=float(bandwidth.given[0]), bandwidth_units=bandwidth.units, estimator=estimator,
+        noise_variance=ridge.noise_variance, innovation_mean_square=path.innovation_mean_square,
+        false_alarm_probability=ridge.false_alarm_probability, status=status,
+        iterations=max(0, objective.size - 1), objective=objective,
+    )  # fmt: skip
 
 
 def _check_record(x: ArrayLike, phase_rad: ArrayLike, line: Line, *, noise_variance: float | None) -> SlipRecord:
-    """Return the record, or refuse what has no digits in double precision, turns too little, or too fast."""
+    """Return the record, or refuse one out of the range of double precision, or that turns too little or too fast."""
     samples = real_vector(x, name="x", minimum=4, finite=False)
     if np.isnan(samples).all():
         raise ValueError(f"x has {samples.size} samples, all of them missing (NaN); observed ones are needed.")
@@ -253,7 +275,7 @@ def _check_record(x: ArrayLike, phase_rad: ArrayLike, line: Line, *, noise_varia
 
 
 def _polar(means: Floats, covariances: Floats) -> tuple[Complexes, Floats, Floats, Floats]:
-    """Amplitudes, `std` of their parts, and standard deviations along them and of their phase in rad."""
+    """Return amplitudes, `std` of their parts, std of their absolute values, and std of their phases in rad."""
     harmonics = means.shape[1] // 2
     k = np.arange(harmonics)
     real, imaginary = means[:, :harmonics].T, means[:, harmonics:-1].T

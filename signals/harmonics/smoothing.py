@@ -1,4 +1,4 @@
-"""Chains over the nodes of a grid: of orders each by itself, and of orders that are smoothed together."""
+"""Information smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ MOST_KEPT = 1 << 21
 
 @dataclass(kw_only=True, eq=False)
 class Smoothed:
-    """Amplitudes at the nodes as far as they are known.
+    """Estimated amplitudes and variances at the nodes of a grid.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class Smoothed:
     variances : (order, node) array, of a quadrature where R = 1.
     explained : (order, node) array, variance of the fitted waveform summed over the samples a node stands for.
     log_variances : (order,) array, sums of the log variances of the innovations from node `first` on.
-    first : the node whose innovations count first.
+    first : first node whose innovations count.
     """
 
     levels: Complexes
@@ -48,13 +48,13 @@ class Smoothed:
 
     @property
     def size(self) -> Floats:
-        """(order,) array, root mean square amplitudes; all alike where nothing is known of any."""
+        """(order,) array, root mean square amplitudes; ones where all are zero."""
         amplitude = np.sqrt(np.mean(np.abs(self.levels) ** 2, axis=(0, 2)))
         return np.asarray(amplitude if amplitude.any() else np.ones_like(amplitude))
 
 
 def smooth_apart(grid: Grid, first: int) -> Smoothed:
-    """Smooth every order as if it were alone, by the whole triangular weights; innovations count from a node on."""
+    """Smooth every order as if it were alone, without incomplete triangular weights; innovations count from `first`."""
     orders = grid.model.orders.size
     smoothed = Smoothed.empty(grid, first)
     share = np.pad(grid.shares, 1)
@@ -77,7 +77,7 @@ def everywhere(grid: Grid) -> Flags:
 
 
 def keep(smoothed: Smoothed, group: Indices, chain: NodeChain, where: Flags) -> None:
-    """Smooth alike orders, each alone, and keep their amplitudes at some nodes, (node,) or (order of group, node)."""
+    """Smooth orders with equal process noise, each alone, and store their amplitudes at the nodes of `where`."""
     found, variance, explained, log_variance = smooth_chain(chain, first=smoothed.first)
     channels = len(smoothed.levels)
     parts = found.shape[2] // (group.size * channels)
@@ -92,7 +92,7 @@ def keep(smoothed: Smoothed, group: Indices, chain: NodeChain, where: Flags) -> 
 
 
 def alike(grid: Grid, orders: Indices) -> list[Indices]:
-    """Return groups of some orders of equal walks: one bandwidth, sums of as many, and all or none of them the mean."""
+    """Return groups of orders with equal process noise: of one bandwidth and multiplicity, the mean apart."""
     model = grid.model
     groups: dict[tuple[bool, int, bytes], list[int]] = {}
     for k in orders.tolist():
@@ -102,9 +102,9 @@ def alike(grid: Grid, orders: Indices) -> list[Indices]:
 
 
 def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> NodeChain:
-    """Return the chain of orders that share a walk, each as if alone.
+    """Return the chain of orders with equal process noise, each as if alone.
 
-    From (node, pole, order, channel, 2) data and (node, moment) counts of the samples these stand for.
+    `data` is a (node, pole, order, channel, 2) array, `counts` (node, moment) moments of the observed samples.
     """
     parts = 2 if grid.model.orders[group[0]] else 1
     lanes = np.ascontiguousarray(data[..., :parts].reshape(*data.shape[:2], 1, -1))
@@ -163,7 +163,7 @@ def _prior(grid: Grid, group: Indices, node: int) -> Information:
 
 
 def _insert(grid: Grid, group: Indices, members: Indices, known: Information, of_group: Information) -> None:
-    """Put the information on orders that share a chain in its place of that on a group."""
+    """Insert the information on orders that share a chain into that on a group."""
     poles = grid.model.poles
     columns = _columns(grid, group)
     if len(known.matrix) > poles:
@@ -196,8 +196,8 @@ def chain_together(
 
     Parameters
     ----------
-    data : (node, pole, order, channel, 2) array; None where it is to be made from the samples, stretch by stretch.
-    known : on the first node before its data, and on the last one after it.
+    data : (node, pole, order, channel, 2) array; None to compute it from the samples, stretch by stretch.
+    known : information on the first node before its data, and on the last one after it.
     """
     nonzero = grid.model.subset(group).nonzero
 

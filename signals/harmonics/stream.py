@@ -1,91 +1,99 @@
-"""Shaft harmonics tracked while the record comes in, block by block, in memory that does not grow.
+"""Track shaft orders of a record that arrives in blocks, in memory that does not grow with its length.
 
-Without a lag this is the causal Kalman filter of `track_orders(..., estimator="filter", method="exact")`. With one it
-is a fixed-lag smoother: as soon as a segment of `lag` samples is followed by a whole second one, both are smoothed as
-`track_orders(..., method="exact")` does it, given the information of all samples before them [1]_, and the outputs of
-the first are given. Each uses `lag` to `2 lag` later samples; those beyond would move it by some `std exp(-decay lag)`,
-with the slowest decay in the smoother's response, `decay = sin(pi / (2 poles)) (sqrt(2) - 1)^(-1 / (2 poles)) pi
-bandwidth / rate`: for one pole 4.9 bandwidth / rate, for four 1.3.
+Without a lag this is the causal Kalman filter of `track_orders(..., estimator="filter", method="exact")`. With a lag it
+is a fixed-lag smoother: once a segment of `lag` samples and a second one have arrived, both are smoothed as by
+`track_orders(..., method="exact")`, given the information of all earlier samples [1]_, and the outputs of the first are
+returned. Each uses `lag` to `2 lag` later samples; further ones would change it by some `std exp(-decay lag)`, with the
+slowest decay in the smoother's response, `decay = sin(pi / (2 poles)) (sqrt(2) - 1)^(-1 / (2 poles)) pi bandwidth /
+rate`: for one pole 4.9 bandwidth / rate, for four 1.3.
 
 .. [1] D. C. Fraser, J. E. Potter, "The optimum linear smoother as a combination of two optimum linear filters",
    IEEE Trans. Automatic Control 14, 1969.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from signals._checks import whole
 from signals.harmonics import inputs
-from signals.harmonics._information_smoother import Information, NodeChain, carry, smooth_chain
+from signals.harmonics._information_smoother import Information, NodeChain, information_at_end, smooth_chain
 from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.blocks import exact_length
-from signals.harmonics.grid import Grid, at_outputs
+from signals.harmonics.grid import Flags, Grid, at_outputs
 from signals.harmonics.innovations import Innovations, statistics
 from signals.harmonics.kalman_filter import FilterState, filter_on
 from signals.harmonics.model import PRIOR_STD, Floats, HarmonicModel, Indices, Order, Patterns, lost
-from signals.harmonics.separability import Marks, Seen, distances, flag_gaps, half_memory, marks, unresolved_pairs
+from signals.harmonics.separability import FlagArray, distances, flag_close, flag_gaps, output_range, unresolved_pairs
 from signals.harmonics.smoothing import chain_together
 from signals.harmonics.tracker import squeeze
 from signals.harmonics.tracks import OrderTracks, UnresolvedPair
 
-# Stretches in one over the largest bandwidth, at the least.
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import ArrayLike
+
+# Least number of stretches, over which speeds are averaged, in one over the largest bandwidth.
 STRETCHES = 4
-# A bandwidth in cycles a sample that no stream is long enough for: below it, numbers of samples would overflow.
+# Smallest bandwidth in cycles per sample for flags: below it, 1 / bandwidth overflows a count of samples.
 NARROWEST = 2.0**-48
 
 
 @dataclass(kw_only=True, eq=False)
 class StreamFlags:
-    """What past samples say of the flags of outputs to come."""
+    """What the flags of later outputs need of the samples so far."""
 
     end: int  # sample at which the last whole stretch ended
     phase: Floats  # (shaft,) angles in rad at that sample
     frequency: Floats  # (order,) means of that stretch in cycles a sample
-    flags: Marks  # (order,) of that stretch
-    # (order, order) arrays, filled above the diagonal: by how many turns two lines have parted so far, and in how many
-    # samples they were within half a bandwidth.
+    flags: FlagArray  # (order,) of that stretch
+    # (order, order) arrays, filled above the diagonal: turns of one order relative to another so far, and samples in
+    # which they were within half a bandwidth.
     turns: Floats
     together: Floats
-    first_seen: float  # the first sample that was there; infinite while none was
-    missing: Indices  # missing samples, as far back as outputs to come rest on them
+    first_seen: float  # the first observed sample; infinite before it
+    missing: Indices  # missing samples, as far back as later outputs depend on them
 
     @classmethod
-    def begin(cls, model: HarmonicModel, *, shafts: int) -> "StreamFlags":
-        """Return the state before the first sample: every shaft seems at rest."""
+    def begin(cls, model: HarmonicModel, *, shafts: int) -> StreamFlags:
+        """Return the state before the first sample, with every shaft at rest."""
         orders = model.orders.size
         rest = np.zeros((orders, 1))
+        flags = flag_close(np.full((orders, 1), orders > 1), model.orders, rest, model.bandwidth)[:, 0]
         return cls(
-            end=0,
-            phase=np.full(shafts, np.nan),
-            frequency=rest[:, 0],
-            flags=marks(np.full((orders, 1), orders > 1), model.orders, rest, model.bandwidth)[:, 0],
-            turns=np.zeros((orders, orders)),
-            together=np.zeros((orders, orders)),
-            first_seen=np.inf,
-            missing=np.empty(0, dtype=np.int64),
-        )
+            end=0, phase=np.full(shafts, np.nan), frequency=rest[:, 0], flags=flags, turns=np.zeros((orders, orders)),
+            together=np.zeros((orders, orders)), first_seen=np.inf, missing=np.empty(0, dtype=np.int64),
+        )  # fmt: skip
 
     @property
     def unresolved(self) -> tuple[UnresolvedPair, ...]:
-        """Pairs of orders that were not separable, and for which part of the samples so far; all until a turn apart."""
+        """Pairs of orders not separable so far, and their share of the samples: 1 until they are a turn apart."""
         return unresolved_pairs(np.triu(np.where(self.turns < 1, 1.0, self.together / max(self.end, 1)), k=1))
 
     def update(
-        self, model: HarmonicModel, outputs: Indices, phase: Floats, seen: Seen, first: int, count: int, lag: int | None
-    ) -> Marks:
-        """Take samples in and return the (order, output) flags of their outputs.
+        self,
+        model: HarmonicModel,
+        outputs: Indices,
+        phase: Floats,
+        seen: Flags,
+        first: int,
+        count: int,
+        lag: int | None,
+    ) -> FlagArray:
+        """Update with samples and return the (order, output) flags of their outputs.
 
         Parameters
         ----------
-        outputs : (output,) array, the sample of each.
-        phase, seen : (shaft, sample) angles in rad and (sample,) array, whether the sample is there: of those taken in,
-            from `first` on, and of the later ones that outputs rest on.
-        count : how many are taken in; with a lag, all where the stream has ended.
+        outputs : (output,) array, sample number of each.
+        phase, seen : (shaft, sample) angles in rad and (sample,) array, true where observed: of the samples from
+            `first` on, and of the later ones that the outputs depend on.
+        count : number of samples to update with; with a lag, all of them where the stream has ended.
         lag : None for a filter.
         """
         if first == 0:
@@ -99,15 +107,15 @@ class StreamFlags:
         if lag is not None:
             ends = np.union1d(ends, last) if stop > last > self.end else ends
             ends = ends[: np.searchsorted(ends, stop) + 1]
-        # Of a filter's outputs the last stretch that has ended by then, else the first that ends after them.
+        # A filter's output has the flags of the last stretch that has ended by then, else of the first one after it.
         place = np.searchsorted(np.append(self.end, ends), outputs, side="right") - (lag is None)
         flags = self.flags[:, None]
         if ends.size:
-            flags = np.concatenate([flags, self._pass(model, ends, phase[:, ends - first])], axis=1)
+            flags = np.concatenate([flags, self._update_stretches(model, ends, phase[:, ends - first])], axis=1)
         self.flags, found = flags[:, -1].copy(), flags[:, np.minimum(place, flags.shape[1] - 1)]
         if seen.any():
             self.first_seen = min(self.first_seen, float(first + seen.argmax()))
-        reach = half_memory(np.maximum(model.bandwidth, NARROWEST))
+        reach = output_range(np.maximum(model.bandwidth, NARROWEST))
         farthest = ceil(float(reach.max()))
         start = max(first - farthest, 0) if self.missing.size or not seen.all() else first
         if lag is not None or start < first or first < self.first_seen + farthest:
@@ -118,8 +126,8 @@ class StreamFlags:
         self.missing = missing[missing >= stop - farthest]
         return found
 
-    def _pass(self, model: HarmonicModel, ends: Indices, phase: Floats) -> Marks:
-        """Take whole stretches in, given the (shaft, stretch) angles at their ends; return their flags."""
+    def _update_stretches(self, model: HarmonicModel, ends: Indices, phase: Floats) -> FlagArray:
+        """Update with whole stretches, given the (shaft, stretch) angles at their ends; return their flags."""
         lengths = np.diff(ends, prepend=self.end).astype(np.float64)
         speed = np.diff(phase, prepend=self.phase[:, None]) / (2 * np.pi * lengths)
         frequency = np.concatenate([self.frequency[:, None], model.orders[:, None] * speed[model.shaft]], axis=1)
@@ -132,11 +140,11 @@ class StreamFlags:
             turns = self.turns[k, rest, None] + np.cumsum(distance * lengths, axis=1)
             self.together[k, rest] += near @ lengths
             self.turns[k, rest] = turns[:, -1]
-            alike = near | (turns < 1)
-            close[k] |= alike.any(axis=0)
-            close[rest] |= alike
+            near_each = near | (turns < 1)
+            close[k] |= near_each.any(axis=0)
+            close[rest] |= near_each
         self.end, self.phase, self.frequency = int(ends[-1]), phase[:, -1].copy(), frequency[:, -1].copy()
-        return marks(close, model.orders, frequency[:, 1:], model.bandwidth)
+        return flag_close(close, model.orders, frequency[:, 1:], model.bandwidth)
 
 
 # (channel, order, output) amplitudes, (order, output) variances and flags.
@@ -146,35 +154,49 @@ AS_RETURNED = "pass what OrderTracker.state() returned, or what numpy.load made 
 
 @dataclass
 class Progress:
-    """State of the estimator between two blocks; outputs have been given of the first `state.count` samples."""
+    """State of the estimator between two blocks; outputs of the first `state.count` samples are returned."""
 
     one_channel: bool  # blocks are (sample,) arrays
     last_phase: Floats  # (shaft,) angles in rad at the last sample
-    x: Floats  # (channel, sample), of the samples that wait for the smoother
+    x: Floats  # (channel, sample), samples received and not yet smoothed
     phase: Floats  # (shaft, sample) angles in rad of these
     known_matrix: Floats  # `Information` on the amplitudes at the first of them, from all samples before
     known_vector: Floats
     state: FilterState  # of the covariance filter there
-    innovations: Innovations  # sums over those of the samples before
+    innovations: Innovations  # sums over those of the earlier samples
     flags: StreamFlags
 
 
 class OrderTracker:
-    """Complex amplitudes of shaft harmonics from a record that comes in block by block.
+    """Kalman filter or fixed-lag smoother of shaft orders for a record that arrives in blocks.
 
     Parameters
     ----------
-    orders : cycles per revolution, one number an order, or (shaft, order) pairs. 0 is the mean.
-    noise_variance : variance R of the white noise in the record, signal units squared.
+    orders : orders in cycles per revolution, one number each, or (shaft, order) pairs. Order 0 is the mean.
+    noise_variance : variance R of the white noise in the record, in its unit squared.
     bandwidth_hz : full -3 dB width of the smoother in Hz, one for all orders or one each; with `rate_hz`.
     bandwidth_orders : the same in cycles per revolution; with `samples_per_rev`.
-    rate_hz : samples per second.
+    rate_hz : sampling rate in Hz.
     samples_per_rev : samples per revolution, for a record sampled in angle.
-    poles : 1 to 4, how many times the amplitudes' random walk is integrated.
-    initial_std : standard deviation of each part of an amplitude before the first sample, in the unit of the record.
+    poles : number of integrations of the random walk of the amplitudes, 1 to 4.
+    initial_std : prior standard deviation of the real and imaginary part of each amplitude, in the unit of the record.
         Default 1000 standard deviations of the noise.
-    lag : None for a causal filter; else samples that each output waits for at least, to be smoothed with them.
+    lag : None for the causal filter; else the least number of later samples that the smoother uses for an output.
     output_every : samples from one output to the next.
+
+    Examples
+    --------
+    A tone of amplitude 2 in two blocks; between them the state could be saved with `numpy.savez`:
+
+    >>> import numpy as np
+    >>> from signals.harmonics import OrderTracker
+    >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000
+    >>> x = 2 * np.cos(3 * phase_rad)
+    >>> tracker = OrderTracker(orders=[3], noise_variance=0.01, bandwidth_hz=10, rate_hz=5000, output_every=1000)
+    >>> first = tracker.update(x[:2500], phase_rad=phase_rad[:2500])
+    >>> second = OrderTracker.from_state(tracker.state()).update(x[2500:], phase_rad=phase_rad[2500:])
+    >>> print(second.sample_index, np.abs(second.complex_amplitude).round(3))
+    [3000 4000] [[2. 2.]]
     """
 
     def __init__(
@@ -194,7 +216,7 @@ class OrderTracker:
         self._noise = inputs.check_noise_variance(noise_variance)
         std = PRIOR_STD * np.sqrt(self._noise) if initial_std is None else initial_std
         pairs = [item for item in orders if isinstance(item, tuple | list) and item] if np.iterable(orders) else []
-        # An angle for every shaft, so that orders are checked before there is any.
+        # Zero angles, so that orders are checked before angles are known.
         rest = {pair[0]: [0.0] for pair in pairs if isinstance(pair[0], str)} or [0.0]
         numbers, self._names, shaft, _ = inputs.check_orders(orders, rest, samples=1)
         self._orders = list(zip(self._names, numbers.tolist(), strict=True)) if self._names else numbers
@@ -233,22 +255,22 @@ class OrderTracker:
         self._progress: Progress | None = None
 
     def update(self, x: ArrayLike, *, phase_rad: ArrayLike | Mapping[str, ArrayLike]) -> OrderTracks:
-        """Take the next samples in and return the outputs that are due.
+        """Update with the next samples and return the outputs that are due.
 
         Parameters
         ----------
         x : (sample,) array, or (channel, sample); as many channels in every block. NaN marks a missing sample, in all
             channels at once.
-        phase_rad : (sample,) array, shaft angle in rad, going on from the last block, or a mapping from shaft name to
-            such an array.
+        phase_rad : (sample,) array, shaft angle in rad that continues that of the last block, or a mapping from shaft
+            name to such an array.
 
         Returns
         -------
         OrderTracks
             `sample_index` counts from the start of the stream; innovations and `unresolved` pairs are those of all
-            samples so far. Speeds for the flags are means over stretches of a quarter of 1 / bandwidth at the most, of
-            which a filter knows the last whole one; lines are not separable until a turn apart. With a lag, the last
-            sample that an output has waited for is an end.
+            samples so far. Flags use mean speeds over stretches of at most a quarter of 1 / bandwidth, in a filter of
+            the last whole stretch; orders are not separable until a turn apart. With a lag, the last later sample
+            that an output uses counts as an end of the record.
         """
         block, phase = self._check_block(x, phase_rad)
         if self._progress is None:
@@ -258,7 +280,7 @@ class OrderTracker:
         if self._lag is None:
             return self._tracks(now, [self._filter(now, block, phase, block.shape[1])])
         for begin in range(0, block.shape[1], self._segment):
-            # No more than a segment at a time, so that what waits stays below three.
+            # At most a segment at a time, so that fewer than three segments are ever stored.
             span = slice(begin, begin + self._segment)
             now.x, now.phase = (np.hstack(pair) for pair in ((now.x, block[:, span]), (now.phase, phase[:, span])))
             if now.x.shape[1] >= 2 * self._segment:
@@ -266,16 +288,16 @@ class OrderTracker:
         return self._tracks(now, found)
 
     def finish(self) -> OrderTracks:
-        """Return the outputs that a lag still keeps back: the stream has ended."""
+        """Return the outputs still due when the stream has ended: with a lag, those of its last samples."""
         if self._progress is None:
             raise ValueError("finish() before any update(): the stream is empty; pass its samples to update() first.")
         now, waiting = self._progress, self._progress.x.shape[1]
         return self._tracks(now, [self._smooth(now, waiting, known=waiting)] if waiting else [])
 
     def state(self) -> dict[str, Any]:
-        """Return all that is needed to go on later: numbers, strings and arrays under plain names.
+        """Return the state of the stream as numbers, strings and arrays under plain names.
 
-        `numpy.savez(path, **tracker.state())` keeps it; `OrderTracker.from_state(numpy.load(path))` goes on from there.
+        `numpy.savez(path, **tracker.state())` saves it; `OrderTracker.from_state(numpy.load(path))` continues.
         """
         kept = {f"setting_{name}": value for name, value in self._settings.items()} | {"channels": 0}
         if self._progress is not None:
@@ -284,8 +306,8 @@ class OrderTracker:
         return kept
 
     @classmethod
-    def from_state(cls, state: Mapping[str, Any]) -> "OrderTracker":
-        """Return the tracker whose `state()` this was."""
+    def from_state(cls, state: Mapping[str, Any]) -> OrderTracker:
+        """Return a tracker that continues the stream of a saved `state()`."""
         settings: dict[str, Any] = {key[8:]: np.asarray(state[key])[()] for key in state if key.startswith("setting_")}
         missing = {"shafts", "orders", "noise_variance", "lag"} - set(settings)
         if missing:
@@ -307,19 +329,14 @@ class OrderTracker:
         model, shafts = self._model, len(self._shafts)
         known = Information.prior(model.prior_variance(step=self._block), channels)
         return Progress(
-            one_channel=one_channel,
-            last_phase=np.full(shafts, np.nan),
-            x=np.empty((channels, 0)),
-            phase=np.empty((shafts, 0)),
-            known_matrix=known.matrix,
-            known_vector=known.vector,
-            state=FilterState.prior(model, channels=channels),
-            innovations=Innovations.none(channels=channels),
+            one_channel=one_channel, last_phase=np.full(shafts, np.nan), x=np.empty((channels, 0)),
+            phase=np.empty((shafts, 0)), known_matrix=known.matrix, known_vector=known.vector,
+            state=FilterState.prior(model, channels=channels), innovations=Innovations.none(channels=channels),
             flags=StreamFlags.begin(model, shafts=shafts),
-        )
+        )  # fmt: skip
 
     def _check_block(self, x: ArrayLike, phase_rad: ArrayLike | Mapping[str, ArrayLike]) -> tuple[Floats, Floats]:
-        """Return (channel, sample) and (shaft, sample) arrays that go on from the last block, or refuse them."""
+        """Return (channel, sample) and (shaft, sample) arrays that continue the last block, or refuse them."""
         block, now = inputs.check_record(x), self._progress
         if now is not None and (len(block) != len(now.x) or (np.ndim(x) == 1) != now.one_channel):
             began = "one plain channel" if now.one_channel else f"{len(now.x)} channels"
@@ -344,7 +361,7 @@ class OrderTracker:
         return block, np.stack(angles)
 
     def _filter(self, now: Progress, x: Floats, phase: Floats, samples: int) -> Outputs:
-        """Filter the first of these samples and flag their outputs, given the angles of all and which are missing."""
+        """Filter the first of these samples; later ones, where given, count for the flags alone."""
         model, first = self._model, now.state.count
         outputs = np.arange(first + -first % self._every, first + samples, self._every)
         levels = np.empty((outputs.size, len(x), 2 * model.orders.size))
@@ -357,11 +374,11 @@ class OrderTracker:
         return levels.view(np.complex128).transpose(1, 2, 0), variances.T, flags
 
     def _smooth(self, now: Progress, samples: int, *, known: int) -> Outputs:
-        """Smooth the first of the waiting samples, given those known of them, and let them go."""
+        """Smooth the first of the stored samples, using the first `known` of them, and drop the smoothed ones."""
         model, size, skip = self._model, self._model.orders.size, -now.state.count % self._every
 
         def chain(stop: int) -> tuple[Grid, NodeChain]:
-            """Return waiting samples in blocks, and their chain."""
+            """Return the stored samples up to `stop` in blocks, and their chain."""
             x, phases = now.x[:, :stop], tuple(now.phase[:, :stop])
             grid = Grid(
                 model=replace(model, phases=phases), x=x, seen=~np.isnan(x[0]), length=self._block, tolerance=0.0,
@@ -381,13 +398,13 @@ class OrderTracker:
         std = np.sqrt(model.variance(smoothed.variances))
         variance = np.stack([np.interp(outputs, places, own) ** 2 for own in std])
         if samples < known:
-            now.known_matrix, now.known_vector = carry(chain(samples)[1])
+            now.known_matrix, now.known_vector = information_at_end(chain(samples)[1])
         *_, flags = self._filter(now, now.x[:, :known], now.phase[:, :known], samples)
         now.x, now.phase = now.x[:, samples:].copy(), now.phase[:, samples:].copy()
         return amplitude, variance, flags
 
     def _tracks(self, now: Progress, parts: list[Outputs]) -> OrderTracks:
-        """Return outputs, up to the last one done, as tracks."""
+        """Return the tracks of some parts of outputs, which end with the last output so far."""
         model, sums, channels = self._model, now.innovations, len(now.x)
         none = np.empty((model.orders.size, 0))
         nothing = (np.empty((channels, model.orders.size, 0), dtype=np.complex128), none, none.astype(np.uint8))
@@ -408,7 +425,7 @@ class OrderTracker:
 
 
 def _numbers(holder: object, prefix: str = "") -> Iterator[tuple[object, str, str]]:
-    """Yield every number and array of a state and of its parts: what holds it, its name there, and its key."""
+    """Yield the object, attribute name and key of every number and array in a state."""
     for name, value in list(vars(holder).items()):
         if isinstance(value, int | float | np.ndarray):
             yield holder, name, prefix + name

@@ -1,13 +1,13 @@
-"""The door to the trackers: checks what comes in, picks the method, scales what comes out."""
+"""Track the amplitude and phase of shaft orders over a whole record: checks, choice of the method, and the result."""
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import choice, positive, whole
 from signals.harmonics import inputs
@@ -19,12 +19,17 @@ from signals.harmonics.model import PRIOR_STD, Estimate, Estimator, Floats, Harm
 from signals.harmonics.separability import Closeness, flag_outputs
 from signals.harmonics.tracks import OrderTracks
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
 # With fewer samples a block, condensing them gains nothing.
 SHORTEST_BLOCK = 4
 # Multiplications, about a third of a nanosecond each, that the exact method may take where "auto" chooses.
 EXACT_WORK = 3e8
 LARGEST_RTOL = 0.1
-# Part of the exact filter's error by which steady-state gains may lead astray.
+# Error of the steady-state gains, as a part of the exact filter's own error, above which they are refused.
 LARGEST_RIPPLE = 0.7
 
 
@@ -48,56 +53,68 @@ def track_orders(
     phase_std_rad: ArrayLike | Mapping[str, ArrayLike] | None = None,
     innovations: bool = False,
 ) -> OrderTracks:
-    """Estimate the complex amplitudes of all orders together, each output with its standard deviation.
+    """Estimate the complex amplitude of every shaft order at every output sample, with its standard deviation.
 
-    Orders are separated by their effect on the record: close and crossing ones share its energy, and `std` grows where
-    they cannot be separated.
+    A Kalman filter or smoother estimates all orders jointly: close and crossing orders are separated, and `std` grows
+    where the record does not determine them separately. `signals.harmonics.model` states the model.
 
     Parameters
     ----------
-    x : (sample,) array, the record in any unit, or (channel, sample) for several with the same phase; NaN marks a
-        missing sample. Channels that miss the same samples share all the work but that on their data; each further
-        pattern of missing samples costs as much as a record of its own.
+    x : (sample,) array, the record in any unit, or (channel, sample) for channels with the same shaft angle. NaN marks
+        a missing sample. The covariance is computed once for each pattern of missing samples among the channels.
     phase_rad : (sample,) array, shaft angle in rad, or a mapping from shaft name to such an array.
-    orders : cycles per revolution, one number an order; with a mapping, (shaft, order) pairs. 0 is the mean.
-    bandwidth_hz : full -3 dB width of the smoother in Hz, with `rate_hz`: one for all orders, one each, or, where it
-        varies, (order, sample); (1, sample) for all orders alike.
+    orders : orders in cycles per revolution, one number each; with a mapping, (shaft, order) pairs. Order 0 is the
+        mean.
+    bandwidth_hz : full -3 dB width of the smoother in Hz, with `rate_hz`: one number for all orders, one for each, or,
+        where it varies, an (order, sample) or (1, sample) array.
     bandwidth_orders : the same in cycles per revolution of the order's own shaft, with `samples_per_rev`, or with
         `rate_hz`: then it follows the shaft's speed.
-    rate_hz : samples per second.
+    rate_hz : sampling rate in Hz.
     samples_per_rev : samples per revolution, for a record sampled in angle.
-    poles : 1 to 4, how many times the amplitudes' random walk is integrated: more make a flatter passband
-        with steeper sides.
-    estimator : "smoother" uses all samples for each output; "filter" this one and those before it, and at the
-        same `bandwidth` is wider.
-    method : "exact" is the filter of every sample; of the smoother it takes blocks so short that a dense solution
-        differs by less than 0.3 % of `std` (root mean square), all orders together. "fast" takes longer blocks, and
-        fixes the filter's gains once they are steady, which needs a record without gaps and a constant bandwidth.
-        "reference" is exact, on filterpy, hundreds of times slower. "auto" takes exact where that is quick, where
-        blocks would be too short, short gaps break them up, or lines stay within half a bandwidth of each other, else
-        fast. The result says which.
+    poles : number of integrations of the random walk of the amplitudes, 1 to 4. More make the passband flatter and its
+        sides steeper.
+    estimator : "smoother" uses all samples for each output, "filter" only those up to it; at the same `bandwidth` the
+        filter passes a wider band.
+    method : "exact" filters sample by sample, and smooths in blocks so short that the error is below 0.3 % of `std`
+        (root mean square), all orders jointly. "fast" smooths in longer blocks, or filters with steady-state gains,
+        which needs a record without gaps and a constant bandwidth. "reference" runs filterpy, hundreds of times slower.
+        "auto" takes "exact" where that is quick, where blocks would be too short, short gaps break them up, or orders
+        stay within half a bandwidth of each other; else "fast". `OrderTracks.method` is the one that ran.
     output_every : samples from one output to the next.
-    coupled : False estimates every order on its own, as if there were no others: by the fast smoother only.
-    rtol : error that "fast" may make: as a part of the amplitude, for an envelope at the edge of the bandwidth; where
-        "auto" chooses a filter, as the part by which the error of the exact one may grow.
-    noise_variance : variance R of the white noise in `x`; estimated from the record unless given.
-    initial_std : standard deviation of each part of an amplitude about zero before the first sample, in the unit
-        of `x`; needs `noise_variance`. Of the i-th difference it is `initial_std (2 pi bandwidth / rate)^i`.
-        Default 1000 standard deviations of the noise: it no longer matters a few samples on.
-    phase_std_rad : standard deviation of the shaft angle, one number or (sample,), or a mapping as `phase_rad`, of
-        errors slow against 1 / bandwidth: carried into `std`, which gains (order phase_std |Z|)^2 / 2 in square.
-    innovations : whether the innovations of all samples are wanted; the exact method alone has them.
+    coupled : False estimates each order as if there were no others; with the fast smoother only.
+    rtol : largest error of "fast": of the smoother, relative to the amplitude of an envelope at the edge of the
+        bandwidth; of the filter where "auto" chooses it, the relative growth of the exact filter's error.
+    noise_variance : variance R of the white noise in `x`, in its unit squared; estimated from the record by default.
+    initial_std : prior standard deviation of the real and imaginary part of each amplitude, in the unit of `x`; needs
+        `noise_variance`. Of the i-th difference it is `initial_std (2 pi bandwidth / rate)^i`. Default 1000 standard
+        deviations of the noise, a prior without effect after a few samples.
+    phase_std_rad : standard deviation of errors of the shaft angle that are slow against 1 / bandwidth, in rad: one
+        number, (sample,) array, or a mapping as `phase_rad`. It adds (order phase_std |Z|)^2 / 2 to `std` squared.
+    innovations : whether the result holds the innovation of every sample, which only "exact" computes.
 
     Returns
     -------
     OrderTracks
+        Amplitudes, standard deviations, flags and statistics of the innovations.
 
     Raises
     ------
     ValueError
-        An input makes no sense; the sentence says which and what to do.
+        An argument is out of range or contradicts another; the message names it and the remedy.
     FloatingPointError
-        The covariance lost its digits.
+        The covariance is no longer positive definite in double precision.
+
+    Examples
+    --------
+    A pure tone of amplitude 2 at order 3, and nothing at order 1:
+
+    >>> import numpy as np
+    >>> from signals.harmonics import track_orders
+    >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000  # one second at 25 revolutions per second
+    >>> x = 2 * np.cos(3 * phase_rad)
+    >>> tracks = track_orders(x, phase_rad=phase_rad, orders=[1, 3], bandwidth_hz=2, rate_hz=5000)
+    >>> print(np.abs(tracks.complex_amplitude[:, 2500]).round(3))
+    [0. 2.]
     """
     record = inputs.check_record(x)
     samples = record.shape[1]
@@ -108,9 +125,18 @@ def track_orders(
     )  # fmt: skip
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     choice(method, name="method", choices=("auto", "exact", "fast", "reference"))
+    noise = None if noise_variance is None else inputs.check_noise_variance(noise_variance)
+    prior_std = PRIOR_STD
+    if initial_std is not None:
+        if noise is None:
+            raise ValueError(
+                f"initial_std={positive(initial_std, name='initial_std'):g} weighs against the noise, whose variance "
+                "is not given; pass noise_variance too, or neither."
+            )
+        prior_std = inputs.check_initial_std(initial_std, noise=noise)
     model = HarmonicModel(
         orders=order_numbers, shaft=shaft, phases=phases, bandwidth=bandwidth.cycles,
-        poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=_prior_std(initial_std, noise_variance),
+        poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=prior_std,
     )  # fmt: skip
     rtol = positive(rtol, name="rtol")
     if rtol > LARGEST_RTOL:
@@ -138,26 +164,17 @@ def track_orders(
         settling_variance=squeeze(patterns.shared([estimate.variance for estimate in estimates]), one),
         std_spacing=estimates[0].std_spacing,
         angle_std=None if phase_std is None else order_numbers[:, None] * phase_std[:, ::phase_every],
-        flags=squeeze(patterns.shared(flags), one),
-        unresolved=pairs,
-        orders=order_numbers,
-        shafts=shafts,
-        bandwidth=bandwidth.given,
-        bandwidth_units=bandwidth.units,
-        bandwidth_cycles=bandwidth.cycles.mean(axis=1),
-        poles=model.poles,
-        estimator=estimator,
-        method=chosen,
+        flags=squeeze(patterns.shared(flags), one), unresolved=pairs, orders=order_numbers, shafts=shafts,
+        bandwidth=bandwidth.given, bandwidth_units=bandwidth.units, bandwidth_cycles=bandwidth.cycles.mean(axis=1),
+        poles=model.poles, estimator=estimator, method=chosen, samples=samples, output_every=task.output_every,
         error_bound=max(estimate.error_bound for estimate in estimates),
-        samples=samples,
-        output_every=task.output_every,
         **{name: squeeze(value, one) for name, value in statistics(patterns, estimates, noise_variance).items()},
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Task:
-    """What is asked of a method."""
+    """The model and the settings that a method gets."""
 
     model: HarmonicModel
     estimator: Estimator
@@ -169,31 +186,17 @@ class _Task:
 
     @cached_property
     def closeness(self) -> Closeness:
-        """How far orders are from one another."""
+        """Frequency distances between the orders."""
         return Closeness(self.model, self.model.phases[0].size)
 
     @cached_property
     def ripple(self) -> float:
-        """How far steady-state gains would lead astray."""
+        """Error of steady-state gains, as a part of the exact filter's error."""
         return ripple(self.closeness)
 
 
-def _prior_std(initial_std: float | None, noise_variance: float | None) -> float:
-    """Return the prior's standard deviation in those of the noise."""
-    noise = None if noise_variance is None else inputs.check_noise_variance(noise_variance)
-    if initial_std is None:
-        return PRIOR_STD
-    if noise is None:
-        std = positive(initial_std, name="initial_std")
-        raise ValueError(
-            f"initial_std={std:g} weighs against the noise, whose variance is not given; "
-            "pass noise_variance too, or neither."
-        )
-    return inputs.check_initial_std(initial_std, noise=noise)
-
-
 def _startup(task: _Task, seen: NDArray[np.bool_], *, name: str) -> int:
-    """First sample whose innovation counts: after the smoother's memory, or halfway in a short record."""
+    """Return the first sample whose innovation counts: after one time constant, or half of a short record."""
     model = task.model
     observed = int(np.count_nonzero(seen))
     needed = 2 * model.state_size
@@ -203,11 +206,12 @@ def _startup(task: _Task, seen: NDArray[np.bool_], *, name: str) -> int:
             f"orders with poles={model.poles}, {needed} are needed: pass noise_variance, or more samples"
             f"{'.' if name == 'x' else ', or leave this channel out: without noise it has no std.'}"
         )
-    memory = min(ceil(1 / model.bandwidth.max(axis=1).min()) + model.state_size, observed // 2)
-    return memory if observed in (0, seen.size) else int(np.flatnonzero(seen)[memory])
+    skipped = min(ceil(1 / model.bandwidth.max(axis=1).min()) + model.state_size, observed // 2)
+    return skipped if observed in (0, seen.size) else int(np.flatnonzero(seen)[skipped])
 
 
 def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[NDArray[np.bool_]]) -> Method:
+    """Return the method to run, or refuse a method that cannot do what is asked."""
     model, samples = task.model, task.model.phases[0].size
     if not task.coupled and (task.estimator == "filter" or method in ("exact", "reference")):
         raise ValueError(
@@ -215,9 +219,9 @@ def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[NDArra
             "by the fast smoother only; leave coupled out, or track one order a call."
         )
     whole = all(seen.all() for seen in patterns)
-    unsettled = _never_settles(task, whole=whole) if task.estimator == "filter" and method in ("auto", "fast") else ""
-    if method == "fast" and unsettled:
-        raise ValueError(f'method="fast" with estimator="filter": {unsettled}; use method="exact".')
+    unsteady = _why_unsteady(task, whole=whole) if task.estimator == "filter" and method in ("auto", "fast") else ""
+    if method == "fast" and unsteady:
+        raise ValueError(f'method="fast" with estimator="filter": {unsteady}; use method="exact".')
     if task.innovations and method in ("fast", "reference"):
         raise ValueError(
             f'innovations=True with method={method!r}, which gives none for each sample; use method="exact".'
@@ -229,9 +233,9 @@ def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[NDArra
     if not task.coupled:
         return "fast"
     if task.estimator == "filter":
-        # What steady-state gains add to the error, some 0.7 times the ripple, is independent of it: squares add up.
-        return "exact" if unsettled or task.ripple**2 / 4 > task.rtol else "fast"
-    # Measured: the innovations' filter, the products of columns, and a chain that is cubic in the state at a node.
+        # Steady-state gains add an independent error, some 0.7 times the ripple: squares add up.
+        return "exact" if unsteady or task.ripple**2 / 4 > task.rtol else "fast"
+    # Measured cost: the filter of the innovations, the products of regressors, a smoother cubic in the state a node.
     products = model.order_of_column.size**2 * (2 * model.poles - 1)
     work = samples * (700 + products + 5 * model.state_size**3 / exact_length(model, samples))
     length = block_length(model, samples, task.rtol)
@@ -239,22 +243,22 @@ def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[NDArra
     return "exact" if work <= EXACT_WORK or length < SHORTEST_BLOCK or scattered or blurs(model) else "fast"
 
 
-def _never_settles(task: _Task, *, whole: bool) -> str:
-    """Say why the filter's gains never settle, if so."""
-    model = task.model
+def _why_unsteady(task: _Task, *, whole: bool) -> str:
+    """Return why the filter's gains have no usable steady state, or an empty string."""
     if not whole:
-        return "samples are missing, which opens the covariance again"
-    if model.bandwidth.shape[1] > 1:
+        return "samples are missing, which enlarges the covariance again"
+    if task.model.bandwidth.shape[1] > 1:
         return "the bandwidth varies, and the gains with it"
     if task.ripple > LARGEST_RIPPLE:
         return (
-            f"orders come so close, to one another, to zero or to half of the rate, that settled gains would be off by "
-            f"{task.ripple:.2g} of the filter's own error, above {LARGEST_RIPPLE:g}"
+            "orders come so close, to one another, to zero or to half of the rate, that steady-state gains would be "
+            f"off by {task.ripple:.2g} of the filter's own error, above {LARGEST_RIPPLE:g}"
         )
     return ""
 
 
 def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_], startup: int) -> Estimate:
+    """Return the estimate of one method for the channels that share a pattern of missing samples."""
     model, every = task.model, task.output_every
     try:
         if method == "fast" and task.estimator == "filter":
@@ -284,7 +288,7 @@ def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_], startu
 
 
 def squeeze(values: Any, one: bool) -> Any:  # noqa: ANN401
-    """Leave out the axis of channels, where there is one without it."""
+    """Return values without their channel axis where `one` says that the record had none."""
     if not one:
         return values
     return values[0] if values.ndim > 1 else float(values[0])

@@ -1,33 +1,45 @@
-"""What the trackers find: amplitudes, how sure they are, and what to know about each of them."""
+"""Results of the order trackers: complex amplitudes, standard deviations, flags and statistics of the innovations."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from enum import IntFlag
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.model import BandwidthUnits, Complexes, Estimator, Floats, Indices, Method
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from signals.harmonics.model import BandwidthUnits, Complexes, Estimator, Floats, Indices, Method
 
 
 class OutputFlag(IntFlag):
-    """Why an output says less than its neighbours; combined where several hold.
+    """Reasons why an output is less certain than its neighbours; several are combined bitwise.
 
-    In a stream "the record" is what was known of it when the output came.
+    In a stream "the record" is the part received when the output was returned.
+
+    Examples
+    --------
+    >>> from signals.harmonics import OutputFlag
+    >>> OutputFlag(5)
+    <OutputFlag.NEAR_END|NOT_SEPARABLE: 5>
     """
 
     NONE = 0
     NEAR_END = 1  # within half of 1 / bandwidth of the first sample or, smoother only, of the last
-    NEAR_GAP = 2  # so near to missing samples that a quarter or more of what should tell it is not there
-    NOT_SEPARABLE = 4  # within half a bandwidth of another order, or less than a turn from it in all of the record
+    NEAR_GAP = 2  # a quarter or more of the samples within half of 1 / bandwidth are missing
+    NOT_SEPARABLE = 4  # within half a bandwidth of another order, or less than a turn from it over the whole record
     ONE_QUADRATURE = 8  # within half a bandwidth of its own image: the shaft at rest, or the order at half the rate
 
 
 class UnresolvedPair(NamedTuple):
-    """Two orders, by their places, that lie within half a bandwidth of each other for a share of the record."""
+    """Two orders, by their indices, that lie within half a bandwidth of each other for a share of the record."""
 
     first: int
     second: int
@@ -36,47 +48,59 @@ class UnresolvedPair(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrderTracks:
-    """Complex amplitudes of shaft harmonics and their standard deviations.
+    """Complex amplitudes of shaft orders with their standard deviations, as `track_orders` returns them.
 
-    The harmonic is `Re{ Z exp(j order phase) }`: `abs(Z)` is its peak amplitude in the units of the record, `angle(Z)`
-    its phase where the shaft's phase is zero; real for order 0. A record of two dimensions gives the axis `channel`.
+    An order's waveform is `Re{ Z exp(j order phase) }`: `abs(Z)` is its peak amplitude in the unit of the record,
+    `angle(Z)` its phase where the shaft angle is zero; order 0 is real. Records of two dimensions have a channel axis.
 
     Attributes
     ----------
     complex_amplitude : ([channel,] order, output) array, Z.
-    settling_variance : ([channel,] order, settling) array, mean variance of the two parts of an amplitude where R = 1:
-        of all outputs, of the first ones until it has settled, or at nodes `std_spacing` samples apart.
-    std_spacing : None where `settling_variance` is that of outputs.
-    angle_std : (order, output or 1) array, standard deviation of `order phase_rad`; None where that is taken as known.
+    settling_variance : ([channel,] order, settling) array, mean variance of the real and imaginary part of Z where
+        R = 1: at every output, at the first outputs until it is constant, or at nodes `std_spacing` samples apart.
+    std_spacing : samples between these nodes; None where `settling_variance` is that of outputs.
+    angle_std : (order, output or 1) array, standard deviation of `order phase_rad` in rad; None where not given.
     flags : ([channel,] order, output) array of `OutputFlag`; a view where channels miss the same samples.
     orders : (order,) array, cycles per revolution of the order's own shaft.
     shafts : name of each order's shaft; empty where one unnamed phase was given.
     bandwidth : (order,) array, full -3 dB width of the steady-state smoother, as given; the mean where it varies.
     bandwidth_units : "hz" or "orders".
-    bandwidth_cycles : (order,) array, the same in cycles a sample.
-    unresolved : the pairs of orders, by their places, that are not separable with this bandwidth and length.
-    poles : how many times the random walk is integrated.
-    estimator : "smoother" (all samples) or "filter" (this sample and those before it).
+    bandwidth_cycles : (order,) array, the same in cycles per sample.
+    unresolved : pairs of orders that are not separable with this bandwidth and length.
+    poles : number of integrations of the random walk.
+    estimator : "smoother" (all samples) or "filter" (samples up to the output).
     method : "exact", "fast" or "reference": the one that ran.
-    error_bound : largest error that "fast" adds; 0 for the others. Smoother: as a part of the largest amplitude among
-        orders that disturb one another (its noise agrees with the exact one's to some hundredths of `std`); infinite
-        where, with several poles, lines stay within half a bandwidth of each other beside orders that are not smoothed
-        with them. Filter: as a part of the exact filter's own error, noise and lag.
+    error_bound : largest error that "fast" adds; 0 for the others. Smoother: relative to the largest amplitude among
+        orders that leak into one another (its noise agrees with the exact one's to some hundredths of `std`); infinite
+        where, with several poles, orders that stay within half a bandwidth of each other leak into orders that are not
+        smoothed with them. Filter: relative to the error of the exact filter, noise and lag.
     noise_variance : ([channel,]) R, as given or as estimated from the record.
     innovation_variance : ([channel,]) R times the geometric mean, after start-up, of the variance of the innovation
-        (the error of the prediction of the next sample) where R = 1.
+        (the error of the one-step prediction) where R = 1.
     innovation_mean_square : ([channel,]) mean, after start-up, of the squared innovations over their variances: near
         1 when a given R and the bandwidths suit the record, 1 by construction where R was estimated.
     innovation_autocorrelation : ([channel,] lag) array, of the innovations at lags from one sample on; "fast" takes
         the smoother's residuals instead.
     whiteness : ([channel,]) mean of the squared autocorrelation times the samples it was taken from: near 1 where
-        the innovations are white, above where the record holds lines or bands that no order explains. What is said of
-        innovations is NaN where none counts: in a channel without a sample, or before start-up is over.
-    samples, output_every, first_output : length of the record, distance between outputs and place of the first one.
-    innovations : ([channel,] sample) array where asked for: each sample less its prediction from those before it, in
-        the unit of the record; NaN where it is missing.
+        the innovations are white, above where the record holds lines or bands that no order explains. Statistics of
+        innovations are NaN where there are none: in a channel without a sample, or before start-up is over.
+    samples, output_every, first_output : length of the record, samples between outputs, sample of the first output.
+    innovations : ([channel,] sample) array where asked for: each sample less its one-step prediction, in the unit of
+        the record; NaN where it is missing.
     normalised_innovation_squared : of the same shape: their squares over their variances. Where the model holds, each
         is a draw of chi squared with one degree of freedom.
+
+    Examples
+    --------
+    The standard deviation far from the ends is that of the theory of one isolated order:
+
+    >>> import numpy as np
+    >>> from signals.harmonics import isolated_std, track_orders
+    >>> angle = 2 * np.pi * 25 * np.arange(5000) / 5000
+    >>> tracks = track_orders(angle, phase_rad=angle, orders=[3], bandwidth_hz=10, rate_hz=5000, noise_variance=0.01)
+    >>> theory = isolated_std(orders=[3], bandwidth=10, rate=5000, poles=1, noise_variance=0.01)
+    >>> bool(np.isclose(tracks.std[0, 2500], theory[0], rtol=0.01))
+    True
     """
 
     complex_amplitude: Complexes = field(metadata={"dims": ("channel", "order", "output"), "units": "signal"})
@@ -109,27 +133,28 @@ class OrderTracks:
 
     @cached_property
     def sample_index(self) -> Indices:
-        """(output,) array, the sample each output belongs to."""
+        """(output,) array, sample number of each output."""
         return np.arange(self.first_output, self.samples, self.output_every)
 
     @cached_property
     def causal_bandwidth(self) -> Floats:
-        """(order,) array, full -3 dB width of the settled causal filter at the smoother's `bandwidth`, in its units.
+        """(order,) array, full -3 dB width of the steady-state causal filter, in the units of `bandwidth`.
 
-        For narrow bandwidths 1.554, 2.565, 3.279 and 4.080 times the smoother's, for 1 to 4 poles. NaN where even half
-        of the rate is passed with less than 3 dB.
+        For narrow bandwidths 1.554, 2.565, 3.279 and 4.080 times the smoother's, for 1 to 4 poles. NaN where the gain
+        at half of the rate is still above -3 dB.
         """
         return self.bandwidth * self._of_bands(lambda band: band.filter_width_ratio)
 
     @cached_property
     def causal_peak_db(self) -> Floats:
-        """(order,) array, largest gain of the settled causal filter above that of a steady amplitude, in dB.
+        """(order,) array, largest gain of the steady-state causal filter, in dB above that of a constant amplitude.
 
-        For narrow bandwidths 0, 2.1, 4.0 and 5.2 dB, for 1 to 4 poles: beside the line, on either side.
+        For narrow bandwidths 0, 2.1, 4.0 and 5.2 dB, for 1 to 4 poles: beside the order, on either side.
         """
         return self._of_bands(lambda band: band.filter_peak_db)
 
     def _of_bands(self, figure: Callable[[Bandwidth], float]) -> Floats:
+        """(order,) array, a figure that follows from each order's bandwidth."""
         widths, place = np.unique(self.bandwidth_cycles, return_inverse=True)
         return np.array([figure(Bandwidth(width=width, poles=self.poles)) for width in widths.tolist()])[place]
 
@@ -143,8 +168,8 @@ class OrderTracks:
             nodes = self.std_spacing * np.arange(known)
             std = np.apply_along_axis(lambda row: np.interp(outputs, nodes, row), -1, std)
         elif known < outputs.size:
-            settled = np.broadcast_to(std[..., -1:], (*std.shape[:-1], outputs.size - known))
-            std = np.concatenate([std, settled], axis=-1)
+            steady = np.broadcast_to(std[..., -1:], (*std.shape[:-1], outputs.size - known))
+            std = np.concatenate([std, steady], axis=-1)
         if self.angle_std is not None:
             np.sqrt(std**2 + (self.angle_std * np.abs(self.complex_amplitude)) ** 2 / 2, out=std)
         return std

@@ -1,15 +1,22 @@
-"""From amplitudes back to the record: the waveform of some orders, and what is left when they are taken off."""
+"""Waveforms of tracked orders, and the record without them."""
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from signals.harmonics import _block_kernels
 from signals.harmonics.grid import pieces_between
 from signals.harmonics.inputs import check_orders, check_record
-from signals.harmonics.model import Floats
-from signals.harmonics.tracks import OrderTracks
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from signals.harmonics.model import Floats
+    from signals.harmonics.tracks import OrderTracks
 
 
 def order_waveform(
@@ -22,18 +29,28 @@ def order_waveform(
 
     Parameters
     ----------
-    tracks : what `track_orders` found; between its outputs amplitudes are cubic, linear for one pole.
-    phase_rad : as it was given there.
-    places : which of `tracks.orders`, by place; all of them unless given.
+    tracks : result of `track_orders`; amplitudes between its outputs are interpolated, cubic, or linear for one pole.
+    phase_rad : shaft angle in rad, as it was given there.
+    places : indices into `tracks.orders`; all orders by default.
 
     Returns
     -------
-    (sample,) array, or (channel, sample) for tracks of several channels, in the record's units.
+    (sample,) array, or (channel, sample) for tracks of several channels, in the unit of the record.
 
     Raises
     ------
     ValueError
-        A place or a phase does not belong to these tracks.
+        An index or a phase does not belong to these tracks.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.harmonics import order_waveform, track_orders
+    >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000
+    >>> x = 1 + 2 * np.cos(3 * phase_rad)  # a mean of 1 and a tone at order 3
+    >>> tracks = track_orders(x, phase_rad=phase_rad, orders=[0, 3], bandwidth_hz=2, rate_hz=5000)
+    >>> print(round(np.std(order_waveform(tracks, phase_rad=phase_rad, places=[1])), 3))  # sqrt(2)
+    1.414
     """
     if tracks.first_output > 0 or tracks.sample_index.size == 0:
         raise ValueError(
@@ -68,11 +85,31 @@ def residual_record(
     phase_rad: ArrayLike | Mapping[str, ArrayLike],
     places: Sequence[int] | None = None,
 ) -> Floats:
-    """Return the record less the waveform of some of its orders; parameters as for `order_waveform`.
+    """Return the record without the waveform of some of its orders.
+
+    Parameters
+    ----------
+    x : (sample,) or (channel, sample) array, the record that was tracked.
+    tracks, phase_rad, places : as for `order_waveform`.
 
     Returns
     -------
-    array of the shape of x, NaN where x is.
+    array of the shape of x, NaN where a sample is missing.
+
+    Raises
+    ------
+    ValueError
+        The record has another length than the tracks, or as for `order_waveform`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.harmonics import residual_record, track_orders
+    >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000
+    >>> x = 1 + 2 * np.cos(3 * phase_rad)
+    >>> tracks = track_orders(x, phase_rad=phase_rad, orders=[0, 3], bandwidth_hz=2, rate_hz=5000)
+    >>> print(residual_record(x, tracks, phase_rad=phase_rad, places=[1])[[0, 2500]].round(3))  # the mean
+    [1. 1.]
     """
     record = check_record(x)
     if record.shape[1] != tracks.samples:

@@ -1,4 +1,4 @@
-"""Faults that the level shows from one part of the record to the next: a sensor that comes loose jumps."""
+"""Sudden, lasting changes of RMS or mean, as from a sensor that comes loose."""
 
 import numpy as np
 
@@ -8,18 +8,18 @@ from signals.health.faults import SensorFault, graded
 _PARTS = 64
 _SIDE = 8  # parts on either side of a jump
 _FEWEST_IN_PART = 64
-_JUMP = 2.0
-_SICK_JUMP = 8.0
-_CALM = 0.4  # how far the levels on either side may scatter, of the jump
-_OFFSET = 3.0  # times the RMS about the mean
-_SICK_OFFSET = 30.0
+_JUMP = 2.0  # smallest ratio of RMS
+_FAULTY_JUMP = 8.0
+_STEADY = 0.4  # largest range of the levels on either side, relative to the jump
+_OFFSET = 3.0  # smallest jump of the mean over the RMS about it
+_FAULTY_OFFSET = 30.0
 
 
 def jumps(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], str | None]:
-    """Find a sudden, lasting change of RMS or mean, or say why that cannot be judged.
+    """Return faults for sudden, lasting changes of RMS or mean, or the reason why they cannot be judged.
 
-    The record is cut into 64 parts. A run-up changes its level from part to part; a jump leaves eight parts on either
-    side calm.
+    The record is cut into 64 parts. A run-up changes its level from part to part; around a jump the level of eight
+    parts on either side is steady.
     """
     if x.size < _PARTS * _FEWEST_IN_PART:
         return [], f"jumps of level need {_PARTS * _FEWEST_IN_PART} samples; the record has {x.size}"
@@ -37,7 +37,7 @@ def jumps(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault],
                 f"its level jumps from {before:.4g} to {after:.4g} {units} RMS, {factor:.3g} times, about "
                 f"{at * part_s:.4g} s. Check mount and cable, or whether the load changed then."
             )
-            found.append(graded("level jump", sick=factor > _SICK_JUMP, size=factor, sentence=sentence))
+            found.append(graded("level jump", sick=factor > _FAULTY_JUMP, size=factor, sentence=sentence))
     at, jump = _largest_jump(mean)
     typical = float(np.median(level))
     if typical > 0 and jump > _OFFSET * typical:
@@ -46,7 +46,7 @@ def jumps(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault],
             f"its mean jumps by {jump:.4g} {units}, {size:.3g} times its RMS, about {at * part_s:.4g} s. Check "
             "connector and supply."
         )
-        found.append(graded("offset jump", sick=size > _SICK_OFFSET, size=size, sentence=sentence))
+        found.append(graded("offset jump", sick=size > _FAULTY_OFFSET, size=size, sentence=sentence))
     return found, None
 
 
@@ -55,12 +55,12 @@ def _sides(values: Array, at: int) -> tuple[Array, Array]:
 
 
 def _largest_jump(values: Array) -> tuple[int, float]:
-    """Return the part that the largest calm jump comes before, and its height; 0 where none is calm."""
+    """Return the part after the largest jump between steady levels, and its height; 0 where there is none."""
     best = (0, 0.0)
     for at in range(_SIDE, values.size - _SIDE + 1):
         before, after = _sides(values, at)
         before, after = before[:-1], after[1:]  # the parts that the jump itself may lie in
         height = abs(float(np.median(after) - np.median(before)))
-        if height > best[1] and max(np.ptp(before), np.ptp(after)) < _CALM * height:
+        if height > best[1] and max(np.ptp(before), np.ptp(after)) < _STEADY * height:
             best = (at, height)
     return best

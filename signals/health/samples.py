@@ -1,6 +1,6 @@
-"""Faults that single samples show: flat tops, stretches of one value, and lone spikes.
+"""Faults in single samples: flat tops, stretches of one value, and isolated spikes.
 
-Each is held against what the record's own resolution makes likely, since a coarse converter repeats values too.
+The thresholds depend on the record's own resolution, since a coarse converter repeats values too.
 """
 
 import numpy as np
@@ -11,24 +11,24 @@ from signals.health.faults import SensorFault, graded
 
 Mask = NDArray[np.bool_]
 
-_PILE = 4.0  # a sine on a coarse converter puts 2.4 times as many samples on its last level as on the one before
-_ENOUGH = 16  # samples below the extreme, that its count is held against
+_PILE = 4.0  # a sine on a coarse converter has 2.4 times as many samples on its last level as on the one before
+_ENOUGH = 16  # samples below the extreme that its count is compared with
 _NEAR = 4096
-_SICK_CLIPPED = 0.01
-_CHANCE = 1e-6  # of one run this long in a sound record
+_FAULTY_CLIPPED = 0.01
+_CHANCE = 1e-6  # probability of a run this long in a healthy record
 _SHORTEST_RUN = 5
-_STEPS = 2.0  # of the resolution, by which a stretch is left or entered
-_SICK_LOST = 0.01
+_STEPS = 2.0  # smallest step at an end of a faulty stretch, in resolutions
+_FAULTY_LOST = 0.01
 _STUCK = 0.1  # of the record
 _SPIKE = 8.0  # robust standard deviations
-_LONE = 0.25  # what its surroundings reach of a spike's height; a ringing structure keeps more
+_ISOLATED = 0.25  # largest RMS beside a spike over its height; a ringing structure has more
 _BESIDE = 6  # samples
-_ABOVE_REST = 1.5  # times all that is not lone
-_SICK_SPIKES = 1e-3
+_ABOVE_REST = 1.5  # times the largest value that is not isolated
+_FAULTY_SPIKES = 1e-3
 
 
 def clipping(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
-    """Find extremes that repeat more often than the levels next to them let expect; mark those samples, (n,)."""
+    """Return faults where an extreme value repeats more often than the next levels, and an (n,) mask of it."""
     clipped = np.zeros(x.size, dtype=np.bool_)
     sides = []
     for extreme, sign in ((float(x.max()), 1.0), (float(x.min()), -1.0)):
@@ -45,11 +45,11 @@ def clipping(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFaul
         f"it is clipped: it reaches {' and '.join(sides)}, {share:.3%} of the samples, first after {first:.4g} s. "
         "Widen the measuring range, or leave those samples out."
     )
-    return [graded("clipping", sick=share > _SICK_CLIPPED, size=share, sentence=sentence)], clipped
+    return [graded("clipping", sick=share > _FAULTY_CLIPPED, size=share, sentence=sentence)], clipped
 
 
 def _usual_count(x: Samples, extreme: float) -> float:
-    """Return how many samples a level next below the extreme holds, over as many levels as hold sixteen."""
+    """Return the mean count of samples on the levels next below the extreme, of levels with 16 samples in all."""
     below = x[x < extreme]
     near = min(below.size, _NEAR)
     below.partition(below.size - near)
@@ -62,11 +62,11 @@ def _usual_count(x: Samples, extreme: float) -> float:
 
 
 def dropouts(x: Samples, *, missing: Mask, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
-    """Find stretches of one value longer than the record's resolution explains, and gaps; mark those samples, (n,).
+    """Return faults for constant stretches longer than the record's resolution explains, and gaps; and an (n,) mask.
 
-    Runs of a sound record are geometric: what they go on with, from one sample to the next, gives the length that one
-    in a million records reaches. A slow swing over a coarse converter lingers on its crests longer than that; but it
-    enters and leaves them by single steps, and a stretch counts only beyond two.
+    Runs of equal values in a healthy record have a geometric distribution; its parameter gives the length that one in
+    a million records reaches. A slow oscillation on a coarse converter has longer runs on its crests, but enters and
+    leaves them by one step of the resolution: a stretch counts only with steps above two.
     """
     lost = missing.copy()
     alike = x[1:] == x[:-1]
@@ -85,10 +85,11 @@ def dropouts(x: Samples, *, missing: Mask, rate_hz: float, units: str) -> tuple[
             lost[start[place] : stop[place]] = True
     if not lost.any():
         return [], np.zeros(x.size, dtype=np.bool_)  # which takes no memory until it is written to
-    return [_about_lost(x, lost, rate_hz=rate_hz, units=units)], lost
+    return [_dropout_fault(x, lost, rate_hz=rate_hz, units=units)], lost
 
 
-def _about_lost(x: Samples, lost: Mask, *, rate_hz: float, units: str) -> SensorFault:
+def _dropout_fault(x: Samples, lost: Mask, *, rate_hz: float, units: str) -> SensorFault:
+    """Return the fault of lost samples: stuck to the end of the record, or drop-outs."""
     start, length = _runs(lost)
     share, worst = float(np.mean(lost)), int(np.argmax(length))
     where = f"{length[worst] / rate_hz:.4g} s from {start[worst] / rate_hz:.4g} s on"
@@ -100,59 +101,62 @@ def _about_lost(x: Samples, lost: Mask, *, rate_hz: float, units: str) -> Sensor
         f"it drops out {start.size} times, {share:.3%} of the samples; the longest stretch, at {value:.6g} {units}, "
         f"lasts {where}. Check cable and logger, or leave those samples out."
     )
-    return graded("drop-out", sick=share > _SICK_LOST, size=share, sentence=sentence)
+    return graded("drop-out", sick=share > _FAULTY_LOST, size=share, sentence=sentence)
 
 
 def _runs(mask: Mask) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return where stretches of True start and how long they are."""
+    """Return the starts and lengths of stretches of True."""
     edges = np.flatnonzero(mask[1:] != mask[:-1]) + 1
     edges = np.concatenate([[0] if mask[0] else [], edges, [mask.size] if mask[-1] else []]).astype(np.intp)
     return edges[::2], edges[1::2] - edges[::2]
 
 
 def _longest_run(several: int, runs: int, samples: int) -> int:
-    """Return the length that a run of chance reaches in one of a million records: so many of all runs go on."""
-    going_on = several / runs  # of a geometric law; long runs count once
-    if going_on == 0:
+    """Return the run length that one in a million records reaches by chance, from the share of repeated values."""
+    ratio = several / runs  # of the geometric distribution; a long run counts once
+    if ratio == 0:
         return _SHORTEST_RUN
-    if going_on == 1:
+    if ratio == 1:
         return samples + 1
-    return max(_SHORTEST_RUN, 1 + int(np.ceil(np.log(_CHANCE / samples) / np.log(going_on))))
+    return max(_SHORTEST_RUN, 1 + int(np.ceil(np.log(_CHANCE / samples) / np.log(ratio))))
 
 
 def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
-    """Find lone samples far above all around them and all else in the record; mark them and their neighbours, (n,).
+    """Return faults for isolated samples far above all others, and an (n,) mask of them and their neighbours.
 
-    What strikes a machine makes it ring for many samples; what strikes a cable does not. Among the thousand impacts of
-    a bad bearing some look lone by chance, so a spike must stand above the largest of the rest too.
+    An impact on a machine rings for many samples; one on a cable does not. Among the thousand impacts of a damaged
+    bearing some look isolated by chance, so a spike must also exceed the largest of the rest.
     """
     height = np.abs(x - float(np.median(x)))
     level = 1.4826 * float(np.median(height))
-    lone = np.array([at for at in np.flatnonzero(height > _SPIKE * level) if _is_lone(height, int(at))], dtype=np.intp)
-    found = _with_neighbours(lone, x.size)
-    if level > 0 and lone.size and not found.all():
-        lone = lone[height[lone] > _ABOVE_REST * float(np.max(height[~found]))]
-        found = _with_neighbours(lone, x.size)
-    if level == 0 or not lone.size:
+    isolated = np.array(
+        [at for at in np.flatnonzero(height > _SPIKE * level) if _is_isolated(height, int(at))], dtype=np.intp
+    )
+    found = _with_neighbours(isolated, x.size)
+    if level > 0 and isolated.size and not found.all():
+        isolated = isolated[height[isolated] > _ABOVE_REST * float(np.max(height[~found]))]
+        found = _with_neighbours(isolated, x.size)
+    if level == 0 or not isolated.size:
         return [], np.zeros(x.size, dtype=np.bool_)
-    largest = int(lone[np.argmax(height[lone])])
+    largest = int(isolated[np.argmax(height[isolated])])
     sentence = (
-        f"it has {lone.size} lone spikes, the largest {height[largest]:.4g} {units} or "
+        f"it has {isolated.size} lone spikes, the largest {height[largest]:.4g} {units} or "
         f"{height[largest] / level:.3g} robust standard deviations high, after {largest / rate_hz:.6g} s. Check the "
         "cable and what is switched nearby."
     )
-    sick = lone.size > _SICK_SPIKES * x.size
-    return [graded("spikes", sick=sick, size=float(lone.size), sentence=sentence)], found
+    sick = isolated.size > _FAULTY_SPIKES * x.size
+    return [graded("spikes", sick=sick, size=float(isolated.size), sentence=sentence)], found
 
 
-def _is_lone(height: Samples, at: int) -> bool:
-    """Tell whether a sample is the top of at most three, with little on either side of them."""
+def _is_isolated(height: Samples, at: int) -> bool:
+    """Return whether a sample is the largest of three with low RMS on either side of these."""
     beside = np.concatenate((height[max(at - _BESIDE, 0) : max(at - 1, 0)], height[at + 2 : at + 1 + _BESIDE]))
     top = bool(height[at] == height[max(at - 1, 0) : at + 2].max())
-    return top and float(np.sqrt(np.mean(beside**2))) < _LONE * height[at]
+    return top and float(np.sqrt(np.mean(beside**2))) < _ISOLATED * height[at]
 
 
 def _with_neighbours(places: NDArray[np.intp], size: int) -> Mask:
+    """Return an (n,) mask of samples and their neighbours."""
     mask = np.zeros(size, dtype=np.bool_)
     for offset in (-1, 0, 1):
         mask[np.clip(places + offset, 0, size - 1)] = True

@@ -1,4 +1,4 @@
-"""Faults that the spectrum shows: hum of the mains, and the ski slope of a loose or overloaded sensor."""
+"""Faults in the spectrum: mains hum, and the ski slope of a loose or overloaded sensor."""
 
 from itertools import pairwise
 
@@ -10,31 +10,31 @@ from signals._plans import forget_plans
 from signals.health.faults import SensorFault, graded
 
 _MAINS_HZ = (50.0, 60.0)
-_STRAY_HZ = 0.1  # how far the grid's frequency strays in ordinary days
+_STRAY_HZ = 0.1  # largest deviation of the grid's frequency in normal operation
 _HARMONICS = (1, 2, 3, 5, 7)
 _FEWEST_HARMONICS = 3
-_ABOVE = 5.0  # amplitudes over the median beside; noise alone fills a lobe to 2.6
+_ABOVE = 5.0  # smallest amplitude over the median beside; noise alone gives a lobe 2.6
 _REACH_HZ = 10.0
 _LOBE_BINS = 2.5  # of a Hann line
 _HUM_SHARE = 0.1  # RMS of the hum over that of the record
-_SICK_HUM = 0.5
+_FAULTY_HUM = 0.5
 _SHORTEST_HUM_S = 1.0
 _SLOPE_TOP_HZ = 16.0
 _OCTAVES = 4
 _FEWEST_BINS = 4
 _SHORTEST_SLOPE = 2  # octaves
-_FLOOR = 4.0  # times the record's median density, below which there is no slope any more
-_STEEPEST = 2.0  # times the density of the octave above
-_RISE = 100.0  # lowest octave over the record's median density
+_FLOOR = 4.0  # times the record's median density, below which the slope has ended
+_STEEPNESS = 2.0  # smallest density over that of the octave above
+_RISE = 100.0  # smallest density of the lowest octave over the record's median density
 _SLOPE_SHARE = 0.05
-_SICK_SLOPE = 0.5
+_FAULTY_SLOPE = 0.5
 
 
 def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
-    """Find lines at a mains frequency and its harmonics, or say why that cannot be judged.
+    """Return faults for lines at a mains frequency and its harmonics, or the reason why they cannot be judged.
 
-    A machine that turns at a divisor of the mains has the same lines; but it has others in between too. Lines at
-    multiples of half or a third of the frequency therefore speak against hum. `amplitude` is `amplitudes(x)`.
+    A machine that turns at a fraction of the mains frequency has the same lines, and others in between: lines at
+    multiples of half or a third of the frequency exclude hum. `amplitude` is `amplitudes(x)`.
     """
     if x.size / rate_hz < _SHORTEST_HUM_S or rate_hz < 2 * (_FEWEST_HARMONICS * 60 + _REACH_HZ):
         return [], (
@@ -57,14 +57,14 @@ def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorF
                 f"{share:.1%} of its RMS. Check shield and ground loops; a machine that turns at this very frequency "
                 "does the same."
             )
-            return [graded("mains hum", sick=share > _SICK_HUM, size=share, sentence=sentence)], None
+            return [graded("mains hum", sick=share > _FAULTY_HUM, size=share, sentence=sentence)], None
     return [], None
 
 
 def amplitudes(x: Samples) -> Samples:
-    """Return peak amplitudes over frequency, Hann-windowed, in steps of one over the record.
+    """Return the peak amplitude spectrum under Hann's window, in steps of one over the record's duration.
 
-    The window, ``1/2 - cos(2 pi i / n) / 2``, takes from each line a half of the mean of its neighbours.
+    The window, ``1/2 - cos(2 pi i / n) / 2``, is applied to the lines of the spectrum as a three-term convolution.
     """
     lines = fft.rfft(x - x.mean(dtype=np.float64).astype(x.dtype))
     forget_plans(x.size)
@@ -79,12 +79,12 @@ def amplitudes(x: Samples) -> Samples:
 
 
 def _strongest(amplitude: Samples, step: float, mains: float) -> float:
-    """Return where the highest point near a mains frequency lies, refined between the steps."""
+    """Return the frequency of the largest line near a mains frequency, interpolated between the steps."""
     low, high = int((mains - _STRAY_HZ) / step), int(np.ceil((mains + _STRAY_HZ) / step)) + 1
     top = low + int(np.argmax(amplitude[low:high]))
     left, middle, right = np.maximum(amplitude[top - 1 : top + 2], np.finfo(np.float64).tiny)
     side, sign = (right, 1) if right > left else (left, -1)
-    shift = (2 * side / middle - 1) / (side / middle + 1)  # of a Hann line between two steps, exactly
+    shift = (2 * side / middle - 1) / (side / middle + 1)  # exact for a tone under Hann's window
     found = (top + sign * float(np.clip(shift, 0, 1))) * step
     return float(np.clip(found, mains - _STRAY_HZ, mains + _STRAY_HZ))
 
@@ -101,10 +101,10 @@ def _line(amplitude: Samples, step: float, at: float) -> tuple[float, float]:
 
 
 def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
-    """Find a density that falls from the lowest octave on, or say why that cannot be judged.
+    """Return faults for a density that falls from the lowest octave on, or the reason why it cannot be judged.
 
-    A loose mount, thermal drift and the recovery of an overloaded amplifier give it. The median of each octave is
-    taken, so that a shaft's line there is none.
+    Its causes are a loose mount, thermal drift and the recovery of an overloaded amplifier. The density of an octave is
+    its median, which the lines of a shaft do not change.
     """
     edges = _SLOPE_TOP_HZ / 2.0 ** np.arange(_OCTAVES, -1, -1)
     step = rate_hz / x.size
@@ -121,11 +121,11 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
     end = int(np.argmax(np.append(density < _FLOOR * floor, True)))  # where the slope ends in the rest
     if end < _SHORTEST_SLOPE or density[0] < _RISE * floor or share < _SLOPE_SHARE:
         return [], None
-    if np.any(density[: end - 1] < _STEEPEST * density[1:end]):
+    if np.any(density[: end - 1] < _STEEPNESS * density[1:end]):
         return [], None
     decibels = 10 * np.log10(density[0] / density[end - 1]) / (end - 1)
     sentence = (
         f"it has a ski slope: below {_SLOPE_TOP_HZ:g} Hz its density falls by {decibels:.1f} dB an octave and holds "
         f"{share:.1%} of its power. Check the mount; look for shocks that overload the amplifier."
     )
-    return [graded("ski slope", sick=share > _SICK_SLOPE, size=share, sentence=sentence)], None
+    return [graded("ski slope", sick=share > _FAULTY_SLOPE, size=share, sentence=sentence)], None

@@ -1,8 +1,8 @@
-"""Condition indicators: each a function of the one signal it was defined on, with its source.
+"""Condition indicators: each a function of the one signal it is defined on, with its source.
 
-The raw signal is an array; averages and what is cut out of them have types of their own, so an indicator refuses a
-signal it was not defined on. `INDICATORS` lists all of them. What the past is to NA4 and NB4 is a `VarianceHistory`,
-frozen like everything here: an update returns the next one.
+The raw signal is an array; averages and signals cut out of them have types of their own, so an indicator refuses a
+signal it is not defined on. `INDICATORS` lists all of them. NA4 and NB4 are normalised with the mean variance of
+earlier records, a `VarianceHistory`: immutable, an update returns a new one.
 """
 
 from signals.indicators.bearing import DefectEnergy, defect_energy

@@ -1,4 +1,4 @@
-"""Which signal an indicator is defined on, held against what it was given."""
+"""Check that an indicator gets the kind of signal it is defined on."""
 
 _MADE_BY = {
     "SynchronousAverage": "synchronous_average",
@@ -14,6 +14,6 @@ def expect(signal: object, kind: type, *, indicator: str) -> None:
     """Raise TypeError where `signal` is not of the one `kind` that `indicator` is defined on."""
     if not isinstance(signal, kind):
         raise TypeError(
-            f"{indicator} takes a {kind.__name__}, not a {type(signal).__name__}: its meaning rests on what was taken "
-            f"out before. Make one with signals.{_MADE_BY[kind.__name__]}."
+            f"{indicator} takes a {kind.__name__}, not a {type(signal).__name__}: it is defined for that signal alone. "
+            f"Make one with signals.{_MADE_BY[kind.__name__]}."
         )

@@ -1,4 +1,4 @@
-"""Indicators of a bearing: energy at its defect lines in the spectrum of an envelope."""
+"""Indicators of a bearing: energy at the harmonics of a defect frequency in an envelope spectrum."""
 
 from dataclasses import dataclass, field
 
@@ -8,15 +8,22 @@ from signals._checks import Array, positive, whole
 from signals.indicators._kinds import expect
 from signals.spectra import AmplitudeSpectrum
 
-_LOBE_BINS = 3.0  # of a Hann line on either side
-_FEWEST = 8  # points of background
+_LOBE_BINS = 3.0  # half width of the main lobe of Hann's window, and a bin
+_FEWEST = 8  # points of background, at least
 
 
 @dataclass(frozen=True, kw_only=True)
 class DefectEnergy:
-    """Energy of one defect's lines: half their squared peak amplitudes, in the squared unit of the spectrum.
+    """Energy at the harmonics of a defect frequency and of their background, from `defect_energy`.
 
-    ``background`` is what as many lines of the surroundings' median height would hold.
+    Attributes
+    ----------
+    orders : (harmonic,) array
+        Where the harmonics were found, in the unit of the spectrum's axis.
+    amplitude : (harmonic,) array
+        Their peak amplitudes, in the unit of the spectrum.
+    background : float
+        Energy of as many lines with the median amplitude beside each harmonic.
     """
 
     orders: Array = field(metadata={"dims": ("harmonic",), "units": "as the axis"})
@@ -25,19 +32,19 @@ class DefectEnergy:
 
     @property
     def energy(self) -> float:
-        """Sum over the harmonics of half their squared peak amplitude."""
+        """Sum of half the squared peak amplitudes, in the squared unit of the spectrum."""
         return float(np.sum(self.amplitude**2) / 2)
 
     @property
     def ratio(self) -> float:
-        """Energy over that of the background: a few where there is no line, since each is the largest of its band."""
+        """Energy over that of the background; well above 1 even in noise, as each line is the largest of its band."""
         return self.energy / self.background if self.background > 0 else np.inf
 
 
 def defect_energy(
     spectrum: AmplitudeSpectrum, *, order: float, harmonics: int, tolerance: float, surroundings: float
 ) -> DefectEnergy:
-    """Return the energy at a defect's lines in an envelope's spectrum.
+    """Return the energy at the harmonics of a defect frequency in an envelope spectrum.
 
     After McFadden & Smith (1984), "Model for the vibration produced by a single point defect in a rolling element
     bearing", J. Sound Vib. 96(1), 69-82; of the squared envelope: Randall & Antoni (2011), "Rolling element bearing
@@ -48,13 +55,13 @@ def defect_energy(
     spectrum : AmplitudeSpectrum
         Of an envelope or squared envelope, over orders or frequency: `envelope_order_spectrum`, `envelope_spectrum`.
     order : float
-        Of the defect, in the axis' unit: BPFO, BPFI, twice BSF, FTF.
+        Defect order or frequency, in the axis' unit: BPFO, BPFI, twice BSF, FTF.
     harmonics : int
-        How many lines, the fundamental being the first.
+        Number of harmonics, the fundamental included.
     tolerance : float
-        How far from ``order`` the fundamental may lie, relative: rolling elements slip, some 0.01 to 0.02.
+        Largest relative deviation from ``order``: 0.01 to 0.02, since rolling elements slip.
     surroundings : float
-        How far on either side of a line the background reaches, in the axis' unit.
+        Width of the background on either side of a line, in the axis' unit.
 
     Returns
     -------
@@ -63,7 +70,20 @@ def defect_energy(
     Raises
     ------
     ValueError
-        Lines beyond the end of the spectrum, or too little beside them.
+        Harmonics beyond the end of the spectrum, or fewer than eight points of background.
+
+    Examples
+    --------
+    A line of amplitude 0.3 at the defect order 3.6 has the energy 0.3^2 / 2 = 0.045:
+
+    >>> import numpy as np
+    >>> from signals import amplitude_spectrum
+    >>> from signals.indicators import defect_energy
+    >>> angle = np.arange(3600) / 360  # ten revolutions
+    >>> envelope = 1 + 0.3 * np.cos(2 * np.pi * 3.6 * angle)
+    >>> spectrum = amplitude_spectrum(envelope, rate=360)
+    >>> round(defect_energy(spectrum, order=3.6, harmonics=1, tolerance=0.02, surroundings=2).energy, 4)
+    0.045
     """
     expect(spectrum, AmplitudeSpectrum, indicator="the defect energy")
     first = positive(order, name="order")
@@ -84,7 +104,7 @@ def defect_energy(
 
 
 def _line(spectrum: AmplitudeSpectrum, centre: float, half: float, reach: float) -> tuple[float, float, float]:
-    """Return where the largest point of a band lies, its height, and the median height beside the band."""
+    """Return place and amplitude of the largest point of a band, and the median amplitude beside the band."""
     axis, amplitude = spectrum.axis, spectrum.amplitude
     low, high = np.searchsorted(axis, [centre - half, centre + half])
     top = int(low) + int(np.argmax(amplitude[low : max(high, low + 1)]))

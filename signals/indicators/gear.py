@@ -20,17 +20,34 @@ from signals.residues import DifferenceSignal, MeshBand, RegularSignal, Residual
 
 
 def fm0(average: SynchronousAverage, *, teeth: int, harmonics: int) -> float:
-    """Return peak to peak of the average over the sum of its mesh harmonics' amplitudes (Stewart; Zakrajsek).
+    """Return the peak-to-peak value of the average over the sum of its mesh harmonics (Stewart; Zakrajsek).
 
     Major faults of the mesh raise it: a broken tooth raises the peaks, heavy wear lowers the mesh harmonics.
 
     Parameters
     ----------
     average : SynchronousAverage
+        Of the gear's shaft.
     teeth : int
-        Of the gear.
+        Teeth of the gear.
     harmonics : int
-        Mesh harmonics in the sum.
+        Number of mesh harmonics in the sum.
+
+    Raises
+    ------
+    ValueError
+        An average without these harmonics.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage
+    >>> from signals.indicators import fm0
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = 3 * np.cos(20 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> round(fm0(average, teeth=20, harmonics=1), 6)
+    2.0
     """
     expect(average, SynchronousAverage, indicator="FM0")
     mesh = whole(teeth, name="teeth", least=2)
@@ -44,18 +61,77 @@ def fm0(average: SynchronousAverage, *, teeth: int, harmonics: int) -> float:
 def fm4(difference: DifferenceSignal) -> float:
     """Return the kurtosis of the difference signal (Stewart; Zakrajsek): 3 for noise, more where one tooth stands out.
 
-    Of n independent Gaussian samples it scatters by sqrt(24 / n). It falls back when the damage spreads.
+    Its standard deviation for n independent Gaussian samples is sqrt(24 / n). It falls again when the damage spreads.
+
+    Parameters
+    ----------
+    difference : DifferenceSignal
+        The average without mesh harmonics, their first sidebands and shaft orders.
+
+    Examples
+    --------
+    A sine that is no mesh harmonic, far below the 3 of noise:
+
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, difference_signal
+    >>> from signals.indicators import fm4
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = np.cos(20 * angle) + 0.1 * np.cos(7 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> difference = difference_signal(average, teeth=20, harmonics=1, shaft_orders=[1, 2])
+    >>> round(fm4(difference), 6)
+    1.5
     """
     return _moment(difference, order=4, name="FM4")
 
 
 def m6a(difference: DifferenceSignal) -> float:
-    """Return the sixth moment of the difference signal over its variance cubed (Martin): 15 for noise."""
+    """Return the sixth moment of the difference signal over its variance cubed (Martin): 15 for noise.
+
+    Parameters
+    ----------
+    difference : DifferenceSignal
+        The average without mesh harmonics, their first sidebands and shaft orders.
+
+    Examples
+    --------
+    A sine that is no mesh harmonic, far below the 15 of noise:
+
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, difference_signal
+    >>> from signals.indicators import m6a
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = np.cos(20 * angle) + 0.1 * np.cos(7 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> difference = difference_signal(average, teeth=20, harmonics=1, shaft_orders=[1, 2])
+    >>> round(m6a(difference), 6)
+    2.5
+    """
     return _moment(difference, order=6, name="M6A")
 
 
 def m8a(difference: DifferenceSignal) -> float:
-    """Return the eighth moment of the difference signal over its variance to the fourth (Martin): 105 for noise."""
+    """Return the eighth moment of the difference signal over its variance to the fourth (Martin): 105 for noise.
+
+    Parameters
+    ----------
+    difference : DifferenceSignal
+        The average without mesh harmonics, their first sidebands and shaft orders.
+
+    Examples
+    --------
+    A sine that is no mesh harmonic, far below the 105 of noise:
+
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, difference_signal
+    >>> from signals.indicators import m8a
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = np.cos(20 * angle) + 0.1 * np.cos(7 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> difference = difference_signal(average, teeth=20, harmonics=1, shaft_orders=[1, 2])
+    >>> round(m8a(difference), 6)
+    4.375
+    """
     return _moment(difference, order=8, name="M8A")
 
 
@@ -68,23 +144,59 @@ def na4(residual: ResidualSignal, *, history: VarianceHistory) -> float:
     Parameters
     ----------
     residual : ResidualSignal
+        The average without mesh harmonics and shaft orders.
     history : VarianceHistory
-        With this record in it, as it was defined: ``history = history.update(residual)`` first.
+        Of this and the earlier records: ``history = history.update(residual)`` first.
+
+    Raises
+    ------
+    ValueError
+        A history without a record, of another kind of signal or of constant signals.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, residual_signal
+    >>> from signals.indicators import VarianceHistory, na4
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = np.cos(20 * angle) + 0.1 * np.cos(7 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> residual = residual_signal(average, teeth=20, harmonics=1, shaft_orders=[1, 2])
+    >>> round(na4(residual, history=VarianceHistory().update(residual)), 6)  # the kurtosis of a sine
+    1.5
     """
     expect(residual, ResidualSignal, indicator="NA4")
     return over_history(residual.values, history, residual, name="NA4")
 
 
 def energy_ratio(difference: DifferenceSignal, regular: RegularSignal) -> float:
-    """Return RMS of the difference signal over that of the regular signal (Swansson 1980; Lebold).
+    """Return the RMS of the difference signal over that of the regular signal (Swansson 1980; Lebold).
 
-    Heavy, even wear raises it: energy goes from the mesh to everything else.
+    Heavy, uniform wear raises it: energy moves from the mesh harmonics to the rest of the spectrum.
 
     Parameters
     ----------
     difference : DifferenceSignal
+        The average without mesh harmonics, their first sidebands and shaft orders.
     regular : RegularSignal
-        What was taken out of the average to leave `difference`.
+        The average less `difference`: mesh harmonics, their sidebands and shaft orders.
+
+    Raises
+    ------
+    ValueError
+        Signals of different averages, or a constant regular signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, difference_signal, regular_signal
+    >>> from signals.indicators import energy_ratio
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = np.cos(20 * angle) + 0.1 * np.cos(7 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> difference = difference_signal(average, teeth=20, harmonics=1, shaft_orders=[1, 2])
+    >>> round(energy_ratio(difference, regular_signal(average, left=difference)), 6)
+    0.1
     """
     expect(difference, DifferenceSignal, indicator="the energy ratio")
     expect(regular, RegularSignal, indicator="the energy ratio")
@@ -95,19 +207,43 @@ def energy_ratio(difference: DifferenceSignal, regular: RegularSignal) -> float:
         )
     below = float(np.std(regular.values))
     if below == 0:
-        raise ValueError("the energy ratio: the regular signal is nothing; check the teeth and shaft orders.")
+        raise ValueError("the energy ratio: the regular signal is zero; check the teeth and shaft orders.")
     return float(np.std(difference.values)) / below
 
 
 def energy_operator(residual: ResidualSignal) -> float:
-    """Return the kurtosis of the residual's Teager energy round the revolution (Ma 1995, MFPG 49; Lebold).
+    """Return the kurtosis of the residual signal's Teager energy (Ma 1995, MFPG 49; Lebold).
 
-    The operator weighs amplitude and frequency at once, so a short impact of high frequency stands out.
+    The Teager energy grows with amplitude and frequency, so a short impact of high frequency stands out.
+
+    Parameters
+    ----------
+    residual : ResidualSignal
+        The average without mesh harmonics and shaft orders.
+
+    Raises
+    ------
+    ValueError
+        A residual of zeros.
+
+    Examples
+    --------
+    The Teager energy of two tones is a mean and a sine at their beat frequency, which has kurtosis 1.5:
+
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, residual_signal
+    >>> from signals.indicators import energy_operator
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = np.cos(7 * angle) + np.cos(9 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> residual = residual_signal(average, teeth=20, harmonics=1, shaft_orders=[1, 2])
+    >>> round(energy_operator(residual), 2)
+    1.5
     """
     expect(residual, ResidualSignal, indicator="the energy operator")
     largest = float(np.max(np.abs(residual.values)))
     if largest == 0:
-        raise ValueError("the energy operator of a residual that is nothing is not defined.")
+        raise ValueError("the energy operator of a residual of zeros is not defined.")
     return normalized_moment(teager_energy(residual.values / largest), order=4, name="the energy operator")
 
 
@@ -119,8 +255,20 @@ def sideband_index(average: SynchronousAverage, *, teeth: int) -> float:
     Parameters
     ----------
     average : SynchronousAverage
+        Of the gear's shaft.
     teeth : int
-        Of the gear on the averaged shaft.
+        Teeth of the gear.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage
+    >>> from signals.indicators import sideband_index
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = (1 + 0.2 * np.cos(angle)) * np.cos(20 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> round(sideband_index(average, teeth=20), 6)  # each sideband has half of the modulation
+    0.1
     """
     expect(average, SynchronousAverage, indicator="the sideband index")
     return _first_sidebands(average, teeth) / 2
@@ -129,7 +277,30 @@ def sideband_index(average: SynchronousAverage, *, teeth: int) -> float:
 def sideband_level_factor(average: SynchronousAverage, *, teeth: int) -> float:
     """Return the sum of the first sidebands' amplitudes over the standard deviation of the average (Lebold; Večeř).
 
-    Misalignment, a bent shaft or a single bad tooth raise it. Parameters as in `sideband_index`.
+    Misalignment, a bent shaft or a single bad tooth raise it.
+
+    Parameters
+    ----------
+    average : SynchronousAverage
+        Of the gear's shaft.
+    teeth : int
+        Teeth of the gear.
+
+    Raises
+    ------
+    ValueError
+        A constant average.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage
+    >>> from signals.indicators import sideband_level_factor
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = (1 + 0.2 * np.cos(angle)) * np.cos(20 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> round(sideband_level_factor(average, teeth=20), 4)  # 0.2 / sqrt(0.51)
+    0.2801
     """
     expect(average, SynchronousAverage, indicator="the sideband level factor")
     level = float(np.std(average.values))
@@ -151,10 +322,12 @@ def over_history(values: Array, history: VarianceHistory, signal: ResidualSignal
 
 
 def _moment(difference: DifferenceSignal, *, order: int, name: str) -> float:
+    """Return a normalised moment of the difference signal, or refuse another signal."""
     expect(difference, DifferenceSignal, indicator=name)
     return normalized_moment(difference.values, order=order, name=name)
 
 
 def _first_sidebands(average: SynchronousAverage, teeth: int) -> float:
+    """Return the sum of the amplitudes at one order below and above the mesh order."""
     mesh = whole(teeth, name="teeth", least=2)
     return line_amplitude(average, mesh - 1) + line_amplitude(average, mesh + 1)

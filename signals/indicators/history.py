@@ -1,4 +1,4 @@
-"""What a gear's indicators remember: the variance of its records so far, learned, and frozen when told or in time."""
+"""Mean variance of a gear's records so far, which NA4 and NB4 are normalised with."""
 
 import math
 from dataclasses import dataclass, replace
@@ -16,24 +16,39 @@ Kind = Literal["residual", "mesh envelope"]
 class VarianceHistory:
     """Mean variance of the records so far, the denominator of NA4 and NB4; `update` returns a new one.
 
-    NA4 and NB4 let every record in; then a fault that stays makes itself the norm. NA4* and NB4* keep the variance of
-    the sound gear (Decker, Handschuh & Zakrajsek 1994, NASA TM-106553): freeze the history when the gear has run in, or
-    let it freeze itself with `limit_std`, at the first record after `learning` whose variance exceeds the mean of those
-    before by that many of their standard deviations.
+    For NA4 and NB4 every record updates the mean, so that a lasting fault becomes part of it. NA4* and NB4* keep the
+    variance of the healthy gear (Decker, Handschuh & Zakrajsek 1994, NASA TM-106553): freeze the history after run-in,
+    or set `limit_std` so that it freezes itself.
 
     Attributes
     ----------
     records : int
-        How many it rests on.
+        Number of records.
     mean_variance : float
-        In the squared unit of the signal.
+        Mean of their variances, in the squared unit of the signal.
     squares : float
         Sum of squared deviations of the variances from their mean.
     kind : "residual", "mesh envelope" or None
-        Of which signal; None before the first.
+        The signal they are of; None before the first.
     frozen : bool
+        Whether further records leave the history as it is.
     limit_std : float or None
+        It freezes itself at the first record after `learning` whose variance exceeds the mean by so many standard
+        deviations of the variances before.
     learning : int
+        Number of records before it may freeze itself.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import ResidualSignal
+    >>> from signals.indicators import VarianceHistory
+    >>> tone = np.cos(2 * np.pi * np.arange(360) / 360)
+    >>> history = VarianceHistory()
+    >>> for amplitude in (1, 2):  # variances 0.5 and 2
+    ...     history = history.update(ResidualSignal(values=amplitude * tone, removed_orders=()))
+    >>> history.records, round(history.mean_variance, 6)
+    (2, 1.25)
     """
 
     records: int = 0
@@ -56,7 +71,13 @@ class VarianceHistory:
         return math.sqrt(self.squares / (self.records - 1)) if self.records > 1 else math.nan
 
     def update(self, signal: ResidualSignal | MeshBand) -> "VarianceHistory":
-        """Return the history with one more record, or as it is where it is frozen."""
+        """Return the history with one more record, or itself where it is frozen.
+
+        Raises
+        ------
+        ValueError
+            A signal of another kind than those before.
+        """
         variance = self.variance_of(signal)
         if self.frozen:
             return self
@@ -78,7 +99,7 @@ class VarianceHistory:
         )
 
     def freeze(self) -> "VarianceHistory":
-        """Return the history that no further record changes.
+        """Return a frozen copy, which further records leave as it is.
 
         Raises
         ------
@@ -90,7 +111,7 @@ class VarianceHistory:
         return replace(self, frozen=True)
 
     def variance_of(self, signal: ResidualSignal | MeshBand) -> float:
-        """Return the variance that `signal` adds, or refuse a signal of another kind than those before."""
+        """Return the variance of `signal`, or refuse a signal of another kind than those before."""
         kind = kind_of(signal)
         if self.kind not in (None, kind):
             raise ValueError(
@@ -100,7 +121,7 @@ class VarianceHistory:
 
 
 def kind_of(signal: object) -> Kind:
-    """Tell which of the two signals it is, or raise TypeError."""
+    """Return the kind of a signal, or raise TypeError."""
     if isinstance(signal, ResidualSignal):
         return "residual"
     if isinstance(signal, MeshBand):

@@ -1,4 +1,4 @@
-"""Indicators of one mesh harmonic with its sidebands: how it is modulated round the revolution.
+"""Indicators of one mesh harmonic with its sidebands: amplitude and phase modulation over the revolution.
 
 McFadden (1986), "Detecting fatigue cracks in gears by amplitude and phase demodulation of the meshing vibration",
 J. Vib. Acoust. 108(2), 165-170: a crack makes the mesh lag and weaken while its tooth is in. Bechhoefer & Kingsley
@@ -17,7 +17,25 @@ from signals.residues import MeshBand
 
 
 def narrowband_kurtosis(band: MeshBand) -> float:
-    """Return the kurtosis of the band as a real signal: 1.5 for an unmodulated mesh (Bechhoefer & Kingsley 2009)."""
+    """Return the kurtosis of the band as a real signal: 1.5 for an unmodulated mesh (Bechhoefer & Kingsley 2009).
+
+    Parameters
+    ----------
+    band : MeshBand
+        A mesh harmonic with its sidebands.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, mesh_band
+    >>> from signals.indicators import narrowband_kurtosis
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = np.cos(20 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> band = mesh_band(average, mesh_order=20, sidebands=8)
+    >>> round(narrowband_kurtosis(band), 6)
+    1.5
+    """
     expect(band, MeshBand, indicator="the narrowband kurtosis")
     return normalized_moment(band.values, order=4, name="the narrowband kurtosis")
 
@@ -26,13 +44,31 @@ def nb4(band: MeshBand, *, history: VarianceHistory) -> float:
     """Return the fourth moment of the band's envelope over the squared mean variance of its history.
 
     Zakrajsek, Handschuh & Decker (1994), "Application of fault detection techniques to spiral bevel gear fatigue data",
-    NASA TM-106467. Damage of few teeth makes the load, and so the envelope, drop there.
+    NASA TM-106467. Damage to few teeth makes the load, and so the envelope, drop there.
 
     Parameters
     ----------
     band : MeshBand
+        A mesh harmonic with its sidebands.
     history : VarianceHistory
-        With this record in it: ``history = history.update(band)`` first. Frozen, this is NB4*.
+        Of this and the earlier records: ``history = history.update(band)`` first. Frozen, this is NB4*.
+
+    Raises
+    ------
+    ValueError
+        A history without a record, of another kind of signal or of constant envelopes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, mesh_band
+    >>> from signals.indicators import VarianceHistory, nb4
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = (1 + 0.2 * np.cos(angle)) * np.cos(20 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> band = mesh_band(average, mesh_order=20, sidebands=8)
+    >>> round(nb4(band, history=VarianceHistory().update(band)), 6)  # the kurtosis of a sine
+    1.5
     """
     expect(band, MeshBand, indicator="NB4")
     return over_history(band.amplitude, history, band, name="NB4")
@@ -41,15 +77,52 @@ def nb4(band: MeshBand, *, history: VarianceHistory) -> float:
 def amplitude_modulation(band: MeshBand) -> float:
     """Return the depth of the amplitude modulation: m for a mesh of ``1 + m cos`` (McFadden 1986).
 
-    It is sqrt 2 times the RMS of the envelope over its mean, so what modulates need not be one sine.
+    It is sqrt 2 times the RMS of the envelope over its mean, so that it is defined for any modulation.
+
+    Parameters
+    ----------
+    band : MeshBand
+        A mesh harmonic with its sidebands.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, mesh_band
+    >>> from signals.indicators import amplitude_modulation
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = (1 + 0.2 * np.cos(angle)) * np.cos(20 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> band = mesh_band(average, mesh_order=20, sidebands=8)
+    >>> round(amplitude_modulation(band), 6)
+    0.2
     """
     expect(band, MeshBand, indicator="the amplitude modulation")
-    amplitude = band.amplitude
-    return float(np.sqrt(2) * np.std(amplitude) / _mean(amplitude))
+    mean = float(band.amplitude.mean())
+    if mean == 0:
+        raise ValueError("the band holds nothing, so nothing modulates it; check the teeth and the sensor.")
+    return float(np.sqrt(2) * np.std(band.amplitude) / mean)
 
 
 def amplitude_modulation_kurtosis(band: MeshBand) -> float:
-    """Return the kurtosis of the envelope: 1.5 for a sine, high for one tooth (Bechhoefer & Kingsley 2009)."""
+    """Return the kurtosis of the envelope: 1.5 for a sine, high for one tooth (Bechhoefer & Kingsley 2009).
+
+    Parameters
+    ----------
+    band : MeshBand
+        A mesh harmonic with its sidebands.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, mesh_band
+    >>> from signals.indicators import amplitude_modulation_kurtosis
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = (1 + 0.2 * np.cos(angle)) * np.cos(20 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> band = mesh_band(average, mesh_order=20, sidebands=8)
+    >>> round(amplitude_modulation_kurtosis(band), 6)
+    1.5
+    """
     expect(band, MeshBand, indicator="the kurtosis of the amplitude modulation")
     return normalized_moment(band.amplitude, order=4, name="the kurtosis of the amplitude modulation")
 
@@ -57,28 +130,81 @@ def amplitude_modulation_kurtosis(band: MeshBand) -> float:
 def phase_modulation(band: MeshBand) -> float:
     """Return the index of the phase modulation in rad: b for a mesh of phase ``b sin`` (McFadden 1986).
 
-    Sqrt 2 times the RMS of the phase. In angle of the shaft it is that over the order of the harmonic.
+    Sqrt 2 times the RMS of the phase. Divided by the order of the harmonic it is an angle of the shaft.
+
+    Parameters
+    ----------
+    band : MeshBand
+        A mesh harmonic with its sidebands.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, mesh_band
+    >>> from signals.indicators import phase_modulation
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = np.cos(20 * angle + 0.1 * np.sin(angle))
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> band = mesh_band(average, mesh_order=20, sidebands=8)
+    >>> round(phase_modulation(band), 6)
+    0.1
     """
     expect(band, MeshBand, indicator="the phase modulation")
     return float(np.sqrt(2) * np.std(_phase(band)))
 
 
 def frequency_modulation(band: MeshBand) -> float:
-    """Return the deviation of the mesh's order over that order: ``b k / order`` for a phase ``b sin(k angle)``.
+    """Return the relative frequency deviation of the mesh: ``b k / order`` for a phase ``b sin(k angle)``.
 
-    Sqrt 2 times the RMS of the phase's rate round the revolution, over the mesh order.
+    Sqrt 2 times the RMS of the derivative of the phase by the shaft angle, over the mesh order.
+
+    Parameters
+    ----------
+    band : MeshBand
+        A mesh harmonic with its sidebands.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, mesh_band
+    >>> from signals.indicators import frequency_modulation
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = np.cos(20 * angle + 0.1 * np.sin(angle))
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> band = mesh_band(average, mesh_order=20, sidebands=8)
+    >>> round(frequency_modulation(band), 6)  # 0.1 / 20
+    0.005
     """
     expect(band, MeshBand, indicator="the frequency modulation")
     return float(np.sqrt(2) * np.std(_rate(band)) / band.mesh_order)
 
 
 def frequency_modulation_kurtosis(band: MeshBand) -> float:
-    """Return the kurtosis of the phase's rate round the revolution (Bechhoefer & Kingsley 2009)."""
+    """Return the kurtosis of the derivative of the phase: 1.5 for a sine (Bechhoefer & Kingsley 2009).
+
+    Parameters
+    ----------
+    band : MeshBand
+        A mesh harmonic with its sidebands.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, mesh_band
+    >>> from signals.indicators import frequency_modulation_kurtosis
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = np.cos(20 * angle + 0.1 * np.sin(angle))
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> band = mesh_band(average, mesh_order=20, sidebands=8)
+    >>> round(frequency_modulation_kurtosis(band), 6)
+    1.5
+    """
     expect(band, MeshBand, indicator="the kurtosis of the frequency modulation")
     return normalized_moment(_rate(band), order=4, name="the kurtosis of the frequency modulation")
 
 
 def _phase(band: MeshBand) -> Array:
+    """Return the phase in rad, or refuse one that does not return to its start after the revolution."""
     phase = band.phase_rad
     turns = round((phase[-1] - phase[0]) / (2 * np.pi))
     if turns:
@@ -90,7 +216,7 @@ def _phase(band: MeshBand) -> Array:
 
 
 def _rate(band: MeshBand) -> Array:
-    """Rate of the phase against the shaft's angle, in orders beside the mesh order, from the analytic signal."""
+    """Return the derivative of the phase by the shaft angle, less the mesh order, from the analytic signal."""
     _phase(band)
     weight = band.amplitude**2
     if np.min(weight) <= np.finfo(np.float64).tiny:
@@ -101,10 +227,3 @@ def _rate(band: MeshBand) -> Array:
     orders = fft.fftfreq(band.analytic.size, 1 / band.analytic.size)
     slope = fft.ifft(1j * orders * fft.fft(band.analytic))
     return np.asarray((np.conj(band.analytic) * slope).imag / weight - band.mesh_order)
-
-
-def _mean(amplitude: Array) -> float:
-    mean = float(amplitude.mean())
-    if mean == 0:
-        raise ValueError("the band holds nothing, so nothing modulates it; check the teeth and the sensor.")
-    return mean

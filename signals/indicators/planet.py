@@ -1,4 +1,4 @@
-"""Indicators of a planet carrier: which sidebands of the ring's mesh there are, and which there should not be."""
+"""Indicators of a planet carrier: sidebands of the ring mesh, at orders that equal planets cause or cancel."""
 
 from dataclasses import dataclass, field
 
@@ -13,7 +13,17 @@ from signals.indicators.shaft import line_amplitude
 
 @dataclass(frozen=True, kw_only=True)
 class CarrierSidebands:
-    """Lines about one harmonic of the ring's mesh, in the average over the carrier."""
+    """Amplitudes around one harmonic of the ring mesh, in the average over the carrier, from `carrier_sidebands`.
+
+    Attributes
+    ----------
+    orders : (line,) array
+        Orders of the carrier.
+    amplitude : (line,) array
+        Peak amplitudes, in the unit of the record.
+    planets : int
+        Number of planets.
+    """
 
     orders: NDArray[np.int64] = field(metadata={"dims": ("line",), "units": "order of the carrier"})
     amplitude: Array = field(metadata={"dims": ("line",), "units": "as the record, peak"})
@@ -21,12 +31,12 @@ class CarrierSidebands:
 
     @property
     def expected(self) -> NDArray[np.bool_]:
-        """Where the order is a multiple of the planets, so that all of them add up, (line,)."""
+        """(line,) array, true at multiples of the number of planets, where the planets' contributions add up."""
         return np.asarray(self.orders % self.planets == 0)
 
     @property
     def ratio(self) -> float:
-        """RMS of the lines where equal planets cancel over that of the lines where they add up."""
+        """RMS of the amplitudes where equal planets cancel over that where they add up."""
         expected = float(np.sqrt(np.mean(self.amplitude[self.expected] ** 2)))
         other = float(np.sqrt(np.mean(self.amplitude[~self.expected] ** 2)))
         return other / expected if expected > 0 else np.inf
@@ -35,24 +45,48 @@ class CarrierSidebands:
 def carrier_sidebands(
     average: SynchronousAverage, *, ring_teeth: int, planets: int, harmonic: int, sidebands: int
 ) -> CarrierSidebands:
-    """Return the sidebands of a ring mesh, split by whether equal, evenly spaced planets leave them.
+    """Return the sidebands of a ring mesh at orders that equal, evenly spaced planets cause or cancel.
 
-    Such planets pass a sensor on the ring with phases that cancel at every order which is no multiple of their number
+    Such planets pass a sensor on the ring with phases that cancel at every order that is no multiple of their number
     (McFadden & Smith 1985, Proc. Instn Mech. Engrs C 199, 65-70). A crack in the carrier or one bad planet makes them
     unequal, and the ratio rises (Keller & Grabill 2003, "Vibration monitoring of UH-60A main transmission planetary
-    carrier fault", AHS Forum 59). Planets that are not evenly spaced make it high in a sound gearbox too.
+    carrier fault", AHS Forum 59). Planets that are not evenly spaced make it high in a healthy gearbox too.
 
     Parameters
     ----------
     average : SynchronousAverage
         Over revolutions of the carrier.
     ring_teeth : int
-        Of the fixed ring: the order of its mesh.
+        Teeth of the fixed ring: the order of its mesh.
     planets : int
+        Number of planets.
     harmonic : int
-        Of the mesh.
+        Number of the mesh harmonic.
     sidebands : int
-        How many orders on either side; at least the number of planets.
+        Number of orders on either side; at least the number of planets.
+
+    Returns
+    -------
+    CarrierSidebands
+
+    Raises
+    ------
+    ValueError
+        Orders below 1 or above the passband of the average.
+
+    Examples
+    --------
+    Three planets on a ring of 40 teeth give lines at 39 and 42 about the mesh order 40:
+
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage
+    >>> from signals.indicators import carrier_sidebands
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = 2 * np.cos(39 * angle) + np.cos(42 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> lines = carrier_sidebands(average, ring_teeth=40, planets=3, harmonic=1, sidebands=3)
+    >>> lines.orders[lines.expected].tolist(), round(lines.ratio, 6)
+    ([39, 42], 0.0)
     """
     expect(average, SynchronousAverage, indicator="the carrier sideband ratio")
     count = whole(planets, name="planets", least=2)
@@ -68,7 +102,24 @@ def carrier_sidebands(
 def carrier_sideband_ratio(
     average: SynchronousAverage, *, ring_teeth: int, planets: int, harmonic: int, sidebands: int
 ) -> float:
-    """Return `CarrierSidebands.ratio`; parameters as in `carrier_sidebands`."""
+    """Return the RMS of the sidebands that equal planets cancel over that of the others: `CarrierSidebands.ratio`.
+
+    Parameters
+    ----------
+    average, ring_teeth, planets, harmonic, sidebands
+        As for `carrier_sidebands`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage
+    >>> from signals.indicators import carrier_sideband_ratio
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = np.cos(39 * angle) + 0.5 * np.cos(40 * angle)  # RMS 0.5 / sqrt(5) over 1 / sqrt(2)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> round(carrier_sideband_ratio(average, ring_teeth=40, planets=3, harmonic=1, sidebands=3), 4)
+    0.3162
+    """
     return carrier_sidebands(
         average, ring_teeth=ring_teeth, planets=planets, harmonic=harmonic, sidebands=sidebands
     ).ratio

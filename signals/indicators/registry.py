@@ -1,4 +1,4 @@
-"""All indicators in one table: what each takes, what raises it, and who defined it."""
+"""Table of all indicators: arguments, unit, source and the faults that raise each of them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,26 +17,33 @@ Part = Literal["channel", "shaft", "gear", "bearing", "planetary"]
 
 @dataclass(frozen=True, kw_only=True)
 class Indicator:
-    """One condition indicator.
+    """A condition indicator with its arguments, unit and source; calling it computes it.
 
     Attributes
     ----------
     name : str
         Its key in `INDICATORS`.
     part : str
-        Of what it speaks: the channel, or a shaft, gear, bearing or planetary stage.
+        The part it monitors: "channel", "shaft", "gear", "bearing" or "planetary".
     takes : tuple of type
-        The signals it is called with, in order; `numpy.ndarray` is the raw signal.
+        Types of the signals it takes, in order; `numpy.ndarray` is the raw signal.
     needs : tuple of str
-        The keywords it is called with besides.
+        Its keyword arguments.
     unit : str
-        "signal": that of the record; "1": none; else the unit itself.
+        "signal": the unit of the record; "1": dimensionless; else the unit itself.
     source : str
-        Who defined it.
+        Author and year of its definition.
     raised_by : str
-        What makes it rise.
+        Faults that make it rise.
     function : callable
-        Returns a float, of a bearing a `DefectEnergy`.
+        Returns a float, or, for a bearing, a `DefectEnergy`.
+
+    Examples
+    --------
+    >>> from signals.indicators import INDICATORS
+    >>> indicator = INDICATORS["crest_factor"]
+    >>> indicator.part, indicator.unit, indicator([1.0, -1.0, 1.0, -1.0])
+    ('channel', '1', 1.0)
     """
 
     name: str
@@ -49,7 +56,7 @@ class Indicator:
     function: Callable[..., Any]
 
     def __call__(self, *signals: object, **settings: object) -> Any:  # noqa: ANN401
-        """Compute it from its signals and settings."""
+        """Compute the indicator from signals as in `takes` and keyword arguments as in `needs`."""
         return self.function(*signals, **settings)
 
 

@@ -1,4 +1,4 @@
-"""Indicators of a shaft: the amplitudes of its own first orders in its average.
+"""Indicators of a shaft: the amplitudes of its first orders in its time synchronous average.
 
 Večeř, Kreidl & Šmíd (2005), "Condition indicators for gearbox condition monitoring systems", Acta Polytechnica 45(6).
 """
@@ -17,34 +17,95 @@ def shaft_order(average: SynchronousAverage, *, order: int) -> float:
         Of that shaft.
     order : int
         1: unbalance, bow. 2: misalignment, ovality, a coupling. 3: a three-jaw coupling, misalignment.
+
+    Raises
+    ------
+    ValueError
+        An order above the passband of the average.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage
+    >>> from signals.indicators import shaft_order
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = 3 * np.cos(angle) + np.cos(2 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> round(shaft_order(average, order=1), 6)
+    3.0
     """
     expect(average, SynchronousAverage, indicator=f"SO{order}")
     return line_amplitude(average, order)
 
 
 def so1(average: SynchronousAverage) -> float:
-    """Return the once-per-revolution amplitude of a shaft's average (Večeř, Kreidl & Šmíd 2005)."""
+    """Return the peak amplitude at order 1 of a shaft's average, in the unit of the record (Večeř et al. 2005).
+
+    Parameters
+    ----------
+    average : SynchronousAverage
+        Of that shaft.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage
+    >>> from signals.indicators import so1
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = 2 * np.cos(angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> round(so1(average), 6)
+    2.0
+    """
     return shaft_order(average, order=1)
 
 
 def so2(average: SynchronousAverage) -> float:
-    """Return the twice-per-revolution amplitude of a shaft's average (Večeř, Kreidl & Šmíd 2005)."""
+    """Return the peak amplitude at order 2 of a shaft's average, in the unit of the record (Večeř et al. 2005).
+
+    Parameters
+    ----------
+    average : SynchronousAverage
+        Of that shaft.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage
+    >>> from signals.indicators import so2
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = 2 * np.cos(2 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> round(so2(average), 6)
+    2.0
+    """
     return shaft_order(average, order=2)
 
 
 def so3(average: SynchronousAverage) -> float:
-    """Return the three-per-revolution amplitude of a shaft's average (Večeř, Kreidl & Šmíd 2005)."""
+    """Return the peak amplitude at order 3 of a shaft's average, in the unit of the record (Večeř et al. 2005).
+
+    Parameters
+    ----------
+    average : SynchronousAverage
+        Of that shaft.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage
+    >>> from signals.indicators import so3
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = 2 * np.cos(3 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> round(so3(average), 6)
+    2.0
+    """
     return shaft_order(average, order=3)
 
 
 def line_amplitude(average: SynchronousAverage, order: int) -> float:
-    """Return the peak amplitude of a whole order of an average, or refuse one that it does not pass.
-
-    Raises
-    ------
-    ValueError
-        An order above what the average passes unchanged.
-    """
+    """Return the peak amplitude of a whole order of an average, or refuse an order above its passband."""
     whole(order, name="order", least=1)
     last = int(min(average.passband_orders, (average.samples_per_rev - 1) // 2))
     if order > last:

@@ -1,4 +1,6 @@
-"""Indicators of any waveform: level, peaks, weight of the tails. Raw RMS is what every other is held against."""
+"""Indicators of any waveform: RMS, peak, crest factor and kurtosis. Raw RMS is the baseline for all others."""
+
+from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,56 +16,129 @@ Waveform = ArrayLike | SynchronousAverage
 def rms(x: Waveform) -> float:
     """Return the root mean square about the mean, in the unit of `x`.
 
-    The mean of an accelerometer is its own offset and tells nothing of the machine.
+    The mean of an accelerometer's signal is its own offset, not vibration.
 
     Parameters
     ----------
     x : (n,) array or SynchronousAverage
         The raw signal, or its average.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two samples, or values that are not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.indicators import rms
+    >>> round(rms(5 + 2 * np.sin(2 * np.pi * np.arange(100) / 100)), 6)  # 2 / sqrt(2)
+    1.414214
     """
-    deviations = _deviations(x)
-    return float(np.sqrt(_mean_power(deviations, 2)))
+    return float(np.sqrt(_mean_power(_centred(_values(x)), 2)))
 
 
 def peak(x: Waveform) -> float:
-    """Return the largest distance from the mean, in the unit of `x`; of the raw signal or its average."""
-    deviations = _deviations(x)
+    """Return the largest deviation from the mean, in the unit of `x`.
+
+    Parameters
+    ----------
+    x : (n,) array or SynchronousAverage
+        The raw signal, or its average.
+
+    Examples
+    --------
+    >>> from signals.indicators import peak
+    >>> peak([1.0, 1.0, 1.0, 5.0])
+    3.0
+    """
+    deviations = _centred(_values(x))
     return max(float(deviations.max()), -float(deviations.min()))
 
 
 def crest_factor(x: Waveform) -> float:
-    """Return peak over RMS: sqrt 2 for a sine (Lebold et al. 2000, MFPG 54); of the raw signal or its average."""
-    scaled = _scaled(_deviations(x), "the crest factor")
+    """Return the peak over the RMS: sqrt 2 for a sine (Lebold et al. 2000, MFPG 54).
+
+    Parameters
+    ----------
+    x : (n,) array or SynchronousAverage
+        The raw signal, or its average.
+
+    Raises
+    ------
+    ValueError
+        A constant signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.indicators import crest_factor
+    >>> round(crest_factor(np.sin(2 * np.pi * np.arange(100) / 100)), 6)
+    1.414214
+    """
+    scaled = _scaled(_centred(_values(x)), "the crest factor")
     return float(1 / np.sqrt(_mean_power(scaled, 2)))
 
 
 def kurtosis(x: Waveform) -> float:
     """Return the fourth moment about the mean over the variance squared: 3 for Gaussian noise, 1.5 for a sine.
 
-    For the raw signal or its average; of bearing signals since Dyer & Stewart (1978, J. Mech. Des. 100(2), 229-235).
+    Dyer & Stewart (1978), "Detection of rolling element bearing damage by statistical vibration analysis", J. Mech.
+    Des. 100(2), 229-235.
+
+    Parameters
+    ----------
+    x : (n,) array or SynchronousAverage
+        The raw signal, or its average.
+
+    Raises
+    ------
+    ValueError
+        A constant signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.indicators import kurtosis
+    >>> round(kurtosis(np.sin(2 * np.pi * np.arange(100) / 100)), 6)
+    1.5
     """
     return normalized_moment(_values(x), order=4, name="the kurtosis")
 
 
 def normalized_moment(x: Samples, *, order: int, name: str) -> float:
-    """Return the central moment of even `order` over the variance to the power of half of it, of an array (n,)."""
+    """Return the central moment of even `order` of an (n,) array over its variance to the power `order / 2`."""
     scaled = _scaled(_centred(x), name)
     return float(_mean_power(scaled, order) / _mean_power(scaled, 2) ** (order // 2))
 
 
 def teager_energy(x: Array) -> Array:
-    """Return ``x[i]^2 - x[i-1] x[i+1]`` round one revolution, (n,): ``A^2 sin(w)^2`` for a sine of w rad a sample.
+    """Return the Teager energy ``x[i]^2 - x[i-1] x[i+1]`` round one revolution: ``A^2 sin(w)^2`` for a sine.
 
-    Source: Kaiser (1990), "On a simple algorithm to calculate the 'energy' of a signal", ICASSP.
+    Kaiser (1990), "On a simple algorithm to calculate the 'energy' of a signal", ICASSP, 381-384.
+
+    Parameters
+    ----------
+    x : (n,) array
+        One revolution, so that the last sample is followed by the first.
+
+    Returns
+    -------
+    (n,) array
+        In the squared unit of `x`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.indicators import teager_energy
+    >>> teager_energy(2 * np.sin(2 * np.pi * np.arange(12) / 12))[:3].round(6)  # w = 30 degrees a sample
+    array([1., 1., 1.])
     """
     return np.asarray(x**2 - np.roll(x, 1) * np.roll(x, -1))
 
 
-def _deviations(x: Waveform) -> Samples:
-    return _centred(_values(x))
-
-
 def _values(x: Waveform) -> Samples:
+    """Return the samples of a raw signal or an average; refuse what was cut out of an average."""
     if isinstance(x, SynchronousAverage):
         x = x.values
     elif hasattr(x, "removed_orders"):

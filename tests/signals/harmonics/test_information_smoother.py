@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from signals.harmonics import _information_smoother
-from signals.harmonics._information_smoother import Information, NodeChain, carry, smooth_chain
+from signals.harmonics._information_smoother import Information, NodeChain, information_at_end, smooth_chain
 
 LINES, NODES, BLOCK, LANES = 4, 40, 8, 2
 
@@ -105,6 +105,6 @@ def test_what_lies_outside_a_range_of_nodes_takes_its_place(poles):
 def test_information_is_carried_to_the_last_node(poles):
     """Of the last node past and data are all there is: what is carried there gives its levels."""
     chain, _, _ = scene(poles)
-    whole, known = smooth_chain(chain, first=0), carry(chain)
+    whole, known = smooth_chain(chain, first=0), information_at_end(chain)
     state = np.linalg.solve(known.matrix, known.vector)
     assert_allclose(state[-2 * LINES :], whole.levels[-1], rtol=1e-7, atol=1e-9)
