@@ -11,7 +11,7 @@ _BALLS = 1.5  # the exponent of balls, which takes a root and no power
 
 
 @compiled_inside
-def rates(
+def derivatives(
     state: Array,
     slope: Array,
     contacts: Array,
@@ -64,7 +64,7 @@ def rates(
 
 
 @compiled
-def march(
+def runge_kutta(
     state: Array,
     cage_rad: Array,
     spot_rad: Array,
@@ -90,7 +90,7 @@ def march(
     steps = motion.shape[0] - 1
     for step in range(steps + 1):
         now = 2 * step
-        rates(
+        derivatives(
             state, first, contacts[step], pitches, cage_rad[now], spot_rad[now], load[0, now], load[1, now], body, spall
         )
         for i in range(10):
@@ -102,15 +102,17 @@ def march(
         half, full = now + 1, now + 2
         for i in range(10):
             there[i] = state[i] + 0.5 * step_s * first[i]
-        rates(
+        derivatives(
             there, second, scratch, pitches, cage_rad[half], spot_rad[half], load[0, half], load[1, half], body, spall
         )
         for i in range(10):
             there[i] = state[i] + 0.5 * step_s * second[i]
-        rates(there, third, scratch, pitches, cage_rad[half], spot_rad[half], load[0, half], load[1, half], body, spall)
+        derivatives(
+            there, third, scratch, pitches, cage_rad[half], spot_rad[half], load[0, half], load[1, half], body, spall
+        )
         for i in range(10):
             there[i] = state[i] + step_s * third[i]
-        rates(
+        derivatives(
             there, fourth, scratch, pitches, cage_rad[full], spot_rad[full], load[0, full], load[1, full], body, spall
         )
         for i in range(10):

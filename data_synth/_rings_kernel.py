@@ -16,7 +16,7 @@ def add_decays(
     begins: ComplexArray,
     steps: ComplexArray,
     poles: ComplexArray,
-    late: Array,
+    timing_errors_s: Array,
 ) -> None:
     """Add ``Re sum_p s_p``, where each s_p turns by its step a sample and takes up impacts as they come.
 
@@ -29,7 +29,7 @@ def add_decays(
         What each impact adds to each s_p at that sample.
     steps, poles : (p,) complex array
         ``exp(pole / rate)``, and the poles in rad s-1.
-    late : (n,) or (0,) array
+    timing_errors_s : (n,) or (0,) array
         How much later than its place each sample is taken, s: by Taylor's series to the fourth power.
     """
     state = np.zeros(steps.size, dtype=np.complex128)
@@ -41,8 +41,8 @@ def add_decays(
             impact += 1
         total = 0.0
         for p in range(steps.size):
-            if late.size:
-                x = poles[p] * late[sample]
+            if timing_errors_s.size:
+                x = poles[p] * timing_errors_s[sample]
                 total += (state[p] * (1 + x * (1 + x / 2 * (1 + x / 3 * (1 + x / 4))))).real
             else:
                 total += state[p].real

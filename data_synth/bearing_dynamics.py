@@ -159,11 +159,11 @@ class BearingMotion:
     state: Array = field(metadata={"dims": ("state",), "units": "m, m s-1"})
 
 
-def move_bearing(
+def integrate_bearing(
     model: BearingModel,
     *,
     cage_turns: ArrayLike,
-    spot_turns: ArrayLike,
+    defect_turns: ArrayLike,
     load_n: ArrayLike,
     step_s: float,
     state: ArrayLike | None = None,
@@ -173,7 +173,7 @@ def move_bearing(
     Parameters
     ----------
     model : BearingModel
-    cage_turns, spot_turns : (2 m + 1,) array
+    cage_turns, defect_turns : (2 m + 1,) array
         Turns of the cage, and of who has the spall, at half steps: ``0, 1/2, 1, ... m`` steps from the beginning. Those
         of an element are about its own axis.
     load_n : (2, 2 m + 1) array, or (2,)
@@ -188,9 +188,9 @@ def move_bearing(
     ValueError
         Turns or load of another length, or a step too long to be stable: with the longest that is.
     """
-    from data_synth._bearing_kernel import march  # noqa: PLC0415 - loads numba
+    from data_synth._bearing_kernel import runge_kutta  # noqa: PLC0415 - loads numba
 
-    cage, spot = (np.asarray(turns, dtype=np.float64) for turns in (cage_turns, spot_turns))
+    cage, spot = (np.asarray(turns, dtype=np.float64) for turns in (cage_turns, defect_turns))
     if cage.ndim != 1 or cage.shape != spot.shape or cage.size < 3 or cage.size % 2 == 0:  # noqa: PLR2004
         raise ValueError(
             f"cage_turns and spot_turns have shapes {cage.shape} and {spot.shape}; give 2 m + 1 of each, at half steps"
@@ -208,7 +208,7 @@ def move_bearing(
     motion, acceleration = np.empty((steps + 1, 10)), np.empty((steps + 1, 5))
     contact = np.empty((steps + 1, model.elements))
     turns = (2 * np.pi * np.remainder(cage, 1.0), 2 * np.pi * np.remainder(spot, 1.0))
-    march(now, *turns, load, step_s, model._body(), model._spall(), motion, acceleration, contact)  # noqa: SLF001
+    runge_kutta(now, *turns, load, step_s, model._body(), model._spall(), motion, acceleration, contact)  # noqa: SLF001
     if not np.all(np.isfinite(now)):
         raise ValueError(f"the motion ran away with step_s = {step_s:g}; shorten it")
     return BearingMotion(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from data_synth.bearing_dynamics import BearingModel, Spall, Support
-from data_synth.bearings import bearing_strikes, passage_revolutions
+from data_synth.bearings import bearing_impacts, passage_revolutions
 from data_synth.defects import FiveDof, Suspended
 from data_synth.drive import Drive
 from data_synth.faults import ImpactTrain
@@ -19,7 +19,7 @@ _MM, _UM = 1e-3, 1e-6
 _LEFT = 1e-6  # of the start from rest when the record begins
 
 
-def bearing_trains(
+def bearing_impact_trains(
     scene: Scene,
     number: int,
     *,
@@ -42,7 +42,7 @@ def bearing_trains(
     rng : numpy.random.Generator
     """
     fault = bearing_fault(scene, number)
-    strikes = bearing_strikes(
+    impacts = bearing_impacts(
         fault.kind,
         rates=scene.bearing(fault.component),
         slip=fault,
@@ -54,30 +54,30 @@ def bearing_trains(
         zone_order=zone_order(scene, fault),
         since_rev=since_rev if since_rev < span_rev[0] else None,
     )
-    impacts = ImpactTrain(
+    train = ImpactTrain(
         component=fault.component,
         kind=fault.kind,
         source=fault.component,
-        revolutions=strikes.revolutions,
-        amplitudes=fault.size_mm * fault.impact_per_mm * strikes.weights,
-        strikes=strikes,
+        revolutions=impacts.revolutions,
+        amplitudes=fault.size_mm * fault.impact_per_mm * impacts.weights,
+        bearing=impacts,
     )
     if fault.five_dof is not None or not (fault.entry_share or fault.pulse_share):
-        return [impacts]
-    sizes_m = _MM * fault.size_mm * fault.relative_size(drive.angle.times(strikes.revolutions))
+        return [train]
+    sizes_m = _MM * fault.size_mm * fault.relative_size(drive.angle.times(impacts.revolutions))
     passed_rev = _passed_rev(scene, number, sizes_m)
-    impacts = replace(impacts, lasting_rev=fault.pulse_share * passed_rev if fault.pulse_share else None)
+    train = replace(train, duration_rev=fault.pulse_share * passed_rev if fault.pulse_share else None)
     if not fault.entry_share:
-        return [impacts]
+        return [train]
     entries = replace(
-        impacts,
+        train,
         # from the entry to the impact an element that bridges a spall takes half of the time it takes to pass it
-        revolutions=strikes.revolutions - passed_rev / 2,
-        amplitudes=fault.entry_share * impacts.amplitudes,
-        strikes=None,
-        entries=True,
+        revolutions=impacts.revolutions - passed_rev / 2,
+        amplitudes=fault.entry_share * train.amplitudes,
+        bearing=None,
+        is_entry=True,
     )
-    return [impacts, entries]
+    return [train, entries]
 
 
 def bearing_fault(scene: Scene, number: int) -> BearingFault:
@@ -129,7 +129,7 @@ def _geometry(scene: Scene, fault: BearingFault, who: str) -> tuple[Bearing, flo
 # ---- a bearing that moves --------------------------------------------------------------------------------------
 
 
-def settle_s(scene: Scene, fault: BearingFault) -> float:
+def settling_time_s(scene: Scene, fault: BearingFault) -> float:
     """Return how long a bearing has to move before the record, so that a millionth is left of its start; else 0."""
     if fault.five_dof is None:
         return 0.0
@@ -178,7 +178,7 @@ def _support(declared: Suspended) -> Support:
     return Support(mass_kg=declared.mass_kg, damping_n_s_m=declared.damping_n_s_m, stiffness_n_m=declared.stiffness_n_m)
 
 
-def pressing_n(fault: BearingFault, *, load: Array, turns: Array) -> Array:
+def shaft_load_n(fault: BearingFault, *, load: Array, turns: Array) -> Array:
     """Return the force on the shaft across and up, (2, n), by the share of full load and the turn of its direction."""
     size = (fault.five_dof or FiveDof()).load_n * load
     return np.stack([size * np.cos(2 * np.pi * turns), size * np.sin(2 * np.pi * turns)])

@@ -11,15 +11,15 @@ import numpy as np
 
 from data_synth.load_zone import LoadZone
 from data_synth.profile import Array
-from data_synth.rolling import Rolling, strike_order
-from data_synth.slip import Slipping, renewals
+from data_synth.rolling import RollingKinematics, defect_order
+from data_synth.slip import SlipModel, renewal_process
 
 if TYPE_CHECKING:
     from hums.orders import BearingOrders
 
 
 @dataclass(frozen=True, kw_only=True)
-class BearingStrikes:
+class BearingImpacts:
     """Impacts of one bearing defect, and where the rolling elements truly are.
 
     Attributes
@@ -31,7 +31,7 @@ class BearingStrikes:
     cage_turns : (n,) array
         Turn of the cage from the middle of the load zone, as who carries the bearing sees it; element 1 of Z sits there
         (for a race defect: the element that strikes, so 1/Z of a turn is not told apart).
-    rolling : Rolling
+    rolling : RollingKinematics
         Where the parts of the bearing are at any angle of the reference shaft.
     rate : float
         True mean rate in the record: intervals over the revolutions they take; NaN below two impacts.
@@ -42,16 +42,16 @@ class BearingStrikes:
     revolutions: Array = field(metadata={"dims": ("impact",), "units": "rev"})
     weights: Array = field(metadata={"dims": ("impact",), "units": "1"})
     cage_turns: Array = field(metadata={"dims": ("impact",), "units": "rev"})
-    rolling: Rolling
+    rolling: RollingKinematics
     rate: float
     expected_rate: float
 
 
-def bearing_strikes(
+def bearing_impacts(
     kind: str,
     *,
     rates: "BearingOrders",
-    slip: Slipping,
+    slip: SlipModel,
     zone: LoadZone,
     span_rev: tuple[float, float],
     rng: np.random.Generator,
@@ -59,7 +59,7 @@ def bearing_strikes(
     inner_share: float = 1.0,
     zone_order: float = 0.0,
     since_rev: float | None = None,
-) -> BearingStrikes:
+) -> BearingImpacts:
     """Draw the impacts of a defect, their force and the true turn of the cage.
 
     A spot of the outer ring is struck by each element that passes, under the load of its place; one of the inner ring
@@ -92,28 +92,30 @@ def bearing_strikes(
     ValueError
         An unknown kind, or one that is never struck.
     """
-    order = strike_order(kind, rates)
+    order = defect_order(kind, rates)
     begin_turns = rng.random()
-    knots, first = renewals(order=order, slip=slip, span_rev=span_rev, rng=rng, since_rev=since_rev)
-    rolling = Rolling(
+    revolutions, first_number = renewal_process(order=order, slip=slip, span_rev=span_rev, rng=rng, since_rev=since_rev)
+    rolling = RollingKinematics(
         kind=kind,
         rates=rates,
-        knots_rev=knots,
-        first=first,
+        impacts_rev=revolutions,
+        first_number=first_number,
         place_turns=place_turns if kind == "outer_race" else begin_turns,
     )
-    struck = knots[1:-1]
-    place, cage_turns = rolling.at_strikes()
-    weights = np.ones(struck.size) if kind == "cage" else zone.share(2 * np.pi * (place - zone_order * struck))
+    impacts_rev = revolutions[1:-1]
+    place, cage_turns = rolling.at_impacts()
+    weights = (
+        np.ones(impacts_rev.size) if kind == "cage" else zone.share(2 * np.pi * (place - zone_order * impacts_rev))
+    )
     if kind == "rolling_element":
         weights = weights * np.where(rolling.numbers % 2, inner_share, 1.0)
-    span = struck[-1] - struck[0] if struck.size > 1 else math.nan
-    return BearingStrikes(
-        revolutions=struck,
+    span = impacts_rev[-1] - impacts_rev[0] if impacts_rev.size > 1 else math.nan
+    return BearingImpacts(
+        revolutions=impacts_rev,
         weights=weights,
         cage_turns=cage_turns,
         rolling=rolling,
-        rate=float((struck.size - 1) / span),
+        rate=float((impacts_rev.size - 1) / span),
         expected_rate=order * (1 - slip.mean_slip),
     )
 
@@ -140,12 +142,12 @@ def passage_revolutions(
         A spall so long that the next element enters before the last has left.
     """
     along = element_diameter_m * math.cos(contact_angle_rad) / pitch_diameter_m
-    passed = math.pi * pitch_diameter_m / 2 * (1 - along**2) * rates.relative
-    turned = size_m / passed
-    soonest = 1 / strike_order(kind, rates)
+    defect_phase = math.pi * pitch_diameter_m / 2 * (1 - along**2) * rates.relative
+    turned = size_m / defect_phase
+    soonest = 1 / defect_order(kind, rates)
     if not turned < soonest:
         raise ValueError(
             f'size_m = {size_m:g} takes {turned:g} rev to pass, but {kind} of "{rates.name}" is struck every '
-            f"{soonest:g} rev; keep it below {soonest * passed:g}"
+            f"{soonest:g} rev; keep it below {soonest * defect_phase:g}"
         )
     return turned

@@ -18,7 +18,7 @@ from data_synth.profile import Array
 from data_synth.scene import Scene
 
 ComplexArray = NDArray[np.complex128]
-Draws = Callable[..., np.random.Generator]  # a generator of its own for every word it is called with
+RandomStreams = Callable[..., np.random.Generator]  # a generator of its own for every word it is called with
 
 
 def random_stream(seed: int, *words: str) -> np.random.Generator:
@@ -28,7 +28,7 @@ def random_stream(seed: int, *words: str) -> np.random.Generator:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comb:
+class HarmonicFamily:
     """A source that is periodic in the angle of the reference shaft.
 
     Attributes
@@ -37,59 +37,59 @@ class Comb:
         What speaks, in the words of the defect orders.
     source : str
         From where it travels to the sensors: combs with one source share their gains.
-    base : Fraction
+    base_order : Fraction
         Order of the first line.
     coefficients : (k,) or (k, instant) complex array
-        Peak amplitude and phase of the lines at 1, 2, ... k times `base`, in the sensors' units; at each instant of the
-        truth where the source changes.
-    loaded : bool
+        Peak amplitude and phase of the harmonics 1, 2, ... k of `base_order`, in the sensors' units; one column for each
+        instant of the truth where the source changes.
+    load_dependent : bool
         Whether the amplitude follows the load on the teeth.
-    speed_power : int
+    speed_exponent : int
         How the amplitude grows with speed: 2 where it is a mass that pulls.
-    at_speed_hz : float
+    reference_speed_hz : float
         Speed of the reference shaft, rev s-1, at which `coefficients` hold where they grow with it.
     """
 
     component: str
     kind: str
     source: str
-    base: Fraction
+    base_order: Fraction
     coefficients: ComplexArray
-    loaded: bool
-    speed_power: int = 0
-    at_speed_hz: float = 1.0
+    load_dependent: bool
+    speed_exponent: int = 0
+    reference_speed_hz: float = 1.0
 
     @property
     def orders(self) -> list[Fraction]:
         """Orders of all lines, exact."""
-        return [multiple * self.base for multiple in range(1, self.coefficients.shape[0] + 1)]
+        return [multiple * self.base_order for multiple in range(1, self.coefficients.shape[0] + 1)]
 
     @property
-    def present(self) -> NDArray[np.bool_]:
+    def nonzero(self) -> NDArray[np.bool_]:
         """Which of the lines speak at some instant, (k,)."""
         return np.asarray(np.any(np.atleast_2d(self.coefficients.T) != 0, axis=0))
 
 
-def healthy_combs(scene: Scene, *, draws: Draws) -> list[Comb]:
+def healthy_families(scene: Scene, *, rng_for: RandomStreams) -> list[HarmonicFamily]:
     """Return one comb for each shaft that turns in the frame and one for each mesh."""
-    combs = []
+    families = []
     for kind in ("shaft", "gear_mesh"):
         for component, order in scene.exact_orders(kind).items():
             harmonics = np.arange(scene.excitation.harmonics)
-            turns = draws("phase", kind, component).random(harmonics.size)
-            combs.append(
-                Comb(
+            turns = rng_for("phase", kind, component).random(harmonics.size)
+            families.append(
+                HarmonicFamily(
                     component=component,
                     kind=kind,
                     source=component,
-                    base=order,
+                    base_order=order,
                     coefficients=scene.excitation.amplitude(kind, component)
                     * scene.excitation.decay**harmonics
                     * np.exp(2j * np.pi * turns),
-                    loaded=kind == "gear_mesh",
+                    load_dependent=kind == "gear_mesh",
                 )
             )
-    return combs
+    return families
 
 
 def common_base(first: Fraction, second: Fraction) -> Fraction:
@@ -98,16 +98,18 @@ def common_base(first: Fraction, second: Fraction) -> Fraction:
     return Fraction(math.gcd(p * s, r * q), q * s)
 
 
-def add_lines(signal: Array, amplitudes: ComplexArray, *, base: Fraction, revolutions: Array, position: Array) -> None:
-    """Add ``Re sum_k Z_k exp(j 2 pi k base revolutions)`` to a signal, Z linear between its instants.
+def add_lines(
+    signal: Array, amplitudes: ComplexArray, *, base_order: Fraction, revolutions: Array, position: Array
+) -> None:
+    """Add ``Re sum_k Z_k exp(j 2 pi k base_order revolutions)`` to a signal, Z linear between its instants.
 
     Parameters
     ----------
     signal : (channel, n) array
         Changed in place.
     amplitudes : (channel, k, instant) complex array
-        Z of the lines at 1, 2, ... k times `base`.
-    base : Fraction
+        Z of the lines at 1, 2, ... k times `base_order`.
+    base_order : Fraction
         Order of the first line.
     revolutions : (n,) array
         Angle of the reference shaft at the samples, in rev.
@@ -120,7 +122,7 @@ def add_lines(signal: Array, amplitudes: ComplexArray, *, base: Fraction, revolu
     first, final = (min(max(int(place), 0), last) for place in (position[0], position[-1]))
     inner = np.searchsorted(position, np.arange(first + 1, final + 1))
     edges = np.concatenate([[0], inner, [position.size]]).astype(np.int64)
-    turns = float(base) * revolutions
+    turns = float(base_order) * revolutions
     turns -= np.floor(turns)
     for channel, lines in zip(signal, amplitudes, strict=True):
         instants = lines.T[first : final + 2]

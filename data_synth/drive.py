@@ -6,16 +6,16 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_synth.driving import Course, Turbulence
+from data_synth.driving import TimeHistory, Turbulence
 from data_synth.profile import Array, ShaftAngle
-from data_synth.run_up import LoadLaw, SmoothAngle, run_up
+from data_synth.run_up import LoadLaw, PolynomialAngle, run_up
 from data_synth.scene import Scene, SceneError
-from data_synth.speeds import FirstOrder, Kaimal, Knots, added, fluctuation
+from data_synth.speeds import FirstOrder, Kaimal, PiecewiseLinear, fluctuation, sum_of
 
 _RPM = 60.0
 
 
-class Turning(Protocol):
+class ReferenceAngle(Protocol):
     """What a simulation asks of the angle of its reference shaft."""
 
     @property
@@ -44,9 +44,9 @@ class Drive:
 
     Attributes
     ----------
-    angle : ShaftAngle or SmoothAngle
+    angle : ShaftAngle or PolynomialAngle
         Of the reference shaft, revolution zero at the tachometer's first mark.
-    torque : Knots or None
+    torque : PiecewiseLinear or None
         On the link that the scene names, N m.
     unloaded_share : float
         What teeth carry without torque, relative to full load.
@@ -56,8 +56,8 @@ class Drive:
         From where on the angle is known.
     """
 
-    angle: Turning
-    torque: Knots | None = None
+    angle: ReferenceAngle
+    torque: PiecewiseLinear | None = None
     unloaded_share: float = 0.0
     full_load_nm: float = 1.0
     start_s: float = -np.inf
@@ -71,7 +71,7 @@ class Drive:
         return np.asarray(self.unloaded_share + (1 - self.unloaded_share) * relative)
 
 
-def driven(
+def build_drive(
     scene: Scene, *, datum_turn: float, speed_rng: np.random.Generator, torque_rng: np.random.Generator
 ) -> Drive:
     """Return how a scene is driven.
@@ -84,40 +84,40 @@ def driven(
     speed_rng, torque_rng : numpy.random.Generator
         For turbulence.
     """
-    torque = _course(scene.torque, scene, torque_rng) if scene.torque is not None else None
+    torque = _time_history(scene.torque, scene, torque_rng) if scene.torque is not None else None
     datum = datum_turn / float(abs(scene.ratio(scene.tachometer.link)))
     if scene.speed.run_up is None:
         turns = float(abs(scene.ratio(scene.speed.link))) * _RPM
-        speed = _course(scene.speed, scene, speed_rng)
+        speed = _time_history(scene.speed, scene, speed_rng)
         angle = ShaftAngle(times_s=speed.times_s, speeds_hz=speed.values / turns, datum_rev=datum)
         if angle.speeds_hz.min() <= 0:
             raise SceneError("speed.turbulence brings the shaft to a stop; lower its rms.")
-        return _loaded(Drive(angle=angle), scene, torque)
-    return _loaded(Drive(angle=replace(_ran_up(scene, torque), datum_rev=datum), start_s=0.0), scene, torque)
+        return _with_torque(Drive(angle=angle), scene, torque)
+    return _with_torque(Drive(angle=replace(_run_up_angle(scene, torque), datum_rev=datum), start_s=0.0), scene, torque)
 
 
-def _loaded(drive: Drive, scene: Scene, torque: Knots | None) -> Drive:
+def _with_torque(drive: Drive, scene: Scene, torque: PiecewiseLinear | None) -> Drive:
     if scene.torque is None:
         return drive
     full = max(abs(nm) for _, nm in scene.torque.rows)
     return replace(drive, torque=torque, unloaded_share=scene.torque.unloaded_share, full_load_nm=full)
 
 
-def _course(course: Course, scene: Scene, rng: np.random.Generator) -> Knots:
+def _time_history(course: TimeHistory, scene: Scene, rng: np.random.Generator) -> PiecewiseLinear:
     times, values = np.array(course.knots).T
-    declared = Knots(times_s=times, values=values)
+    declared = PiecewiseLinear(times_s=times, values=values)
     if course.turbulence is None:
         return declared
-    return added(declared, _gusts(course.turbulence, scene.duration_s, rng))
+    return sum_of(declared, _turbulence(course.turbulence, scene.duration_s, rng))
 
 
-def _gusts(turbulence: Turbulence, duration_s: float, rng: np.random.Generator) -> Knots:
+def _turbulence(turbulence: Turbulence, duration_s: float, rng: np.random.Generator) -> PiecewiseLinear:
     law = Kaimal if turbulence.spectrum == "kaimal" else FirstOrder
     spectrum = law(rms=turbulence.rms, time_scale_s=turbulence.time_scale_s)
     return fluctuation(spectrum, duration_s=duration_s, highest_hz=turbulence.highest_hz, rng=rng)
 
 
-def _ran_up(scene: Scene, torque: Knots | None) -> SmoothAngle:
+def _run_up_angle(scene: Scene, torque: PiecewiseLinear | None) -> PolynomialAngle:
     """Return the angle of the reference shaft, counted from time zero."""
     law, declared = scene.speed.run_up, scene.torque
     if law is None or declared is None or torque is None:  # the scene's own check holds them together

@@ -45,7 +45,7 @@ class Turbulence(Declared):
     spectrum: Literal["kaimal", "first_order"] = "kaimal"
 
 
-def one_way(table: Any, value: str) -> Any:  # noqa: ANN401
+def read_time_history(table: Any, value: str) -> Any:  # noqa: ANN401
     """Hold that a course is given once: as knots, as steps or in a file, which is read here."""
     if not isinstance(table, dict):
         return table
@@ -86,7 +86,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-class Course(Declared):
+class TimeHistory(Declared):
     """What speed and torque have in common: a link, steps instead of knots, turbulence on top."""
 
     link: Name
@@ -139,7 +139,7 @@ class RunUp(Declared):
     rpm: NotNegative = 0.0
 
 
-class Speed(Course):
+class Speed(TimeHistory):
     """Speed of a link.
 
     ``rpm = [[s, rpm], ...]`` is linear between knots and held outside, or one number; ``csv`` the same in a file;
@@ -151,8 +151,8 @@ class Speed(Course):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_way(cls, table: Any) -> Any:  # noqa: ANN401
-        return one_way(table, "rpm")
+    def _read(cls, table: Any) -> Any:  # noqa: ANN401
+        return read_time_history(table, "rpm")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -179,7 +179,7 @@ class Speed(Course):
 _DEVIATIONS = 8  # a Gaussian fluctuation goes beyond once in 1e15
 
 
-class Torque(Course):
+class Torque(TimeHistory):
     """Torque on a link, declared as a speed is: ``nm``, ``csv`` or ``steps``.
 
     What the teeth carry scales with ``u + (1 - u) abs(T) / max abs(T)``, u = `unloaded_share`, the largest that of
@@ -191,8 +191,8 @@ class Torque(Course):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_way(cls, table: Any) -> Any:  # noqa: ANN401
-        return one_way(table, "nm")
+    def _read(cls, table: Any) -> Any:  # noqa: ANN401
+        return read_time_history(table, "nm")
 
     @model_validator(mode="after")
     def _check(self) -> Self:

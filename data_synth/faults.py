@@ -6,9 +6,9 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from data_synth.bearings import BearingStrikes
-from data_synth.combs import Comb, ComplexArray, common_base
-from data_synth.gear_faults import FaultyGear, GearFault, window
+from data_synth.bearings import BearingImpacts
+from data_synth.combs import ComplexArray, HarmonicFamily, common_base
+from data_synth.gear_faults import FaultyGear, GearFault, von_mises_window
 from data_synth.profile import Array
 
 SIDEBAND_CUTOFF = 1e-4
@@ -36,11 +36,11 @@ class ImpactTrain:
         Impacts per revolution where they repeat exactly; None with slip.
     offset : float
         Turns of the train at revolution zero: impacts are where ``order * revolutions + offset`` is whole.
-    strikes : BearingStrikes or None
+    bearing : BearingImpacts or None
         Of a bearing: where its rolling elements truly are, and the true mean rate.
-    lasting_rev : (n,) array or None
+    duration_rev : (n,) array or None
         How far the shaft turns while each presses; None where it is over at once.
-    entries : bool
+    is_entry : bool
         Whether these are the drops into a spall that come before its impacts.
     """
 
@@ -51,9 +51,9 @@ class ImpactTrain:
     amplitudes: Array
     order: Fraction | None = None
     offset: float = 0.0
-    strikes: BearingStrikes | None = None
-    lasting_rev: Array | None = None
-    entries: bool = False
+    bearing: BearingImpacts | None = None
+    duration_rev: Array | None = None
+    is_entry: bool = False
 
 
 def tooth_window(angle_rad: ArrayLike, *, teeth: float) -> Array:
@@ -66,19 +66,19 @@ def tooth_window(angle_rad: ArrayLike, *, teeth: float) -> Array:
     teeth : float
         Tooth pitches between two contacts.
     """
-    return window(np.asarray(angle_rad, dtype=np.float64) / (2 * np.pi), width_turns=1 / teeth)
+    return von_mises_window(np.asarray(angle_rad, dtype=np.float64) / (2 * np.pi), width_turns=1 / teeth)
 
 
-def damage_comb(
+def gear_damage_family(
     fault: GearFault,
     *,
     gear: FaultyGear,
-    mesh: Comb,
+    mesh: HarmonicFamily,
     tooth: Fraction,
     offset: float,
     rise: ArrayLike,
     lag_rad: ArrayLike,
-) -> Comb:
+) -> HarmonicFamily:
     """Return the lines that a damaged gear adds to its mesh: at mesh harmonics +- multiples of the gear's turns.
 
     Harmonic h of the mesh is multiplied by ``(1 + a s_h w) exp(-j h b w)``, w the shape of the damage over a turn, a
@@ -93,7 +93,7 @@ def damage_comb(
     ----------
     fault : GearFault
     gear : FaultyGear
-    mesh : Comb
+    mesh : HarmonicFamily
         The healthy mesh, its coefficients (k,).
     tooth : Fraction
         Order at which a tooth of the gear comes back into the mesh.
@@ -102,7 +102,7 @@ def damage_comb(
     rise, lag_rad : float or (instant,) array
         a, relative, and b in rad: for one size, or at each instant of the truth as the damage grows.
     """
-    base = common_base(mesh.base, tooth)
+    base_order = common_base(mesh.base_order, tooth)
     harmonics = np.arange(1, mesh.coefficients.shape[0] + 1)
     risen = _Modulation.of(fault, gear, harmonics=harmonics)
     turned = mesh.coefficients[:, None] * np.exp(2j * np.pi * offset * risen.sidebands)
@@ -112,17 +112,17 @@ def damage_comb(
     loudest = np.max([np.abs(turned * risen.shares(*sizes[probe])) for probe in probes], axis=0)
     heard = (loudest >= SIDEBAND_CUTOFF * np.max(loudest)) & (loudest > 0)
     lines = np.stack([(turned * risen.shares(*size))[heard] for size in sizes], axis=1)
-    multiples = int(mesh.base / base) * harmonics[:, None] + int(tooth / base) * risen.sidebands
+    multiples = int(mesh.base_order / base_order) * harmonics[:, None] + int(tooth / base_order) * risen.sidebands
     coefficients = _folded(multiples[heard], lines[:, of_instant.ravel()])
-    return Comb(
+    return HarmonicFamily(
         component=fault.component,
         kind="tooth",
         source=mesh.source,
-        base=base,
+        base_order=base_order,
         coefficients=coefficients[:, 0] if coefficients.shape[1] == 1 else coefficients,
-        loaded=mesh.loaded,
-        speed_power=mesh.speed_power,
-        at_speed_hz=mesh.at_speed_hz,
+        load_dependent=mesh.load_dependent,
+        speed_exponent=mesh.speed_exponent,
+        reference_speed_hz=mesh.reference_speed_hz,
     )
 
 
@@ -130,26 +130,28 @@ def damage_comb(
 class _Modulation:
     """How damage modulates mesh harmonics (h,) over a turn of its gear: its shape there, and sideband numbers (m,)."""
 
-    shape: Array
+    modulation: Array
     rises: Array
     harmonics: NDArray[np.int_]
     sidebands: NDArray[np.int_]
 
     @classmethod
     def of(cls, fault: GearFault, gear: FaultyGear, *, harmonics: NDArray[np.int_]) -> "_Modulation":
-        count = 1 << int(np.ceil(np.log2(max(_POINTS_PER_FEATURE / fault.finest(gear), 2 * _POINTS_PER_FEATURE))))
+        count = 1 << int(
+            np.ceil(np.log2(max(_POINTS_PER_FEATURE / fault.narrowest_feature(gear), 2 * _POINTS_PER_FEATURE)))
+        )
         return cls(
-            shape=fault.shape(np.arange(count) / count, gear),
-            rises=fault.harmonic_share(harmonics),
+            modulation=fault.modulation(np.arange(count) / count, gear),
+            rises=fault.harmonic_weights(harmonics),
             harmonics=harmonics,
             sidebands=np.arange(-count // 2, count // 2),
         )
 
     def shares(self, rise: float, lag_rad: float) -> ComplexArray:
         """Return the Fourier coefficients (h, m) of what comes on top of each harmonic."""
-        risen = 1 + rise * np.outer(self.rises, self.shape)
-        lagging = np.exp(-1j * lag_rad * np.outer(self.harmonics, self.shape))
-        spectra: ComplexArray = np.fft.fft(risen * lagging - 1, axis=1) / self.shape.size
+        risen = 1 + rise * np.outer(self.rises, self.modulation)
+        lagging = np.exp(-1j * lag_rad * np.outer(self.harmonics, self.modulation))
+        spectra: ComplexArray = np.fft.fft(risen * lagging - 1, axis=1) / self.modulation.size
         return np.fft.fftshift(spectra, axes=1)
 
 
@@ -178,7 +180,7 @@ def damage_trains(
     source : str
         Its mesh.
     tooth, offset
-        As for `damage_comb`.
+        As for `gear_damage_family`.
     span_rev : (float, float)
         First and last revolution of the reference shaft.
 
@@ -188,7 +190,7 @@ def damage_trains(
         With the amplitudes of the initial size; where the damage grows, they go with its size.
     """
     trains, amplitude = [], fault.initial_mm * fault.impact_per_mm
-    for at, share in fault.strikes(gear):
+    for at, share in fault.impacts(gear):
         first, last = (float(tooth) * rev + offset - at for rev in span_rev)
         turns = np.arange(np.ceil(first), np.floor(last) + 1)
         trains.append(

@@ -40,15 +40,15 @@ class SlidingFriction:
 
         Friction slows the faster flank and drives the slower one: their signs differ, and together they lose power.
         """
-        on_path, sense, carrying = self._pairs(phase_cycles)
+        on_path, sense, in_contact = self._pairs(phase_cycles)
         whole = self.gears.centre_distance_m * math.sin(self.gears.working_angle_rad)
-        share = self.coefficient * sense / carrying.sum(axis=0)
+        share = self.coefficient * sense / in_contact.sum(axis=0)
         return np.asarray((share * on_path).sum(axis=0)), np.asarray(-(share * (whole - on_path)).sum(axis=0))
 
     def sideways(self, phase_cycles: ArrayLike) -> Array:
         """Return the friction force on the driver along z x n, over the mesh force; on the driven gear its opposite."""
-        _, sense, carrying = self._pairs(phase_cycles)
-        return np.asarray(self.coefficient * sense.sum(axis=0) / carrying.sum(axis=0))
+        _, sense, in_contact = self._pairs(phase_cycles)
+        return np.asarray(self.coefficient * sense.sum(axis=0) / in_contact.sum(axis=0))
 
     @property
     def shares(self) -> "tuple[FrictionShare, FrictionShare]":
@@ -62,8 +62,8 @@ class SlidingFriction:
         since = np.remainder(np.asarray(phase_cycles, dtype=np.float64), 1.0)
         older = np.arange(math.ceil(self.gears.contact_ratio)).reshape(-1, *(1,) * since.ndim)
         on_path = begin + (since + older) * self.gears.base_pitch_m
-        carrying = (on_path < end).astype(np.float64)
-        return np.asarray(on_path), np.asarray(carrying * np.sign(pitch_point - on_path)), carrying
+        in_contact = (on_path < end).astype(np.float64)
+        return np.asarray(on_path), np.asarray(in_contact * np.sign(pitch_point - on_path)), in_contact
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,11 +1,11 @@
 """Faults of gears: what a scene declares of each, and what each changes.
 
-Each fault has a shape in the angle of its gear, 1 where it is worst. A kinematic scene lets the shape modulate the
-mesh (`data_synth.faults.damage_comb`) and takes its strikes (`damage_trains`). A scene with mechanics takes
-`ToothChanges`, tooth by tooth what is cracked, missing or worn off: `damaged_teeth` makes compliance of it, `errors_of`
-transmission errors.
+Each fault has a modulation function of the angle of its gear, 1 where the damage is worst. In a kinematic scene it
+modulates the mesh harmonics (`data_synth.faults.gear_damage_family`) and causes impacts (`damage_trains`). In a scene
+with gear dynamics, `GearDamage` lists for each tooth what is cracked, missing or worn off: `damaged_teeth` turns it
+into tooth compliance, `transmission_errors` into transmission errors.
 
-Turns count from where the damaged tooth is in the middle of its mesh, one from there to the next time.
+Turns are revolutions of the gear, counted from where the damaged tooth is in the middle of its mesh.
 """
 
 import math
@@ -22,8 +22,8 @@ from data_synth.driving import NotNegative, Share
 from data_synth.gear_geometry import GearPair
 from data_synth.growth import GrowingFault
 from data_synth.mesh import Array
-from data_synth.teeth_in_mesh import Damaged
-from data_synth.tooth_stiffness import Section, Tooth, ToothPair
+from data_synth.teeth_in_mesh import DamagedTooth
+from data_synth.tooth_stiffness import CrackedSection, Tooth, ToothPair
 from data_synth.transmission_error import PitchError, ProfileError, TransmissionError
 from hums.gearbox import Positive
 
@@ -53,7 +53,7 @@ class FaultyGear:
     face_width_m: float = math.inf
     rng: Callable[[], np.random.Generator] = field(default=lambda: np.random.default_rng(0), repr=False, compare=False)
 
-    def width_lost(self, size_m: float) -> float:
+    def face_fraction(self, size_m: float) -> float:
         """Return the share of the face width that `size_m` is."""
         if not 0 <= size_m <= self.face_width_m:
             raise ValueError(f"size_m = {size_m:g} is not within the face width of {self.face_width_m:g} m")
@@ -61,14 +61,14 @@ class FaultyGear:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToothChanges:
+class GearDamage:
     """How a damaged gear departs from a sound one, tooth by tooth from the damaged one on.
 
     Attributes
     ----------
     crack_m : (z,) array
         Depth of a crack in the root of each tooth, m: takes stiffness by the model of the tooth.
-    carrying : (z,) array
+    contact_fraction : (z,) array
         Share of the face width of each tooth that carries: stiffness is in proportion. 1 is sound, 0 a tooth gone.
     removed_m : (z,) array
         Material missing on each flank along the line of action, m: a transmission error while the tooth carries.
@@ -82,20 +82,20 @@ class ToothChanges:
     """
 
     crack_m: Array = field(metadata={"dims": ("tooth",), "units": "m"})
-    carrying: Array = field(metadata={"dims": ("tooth",), "units": "1"})
+    contact_fraction: Array = field(metadata={"dims": ("tooth",), "units": "1"})
     removed_m: Array = field(metadata={"dims": ("tooth",), "units": "m"})
     runout_m: float = 0.0
     profile_m: float = 0.0
     crack_angle_rad: float = math.radians(_CRACK_ANGLE_DEG)
 
     @classmethod
-    def on(cls, gear: FaultyGear, **changes: float) -> "ToothChanges":
+    def on(cls, gear: FaultyGear, **damage: float) -> "GearDamage":
         """Return those of a gear that is sound but for what is given."""
         teeth = round(gear.teeth)
-        return cls(crack_m=np.zeros(teeth), carrying=np.ones(teeth), removed_m=np.zeros(teeth), **changes)
+        return cls(crack_m=np.zeros(teeth), contact_fraction=np.ones(teeth), removed_m=np.zeros(teeth), **damage)
 
 
-def window(turns: ArrayLike, *, width_turns: float) -> Array:
+def von_mises_window(turns: ArrayLike, *, width_turns: float) -> Array:
     """Return ``exp(kappa (cos 2 pi turns - 1))``: 1 at whole turns, 1/2 half a width beside them.
 
     Smooth and periodic, so its Fourier coefficients, ``exp(-kappa) I_k(kappa)``, fall fast.
@@ -104,7 +104,7 @@ def window(turns: ArrayLike, *, width_turns: float) -> Array:
     return np.asarray(np.exp(kappa * (np.cos(2 * np.pi * np.asarray(turns, dtype=np.float64)) - 1)))
 
 
-def lag_of_error(error_m: float, *, module_m: float, pressure_angle_rad: float) -> float:
+def phase_of_error(error_m: float, *, module_m: float, pressure_angle_rad: float) -> float:
     """Return by how much an error along the line of action turns the first mesh harmonic: 2 pi a base pitch, in rad."""
     return 2 * math.pi * error_m / (math.pi * module_m * math.cos(pressure_angle_rad))
 
@@ -125,23 +125,23 @@ class GearFault(GrowingFault):
         """Return the width of the window in which it is felt, in tooth pitches."""
         return 1.0
 
-    def finest(self, gear: FaultyGear) -> float:
+    def narrowest_feature(self, gear: FaultyGear) -> float:
         """Return the width of the finest feature of the shape, in turns."""
         return self.width_pitches() / gear.teeth
 
-    def shape(self, turns: ArrayLike, gear: FaultyGear) -> Array:
+    def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:
         """Return what modulates the mesh at `turns` (n,) of the gear: 1 at the worst place of damage."""
-        return window(turns, width_turns=self.width_pitches() / gear.teeth)
+        return von_mises_window(turns, width_turns=self.width_pitches() / gear.teeth)
 
-    def harmonic_share(self, harmonic: ArrayLike) -> Array:
+    def harmonic_weights(self, harmonic: ArrayLike) -> Array:
         """Return how strongly mesh harmonics (k,), from 1, rise beside the first."""
         return np.ones(np.shape(harmonic))
 
-    def strikes(self, gear: FaultyGear) -> Strikes:  # noqa: ARG002 - others need it
+    def impacts(self, gear: FaultyGear) -> Strikes:  # noqa: ARG002 - others need it
         """Return the impacts of a turn: when, in turns, and how hard."""
         return ((0.0, 1.0),)
 
-    def changes(self, size_m: float, gear: FaultyGear) -> ToothChanges:
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return what damage of `size_m` changes in the mechanics of a gear.
 
         Raises
@@ -167,9 +167,9 @@ class ToothCrack(GearFault):
         """Size at the beginning of the record."""
         return self.depth_mm
 
-    def changes(self, size_m: float, gear: FaultyGear) -> ToothChanges:
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the crack: the tooth bends further."""
-        found = ToothChanges.on(gear, crack_angle_rad=math.radians(self.angle_deg))
+        found = GearDamage.on(gear, crack_angle_rad=math.radians(self.angle_deg))
         found.crack_m[0] = size_m
         return found
 
@@ -190,10 +190,10 @@ class Chipping(SizedGearFault):
 
     kind: Literal["chipping"]
 
-    def changes(self, size_m: float, gear: FaultyGear) -> ToothChanges:
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the share of the face that still carries."""
-        found = ToothChanges.on(gear)
-        found.carrying[0] = 1 - gear.width_lost(size_m)
+        found = GearDamage.on(gear)
+        found.contact_fraction[0] = 1 - gear.face_fraction(size_m)
         return found
 
 
@@ -202,14 +202,14 @@ class MissingTooth(SizedGearFault):
 
     kind: Literal["missing_tooth"]
 
-    def strikes(self, gear: FaultyGear) -> Strikes:
+    def impacts(self, gear: FaultyGear) -> Strikes:
         """Return one impact a turn, where the next tooth takes over."""
         return ((1 / (2 * gear.teeth), 1.0),)
 
-    def changes(self, size_m: float, gear: FaultyGear) -> ToothChanges:  # noqa: ARG002 - a tooth is there or not
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:  # noqa: ARG002 - a tooth is there or not
         """Return the gap."""
-        found = ToothChanges.on(gear)
-        found.carrying[0] = 0.0
+        found = GearDamage.on(gear)
+        found.contact_fraction[0] = 0.0
         return found
 
 
@@ -227,14 +227,14 @@ class Spall(SizedGearFault):
         """Return the length of the spall."""
         return self.length_pitches
 
-    def strikes(self, gear: FaultyGear) -> Strikes:
+    def impacts(self, gear: FaultyGear) -> Strikes:
         """Return two impacts a turn: entry and exit."""
         half = self.length_pitches / (2 * gear.teeth)
         return ((-half, self.entry_share), (half, 1.0))
 
-    def changes(self, size_m: float, gear: FaultyGear) -> ToothChanges:
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the material that is gone."""
-        found = ToothChanges.on(gear)
+        found = GearDamage.on(gear)
         found.removed_m[0] = size_m
         return found
 
@@ -265,52 +265,54 @@ class Pitting(SizedGearFault):
         """Return the length of a pit."""
         return self.length_pitches
 
-    def shape(self, turns: ArrayLike, gear: FaultyGear) -> Array:
+    def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:
         """Return the pits' windows."""
         at = np.asarray(turns, dtype=np.float64)
         width = self.length_pitches / gear.teeth
-        windows = (share * window(at - place / gear.teeth, width_turns=width) for place, share in self.pits(gear))
+        windows = (
+            share * von_mises_window(at - place / gear.teeth, width_turns=width) for place, share in self.pits(gear)
+        )
         return np.asarray(sum(windows))
 
-    def strikes(self, gear: FaultyGear) -> Strikes:
+    def impacts(self, gear: FaultyGear) -> Strikes:
         """Return one impact a turn for each pitted tooth."""
         return tuple((place / gear.teeth, share) for place, share in self.pits(gear))
 
-    def changes(self, size_m: float, gear: FaultyGear) -> ToothChanges:
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the material that is gone."""
-        found = ToothChanges.on(gear)
+        found = GearDamage.on(gear)
         for place, share in self.pits(gear):
             found.removed_m[place % found.removed_m.size] = size_m * share
         return found
 
 
-class _AllRound(SizedGearFault):
+class _DistributedFault(SizedGearFault):
     """Damage of the whole gear: nothing strikes."""
 
-    def finest(self, gear: FaultyGear) -> float:  # noqa: ARG002 - local damage needs it
+    def narrowest_feature(self, gear: FaultyGear) -> float:  # noqa: ARG002 - local damage needs it
         """Return the width of the finest feature of the shape, in turns."""
         return 0.25
 
-    def strikes(self, gear: FaultyGear) -> Strikes:  # noqa: ARG002 - local damage needs it
+    def impacts(self, gear: FaultyGear) -> Strikes:  # noqa: ARG002 - local damage needs it
         """Return none."""
         return ()
 
 
-class Eccentricity(_AllRound):
+class Eccentricity(_DistributedFault):
     """A pitch circle off the axis by the size: the mesh swings once a turn."""
 
     kind: Literal["eccentricity"]
 
-    def shape(self, turns: ArrayLike, gear: FaultyGear) -> Array:  # noqa: ARG002 - local damage needs it
+    def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:  # noqa: ARG002 - local damage needs it
         """Return ``cos(2 pi turns)``."""
         return np.cos(2 * np.pi * np.asarray(turns, dtype=np.float64))
 
-    def changes(self, size_m: float, gear: FaultyGear) -> ToothChanges:
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the runout."""
-        return ToothChanges.on(gear, runout_m=size_m)
+        return GearDamage.on(gear, runout_m=size_m)
 
 
-class Misalignment(_AllRound):
+class Misalignment(_DistributedFault):
     """A gear whose axis leans: the size of its face width lies off at the end, once and twice a turn more and less.
 
     `twice` is what swings twice a turn, over the whole swing. The second mesh harmonic rises most.
@@ -319,40 +321,40 @@ class Misalignment(_AllRound):
     kind: Literal["misalignment"]
     twice: Share = 0.5
 
-    def shape(self, turns: ArrayLike, gear: FaultyGear) -> Array:  # noqa: ARG002 - local damage needs it
+    def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:  # noqa: ARG002 - local damage needs it
         """Return ``(1 - twice) cos(2 pi turns) + twice cos(4 pi turns)``."""
         angle = 2 * np.pi * np.asarray(turns, dtype=np.float64)
         return np.asarray((1 - self.twice) * np.cos(angle) + self.twice * np.cos(2 * angle))
 
-    def harmonic_share(self, harmonic: ArrayLike) -> Array:
+    def harmonic_weights(self, harmonic: ArrayLike) -> Array:
         """Return 2 for the second mesh harmonic, 1 for the others (k,)."""
         return np.where(np.asarray(harmonic) == 2, 2.0, 1.0)  # noqa: PLR2004
 
-    def changes(self, size_m: float, gear: FaultyGear) -> ToothChanges:
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the share of each tooth's face that carries."""
-        found = ToothChanges.on(gear)
-        teeth = found.carrying.size
-        swing = (1 + self.shape(np.arange(teeth) / teeth, gear)) / 2
-        found.carrying[:] -= gear.width_lost(size_m) * swing
+        found = GearDamage.on(gear)
+        teeth = found.contact_fraction.size
+        swing = (1 + self.modulation(np.arange(teeth) / teeth, gear)) / 2
+        found.contact_fraction[:] -= gear.face_fraction(size_m) * swing
         return found
 
 
-class Wear(_AllRound):
+class Wear(_DistributedFault):
     """Flanks worn alike, as deep as the size: all mesh harmonics rise, the higher the more, and no sideband comes."""
 
     kind: Literal["wear"]
 
-    def shape(self, turns: ArrayLike, gear: FaultyGear) -> Array:  # noqa: ARG002 - local damage needs it
+    def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:  # noqa: ARG002 - local damage needs it
         """Return 1: every tooth is alike."""
         return np.ones(np.shape(turns))
 
-    def harmonic_share(self, harmonic: ArrayLike) -> Array:
+    def harmonic_weights(self, harmonic: ArrayLike) -> Array:
         """Return the number of the mesh harmonic (k,)."""
         return np.asarray(harmonic, dtype=np.float64)
 
-    def changes(self, size_m: float, gear: FaultyGear) -> ToothChanges:
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the worn profile."""
-        return ToothChanges.on(gear, profile_m=size_m)
+        return GearDamage.on(gear, profile_m=size_m)
 
 
 GEAR_FAULTS = ToothCrack | Chipping | MissingTooth | Spall | Pitting | Eccentricity | Misalignment | Wear
@@ -390,7 +392,7 @@ class RootCrack:
         """Return no phases: a crack adds without a jump."""
         return ()
 
-    def section(self, tooth: Tooth) -> Section:
+    def section(self, tooth: Tooth) -> CrackedSection:
         """Return what is left of the cracked half of a tooth.
 
         Raises
@@ -407,11 +409,11 @@ class RootCrack:
                 f"{2e3 * half:.3g} mm thick; make it smaller, or let the tooth be missing."
             )
 
-        return Section(left_m=left, tip_m=tip)
+        return CrackedSection(left_m=left, tip_m=tip)
 
 
 @dataclass(frozen=True, kw_only=True)
-class NarrowFace:
+class PartialFaceContact:
     """A tooth that carries over a share of its face only: the pair is as much softer; with 0 nothing carries."""
 
     share: float
@@ -427,38 +429,38 @@ class NarrowFace:
         return ()
 
 
-def damaged_teeth(changes: ToothChanges, *, gear: int, first: int) -> Iterator[Damaged]:
-    """Yield the teeth whose stiffness changes; tooth 0 of `changes` is number `first` of the mesh."""
-    teeth = changes.carrying.size
+def damaged_teeth(damage: GearDamage, *, gear: int, first: int) -> Iterator[DamagedTooth]:
+    """Yield the teeth whose stiffness changes; tooth 0 of `damage` is number `first` of the mesh."""
+    teeth = damage.contact_fraction.size
     for place in range(teeth):
         tooth = (first + place) % teeth
-        if changes.crack_m[place] > 0:
-            crack = RootCrack(depth_m=float(changes.crack_m[place]), angle_rad=changes.crack_angle_rad)
-            yield Damaged(gear=gear, tooth=tooth, fault=crack)
-        share = float(changes.carrying[place])
+        if damage.crack_m[place] > 0:
+            crack = RootCrack(depth_m=float(damage.crack_m[place]), angle_rad=damage.crack_angle_rad)
+            yield DamagedTooth(gear=gear, tooth=tooth, fault=crack)
+        share = float(damage.contact_fraction[place])
         if share < 1:
-            yield Damaged(gear=gear, tooth=tooth, fault=NarrowFace(share=share))
+            yield DamagedTooth(gear=gear, tooth=tooth, fault=PartialFaceContact(share=share))
 
 
-def errors_of(changes: ToothChanges, *, pair: GearPair, first: int) -> Iterator[TransmissionError]:
-    """Yield the transmission errors; tooth 0 of `changes` enters the mesh at phase `first`.
+def transmission_errors(damage: GearDamage, *, pair: GearPair, first: int) -> Iterator[TransmissionError]:
+    """Yield the transmission errors; tooth 0 of `damage` enters the mesh at phase `first`.
 
     Material that is gone lets the gears turn closer, so errors are positive. What is worn off alike everywhere,
     ``profile_m / 2``, moves no tooth against another and is left out.
     """
-    teeth = changes.removed_m.size
-    if np.any(changes.removed_m):
+    teeth = damage.removed_m.size
+    if np.any(damage.removed_m):
         handover = min(pair.contact_ratio - 1, 1.0)
-        yield PitchError(teeth_m=np.roll(changes.removed_m, first), handover=max(handover, 0.0))
-    if changes.runout_m:
+        yield PitchError(teeth_m=np.roll(damage.removed_m, first), handover=max(handover, 0.0))
+    if damage.runout_m:
         middle = first + pair.contact_ratio / 2  # turn 0 is where the damaged tooth is in the middle of its mesh
         yield transmission_error.Eccentricity(
-            teeth=teeth, eccentricity_m=changes.runout_m, phase_rad=math.pi / 2 - 2 * math.pi * middle / teeth
+            teeth=teeth, eccentricity_m=damage.runout_m, phase_rad=math.pi / 2 - 2 * math.pi * middle / teeth
         )
-    if changes.profile_m:
+    if damage.profile_m:
         pitch_point = pair.base_radii_m[0] * math.tan(pair.working_angle_rad)
         at = (pitch_point - pair.path_m[0]) / pair.base_pitch_m
-        second = -changes.profile_m / 2 * np.exp(-4j * np.pi * at)
+        second = -damage.profile_m / 2 * np.exp(-4j * np.pi * at)
         yield ProfileError(harmonics_m=np.array([0.0, second]))
 
 

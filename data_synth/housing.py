@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.chain import Mode, Sensor
-from data_synth.path import ring_pole
+from data_synth.path import mode_pole
 from data_synth.pole_filter import PoleFilter
 from data_synth.profile import Array
 from data_synth.scene import SceneError
@@ -34,8 +34,8 @@ class Housing(PoleFilter):
 
     def __init__(self, *, mass_kg: float, mounts: Mode, path: Mode | None, sensor: Sensor, rate_hz: float) -> None:
         chain = linear_chain(sensor)
-        mount = ring_pole(mounts)
-        passed = [ring_pole(path), ring_pole(path).conjugate()] if path is not None else []
+        mount = mode_pole(mounts)
+        passed = [mode_pole(path), mode_pole(path).conjugate()] if path is not None else []
         self._low_pass = np.array([*passed, *chain.poles], dtype=np.complex128)
         self._mounts = np.array([mount, mount.conjugate()])
         self._gain = chain.gain / mass_kg / (_STANDARD_GRAVITY if sensor.units == "g" else 1.0)

@@ -14,8 +14,8 @@ from data_synth.faults import ImpactTrain
 from data_synth.pole_filter import AHEAD, PoleFilter
 from data_synth.profile import Array
 from data_synth.scene import BearingFault, SceneError
-from data_synth.sensors import Cascade, add_ringing, fractions, ringing, through
-from data_synth.stage import Stage
+from data_synth.sensors import AllPoleFilter, add_ringing, partial_fractions, path_residues, ringing_residues
+from data_synth.stage import PreparedScene
 from data_synth.transfer import FirPath, MeasuredPath
 
 _BLOCK = 65536
@@ -28,39 +28,43 @@ _KAISER = 10.0  # 1e-5 of error up to nine tenths of half the rate
 _STANDARD_GRAVITY = 9.80665
 
 
-def add_train(stage: Stage, number: int, train: ImpactTrain, signal: Array, *, late_s: Array | None = None) -> None:
+def add_impacts(
+    prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array, *, timing_errors_s: Array | None = None
+) -> None:
     """Add what a train of fault `number` (from 0) does to the channels (sensor, n), in place.
 
-    `late_s` (n,) are errors of the sampling instants.
+    `timing_errors_s` (n,) are errors of the sampling instants.
     """
-    fault = stage.scene.faults[number]
+    fault = prepared.scene.faults[number]
     if isinstance(fault, BearingFault) and fault.five_dof is not None:
-        _add_motion(stage, number, train, signal)
+        _add_motion(prepared, number, train, signal)
     else:
-        _add_impacts(stage, number, train, signal, late_s=late_s)
+        _add_impacts(prepared, number, train, signal, timing_errors_s=timing_errors_s)
 
 
-def _add_impacts(stage: Stage, number: int, train: ImpactTrain, signal: Array, *, late_s: Array | None) -> None:
-    times_s, strength = stage.struck(number, train)
-    scene, lasting_s = stage.scene, None
-    if train.lasting_rev is not None:
-        lasting_s = stage.drive.angle.times(train.revolutions + train.lasting_rev) - times_s
-    gains = np.abs(stage.gains[train.source])
-    for sensor, chain, gain, values in zip(scene.sensors, stage.chains, gains, signal, strict=True):
-        way = stage.ways.get((train.source, sensor.name))
+def _add_impacts(
+    prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array, *, timing_errors_s: Array | None
+) -> None:
+    times_s, strength = prepared.impacts_at_source(number, train)
+    scene, duration_s = prepared.scene, None
+    if train.duration_rev is not None:
+        duration_s = prepared.drive.angle.times(train.revolutions + train.duration_rev) - times_s
+    gains = np.abs(prepared.gains[train.source])
+    for sensor, chain, gain, values in zip(scene.sensors, prepared.chains, gains, signal, strict=True):
+        way = prepared.ways.get((train.source, sensor.name))
         if isinstance(way, MeasuredPath):
             fir = measured_filter(way, chain, rate_hz=scene.rate_hz, sensor=sensor)
-            add_measured(
-                values, times_s=times_s, impulses_ns=strength, lasting_s=lasting_s, fir=fir, rate_hz=scene.rate_hz
+            add_fir_response(
+                values, times_s=times_s, impulses_ns=strength, duration_s=duration_s, fir=fir, rate_hz=scene.rate_hz
             )
             continue
         if way is None:
-            poles, residues = ringing(scene.resonance, chain, sensor=sensor.name)
+            poles, residues = ringing_residues(scene.resonance, chain, sensor=sensor.name)
         else:
-            (poles, residues), gain = through(way, chain, sensor=sensor.name), 1.0  # noqa: PLW2901
+            (poles, residues), gain = path_residues(way, chain, sensor=sensor.name), 1.0  # noqa: PLW2901
         at_s, sizes = times_s, gain * strength
-        if lasting_s is not None:
-            at_s, sizes, poles, residues = _pressed(times_s, sizes, lasting_s, poles, residues)
+        if duration_s is not None:
+            at_s, sizes, poles, residues = _pressed(times_s, sizes, duration_s, poles, residues)
         add_ringing(
             values,
             times_s=at_s,
@@ -68,16 +72,16 @@ def _add_impacts(stage: Stage, number: int, train: ImpactTrain, signal: Array, *
             poles=poles,
             residues=residues,
             rate_hz=scene.rate_hz,
-            late_s=late_s,
+            timing_errors_s=timing_errors_s,
         )
 
 
 def _pressed(
-    times_s: Array, sizes: Array, lasting_s: Array, poles: ComplexArray, residues: ComplexArray
+    times_s: Array, sizes: Array, duration_s: Array, poles: ComplexArray, residues: ComplexArray
 ) -> tuple[Array, Array, ComplexArray, ComplexArray]:
     """Return impacts that press evenly for some time: a step up and one down again, each with the ringing of a step."""
-    rising = np.argsort(both := np.concatenate([times_s, times_s + lasting_s]), kind="stable")
-    heights = np.concatenate([sizes / lasting_s, -sizes / lasting_s])
+    rising = np.argsort(both := np.concatenate([times_s, times_s + duration_s]), kind="stable")
+    heights = np.concatenate([sizes / duration_s, -sizes / duration_s])
     steps = residues / poles
     # the ringing of a step ends at a constant, which the step down takes away
     return both[rising], heights[rising], np.append(poles, 0.0), np.append(steps, -np.sum(steps.real))
@@ -86,7 +90,7 @@ def _pressed(
 # ---- a measured way ---------------------------------------------------------------------------------------------
 
 
-def measured_filter(way: MeasuredPath, chain: Cascade, *, rate_hz: float, sensor: Sensor) -> FirPath:
+def measured_filter(way: MeasuredPath, chain: AllPoleFilter, *, rate_hz: float, sensor: Sensor) -> FirPath:
     """Return a measured way with the chain behind it as the shortest filter, a power of two long, that holds it.
 
     Raises
@@ -95,7 +99,7 @@ def measured_filter(way: MeasuredPath, chain: Cascade, *, rate_hz: float, sensor
         Lines so far apart that the response between them does not die away.
     """
     behind = MeasuredPath(frequencies_hz=way.frequencies_hz, values=way.values * chain.response(way.frequencies_hz))
-    longest = max(_FEWEST, math.ceil(_SPACINGS * way.ring_seconds() * rate_hz))
+    longest = max(_FEWEST, math.ceil(_SPACINGS * way.ringing_time_s() * rate_hz))
     lengths = [_FEWEST << doubled for doubled in range(math.ceil(math.log2(longest / _FEWEST)) + 1)]
     for leakage in _LEAKAGES:
         for taps in lengths:
@@ -107,14 +111,14 @@ def measured_filter(way: MeasuredPath, chain: Cascade, *, rate_hz: float, sensor
     )
 
 
-def add_measured(
+def add_fir_response(
     values: Array,
     *,
     times_s: Array,
     impulses_ns: Array,
     fir: FirPath,
     rate_hz: float,
-    lasting_s: Array | None = None,
+    duration_s: Array | None = None,
 ) -> None:
     """Add the response to impacts at any instants to a channel (n,), in place and without the filter's delay.
 
@@ -123,7 +127,7 @@ def add_measured(
     """
     at = times_s * rate_hz
     near = np.floor(at).astype(np.int64)
-    late = np.zeros(at.size) if lasting_s is None else lasting_s * rate_hz
+    late = np.zeros(at.size) if duration_s is None else duration_s * rate_hz
     offsets = np.arange(-_HALF + 1, _HALF + math.ceil(np.max(late, initial=0.0)) + 1)
     begin, ahead = -fir.taps.size - offsets.size, round(fir.delay_s * rate_hz) + _HALF
     at_work, carried = fir.filter(), np.zeros(offsets.size)
@@ -173,9 +177,9 @@ class _Ear:
     gain: float = 1.0
 
 
-def _add_motion(stage: Stage, number: int, train: ImpactTrain, signal: Array) -> None:
-    bearing = bearing_of(stage, number, train)
-    ears = [_ear(stage, bearing, train, index) for index in range(len(signal))]
+def _add_motion(prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array) -> None:
+    bearing = bearing_of(prepared, number, train)
+    ears = [_ear(prepared, bearing, train, index) for index in range(len(signal))]
     samples, each = signal.shape[1], bearing.per_sample
     steps = bearing.early + (samples - 1) * each + 1 + max(ear.lag for ear in ears)
     begun = -bearing.early
@@ -192,19 +196,19 @@ def _add_motion(stage: Stage, number: int, train: ImpactTrain, signal: Array) ->
         begun += block["force"].size
 
 
-def _ear(stage: Stage, bearing: RunningBearing, train: ImpactTrain, index: int) -> _Ear:
+def _ear(prepared: PreparedScene, bearing: RunningBearing, train: ImpactTrain, index: int) -> _Ear:
     """Return how a channel hears it: by the acceleration of its resonator, or by its force on a declared way."""
-    scene, chain, sensor = stage.scene, stage.chains[index], stage.scene.sensors[index]
+    scene, chain, sensor = prepared.scene, prepared.chains[index], prepared.scene.sensors[index]
     rate_hz = bearing.per_sample * scene.rate_hz
-    way = stage.ways.get((train.source, sensor.name))
+    way = prepared.ways.get((train.source, sensor.name))
     if isinstance(way, MeasuredPath):
         fir = measured_filter(way, chain, rate_hz=rate_hz, sensor=sensor)
         return _Ear(hears="force", push=fir.filter().push, lag=round(fir.delay_s * rate_hz))
     if way is not None:
-        poles, residues = through(way, chain, sensor=sensor.name)
+        poles, residues = path_residues(way, chain, sensor=sensor.name)
         filter_ = PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=rate_hz)
         return _Ear(hears="force", push=filter_.push, lag=AHEAD)
-    poles, residues, direct = fractions(chain)
+    poles, residues, direct = partial_fractions(chain)
     filter_ = PoleFilter(poles=poles, residues=residues, direct=direct, rate_hz=rate_hz)
-    gain = abs(complex(stage.gains[train.source][index])) / (_STANDARD_GRAVITY if sensor.units == "g" else 1.0)
+    gain = abs(complex(prepared.gains[train.source][index])) / (_STANDARD_GRAVITY if sensor.units == "g" else 1.0)
     return _Ear(hears="acceleration", push=filter_.push, lag=AHEAD, gain=gain)

@@ -11,7 +11,7 @@ _ROUNDS = 120  # of Newton's rule or bisection: more than the bits of a double
 
 
 @dataclass(frozen=True, kw_only=True)
-class Passages:
+class Crossings:
     """When marks passed.
 
     Attributes
@@ -29,7 +29,7 @@ class Passages:
     directions: NDArray[np.int64] = field(metadata={"dims": ("passage",), "units": "1"})
 
 
-def passages(angle: Angle, *, per_rev: float, start_s: float, stop_s: float, offset: float = 0.0) -> Passages:
+def crossings(angle: Angle, *, per_rev: float, start_s: float, stop_s: float, offset: float = 0.0) -> Crossings:
     """Return all instants at which ``per_rev * revolutions + offset`` is whole, from `start_s` to `stop_s`.
 
     A shaft that turns back on a mark passes it once; one that rests on a mark, when it moves on.
@@ -61,12 +61,12 @@ def passages(angle: Angle, *, per_rev: float, start_s: float, stop_s: float, off
         numbers, direction = _numbers(marks[run], marks[run + 1], last=run == edges.size - 2)
         if numbers.size:
             targets: Array = np.asarray((numbers - offset) / per_rev, dtype=np.float64)
-            times = reached(angle, targets, start_s=edges[run], stop_s=edges[run + 1], direction=direction)
+            times = crossing_times(angle, targets, start_s=edges[run], stop_s=edges[run + 1], direction=direction)
             found.append((times, numbers, np.full(numbers.size, direction)))
     if not found:
-        return Passages(times_s=np.empty(0), numbers=np.empty(0, np.int64), directions=np.empty(0, np.int64))
+        return Crossings(times_s=np.empty(0), numbers=np.empty(0, np.int64), directions=np.empty(0, np.int64))
     times, numbers, directions = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return Passages(times_s=times, numbers=numbers, directions=directions)
+    return Crossings(times_s=times, numbers=numbers, directions=directions)
 
 
 def _numbers(begin: float, end: float, *, last: bool) -> tuple[NDArray[np.int64], int]:
@@ -80,7 +80,7 @@ def _numbers(begin: float, end: float, *, last: bool) -> tuple[NDArray[np.int64]
     return (numbers if last else numbers[numbers > end]), -1
 
 
-def reached(angle: Angle, targets: Array, *, start_s: float, stop_s: float, direction: int) -> Array:
+def crossing_times(angle: Angle, targets: Array, *, start_s: float, stop_s: float, direction: int) -> Array:
     """Return when the angle is at `targets` (n,) in one run, to rounding: Newton's rule in a bracket that shrinks."""
     low, high = np.full(targets.size, start_s), np.full(targets.size, stop_s)
     ends = angle.revolutions([start_s, stop_s])

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_synth.combs import Comb, ComplexArray, Draws
+from data_synth.combs import ComplexArray, HarmonicFamily, RandomStreams
 from data_synth.faults import ImpactTrain
 from data_synth.profile import Array
 from data_synth.scene import Mode
@@ -20,7 +20,7 @@ from data_synth.transfer import MeasuredPath, ModalPath
 _QUIET = 30.0  # decay in nepers after which a ringing has ended: 1e-13 of its amplitude
 
 
-def sensor_gains(sources: list[str], *, sensors: int, draws: Draws) -> dict[str, ComplexArray]:
+def sensor_gains(sources: list[str], *, sensors: int, rng_for: RandomStreams) -> dict[str, ComplexArray]:
     """Draw the complex gain (sensors,) from each source to each sensor.
 
     The scene's amplitudes are those at the first sensor, so its gain is 1; each other gain is between a half
@@ -28,7 +28,7 @@ def sensor_gains(sources: list[str], *, sensors: int, draws: Draws) -> dict[str,
     """
     gains = {}
     for source in sources:
-        octaves, turns = draws("gain", source).random((sensors, 2)).T
+        octaves, turns = rng_for("gain", source).random((sensors, 2)).T
         gains[source] = np.exp2(2 * octaves - 1) * np.exp(2j * np.pi * turns)
         gains[source][0] = 1.0
     return gains
@@ -48,47 +48,52 @@ def mode_response(mode: Mode | ModalPath | MeasuredPath | None, frequency_hz: Ar
 
 
 def line_amplitudes(
-    comb: Comb, *, gains: ArrayLike, speed_hz: Array, load: Array, mode: Mode | ModalPath | MeasuredPath | None
+    family: HarmonicFamily,
+    *,
+    gains: ArrayLike,
+    speed_hz: Array,
+    load: Array,
+    mode: Mode | ModalPath | MeasuredPath | None,
 ) -> ComplexArray:
     """Return Z of the lines of a comb at the sensors, (sensor, line, instant), in the sensors' units.
 
     Parameters
     ----------
-    comb : Comb
+    family : HarmonicFamily
     gains : (sensor,) complex array
     speed_hz, load : (instant,) array
         Speed of the reference shaft in rev s-1, and the share of full load.
     mode : Mode, ModalPath, MeasuredPath or None
         The path's mode, or a path.
     """
-    response = mode_response(mode, np.outer([float(order) for order in comb.orders], speed_hz))
-    coefficients = comb.coefficients if comb.coefficients.ndim > 1 else comb.coefficients[:, None]
-    at_source = coefficients * response * (load if comb.loaded else 1.0)
-    if comb.speed_power:
-        at_source = at_source * (speed_hz / comb.at_speed_hz) ** comb.speed_power
+    response = mode_response(mode, np.outer([float(order) for order in family.orders], speed_hz))
+    coefficients = family.coefficients if family.coefficients.ndim > 1 else family.coefficients[:, None]
+    at_source = coefficients * response * (load if family.load_dependent else 1.0)
+    if family.speed_exponent:
+        at_source = at_source * (speed_hz / family.reference_speed_hz) ** family.speed_exponent
     return np.asarray(np.asarray(gains)[:, None, None] * at_source)
 
 
-def ring_pole(mode: Mode) -> complex:
+def mode_pole(mode: Mode) -> complex:
     """Return ``-zeta w_n + j w_d`` in rad s-1."""
     return 2 * math.pi * mode.frequency_hz * complex(-mode.damping_ratio, math.sqrt(1 - mode.damping_ratio**2))
 
 
-def ring_seconds(mode: Mode) -> float:
+def ringing_time_s(mode: Mode) -> float:
     """Return how long a ringing is followed."""
-    return _QUIET / -ring_pole(mode).real
+    return _QUIET / -mode_pole(mode).real
 
 
-def ring_spectrum(mode: Mode | ModalPath | MeasuredPath, frequency_hz: ArrayLike) -> ComplexArray:
+def ringing_spectrum(mode: Mode | ModalPath | MeasuredPath, frequency_hz: ArrayLike) -> ComplexArray:
     """Return the Fourier transform of the ringing, ``w_d / (w_n^2 - w^2 + 2 j zeta w_n w)``, in s.
 
     That of a path is its response, for an impact in N s.
     """
     if isinstance(mode, ModalPath | MeasuredPath):
         return mode.response(frequency_hz)
-    shifted = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) - ring_pole(mode)
-    conjugate = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) - ring_pole(mode).conjugate()
-    return np.asarray(ring_pole(mode).imag / (shifted * conjugate))
+    shifted = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) - mode_pole(mode)
+    conjugate = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) - mode_pole(mode).conjugate()
+    return np.asarray(mode_pole(mode).imag / (shifted * conjugate))
 
 
 def impact_line(
@@ -104,4 +109,4 @@ def impact_line(
         return np.zeros(speed_hz.size, dtype=np.complex128)
     rate = float(train.order) * speed_hz
     turn = np.exp(2j * np.pi * harmonic * train.offset)
-    return np.asarray(2 * train.amplitudes[0] * load * rate * ring_spectrum(mode, harmonic * rate) * turn)
+    return np.asarray(2 * train.amplitudes[0] * load * rate * ringing_spectrum(mode, harmonic * rate) * turn)

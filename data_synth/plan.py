@@ -35,7 +35,7 @@ class PlanError(ValueError):
     """A plan that cannot be read, or that asks for what cannot be made."""
 
 
-class Variant(Declared):
+class RecordClass(Declared):
     """One class of records: a scene written as JSON, and the ranges to be drawn into it."""
 
     name: Name
@@ -93,7 +93,7 @@ class Plan:
         Records in one file.
     record_bytes : int
         Samples of one record on disk.
-    variants : tuple of Variant
+    variants : tuple of RecordClass
         The classes.
     """
 
@@ -104,9 +104,9 @@ class Plan:
     dtype: str
     records_per_shard: int
     record_bytes: int
-    variants: tuple[Variant, ...]
+    variants: tuple[RecordClass, ...]
 
-    def variant_of(self, number: int) -> Variant:
+    def variant_of(self, number: int) -> RecordClass:
         """Return the class of a record: they take turns."""
         return self.variants[self._cycle[number % len(self._cycle)]]
 
@@ -140,7 +140,7 @@ class Plan:
                 found[label] = kind(choices.index(values[label]) + 1 if choices else values[label])
         return found
 
-    def _sobol_point(self, number: int, variant: Variant) -> NDArray[np.float64]:
+    def _sobol_point(self, number: int, variant: RecordClass) -> NDArray[np.float64]:
         turns, place = divmod(number, len(self._cycle))
         own = self.variants.index(variant)
         rank = turns * variant.share + self._cycle[:place].count(own)
@@ -171,7 +171,7 @@ def _sobol_points(seed: int, stream: int, dimensions: int, *, power: int) -> NDA
 
 
 @lru_cache(maxsize=16)
-def _label_kinds(variants: tuple[Variant, ...]) -> dict[str, tuple[type, tuple[Any, ...]]]:
+def _label_kinds(variants: tuple[RecordClass, ...]) -> dict[str, tuple[type, tuple[Any, ...]]]:
     """Return, by label, whether it is text or a number; and the choices, where it tells which of them was taken."""
     kinds: dict[str, tuple[type, tuple[Any, ...]]] = {}
     for variant in variants:
@@ -253,7 +253,7 @@ def _base(scene: str | Mapping[str, Any], where: str) -> dict[str, Any]:
     return tomllib.loads(loaded.to_toml())
 
 
-def _variants(declared: PlanTable, base: Mapping[str, Any]) -> Iterator[Variant]:
+def _variants(declared: PlanTable, base: Mapping[str, Any]) -> Iterator[RecordClass]:
     changed = _merged(base, declared.change)
     kinds = [table.get("kind", "fault") for table in changed.get("fault", ()) if isinstance(table, Mapping)]
     classes = declared.classes or (ClassTable(name=" + ".join(map(str, kinds)) or "healthy"),)
@@ -267,7 +267,7 @@ def _variants(declared: PlanTable, base: Mapping[str, Any]) -> Iterator[Variant]
         except PlanError as error:
             raise PlanError(f'class "{table.name}": {error}') from None
         _check_labels(table.name, found)
-        yield Variant(name=table.name, share=table.share, template=json.dumps(template), ranges=tuple(found))
+        yield RecordClass(name=table.name, share=table.share, template=json.dumps(template), ranges=tuple(found))
 
 
 def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
@@ -312,7 +312,7 @@ def _check_labels(name: str, ranges: list[tuple[str, Place, Range]]) -> None:
             raise PlanError(f'class "{name}": the label "{label}" has a meaning of its own; choose another.')
 
 
-def _checked(variants: tuple[Variant, ...]) -> Scene:
+def _checked(variants: tuple[RecordClass, ...]) -> Scene:
     """Build the scenes at both ends of all ranges, so that a plan fails before it is begun; return one."""
     for variant in variants:
         where = f'class "{variant.name}"'

@@ -15,7 +15,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from data_synth.combs import Comb
+from data_synth.combs import HarmonicFamily
 from data_synth.profile import Array
 
 ComplexArray = NDArray[np.complex128]
@@ -59,8 +59,8 @@ class PassWindow:
         """Return W_0, W_1, ... of ``gain = sum_j W_j exp(1j j angle)``, j of both signs, as far as they count."""
         count = 64 * max(1, math.ceil(math.sqrt(self.kappa)))  # the spectrum is a bell of width sqrt(kappa)
         lines = np.fft.rfft(self.gain(2 * np.pi * np.arange(count) / count)).real / count
-        heard = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
-        return np.asarray(lines[: heard[-1] + 1])
+        superpose = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
+        return np.asarray(lines[: superpose[-1] + 1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,8 +102,8 @@ class DistanceWindow:
         fall = -math.log(self.planet_radius_m / self.sensor_radius_m)
         count = 1 << math.ceil(math.log2(max(64.0, 80 / fall)))
         lines = np.fft.rfft(self.gain(2 * np.pi * np.arange(count) / count)).real / count
-        heard = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
-        return np.asarray(lines[: heard[-1] + 1])
+        superpose = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
+        return np.asarray(lines[: superpose[-1] + 1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +140,7 @@ class MovingPath:
         angles = 2 * np.pi * np.asarray(carrier_turns, dtype=np.float64) + np.asarray(self.places_rad)[:, None]
         return np.asarray(np.asarray(self.strengths)[:, None] * self.window.gain(angles))
 
-    def heard(self, sources: ArrayLike, *, carrier_turns: ArrayLike) -> Array:
+    def superpose(self, sources: ArrayLike, *, carrier_turns: ArrayLike) -> Array:
         """Return what the sensor hears (n,) of the planets' signals (N, n): sample by sample, so in any blocks."""
         return np.asarray(np.sum(self.gains(carrier_turns) * np.asarray(sources, dtype=np.float64), axis=0))
 
@@ -164,7 +164,7 @@ def mesh_phases_rad(places_rad: ArrayLike, *, teeth: int) -> Array:
     return np.asarray(np.remainder(teeth * (places - places[0]), 2 * np.pi))
 
 
-def planet_pass_comb(
+def planet_pass_family(
     path: MovingPath,
     *,
     component: str,
@@ -173,7 +173,7 @@ def planet_pass_comb(
     ring_teeth: int,
     carrier_order: Fraction,
     carrier_offset: float = 0.0,
-) -> Comb:
+) -> HarmonicFamily:
     """Return the lines of the ring meshes as a sensor on the ring hears them; they take the place of the mesh's own.
 
     Line ``m = l z_r + j`` of the carrier sums ``C_l W_j`` over all l and j that make m, times the phasor sum of m.
@@ -200,13 +200,13 @@ def planet_pass_comb(
     summed = np.zeros(int(np.max(np.abs(multiples))) + 1, dtype=np.complex128)
     np.add.at(summed, np.abs(multiples), np.where(multiples < 0, lines.conj(), lines))
     summed[np.abs(summed) < _ROUNDING * np.max(np.abs(summed), initial=0.0)] = 0.0
-    return Comb(
+    return HarmonicFamily(
         component=component,
         kind="gear_mesh",
         source=source,
-        base=abs(carrier_order),
+        base_order=abs(carrier_order),
         coefficients=summed[1:],
-        loaded=True,
+        load_dependent=True,
     )
 
 

@@ -78,7 +78,7 @@ class ShaftAngle:
         return np.concatenate([self.speeds_hz[:1], self.speeds_hz])
 
     @cached_property
-    def _accelerations(self) -> Array:
+    def _slopes(self) -> Array:
         """Slope of the speed in each piece in rev s-2; zero outside of the knots and in a jump, which has no length."""
         gaps = np.diff(self.times_s)
         slopes = np.divide(np.diff(self.speeds_hz), gaps, out=np.zeros(gaps.size), where=gaps > 0)
@@ -97,7 +97,7 @@ class ShaftAngle:
         piece = np.searchsorted(self.times_s, times_s, side="right")
         since = times_s - self._starts_s[piece]
         starts_rev = np.concatenate([knots_rev[:1], knots_rev])[piece]
-        slope = self._start_speeds_hz[piece] + self._accelerations[piece] * since / 2
+        slope = self._start_speeds_hz[piece] + self._slopes[piece] * since / 2
         return np.asarray(starts_rev + slope * since)
 
     def revolutions(self, times_s: ArrayLike) -> Array:
@@ -127,7 +127,7 @@ class ShaftAngle:
         speed = self._start_speeds_hz[piece]
         # the root of a t^2 / 2 + v t = turn in the form that loses no digits where a is small; rounding may take
         # the square below zero where the shaft comes to rest
-        twice_mean = speed + np.sqrt(np.maximum(speed**2 + 2 * self._accelerations[piece] * turn, 0.0))
+        twice_mean = speed + np.sqrt(np.maximum(speed**2 + 2 * self._slopes[piece] * turn, 0.0))
         never = (twice_mean == 0) & (turn != 0)
         if np.any(never):
             raise ValueError(
@@ -142,12 +142,12 @@ class ShaftAngle:
         times = np.asarray(times_s, dtype=np.float64)
         piece = np.searchsorted(self.times_s, times, side="right")
         since = times - self._starts_s[piece]
-        return np.asarray(self._start_speeds_hz[piece] + self._accelerations[piece] * since)
+        return np.asarray(self._start_speeds_hz[piece] + self._slopes[piece] * since)
 
     def acceleration_hz_s(self, times_s: ArrayLike) -> Array:
         """Return the acceleration in rev s-2 at `times_s` (n,); at a knot, that after it."""
         piece = np.searchsorted(self.times_s, np.asarray(times_s, dtype=np.float64), side="right")
-        return np.asarray(self._accelerations[piece])
+        return np.asarray(self._slopes[piece])
 
     def top_speed_hz(self, start_s: float, stop_s: float) -> float:
         """Return the largest size of the speed from `start_s` to `stop_s`, in rev s-1."""

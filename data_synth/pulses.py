@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from data_synth.drive import Turning
+from data_synth.drive import ReferenceAngle
 from data_synth.driving import Tachometer
 from data_synth.profile import Array
 
@@ -32,7 +32,7 @@ class Pulses:
 
 
 def pulse_times(
-    angle: Turning, *, turns_per_rev: float, pulses_per_rev: int, stop_s: float, off_rev: Array | None = None
+    angle: ReferenceAngle, *, turns_per_rev: float, pulses_per_rev: int, stop_s: float, off_rev: Array | None = None
 ) -> Array:
     """Return when a tachometer's marks pass, from revolution zero of `angle` to `stop_s`.
 
@@ -63,7 +63,7 @@ def pulse_times(
 
 
 def recorded_pulses(
-    angle: Turning, tachometer: Tachometer, *, turns_per_rev: float, stop_s: float, rng: np.random.Generator
+    angle: ReferenceAngle, tachometer: Tachometer, *, turns_per_rev: float, stop_s: float, rng: np.random.Generator
 ) -> Pulses:
     """Return the pulses of a tachometer with all that its declaration does to them, in the order of its fields."""
     marks = pulse_times(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
 
 
-def strike_order(kind: str, rates: "BearingOrders") -> float:
+def defect_order(kind: str, rates: "BearingOrders") -> float:
     """Return how often a defect is struck in a revolution of the reference shaft under pure rolling.
 
     Raises
@@ -35,17 +35,17 @@ def strike_order(kind: str, rates: "BearingOrders") -> float:
     return order
 
 
-def signed_cage(rates: "BearingOrders") -> float:
+def signed_cage_order(rates: "BearingOrders") -> float:
     """Return the turns of the cage under pure rolling as the load zone sees them, signed like those of the rings."""
-    return rates.outer_ring + _way(rates) * rates.cage_to_outer
+    return rates.outer_ring + _sense(rates) * rates.cage_to_outer
 
 
-def _way(rates: "BearingOrders") -> float:
+def _sense(rates: "BearingOrders") -> float:
     return math.copysign(1.0, rates.inner_ring - rates.outer_ring)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rolling:
+class RollingKinematics:
     """How a bearing rolls, by the strikes of one defect.
 
     All turns are as who carries the bearing sees them, that is the load zone, and signed like those of the reference.
@@ -55,10 +55,10 @@ class Rolling:
     kind : {"inner_race", "outer_race", "rolling_element", "cage"}
     rates : BearingOrders
         In orders, under pure rolling.
-    knots_rev : (n,) array
+    impacts_rev : (n,) array
         Revolutions of the reference shaft at the strikes, rising: one before all of interest, those of interest, one
         after them.
-    first : int
+    first_number : int
         Number of the first knot: strike 0 is the first within the record, or nearly so.
     place_turns : float
         Of the struck spot at revolution zero, from where the load is greatest: that of a ring, or of the cage at strike
@@ -67,49 +67,49 @@ class Rolling:
 
     kind: str
     rates: "BearingOrders"
-    knots_rev: Array = field(repr=False, metadata={"dims": ("knot",), "units": "rev"})
-    first: int
+    impacts_rev: Array = field(repr=False, metadata={"dims": ("knot",), "units": "rev"})
+    first_number: int
     place_turns: float
 
-    def passed(self, revolutions: ArrayLike) -> Array:
+    def defect_phase(self, revolutions: ArrayLike) -> Array:
         """Return the phase of the defect in turns (n,): whole at each strike, and even with the shaft between two."""
         return np.asarray(
-            np.interp(np.asarray(revolutions), self.knots_rev, self.first + np.arange(self.knots_rev.size))
+            np.interp(np.asarray(revolutions), self.impacts_rev, self.first_number + np.arange(self.impacts_rev.size))
         )
 
-    def spot_turns(self, revolutions: ArrayLike) -> Array:
+    def defect_turns(self, revolutions: ArrayLike) -> Array:
         """Return the turns of the struck spot (n,), from where the load is greatest."""
-        return self._spot(np.asarray(revolutions, dtype=np.float64), self.passed(revolutions))
+        return self._spot(np.asarray(revolutions, dtype=np.float64), self.defect_phase(revolutions))
 
     def cage_turns(self, revolutions: ArrayLike) -> Array:
         """Return the turns of the cage (n,): element 1 of Z is where the load is greatest at whole ones."""
-        return self._cage(np.asarray(revolutions, dtype=np.float64), self.passed(revolutions))
+        return self._cage(np.asarray(revolutions, dtype=np.float64), self.defect_phase(revolutions))
 
     def element_turns(self, revolutions: ArrayLike) -> Array:
         """Return the turns of an element about its own axis, relative to the cage, (n,); it meets both races in one."""
-        struck = strike_order(self.kind, self.rates)
-        return np.asarray(self.rates.rolling_element / 2 / struck * self.passed(revolutions))
+        struck = defect_order(self.kind, self.rates)
+        return np.asarray(self.rates.rolling_element / 2 / struck * self.defect_phase(revolutions))
 
     @property
     def numbers(self) -> NDArray[np.int_]:
         """Numbers of the strikes of interest, (n - 2,)."""
-        return self.first + 1 + np.arange(self.knots_rev.size - 2)
+        return self.first_number + 1 + np.arange(self.impacts_rev.size - 2)
 
-    def at_strikes(self) -> tuple[Array, Array]:
+    def at_impacts(self) -> tuple[Array, Array]:
         """Return the turns of spot and cage, (n - 2,), at the strikes of interest."""
-        struck, number = self.knots_rev[1:-1], self.numbers
+        struck, number = self.impacts_rev[1:-1], self.numbers
         return self._spot(struck, number), self._cage(struck, number)
 
-    def _spot(self, revolutions: Array, passed: ArrayLike) -> Array:
+    def _spot(self, revolutions: Array, defect_phase: ArrayLike) -> Array:
         if self.kind == "outer_race":
             return np.asarray(self.place_turns + self.rates.outer_ring * revolutions)
         if self.kind == "inner_race":
             return np.asarray(self.place_turns + self.rates.inner_ring * revolutions)
-        cage = signed_cage(self.rates)
+        cage = signed_cage_order(self.rates)
         advance = 1.0 if self.kind == "cage" else abs(cage) / self.rates.rolling_element
-        return np.asarray(self.place_turns + math.copysign(advance, cage) * np.asarray(passed))
+        return np.asarray(self.place_turns + math.copysign(advance, cage) * np.asarray(defect_phase))
 
-    def _cage(self, revolutions: Array, passed: ArrayLike) -> Array:
-        spot, way = self._spot(revolutions, passed), _way(self.rates)
-        ahead = {"outer_race": way, "inner_race": -way}.get(self.kind, 0.0)
-        return np.asarray(spot + ahead * np.asarray(passed) / self.rates.elements) if ahead else spot
+    def _cage(self, revolutions: Array, defect_phase: ArrayLike) -> Array:
+        spot, sense = self._spot(revolutions, defect_phase), _sense(self.rates)
+        ahead = {"outer_race": sense, "inner_race": -sense}.get(self.kind, 0.0)
+        return np.asarray(spot + ahead * np.asarray(defect_phase) / self.rates.elements) if ahead else spot

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_synth.passages import reached
+from data_synth.passages import crossing_times
 from data_synth.profile import Array
-from data_synth.speeds import Knots
+from data_synth.speeds import PiecewiseLinear
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -43,7 +43,7 @@ class LoadLaw:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SmoothAngle:
+class PolynomialAngle:
     """Revolutions of a shaft as a polynomial between knots, its speed held outside of them.
 
     Attributes
@@ -121,22 +121,22 @@ class SmoothAngle:
                 f"revolutions from {np.min(targets):g} to {np.max(targets):g} are asked for, but the run-up goes "
                 f"from {first:g} to {last:g}; lengthen it"
             )
-        found = reached(self, targets.ravel(), start_s=start_s, stop_s=stop_s, direction=1)
+        found = crossing_times(self, targets.ravel(), start_s=start_s, stop_s=stop_s, direction=1)
         return found.reshape(targets.shape)
 
-    def scaled(self, ratio: float) -> "SmoothAngle":
+    def scaled(self, ratio: float) -> "PolynomialAngle":
         """Return the angle of a shaft that makes `ratio` turns, signed, for one of this."""
         return replace(self, coefficients=self.coefficients * ratio, datum_rev=self.datum_rev * ratio)
 
 
 def run_up(
-    torque_nm: Knots,
+    torque_nm: PiecewiseLinear,
     *,
     load: LoadLaw,
     inertia_kg_m2: float,
     duration_s: float,
     speed_hz: float = 0.0,
-) -> SmoothAngle:
+) -> PolynomialAngle:
     """Integrate ``J w' = T(t) - load(w)`` and its angle from time zero, to rounding.
 
     All on one shaft: torque, load law and inertia of another shaft, `n` turns of it for one of this, come here as
@@ -144,7 +144,7 @@ def run_up(
 
     Parameters
     ----------
-    torque_nm : Knots
+    torque_nm : PiecewiseLinear
         Drives the shaft; in N m.
     load : LoadLaw
     inertia_kg_m2, duration_s : float
@@ -177,10 +177,10 @@ def run_up(
             times_s.append(min(stop_s, now_s + step))
             if step < min(_SHORTEST * duration_s, stop_s - now_s):
                 raise ValueError(f"the shaft races away after {now_s:g} s; a load that grows with speed is needed")
-    return SmoothAngle(times_s=np.array(times_s), coefficients=np.array(pieces).T / (2 * np.pi))
+    return PolynomialAngle(times_s=np.array(times_s), coefficients=np.array(pieces).T / (2 * np.pi))
 
 
-def _straight(torque: Knots, start_s: float, stop_s: float) -> tuple[float, float]:
+def _straight(torque: PiecewiseLinear, start_s: float, stop_s: float) -> tuple[float, float]:
     """Return the torque after the first of two corners, and its slope up to the other."""
     low, high = torque.at(start_s + (stop_s - start_s) * np.array([1, 2]) / 3)  # away from the jumps
     return 2 * low - high, 3 * (high - low) / (stop_s - start_s)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from data_synth.chain import AntiAlias, DropOuts, Hum, Mode, Quantisation, Sensor
-from data_synth.path import ring_pole
+from data_synth.path import mode_pole
 from data_synth.profile import Array
 from data_synth.scene import SceneError
 from data_synth.transfer import ModalPath
@@ -25,7 +25,7 @@ _APART = 1e-6  # poles nearer to each other than this part of their size leave t
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cascade:
+class AllPoleFilter:
     """Filters one after the other, ``gain prod_i p_i / (p_i - s)``: at rest they pass `gain`.
 
     Attributes
@@ -55,19 +55,19 @@ class Cascade:
     def residue(self, index: int) -> complex:
         """Return ``lim (s - p) H(s)`` at the pole with this number."""
         pole = self.poles[index]
-        return complex(-pole * Cascade(gain=self.gain, poles=np.delete(self.poles, index)).at(pole))
+        return complex(-pole * AllPoleFilter(gain=self.gain, poles=np.delete(self.poles, index)).at(pole))
 
 
-def linear_chain(sensor: Sensor) -> Cascade:
+def linear_chain(sensor: Sensor) -> AllPoleFilter:
     """Return resonance, sensitivity and anti-aliasing filter of a sensor."""
     poles: list[complex] = []
     if sensor.resonance is not None:
-        pole = ring_pole(sensor.resonance)
+        pole = mode_pole(sensor.resonance)
         poles += [pole, pole.conjugate()]
     if sensor.anti_alias is not None:
         poles += butterworth_poles(sensor.anti_alias)
     gain = sensor.sensitivity.value if sensor.sensitivity is not None else 1.0
-    return Cascade(gain=gain, poles=np.array(poles, dtype=np.complex128))
+    return AllPoleFilter(gain=gain, poles=np.array(poles, dtype=np.complex128))
 
 
 def butterworth_poles(filter_: AntiAlias) -> list[complex]:
@@ -80,7 +80,7 @@ def butterworth_poles(filter_: AntiAlias) -> list[complex]:
     ]
 
 
-def ringing(mode: Mode, chain: Cascade, *, sensor: str = "") -> tuple[ComplexArray, ComplexArray]:
+def ringing_residues(mode: Mode, chain: AllPoleFilter, *, sensor: str = "") -> tuple[ComplexArray, ComplexArray]:
     """Return poles (p,) and residues (p,) of ``exp(-zeta w_n t) sin(w_d t)`` heard through a chain.
 
     The ringing is ``Re sum_p residue exp(pole t)``, one of each conjugate pair with twice its residue.
@@ -90,9 +90,11 @@ def ringing(mode: Mode, chain: Cascade, *, sensor: str = "") -> tuple[ComplexArr
     SceneError
         Two poles that are nearly the same, so that the sum of exponentials has no digits left.
     """
-    own = ring_pole(mode)
+    own = mode_pole(mode)
     every = np.array([own, own.conjugate(), *chain.poles])
-    _refuse_alike(every, abs(own), f"the resonance of {mode.frequency_hz:g} Hz that impacts ring", sensor=sensor)
+    _require_distinct_poles(
+        every, abs(own), f"the resonance of {mode.frequency_hz:g} Hz that impacts ring", sensor=sensor
+    )
     kept = np.flatnonzero(every.imag >= 0)
     residues = []
     for index in kept.tolist():
@@ -105,7 +107,7 @@ def ringing(mode: Mode, chain: Cascade, *, sensor: str = "") -> tuple[ComplexArr
     return every[kept], np.array(residues, dtype=np.complex128)
 
 
-def through(path: ModalPath, chain: Cascade, *, sensor: str = "") -> tuple[ComplexArray, ComplexArray]:
+def path_residues(path: ModalPath, chain: AllPoleFilter, *, sensor: str = "") -> tuple[ComplexArray, ComplexArray]:
     """Return poles (p,) and residues (p,) of a path with a chain behind it.
 
     The response to an impulse of 1 N s is ``Re sum_p residue exp(pole t)``, one of each conjugate pair with twice its
@@ -118,7 +120,7 @@ def through(path: ModalPath, chain: Cascade, *, sensor: str = "") -> tuple[Compl
     """
     own = path.poles
     every = np.concatenate([own, own.conj(), chain.poles])
-    _refuse_alike(every, float(np.min(np.abs(own))), "a mode of its transfer", sensor=sensor)
+    _require_distinct_poles(every, float(np.min(np.abs(own))), "a mode of its transfer", sensor=sensor)
     passed = [residue * chain.at(pole) for pole, residue in zip(own, path.residues, strict=True)]
     passed += [residue * chain.at(pole) for pole, residue in zip(own.conj(), np.conj(path.residues), strict=True)]
     passed += [chain.residue(index) * path.at(pole) for index, pole in enumerate(chain.poles)]
@@ -126,14 +128,14 @@ def through(path: ModalPath, chain: Cascade, *, sensor: str = "") -> tuple[Compl
     return every[kept], np.array(passed)[kept] * np.where(every[kept].imag > 0, 2, 1)
 
 
-def fractions(chain: Cascade) -> tuple[ComplexArray, ComplexArray, float]:
-    """Return poles (p,) and residues (p,) of a chain as `through` does, and what of it passes at once."""
+def partial_fractions(chain: AllPoleFilter) -> tuple[ComplexArray, ComplexArray, float]:
+    """Return poles (p,) and residues (p,) of a chain as `path_residues` does, and what of it passes at once."""
     kept = np.flatnonzero(chain.poles.imag >= 0)
     residues = [chain.residue(index) * (2 if chain.poles[index].imag > 0 else 1) for index in kept.tolist()]
     return chain.poles[kept], np.array(residues, dtype=np.complex128), 0.0 if chain.poles.size else chain.gain
 
 
-def _refuse_alike(poles: ComplexArray, size: float, what: str, *, sensor: str) -> None:
+def _require_distinct_poles(poles: ComplexArray, size: float, what: str, *, sensor: str) -> None:
     gaps = np.abs(poles[:, None] - poles) + np.diag(np.full(poles.size, np.inf))
     if np.min(gaps) < _APART * size:
         raise SceneError(
@@ -149,27 +151,27 @@ def add_ringing(
     poles: ComplexArray,
     residues: ComplexArray,
     rate_hz: float,
-    late_s: Array | None = None,
+    timing_errors_s: Array | None = None,
 ) -> None:
     """Add ``amplitude Re sum_p residue exp(pole (t - time))`` after each impact, exact at instants between samples.
 
     Parameters
     ----------
     signal : (n,) array
-        Changed in place; sample i at ``i / rate_hz + late_s[i]``.
+        Changed in place; sample i at ``i / rate_hz + timing_errors_s[i]``.
     times_s, amplitudes : (m,) array
         Instants of the impacts in s, rising; those before the first sample are heard from there on.
     poles, residues : (p,) complex array
     rate_hz : float
-    late_s : (n,) array or None
+    timing_errors_s : (n,) array or None
         Errors of the sampling instants. An impact between a sample's place and its instant comes with the next one.
     """
     from data_synth._rings_kernel import add_decays  # noqa: PLC0415 - loads numba
 
     firsts = np.maximum(np.ceil(times_s * rate_hz), 0).astype(np.int64)
     begins = amplitudes[:, None] * residues * np.exp(poles * (firsts / rate_hz - times_s)[:, None])
-    late = late_s if late_s is not None else np.empty(0)
-    add_decays(signal, firsts, begins, np.exp(poles / rate_hz), poles, late)
+    timing_errors_s = timing_errors_s if timing_errors_s is not None else np.empty(0)
+    add_decays(signal, firsts, begins, np.exp(poles / rate_hz), poles, timing_errors_s)
 
 
 def add_noise(signal: Array, *, rms: float, rng: np.random.Generator) -> None:
@@ -185,7 +187,7 @@ def _parts(signal: Array) -> Iterator[Array]:
         yield signal[start : start + _BLOCK]
 
 
-def hum_lines(hum: Hum, chain: Cascade, *, rng: np.random.Generator) -> ComplexArray:
+def hum_lines(hum: Hum, chain: AllPoleFilter, *, rng: np.random.Generator) -> ComplexArray:
     """Return Z (h,) of the mains' harmonics behind the recorder's filter, ``Re{Z exp(2 pi j h f t)}``."""
     harmonics = np.arange(1, hum.harmonics + 1)
     at_cable = hum.amplitude * hum.decay ** (harmonics - 1) * np.exp(2j * np.pi * rng.random(harmonics.size))

@@ -8,15 +8,15 @@ import xarray as xr
 
 from data_synth.combs import ComplexArray, random_stream
 from data_synth.fidelity import Choice, decided
-from data_synth.impacts import add_train
+from data_synth.impacts import add_impacts
 from data_synth.levels import LEFT_OUT, moved, sounding, whole_of
 from data_synth.meshing import Gears
-from data_synth.motion import Motion, prepared
+from data_synth.motion import Motion, prepare_gears
 from data_synth.profile import Array
 from data_synth.room import refuse_too_large
 from data_synth.scene import Scene, SceneError, Sensor, load_scene
 from data_synth.sensors import (
-    Cascade,
+    AllPoleFilter,
     add_noise,
     clip,
     drop_outs,
@@ -24,8 +24,8 @@ from data_synth.sensors import (
     linear_chain,
     quantise,
 )
-from data_synth.stage import Stage, staged
-from data_synth.truth import mesh_lines, motion_truth, phases_of, truth_of
+from data_synth.stage import PreparedScene, prepare_scene
+from data_synth.truth import angle_truth, mesh_lines, tooth_pass_truth, truth_variables
 from hums.record import Channel, PulseTimes, make_record
 
 _BLOCK = 65536  # samples computed at once: what is only needed on the way does not grow with the record
@@ -97,27 +97,27 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise SceneError(f"seed = {seed!r}: a whole number, 0 or more, is needed.")
     refuse_too_large(declared, by_source=by_source, phases=phases)
-    stage = staged(declared, draws=partial(random_stream, seed))
-    gears = prepared(stage) if declared.fidelity != "kinematic" else None
+    prepared = prepare_scene(declared, rng_for=partial(random_stream, seed))
+    gears = prepare_gears(prepared) if declared.fidelity != "kinematic" else None
     choice = decided(declared) if gears is not None else None
     if gears is not None and choice is not None:
-        stage = sounding(stage, gears, choice.levels)
-    late_s = _late(stage)
-    parts = _by_source(stage, late_s=late_s) if by_source else {}
-    signal = _clean(stage, late_s=late_s)
+        prepared = sounding(prepared, gears, choice.levels)
+    timing_errors_s = _late(prepared)
+    parts = _by_source(prepared, timing_errors_s=timing_errors_s) if by_source else {}
+    signal = _clean(prepared, timing_errors_s=timing_errors_s)
     if gears is not None and choice is not None:
-        truth, told = _with_gears(stage, gears, choice, signal, parts)
+        truth, told = _with_gears(prepared, gears, choice, signal, parts)
     else:
-        truth, told = truth_of(stage), {}
+        truth, told = truth_variables(prepared), {}
     for number, sensor in enumerate(declared.sensors):
-        truth |= _spoil(stage, sensor, number + 1, signal[number], late_s=late_s)
+        truth |= _spoil(prepared, sensor, number + 1, signal[number], timing_errors_s=timing_errors_s)
     truth |= parts
-    truth |= phases_of(stage) if phases else {}
+    truth |= angle_truth(prepared) if phases else {}
     return make_record(
         {sensor.name: _channel(sensor, values) for sensor, values in zip(declared.sensors, signal, strict=True)},
         rate_hz=declared.rate_hz,
         angle=PulseTimes(
-            times_s=stage.pulses.times_s,
+            times_s=prepared.pulses.times_s,
             shaft=declared.tachometer.link,
             pulses_per_rev=declared.tachometer.pulses_per_rev,
         ),
@@ -141,22 +141,27 @@ def _channel(sensor: Sensor, values: Array) -> Channel:
 # ---- the sum of all sources ----------------------------------------------------------------------------------
 
 
-def _late(stage: Stage) -> Array | None:
+def _late(prepared: PreparedScene) -> Array | None:
     """Return how much later than its place each sample is taken, s."""
-    jitter, scene = stage.scene.sampling_jitter, stage.scene
-    return jitter.std_s * stage.draws("jitter").standard_normal(scene.samples) if jitter is not None else None
+    jitter, scene = prepared.scene.sampling_jitter, prepared.scene
+    return jitter.std_s * prepared.rng_for("jitter").standard_normal(scene.samples) if jitter is not None else None
 
 
-def _clean(stage: Stage, *, late_s: Array | None, only: tuple[str, str] | None = None) -> Array:
+def _clean(prepared: PreparedScene, *, timing_errors_s: Array | None, only: tuple[str, str] | None = None) -> Array:
     """Return the signal behind the linear chain, (sensor, n), of all sources or of one component and kind."""
-    scene = stage.scene
+    scene = prepared.scene
     signal = np.zeros((len(scene.sensors), scene.samples))
     for start in range(0, scene.samples, _BLOCK):
         here = slice(start, min(start + _BLOCK, scene.samples))
-        stage.add_lines(signal[:, here], first=start, late_s=None if late_s is None else late_s[here], only=only)
-    for number, train in stage.trains:
+        prepared.add_lines(
+            signal[:, here],
+            first=start,
+            timing_errors_s=None if timing_errors_s is None else timing_errors_s[here],
+            only=only,
+        )
+    for number, train in prepared.trains:
         if only in (None, (train.component, train.kind)):
-            add_train(stage, number, train, signal, late_s=late_s)
+            add_impacts(prepared, number, train, signal, timing_errors_s=timing_errors_s)
     return signal
 
 
@@ -171,38 +176,41 @@ def _in_motion(motion: Motion) -> Array:
 
 
 def _with_gears(
-    stage: Stage, gears: Gears, choice: Choice, signal: Array, parts: dict[str, xr.DataArray]
+    prepared: PreparedScene, gears: Gears, choice: Choice, signal: Array, parts: dict[str, xr.DataArray]
 ) -> tuple[dict[str, xr.DataArray], dict[str, str]]:
     """Add gears that vibrate to a signal (sensor, n) and to the parts by source, where kept, and return the truth.
 
     With it come attributes: which motions were simulated, and how well the lines of meshes are known.
     """
-    motion = moved(stage, gears, choice.levels)
+    motion = moved(prepared, gears, choice.levels)
     all_move = motion is not None and LEFT_OUT not in choice.levels.values()
-    passes = motion_truth(motion if motion is not None and all_move else whole_of(stage, gears, choice.levels))
+    passes = tooth_pass_truth(motion if motion is not None and all_move else whole_of(prepared, gears, choice.levels))
     if motion is None:
-        return truth_of(stage) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
+        return truth_variables(prepared) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
     heard = _in_motion(motion)
     signal += heard
-    found = mesh_lines(stage, heard)
+    found = mesh_lines(prepared, heard)
     for name, sources in parts.items():
         # meshes act on each other, so all gears in motion are one source
         coords = {"truth_channel": sources["truth_channel"], "truth_source_name": ["gears, motion"]}
         own = xr.DataArray(heard[:, None], dims=sources.dims, coords=coords)
         parts[name] = xr.concat([sources, own], dim="truth_source_name").assign_attrs(sources.attrs)
-    return truth_of(stage, found=found) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": found.about}
+    return truth_variables(prepared, found=found) | passes, {
+        "truth_fidelity": str(choice),
+        "truth_mesh_lines": found.about,
+    }
 
 
-def _by_source(stage: Stage, *, late_s: Array | None) -> dict[str, xr.DataArray]:
+def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dict[str, xr.DataArray]:
     sources = dict.fromkeys(
-        [(comb.component, comb.kind) for comb in stage.combs]
-        + [(train.component, train.kind) for _, train in stage.trains]
+        [(family.component, family.kind) for family in prepared.families]
+        + [(train.component, train.kind) for _, train in prepared.trains]
     )
-    signals = np.empty((len(stage.scene.sensors), len(sources), stage.scene.samples))
+    signals = np.empty((len(prepared.scene.sensors), len(sources), prepared.scene.samples))
     for index, source in enumerate(sources):
-        signals[:, index] = _clean(stage, late_s=late_s, only=source)
+        signals[:, index] = _clean(prepared, timing_errors_s=timing_errors_s, only=source)
     names = {
-        "truth_channel": [sensor.name for sensor in stage.scene.sensors],
+        "truth_channel": [sensor.name for sensor in prepared.scene.sensors],
         "truth_source_name": [f"{component}, {kind}" for component, kind in sources],
     }
     return {
@@ -210,7 +218,7 @@ def _by_source(stage: Stage, *, late_s: Array | None) -> dict[str, xr.DataArray]
             signals,
             dims=("truth_channel", "truth_source_name", "time"),
             coords=names,
-            attrs={"units": stage.scene.sensors[0].channel_units},
+            attrs={"units": prepared.scene.sensors[0].channel_units},
         )
     }
 
@@ -219,20 +227,20 @@ def _by_source(stage: Stage, *, late_s: Array | None) -> dict[str, xr.DataArray]
 
 
 def _spoil(
-    stage: Stage, sensor: Sensor, number: int, values: Array, *, late_s: Array | None
+    prepared: PreparedScene, sensor: Sensor, number: int, values: Array, *, timing_errors_s: Array | None
 ) -> dict[str, xr.DataArray]:
     """Do to a channel (n,) what its chain does, in the order of the hardware, and return what was done."""
-    scene, truth = stage.scene, {}
+    scene, truth = prepared.scene, {}
     units, channel = sensor.channel_units, {"channel": sensor.name}
     if sensor.hum is not None:
-        lines = hum_lines(sensor.hum, _behind_cable(sensor), rng=stage.draws("hum", sensor.name))
+        lines = hum_lines(sensor.hum, _behind_cable(sensor), rng=prepared.rng_for("hum", sensor.name))
         frequencies = sensor.hum.frequency_hz * np.arange(1, lines.size + 1)
-        _add_hum(values, lines, sensor.hum.frequency_hz, rate_hz=scene.rate_hz, late_s=late_s)
+        _add_hum(values, lines, sensor.hum.frequency_hz, rate_hz=scene.rate_hz, timing_errors_s=timing_errors_s)
         dim = f"truth_hum_frequency_{number}"
         attrs = {"units": units, "convention": "x = Re{Z exp(2 pi j f t)}", **channel}
         truth[f"truth_hum_{number}"] = xr.DataArray(lines, dims=dim, coords={dim: frequencies}, attrs=attrs)
     gain = abs(sensor.sensitivity.value) if sensor.sensitivity is not None else 1.0
-    add_noise(values, rms=gain * scene.noise.rms, rng=stage.draws("noise", sensor.name))
+    add_noise(values, rms=gain * scene.noise.rms, rng=prepared.rng_for("noise", sensor.name))
     if sensor.clipping is not None:
         beyond = clip(values, level=sensor.clipping.level)
         truth[f"truth_clipped_{number}"] = xr.DataArray(beyond, attrs={"units": "1", **channel})
@@ -240,7 +248,7 @@ def _spoil(
         beyond = quantise(values, sensor.quantisation)
         truth[f"truth_saturated_{number}"] = xr.DataArray(beyond, attrs={"units": "1", **channel})
     if sensor.drop_outs is not None:
-        rng = stage.draws("drop-outs", sensor.name)
+        rng = prepared.rng_for("drop-outs", sensor.name)
         spans = drop_outs(values, sensor.drop_outs, rate_hz=scene.rate_hz, rng=rng)
         dims = (f"truth_drop_out_{number}", "truth_edge")
         truth[f"truth_drop_outs_{number}"] = xr.DataArray(
@@ -249,15 +257,17 @@ def _spoil(
     return truth
 
 
-def _behind_cable(sensor: Sensor) -> Cascade:
+def _behind_cable(sensor: Sensor) -> AllPoleFilter:
     return linear_chain(sensor.changed(resonance=None, sensitivity=None))
 
 
-def _add_hum(values: Array, lines: ComplexArray, frequency_hz: float, *, rate_hz: float, late_s: Array | None) -> None:
+def _add_hum(
+    values: Array, lines: ComplexArray, frequency_hz: float, *, rate_hz: float, timing_errors_s: Array | None
+) -> None:
     for start in range(0, values.size, _BLOCK):
         here = slice(start, min(start + _BLOCK, values.size))
         times_s = np.arange(here.start, here.stop) / rate_hz
-        times_s = times_s if late_s is None else times_s + late_s[here]
+        times_s = times_s if timing_errors_s is None else times_s + timing_errors_s[here]
         for harmonic, line in enumerate(lines, start=1):
             angle = 2 * np.pi * np.remainder(harmonic * frequency_hz * times_s, 1.0)
             values[here] += line.real * np.cos(angle) - line.imag * np.sin(angle)

@@ -14,7 +14,7 @@ from data_synth.profile import Array
 _BLOCK = 4096  # intervals drawn at once
 
 
-class Slipping(Protocol):
+class SlipModel(Protocol):
     """Says how impacts scatter: `Slip`, or a declared fault."""
 
     @property
@@ -44,10 +44,10 @@ class Slip:
             raise ValueError(f"mean_slip = {self.mean_slip:g}: at 1 nothing rolls; keep it below")
 
 
-def renewals(
+def renewal_process(
     *,
     order: float,
-    slip: Slipping,
+    slip: SlipModel,
     span_rev: tuple[float, float],
     rng: np.random.Generator,
     since_rev: float | None = None,
@@ -80,18 +80,18 @@ def renewals(
         counted = elapsed + np.cumsum(1 + slip.slip_std * rng.standard_normal(_BLOCK))
         elapsed = float(counted[-1])
         drawn.append(begin + interval * counted)
-    struck = np.concatenate(drawn)
-    within = np.searchsorted(struck, first), np.searchsorted(struck, last, side="right")
-    struck = struck[max(int(within[0]) - 1, 0) : int(within[1]) + 1]
-    before = _before(struck[0], interval, slip, since_rev, rng.spawn(1)[0]) if since_rev is not None else np.empty(0)
-    return np.concatenate([before, struck]), -1 - before.size
+    impacts = np.concatenate(drawn)
+    within = np.searchsorted(impacts, first), np.searchsorted(impacts, last, side="right")
+    impacts = impacts[max(int(within[0]) - 1, 0) : int(within[1]) + 1]
+    before = _before(impacts[0], interval, slip, since_rev, rng.spawn(1)[0]) if since_rev is not None else np.empty(0)
+    return np.concatenate([before, impacts]), -1 - before.size
 
 
-def _before(begin: float, interval: float, slip: Slipping, since_rev: float, rng: np.random.Generator) -> Array:
+def _before(begin: float, interval: float, slip: SlipModel, since_rev: float, rng: np.random.Generator) -> Array:
     """Return the strikes before one at `begin`, rising, as many as it takes to have one before `since_rev`."""
     drawn, begin = [np.empty(0)], float(begin)
     while begin >= since_rev:
         drawn.insert(0, begin - interval * np.cumsum(1 + slip.slip_std * rng.standard_normal(_BLOCK))[::-1])
         begin = float(drawn[0][0])
-    struck = np.concatenate(drawn)
-    return struck[max(int(np.searchsorted(struck, since_rev)) - 1, 0) :]
+    impacts = np.concatenate(drawn)
+    return impacts[max(int(np.searchsorted(impacts, since_rev)) - 1, 0) :]

@@ -15,7 +15,7 @@ _SPARE_SCALES = 20  # time scales by which the period of a fluctuation exceeds w
 
 
 @dataclass(frozen=True, kw_only=True)
-class Knots:
+class PiecewiseLinear:
     """A quantity against time: linear between knots, held outside of them; two knots at one time are a jump.
 
     Attributes
@@ -50,24 +50,24 @@ class Knots:
         share = np.divide(times - self.times_s[left], gap, out=np.zeros(times.shape), where=gap > 0)
         return np.asarray(self.values[left] + share * (self.values[right] - self.values[left]))
 
-    def scaled(self, factor: float) -> "Knots":
+    def scaled(self, factor: float) -> "PiecewiseLinear":
         """Return the same course, `factor` times as large."""
-        return Knots(times_s=self.times_s, values=self.values * factor)
+        return PiecewiseLinear(times_s=self.times_s, values=self.values * factor)
 
 
-def constant(value: float) -> Knots:
+def constant(value: float) -> PiecewiseLinear:
     """Return a quantity that stays."""
-    return Knots(times_s=np.zeros(1), values=np.array([value]))
+    return PiecewiseLinear(times_s=np.zeros(1), values=np.array([value]))
 
 
-def ramp(begin: float, end: float, *, start_s: float = 0.0, stop_s: float) -> Knots:
+def ramp(begin: float, end: float, *, start_s: float = 0.0, stop_s: float) -> PiecewiseLinear:
     """Return a quantity that goes from `begin` to `end` evenly, and stays before and after."""
     if not stop_s > start_s:
         raise ValueError(f"stop_s = {stop_s:g} is not after start_s = {start_s:g}; a ramp takes time")
-    return Knots(times_s=np.array([start_s, stop_s]), values=np.array([begin, end]))
+    return PiecewiseLinear(times_s=np.array([start_s, stop_s]), values=np.array([begin, end]))
 
 
-def steps(levels: ArrayLike, *, at_s: ArrayLike, rise_s: float = 0.0) -> Knots:
+def steps(levels: ArrayLike, *, at_s: ArrayLike, rise_s: float = 0.0) -> PiecewiseLinear:
     """Return a quantity that goes from level to level.
 
     Parameters
@@ -85,23 +85,27 @@ def steps(levels: ArrayLike, *, at_s: ArrayLike, rise_s: float = 0.0) -> Knots:
         raise ValueError(f"rise_s = {rise_s:g} must be 0 or more and fit between the steps; shorten it")
     if values.size == 1:
         return constant(float(values[0]))
-    return Knots(times_s=np.stack([starts, starts + rise_s], axis=1).ravel(), values=np.repeat(values, 2)[1:-1])
+    return PiecewiseLinear(
+        times_s=np.stack([starts, starts + rise_s], axis=1).ravel(), values=np.repeat(values, 2)[1:-1]
+    )
 
 
-def added(first: Knots, second: Knots) -> Knots:
+def sum_of(first: PiecewiseLinear, second: PiecewiseLinear) -> PiecewiseLinear:
     """Return the sum, exact: knots where either has one; jumps of both stay jumps."""
     unique = np.union1d(first.times_s, second.times_s)
     jumps = np.concatenate([knots.times_s[1:][np.diff(knots.times_s) == 0] for knots in (first, second)])
     doubled = np.isin(unique, jumps)
     times = np.repeat(unique, 1 + doubled)
     before = np.concatenate([(times[1:] == times[:-1]), [False]])
-    values = np.where(before, _before(first, times) + _before(second, times), first.at(times) + second.at(times))
-    return Knots(times_s=times, values=values)
+    values = np.where(
+        before, _left_limits(first, times) + _left_limits(second, times), first.at(times) + second.at(times)
+    )
+    return PiecewiseLinear(times_s=times, values=values)
 
 
-def _before(knots: Knots, times: Array) -> Array:
+def _left_limits(knots: PiecewiseLinear, times: Array) -> Array:
     """Return the values just before `times`."""
-    mirrored = Knots(times_s=-knots.times_s[::-1], values=knots.values[::-1])
+    mirrored = PiecewiseLinear(times_s=-knots.times_s[::-1], values=knots.values[::-1])
     return mirrored.at(-times)
 
 
@@ -146,7 +150,9 @@ class FirstOrder:
         return np.asarray(4 * self.rms**2 * self.time_scale_s / (1 + (2 * np.pi * reduced) ** 2))
 
 
-def fluctuation(spectrum: Spectrum, *, duration_s: float, highest_hz: float, rng: np.random.Generator) -> Knots:
+def fluctuation(
+    spectrum: Spectrum, *, duration_s: float, highest_hz: float, rng: np.random.Generator
+) -> PiecewiseLinear:
     """Draw a Gaussian fluctuation about zero with no part above `highest_hz`, as knots from 0 to `duration_s`.
 
     A sum of cosines at even frequencies with independent Gaussian parts (Rice 1944), transformed at once; it repeats
@@ -177,4 +183,4 @@ def fluctuation(spectrum: Spectrum, *, duration_s: float, highest_hz: float, rng
     parts = rng.standard_normal((2, frequencies.size))
     values = np.fft.irfft(deviations * (parts[0] + 1j * parts[1]) * (count / 2), n=count)
     kept = math.ceil(duration_s / spacing) + 1
-    return Knots(times_s=np.asarray(np.arange(kept) * spacing), values=values[:kept])
+    return PiecewiseLinear(times_s=np.asarray(np.arange(kept) * spacing), values=values[:kept])

@@ -28,7 +28,7 @@ class ToothFault(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Damaged:
+class DamagedTooth:
     """A fault on one tooth.
 
     Attributes
@@ -105,7 +105,7 @@ class TeethInMesh:
 
 
 def teeth_in_mesh(
-    pair: ToothPair, *, damaged: Sequence[Damaged] = (), teeth: tuple[int, int] | None = None
+    pair: ToothPair, *, damaged: Sequence[DamagedTooth] = (), teeth: tuple[int, int] | None = None
 ) -> TeethInMesh:
     """Return the stiffness of a mesh by strain energy, its teeth healthy or damaged.
 
@@ -114,7 +114,7 @@ def teeth_in_mesh(
     Parameters
     ----------
     pair : ToothPair
-    damaged : sequence of Damaged
+    damaged : sequence of DamagedTooth
     teeth : pair of int
         How many the gears have, where the pair is but the virtual one of bevel gears.
 

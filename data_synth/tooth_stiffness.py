@@ -37,7 +37,7 @@ _BISECTIONS = 60
 
 
 @dataclass(frozen=True, kw_only=True)
-class Section:
+class CrackedSection:
     """What a crack leaves of one half of a tooth: from the height `tip_m` upwards no more than `left_m`.
 
     Below the middle of the tooth `left_m` is negative.
@@ -183,7 +183,7 @@ class Tooth:
         height = base * (swept * np.sin(lean) + np.cos(lean))
         return half, height, base * swept * np.cos(lean)
 
-    def compliance(self, angle_rad: Array, *, left: Section | None = None) -> Array:
+    def compliance(self, angle_rad: Array, *, left: CrackedSection | None = None) -> Array:
         """Return the compliance of tooth and body under loads at pressure angles on the involute, (n,) m/N.
 
         `left` gives what a crack leaves of the loaded half at each height; compression closes it.
@@ -191,7 +191,7 @@ class Tooth:
         lean = np.tan(np.atleast_1d(angle_rad)) - self._base_half_angle
         return self._beam(lean[:, None], left) + self._body(lean)
 
-    def _beam(self, lean: Array, left: Section | None) -> Array:
+    def _beam(self, lean: Array, left: CrackedSection | None) -> Array:
         """Return the compliance of the tooth alone, (n,), for loads that lean (n, 1)."""
         at_half, at_height, _ = self.involute_at(lean)
         nodes, weights = _interval(math.tan(self.form_angle_rad) - self._base_half_angle, lean)

@@ -76,7 +76,7 @@ class ModalPath:
         rings = np.exp(np.multiply.outer(np.maximum(times, 0.0), self.poles)) @ np.asarray(self.residues)
         return np.where(times >= 0, 2 * rings.real, 0.0)
 
-    def ring_seconds(self) -> float:
+    def ringing_time_s(self) -> float:
         """Return after how long a ringing is 1e-12 of its beginning."""
         return float(math.log(_QUIET) / np.max(self.poles.real))
 
@@ -107,7 +107,7 @@ class MeasuredPath:
         if frequencies[0] < 0 or np.any(np.diff(frequencies) <= 0):
             raise ValueError("frequencies_hz has to rise from 0 or above; sort the lines")
 
-    def ring_seconds(self) -> float:
+    def ringing_time_s(self) -> float:
         """Return how long a response between lines that are linear lasts at most: one over their spacing."""
         return float(1 / np.min(np.diff(self.frequencies_hz)))
 

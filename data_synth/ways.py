@@ -5,27 +5,27 @@ import math
 import numpy as np
 
 from data_synth.frf import ModeOfPath, Transfer
-from data_synth.path import ring_seconds
+from data_synth.path import ringing_time_s
 from data_synth.scene import Scene
 from data_synth.transfer import MeasuredPath, ModalPath
 
 _STANDARD_GRAVITY = 9.80665
-Way = ModalPath | MeasuredPath
-Ways = dict[tuple[str, str], Way]
+TransferPath = ModalPath | MeasuredPath
+TransferPaths = dict[tuple[str, str], TransferPath]
 
 
-def ways_of(scene: Scene) -> Ways:
+def transfer_paths(scene: Scene) -> TransferPaths:
     """Return the declared ways by source and sensor: response, in the units of the sensors' motion, for one N."""
-    return {(item.source, item.sensor): _way(item, scene.sensors[0].units) for item in scene.transfers}
+    return {(item.source, item.sensor): _transfer_path(item, scene.sensors[0].units) for item in scene.transfers}
 
 
-def followed_s(scene: Scene, source: str) -> float:
+def longest_ringing_s(scene: Scene, source: str) -> float:
     """Return how long after a source is struck its sound has died away in every channel."""
-    ringing = [way.ring_seconds() for (of, _), way in ways_of(scene).items() if of == source]
-    return max([ring_seconds(scene.resonance), *ringing])
+    ringing = [way.ringing_time_s() for (of, _), way in transfer_paths(scene).items() if of == source]
+    return max([ringing_time_s(scene.resonance), *ringing])
 
 
-def _way(transfer: Transfer, units: str) -> Way:
+def _transfer_path(transfer: Transfer, units: str) -> TransferPath:
     one = {("m s-2", "g"): 1 / _STANDARD_GRAVITY, ("g", "m s-2"): _STANDARD_GRAVITY}
     factor = one.get((transfer.units, units), 1.0)
     if transfer.lines is not None:
