@@ -40,7 +40,7 @@ class HarmonicFamily:
     base_order : Fraction
         Order of the first line.
     coefficients : (k,) or (k, instant) complex array
-        Peak amplitude and phase of the harmonics 1, 2, ... k of `base_order`, in the sensors' units; one column for each
+        Peak amplitude and phase of harmonics 1 to k of `base_order`, in the units of the sensors; one column for each
         instant of the truth where the source changes.
     load_dependent : bool
         Whether the amplitude follows the load on the teeth.

@@ -186,7 +186,7 @@ def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain,
     """Return what strikes: impacts that ring, or a bearing that moves."""
     fault, poles = scene.faults[number], sum(2 + chain.poles.size for chain in stage.chains) / 2
     what = _counted(train.revolutions.size, faster, "entries" if train.is_entry else "impacts")
-    by_ways = all((train.source, sensor.name) in stage.ways for sensor in scene.sensors)
+    by_ways = all((train.source, sensor.name) in stage.paths for sensor in scene.sensors)
     rings = "heard by its ways" if by_ways else f"rings {scene.resonance.frequency_hz:g} Hz"
     why = f"fault {number + 1}, {fault.kind}: {rings}"
     seconds = scene.samples * poles * _PER_POLE

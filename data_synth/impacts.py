@@ -51,20 +51,20 @@ def _add_impacts(
         duration_s = prepared.drive.angle.times(train.revolutions + train.duration_rev) - times_s
     gains = np.abs(prepared.gains[train.source])
     for sensor, chain, gain, values in zip(scene.sensors, prepared.chains, gains, signal, strict=True):
-        way = prepared.ways.get((train.source, sensor.name))
-        if isinstance(way, MeasuredPath):
-            fir = measured_filter(way, chain, rate_hz=scene.rate_hz, sensor=sensor)
+        path = prepared.paths.get((train.source, sensor.name))
+        if isinstance(path, MeasuredPath):
+            fir = measured_filter(path, chain, rate_hz=scene.rate_hz, sensor=sensor)
             add_fir_response(
                 values, times_s=times_s, impulses_ns=strength, duration_s=duration_s, fir=fir, rate_hz=scene.rate_hz
             )
             continue
-        if way is None:
+        if path is None:
             poles, residues = ringing_residues(scene.resonance, chain, sensor=sensor.name)
         else:
-            (poles, residues), gain = path_residues(way, chain, sensor=sensor.name), 1.0  # noqa: PLW2901
+            (poles, residues), gain = path_residues(path, chain, sensor=sensor.name), 1.0  # noqa: PLW2901
         at_s, sizes = times_s, gain * strength
         if duration_s is not None:
-            at_s, sizes, poles, residues = _pressed(times_s, sizes, duration_s, poles, residues)
+            at_s, sizes, poles, residues = _step_pairs(times_s, sizes, duration_s, poles, residues)
         add_ringing(
             values,
             times_s=at_s,
@@ -76,7 +76,7 @@ def _add_impacts(
         )
 
 
-def _pressed(
+def _step_pairs(
     times_s: Array, sizes: Array, duration_s: Array, poles: ComplexArray, residues: ComplexArray
 ) -> tuple[Array, Array, ComplexArray, ComplexArray]:
     """Return impacts that press evenly for some time: a step up and one down again, each with the ringing of a step."""
@@ -90,7 +90,7 @@ def _pressed(
 # ---- a measured way ---------------------------------------------------------------------------------------------
 
 
-def measured_filter(way: MeasuredPath, chain: AllPoleFilter, *, rate_hz: float, sensor: Sensor) -> FirPath:
+def measured_filter(path: MeasuredPath, chain: AllPoleFilter, *, rate_hz: float, sensor: Sensor) -> FirPath:
     """Return a measured way with the chain behind it as the shortest filter, a power of two long, that holds it.
 
     Raises
@@ -98,8 +98,8 @@ def measured_filter(way: MeasuredPath, chain: AllPoleFilter, *, rate_hz: float, 
     SceneError
         Lines so far apart that the response between them does not die away.
     """
-    behind = MeasuredPath(frequencies_hz=way.frequencies_hz, values=way.values * chain.response(way.frequencies_hz))
-    longest = max(_FEWEST, math.ceil(_SPACINGS * way.ringing_time_s() * rate_hz))
+    behind = MeasuredPath(frequencies_hz=path.frequencies_hz, values=path.values * chain.response(path.frequencies_hz))
+    longest = max(_FEWEST, math.ceil(_SPACINGS * path.ringing_time_s() * rate_hz))
     lengths = [_FEWEST << doubled for doubled in range(math.ceil(math.log2(longest / _FEWEST)) + 1)]
     for leakage in _LEAKAGES:
         for taps in lengths:
@@ -129,26 +129,26 @@ def add_fir_response(
     near = np.floor(at).astype(np.int64)
     late = np.zeros(at.size) if duration_s is None else duration_s * rate_hz
     offsets = np.arange(-_HALF + 1, _HALF + math.ceil(np.max(late, initial=0.0)) + 1)
-    begin, ahead = -fir.taps.size - offsets.size, round(fir.delay_s * rate_hz) + _HALF
-    at_work, carried = fir.filter(), np.zeros(offsets.size)
-    for start in range(begin, values.size + ahead, _BLOCK):
-        count = min(_BLOCK, values.size + ahead - start)
+    begin, lead = -fir.taps.size - offsets.size, round(fir.delay_s * rate_hz) + _HALF
+    fir_filter, overlap = fir.filter(), np.zeros(offsets.size)
+    for start in range(begin, values.size + lead, _BLOCK):
+        count = min(_BLOCK, values.size + lead - start)
         spread = np.zeros(count + offsets.size)
-        spread[: offsets.size] = carried
+        spread[: offsets.size] = overlap
         here = (near >= start) & (near < start + count)
-        shares = _shares(offsets - (at[here] - near[here])[:, None], late[here])
+        shares = _interpolation_weights(offsets - (at[here] - near[here])[:, None], late[here])
         places = near[here][:, None] - start + offsets + _HALF
         np.add.at(spread, places, impulses_ns[here][:, None] * rate_hz * shares)
-        carried = spread[count:].copy()
-        heard = at_work.push(spread[:count])
+        overlap = spread[count:].copy()
+        response = fir_filter.push(spread[:count])
         # the first sample of spread impacts is that many early, and the filter late
-        first = start - ahead
+        first = start - lead
         inside = slice(max(-first, 0), max(min(count, values.size - first), 0))
         if inside.start < inside.stop:
-            values[first + inside.start : first + inside.stop] += heard[inside]
+            values[first + inside.start : first + inside.stop] += response[inside]
 
 
-def _shares(since: Array, late: Array) -> Array:
+def _interpolation_weights(since: Array, late: Array) -> Array:
     """Return what samples (m, k), `since` after an impact, have of impacts that last `late` samples (m,)."""
     if not late.any():
         return _sinc(since)
@@ -168,10 +168,10 @@ def _sinc(at: Array) -> Array:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Ear:
+class _ChannelFilter:
     """A channel at a bearing that moves: what it hears of it, as loud as `gain`, through a filter that lags."""
 
-    hears: str
+    input_name: str
     push: Callable[[Array], Array]
     lag: int
     gain: float = 1.0
@@ -179,36 +179,36 @@ class _Ear:
 
 def _add_motion(prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array) -> None:
     bearing = bearing_of(prepared, number, train)
-    ears = [_ear(prepared, bearing, train, index) for index in range(len(signal))]
+    filters = [_channel_filter(prepared, bearing, train, index) for index in range(len(signal))]
     samples, each = signal.shape[1], bearing.per_sample
-    steps = bearing.early + (samples - 1) * each + 1 + max(ear.lag for ear in ears)
+    steps = bearing.early + (samples - 1) * each + 1 + max(filter_.lag for filter_ in filters)
     begun = -bearing.early
     for block in bearing.blocks(steps=steps):
-        for ear, values in zip(ears, signal, strict=True):
-            heard = ear.push(block[ear.hears])
+        for filter_, values in zip(filters, signal, strict=True):
+            response = filter_.push(block[filter_.input_name])
             # the step of each sample, as late as the filter
-            first = begun - ear.lag
+            first = begun - filter_.lag
             skipped = -first if first < 0 else -first % each
-            now = heard[skipped::each]
+            now = response[skipped::each]
             at = (first + skipped) // each
             count = min(now.size, samples - at)
-            values[at : at + count] += ear.gain * now[:count]
+            values[at : at + count] += filter_.gain * now[:count]
         begun += block["force"].size
 
 
-def _ear(prepared: PreparedScene, bearing: RunningBearing, train: ImpactTrain, index: int) -> _Ear:
+def _channel_filter(prepared: PreparedScene, bearing: RunningBearing, train: ImpactTrain, index: int) -> _ChannelFilter:
     """Return how a channel hears it: by the acceleration of its resonator, or by its force on a declared way."""
     scene, chain, sensor = prepared.scene, prepared.chains[index], prepared.scene.sensors[index]
     rate_hz = bearing.per_sample * scene.rate_hz
-    way = prepared.ways.get((train.source, sensor.name))
-    if isinstance(way, MeasuredPath):
-        fir = measured_filter(way, chain, rate_hz=rate_hz, sensor=sensor)
-        return _Ear(hears="force", push=fir.filter().push, lag=round(fir.delay_s * rate_hz))
-    if way is not None:
-        poles, residues = path_residues(way, chain, sensor=sensor.name)
+    path = prepared.paths.get((train.source, sensor.name))
+    if isinstance(path, MeasuredPath):
+        fir = measured_filter(path, chain, rate_hz=rate_hz, sensor=sensor)
+        return _ChannelFilter(input_name="force", push=fir.filter().push, lag=round(fir.delay_s * rate_hz))
+    if path is not None:
+        poles, residues = path_residues(path, chain, sensor=sensor.name)
         filter_ = PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=rate_hz)
-        return _Ear(hears="force", push=filter_.push, lag=AHEAD)
+        return _ChannelFilter(input_name="force", push=filter_.push, lag=AHEAD)
     poles, residues, direct = partial_fractions(chain)
     filter_ = PoleFilter(poles=poles, residues=residues, direct=direct, rate_hz=rate_hz)
     gain = abs(complex(prepared.gains[train.source][index])) / (_STANDARD_GRAVITY if sensor.units == "g" else 1.0)
-    return _Ear(hears="acceleration", push=filter_.push, lag=AHEAD, gain=gain)
+    return _ChannelFilter(input_name="acceleration", push=filter_.push, lag=AHEAD, gain=gain)

@@ -40,7 +40,7 @@ class PreparedScene:
     offsets : sequence of float
         Turns of each fault's component at revolution zero since it was last at its worst place.
     gains : mapping of source to (sensor,) complex array
-    ways : mapping of (source, sensor) to ModalPath or MeasuredPath
+    paths : mapping of (source, sensor) to ModalPath or MeasuredPath
         Declared ones, which take the place of gains and modes.
     chains : sequence of AllPoleFilter
         The linear part of each sensor's chain.
@@ -58,7 +58,7 @@ class PreparedScene:
     trains: Sequence[tuple[int, ImpactTrain]]
     offsets: Sequence[float]
     gains: dict[str, ComplexArray]
-    ways: TransferPaths
+    paths: TransferPaths
     chains: Sequence[AllPoleFilter]
     pulses: Pulses
 
@@ -124,7 +124,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
         trains = [(number, train) for number, train in trains if train.source not in meshes]
     _check_rate(scene, families, drive)
     sources = dict.fromkeys([family.source for family in families] + [train.source for _, train in trains])
-    gains, ways = _gains(scene, [*sources], rng_for=rng_for), transfer_paths(scene)
+    gains, paths = _gains(scene, [*sources], rng_for=rng_for), transfer_paths(scene)
     chains = [linear_chain(sensor) for sensor in scene.sensors]
     speed_hz, load = drive.angle.speed_hz(instants_s), drive.load(instants_s)
     factor = _speed_factor(scene, drive, instants_s)
@@ -132,8 +132,8 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
     for family in families:
         at_place = line_amplitudes(family, gains=gains[family.source], speed_hz=speed_hz, load=load, mode=scene.path)
         for row, sensor in enumerate(scene.sensors):
-            if (way := ways.get((family.source, sensor.name))) is not None:
-                at_place[row] = line_amplitudes(family, gains=np.ones(1), speed_hz=speed_hz, load=load, mode=way)[0]
+            if (path := paths.get((family.source, sensor.name))) is not None:
+                at_place[row] = line_amplitudes(family, gains=np.ones(1), speed_hz=speed_hz, load=load, mode=path)[0]
         amplitudes.append(_in_channels(family, at_place * factor, chains=chains, speed_hz=speed_hz))
     return PreparedScene(
         scene=scene,
@@ -147,7 +147,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
         trains=trains,
         offsets=offsets,
         gains=gains,
-        ways=ways,
+        paths=paths,
         chains=chains,
         pulses=_pulses(scene, drive, rng=rng_for("pulses")),
     )
@@ -182,7 +182,7 @@ def _speed_factor(scene: Scene, drive: Drive, times_s: Array) -> Array:
 def _gains(scene: Scene, sources: list[str], *, rng_for: RandomStreams) -> dict[str, ComplexArray]:
     """Return the gain of each source to each sensor, with what comes in across the sensor's axis."""
     along = sensor_gains(sources, sensors=len(scene.sensors), rng_for=rng_for)
-    shares = np.array([_cross_share(sensor) for sensor in scene.sensors])
+    shares = np.array([_cross_axis_share(sensor) for sensor in scene.sensors])
     if not shares.any():
         return along
     # one sensor more, whose gain is not held at 1
@@ -190,7 +190,7 @@ def _gains(scene: Scene, sources: list[str], *, rng_for: RandomStreams) -> dict[
     return {source: gains + shares * across[source][1:] for source, gains in along.items()}
 
 
-def _cross_share(sensor: Sensor) -> float:
+def _cross_axis_share(sensor: Sensor) -> float:
     return sensor.cross_axis.share if sensor.cross_axis is not None else 0.0
 
 

@@ -27,7 +27,7 @@ _SILENT = 2e-5  # of the largest line: what is told of lines is no better known
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Part:
+class _LineSource:
     """What one source adds at one order: Z (sensor, instant)."""
 
     component: str
@@ -98,27 +98,27 @@ def _measured(
     for start in range(0, scene.samples, _BLOCK):
         numbers = np.arange(start, min(start + _BLOCK, scene.samples))
         turned = np.cos(2 * np.pi * (numbers + 0.5) / scene.samples)
-        heard = np.ascontiguousarray(gears[:, start : start + numbers.size] * chebval(turned, _NUTTALL))
+        windowed = np.ascontiguousarray(gears[:, start : start + numbers.size] * chebval(turned, _NUTTALL))
         revolutions = prepared.drive.angle.revolutions(numbers / scene.rate_hz)
         for total, (order, beside, sides) in zip(totals, families, strict=True):
-            once = _turned_back(order, revolutions)
-            steps = {side: _turned_back(side * beside, revolutions) for side in range(-sides, sides + 1) if side}
+            once = _demodulator(order, revolutions)
+            steps = {side: _demodulator(side * beside, revolutions) for side in range(-sides, sides + 1) if side}
             phasor = np.ones(numbers.size, dtype=np.complex128) if sides else once
             for harmonic in range(0 if sides else 1, scene.excitation.harmonics + 1):
                 for side in range(-sides, sides + 1):
                     line = harmonic * order + side * beside
                     if 0 < line < top:
-                        found = heard @ (phasor * steps[side] if side else phasor)
-                        total[line] = total.get(line, 0.0) + found
+                        measured = windowed @ (phasor * steps[side] if side else phasor)
+                        total[line] = total.get(line, 0.0) + measured
                 phasor = phasor * once
     # the cosines of the window add up to nothing over the record
     return [
-        {line: np.asarray(2 * found / (_NUTTALL[0] * scene.samples)) for line, found in total.items()}
+        {line: np.asarray(2 * measured / (_NUTTALL[0] * scene.samples)) for line, measured in total.items()}
         for total in totals
     ]
 
 
-def _turned_back(order: Fraction, revolutions: Array) -> ComplexArray:
+def _demodulator(order: Fraction, revolutions: Array) -> ComplexArray:
     return np.asarray(np.exp(-2j * np.pi * np.remainder(float(order) * revolutions, 1.0)))
 
 
@@ -134,8 +134,8 @@ def tooth_pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
     }
 
 
-def truth_variables(prepared: PreparedScene, *, found: MeshLines | None = None) -> dict[str, xr.DataArray]:
-    """Return what is known of every record: speed, lines (`found` those of gears), chain, faults and tachometer."""
+def truth_variables(prepared: PreparedScene, *, measured: MeshLines | None = None) -> dict[str, xr.DataArray]:
+    """Return what is known of every record: speed, lines (`measured` those of gears), chain, faults and tachometer."""
     instants = xr.DataArray(prepared.instants_s, dims="truth_time", attrs={"units": "s"})
     reference = str(prepared.scene.gearbox.reference)
     course = {
@@ -151,7 +151,7 @@ def truth_variables(prepared: PreparedScene, *, found: MeshLines | None = None) 
     return {
         **truth,
         **_torque_truth(prepared, instants),
-        **_line_truth(prepared, instants, found),
+        **_line_truth(prepared, instants, measured),
         **_fault_truth(prepared, instants),
         **_pulse_truth(prepared),
     }
@@ -208,11 +208,11 @@ def _torque_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, 
     }
 
 
-def _line_truth(prepared: PreparedScene, instants: xr.DataArray, found: MeshLines | None) -> dict[str, xr.DataArray]:
+def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: MeshLines | None) -> dict[str, xr.DataArray]:
     every = _lines(prepared)
-    for order, (mesh, heard) in (found.lines if found is not None else {}).items():
-        steady = np.repeat(heard[:, None], instants.size, axis=1)
-        every.setdefault(order, []).append(_Part(component=mesh, kind="gear_mesh", amplitude=steady))
+    for order, (mesh, windowed) in (measured.lines if measured is not None else {}).items():
+        steady = np.repeat(windowed[:, None], instants.size, axis=1)
+        every.setdefault(order, []).append(_LineSource(component=mesh, kind="gear_mesh", amplitude=steady))
     lines = dict(sorted(every.items()))
     for parts in lines.values():
         parts.sort(key=lambda part: -float(np.max(np.abs(part.amplitude))))
@@ -246,13 +246,13 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, found: MeshLine
     return {"truth_amplitude": amplitude, **labels, **chain}
 
 
-def _lines(prepared: PreparedScene) -> dict[Fraction, list[_Part]]:
+def _lines(prepared: PreparedScene) -> dict[Fraction, list[_LineSource]]:
     """Return what is heard at each order: the lines of the combs, then what impacts add to them."""
-    lines: dict[Fraction, list[_Part]] = {}
+    lines: dict[Fraction, list[_LineSource]] = {}
     for family, amplitudes in zip(prepared.families, prepared.amplitudes, strict=True):
-        for index, (order, speaks) in enumerate(zip(family.orders, family.nonzero, strict=True)):
-            if speaks:
-                part = _Part(component=family.component, kind=family.kind, amplitude=amplitudes[:, index])
+        for index, (order, nonzero) in enumerate(zip(family.orders, family.nonzero, strict=True)):
+            if nonzero:
+                part = _LineSource(component=family.component, kind=family.kind, amplitude=amplitudes[:, index])
                 lines.setdefault(order, []).append(part)
     for number, train in prepared.trains:
         for order, parts in lines.items():
@@ -261,21 +261,21 @@ def _lines(prepared: PreparedScene) -> dict[Fraction, list[_Part]]:
     return lines
 
 
-def _impact_part(prepared: PreparedScene, number: int, train: ImpactTrain, *, harmonic: int) -> _Part:
+def _impact_part(prepared: PreparedScene, number: int, train: ImpactTrain, *, harmonic: int) -> _LineSource:
     load = prepared.impact_factor(number, prepared.instants_s)
     frequency = harmonic * float(train.order or 0) * prepared.speed_hz
-    heard = []
+    windowed = []
     for sensor, gain, chain in zip(prepared.scene.sensors, prepared.gains[train.source], prepared.chains, strict=True):
-        way = prepared.ways.get((train.source, sensor.name))
+        path = prepared.paths.get((train.source, sensor.name))
         rung = impact_line(
             train,
             harmonic=harmonic,
             speed_hz=prepared.speed_hz,
             load=load,
-            mode=prepared.scene.resonance if way is None else way,
+            mode=prepared.scene.resonance if path is None else path,
         )
-        heard.append((abs(gain) if way is None else 1.0) * chain.response(frequency) * rung)
-    return _Part(component=train.component, kind=train.kind, amplitude=np.stack(heard))
+        windowed.append((abs(gain) if path is None else 1.0) * chain.response(frequency) * rung)
+    return _LineSource(component=train.component, kind=train.kind, amplitude=np.stack(windowed))
 
 
 def _fault_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, xr.DataArray]:
@@ -303,14 +303,14 @@ def _fault_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, x
             ]
             if struck_s:
                 truth[f"truth_{what}_times_{number + 1}"] = xr.DataArray(
-                    _heard(np.sort(np.concatenate(struck_s)), last_s(prepared.scene)),
+                    _within_record(np.sort(np.concatenate(struck_s)), last_s(prepared.scene)),
                     dims=f"truth_{what}_{number + 1}",
                     attrs={"units": "s", "component": fault.component, "kind": fault.kind},
                 )
     return truth
 
 
-def _heard(times_s: Array, stop_s: float) -> Array:
+def _within_record(times_s: Array, stop_s: float) -> Array:
     return times_s[(times_s >= 0) & (times_s <= stop_s)]
 
 

@@ -225,17 +225,17 @@ def test_each_damage_changes_its_own_part_of_the_mechanics():
     size, sound = 1e-3, WEAR.damage(0.0, GEAR)
     touched = {
         "crack": {"crack_m": 1},
-        "chipping": {"carrying": 1},
-        "missing tooth": {"carrying": 1},
+        "chipping": {"contact_fraction": 1},
+        "missing tooth": {"contact_fraction": 1},
         "spall": {"removed_m": 1},
         "pitting": {"removed_m": 3},
         "eccentricity": {"runout_m": 1},
-        "misalignment": {"carrying": TEETH},
+        "misalignment": {"contact_fraction": TEETH},
         "wear": {"profile_m": 1},
     }
     for name, damage in ALL.items():
         changed = damage.damage(size, GEAR)
-        for part in ("crack_m", "carrying", "removed_m", "runout_m", "profile_m"):
+        for part in ("crack_m", "contact_fraction", "removed_m", "runout_m", "profile_m"):
             differing = np.sum(np.atleast_1d(getattr(changed, part) != getattr(sound, part)))
             assert differing == touched[name].get(part, 0), (name, part)
     assert LOCAL["chipping"].damage(0.005, GEAR).contact_fraction[0] == 0.75
