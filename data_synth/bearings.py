@@ -1,6 +1,7 @@
-"""Rolling-element bearing faults: when a defect is struck, and how hard.
+"""Impacts of a rolling-element bearing fault: their times and forces.
 
-Strikes slip (`data_synth.slip`) and have the load of where the defect is (`data_synth.load_zone`).
+The intervals between impacts slip (`data_synth.slip`); the force follows from the load at the defect
+(`data_synth.load_zone`).
 """
 
 import math
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class BearingImpacts:
-    """Impacts of one bearing defect, and where the rolling elements truly are.
+    """Impacts of one bearing defect, and the exact position of the rolling elements.
 
     Attributes
     ----------
@@ -29,14 +30,14 @@ class BearingImpacts:
     weights : (n,) array
         Relative force: 1 in the middle of the load zone.
     cage_turns : (n,) array
-        Turn of the cage from the middle of the load zone, as who carries the bearing sees it; element 1 of Z sits there
-        (for a race defect: the element that strikes, so 1/Z of a turn is not told apart).
+        Rotation of the cage from the middle of the load zone, seen from the carrier of the bearing; element 1 of Z is
+        there at whole turns (for a race defect: the element that strikes, so that 1/Z of a turn is ambiguous).
     rolling : RollingKinematics
-        Where the parts of the bearing are at any angle of the reference shaft.
+        Position of the parts of the bearing at any angle of the reference shaft.
     rate : float
         True mean rate in the record: intervals over the revolutions they take; NaN below two impacts.
     expected_rate : float
-        Of the process, in impacts a revolution: that of pure rolling less the mean slip.
+        Expected impacts a revolution: those of pure rolling less the mean slip.
     """
 
     revolutions: Array = field(metadata={"dims": ("impact",), "units": "rev"})
@@ -60,32 +61,32 @@ def bearing_impacts(
     zone_order: float = 0.0,
     since_rev: float | None = None,
 ) -> BearingImpacts:
-    """Draw the impacts of a defect, their force and the true turn of the cage.
+    """Draw the impacts of a defect, their force and the exact position of the cage.
 
-    A spot of the outer ring is struck by each element that passes, under the load of its place; one of the inner ring
-    likewise, its place turning with the ring. A spot of an element strikes both races in one turn of it, under the load
-    of where the cage has carried it. A broken cage knocks once in its turn, whatever the load.
+    A defect of the outer ring is struck by each element that passes, under the load at its place; one of the inner ring
+    likewise, its place rotating with the ring. A defect of an element strikes both races in one revolution of it, under
+    the load at its place in the cage. A broken cage strikes once in its revolution, independent of the load.
 
     Parameters
     ----------
     kind : {"inner_race", "outer_race", "rolling_element", "cage"}
     rates : BearingOrders
-        Of the bearing, in orders.
+        Orders of the bearing.
     slip : Slip or alike
     zone : LoadZone
     span_rev : (float, float)
         First and last revolution of the reference shaft.
     rng : numpy.random.Generator
     place_turns : float
-        Where a spot of the outer ring sits at revolution zero, in turns from the middle of the load zone. Spots of the
-        inner ring and of elements begin anywhere.
+        Place of a defect of the outer ring at revolution zero, in turns from the middle of the load zone. That of a
+        defect of the inner ring or of an element is drawn.
     inner_share : float
-        Force of a strike on the inner race over one on the outer race, as both reach the housing (rolling element).
+        Force of an impact on the inner race over one on the outer race, both at the housing (rolling element).
     zone_order : float
-        Turns of the load zone for one of the reference shaft, as who carries the bearing sees it: 0 where a weight or
-        the teeth press, that of the shaft where an imbalance does.
+        Order of the load zone's rotation, seen from the carrier of the bearing: 0 under weight or tooth forces, that of
+        the shaft under an imbalance.
     since_rev : float, optional
-        From where on strikes before the span are drawn too; those within stay as they are.
+        Revolution from which earlier impacts are drawn too; those within the span do not depend on it.
 
     Raises
     ------
@@ -93,14 +94,14 @@ def bearing_impacts(
         An unknown kind, or one that is never struck.
     """
     order = defect_order(kind, rates)
-    begin_turns = rng.random()
+    initial_turns = rng.random()
     revolutions, first_number = renewal_process(order=order, slip=slip, span_rev=span_rev, rng=rng, since_rev=since_rev)
     rolling = RollingKinematics(
         kind=kind,
         rates=rates,
         impacts_rev=revolutions,
         first_number=first_number,
-        place_turns=place_turns if kind == "outer_race" else begin_turns,
+        place_turns=place_turns if kind == "outer_race" else initial_turns,
     )
     impacts_rev = revolutions[1:-1]
     place, cage_turns = rolling.at_impacts()
@@ -129,17 +130,17 @@ def passage_revolutions(
     element_diameter_m: float,
     contact_angle_rad: float = 0.0,
 ) -> float:
-    """Return how far the reference shaft turns while a contact passes a spall of `size_m`, in revolutions.
+    """Return the rotation of the reference shaft while a contact passes a spall of `size_m`, in revolutions.
 
-    ``size / (pi D / 2 (1 - (d cos a / D)^2) relative)``: under pure rolling the contact runs over the outer race, the
-    inner race and the element at one and the same speed, and `relative` is that of the rings in orders. From the entry
-    into the spall to the impact an element takes half of it when it bridges the spall (Sawalhi and Randall 2011, Mech.
-    Syst. Signal Process. 25, 846-870).
+    ``size / (pi D / 2 (1 - (d cos a / D)^2) relative)``: under pure rolling the contact moves over the outer race, the
+    inner race and the element with the same speed, and `relative` is that of the rings in orders. The time from entry
+    to impact is half of it for an element that bridges the spall (Sawalhi and Randall 2011, Mech. Syst. Signal Process.
+    25, 846-870).
 
     Raises
     ------
     ValueError
-        A spall so long that the next element enters before the last has left.
+        A spall so long that the next element enters before the last one has left.
     """
     along = element_diameter_m * math.cos(contact_angle_rad) / pitch_diameter_m
     defect_phase = math.pi * pitch_diameter_m / 2 * (1 - along**2) * rates.relative

@@ -1,8 +1,7 @@
-"""Lines at the multiples of a base order: what a healthy gearbox says, and how lines are added up.
+"""Harmonic families of a base order: those of a healthy gearbox, and their sum as a signal.
 
-A kinematic scene moves without vibrating: each shaft and each mesh is one periodic source in the angle of the
-reference shaft, with harmonics of declared amplitudes and random phases. Nothing modulates a healthy source,
-so it has no sidebands (nor, in a planetary gearbox, the passing of planets).
+In a kinematic scene each shaft and each mesh is a periodic source in the angle of the reference shaft, with harmonics
+of declared amplitudes and random phases. A healthy source is not modulated, so it has no sidebands.
 """
 
 import math
@@ -22,32 +21,32 @@ RandomStreams = Callable[..., np.random.Generator]  # a generator of its own for
 
 
 def random_stream(seed: int, *words: str) -> np.random.Generator:
-    """Return the generator that belongs to `words`."""
+    """Return the random generator that belongs to `words`."""
     keys = tuple(zlib.crc32(word.encode()) for word in words)
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=keys))
 
 
 @dataclass(frozen=True, kw_only=True)
 class HarmonicFamily:
-    """A source that is periodic in the angle of the reference shaft.
+    """Harmonics of a source that is periodic in the angle of the reference shaft.
 
     Attributes
     ----------
     component, kind : str
-        What speaks, in the words of the defect orders.
+        The source, as the defect orders name it.
     source : str
-        From where it travels to the sensors: combs with one source share their gains.
+        Source of the transfer functions to the sensors: families with one source share their gains.
     base_order : Fraction
-        Order of the first line.
+        Order of the first harmonic.
     coefficients : (k,) or (k, instant) complex array
         Peak amplitude and phase of harmonics 1 to k of `base_order`, in the units of the sensors; one column for each
         instant of the truth where the source changes.
     load_dependent : bool
-        Whether the amplitude follows the load on the teeth.
+        Whether the amplitude is proportional to the tooth load.
     speed_exponent : int
-        How the amplitude grows with speed: 2 where it is a mass that pulls.
+        Exponent of the speed in the amplitude: 2 for an imbalance.
     reference_speed_hz : float
-        Speed of the reference shaft, rev s-1, at which `coefficients` hold where they grow with it.
+        Speed of the reference shaft, rev s-1, at which `coefficients` hold where they depend on it.
     """
 
     component: str
@@ -61,17 +60,17 @@ class HarmonicFamily:
 
     @property
     def orders(self) -> list[Fraction]:
-        """Orders of all lines, exact."""
+        """Orders of all harmonics, exact."""
         return [multiple * self.base_order for multiple in range(1, self.coefficients.shape[0] + 1)]
 
     @property
     def nonzero(self) -> NDArray[np.bool_]:
-        """Which of the lines speak at some instant, (k,)."""
+        """Whether each harmonic is non-zero at some instant, (k,)."""
         return np.asarray(np.any(np.atleast_2d(self.coefficients.T) != 0, axis=0))
 
 
 def healthy_families(scene: Scene, *, rng_for: RandomStreams) -> list[HarmonicFamily]:
-    """Return one comb for each shaft that turns in the frame and one for each mesh."""
+    """Return one family for each shaft that rotates in the frame and one for each mesh."""
     families = []
     for kind in ("shaft", "gear_mesh"):
         for component, order in scene.exact_orders(kind).items():
@@ -93,7 +92,7 @@ def healthy_families(scene: Scene, *, rng_for: RandomStreams) -> list[HarmonicFa
 
 
 def common_base(first: Fraction, second: Fraction) -> Fraction:
-    """Return the largest order of which both orders are whole multiples."""
+    """Return the largest order of which both orders are integer multiples."""
     (p, q), (r, s) = first.as_integer_ratio(), second.as_integer_ratio()
     return Fraction(math.gcd(p * s, r * q), q * s)
 
@@ -108,13 +107,13 @@ def add_lines(
     signal : (channel, n) array
         Changed in place.
     amplitudes : (channel, k, instant) complex array
-        Z of the lines at 1, 2, ... k times `base_order`.
+        Z of harmonics 1 to k of `base_order`.
     base_order : Fraction
-        Order of the first line.
+        Order of the first harmonic.
     revolutions : (n,) array
         Angle of the reference shaft at the samples, in rev.
     position : (n,) array
-        Times of the samples counted in instants: 2.5 lies halfway between the third and the fourth.
+        Times of the samples in units of the instants' spacing: 2.5 is halfway between the third and the fourth.
     """
     from data_synth._lines_kernel import add_series  # noqa: PLC0415 - loads numba
 

@@ -1,4 +1,4 @@
-"""From the faults a scene declares to the lines they add and the impacts they strike."""
+"""Harmonics and impacts of the faults that a scene declares."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -68,7 +68,7 @@ _EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
 
 
 def faulty_gear(scene: Scene, number: int, *, teeth: float, rng_for: RandomStreams) -> FaultyGear:
-    """Return the gear that fault `number` (from 0) is on, as far as the fault depends on it."""
+    """Return the properties of the gear of fault `number` (from 0) on which the fault depends."""
     width_m = face_width_m(scene, scene.faults[number].component)
     return FaultyGear(teeth=teeth, face_width_m=width_m, rng=lambda: rng_for("pits", str(number)))
 
@@ -92,7 +92,7 @@ def impact_trains(
     offsets: Sequence[float],
     rng_for: RandomStreams,
 ) -> list[tuple[int, ImpactTrain]]:
-    """Return the impacts whose response lies in the record, some just before it, with the number of their fault."""
+    """Return the number of the fault and the impacts of each train whose response reaches into the record."""
     bases = {family.component: float(family.base_order) for family in families if family.kind == "gear_mesh"}
     trains: list[tuple[int, ImpactTrain]] = []
     for number, (fault, offset) in enumerate(zip(scene.faults, offsets, strict=True)):
@@ -123,6 +123,6 @@ def impact_trains(
 
 
 def _span_rev(scene: Scene, drive: Drive, before_s: float) -> tuple[float, float]:
-    """Return the revolutions from some time before the record, as far as there is one, to its last sample."""
+    """Return the revolutions at `before_s` before the record, or the first known, and at its last sample."""
     first_rev, last_rev = drive.angle.revolutions([max(-before_s, drive.start_s), last_s(scene)])
     return float(first_rev), float(last_rev)

@@ -1,4 +1,4 @@
-"""From what a scene declares to how its reference shaft turns and what its teeth carry."""
+"""Angle of the reference shaft and tooth load against time, from what a scene declares."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -40,20 +40,20 @@ class ReferenceAngle(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """How a gearbox is driven.
+    """Angle of the reference shaft, and torque, against time.
 
     Attributes
     ----------
     angle : ShaftAngle or PolynomialAngle
         Of the reference shaft, revolution zero at the tachometer's first mark.
     torque : PiecewiseLinear or None
-        On the link that the scene names, N m.
+        Torque on the link that the scene names, N m.
     unloaded_share : float
-        What teeth carry without torque, relative to full load.
+        Tooth load without torque, relative to full load.
     full_load_nm : float
-        The largest size of the declared torque, without its turbulence.
+        Largest absolute declared torque, without turbulence, N m.
     start_s : float
-        From where on the angle is known.
+        Time from which the angle is known, s.
     """
 
     angle: ReferenceAngle
@@ -63,7 +63,7 @@ class Drive:
     start_s: float = -np.inf
 
     def load(self, times_s: ArrayLike) -> Array:
-        """Return what teeth carry at `times_s` (n,), relative to full load: ``u + (1 - u) abs(T) / T_full``."""
+        """Return the tooth load at `times_s` (n,) relative to full load: ``u + (1 - u) abs(T) / T_full``."""
         times = np.asarray(times_s, dtype=np.float64)
         if self.torque is None:
             return np.ones_like(times)
@@ -74,13 +74,13 @@ class Drive:
 def build_drive(
     scene: Scene, *, datum_turn: float, speed_rng: np.random.Generator, torque_rng: np.random.Generator
 ) -> Drive:
-    """Return how a scene is driven.
+    """Return the drive of a scene.
 
     Parameters
     ----------
     scene : Scene
     datum_turn : float
-        Turns of the tachometer's link from time zero to its first mark.
+        Revolutions of the tachometer's link from time zero to its first mark.
     speed_rng, torque_rng : numpy.random.Generator
         For turbulence.
     """
@@ -97,6 +97,7 @@ def build_drive(
 
 
 def _with_torque(drive: Drive, scene: Scene, torque: PiecewiseLinear | None) -> Drive:
+    """Return the drive with the scene's torque, where it has one."""
     if scene.torque is None:
         return drive
     full = max(abs(nm) for _, nm in scene.torque.rows)
@@ -104,6 +105,7 @@ def _with_torque(drive: Drive, scene: Scene, torque: PiecewiseLinear | None) -> 
 
 
 def _time_history(course: TimeHistory, scene: Scene, rng: np.random.Generator) -> PiecewiseLinear:
+    """Return a declared time history, with its turbulence."""
     times, values = np.array(course.knots).T
     declared = PiecewiseLinear(times_s=times, values=values)
     if course.turbulence is None:
@@ -118,7 +120,7 @@ def _turbulence(turbulence: Turbulence, duration_s: float, rng: np.random.Genera
 
 
 def _run_up_angle(scene: Scene, torque: PiecewiseLinear | None) -> PolynomialAngle:
-    """Return the angle of the reference shaft, counted from time zero."""
+    """Return the angle of the reference shaft in a run-up, counted from time zero."""
     law, declared = scene.speed.run_up, scene.torque
     if law is None or declared is None or torque is None:  # the scene's own check holds them together
         raise SceneError("a run-up needs speed.run_up and torque.")

@@ -1,4 +1,4 @@
-"""From the forces of bearings to a channel: the housing on its mounts, the path, and the sensor's chain, in time.
+"""Transfer function from bearing forces to a channel: housing on its mounts, path and measurement chain.
 
 H(s) = s^2 / (m (s^2 + 2 zeta w s + w^2)) prod_i p_i / (p_i - s)
 """
@@ -20,14 +20,14 @@ _STANDARD_GRAVITY = 9.80665
 
 
 class Housing(PoleFilter):
-    """A force in N becomes a channel, block after block; before its first sample it was as it is there for ever.
+    """Filter from a force in N to a channel, block by block; in the steady state of its first sample at the beginning.
 
     Parameters
     ----------
     mass_kg : float
     mounts : Mode
     path : Mode or None
-        What the scene lets lines pass.
+        The mode of the scene's path.
     sensor : Sensor
     rate_hz : float
     """

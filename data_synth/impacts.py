@@ -1,4 +1,4 @@
-"""What strikes, as the channels hear it: impacts that ring, impacts on a measured way, bearings that move."""
+"""Response of the channels to impacts: by a mode, by a measured path, or by the dynamics of a bearing."""
 
 import math
 from collections.abc import Callable
@@ -31,7 +31,7 @@ _STANDARD_GRAVITY = 9.80665
 def add_impacts(
     prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array, *, timing_errors_s: Array | None = None
 ) -> None:
-    """Add what a train of fault `number` (from 0) does to the channels (sensor, n), in place.
+    """Add the response to a train of fault `number` (from 0) to the channels (sensor, n), in place.
 
     `timing_errors_s` (n,) are errors of the sampling instants.
     """
@@ -79,7 +79,7 @@ def _add_impacts(
 def _step_pairs(
     times_s: Array, sizes: Array, duration_s: Array, poles: ComplexArray, residues: ComplexArray
 ) -> tuple[Array, Array, ComplexArray, ComplexArray]:
-    """Return impacts that press evenly for some time: a step up and one down again, each with the ringing of a step."""
+    """Return impacts of constant force and finite duration as steps up and down, with the modes' step response."""
     rising = np.argsort(both := np.concatenate([times_s, times_s + duration_s]), kind="stable")
     heights = np.concatenate([sizes / duration_s, -sizes / duration_s])
     steps = residues / poles
@@ -91,12 +91,12 @@ def _step_pairs(
 
 
 def measured_filter(path: MeasuredPath, chain: AllPoleFilter, *, rate_hz: float, sensor: Sensor) -> FirPath:
-    """Return a measured way with the chain behind it as the shortest filter, a power of two long, that holds it.
+    """Return a measured path with the chain behind it as an FIR filter, of the shortest power of two that holds it.
 
     Raises
     ------
     SceneError
-        Lines so far apart that the response between them does not die away.
+        Lines so far apart that the response between them does not decay.
     """
     behind = MeasuredPath(frequencies_hz=path.frequencies_hz, values=path.values * chain.response(path.frequencies_hz))
     longest = max(_FEWEST, math.ceil(_SPACINGS * path.ringing_time_s() * rate_hz))
@@ -120,10 +120,10 @@ def add_fir_response(
     rate_hz: float,
     duration_s: Array | None = None,
 ) -> None:
-    """Add the response to impacts at any instants to a channel (n,), in place and without the filter's delay.
+    """Add the response to impacts at any instants to a channel (n,), in place, compensated for the filter's delay.
 
-    An impact between samples is a sinc on them, under a Kaiser window: true to 1e-5 up to nine tenths of half the rate.
-    One that presses evenly for a time is the mean of such.
+    An impact between samples is a sinc on them with a Kaiser window: exact to 1e-5 up to nine tenths of half the rate.
+    One of finite duration is the mean of such.
     """
     at = times_s * rate_hz
     near = np.floor(at).astype(np.int64)
@@ -149,7 +149,7 @@ def add_fir_response(
 
 
 def _interpolation_weights(since: Array, late: Array) -> Array:
-    """Return what samples (m, k), `since` after an impact, have of impacts that last `late` samples (m,)."""
+    """Return the weights of samples (m, k) `since` an impact, for impacts that last `late` samples (m,)."""
     if not late.any():
         return _sinc(since)
     grid = np.arange(-_HALF * _FINE, _HALF * _FINE + 1) / _FINE
@@ -159,7 +159,7 @@ def _interpolation_weights(since: Array, late: Array) -> Array:
 
 
 def _sinc(at: Array) -> Array:
-    """Return a sinc under a window that ends it."""
+    """Return the sinc function under a Kaiser window of 2 * _HALF samples."""
     window = np.i0(_KAISER * np.sqrt(np.maximum(1 - (at / _HALF) ** 2, 0.0))) / np.i0(_KAISER)
     return np.asarray(np.sinc(at) * window * (np.abs(at) < _HALF))
 
@@ -169,7 +169,7 @@ def _sinc(at: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class _ChannelFilter:
-    """A channel at a bearing that moves: what it hears of it, as loud as `gain`, through a filter that lags."""
+    """Filter from the motion of a bearing to a channel: its input signal, its delay in samples and a gain."""
 
     input_name: str
     push: Callable[[Array], Array]
@@ -197,7 +197,7 @@ def _add_motion(prepared: PreparedScene, number: int, train: ImpactTrain, signal
 
 
 def _channel_filter(prepared: PreparedScene, bearing: RunningBearing, train: ImpactTrain, index: int) -> _ChannelFilter:
-    """Return how a channel hears it: by the acceleration of its resonator, or by its force on a declared way."""
+    """Return the filter of a channel: from the resonator's acceleration, or from the force on a declared path."""
     scene, chain, sensor = prepared.scene, prepared.chains[index], prepared.scene.sensors[index]
     rate_hz = bearing.per_sample * scene.rate_hz
     path = prepared.paths.get((train.source, sensor.name))

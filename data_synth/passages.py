@@ -1,4 +1,4 @@
-"""When a shaft passes marks on its turn: tachometer stripes, cracked teeth; through stops and reversals, too."""
+"""Times at which a shaft passes given angles, through standstill and reversal."""
 
 from dataclasses import dataclass, field
 
@@ -7,19 +7,19 @@ from numpy.typing import NDArray
 
 from data_synth.profile import Angle, Array
 
-_ROUNDS = 120  # of Newton's rule or bisection: more than the bits of a double
+_MAX_ITERATIONS = 120  # of Newton's rule or bisection: more than the bits of a double
 
 
 @dataclass(frozen=True, kw_only=True)
 class Crossings:
-    """When marks passed.
+    """Times at which a shaft passes equally spaced angles.
 
     Attributes
     ----------
     times_s : (m,) array
-        Rising.
+        Rising, in s.
     numbers : (m,) int array
-        Which mark, counted from the one at revolution zero; falling in reverse.
+        Number of each angle, zero at revolution zero; falling in reverse.
     directions : (m,) int array
         +1 where the angle rises, -1 where it falls.
     """
@@ -30,19 +30,20 @@ class Crossings:
 
 
 def crossings(angle: Angle, *, per_rev: float, start_s: float, stop_s: float, offset: float = 0.0) -> Crossings:
-    """Return all instants at which ``per_rev * revolutions + offset`` is whole, from `start_s` to `stop_s`.
+    """Return all times from `start_s` to `stop_s` at which ``per_rev * revolutions + offset`` is an integer.
 
-    A shaft that turns back on a mark passes it once; one that rests on a mark, when it moves on.
+    A shaft that reverses at one of these angles passes it once; one that stands still there, when it starts again.
 
     Parameters
     ----------
     angle : Angle
+        Angle of the shaft.
     per_rev : float
-        Marks a revolution, above zero.
+        Angles in one revolution, above zero.
     start_s, stop_s : float
-        Both ends included.
+        Ends of the interval in s, both included.
     offset : float
-        Marks between revolution zero and the mark of number zero.
+        Value of the counted angle at revolution zero.
 
     Raises
     ------
@@ -70,7 +71,7 @@ def crossings(angle: Angle, *, per_rev: float, start_s: float, stop_s: float, of
 
 
 def _numbers(begin: float, end: float, *, last: bool) -> tuple[NDArray[np.int64], int]:
-    """Return the whole numbers from `begin` on, before `end` (with it in the last run), in the order they come."""
+    """Return the integers from `begin` to `end` in order, and the direction; `end` itself only in the last piece."""
     if begin == end:
         return np.empty(0, np.int64), 0
     if end > begin:
@@ -81,12 +82,12 @@ def _numbers(begin: float, end: float, *, last: bool) -> tuple[NDArray[np.int64]
 
 
 def crossing_times(angle: Angle, targets: Array, *, start_s: float, stop_s: float, direction: int) -> Array:
-    """Return when the angle is at `targets` (n,) in one run, to rounding: Newton's rule in a bracket that shrinks."""
+    """Return the times (n,) at which the angle is `targets` (n,) in a monotone piece: Newton's method in a bracket."""
     low, high = np.full(targets.size, start_s), np.full(targets.size, stop_s)
     ends = angle.revolutions([start_s, stop_s])
     times = start_s + (stop_s - start_s) * np.clip((targets - ends[0]) / (ends[1] - ends[0]), 0, 1)
     before = np.full(targets.size, stop_s - start_s)
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ITERATIONS):
         ahead = direction * (angle.revolutions(times) - targets)
         low, high = np.where(ahead <= 0, times, low), np.where(ahead >= 0, times, high)
         speed = direction * angle.speed_hz(times)

@@ -1,7 +1,7 @@
-"""What damage of a shaft adds: lines at its own turns, and the forces that make them.
+"""Shaft faults: the harmonics of the shaft they add, and the forces that cause them.
 
-Imbalance pulls with the square of the speed; a bow and a misaligned coupling push by their stiffness, whatever the
-speed, the coupling mostly twice a turn.
+The force of an imbalance is proportional to the square of speed; a bent shaft and a misaligned coupling act through
+their stiffness, independent of speed, the coupling mostly at the second harmonic.
 """
 
 from dataclasses import dataclass, field
@@ -18,14 +18,14 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True, kw_only=True)
 class ShaftExcitation:
-    """A force that turns with a shaft: ``Re sum_k size shares_k (speed / at_speed)^power exp(2 pi j k turns)``.
+    """A force rotating with a shaft: ``Re sum_k size c_k (speed / reference speed)^exponent exp(2 pi j k turns)``.
 
     Attributes
     ----------
     coefficients : (k,) complex array
-        Of the lines at 1, 2, ... k times the turns, in phase and size.
+        c_k of the harmonics 1, 2, ... k of the shaft.
     speed_exponent : int
-        How the force grows with speed.
+        Exponent of the speed in the force.
     """
 
     coefficients: ComplexArray = field(metadata={"dims": ("harmonic",), "units": "1"})
@@ -36,7 +36,7 @@ class ShaftExcitation:
     ) -> Array:
         """Return the force (n,) in N at `turns` (n,) of the shaft, `size_n` at `reference_speed_hz`.
 
-        `twist`, in turns, is where on the shaft the direction lies that is asked for: 0 for x, 1/4 for y.
+        `twist`, in turns, is the direction on the shaft: 0 for x, 1/4 for y.
         """
         angle = 2 * np.pi * (np.asarray(turns, dtype=np.float64) - twist)
         number = np.arange(1, self.coefficients.size + 1)
@@ -46,24 +46,24 @@ class ShaftExcitation:
 
 
 def imbalance(*, phase_rad: float = 0.0) -> ShaftExcitation:
-    """Return a mass off the axis: once a turn, with the square of the speed, heavy at `phase_rad` from the datum."""
+    """Return the force of an imbalance at `phase_rad` from the datum: first harmonic, square of the speed."""
     return ShaftExcitation(coefficients=np.array([np.exp(-1j * phase_rad)]), speed_exponent=2)
 
 
 def bent_shaft(*, phase_rad: float = 0.0, twice: float = 0.2) -> ShaftExcitation:
-    """Return a bow held by the bearings: once a turn, `twice` as much of it twice, whatever the speed."""
+    """Return the force of a bent shaft: first harmonic, and `twice` as much at the second, independent of speed."""
     return ShaftExcitation(coefficients=np.exp(-1j * phase_rad * np.array([1, 2])) * [1, twice], speed_exponent=0)
 
 
 def shaft_misalignment(*, phase_rad: float = 0.0, once: float = 0.4, thrice: float = 0.1) -> ShaftExcitation:
-    """Return a coupling out of line: twice a turn, and shares of it once and three times, whatever the speed."""
+    """Return the force of a misaligned coupling: mostly the second harmonic, independent of speed."""
     return ShaftExcitation(
         coefficients=np.exp(-1j * phase_rad * np.array([1, 2, 3])) * [once, 1, thrice], speed_exponent=0
     )
 
 
 def imbalance_force_n(*, mass_kg: float, eccentricity_m: float, speed_hz: float) -> float:
-    """Return ``m e w^2``: what `imbalance` needs as its size at `speed_hz` (rev s-1)."""
+    """Return ``m e w^2`` in N at `speed_hz` (rev s-1), the size of `imbalance`."""
     return mass_kg * eccentricity_m * (2 * np.pi * speed_hz) ** 2
 
 
@@ -76,15 +76,15 @@ def shaft_fault_family(
     reference_speed_hz: float,
     offset: float = 0.0,
 ) -> HarmonicFamily:
-    """Return the lines a faulty shaft adds at multiples of its own order, and at no other.
+    """Return the harmonics that a shaft fault adds, at multiples of the shaft's order.
 
     Parameters
     ----------
     excitation : ShaftExcitation
     component : str
-        The shaft, in the words of the defect orders.
+        The shaft, as the defect orders name it.
     order : Fraction
-        Turns of the shaft for one of the reference.
+        Revolutions of the shaft for one of the reference.
     amplitude : float or (instant,) array
         Amplitude at the sensor, at `reference_speed_hz`, of a coefficient of 1: one number, or one for each instant of
         the truth where the fault grows.

@@ -1,4 +1,4 @@
-"""Everything a scene sets in motion but gears that vibrate, before a sample is computed."""
+"""A scene prepared for simulation: its drive, sources, impacts and transfer paths, but for gears that vibrate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,28 +20,29 @@ from data_synth.ways import TransferPaths, transfer_paths
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedScene:
-    """What is set in motion.
+    """The drive, sources, impacts and transfer paths of a scene.
 
     Attributes
     ----------
     scene : Scene
     rng_for : callable
-        A random generator of its own for every word.
+        Returns the random generator that belongs to its words.
     drive : Drive
     instants_s, speed_hz : (instant,) array
-        The truth's clock in s, and the reference shaft's speed there in rev s-1.
+        Time axis of the truth in s, and the reference shaft's speed there in rev s-1.
     load : (instant,) array
-        What teeth carry, relative to full load.
+        Tooth load relative to full load.
     families : sequence of HarmonicFamily
     amplitudes : sequence of (sensor, line, instant) complex array
-        Z of their lines in the channels, behind the linear part of the chain.
+        Z of their harmonics in the channels, after the linear part of the chain.
     trains : sequence of (int, ImpactTrain)
-        With the number of the fault, from 0, that strikes.
+        Impacts with the number of their fault, from 0.
     offsets : sequence of float
-        Turns of each fault's component at revolution zero since it was last at its worst place.
+        Turns of each fault's component at revolution zero from its worst place.
     gains : mapping of source to (sensor,) complex array
+        Drawn gains to the sensors.
     paths : mapping of (source, sensor) to ModalPath or MeasuredPath
-        Declared ones, which take the place of gains and modes.
+        Declared transfer paths, which replace gains and modes.
     chains : sequence of AllPoleFilter
         The linear part of each sensor's chain.
     pulses : Pulses
@@ -70,7 +71,7 @@ class PreparedScene:
         timing_errors_s: Array | None = None,
         only: tuple[str, str] | None = None,
     ) -> None:
-        """Add the lines of all combs, or of one component and kind, to samples from number `first` on.
+        """Add the harmonics of all families, or of one component and kind, to samples from number `first` on.
 
         Parameters
         ----------
@@ -78,7 +79,7 @@ class PreparedScene:
             Changed in place.
         first : int
         timing_errors_s : (n,) array or None
-            How much later than its place each sample is taken, s.
+            Errors of the sampling instants, s.
         only : pair of component and kind, optional
         """
         family_amplitudes = [
@@ -95,18 +96,18 @@ class PreparedScene:
             add_lines(signal, amplitudes, base_order=family.base_order, revolutions=revolutions, position=position)
 
     def impacts_at_source(self, number: int, train: ImpactTrain) -> tuple[Array, Array]:
-        """Return the instants (m,) in s at which a train of fault `number` strikes, and how hard, at the source."""
+        """Return the times (m,) in s of a train of fault `number`, and the amplitudes of its impacts at the source."""
         times_s = self.drive.angle.times(train.revolutions)
         return times_s, train.amplitudes * self.impact_factor(number, times_s)
 
     def impact_factor(self, number: int, times_s: Array) -> Array:
-        """Return what the impacts of a fault are multiplied with at `times_s` (m,): load, speed and growth."""
+        """Return the factor of load, speed and growth in the impacts of a fault at `times_s` (m,)."""
         share = self.drive.load(times_s) * _speed_factor(self.scene, self.drive, times_s)
         return np.asarray(share * self.scene.faults[number].relative_size(times_s))
 
 
 def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
-    """Set a scene up; `rng_for` returns a random generator of its own for every word it is called with."""
+    """Prepare a scene for simulation; `rng_for` returns the random generator that belongs to its words."""
     tachometer = scene.tachometer
     spacing = 1 / tachometer.pulses_per_rev
     turn = tachometer.offset_rev if tachometer.offset_rev is not None else spacing * rng_for("tachometer").random()
@@ -154,7 +155,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
 
 
 def ratio_of(scene: Scene, link: str) -> float:
-    """Return the turns of a link for one of the reference, without its sign."""
+    """Return the absolute speed ratio of a link to the reference shaft."""
     return float(abs(scene.ratio(link)))
 
 
@@ -172,6 +173,7 @@ def _pulses(scene: Scene, drive: Drive, *, rng: np.random.Generator) -> Pulses:
 
 
 def _speed_factor(scene: Scene, drive: Drive, times_s: Array) -> Array:
+    """Return the declared dependence of source amplitudes on speed, at times (n,)."""
     exponent = scene.excitation.speed_exponent
     if exponent == 0:
         return np.ones(np.shape(times_s))
@@ -180,7 +182,7 @@ def _speed_factor(scene: Scene, drive: Drive, times_s: Array) -> Array:
 
 
 def _gains(scene: Scene, sources: list[str], *, rng_for: RandomStreams) -> dict[str, ComplexArray]:
-    """Return the gain of each source to each sensor, with what comes in across the sensor's axis."""
+    """Return the gain of each source to each sensor, with the transverse motion of the sensor."""
     along = sensor_gains(sources, sensors=len(scene.sensors), rng_for=rng_for)
     shares = np.array([_cross_axis_share(sensor) for sensor in scene.sensors])
     if not shares.any():
@@ -191,18 +193,21 @@ def _gains(scene: Scene, sources: list[str], *, rng_for: RandomStreams) -> dict[
 
 
 def _cross_axis_share(sensor: Sensor) -> float:
+    """Return the transverse sensitivity of a sensor."""
     return sensor.cross_axis.share if sensor.cross_axis is not None else 0.0
 
 
 def _in_channels(
     family: HarmonicFamily, amplitudes: ComplexArray, *, chains: Sequence[AllPoleFilter], speed_hz: Array
 ) -> ComplexArray:
+    """Return the amplitudes of a family after the linear chain of each channel."""
     frequencies = np.outer([float(order) for order in family.orders], speed_hz)
     family_amplitudes = [chain.response(frequencies) for chain in chains]
     return np.asarray(amplitudes * np.stack(family_amplitudes))
 
 
 def _check_rate(scene: Scene, families: Sequence[HarmonicFamily], drive: Drive) -> None:
+    """Raise SceneError where the highest line is above half the sampling rate."""
     top_hz = drive.angle.top_speed_hz(0.0, scene.duration_s)
     highest = max((float(family.orders[-1]) for family in families), default=0.0)
     what, lower = f"highest line, order {highest:g}", "excitation.harmonics"

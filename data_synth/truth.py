@@ -1,4 +1,4 @@
-"""What went into a synthetic record, as its variables ``truth_...``."""
+"""Truth of a synthetic record: its variables ``truth_...``."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ _SILENT = 2e-5  # of the largest line: what is told of lines is no better known
 
 @dataclass(frozen=True, kw_only=True)
 class _LineSource:
-    """What one source adds at one order: Z (sensor, instant)."""
+    """The part of one source in the line at one order: Z (sensor, instant)."""
 
     component: str
     kind: str
@@ -37,7 +37,7 @@ class _LineSource:
 
 @dataclass(frozen=True, kw_only=True)
 class MeshLines:
-    """What gears that vibrate put at the orders of their meshes, order -> (mesh, Z (sensor,)), and how well known."""
+    """Lines of vibrating gears at the orders of their meshes, order -> (mesh, Z (sensor,)), and their error."""
 
     lines: dict[Fraction, tuple[str, ComplexArray]]
     about: str
@@ -46,8 +46,8 @@ class MeshLines:
 def mesh_lines(prepared: PreparedScene, gears: Array) -> MeshLines:
     """Measure the lines of meshes in the channels of gears in steady motion, (sensor, n).
 
-    With a window of four cosines (Nuttall 1981, the one of least side lobes, -98 dB) over the record, so that lines
-    four and more of its periods away add less than 2e-5 of themselves.
+    With the four-term cosine window of least side lobes over the record (Nuttall 1981, -98 dB), so that lines four and
+    more of its periods away leak less than 2e-5 of themselves.
     """
     scene = prepared.scene
     torque = prepared.drive.torque
@@ -89,8 +89,8 @@ def _measured(
 ) -> list[dict[Fraction, ComplexArray]]:
     """Return Z (sensor,) of the lines of families, summed block by block.
 
-    A family is an order, of which there are harmonics, and a second one, of which so many multiples stand beside each
-    of them, and beside zero.
+    A family is an order with its harmonics, a second order, and the number of its multiples that are sidebands of each
+    harmonic and of zero.
     """
     scene = prepared.scene
     top = scene.rate_hz / 2 / float(prepared.speed_hz[0])
@@ -119,11 +119,12 @@ def _measured(
 
 
 def _demodulator(order: Fraction, revolutions: Array) -> ComplexArray:
+    """Return ``exp(-2j pi order revolutions)``."""
     return np.asarray(np.exp(-2j * np.pi * np.remainder(float(order) * revolutions, 1.0)))
 
 
 def tooth_pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
-    """Return when damaged teeth pass their mesh."""
+    """Return the times at which damaged teeth pass their mesh."""
     return {
         f"truth_tooth_passes_{number + 1}": xr.DataArray(
             times_s,
@@ -135,7 +136,7 @@ def tooth_pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
 
 
 def truth_variables(prepared: PreparedScene, *, measured: MeshLines | None = None) -> dict[str, xr.DataArray]:
-    """Return what is known of every record: speed, lines (`measured` those of gears), chain, faults and tachometer."""
+    """Return the truth of every record: speed, lines (`measured` those of gears), chain, faults and tachometer."""
     instants = xr.DataArray(prepared.instants_s, dims="truth_time", attrs={"units": "s"})
     reference = str(prepared.scene.gearbox.reference)
     course = {
@@ -160,11 +161,11 @@ def truth_variables(prepared: PreparedScene, *, measured: MeshLines | None = Non
 def angle_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     """Return the exact angle of every shaft, cage and rolling element at every sample, in rev.
 
-    Each is seen from the frame and signed, but for the spin of rolling elements, which is that about their own axis
-    relative to the cage; all are zero at the tachometer's first mark, under pure rolling. A bearing with a defect rolls
-    as its strikes say, slip included: its cage is zero where element 1 has the greatest load, and the phase of the
-    defect itself, which is whole at each strike, is told beside it. Two defects of a bearing slip apart; its cage and
-    elements are then those of the first.
+    Each is relative to the frame and signed, but for the rotation of elements, which is about their own axis relative
+    to the cage; all are zero at the tachometer's first mark, under pure rolling. A bearing with a defect follows its
+    impacts, slip included: its cage is zero where element 1 has the largest load, and the phase of the defect itself,
+    whole at each impact, is stated too. Two defects of a bearing have independent slip; its cage and elements are then
+    those of the first.
     """
     scene = prepared.scene
     revolutions = prepared.drive.angle.revolutions(np.arange(scene.samples) / scene.rate_hz)
@@ -247,7 +248,7 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: MeshL
 
 
 def _lines(prepared: PreparedScene) -> dict[Fraction, list[_LineSource]]:
-    """Return what is heard at each order: the lines of the combs, then what impacts add to them."""
+    """Return the sources of the line at each order: harmonic families, then the impacts at the same orders."""
     lines: dict[Fraction, list[_LineSource]] = {}
     for family, amplitudes in zip(prepared.families, prepared.amplitudes, strict=True):
         for index, (order, nonzero) in enumerate(zip(family.orders, family.nonzero, strict=True)):
@@ -262,6 +263,7 @@ def _lines(prepared: PreparedScene) -> dict[Fraction, list[_LineSource]]:
 
 
 def _impact_part(prepared: PreparedScene, number: int, train: ImpactTrain, *, harmonic: int) -> _LineSource:
+    """Return the part of a train of impacts in the line at one of its harmonics."""
     load = prepared.impact_factor(number, prepared.instants_s)
     frequency = harmonic * float(train.order or 0) * prepared.speed_hz
     windowed = []
@@ -311,11 +313,12 @@ def _fault_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, x
 
 
 def _within_record(times_s: Array, stop_s: float) -> Array:
+    """Return the times within the record."""
     return times_s[(times_s >= 0) & (times_s <= stop_s)]
 
 
 def _pulse_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
-    """Return where marks truly passed, where anything was done to their pulses."""
+    """Return the true times of the marks, where the tachometer is degraded."""
     return dict(_pulse_parts(prepared))
 
 

@@ -1,4 +1,4 @@
-"""The ways that a scene declares from sources to sensors, in the units of the sensors."""
+"""Transfer paths that a scene declares from sources to sensors, in the units of the sensors."""
 
 import math
 
@@ -15,17 +15,18 @@ TransferPaths = dict[tuple[str, str], TransferPath]
 
 
 def transfer_paths(scene: Scene) -> TransferPaths:
-    """Return the declared ways by source and sensor: response, in the units of the sensors' motion, for one N."""
+    """Return the declared paths by source and sensor: response, in the units of the sensors' motion, for one N."""
     return {(item.source, item.sensor): _transfer_path(item, scene.sensors[0].units) for item in scene.transfers}
 
 
 def longest_ringing_s(scene: Scene, source: str) -> float:
-    """Return how long after a source is struck its sound has died away in every channel."""
+    """Return the time after an impact at a source at which its response has decayed in every channel."""
     ringing = [way.ringing_time_s() for (of, _), way in transfer_paths(scene).items() if of == source]
     return max([ringing_time_s(scene.resonance), *ringing])
 
 
 def _transfer_path(transfer: Transfer, units: str) -> TransferPath:
+    """Return a declared path in the units of the sensors."""
     one = {("m s-2", "g"): 1 / _STANDARD_GRAVITY, ("g", "m s-2"): _STANDARD_GRAVITY}
     factor = one.get((transfer.units, units), 1.0)
     if transfer.lines is not None:
@@ -40,6 +41,7 @@ def _transfer_path(transfer: Transfer, units: str) -> TransferPath:
 
 
 def _residue(mode: ModeOfPath) -> complex:
+    """Return the residue of a mode, from ``gain w_n^2 / (w_n^2 - w^2 + 2 j zeta w_n w)`` where its gain is declared."""
     if mode.residue is not None:
         return complex(*mode.residue)
     # of gain w_n^2 / (w_n^2 - w^2 + 2 j zeta w_n w)
