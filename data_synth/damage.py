@@ -33,8 +33,8 @@ def harmonic_families(
     meshes = {family.component: family for family in healthy if family.kind == "gear_mesh"}
     teeth = scene.exact_orders("tooth")
     added = []
-    for number, (fault, offset, course) in enumerate(zip(scene.faults, offsets, relative_sizes, strict=True)):
-        size = fault.initial_mm * course
+    for number, (fault, offset, relative_size) in enumerate(zip(scene.faults, offsets, relative_sizes, strict=True)):
+        size = fault.initial_mm * relative_size
         if isinstance(fault, GearFault):
             mesh, tooth = meshes[mesh_name(fault.component)], teeth[fault.component]
             family = gear_damage_family(
@@ -98,7 +98,7 @@ def impact_trains(
     for number, (fault, offset) in enumerate(zip(scene.faults, offsets, strict=True)):
         if isinstance(fault, BearingFault):
             before_s = max(longest_ringing_s(scene, fault.component), settling_time_s(scene, fault))
-            struck = bearing_impact_trains(
+            found = bearing_impact_trains(
                 scene,
                 number,
                 drive=drive,
@@ -110,7 +110,7 @@ def impact_trains(
             continue
         else:
             mesh, tooth = mesh_name(fault.component), scene.exact_orders("tooth")[fault.component]
-            struck = damage_trains(
+            found = damage_trains(
                 fault,
                 gear=faulty_gear(scene, number, teeth=bases[mesh] / float(tooth), rng_for=rng_for),
                 source=mesh,
@@ -118,7 +118,7 @@ def impact_trains(
                 offset=offset,
                 span_rev=_span_rev(scene, drive, longest_ringing_s(scene, mesh)),
             )
-        trains += [(number, train) for train in struck]
+        trains += [(number, train) for train in found]
     return trains
 
 

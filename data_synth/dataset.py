@@ -83,7 +83,11 @@ def make_dataset(
     shards = folder / "shards"
     _check_space(plan, shards, missing=sum(job.size for job in jobs if not (shards / job.name).exists()))
     tally = run_jobs(
-        partial(write_records, plan.text), jobs, folder=shards, workers=workers or Serial(), title=_title(progress)
+        partial(write_records, plan.text),
+        jobs,
+        folder=shards,
+        workers=workers or Serial(),
+        title="records" if progress else None,
     )
     remove_parts(folder)
     if tally.done or not _is_indexed(folder):
@@ -125,10 +129,6 @@ def _simulated(plan: Plan, number: int) -> xr.Dataset:
         return simulate(plan.scene(number), seed=plan.seed_of(number))
     except SceneError as error:
         raise SceneError(f'record {number}, class "{plan.variant_of(number).name}": {error}') from None
-
-
-def _title(progress: bool) -> str | None:
-    return "records" if progress else None
 
 
 # ---- the folder --------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_synth.driving import TimeHistory, Turbulence
-from data_synth.profile import Array, ShaftAngle
+from data_synth.profile import Angle, Array, ShaftAngle
 from data_synth.run_up import LoadLaw, PolynomialAngle, run_up
 from data_synth.scene import Scene, SceneError
 from data_synth.speeds import FirstOrder, Kaimal, PiecewiseLinear, fluctuation, sum_of
@@ -15,27 +15,17 @@ from data_synth.speeds import FirstOrder, Kaimal, PiecewiseLinear, fluctuation, 
 _RPM = 60.0
 
 
-class ReferenceAngle(Protocol):
-    """What a simulation asks of the angle of its reference shaft."""
-
-    @property
-    def datum_rev(self) -> float:
-        """Revolutions from time zero to revolution zero."""
-
-    def revolutions(self, times_s: ArrayLike) -> Array:
-        """Return the angle in revolutions at `times_s` (n,)."""
+class ReferenceAngle(Angle, Protocol):
+    """The angle of the reference shaft, which does not reverse, as a function of time."""
 
     def times(self, revolutions: ArrayLike) -> Array:
-        """Return the times in s at which the shaft reaches `revolutions` (n,)."""
-
-    def speed_hz(self, times_s: ArrayLike) -> Array:
-        """Return the speed in rev s-1 at `times_s` (n,)."""
+        """Return the times in s at which the shaft passes `revolutions` (n,)."""
 
     def acceleration_hz_s(self, times_s: ArrayLike) -> Array:
         """Return the acceleration in rev s-2 at `times_s` (n,)."""
 
     def top_speed_hz(self, start_s: float, stop_s: float) -> float:
-        """Return the largest speed from `start_s` to `stop_s`, in rev s-1."""
+        """Return the largest absolute speed from `start_s` to `stop_s`, in rev s-1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,13 +94,13 @@ def _with_torque(drive: Drive, scene: Scene, torque: PiecewiseLinear | None) -> 
     return replace(drive, torque=torque, unloaded_share=scene.torque.unloaded_share, full_load_nm=full)
 
 
-def _time_history(course: TimeHistory, scene: Scene, rng: np.random.Generator) -> PiecewiseLinear:
+def _time_history(history: TimeHistory, scene: Scene, rng: np.random.Generator) -> PiecewiseLinear:
     """Return a declared time history, with its turbulence."""
-    times, values = np.array(course.knots).T
+    times, values = np.array(history.knots).T
     declared = PiecewiseLinear(times_s=times, values=values)
-    if course.turbulence is None:
+    if history.turbulence is None:
         return declared
-    return sum_of(declared, _turbulence(course.turbulence, scene.duration_s, rng))
+    return sum_of(declared, _turbulence(history.turbulence, scene.duration_s, rng))
 
 
 def _turbulence(turbulence: Turbulence, duration_s: float, rng: np.random.Generator) -> PiecewiseLinear:

@@ -15,7 +15,7 @@ SIDEBAND_CUTOFF = 1e-4
 """Sidebands below this share of the largest are not in the signal at all, so the truth lists every one."""
 
 _POINTS_PER_FEATURE = 64  # of the modulation over a turn: its spectrum has fallen to rounding by 8 per feature
-_PROBES = 9  # sizes of growing damage, from least to most, that say which sidebands are heard
+_PROBES = 9  # sizes of growing damage, from least to most, by which sidebands are retained
 
 
 @dataclass(frozen=True, kw_only=True)

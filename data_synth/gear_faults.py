@@ -27,7 +27,7 @@ from data_synth.tooth_stiffness import CrackedSection, Tooth, ToothPair
 from data_synth.transmission_error import PitchError, ProfileError, TransmissionError
 from hums.gearbox import Positive
 
-Strikes = tuple[tuple[float, float], ...]
+ImpactPlaces = tuple[tuple[float, float], ...]
 Length = Annotated[float, Field(gt=0, le=1)]
 
 _CRACK_ANGLE_DEG = 45.0  # to the middle of the tooth; cracks of gears with a thick rim run at about this angle
@@ -138,7 +138,7 @@ class GearFault(GrowingFault):
         """Return the relative rise of mesh harmonics (k,), numbered from 1; 1 for the first."""
         return np.ones(np.shape(harmonic))
 
-    def impacts(self, gear: FaultyGear) -> Strikes:  # noqa: ARG002 - others need it
+    def impacts(self, gear: FaultyGear) -> ImpactPlaces:  # noqa: ARG002 - others need it
         """Return the impacts of one turn: place in turns, and relative amplitude."""
         return ((0.0, 1.0),)
 
@@ -203,7 +203,7 @@ class MissingTooth(SizedGearFault):
 
     kind: Literal["missing_tooth"]
 
-    def impacts(self, gear: FaultyGear) -> Strikes:
+    def impacts(self, gear: FaultyGear) -> ImpactPlaces:
         """Return one impact a turn, where the next tooth comes into contact."""
         return ((1 / (2 * gear.teeth), 1.0),)
 
@@ -228,7 +228,7 @@ class Spall(SizedGearFault):
         """Return the length of the spall, in tooth pitches."""
         return self.length_pitches
 
-    def impacts(self, gear: FaultyGear) -> Strikes:
+    def impacts(self, gear: FaultyGear) -> ImpactPlaces:
         """Return two impacts a turn, at entry and at exit."""
         half = self.length_pitches / (2 * gear.teeth)
         return ((-half, self.entry_share), (half, 1.0))
@@ -275,7 +275,7 @@ class Pitting(SizedGearFault):
         )
         return np.asarray(sum(windows))
 
-    def impacts(self, gear: FaultyGear) -> Strikes:
+    def impacts(self, gear: FaultyGear) -> ImpactPlaces:
         """Return one impact a turn for each pitted tooth."""
         return tuple((place / gear.teeth, share) for place, share in self.pits(gear))
 
@@ -294,7 +294,7 @@ class _DistributedFault(SizedGearFault):
         """Return the width of the narrowest feature of the modulation, in turns."""
         return 0.25
 
-    def impacts(self, gear: FaultyGear) -> Strikes:  # noqa: ARG002 - local damage needs it
+    def impacts(self, gear: FaultyGear) -> ImpactPlaces:  # noqa: ARG002 - local damage needs it
         """Return no impacts."""
         return ()
 

@@ -19,9 +19,12 @@ from data_synth.stage import PreparedScene
 from data_synth.transfer import FirPath, MeasuredPath
 
 _BLOCK = 65536
-_LEAKAGES = (1e-3, 1e-2)  # RMS that the filter of a measured way may lack; the larger where its band ends abruptly
+_LEAKAGES = (
+    1e-3,
+    1e-2,
+)  # RMS that the filter of a measured path may leave out; the larger where its band ends abruptly
 _FEWEST = 64  # taps
-_SPACINGS = 8  # longest filter, over what lines so far apart can tell
+_SPACINGS = 8  # longest filter, over the length of the impulse response by the spacing of lines
 _HALF = 32  # samples on either side over which an impact between samples is spread
 _FINE = 256  # points to a sample, between which the sum of a sinc is linear
 _KAISER = 10.0  # 1e-5 of error up to nine tenths of half the rate
@@ -87,7 +90,7 @@ def _step_pairs(
     return both[rising], heights[rising], np.append(poles, 0.0), np.append(steps, -np.sum(steps.real))
 
 
-# ---- a measured way ---------------------------------------------------------------------------------------------
+# ---- a measured path --------------------------------------------------------------------------------------------
 
 
 def measured_filter(path: MeasuredPath, chain: AllPoleFilter, *, rate_hz: float, sensor: Sensor) -> FirPath:

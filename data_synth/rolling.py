@@ -89,8 +89,8 @@ class RollingKinematics:
 
     def element_turns(self, revolutions: ArrayLike) -> Array:
         """Return the turns (n,) of an element about its own axis, relative to the cage; it meets both races in one."""
-        struck = defect_order(self.kind, self.rates)
-        return np.asarray(self.rates.rolling_element / 2 / struck * self.defect_phase(revolutions))
+        order = defect_order(self.kind, self.rates)
+        return np.asarray(self.rates.rolling_element / 2 / order * self.defect_phase(revolutions))
 
     @property
     def numbers(self) -> NDArray[np.int_]:
@@ -99,8 +99,8 @@ class RollingKinematics:
 
     def at_impacts(self) -> tuple[Array, Array]:
         """Return the turns of defect and cage, (n - 2,), at the impacts of interest."""
-        struck, number = self.impacts_rev[1:-1], self.numbers
-        return self._spot(struck, number), self._cage(struck, number)
+        revolutions, number = self.impacts_rev[1:-1], self.numbers
+        return self._spot(revolutions, number), self._cage(revolutions, number)
 
     def _spot(self, revolutions: Array, defect_phase: ArrayLike) -> Array:
         if self.kind == "outer_race":

@@ -211,7 +211,7 @@ class Scene(Declared):
 
     def _check_ways(self) -> None:
         sources = self._places
-        if self.fidelity == "kinematic":  # of links, only shafts sound
+        if self.fidelity == "kinematic":  # of links, only rotating shafts are sources
             sources -= {*self.gearbox.links} - {*self.exact_orders("shaft")}
         check_transfers(self.transfers, sources=sources, sensors=[sensor.name for sensor in self.sensors])
         if self.sampling_jitter is None:
@@ -303,9 +303,9 @@ class Scene(Declared):
         gearbox = table.get("gearbox")
         if isinstance(gearbox, str) and (path.parent / gearbox).is_file():
             table["gearbox"] = str(path.parent / gearbox)
-        for course in ("speed", "torque"):
-            if isinstance(table.get(course), dict):
-                table[course] = _with_file(table[course], path.parent)
+        for history in ("speed", "torque"):
+            if isinstance(table.get(history), dict):
+                table[history] = _with_file(table[history], path.parent)
         if isinstance(table.get("transfer"), list):
             table["transfer"] = [_with_file(item, path.parent) for item in table["transfer"]]
         return cls.from_mapping(table, where=str(path))

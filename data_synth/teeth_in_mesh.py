@@ -13,7 +13,7 @@ from data_synth.mesh import Array, ComplexArray, Fourier, Stiffness, fourier_ser
 from data_synth.tooth_stiffness import ToothPair
 
 _POINTS = 257  # along the path of contact: linear between them to 1e-5 of the stiffness
-_NO_CONTACT = 1e20  # m/N: nothing carries there
+_NO_CONTACT = 1e20  # m/N: the pair is not in contact
 _EDGE_OFFSET = 1e-12  # cycles: either side of an edge
 
 

@@ -15,7 +15,7 @@ from data_synth.profile import Array
 
 ComplexArray = NDArray[np.complex128]
 
-_DECAYED = 1e-12  # of its beginning: what is left of a ringing that counts as over
+_DECAYED = 1e-12  # of its initial amplitude
 
 
 def _finite(values: ArrayLike) -> Array:
@@ -75,8 +75,8 @@ class ModalPath:
     def impulse(self, times_s: ArrayLike) -> Array:
         """Return the response (n,) to 1 N s at time zero; nothing before."""
         times = np.asarray(times_s, dtype=np.float64)
-        rings = np.exp(np.multiply.outer(np.maximum(times, 0.0), self.poles)) @ np.asarray(self.residues)
-        return np.where(times >= 0, 2 * rings.real, 0.0)
+        response = np.exp(np.multiply.outer(np.maximum(times, 0.0), self.poles)) @ np.asarray(self.residues)
+        return np.where(times >= 0, 2 * response.real, 0.0)
 
     def ringing_time_s(self) -> float:
         """Return the time after which an impulse response has decayed to 1e-12."""

@@ -1,6 +1,5 @@
 """Truth of a synthetic record: its variables ``truth_...``."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
@@ -23,7 +22,7 @@ _STEADY = 1e-12  # of the speed: what rounding may change
 _NUTTALL = (0.3635819, -0.4891775, 0.1365995, -0.0106411)
 _BINS = 4
 _BLOCK = 65536
-_SILENT = 2e-5  # of the largest line: what is told of lines is no better known
+_NOT_RESOLVED = 2e-5  # of the largest line: leakage of the window
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +73,7 @@ def mesh_lines(prepared: PreparedScene, gears: Array) -> MeshLines:
         for order, line in measured.items()
     }
     # planets cancel most of the lines beside those of their meshes
-    least = _SILENT * max((float(np.max(np.abs(line))) for _, line in lines.values()), default=0.0)
+    least = _NOT_RESOLVED * max((float(np.max(np.abs(line))) for _, line in lines.values()), default=0.0)
     lines = {
         order: (mesh, line)
         for order, (mesh, line) in lines.items()
@@ -139,7 +138,7 @@ def truth_variables(prepared: PreparedScene, *, measured: MeshLines | None = Non
     """Return the truth of every record: speed, lines (`measured` those of gears), chain, faults and tachometer."""
     instants = xr.DataArray(prepared.instants_s, dims="truth_time", attrs={"units": "s"})
     reference = str(prepared.scene.gearbox.reference)
-    course = {
+    history = {
         "truth_speed": (prepared.speed_hz, "rev s-1"),
         "truth_revolutions": (prepared.drive.angle.revolutions(prepared.instants_s), "rev"),
     }
@@ -147,7 +146,7 @@ def truth_variables(prepared: PreparedScene, *, measured: MeshLines | None = Non
         name: xr.DataArray(
             values, dims="truth_time", coords={"truth_time": instants}, attrs={"units": units, "shaft": reference}
         )
-        for name, (values, units) in course.items()
+        for name, (values, units) in history.items()
     }
     return {
         **truth,
@@ -182,7 +181,7 @@ def angle_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     for bearing in (name for declared in scene.gearbox.bearings for name in declared.names):
         rates = scene.bearing(bearing)
         rollers.setdefault(f"{bearing}/cage", (signed_cage_order(rates) + rates.carried) * revolutions)
-        # struck by both races in a turn
+        # an element meets both races in one turn
         rollers.setdefault(f"{bearing}/element", rates.rolling_element / 2 * revolutions)
     return {
         f"truth_{what}_revolutions": xr.DataArray(
@@ -319,14 +318,12 @@ def _within_record(times_s: Array, stop_s: float) -> Array:
 
 def _pulse_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     """Return the true times of the marks, where the tachometer is degraded."""
-    return dict(_pulse_parts(prepared))
-
-
-def _pulse_parts(prepared: PreparedScene) -> Iterator[tuple[str, xr.DataArray]]:
     tachometer, pulses = prepared.scene.tachometer, prepared.pulses
     if (tachometer.uneven, tachometer.missing, tachometer.spurious, tachometer.jitter) == (None,) * 4:
-        return
+        return {}
     about = "phase zero is at the first of them"
-    yield "truth_marks", xr.DataArray(pulses.marks_s, dims="truth_mark", attrs={"units": "s", "about": about})
-    yield "truth_missed_marks", xr.DataArray(pulses.missed, dims="truth_missed_mark")
-    yield "truth_spurious_pulses", xr.DataArray(pulses.spurious_s, dims="truth_spurious", attrs={"units": "s"})
+    return {
+        "truth_marks": xr.DataArray(pulses.marks_s, dims="truth_mark", attrs={"units": "s", "about": about}),
+        "truth_missed_marks": xr.DataArray(pulses.missed, dims="truth_missed_mark"),
+        "truth_spurious_pulses": xr.DataArray(pulses.spurious_s, dims="truth_spurious", attrs={"units": "s"}),
+    }

@@ -21,7 +21,7 @@ def transfer_paths(scene: Scene) -> TransferPaths:
 
 def longest_ringing_s(scene: Scene, source: str) -> float:
     """Return the time after an impact at a source at which its response has decayed in every channel."""
-    ringing = [way.ringing_time_s() for (of, _), way in transfer_paths(scene).items() if of == source]
+    ringing = [path.ringing_time_s() for (of, _), path in transfer_paths(scene).items() if of == source]
     return max([ringing_time_s(scene.resonance), *ringing])
 
 
