@@ -1,4 +1,4 @@
-"""The five degrees of freedom of a bearing in its housing, marched by the classical Runge-Kutta method; compiled."""
+"""Five degrees of freedom of a bearing in its housing, integrated by the classical Runge-Kutta method; compiled."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,87 +11,98 @@ _BALLS = 1.5  # the exponent of balls, which takes a root and no power
 
 
 @compiled_inside
-def rates(
+def derivatives(
     state: Array,
     slope: Array,
     contacts: Array,
-    pitches: Array,
+    element_angles: Array,
     cage_rad: float,
-    spot_rad: float,
+    defect_rad: float,
     load_x: float,
     load_y: float,
-    body: Array,
+    parameters: Array,
     spall: Array,
 ) -> None:
     """Write the derivative (10,) of a state (10,): five displacements, then their velocities.
 
-    `body` holds masses, dampers and springs of shaft, pedestal and resonator, then contact stiffness, exponent,
-    clearance; `contacts` (z,) takes the force of each element, `pitches` (2, z) are cosine and sine of its angle from
-    element 1. `spall` holds who has it (0 nobody, 1 a ring, 2 element
-    1), middle and half width in rad, and depth; `spot_rad` is the turn of who has it.
+    `parameters` are masses, dampers and springs of shaft, pedestal and resonator, then contact stiffness, exponent and
+    clearance. `contacts` (z,) receives the force of each element; `element_angles` (2, z) are cosine and sine of its
+    angle from element 1. `spall` is its type (0 none, 1 on a ring, 2 on element 1), middle and half width in rad, and
+    depth; `defect_rad` is the angle of the part with the spall.
     """
-    across, up = state[0] - state[2], state[1] - state[3]
-    push_x, push_y = 0.0, 0.0
+    deflection_x, deflection_y = state[0] - state[2], state[1] - state[3]
+    force_x, force_y = 0.0, 0.0
     elements = contacts.size
     cosine, sine = np.cos(cage_rad), np.sin(cage_rad)
     for element in range(elements):
-        along_x = cosine * pitches[0, element] - sine * pitches[1, element]
-        along_y = sine * pitches[0, element] + cosine * pitches[1, element]
-        pressed = across * along_x + up * along_y - body[11]
-        if spall[0] > 0.0 and pressed > 0.0:
+        along_x = cosine * element_angles[0, element] - sine * element_angles[1, element]
+        along_y = sine * element_angles[0, element] + cosine * element_angles[1, element]
+        compression = deflection_x * along_x + deflection_y * along_y - parameters[11]
+        if spall[0] > 0.0 and compression > 0.0:
             angle = cage_rad + 2.0 * np.pi * element / elements
             on_ring = spall[0] == 1.0
-            # a spot of an element meets a race twice in a turn of it
+            # a defect of an element meets a race twice in a revolution of the element
             cycle = 2.0 * np.pi if on_ring else np.pi
-            off = angle - spall[1] - spot_rad if on_ring else spot_rad
-            off -= cycle * np.floor(off / cycle + 0.5)
-            if abs(off) < spall[2] and (on_ring or element == 0):
-                pressed -= spall[3] * np.cos(0.5 * np.pi * off / spall[2])
+            distance_rad = angle - spall[1] - defect_rad if on_ring else defect_rad
+            distance_rad -= cycle * np.floor(distance_rad / cycle + 0.5)
+            if abs(distance_rad) < spall[2] and (on_ring or element == 0):
+                compression -= spall[3] * np.cos(0.5 * np.pi * distance_rad / spall[2])
         force = 0.0
-        if pressed > 0.0:
-            force = body[9] * (pressed * np.sqrt(pressed) if body[10] == _BALLS else pressed ** body[10])
+        if compression > 0.0:
+            force = parameters[9] * (
+                compression * np.sqrt(compression) if parameters[10] == _BALLS else compression ** parameters[10]
+            )
         contacts[element] = force
-        push_x += force * along_x
-        push_y += force * along_y
+        force_x += force * along_x
+        force_y += force * along_y
     for i in range(5):
         slope[i] = state[5 + i]
-    ringing = body[8] * (state[3] - state[4]) + body[5] * (state[8] - state[9])
-    slope[5] = (load_x - push_x - body[3] * state[5] - body[6] * state[0]) / body[0]
-    slope[6] = (load_y - push_y - body[3] * state[6] - body[6] * state[1]) / body[0]
-    slope[7] = (push_x - body[4] * state[7] - body[7] * state[2]) / body[1]
-    slope[8] = (push_y - body[4] * state[8] - body[7] * state[3] - ringing) / body[1]
-    slope[9] = ringing / body[2]
+    resonator_force = parameters[8] * (state[3] - state[4]) + parameters[5] * (state[8] - state[9])
+    slope[5] = (load_x - force_x - parameters[3] * state[5] - parameters[6] * state[0]) / parameters[0]
+    slope[6] = (load_y - force_y - parameters[3] * state[6] - parameters[6] * state[1]) / parameters[0]
+    slope[7] = (force_x - parameters[4] * state[7] - parameters[7] * state[2]) / parameters[1]
+    slope[8] = (force_y - parameters[4] * state[8] - parameters[7] * state[3] - resonator_force) / parameters[1]
+    slope[9] = resonator_force / parameters[2]
 
 
 @compiled
-def march(
+def runge_kutta(
     state: Array,
     cage_rad: Array,
-    spot_rad: Array,
+    defect_rad: Array,
     load: Array,
     step_s: float,
-    body: Array,
+    parameters: Array,
     spall: Array,
     motion: Array,
     acceleration: Array,
     contacts: Array,
 ) -> None:
-    """March a state (10,), changed in place, over m steps; angles and load (2 m + 1,) are given at half steps.
+    """Integrate a state (10,), changed in place, over m steps; angles and load (2 m + 1,) are given at half steps.
 
     Writes `motion` (m + 1, 10), `acceleration` (m + 1, 5) and the forces `contacts` (m + 1, z) at whole steps.
     """
     first, second, third, fourth = np.empty(10), np.empty(10), np.empty(10), np.empty(10)
-    there = np.empty(10)
+    midpoint = np.empty(10)
     elements = contacts.shape[1]
-    scratch, pitches = np.empty(elements), np.empty((2, elements))
+    scratch, element_angles = np.empty(elements), np.empty((2, elements))
     for element in range(elements):
-        pitches[0, element] = np.cos(2.0 * np.pi * element / elements)
-        pitches[1, element] = np.sin(2.0 * np.pi * element / elements)
+        element_angles[0, element] = np.cos(2.0 * np.pi * element / elements)
+        element_angles[1, element] = np.sin(2.0 * np.pi * element / elements)
     steps = motion.shape[0] - 1
     for step in range(steps + 1):
         now = 2 * step
-        rates(
-            state, first, contacts[step], pitches, cage_rad[now], spot_rad[now], load[0, now], load[1, now], body, spall
+        derivatives(
+            state,
+            first,
+            contacts[step],
+            element_angles,
+            cage_rad[now],
+            defect_rad[now],
+            load[0, now],
+            load[1, now],
+            parameters,
+            spall,
         )
         for i in range(10):
             motion[step, i] = state[i]
@@ -101,17 +112,46 @@ def march(
             break
         half, full = now + 1, now + 2
         for i in range(10):
-            there[i] = state[i] + 0.5 * step_s * first[i]
-        rates(
-            there, second, scratch, pitches, cage_rad[half], spot_rad[half], load[0, half], load[1, half], body, spall
+            midpoint[i] = state[i] + 0.5 * step_s * first[i]
+        derivatives(
+            midpoint,
+            second,
+            scratch,
+            element_angles,
+            cage_rad[half],
+            defect_rad[half],
+            load[0, half],
+            load[1, half],
+            parameters,
+            spall,
         )
         for i in range(10):
-            there[i] = state[i] + 0.5 * step_s * second[i]
-        rates(there, third, scratch, pitches, cage_rad[half], spot_rad[half], load[0, half], load[1, half], body, spall)
+            midpoint[i] = state[i] + 0.5 * step_s * second[i]
+        derivatives(
+            midpoint,
+            third,
+            scratch,
+            element_angles,
+            cage_rad[half],
+            defect_rad[half],
+            load[0, half],
+            load[1, half],
+            parameters,
+            spall,
+        )
         for i in range(10):
-            there[i] = state[i] + step_s * third[i]
-        rates(
-            there, fourth, scratch, pitches, cage_rad[full], spot_rad[full], load[0, full], load[1, full], body, spall
+            midpoint[i] = state[i] + step_s * third[i]
+        derivatives(
+            midpoint,
+            fourth,
+            scratch,
+            element_angles,
+            cage_rad[full],
+            defect_rad[full],
+            load[0, full],
+            load[1, full],
+            parameters,
+            spall,
         )
         for i in range(10):
             state[i] += step_s / 6.0 * (first[i] + 2.0 * second[i] + 2.0 * third[i] + fourth[i])

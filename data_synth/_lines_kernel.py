@@ -1,4 +1,4 @@
-"""The sum of lines whose amplitudes are linear in time, compiled."""
+"""Sum of harmonics whose amplitudes are linear in time, compiled."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,14 @@ def add_series(
     Parameters
     ----------
     signal, turns, position : (n,) array
-        `turns` of the first line; `position` of the samples counted in instants.
+        `turns` of the first harmonic; `position` of the samples in units of the instants' spacing.
     real, imaginary : (instant, k) array
         Z at the instants.
     edges : (m + 1,) int array
-        Samples from `edges[i]` on, before `edges[i + 1]`, follow instant i.
+        Samples from `edges[i]` on, before `edges[i + 1]`, are between instants i and i + 1.
     """
-    cosine, sine, place = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
-    over, up = np.empty(_BLOCK), np.empty(_BLOCK)
+    cosine, sine, fraction = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
+    sum_real, sum_imaginary = np.empty(_BLOCK), np.empty(_BLOCK)
     for instant in range(edges.size - 1):
         for start in range(edges[instant], edges[instant + 1], _BLOCK):
             count = min(_BLOCK, edges[instant + 1] - start)
@@ -40,24 +40,27 @@ def add_series(
                 sign = 1.0 - 2.0 * (halves - 2.0 * np.floor(0.5 * halves))
                 cosine[i] = sign * (-s if odd else c)
                 sine[i] = sign * (c if odd else s)
-                place[i] = position[start + i] - instant
-                over[i] = 0.0
-                up[i] = 0.0
+                fraction[i] = position[start + i] - instant
+                sum_real[i] = 0.0
+                sum_imaginary[i] = 0.0
             for line in range(real.shape[1] - 1, -1, -1):  # Horner's rule
-                here, there = real[instant, line], imaginary[instant, line]
-                rise, lift = real[instant + 1, line] - here, imaginary[instant + 1, line] - there
+                value_real, value_imaginary = real[instant, line], imaginary[instant, line]
+                slope_real, slope_imaginary = (
+                    real[instant + 1, line] - value_real,
+                    imaginary[instant + 1, line] - value_imaginary,
+                )
                 for i in range(count):
-                    a = over[i] + (here + rise * place[i])
-                    b = up[i] + (there + lift * place[i])
-                    over[i] = a * cosine[i] - b * sine[i]
-                    up[i] = a * sine[i] + b * cosine[i]
+                    a = sum_real[i] + (value_real + slope_real * fraction[i])
+                    b = sum_imaginary[i] + (value_imaginary + slope_imaginary * fraction[i])
+                    sum_real[i] = a * cosine[i] - b * sine[i]
+                    sum_imaginary[i] = a * sine[i] + b * cosine[i]
             for i in range(count):
-                signal[start + i] += over[i]
+                signal[start + i] += sum_real[i]
 
 
 @compiled
 def _cosine(x: float) -> float:
-    """Taylor's series to rounding for angles up to an eighth of a turn; straight code, so it runs in vectors."""
+    """Return the Taylor series of the cosine, to rounding up to an eighth of a turn; no branches, so it vectorises."""
     y = x * x
     tail = 1 / 479001600 + y * (-1 / 87178291200 + y * (1 / 20922789888000))
     return 1.0 + y * (-1 / 2 + y * (1 / 24 + y * (-1 / 720 + y * (1 / 40320 + y * (-1 / 3628800 + y * tail)))))
@@ -65,6 +68,7 @@ def _cosine(x: float) -> float:
 
 @compiled
 def _sine(x: float) -> float:
+    """Return the Taylor series of the sine, likewise."""
     y = x * x
     tail = -1 / 39916800 + y * (1 / 6227020800 + y * (-1 / 1307674368000))
     return x * (1.0 + y * (-1 / 6 + y * (1 / 120 + y * (-1 / 5040 + y * (1 / 362880 + y * tail)))))

@@ -1,4 +1,4 @@
-"""Ringing after impacts by recursion from sample to sample, compiled."""
+"""Impulse responses by recursion from sample to sample, compiled."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,36 +13,36 @@ ComplexArray = NDArray[np.complex128]
 def add_decays(
     signal: Array,
     firsts: NDArray[np.int64],
-    begins: ComplexArray,
+    initial_states: ComplexArray,
     steps: ComplexArray,
     poles: ComplexArray,
-    late: Array,
+    timing_errors_s: Array,
 ) -> None:
-    """Add ``Re sum_p s_p``, where each s_p turns by its step a sample and takes up impacts as they come.
+    """Add ``Re sum_p s_p`` to a signal, where each s_p is multiplied by its step a sample and impacts add to it.
 
     Parameters
     ----------
     signal : (n,) array
     firsts : (m,) int array
         First sample not before each impact, rising.
-    begins : (m, p) complex array
-        What each impact adds to each s_p at that sample.
+    initial_states : (m, p) complex array
+        Contribution of each impact to each s_p at that sample.
     steps, poles : (p,) complex array
         ``exp(pole / rate)``, and the poles in rad s-1.
-    late : (n,) or (0,) array
-        How much later than its place each sample is taken, s: by Taylor's series to the fourth power.
+    timing_errors_s : (n,) or (0,) array
+        Errors of the sampling instants, s: by a Taylor series to the fourth power.
     """
     state = np.zeros(steps.size, dtype=np.complex128)
     impact = 0
     for sample in range(signal.size):
         while impact < firsts.size and firsts[impact] <= sample:
             for p in range(steps.size):
-                state[p] += begins[impact, p]
+                state[p] += initial_states[impact, p]
             impact += 1
         total = 0.0
         for p in range(steps.size):
-            if late.size:
-                x = poles[p] * late[sample]
+            if timing_errors_s.size:
+                x = poles[p] * timing_errors_s[sample]
                 total += (state[p] * (1 + x * (1 + x / 2 * (1 + x / 3 * (1 + x / 4))))).real
             else:
                 total += state[p].real

@@ -1,13 +1,13 @@
-"""A bearing that moves: shaft and housing joined by Hertzian contacts, and a resonator on the housing.
+"""Dynamics of a bearing: shaft and housing joined by Hertzian contacts, and a resonator on the housing.
 
 Five degrees of freedom, after Sawalhi and Randall (2008, Mech. Syst. Signal Process. 22, 1924-1951): the shaft with the
-inner ring across and up, the pedestal with the outer ring across and up, and a small mass on the pedestal, up, that
-stands for a mode of the housing. Element i at angle phi_i is pressed by
+inner ring in x and y, the pedestal with the outer ring in x and y, and a small mass on the pedestal in y, which stands
+for a mode of the housing. The compression of element i at angle phi_i is
 
 ``delta_i = (x_s - x_p) cos phi_i + (y_s - y_p) sin phi_i - clearance - spall(phi_i)``
 
-and pushes with ``k delta ** exponent`` while delta is above zero. Elements have no mass of their own and roll where the
-cage carries them, so slip comes in through the turn of the cage.
+and its force ``k delta ** exponent`` while delta is above zero. Elements have no mass and move with the cage, so slip
+enters through the rotation of the cage.
 """
 
 import math
@@ -30,7 +30,7 @@ class Support:
     Attributes
     ----------
     mass_kg, damping_n_s_m, stiffness_n_m : float
-        The mass above zero, the others not below.
+        The mass above zero, the others not negative.
     """
 
     mass_kg: float
@@ -43,7 +43,7 @@ class Support:
 
     @classmethod
     def resonant(cls, *, mass_kg: float, frequency_hz: float, damping_ratio: float) -> "Support":
-        """Return a mass by its natural frequency and damping ratio on a base at rest."""
+        """Return a mass with a natural frequency and damping ratio on a fixed base."""
         natural = 2 * math.pi * frequency_hz
         return cls(
             mass_kg=mass_kg,
@@ -54,19 +54,19 @@ class Support:
 
 @dataclass(frozen=True, kw_only=True)
 class Spall:
-    """A spall: a hollow, cosine in shape, deepest in the middle.
+    """A spall with a half-cosine profile, deepest in the middle.
 
     Attributes
     ----------
     of : {"ring", "element"}
-        A ring; or element 1, which meets the outer race at whole turns about its own axis, the inner one between.
+        On a ring; or on element 1, which meets the outer race at whole turns about its own axis, the inner one between.
     middle_rad : float
-        Where on a ring it sits, at turn 0.
+        Place on a ring, at turn 0.
     width_rad : float
-        From end to end, seen from the axis of who has it: its length over the radius there.
+        From end to end: its length over the radius of its surface.
     depth_m : float
-        By how much a contact in the middle is let off. An element that bridges the hollow sinks in by ``length^2 / (4
-        d)`` at most, d its diameter.
+        Lost compression in the middle. An element that bridges the spall sinks in by ``length^2 / (4 d)`` at most, d
+        its diameter.
     """
 
     of: Literal["ring", "element"]
@@ -77,19 +77,19 @@ class Spall:
 
 @dataclass(frozen=True, kw_only=True)
 class BearingModel:
-    """A bearing between a shaft and a pedestal.
+    """Parameters of a bearing between a shaft and a pedestal.
 
     Attributes
     ----------
     elements : int
     contact_n_m : float
-        k of one element between both races, in N m^-exponent: some 1e9 to 1e10 for balls of steel.
+        k of one element between both races, in N m^-exponent: some 1e9 to 1e10 for steel balls.
     exponent : float
         3/2 for balls, 10/9 for rollers.
     clearance_m : float
         Half the diametral clearance; negative under preload.
     shaft, pedestal, resonator : Support
-        The resonator's spring and damper hold it to the pedestal, the others' to the ground.
+        The resonator's spring and damper connect it to the pedestal, those of the others to the ground.
     spall : Spall or None
     """
 
@@ -102,7 +102,8 @@ class BearingModel:
     resonator: Support
     spall: Spall | None = None
 
-    def _body(self) -> Array:
+    def parameters(self) -> Array:
+        """Return masses, dampers, springs, then contact stiffness, exponent and clearance, as the kernel reads them."""
         supports = (self.shaft, self.pedestal, self.resonator)
         return np.array(
             [
@@ -115,21 +116,22 @@ class BearingModel:
             ]
         )
 
-    def _spall(self) -> Array:
+    def spall_parameters(self) -> Array:
+        """Return the spall as the kernel reads it: type (0 none, 1 ring, 2 element), middle, half width, depth."""
         if self.spall is None:
             return np.zeros(4)
         of = {"ring": 1.0, "element": 2.0}[self.spall.of]
         return np.array([of, self.spall.middle_rad, self.spall.width_rad / 2, self.spall.depth_m])
 
     def highest_rad_s(self, force_n: float) -> float:
-        """Return a bound on the natural frequencies in rad s-1 while the contacts carry `force_n` and their preload.
+        """Return an upper bound of the natural frequencies in rad s-1 under a load of `force_n` and the preload.
 
-        Blows of a spall may press harder for a moment.
+        Impacts in a spall may load a contact further for a moment.
         """
         # one contact that carries all is the stiffest way to do so; under preload all of them push
-        deepest = (force_n / self.contact_n_m) ** (1 / self.exponent)
+        compression = (force_n / self.contact_n_m) ** (1 / self.exponent)
         preload = max(-self.clearance_m, 0.0)
-        slopes = deepest ** (self.exponent - 1) + self.elements * preload ** (self.exponent - 1)
+        slopes = compression ** (self.exponent - 1) + self.elements * preload ** (self.exponent - 1)
         contact = self.exponent * self.contact_n_m * slopes
         shaft = (self.shaft.stiffness_n_m + 2 * contact) / self.shaft.mass_kg
         pedestal = (
@@ -140,16 +142,16 @@ class BearingModel:
 
 @dataclass(frozen=True, kw_only=True)
 class BearingMotion:
-    """What moved.
+    """The response of a bearing.
 
     Attributes
     ----------
     displacement_m, velocity_m_s, acceleration_m_s2 : (m + 1, 5) array
         Of shaft x, shaft y, pedestal x, pedestal y, resonator y.
     contact_n : (m + 1, z) array
-        Force of each element.
+        Contact force of each element.
     state : (10,) array
-        At the last instant: the next block begins with it.
+        At the last instant: the initial state of the next block.
     """
 
     displacement_m: Array = field(metadata={"dims": ("time", "freedom"), "units": "m"})
@@ -159,11 +161,11 @@ class BearingMotion:
     state: Array = field(metadata={"dims": ("state",), "units": "m, m s-1"})
 
 
-def move_bearing(
+def integrate_bearing(
     model: BearingModel,
     *,
     cage_turns: ArrayLike,
-    spot_turns: ArrayLike,
+    defect_turns: ArrayLike,
     load_n: ArrayLike,
     step_s: float,
     state: ArrayLike | None = None,
@@ -173,24 +175,24 @@ def move_bearing(
     Parameters
     ----------
     model : BearingModel
-    cage_turns, spot_turns : (2 m + 1,) array
-        Turns of the cage, and of who has the spall, at half steps: ``0, 1/2, 1, ... m`` steps from the beginning. Those
-        of an element are about its own axis.
+    cage_turns, defect_turns : (2 m + 1,) array
+        Turns of the cage, and of the part with the spall, at half steps: ``0, 1/2, 1, ... m`` steps from the beginning.
+        Those of an element are about its own axis.
     load_n : (2, 2 m + 1) array, or (2,)
-        Force on the shaft across and up, its weight included.
+        Force on the shaft in x and y, its weight included.
     step_s : float
         Length of a step.
     state : (10,) array, optional
-        Displacements, then velocities, to begin with: that of the block before. At rest if left out.
+        Initial displacements, then velocities: those of the block before. At rest if left out.
 
     Raises
     ------
     ValueError
-        Turns or load of another length, or a step too long to be stable: with the longest that is.
+        Turns or load of another length, or a step too long to be stable, with the longest that is.
     """
-    from data_synth._bearing_kernel import march  # noqa: PLC0415 - loads numba
+    from data_synth._bearing_kernel import runge_kutta  # noqa: PLC0415 - loads numba
 
-    cage, spot = (np.asarray(turns, dtype=np.float64) for turns in (cage_turns, spot_turns))
+    cage, spot = (np.asarray(turns, dtype=np.float64) for turns in (cage_turns, defect_turns))
     if cage.ndim != 1 or cage.shape != spot.shape or cage.size < 3 or cage.size % 2 == 0:  # noqa: PLR2004
         raise ValueError(
             f"cage_turns and spot_turns have shapes {cage.shape} and {spot.shape}; give 2 m + 1 of each, at half steps"
@@ -208,7 +210,7 @@ def move_bearing(
     motion, acceleration = np.empty((steps + 1, 10)), np.empty((steps + 1, 5))
     contact = np.empty((steps + 1, model.elements))
     turns = (2 * np.pi * np.remainder(cage, 1.0), 2 * np.pi * np.remainder(spot, 1.0))
-    march(now, *turns, load, step_s, model._body(), model._spall(), motion, acceleration, contact)  # noqa: SLF001
+    runge_kutta(now, *turns, load, step_s, model.parameters(), model.spall_parameters(), motion, acceleration, contact)
     if not np.all(np.isfinite(now)):
         raise ValueError(f"the motion ran away with step_s = {step_s:g}; shorten it")
     return BearingMotion(

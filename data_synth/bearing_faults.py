@@ -1,4 +1,4 @@
-"""From a bearing fault that a scene declares to its impacts, and to the bearing that moves where it asks for one."""
+"""Impacts of a declared bearing fault, and the parameters of a bearing with its own dynamics."""
 
 import math
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from data_synth.bearing_dynamics import BearingModel, Spall, Support
-from data_synth.bearings import bearing_strikes, passage_revolutions
+from data_synth.bearings import bearing_impacts, passage_revolutions
 from data_synth.defects import FiveDof, Suspended
 from data_synth.drive import Drive
 from data_synth.faults import ImpactTrain
@@ -16,10 +16,10 @@ from data_synth.scene import BearingFault, Scene, SceneError
 from hums.gearbox import Bearing
 
 _MM, _UM = 1e-3, 1e-6
-_LEFT = 1e-6  # of the start from rest when the record begins
+_SETTLED_FRACTION = 1e-6  # of the start from rest when the record begins
 
 
-def bearing_trains(
+def bearing_impact_trains(
     scene: Scene,
     number: int,
     *,
@@ -28,7 +28,7 @@ def bearing_trains(
     since_rev: float,
     rng: np.random.Generator,
 ) -> list[ImpactTrain]:
-    """Return the impacts of fault `number` (from 0), a bearing's, and its drops into a spall where there are such.
+    """Return the impacts of bearing fault `number` (from 0), and the entries into its spall where they are declared.
 
     Parameters
     ----------
@@ -38,11 +38,11 @@ def bearing_trains(
     span_rev : (float, float)
         First and last revolution of the reference shaft.
     since_rev : float
-        From where on it is struck before, which leaves the strikes within the span as they are.
+        Revolution from which earlier impacts are drawn too; those within the span do not depend on it.
     rng : numpy.random.Generator
     """
     fault = bearing_fault(scene, number)
-    strikes = bearing_strikes(
+    impacts = bearing_impacts(
         fault.kind,
         rates=scene.bearing(fault.component),
         slip=fault,
@@ -54,54 +54,54 @@ def bearing_trains(
         zone_order=zone_order(scene, fault),
         since_rev=since_rev if since_rev < span_rev[0] else None,
     )
-    impacts = ImpactTrain(
+    train = ImpactTrain(
         component=fault.component,
         kind=fault.kind,
         source=fault.component,
-        revolutions=strikes.revolutions,
-        amplitudes=fault.size_mm * fault.impact_per_mm * strikes.weights,
-        strikes=strikes,
+        revolutions=impacts.revolutions,
+        amplitudes=fault.size_mm * fault.impact_per_mm * impacts.weights,
+        bearing=impacts,
     )
     if fault.five_dof is not None or not (fault.entry_share or fault.pulse_share):
-        return [impacts]
-    sizes_m = _MM * fault.size_mm * fault.relative_size(drive.angle.times(strikes.revolutions))
-    passed_rev = _passed_rev(scene, number, sizes_m)
-    impacts = replace(impacts, lasting_rev=fault.pulse_share * passed_rev if fault.pulse_share else None)
+        return [train]
+    sizes_m = _MM * fault.size_mm * fault.relative_size(drive.angle.times(impacts.revolutions))
+    passage_rev = _passage_rev(scene, number, sizes_m)
+    train = replace(train, duration_rev=fault.pulse_share * passage_rev if fault.pulse_share else None)
     if not fault.entry_share:
-        return [impacts]
+        return [train]
     entries = replace(
-        impacts,
+        train,
         # from the entry to the impact an element that bridges a spall takes half of the time it takes to pass it
-        revolutions=strikes.revolutions - passed_rev / 2,
-        amplitudes=fault.entry_share * impacts.amplitudes,
-        strikes=None,
-        entries=True,
+        revolutions=impacts.revolutions - passage_rev / 2,
+        amplitudes=fault.entry_share * train.amplitudes,
+        bearing=None,
+        is_entry=True,
     )
-    return [impacts, entries]
+    return [train, entries]
 
 
 def bearing_fault(scene: Scene, number: int) -> BearingFault:
-    """Return fault `number` (from 0), which is a bearing's."""
+    """Return fault `number` (from 0), a bearing fault."""
     fault = scene.faults[number]
     assert isinstance(fault, BearingFault)  # noqa: S101 - the caller has seen its kind
     return fault
 
 
 def zone_order(scene: Scene, fault: BearingFault) -> float:
-    """Return the turns of the load zone for one of the reference shaft, as who carries the bearing sees it."""
+    """Return the order of the load zone's rotation, seen from the carrier of the bearing."""
     if fault.load_turns_with is None:
         return 0.0
     link = fault.load_turns_with
     return float(scene.ratio(link)) - scene.bearing(fault.component).carried
 
 
-def _passed_rev(scene: Scene, number: int, sizes_m: Array) -> Array:
-    """Return how far the reference shaft turns while spalls of these sizes (n,) are passed, (n,)."""
+def _passage_rev(scene: Scene, number: int, sizes_m: Array) -> Array:
+    """Return the rotation of the reference shaft while spalls of these sizes (n,) are passed, (n,) rev."""
     fault, largest_m = bearing_fault(scene, number), float(np.max(sizes_m, initial=0.0))
     if largest_m == 0:
         return np.zeros_like(sizes_m)
-    who = f"fault {number + 1}: {'entry_share' if fault.entry_share else 'pulse_share'}"
-    bearing, element_m, pitch_m = _geometry(scene, fault, who)
+    key = f"fault {number + 1}: {'entry_share' if fault.entry_share else 'pulse_share'}"
+    bearing, element_m, pitch_m = _bearing_geometry(scene, fault, key)
     try:
         longest = passage_revolutions(
             fault.kind,
@@ -116,11 +116,12 @@ def _passed_rev(scene: Scene, number: int, sizes_m: Array) -> Array:
     return np.asarray(longest * sizes_m / largest_m)
 
 
-def _geometry(scene: Scene, fault: BearingFault, who: str) -> tuple[Bearing, float, float]:
+def _bearing_geometry(scene: Scene, fault: BearingFault, key: str) -> tuple[Bearing, float, float]:
+    """Return the declared bearing, its element diameter and its pitch diameter in m; `key` is what needs them."""
     bearing = next(declared for declared in scene.gearbox.bearings if fault.component in declared.names)
     if bearing.element_diameter_mm is None or bearing.pitch_diameter_mm is None:
         raise SceneError(
-            f'{who} needs the geometry of "{fault.component}", which is declared by multiples; give elements, '
+            f'{key} needs the geometry of "{fault.component}", which is declared by multiples; give elements, '
             "element_diameter_mm and pitch_diameter_mm in the gearbox instead."
         )
     return bearing, _MM * bearing.element_diameter_mm, _MM * bearing.pitch_diameter_mm
@@ -129,34 +130,34 @@ def _geometry(scene: Scene, fault: BearingFault, who: str) -> tuple[Bearing, flo
 # ---- a bearing that moves --------------------------------------------------------------------------------------
 
 
-def settle_s(scene: Scene, fault: BearingFault) -> float:
-    """Return how long a bearing has to move before the record, so that a millionth is left of its start; else 0."""
+def settling_time_s(scene: Scene, fault: BearingFault) -> float:
+    """Return the time before the record after which 1e-6 is left of the start from rest; 0 without `five_dof`."""
     if fault.five_dof is None:
         return 0.0
     model = bearing_model(scene, fault, size_mm=fault.size_mm)
     supports = (model.shaft, model.pedestal, model.resonator)
-    return math.log(1 / _LEFT) / min(support.damping_n_s_m / (2 * support.mass_kg) for support in supports)
+    return math.log(1 / _SETTLED_FRACTION) / min(support.damping_n_s_m / (2 * support.mass_kg) for support in supports)
 
 
 def bearing_model(scene: Scene, fault: BearingFault, *, size_mm: float) -> BearingModel:
-    """Return the bearing of a fault of `size_mm` that moves.
+    """Return the parameters of a bearing with its own dynamics and a fault of `size_mm`.
 
     Raises
     ------
     SceneError
-        A bearing without diameters, or a spall longer than from element to element.
+        A bearing without diameters, or a spall longer than the distance of two elements.
     """
     declared = fault.five_dof or FiveDof()
-    bearing, element_m, pitch_m = _geometry(scene, fault, f"five_dof of {fault.kind}")
+    bearing, element_m, pitch_m = _bearing_geometry(scene, fault, f"five_dof of {fault.kind}")
     across = element_m * math.cos(math.radians(bearing.contact_angle_deg))
     radius_m = {"outer_race": pitch_m + across, "inner_race": pitch_m - across}.get(fault.kind, element_m) / 2
     elements = scene.bearing(fault.component).elements
     width_rad = _MM * size_mm / radius_m
-    room_rad = math.pi if fault.kind == "rolling_element" else 2 * math.pi / elements
-    if width_rad >= room_rad:
+    spacing_rad = math.pi if fault.kind == "rolling_element" else 2 * math.pi / elements
+    if width_rad >= spacing_rad:
         raise SceneError(
             f'{fault.kind} of "{fault.component}": a spall of {size_mm:g} mm reaches from one contact to the next, '
-            f"{room_rad * radius_m / _MM:.3g} mm on; lower its size."
+            f"{spacing_rad * radius_m / _MM:.3g} mm on; lower its size."
         )
     depth_m = _UM * declared.depth_um if declared.depth_um is not None else (_MM * size_mm) ** 2 / (4 * element_m)
     mode = scene.resonance
@@ -178,7 +179,7 @@ def _support(declared: Suspended) -> Support:
     return Support(mass_kg=declared.mass_kg, damping_n_s_m=declared.damping_n_s_m, stiffness_n_m=declared.stiffness_n_m)
 
 
-def pressing_n(fault: BearingFault, *, load: Array, turns: Array) -> Array:
-    """Return the force on the shaft across and up, (2, n), by the share of full load and the turn of its direction."""
+def shaft_load_n(fault: BearingFault, *, load: Array, turns: Array) -> Array:
+    """Return the force on the shaft in x and y, (2, n) N, by relative tooth load and direction in turns."""
     size = (fault.five_dof or FiveDof()).load_n * load
     return np.stack([size * np.cos(2 * np.pi * turns), size * np.sin(2 * np.pi * turns)])

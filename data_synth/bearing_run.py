@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_synth.bearing_dynamics import BearingModel, move_bearing
-from data_synth.bearing_faults import bearing_fault, bearing_model, pressing_n, settle_s, zone_order
-from data_synth.bearings import BearingStrikes
+from data_synth.bearing_dynamics import BearingModel, integrate_bearing
+from data_synth.bearing_faults import bearing_fault, bearing_model, settling_time_s, shaft_load_n, zone_order
+from data_synth.bearings import BearingImpacts
 from data_synth.faults import ImpactTrain
 from data_synth.profile import Array
 from data_synth.scene import SceneError
-from data_synth.stage import Stage
+from data_synth.stage import PreparedScene
 
 _PER_RADIAN = 2.5  # steps to a radian of the fastest motion: the classical method then loses 1e-5 of it in a step
 _BLOCK = 16384  # steps of which all is kept at once
@@ -26,19 +26,19 @@ class RunningBearing:
 
     Attributes
     ----------
-    stage : Stage
+    stage : PreparedScene
     number : int
         Of its fault, from 0.
-    strikes : BearingStrikes
+    impacts : BearingImpacts
     per_sample : int
         Steps of time to a sample of the channels.
     early : int
         Steps before time zero, in which its start from rest dies away.
     """
 
-    stage: Stage
+    stage: PreparedScene
     number: int
-    strikes: BearingStrikes
+    impacts: BearingImpacts
     per_sample: int
     early: int
 
@@ -62,8 +62,8 @@ class RunningBearing:
             model = bearing_model(scene, fault, size_mm=fault.size_mm * float(fault.relative_size(middle_s)))
             cage, spot, load_n = self._driven((begin + np.arange(2 * count + 1) / 2) * step_s)
             try:
-                motion = move_bearing(
-                    model, cage_turns=cage, spot_turns=spot, load_n=load_n, step_s=step_s, state=state
+                motion = integrate_bearing(
+                    model, cage_turns=cage, defect_turns=spot, load_n=load_n, step_s=step_s, state=state
                 )
             except ValueError as caught:
                 raise SceneError(
@@ -77,26 +77,26 @@ class RunningBearing:
 
     def _driven(self, times_s: Array) -> tuple[Array, Array, Array]:
         """Return turns of cage and spot (n,), and the load in N (2, n)."""
-        stage, rolling = self.stage, self.strikes.rolling
+        stage, rolling = self.stage, self.impacts.rolling
         fault = bearing_fault(stage.scene, self.number)
         times = np.clip(times_s, stage.drive.start_s, stage.scene.duration_s)
         revolutions = stage.drive.angle.revolutions(times)
         on_element = fault.kind == "rolling_element"
-        spot = rolling.passed(revolutions) / 2 if on_element else rolling.spot_turns(revolutions) - _DOWN
+        spot = rolling.defect_phase(revolutions) / 2 if on_element else rolling.defect_turns(revolutions) - _DOWN
         zone = zone_order(stage.scene, fault) * revolutions - _DOWN
-        load_n = pressing_n(fault, load=stage.drive.load(times), turns=zone)
+        load_n = shaft_load_n(fault, load=stage.drive.load(times), turns=zone)
         return rolling.cage_turns(revolutions) - _DOWN, spot, load_n
 
 
-def bearing_of(stage: Stage, number: int, train: ImpactTrain) -> RunningBearing:
+def bearing_of(stage: PreparedScene, number: int, train: ImpactTrain) -> RunningBearing:
     """Return the bearing of fault `number` (from 0), which is struck as `train` says, at rest."""
     scene = stage.scene
     fault = bearing_fault(scene, number)
-    assert fault.five_dof is not None and train.strikes is not None  # noqa: S101, PT018 - only such bearings run
+    assert fault.five_dof is not None and train.bearing is not None  # noqa: S101, PT018 - only such bearings run
     model = bearing_model(scene, fault, size_mm=fault.size_mm)
     steps = steps_per_sample(model, force_n=fault.five_dof.load_n, rate_hz=scene.rate_hz)
-    early = math.ceil(settle_s(scene, fault) * scene.rate_hz) * steps
-    return RunningBearing(stage=stage, number=number, strikes=train.strikes, per_sample=steps, early=early)
+    early = math.ceil(settling_time_s(scene, fault) * scene.rate_hz) * steps
+    return RunningBearing(stage=stage, number=number, impacts=train.bearing, per_sample=steps, early=early)
 
 
 def steps_per_sample(model: BearingModel, *, force_n: float, rate_hz: float) -> int:

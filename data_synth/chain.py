@@ -1,9 +1,9 @@
-"""From the machine's surface to the file, as a scene declares it: each part of the chain is off unless it is there.
+"""The measurement chain from the machine's surface to the file, as a scene declares it; every part is optional.
 
-The order is that of the hardware. A sensor feels the motion along its axis and a share of the rest (`cross_axis`),
-rings on its mount (`resonance`), and gives volts (`sensitivity`); the cable adds `hum`; the recorder filters
-(`anti_alias`), samples at instants that jitter (`sampling_jitter` of the scene: one clock for all channels), adds its
-noise (`noise` of the scene), saturates (`clipping`), counts (`quantisation`) and loses samples (`drop_outs`).
+The order is that of the hardware. A sensor responds to the motion along its axis and to a part of the transverse motion
+(`cross_axis`), resonates on its mount (`resonance`), and gives volts (`sensitivity`); the cable adds `hum`; the
+recorder filters (`anti_alias`), samples with jitter (`sampling_jitter` of the scene: one clock for all channels), adds
+its noise (`noise` of the scene), saturates (`clipping`), quantises (`quantisation`) and loses samples (`drop_outs`).
 Levels after the sensor are in the units of the channel.
 """
 
@@ -23,10 +23,10 @@ class Mode(Declared):
 
 
 class PlanetPass(Declared):
-    """Planets that pass sensors on a ring at rest: how loud one is at an angle from the sensor.
+    """Amplitude modulation of planet meshes as the planets pass a sensor on a stationary ring gear.
 
-    1 where it is nearest, fallen halfway to `floor` at `half_width_deg`. Holds for the meshes of planets with the ring;
-    what a damaged gear adds to such a mesh is heard alike wherever the planet is.
+    The gain is 1 where a planet is nearest, and halfway to `floor` at `half_width_deg`. It applies to the meshes of
+    planets with the ring; what a damaged gear adds to such a mesh is not modulated.
     """
 
     half_width_deg: Annotated[float, Field(gt=0, lt=180)]
@@ -34,17 +34,17 @@ class PlanetPass(Declared):
 
 
 class CrossAxis(Declared):
-    """Transverse sensitivity: the sensor reads `share` of the motion across its axis as if along it.
+    """Transverse sensitivity: `share` of the transverse motion is added to that along the axis.
 
-    A kinematic scene draws that motion like that of another sensor at the place: a gain for each source. Where gears
-    vibrate, it draws the direction across from which that share comes.
+    In a kinematic scene the transverse motion is drawn like that of another sensor at the place: a gain for each
+    source. Where gears vibrate, the transverse direction is drawn.
     """
 
     share: Annotated[float, Field(gt=0, lt=1)]
 
 
 class Sensitivity(Declared):
-    """What the channel reads for one unit of motion, as ``{ value = 0.1, units = "V" }`` for 100 mV a unit."""
+    """Output of the channel for one unit of motion, as ``{ value = 0.1, units = "V" }`` for 100 mV a unit."""
 
     value: Annotated[float, Field(allow_inf_nan=False)]
     units: Literal["V", "mV"]
@@ -57,7 +57,7 @@ class Sensitivity(Declared):
 
 
 class Hum(Declared):
-    """The mains in the cable: harmonic k of `frequency_hz` has ``amplitude decay ** (k - 1)``, phases at random."""
+    """Mains hum in the cable: harmonic k of `frequency_hz` has ``amplitude decay ** (k - 1)`` and a random phase."""
 
     frequency_hz: Positive = 50.0
     amplitude: Positive
@@ -66,35 +66,35 @@ class Hum(Declared):
 
 
 class AntiAlias(Declared):
-    """A Butterworth low-pass of `order`, 3 dB down at `frequency_hz`."""
+    """A Butterworth low-pass filter of `order`, -3 dB at `frequency_hz`."""
 
     frequency_hz: Positive
     order: Annotated[int, Field(ge=1, le=12)] = 8
 
 
 class SamplingJitter(Declared):
-    """Random errors of the sampling instants, Gaussian, independent, common to all channels."""
+    """Gaussian errors of the sampling instants, independent of each other, the same for all channels."""
 
     std_s: Positive
 
 
 class Clipping(Declared):
-    """An amplifier that saturates at plus and minus `level`."""
+    """Saturation of an amplifier at plus and minus `level`."""
 
     level: Positive
 
 
 class Quantisation(Declared):
-    """A converter of `bits` from minus to just below plus `full_scale`: rounds to the nearest code, saturates."""
+    """An analogue-to-digital converter of `bits` over plus and minus `full_scale`: it rounds, and saturates."""
 
     bits: Annotated[int, Field(ge=2, le=32)]
     full_scale: Positive
 
 
 class DropOuts(Declared):
-    """Stretches without samples, on average so many a second, each of `duration_s`.
+    """Missing samples: gaps of `duration_s`, on average `per_second`.
 
-    They read NaN, the mark of a gap; or ``zero``, or the last value that arrived (``hold``), as careless recorders do.
+    They read NaN; or zero, or the last value before the gap (``hold``), as some recorders write.
     """
 
     per_second: Positive
@@ -135,7 +135,7 @@ class Noise(Declared):
 
 
 def check_chain(sensor: Sensor, *, first: Sensor, rate_hz: float) -> None:
-    """Raise ValueError for a channel that does not fit the first one of its scene, or the sampling rate."""
+    """Raise ValueError for a channel whose units differ from the first one's, or that its sampling rate cannot hold."""
     who = f'sensor "{sensor.name}"'
     for units, other in ((sensor.units, first.units), (sensor.channel_units, first.channel_units)):
         if units != other:

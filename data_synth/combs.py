@@ -1,8 +1,7 @@
-"""Lines at the multiples of a base order: what a healthy gearbox says, and how lines are added up.
+"""Harmonic families of a base order: those of a healthy gearbox, and their sum as a signal.
 
-A kinematic scene moves without vibrating: each shaft and each mesh is one periodic source in the angle of the
-reference shaft, with harmonics of declared amplitudes and random phases. Nothing modulates a healthy source,
-so it has no sidebands (nor, in a planetary gearbox, the passing of planets).
+In a kinematic scene each shaft and each mesh is a periodic source in the angle of the reference shaft, with harmonics
+of declared amplitudes and random phases. A healthy source is not modulated, so it has no sidebands.
 """
 
 import math
@@ -18,101 +17,103 @@ from data_synth.profile import Array
 from data_synth.scene import Scene
 
 ComplexArray = NDArray[np.complex128]
-Draws = Callable[..., np.random.Generator]  # a generator of its own for every word it is called with
+RandomStreams = Callable[..., np.random.Generator]  # a generator of its own for every word it is called with
 
 
 def random_stream(seed: int, *words: str) -> np.random.Generator:
-    """Return the generator that belongs to `words`."""
+    """Return the random generator that belongs to `words`."""
     keys = tuple(zlib.crc32(word.encode()) for word in words)
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=keys))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comb:
-    """A source that is periodic in the angle of the reference shaft.
+class HarmonicFamily:
+    """Harmonics of a source that is periodic in the angle of the reference shaft.
 
     Attributes
     ----------
     component, kind : str
-        What speaks, in the words of the defect orders.
+        The source, as the defect orders name it.
     source : str
-        From where it travels to the sensors: combs with one source share their gains.
-    base : Fraction
-        Order of the first line.
+        Source of the transfer functions to the sensors: families with one source share their gains.
+    base_order : Fraction
+        Order of the first harmonic.
     coefficients : (k,) or (k, instant) complex array
-        Peak amplitude and phase of the lines at 1, 2, ... k times `base`, in the sensors' units; at each instant of the
-        truth where the source changes.
-    loaded : bool
-        Whether the amplitude follows the load on the teeth.
-    speed_power : int
-        How the amplitude grows with speed: 2 where it is a mass that pulls.
-    at_speed_hz : float
-        Speed of the reference shaft, rev s-1, at which `coefficients` hold where they grow with it.
+        Peak amplitude and phase of harmonics 1 to k of `base_order`, in the units of the sensors; one column for each
+        instant of the truth where the source changes.
+    load_dependent : bool
+        Whether the amplitude is proportional to the tooth load.
+    speed_exponent : int
+        Exponent of the speed in the amplitude: 2 for an imbalance.
+    reference_speed_hz : float
+        Speed of the reference shaft, rev s-1, at which `coefficients` hold where they depend on it.
     """
 
     component: str
     kind: str
     source: str
-    base: Fraction
+    base_order: Fraction
     coefficients: ComplexArray
-    loaded: bool
-    speed_power: int = 0
-    at_speed_hz: float = 1.0
+    load_dependent: bool
+    speed_exponent: int = 0
+    reference_speed_hz: float = 1.0
 
     @property
     def orders(self) -> list[Fraction]:
-        """Orders of all lines, exact."""
-        return [multiple * self.base for multiple in range(1, self.coefficients.shape[0] + 1)]
+        """Orders of all harmonics, exact."""
+        return [multiple * self.base_order for multiple in range(1, self.coefficients.shape[0] + 1)]
 
     @property
-    def present(self) -> NDArray[np.bool_]:
-        """Which of the lines speak at some instant, (k,)."""
+    def nonzero(self) -> NDArray[np.bool_]:
+        """Whether each harmonic is non-zero at some instant, (k,)."""
         return np.asarray(np.any(np.atleast_2d(self.coefficients.T) != 0, axis=0))
 
 
-def healthy_combs(scene: Scene, *, draws: Draws) -> list[Comb]:
-    """Return one comb for each shaft that turns in the frame and one for each mesh."""
-    combs = []
+def healthy_families(scene: Scene, *, rng_for: RandomStreams) -> list[HarmonicFamily]:
+    """Return one family for each shaft that rotates in the frame and one for each mesh."""
+    families = []
     for kind in ("shaft", "gear_mesh"):
         for component, order in scene.exact_orders(kind).items():
             harmonics = np.arange(scene.excitation.harmonics)
-            turns = draws("phase", kind, component).random(harmonics.size)
-            combs.append(
-                Comb(
+            turns = rng_for("phase", kind, component).random(harmonics.size)
+            families.append(
+                HarmonicFamily(
                     component=component,
                     kind=kind,
                     source=component,
-                    base=order,
+                    base_order=order,
                     coefficients=scene.excitation.amplitude(kind, component)
                     * scene.excitation.decay**harmonics
                     * np.exp(2j * np.pi * turns),
-                    loaded=kind == "gear_mesh",
+                    load_dependent=kind == "gear_mesh",
                 )
             )
-    return combs
+    return families
 
 
 def common_base(first: Fraction, second: Fraction) -> Fraction:
-    """Return the largest order of which both orders are whole multiples."""
+    """Return the largest order of which both orders are integer multiples."""
     (p, q), (r, s) = first.as_integer_ratio(), second.as_integer_ratio()
     return Fraction(math.gcd(p * s, r * q), q * s)
 
 
-def add_lines(signal: Array, amplitudes: ComplexArray, *, base: Fraction, revolutions: Array, position: Array) -> None:
-    """Add ``Re sum_k Z_k exp(j 2 pi k base revolutions)`` to a signal, Z linear between its instants.
+def add_lines(
+    signal: Array, amplitudes: ComplexArray, *, base_order: Fraction, revolutions: Array, position: Array
+) -> None:
+    """Add ``Re sum_k Z_k exp(j 2 pi k base_order revolutions)`` to a signal, Z linear between its instants.
 
     Parameters
     ----------
     signal : (channel, n) array
         Changed in place.
     amplitudes : (channel, k, instant) complex array
-        Z of the lines at 1, 2, ... k times `base`.
-    base : Fraction
-        Order of the first line.
+        Z of harmonics 1 to k of `base_order`.
+    base_order : Fraction
+        Order of the first harmonic.
     revolutions : (n,) array
         Angle of the reference shaft at the samples, in rev.
     position : (n,) array
-        Times of the samples counted in instants: 2.5 lies halfway between the third and the fourth.
+        Times of the samples in units of the instants' spacing: 2.5 is halfway between the third and the fourth.
     """
     from data_synth._lines_kernel import add_series  # noqa: PLC0415 - loads numba
 
@@ -120,7 +121,7 @@ def add_lines(signal: Array, amplitudes: ComplexArray, *, base: Fraction, revolu
     first, final = (min(max(int(place), 0), last) for place in (position[0], position[-1]))
     inner = np.searchsorted(position, np.arange(first + 1, final + 1))
     edges = np.concatenate([[0], inner, [position.size]]).astype(np.int64)
-    turns = float(base) * revolutions
+    turns = float(base_order) * revolutions
     turns -= np.floor(turns)
     for channel, lines in zip(signal, amplitudes, strict=True):
         instants = lines.T[first : final + 2]

@@ -1,19 +1,19 @@
-"""From the faults a scene declares to the lines they add and the impacts they strike."""
+"""Harmonics and impacts of the faults that a scene declares."""
 
 import math
 from collections.abc import Callable, Sequence
 
-from data_synth.bearing_faults import bearing_trains, settle_s
-from data_synth.combs import Comb, Draws, healthy_combs
+from data_synth.bearing_faults import bearing_impact_trains, settling_time_s
+from data_synth.combs import HarmonicFamily, RandomStreams, healthy_families
 from data_synth.drive import Drive
-from data_synth.faults import ImpactTrain, damage_comb, damage_trains
+from data_synth.faults import ImpactTrain, damage_trains, gear_damage_family
 from data_synth.gear_faults import FaultyGear, GearFault
-from data_synth.passing import as_they_pass
-from data_synth.path import ring_seconds
+from data_synth.passing import with_planet_pass
+from data_synth.path import ringing_time_s
 from data_synth.profile import Array
 from data_synth.scene import BearingFault, Scene, ShaftFault
-from data_synth.shaft_faults import ShaftExcitation, bent_shaft, imbalance, shaft_comb, shaft_misalignment
-from data_synth.ways import followed_s
+from data_synth.shaft_faults import ShaftExcitation, bent_shaft, imbalance, shaft_fault_family, shaft_misalignment
+from data_synth.ways import longest_ringing_s
 
 
 def last_s(scene: Scene) -> float:
@@ -21,42 +21,43 @@ def last_s(scene: Scene) -> float:
     return (scene.samples - 1) / scene.rate_hz
 
 
-def combs_of(
-    scene: Scene, drive: Drive, *, offsets: Sequence[float], courses: Sequence[Array], draws: Draws
-) -> list[Comb]:
-    """Return the healthy gearbox, then what each fault adds; two faults of one mesh do not modulate each other.
+def harmonic_families(
+    scene: Scene, drive: Drive, *, offsets: Sequence[float], relative_sizes: Sequence[Array], rng_for: RandomStreams
+) -> list[HarmonicFamily]:
+    """Return the harmonics of the healthy gearbox, then those that each fault adds.
 
-    `courses` (fault) (instant,) are the sizes of the faults relative to their first, of length one where they stay.
+    Two faults of one mesh do not modulate each other. `relative_sizes` has, for each fault, its size over the initial
+    one: (instant,), or (1,) for a fault that does not grow.
     """
-    healthy = healthy_combs(scene, draws=draws)
-    meshes = {comb.component: comb for comb in healthy if comb.kind == "gear_mesh"}
+    healthy = healthy_families(scene, rng_for=rng_for)
+    meshes = {family.component: family for family in healthy if family.kind == "gear_mesh"}
     teeth = scene.exact_orders("tooth")
     added = []
-    for number, (fault, offset, course) in enumerate(zip(scene.faults, offsets, courses, strict=True)):
-        size = fault.initial_mm * course
+    for number, (fault, offset, relative_size) in enumerate(zip(scene.faults, offsets, relative_sizes, strict=True)):
+        size = fault.initial_mm * relative_size
         if isinstance(fault, GearFault):
             mesh, tooth = meshes[mesh_name(fault.component)], teeth[fault.component]
-            comb = damage_comb(
+            family = gear_damage_family(
                 fault,
-                gear=faulty_gear(scene, number, teeth=float(mesh.base / tooth), draws=draws),
+                gear=faulty_gear(scene, number, teeth=float(mesh.base_order / tooth), rng_for=rng_for),
                 mesh=mesh,
                 tooth=tooth,
                 offset=offset,
                 rise=size * fault.amplitude_per_mm,
                 lag_rad=size * fault.phase_rad_per_mm,
             )
-            added.append(comb)
+            added.append(family)
         elif isinstance(fault, ShaftFault):
-            comb = shaft_comb(
+            family = shaft_fault_family(
                 _EXCITATIONS[fault.kind](),
                 component=fault.component,
                 order=scene.exact_orders("shaft")[fault.component],
                 amplitude=size * fault.amplitude_per_mm,
-                at_speed_hz=drive.angle.top_speed_hz(0.0, scene.duration_s),
+                reference_speed_hz=drive.angle.top_speed_hz(0.0, scene.duration_s),
                 offset=offset,
             )
-            added.append(comb)
-    return as_they_pass(scene, healthy, draws=draws) + added
+            added.append(family)
+    return with_planet_pass(scene, healthy, rng_for=rng_for) + added
 
 
 _EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
@@ -66,10 +67,10 @@ _EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
 }
 
 
-def faulty_gear(scene: Scene, number: int, *, teeth: float, draws: Draws) -> FaultyGear:
-    """Return the gear that fault `number` (from 0) is on, as far as the fault depends on it."""
+def faulty_gear(scene: Scene, number: int, *, teeth: float, rng_for: RandomStreams) -> FaultyGear:
+    """Return the properties of the gear of fault `number` (from 0) on which the fault depends."""
     width_m = face_width_m(scene, scene.faults[number].component)
-    return FaultyGear(teeth=teeth, face_width_m=width_m, rng=lambda: draws("pits", str(number)))
+    return FaultyGear(teeth=teeth, face_width_m=width_m, rng=lambda: rng_for("pits", str(number)))
 
 
 def face_width_m(scene: Scene, component: str) -> float:
@@ -83,45 +84,45 @@ def mesh_name(component: str) -> str:
     return component.rpartition("/")[0]
 
 
-def trains_of(
+def impact_trains(
     scene: Scene,
     drive: Drive,
-    combs: Sequence[Comb],
+    families: Sequence[HarmonicFamily],
     *,
     offsets: Sequence[float],
-    draws: Draws,
+    rng_for: RandomStreams,
 ) -> list[tuple[int, ImpactTrain]]:
-    """Return the impacts whose response lies in the record, some just before it, with the number of their fault."""
-    bases = {comb.component: float(comb.base) for comb in combs if comb.kind == "gear_mesh"}
+    """Return the number of the fault and the impacts of each train whose response reaches into the record."""
+    bases = {family.component: float(family.base_order) for family in families if family.kind == "gear_mesh"}
     trains: list[tuple[int, ImpactTrain]] = []
     for number, (fault, offset) in enumerate(zip(scene.faults, offsets, strict=True)):
         if isinstance(fault, BearingFault):
-            before_s = max(followed_s(scene, fault.component), settle_s(scene, fault))
-            struck = bearing_trains(
+            before_s = max(longest_ringing_s(scene, fault.component), settling_time_s(scene, fault))
+            found = bearing_impact_trains(
                 scene,
                 number,
                 drive=drive,
-                span_rev=_heard_rev(scene, drive, ring_seconds(scene.resonance)),
-                since_rev=_heard_rev(scene, drive, before_s)[0],
-                rng=draws("impacts", str(number)),
+                span_rev=_span_rev(scene, drive, ringing_time_s(scene.resonance)),
+                since_rev=_span_rev(scene, drive, before_s)[0],
+                rng=rng_for("impacts", str(number)),
             )
         elif isinstance(fault, ShaftFault):
             continue
         else:
             mesh, tooth = mesh_name(fault.component), scene.exact_orders("tooth")[fault.component]
-            struck = damage_trains(
+            found = damage_trains(
                 fault,
-                gear=faulty_gear(scene, number, teeth=bases[mesh] / float(tooth), draws=draws),
+                gear=faulty_gear(scene, number, teeth=bases[mesh] / float(tooth), rng_for=rng_for),
                 source=mesh,
                 tooth=tooth,
                 offset=offset,
-                span_rev=_heard_rev(scene, drive, followed_s(scene, mesh)),
+                span_rev=_span_rev(scene, drive, longest_ringing_s(scene, mesh)),
             )
-        trains += [(number, train) for train in struck]
+        trains += [(number, train) for train in found]
     return trains
 
 
-def _heard_rev(scene: Scene, drive: Drive, before_s: float) -> tuple[float, float]:
-    """Return the revolutions from some time before the record, as far as there is one, to its last sample."""
+def _span_rev(scene: Scene, drive: Drive, before_s: float) -> tuple[float, float]:
+    """Return the revolutions at `before_s` before the record, or the first known, and at its last sample."""
     first_rev, last_rev = drive.angle.revolutions([max(-before_s, drive.start_s), last_s(scene)])
     return float(first_rev), float(last_rev)

@@ -1,7 +1,7 @@
-"""Many scenes -> a labelled dataset in a folder, the same whatever made it: one process, many, or a cluster.
+"""Make a labelled dataset of many scenes in a folder, byte for byte the same whatever the workers.
 
-Record i follows from the plan, its seed and i alone. Records are written in files of a few dozen, each put in
-place whole, so a run that was stopped at any instant goes on with the files that are missing.
+Record i depends on the plan, its seed and i alone. Records are written in files of a few dozen, each moved into place
+whole, so an interrupted run continues with the files that are missing.
 """
 
 import json
@@ -29,44 +29,65 @@ _MADE_BY = "# made by hums-toolkit {}; the plan with its scene and every default
 def make_dataset(
     plan: Plan | str | Path, folder: str | Path, *, workers: Workers | None = None, progress: bool = False
 ) -> Tally:
-    """Make the dataset of a plan, or go on with it where it was left.
+    """Make the dataset of a plan in a folder, or continue one that was interrupted.
 
     Parameters
     ----------
-    plan : Plan, path or catalogue name
-    folder : path
+    plan : Plan, str or Path
+        A plan, the path of its file, or its name in the catalogue.
+    folder : str or Path
         New, empty, or begun with the same plan. It receives ``plan.toml``, ``shards/``, ``index.h5`` (which
         `hums.open_dataset` reads, written last) and ``labels.csv``.
     workers : Serial, Processes or Cluster of `hums.jobs`, optional
-        Serial if left out. The files do not depend on it.
+        What computes the files; one process if left out. The files do not depend on it.
     progress : bool
-        Whether to draw a bar on standard error.
+        Whether to show a progress bar on standard error.
 
     Returns
     -------
     Tally
-        Files of records made now, and kept from before.
+        Number of files written by this run, `done`, and kept from an earlier one, `kept`.
 
     Raises
     ------
     PlanError
         If the disk is too small, or the folder holds something else.
     SceneError
-        If a record cannot be simulated, with its number and class.
+        If a record cannot be simulated; the sentence has its number and class.
     JobError
         See `hums.jobs.run_jobs`.
+
+    Examples
+    --------
+    Two records, each in a file of its own, then the same call again:
+
+    >>> import tempfile
+    >>> from data_synth import make_dataset
+    >>> from data_synth.plan import parse_plan
+    >>> plan = parse_plan('''scene = "demo"
+    ... records = 2
+    ... seed = 1
+    ... change = { duration_s = 0.2, rate_hz = 12000, fault = [] }''')
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     make_dataset(plan, folder).done, make_dataset(plan, folder).kept
+    (2, 2)
     """
     plan = plan if isinstance(plan, Plan) else load_plan(plan)
     folder = Path(folder).resolve()
-    _claim(folder, plan)
+    _begin_folder(folder, plan)
     count = math.ceil(plan.records / plan.records_per_shard)
     jobs = [
-        Job(name=Path(_SHARD.format(shard)).name, item=shard, size=len(_numbers(plan, shard))) for shard in range(count)
+        Job(name=Path(_SHARD.format(shard)).name, item=shard, size=len(_record_numbers(plan, shard)))
+        for shard in range(count)
     ]
     shards = folder / "shards"
     _check_space(plan, shards, missing=sum(job.size for job in jobs if not (shards / job.name).exists()))
     tally = run_jobs(
-        partial(write_records, plan.text), jobs, folder=shards, workers=workers or Serial(), title=_title(progress)
+        partial(write_records, plan.text),
+        jobs,
+        folder=shards,
+        workers=workers or Serial(),
+        title="records" if progress else None,
     )
     remove_partial_files(folder)
     if tally.done or not _is_indexed(folder):
@@ -75,9 +96,19 @@ def make_dataset(
 
 
 def write_records(plan_text: str, shard: int, path: Path) -> None:
-    """Simulate the records of one file and write it; `plan_text` is `Plan.text`."""
+    """Simulate the records of one file and write it.
+
+    Parameters
+    ----------
+    plan_text : str
+        `Plan.text`.
+    shard : int
+        Number of the file, from 0.
+    path : Path
+        Where to write it.
+    """
     plan = _parsed(plan_text)
-    numbers = _numbers(plan, shard)
+    numbers = _record_numbers(plan, shard)
     records = [_simulated(plan, number) for number in numbers]
     rows = [plan.labels(number) for number in numbers]
     labels = {name: [row[name] for row in rows] for name in rows[0]}
@@ -89,7 +120,7 @@ def _parsed(text: str) -> Plan:
     return parse_plan(text)
 
 
-def _numbers(plan: Plan, shard: int) -> range:
+def _record_numbers(plan: Plan, shard: int) -> range:
     return range(shard * plan.records_per_shard, min((shard + 1) * plan.records_per_shard, plan.records))
 
 
@@ -100,19 +131,15 @@ def _simulated(plan: Plan, number: int) -> xr.Dataset:
         raise SceneError(f'record {number}, class "{plan.variant_of(number).name}": {error}') from None
 
 
-def _title(progress: bool) -> str | None:
-    return "records" if progress else None
-
-
 # ---- the folder --------------------------------------------------------------------------------------------
 
 
-def _claim(folder: Path, plan: Plan) -> None:
-    """Write the plan into a new folder; in one that was begun, hold it against the plan there."""
+def _begin_folder(folder: Path, plan: Plan) -> None:
+    """Write the plan into a new folder; refuse a folder begun with another plan."""
     mark = folder / "plan.toml"
     own = _MADE_BY.format(version("hums-toolkit")) + plan.text
     if mark.is_file():
-        _compare(folder, mark.read_text(encoding="utf-8"), own)
+        _require_same_plan(folder, mark.read_text(encoding="utf-8"), own)
         return
     if folder.exists() and not folder.is_dir():
         raise PlanError(f"{folder} is a file; name a folder.")
@@ -123,7 +150,8 @@ def _claim(folder: Path, plan: Plan) -> None:
         part.write_text(own, encoding="utf-8")
 
 
-def _compare(folder: Path, there: str, own: str) -> None:
+def _require_same_plan(folder: Path, there: str, own: str) -> None:
+    """Refuse a folder whose plan differs, with the first line that does."""
     differing = next(((a, b) for a, b in zip(there.splitlines(), own.splitlines(), strict=False) if a != b), None)
     if there == own:
         return
@@ -135,6 +163,7 @@ def _compare(folder: Path, there: str, own: str) -> None:
 
 
 def _check_space(plan: Plan, shards: Path, *, missing: int) -> None:
+    """Refuse a disk with less free space than the missing records need."""
     shards.mkdir(exist_ok=True)
     need, free = missing * plan.record_bytes, shutil.disk_usage(shards).free
     if need > free:
@@ -149,7 +178,7 @@ def _is_indexed(folder: Path) -> bool:
 
 
 def _write_index(folder: Path, plan: Plan, shards: Sequence[Path]) -> None:
-    """Write the labels of all records, and what their arrays are, as `hums.shards` reads them."""
+    """Write the labels of all records, and the shapes and attributes of their arrays."""
     tables, attrs = [], {}
     arrays: dict[str, Any] = {}
     for path in shards:
@@ -158,7 +187,7 @@ def _write_index(folder: Path, plan: Plan, shards: Sequence[Path]) -> None:
             tables.append(shard[labels].load())
             for name, variable in shard.data_vars.items():
                 if name not in labels and variable.dims[0] == "record" and variable.dtype.kind == "f":
-                    _widen(arrays, str(name), variable)
+                    _update_array_facts(arrays, str(name), variable)
             attrs = json.loads(shard["attrs_of_record"][0].item())
     table = xr.concat(tables, "record")
     table.attrs = {
@@ -176,7 +205,8 @@ def _write_index(folder: Path, plan: Plan, shards: Sequence[Path]) -> None:
     write_tree(xr.DataTree(table), folder / "index.h5")
 
 
-def _widen(arrays: dict[str, Any], name: str, variable: xr.DataArray) -> None:
+def _update_array_facts(arrays: dict[str, Any], name: str, variable: xr.DataArray) -> None:
+    """Record dims, type and attributes of an array, and the largest shape among the files."""
     facts = arrays.setdefault(
         name,
         {

@@ -1,4 +1,4 @@
-"""What is broken, as a scene declares it: kind, component, size, and how the size grows."""
+"""Faults, as a scene declares them: kind, component, size, and growth of the size."""
 
 from typing import Annotated, Literal, Self, get_args
 
@@ -11,21 +11,21 @@ from hums.gearbox import Declared, Name, Positive
 
 
 class _Sized(GrowingFault):
-    """What has a size at the beginning of the record, `size_mm`, and may grow."""
+    """A fault whose initial size is `size_mm`, and which may grow."""
 
     size_mm: Positive
 
     @property
     def initial_mm(self) -> float:
-        """Size at the beginning of the record."""
+        """Size at the beginning of the record, mm."""
         return self.size_mm
 
 
 class ShaftFault(_Sized):
-    """Damage of a shaft: lines at its turns of `size_mm` times `amplitude_per_mm` at top speed, an illustrative factor.
+    """A shaft fault: harmonics of the shaft, `size_mm` times `amplitude_per_mm` at top speed, an illustrative factor.
 
-    `imbalance` (size: the eccentricity) once a turn, with the square of speed; `bent_shaft` mostly once and
-    `shaft_misalignment` mostly twice a turn, whatever the speed.
+    `imbalance` (size: the eccentricity) excites the first harmonic with the square of speed; `bent_shaft` mostly the
+    first and `shaft_misalignment` mostly the second, independent of speed.
     """
 
     kind: Literal["imbalance", "bent_shaft", "shaft_misalignment"]
@@ -33,7 +33,7 @@ class ShaftFault(_Sized):
 
 
 class Suspended(Declared):
-    """A body on a spring and a damper to the ground."""
+    """A mass on a spring and a damper to the ground."""
 
     mass_kg: Positive
     damping_n_s_m: Positive
@@ -41,12 +41,13 @@ class Suspended(Declared):
 
 
 class FiveDof(Declared):
-    """A bearing that moves, after Sawalhi and Randall (2008, Mech. Syst. Signal Process. 22): see `bearing_dynamics`.
+    """A bearing with five degrees of freedom, after Sawalhi and Randall (2008, Mech. Syst. Signal Process. 22).
 
-    `load_n` presses the shaft down at full load; an element between both races pushes back with `contact_n_m` times its
-    compression to the power `load_exponent` of the fault, once half the diametral clearance, `clearance_um`, is closed.
-    A spall of `size_mm` lets it sink in by `depth_um` in the middle; left out, by what an element that bridges it can,
-    ``size^2 / (4 d)``. `resonator_kg` on the pedestal rings the scene's `resonance`: its acceleration is heard.
+    The equations are in `data_synth.bearing_dynamics`. `load_n` presses the shaft down at full load. The contact force
+    of an element is `contact_n_m` times its compression to the power `load_exponent` of the fault, after half the
+    diametral clearance, `clearance_um`, is closed. A spall of `size_mm` is `depth_um` deep in the middle; if left out,
+    as deep as an element that bridges it can sink in, ``size^2 / (4 d)``. The acceleration of `resonator_kg` on the
+    pedestal, which has the scene's `resonance`, is what the sensors measure.
     """
 
     load_n: Positive = 500.0
@@ -59,21 +60,20 @@ class FiveDof(Declared):
 
 
 class BearingFault(_Sized):
-    """A defect of a rolling bearing that is struck time and again, with slip.
+    """A localised defect of a rolling bearing, with slip.
 
-    Intervals between impacts scatter by `slip_std` of the mean, independently, so their errors add up
-    (Antoni and Randall 2003, J. Vib. Acoust. 125); `mean_slip` lowers the mean rate below that of pure rolling. Where
-    the struck part turns through the load zone, impacts follow Stribeck's load distribution with the factor
-    `load_distribution` (0.5: half of the ring carries) and `load_exponent` (3/2 for balls, 10/9 for rollers). The zone
-    stands still, as under weight and teeth, or turns with the link `load_turns_with`, as under an imbalance. Their
-    amplitude at full load is `size_mm` times `impact_per_mm`, an illustrative factor.
+    Intervals between impacts have the relative standard deviation `slip_std`, independently, so that their errors add
+    up (Antoni and Randall 2003, J. Vib. Acoust. 125); `mean_slip` lowers the mean rate below that of pure rolling.
+    Where the defect moves through the load zone, impacts follow Stribeck's load distribution with the factor
+    `load_distribution` (0.5: half of the ring is loaded) and `load_exponent` (3/2 for balls, 10/9 for rollers). The
+    zone is stationary, as under weight and tooth forces, or rotates with the link `load_turns_with`, as under an
+    imbalance. The impact amplitude at full load is `size_mm` times `impact_per_mm`, an illustrative factor.
 
-    A spot of the outer ring sits at `place_deg` from the middle of the load zone. Of an element, strikes on the inner
-    race are `inner_share` as hard as those on the outer one. Where an element drops into a spall of a race, before it
-    hits the far end, there is `entry_share` of an impact. An impact is over at once, or presses evenly for
-    `pulse_share` of the time in which a spall of this size is passed: it then rings high modes less. With `five_dof`
-    the bearing moves, and impacts come from that: `load_distribution`, `inner_share`, `entry_share`, `pulse_share` and
-    `impact_per_mm` have no part in it.
+    A defect of the outer ring is at `place_deg` from the middle of the load zone. Impacts of an element on the inner
+    race are `inner_share` of those on the outer race. An element that enters a spall of a race causes, before the
+    impact at the far end, one of `entry_share`. An impact is an impulse, or a constant force for `pulse_share` of the
+    time to pass the spall, which excites high modes less. With `five_dof` the impacts follow from the motion of the
+    bearing instead: `load_distribution`, `inner_share`, `entry_share`, `pulse_share` and `impact_per_mm` are not used.
     """
 
     kind: Literal["inner_race", "outer_race", "rolling_element", "cage"]

@@ -1,4 +1,4 @@
-"""How a gearbox is driven, as a scene declares it: speed and torque against time, and the tachometer."""
+"""The drive, as a scene declares it: time histories of speed and torque, and the tachometer."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +15,7 @@ Rows = tuple[tuple[float, float], ...]
 
 
 def _rows(value: Any) -> Any:  # noqa: ANN401
-    """Read a single number as a constant."""
+    """Return a single number as a constant time history."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return ((0.0, value),) if is_number else value
 
@@ -33,10 +33,10 @@ Knots = Annotated[
 
 
 class Turbulence(Declared):
-    """Random fluctuation on top of a course, Gaussian, with no part above `highest_hz`.
+    """A Gaussian random fluctuation added to a time history, with no spectrum above `highest_hz`.
 
-    `rms` is in the unit of the course (rpm or N m), `time_scale_s` how long it remembers. Its spectrum is that of the
-    wind along its mean (`kaimal`) or of noise through a first-order lag (`first_order`).
+    `rms` is in the unit of the time history (rpm or N m), `time_scale_s` its time constant. `spectrum` is that of the
+    longitudinal wind component (`kaimal`) or of white noise through a first-order lag (`first_order`).
     """
 
     rms: Positive
@@ -45,8 +45,8 @@ class Turbulence(Declared):
     spectrum: Literal["kaimal", "first_order"] = "kaimal"
 
 
-def one_way(table: Any, value: str) -> Any:  # noqa: ANN401
-    """Hold that a course is given once: as knots, as steps or in a file, which is read here."""
+def read_time_history(table: Any, value: str) -> Any:  # noqa: ANN401
+    """Refuse a time history given twice, as knots, steps or a file; read it where it is in a file."""
     if not isinstance(table, dict):
         return table
     given = [key for key in (value, "steps", "csv", "run_up") if table.get(key) is not None]
@@ -86,8 +86,8 @@ def _is_number(text: str) -> bool:
     return True
 
 
-class Course(Declared):
-    """What speed and torque have in common: a link, steps instead of knots, turbulence on top."""
+class TimeHistory(Declared):
+    """The fields that speed and torque have in common: link, steps instead of knots, added turbulence."""
 
     link: Name
     steps: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=1), AfterValidator(_rising)] | None = None
@@ -96,12 +96,12 @@ class Course(Declared):
 
     @property
     def rows(self) -> Rows:
-        """Times in s and values, of knots or steps; none in a run-up."""
+        """Times in s and values, of knots or steps; empty in a run-up."""
         return self.steps or ()
 
     @property
     def knots(self) -> Rows:
-        """Times in s and values between which the course is linear; a step without rise is two at one time."""
+        """Times in s and values between which the history is linear; a step without rise is two knots at one time."""
         if self.steps is None:
             return self.rows
         pairs = pairwise(self.steps)
@@ -126,10 +126,11 @@ class Course(Declared):
 
 
 class RunUp(Declared):
-    """The drive train runs up under the scene's torque, as one rigid body: ``J w' = T - (a + b w + c w abs(w))``.
+    """A run-up under the scene's torque, the drive train one rigid body: ``J w' = T - (a + b w + c w abs(w))``.
 
-    J = `inertia_kg_m2`, a = `load_nm`, b = `load_nm_s` and c = `load_nm_s2` are those of the whole train as felt at the
-    link whose speed it is, w in rad s-1, T the torque brought there by the ratio of the gears. It begins at `rpm`.
+    J = `inertia_kg_m2`, a = `load_nm`, b = `load_nm_s` and c = `load_nm_s2` of the whole train are referred to the link
+    of the speed; w is the speed of that link in rad s-1, T the torque referred to it by the speed ratio. It begins at
+    `rpm`.
     """
 
     inertia_kg_m2: Positive
@@ -139,11 +140,12 @@ class RunUp(Declared):
     rpm: NotNegative = 0.0
 
 
-class Speed(Course):
-    """Speed of a link.
+class Speed(TimeHistory):
+    """Speed of a link against time.
 
-    ``rpm = [[s, rpm], ...]`` is linear between knots and held outside, or one number; ``csv`` the same in a file;
-    ``steps = [[s, rpm], ...]`` goes to each level at its time, within `rise_s`; ``run_up`` leaves it to the torque.
+    ``rpm = [[s, rpm], ...]`` is linear between knots and constant outside, or one number; ``csv`` the same in a file;
+    ``steps = [[s, rpm], ...]`` changes to each level at its time, within `rise_s`; ``run_up`` computes it from the
+    torque.
     """
 
     rpm: Knots | None = None
@@ -151,8 +153,8 @@ class Speed(Course):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_way(cls, table: Any) -> Any:  # noqa: ANN401
-        return one_way(table, "rpm")
+    def _read(cls, table: Any) -> Any:  # noqa: ANN401
+        return read_time_history(table, "rpm")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -179,11 +181,11 @@ class Speed(Course):
 _DEVIATIONS = 8  # a Gaussian fluctuation goes beyond once in 1e15
 
 
-class Torque(Course):
-    """Torque on a link, declared as a speed is: ``nm``, ``csv`` or ``steps``.
+class Torque(TimeHistory):
+    """Torque on a link against time, declared as a speed is: ``nm``, ``csv`` or ``steps``.
 
-    What the teeth carry scales with ``u + (1 - u) abs(T) / max abs(T)``, u = `unloaded_share`, the largest that of
-    knots or steps: a mesh still rattles where it carries nothing. A scene without torque is at full load.
+    The tooth load is proportional to ``u + (1 - u) abs(T) / max abs(T)``, u = `unloaded_share`, the largest torque
+    being that of knots or steps: an unloaded mesh still rattles. A scene without torque is at full load.
     """
 
     nm: Knots | None = None
@@ -191,8 +193,8 @@ class Torque(Course):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_way(cls, table: Any) -> Any:  # noqa: ANN401
-        return one_way(table, "nm")
+    def _read(cls, table: Any) -> Any:  # noqa: ANN401
+        return read_time_history(table, "nm")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -207,27 +209,27 @@ class Torque(Course):
 
 
 class Missing(Declared):
-    """Pulses that the pick-up does not see: each but the first with probability `share`."""
+    """Missing pulses: each but the first is lost with probability `share`."""
 
     share: Annotated[float, Field(gt=0, lt=1)]
 
 
 class Spurious(Declared):
-    """Pulses that no mark made, at random instants after the first pulse, on average so many a second."""
+    """Spurious pulses at random instants after the first pulse, on average `per_second`."""
 
     per_second: Positive
 
 
 class PulseJitter(Declared):
-    """Random errors of pulse times, Gaussian, each independent of the next."""
+    """Gaussian errors of the pulse times, independent of each other."""
 
     std_s: Positive
 
 
 class Uneven(Declared):
-    """Marks that are not evenly spaced: each but the first off its place by the same angle every turn.
+    """Unevenly spaced marks: each but the first is displaced by the same angle in every revolution.
 
-    Drawn once, Gaussian with `std_deg` of the link's own angle; or as measured, one number for each mark.
+    Displacements are drawn once, Gaussian with `std_deg` of the link's own angle; or given, one number for each mark.
     """
 
     std_deg: Positive | None = None
@@ -241,11 +243,11 @@ class Uneven(Declared):
 
 
 class Tachometer(Declared):
-    """Pulses on a link. Its first pulse is revolution zero of every phase in the record.
+    """Tachometer pulses of a link. The first pulse is revolution zero of every phase in the record.
 
-    `offset_rev` is the turn of the link between the first sample and that pulse; drawn at random if left out. What
-    goes wrong with pulses comes in the order of the fields: marks sit unevenly, pulses are missed, others appear,
-    and each is timed with an error. Revolution zero stays where the first mark truly passed.
+    `offset_rev` is the rotation of the link between the first sample and that pulse; drawn at random if left out.
+    Errors are applied in the order of the fields: uneven spacing of marks, missing pulses, spurious pulses, jitter of
+    each pulse time. Revolution zero stays at the true passage of the first mark.
     """
 
     link: Name

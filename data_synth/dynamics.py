@@ -1,7 +1,7 @@
-"""What a scene declares of masses, stiffnesses and the way to its sensors, where its gears vibrate.
+"""Masses, stiffnesses and the structure up to the sensors, as a scene whose gears vibrate declares them.
 
-A kinematic scene needs none of it. Whatever is left out has the defaults of `data_synth.assembly`, a first guess in
-steel from module and face width, or those below.
+A kinematic scene needs none of it. What is left out has the defaults of `data_synth.assembly`, a first guess in steel
+from module and face width, or those below.
 """
 
 from collections.abc import Mapping
@@ -19,20 +19,21 @@ def _pairs(value: Any) -> Any:  # noqa: ANN401
 
 
 class LinkDynamics(Declared):
-    """Mass, and moment of inertia about the axis, of a link with everything on it."""
+    """Mass of a link with everything on it, and its moment of inertia about the axis."""
 
     mass_kg: Positive | None = None
     inertia_kg_m2: Positive | None = None
 
 
 class MeshDynamics(Declared):
-    """The teeth of a mesh.
+    """Stiffness, damping and errors of a mesh.
 
-    Geometry may be declared here where the gearbox leaves it out. `stiffness_n_m` is the mean along the line of action;
-    `shape` how it varies in a cycle: with the strain energy of the teeth (straight ones without undercut or profile
-    shift, held at `bore_share` of their reference radius), as a trapezoid by the contact ratio, or not at all. Left
-    out, it is the first of these that the teeth allow. `error_um` is the amplitude of the first mesh harmonic of the
-    transmission error; `fidelity` that of this stage, where it is lower than the scene's.
+    Geometry may be declared here where the gearbox leaves it out. `stiffness_n_m` is the mean mesh stiffness along the
+    line of action; `shape` its variation over a mesh cycle: from the strain energy of the teeth (spur gears without
+    undercut or profile shift, whose bodies are held at `bore_share` of the reference radius), trapezoidal by the
+    contact ratio, or constant. Left out, it is the first of these that the geometry allows. `error_um` is the amplitude
+    of the first mesh harmonic of the transmission error; `fidelity` that of this mesh, where it is lower than the
+    scene's.
     """
 
     module_mm: Positive | None = None
@@ -49,10 +50,10 @@ class MeshDynamics(Declared):
 
 
 class SupportDynamics(Declared):
-    """How a bearing, or a link without one, is held; `damping_s` is damping over stiffness.
+    """Support stiffness of a bearing, or of a link without one; `damping_s` is damping over stiffness.
 
-    A ring that is rigid with the housing becomes a body of its own where it is named here, `torsion_nm_rad` against
-    turning.
+    A ring gear that is rigid with the housing becomes a body of its own where it is named here, with the torsional
+    stiffness `torsion_nm_rad`.
     """
 
     radial_n_m: Positive = 1e8
@@ -69,22 +70,23 @@ Weights = Annotated[tuple[tuple[Name, NotNegative], ...], BeforeValidator(_pairs
 
 
 class Hearing(Declared):
-    """How loud a sensor hears the bearings of each link: 1 is as the rigid housing moves under their force."""
+    """Weights of the bearing forces of each link at a sensor: 1 is the response of the rigid housing."""
 
     sensor: Name
     links: Weights
 
 
 class Dynamics(Declared):
-    """Masses, stiffnesses, and what is between bearings and sensors.
+    """Masses, stiffnesses, and the structure between bearings and sensors.
 
-    Bearing forces move a housing of `housing_kg` on its `mounts`. A sensor hears those of the link it stands on (both
-    links of a mesh) in full and those of others `elsewhere` as loud, unless `hearing` says how loud; then they pass the
-    scene's `path`. Every mode of the gears has `damping_ratio`, to which what bearings and meshes declare is added.
-    The scene's torque acts on its link, or on `load_on` where that is the reference itself; the reference drives.
+    Bearing forces move a housing of `housing_kg` on its `mounts`. A sensor responds in full to the bearing forces of
+    its own link (both links of a mesh), and with the weight `elsewhere` to those of others, unless `hearing` gives the
+    weights; the response then passes the scene's `path`. Every mode of the gears has `damping_ratio`, to which the
+    damping of bearings and meshes is added. The scene's torque acts on its link, or on `load_on` where that is the
+    reference itself; the reference shaft drives.
 
-    `error` is the relative RMS error of the channels that steps in time may make. ``fidelity = "auto"`` allows
-    differences up to `floor_db` from the full motion, found on the first `decide_s` of the scene.
+    `error` is the relative RMS error of the channels that time stepping may cause. ``fidelity = "auto"`` allows
+    differences up to `floor_db` from the full motion, determined on the first `decide_s` of the scene.
     """
 
     links: Links = ()
@@ -101,5 +103,5 @@ class Dynamics(Declared):
     decide_s: Positive = 0.25
 
     def mesh(self, name: str) -> MeshDynamics:
-        """Return what is declared of a mesh, or the defaults."""
+        """Return the declaration of a mesh, or the defaults."""
         return dict(self.meshes).get(name, MeshDynamics())

@@ -1,4 +1,4 @@
-"""How loud the healthy gearbox is, as a scene declares it."""
+"""Source amplitudes of the healthy gearbox, as a scene declares them."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -17,12 +17,12 @@ Amplitudes = Annotated[tuple[tuple[Name, NotNegative], ...], BeforeValidator(_pa
 
 
 class Excitation(Declared):
-    """Amplitudes at the source of the healthy gearbox: harmonic k has ``decay ** (k - 1)`` of the first.
+    """Source amplitudes of the healthy gearbox; harmonic k has ``decay ** (k - 1)`` of the first.
 
-    Shafts speak with `shaft_amplitude` each, whatever the load; meshes with `mesh_amplitude` at full load; those that
-    `shafts` and `meshes` name, with the amplitude of their own, as in ``meshes = { "stage 2" = 0.2 }``. All of it goes
-    with the power `speed_exponent` of speed over top speed: 0 leaves amplitudes as they are, 2 is that of an imbalance,
-    and what a run-up from rest needs.
+    Each shaft has `shaft_amplitude`, independent of the load; each mesh has `mesh_amplitude` at full load. `shafts` and
+    `meshes` give single ones another amplitude, as in ``meshes = { "stage 2" = 0.2 }``. All amplitudes are proportional
+    to ``(speed / top speed) ** speed_exponent``: 0 keeps them constant, 2 is that of an imbalance, and suits a run-up
+    from rest.
     """
 
     shaft_amplitude: NotNegative = 0.05
@@ -34,6 +34,6 @@ class Excitation(Declared):
     speed_exponent: NotNegative = 0.0
 
     def amplitude(self, kind: str, component: str) -> float:
-        """Return that of the first harmonic of a shaft or a mesh (kind `shaft` or `gear_mesh`)."""
+        """Return the amplitude of the first harmonic of a shaft (kind `shaft`) or a mesh (kind `gear_mesh`)."""
         own, common = (self.shafts, self.shaft_amplitude) if kind == "shaft" else (self.meshes, self.mesh_amplitude)
         return dict(own).get(component, common)

@@ -6,17 +6,17 @@ from functools import partial
 from pathlib import Path
 
 from data_synth.bearing_run import bearing_of
-from data_synth.combs import Comb, random_stream
+from data_synth.combs import HarmonicFamily, random_stream
 from data_synth.faults import ImpactTrain
 from data_synth.fidelity import Choice, decided
 from data_synth.frf import Transfer
 from data_synth.hastened import factor_of, hastened, slowed
 from data_synth.levels import KINEMATIC, LEFT_OUT, SPRING, moved, sounding
 from data_synth.meshing import Gears
-from data_synth.motion import prepared
+from data_synth.motion import prepare_gears
 from data_synth.reduction import contacts_in
 from data_synth.scene import BearingFault, Fault, Scene, Sensor, load_scene
-from data_synth.stage import Stage, staged
+from data_synth.stage import PreparedScene, prepare_scene
 
 # Seconds on one core of a 2020s server, from runs of the demo and of scenes with many lines; a rough guide elsewhere.
 _SETUP_S, _WRITE_S, _WRITE_S_PER_BYTE = 0.02, 0.05, 2e-9
@@ -113,7 +113,7 @@ class Counted:
 
     Attributes
     ----------
-    stage : Stage
+    stage : PreparedScene
         With the lines of kinematic meshes.
     faster : float
     gears : tuple of Part
@@ -122,7 +122,7 @@ class Counted:
         In memory beside the samples.
     """
 
-    stage: Stage
+    stage: PreparedScene
     faster: float
     gears: tuple[Part, ...]
     working_bytes: int
@@ -131,13 +131,13 @@ class Counted:
 def count(scene: Scene) -> Counted:
     """Return what a scene consists of, counted in a moment of it."""
     faster = factor_of(scene)
-    stage, vibrating = staged(hastened(scene, faster), draws=partial(random_stream, 0)), 0
+    stage, vibrating = prepare_scene(hastened(scene, faster), rng_for=partial(random_stream, 0)), 0
     if scene.fidelity == "kinematic":
         why = "kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated"
         parts: tuple[Part, ...] = (Part(name="fidelity", what="phases and modulations", why=why),)
     else:
         stage = slowed(stage, scene)
-        gears, choice = prepared(stage), decided(scene)
+        gears, choice = prepare_gears(stage), decided(scene)
         parts, vibrating = tuple(_gears(stage, gears, choice)), BYTES * scene.samples * len(scene.sensors)
         stage = sounding(stage, gears, choice.levels)
     lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes)
@@ -146,7 +146,7 @@ def count(scene: Scene) -> Counted:
     return Counted(stage=stage, faster=faster, gears=parts, working_bytes=truth + vibrating + _FIXED_BYTES)
 
 
-def _parts(stage: Stage, scene: Scene, faster: float) -> Iterator[Part]:
+def _parts(stage: PreparedScene, scene: Scene, faster: float) -> Iterator[Part]:
     """Yield the parts of a scene but its gears, from a stage in which time goes `faster`."""
     top = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     yield Part(
@@ -156,13 +156,13 @@ def _parts(stage: Stage, scene: Scene, faster: float) -> Iterator[Part]:
     )
     samples = scene.samples * len(scene.sensors)
     faulty = {fault.component: fault for fault in scene.faults}
-    for comb in stage.combs:
-        lines = int(comb.present.sum())
+    for family in stage.families:
+        lines = int(family.nonzero.sum())
         yield Part(
-            name=comb.component,
-            what=f"{lines} line(s) from order {_first(comb):.6g}",
-            why=_why(comb, faulty),
-            seconds=samples * (_PER_LINE * comb.coefficients.shape[0] + _PER_SOURCE),
+            name=family.component,
+            what=f"{lines} line(s) from order {_first(family):.6g}",
+            why=_why(family, faulty),
+            seconds=samples * (_PER_LINE * family.coefficients.shape[0] + _PER_SOURCE),
         )
     for number, train in stage.trains:
         yield _struck(stage, scene, number, train, faster)
@@ -182,11 +182,11 @@ def _parts(stage: Stage, scene: Scene, faster: float) -> Iterator[Part]:
     )
 
 
-def _struck(stage: Stage, scene: Scene, number: int, train: ImpactTrain, faster: float) -> Part:
+def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain, faster: float) -> Part:
     """Return what strikes: impacts that ring, or a bearing that moves."""
     fault, poles = scene.faults[number], sum(2 + chain.poles.size for chain in stage.chains) / 2
-    what = _counted(train.revolutions.size, faster, "entries" if train.entries else "impacts")
-    by_ways = all((train.source, sensor.name) in stage.ways for sensor in scene.sensors)
+    what = _counted(train.revolutions.size, faster, "entries" if train.is_entry else "impacts")
+    by_ways = all((train.source, sensor.name) in stage.paths for sensor in scene.sensors)
     rings = "heard by its ways" if by_ways else f"rings {scene.resonance.frequency_hz:g} Hz"
     why = f"fault {number + 1}, {fault.kind}: {rings}"
     seconds = scene.samples * poles * _PER_POLE
@@ -209,7 +209,7 @@ def _counted(number: int, faster: float, things: str) -> str:
     return f"{number} {things}" if faster == 1 else f"about {number * faster:.3g} {things}"
 
 
-def _gears(stage: Stage, gears: Gears, choice: Choice) -> Iterator[Part]:
+def _gears(stage: PreparedScene, gears: Gears, choice: Choice) -> Iterator[Part]:
     """Yield which motions are simulated, what is left out, and the meshes."""
     scene, motion = stage.scene, moved(stage, gears, choice.levels)
     if motion is None:
@@ -236,16 +236,18 @@ def _gears(stage: Stage, gears: Gears, choice: Choice) -> Iterator[Part]:
         yield Part(name=name, what=f"teeth, mean {stiffness.mean:.4g} N/m", why=f"{level} motion")
 
 
-def _first(comb: Comb) -> float:
-    return float(next((order for order, speaks in zip(comb.orders, comb.present, strict=True) if speaks), comb.base))
+def _first(family: HarmonicFamily) -> float:
+    return float(
+        next((order for order, speaks in zip(family.orders, family.nonzero, strict=True) if speaks), family.base_order)
+    )
 
 
-def _why(comb: Comb, faulty: Mapping[str, Fault]) -> str:
-    if comb.kind == "shaft" and comb.coefficients.ndim == 1:
+def _why(family: HarmonicFamily, faulty: Mapping[str, Fault]) -> str:
+    if family.kind == "shaft" and family.coefficients.ndim == 1:
         return "a shaft that turns"
-    if comb.kind == "gear_mesh":
+    if family.kind == "gear_mesh":
         return "gears in mesh"
-    return faulty[comb.component].kind if comb.component in faulty else comb.kind
+    return faulty[family.component].kind if family.component in faulty else family.kind
 
 
 def _chain(sensor: Sensor) -> str:

@@ -14,10 +14,10 @@ from data_synth.levels import KINEMATIC, LADDER, LEFT_OUT, SPRING, moved, soundi
 from data_synth.likeness import Likeness
 from data_synth.mesh_response import refuse_lines, response_of, tooth_forces
 from data_synth.meshing import Gears, declared_of
-from data_synth.motion import Motion, prepared
+from data_synth.motion import Motion, prepare_gears
 from data_synth.profile import Array
 from data_synth.scene import Excitation, GearFault, Noise, Scene, SceneError
-from data_synth.stage import Stage, staged
+from data_synth.stage import PreparedScene, prepare_scene
 
 _CLEARLY_DB = 10.0  # beyond the floor: the linear response tells without a simulation
 _SAME_DB = -150.0
@@ -91,7 +91,7 @@ def named(levels: Mapping[str, str]) -> str:
     return ", ".join(f"{mesh} {level}" for mesh, level in levels.items())
 
 
-def chosen(stage: Stage, gears: Gears) -> Choice:
+def chosen(stage: PreparedScene, gears: Gears) -> Choice:
     """Return what a scene simulates.
 
     With "auto", all stages alike are compared with the full motion, kinematic first; the first whose worst channel
@@ -142,8 +142,8 @@ def decided(scene: Scene) -> Choice:
 
 @lru_cache(maxsize=64)
 def _decided(scene: Scene) -> Choice:
-    stage = slowed(staged(hastened(scene, factor_of(scene)), draws=partial(random_stream, 0)), scene)
-    return chosen(stage, prepared(stage))
+    stage = slowed(prepare_scene(hastened(scene, factor_of(scene)), rng_for=partial(random_stream, 0)), scene)
+    return chosen(stage, prepare_gears(stage))
 
 
 def forget() -> None:
@@ -164,7 +164,7 @@ def _within(scene: Scene, mesh: str, own: str | None) -> str:
 class _Judge:
     """Holds candidates against `top`, the most that the scene allows."""
 
-    stage: Stage
+    stage: PreparedScene
     gears: Gears
     top: Mapping[str, str]
 
@@ -245,7 +245,7 @@ class _Judge:
         return self._heard(self.top)
 
     @cached_property
-    def _piece(self) -> Stage:
+    def _piece(self) -> PreparedScene:
         """The first `decide_s` of the scene, with nothing but gears in it."""
         scene, drive = self.stage.scene, self.stage.drive
         scene = scene.changed(duration_s=min(scene.duration_s, declared_of(scene).decide_s))
@@ -256,7 +256,7 @@ class _Judge:
             instants_s=times_s,
             speed_hz=drive.angle.speed_hz(times_s),
             load=drive.load(times_s),
-            combs=(),
+            families=(),
             amplitudes=(),
         )
 

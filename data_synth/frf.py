@@ -1,4 +1,4 @@
-"""Frequency response functions from a source to a sensor, as a scene declares them: by modes, or as measured."""
+"""Frequency response functions from a source to a sensor, as a scene declares them: modal or measured."""
 
 from collections.abc import Collection, Iterable
 from itertools import pairwise
@@ -14,10 +14,10 @@ Line = tuple[Finite, Finite, Finite]
 
 
 class ModeOfPath(Declared):
-    """One mode: what it adds to the response is `gain` of a force far below its frequency, ``gain / (2 zeta)`` at it.
+    """One mode of a frequency response: `gain` is its static response, ``gain / (2 zeta)`` that at resonance.
 
-    Or, in place of `gain`, its `residue` (real, imaginary) in response per N s, as modal analysis gives it: the mode is
-    ``A / (j w - p) + conj(A) / (j w - conj(p))``.
+    In place of `gain` its `residue` (real, imaginary) may be given, in response per N s, as modal analysis has it: the
+    mode is ``A / (j w - p) + conj(A) / (j w - conj(p))``.
     """
 
     frequency_hz: Positive
@@ -34,11 +34,11 @@ class ModeOfPath(Declared):
 
 
 class Transfer(Declared):
-    """The way from a source, a bearing, mesh or link, to a sensor: response in `units` for a force of 1 N.
+    """The transfer function from a source (bearing, mesh or link) to a sensor: response in `units` for a force of 1 N.
 
-    By `modes`; or by `lines` (Hz, real, imaginary) as measured, or the same three columns in a `csv` file beside the
-    scene: linear between lines, nothing outside them. It takes the place of drawn gains, `path`, `resonance`,
-    `cross_axis` and, where gears vibrate, of the housing: amplitudes of its source are then in N, of impacts in N s.
+    Given by `modes`; or by measured `lines` (Hz, real, imaginary), or the same three columns in a `csv` file beside the
+    scene: linear between lines, zero outside them. It replaces drawn gains, `path`, `resonance`, `cross_axis` and,
+    where gears vibrate, the housing: amplitudes of its source are then in N, of impacts in N s.
     """
 
     source: Name
@@ -50,7 +50,7 @@ class Transfer(Declared):
     @model_validator(mode="before")
     @classmethod
     def _read(cls, table: Any) -> Any:  # noqa: ANN401
-        """Hold that the response is given once, and read it where it is in a file."""
+        """Refuse a response given twice; read it where it is in a file."""
         if not isinstance(table, dict):
             return table
         given = [key for key in ("modes", "lines", "csv") if table.get(key) is not None]
@@ -95,7 +95,7 @@ def _are_numbers(cells: list[str]) -> bool:
 
 
 def check_transfers(transfers: Iterable[Transfer], *, sources: Collection[str], sensors: Collection[str]) -> None:
-    """Raise ValueError for a source or sensor that is not there, and for a pair that is given twice."""
+    """Raise ValueError for an unknown source or sensor, and for a pair that is given twice."""
     seen = set()
     for transfer in transfers:
         for word, name, valid in (("source", transfer.source, sources), ("sensor", transfer.sensor, sensors)):

@@ -6,25 +6,26 @@ from functools import cached_property
 
 from data_synth.mesh import require
 
-_PER_MM_AND_UM = 1e9  # N/(mm um) in N/m for a metre of face
-_ROUNDS = 60
+_N_PER_MM_UM = 1e9  # N/(mm um) in N/m for a metre of face
+_MAX_ITERATIONS = 60
 
 
 @dataclass(frozen=True, kw_only=True)
 class GearPair:
-    """Two gears, the second internal where its number of teeth is negative. Signs and formulas as in ISO 21771.
+    """Geometry of an involute gear pair on parallel axes, with the signs and formulas of ISO 21771.
 
     Attributes
     ----------
     teeth : pair of int
+        Numbers of teeth; the second negative for an internal gear.
     module_m : float
-        Normal module.
+        Normal module in m.
     face_width_m : float
-        Common face.
+        Common face width in m.
     pressure_angle_rad, helix_angle_rad : float
         Normal pressure angle and helix angle at the reference cylinder, neither signed.
     profile_shift : pair of float
-        In modules.
+        Profile shift coefficients, in modules.
     addendum, dedendum : float
         Of the basic rack, in modules.
     """
@@ -63,12 +64,12 @@ class GearPair:
         shift, start = sum(self.profile_shift), self.transverse_angle_rad
         if shift == 0:
             return start
-        wanted = _involute(start) + 2 * math.tan(self.pressure_angle_rad) * shift / sum(self.teeth)
-        if wanted <= 0:
+        target = _involute(start) + 2 * math.tan(self.pressure_angle_rad) * shift / sum(self.teeth)
+        if target <= 0:
             raise ValueError(f"profile_shift = {self.profile_shift}: gears shifted so have no common pitch point.")
-        angle = math.atan(math.cbrt(3 * wanted) + wanted)  # above the root, whence Newton's steps descend
-        for _ in range(_ROUNDS):
-            angle -= (_involute(angle) - wanted) / math.tan(angle) ** 2
+        angle = math.atan(math.cbrt(3 * target) + target)  # above the root, whence Newton's steps descend
+        for _ in range(_MAX_ITERATIONS):
+            angle -= (_involute(angle) - target) / math.tan(angle) ** 2
         return angle
 
     @cached_property
@@ -90,19 +91,19 @@ class GearPair:
 
     @cached_property
     def working_radii_m(self) -> tuple[float, float]:
-        """Radii of the pitch circles the gears roll on, both positive."""
+        """Radii of the working pitch circles, both positive."""
         one, two = self.base_radii_m
         return one / math.cos(self.working_angle_rad), two / math.cos(self.working_angle_rad)
 
     @property
     def centre_distance_m(self) -> float:
-        """Between the axes."""
+        """Centre distance."""
         one, two = self.working_radii_m
         return one + two if self.teeth[1] > 0 else two - one
 
     @cached_property
     def tip_radii_m(self) -> tuple[float, float]:
-        """Radii of the tip circles; that of an internal gear lies within its reference circle."""
+        """Radii of the tip circles; that of an internal gear is smaller than its reference circle."""
         one, two = self.reference_radii_m
         outside = math.copysign(1.0, self.teeth[1])
         x = self.profile_shift
@@ -118,7 +119,7 @@ class GearPair:
 
     @cached_property
     def path_m(self) -> tuple[float, float]:
-        """Where contact begins and ends on the line of action, from its tangent point on the first base circle."""
+        """Begin and end of contact on the line of action, measured from its tangent point on the first base circle."""
         tips = [_tangent(tip, base) for tip, base in zip(self.tip_radii_m, self.base_radii_m, strict=True)]
         between = self.centre_distance_m * math.sin(self.working_angle_rad)
         begin = between - tips[1] if self.teeth[1] > 0 else tips[1] - between
@@ -142,7 +143,7 @@ class GearPair:
         return (1 + 0.5 * (1.2 - self.dedendum)) * (1 - 0.02 * (20 - angle))
 
     def single_stiffness(self, *, rack_factor: float | None = None) -> float:
-        """Return c' of ISO 6336-1 (2006), method B, for solid discs of steel: N/m for a metre of face.
+        """Return the single stiffness c' of ISO 6336-1 (2006), method B, for solid steel discs: N/m per metre of face.
 
         ``c' = 0.8 C_B cos(beta) / q'`` with ``q' = 0.04723 + 0.15551 / z_n1 + 0.25791 / z_n2 - 0.00635 x1
         - 0.11654 x1 / z_n1 - 0.00193 x2 - 0.24188 x2 / z_n2 + 0.00529 x1^2 + 0.00182 x2^2`` in mm um / N and
@@ -167,7 +168,7 @@ class GearPair:
             + 0.00182 * x2**2
         )
         factor = self.rack_factor if rack_factor is None else rack_factor
-        return 0.8 * factor * math.cos(self.helix_angle_rad) / compliance * _PER_MM_AND_UM
+        return 0.8 * factor * math.cos(self.helix_angle_rad) / compliance * _N_PER_MM_UM
 
     def mean_stiffness(self, *, rack_factor: float | None = None) -> float:
         """Return the mean mesh stiffness of ISO 6336-1 along the transverse line of action, N/m.
@@ -180,11 +181,12 @@ class GearPair:
 
 
 def _involute(angle: float) -> float:
+    """Return the involute function ``tan(angle) - angle``."""
     return math.tan(angle) - angle
 
 
 def _tangent(radius: float, base: float) -> float:
-    """Return the length of the tangent from a radius to the base circle; an internal tip may not lie within it."""
+    """Return the length of the tangent from a radius to the base circle."""
     if radius < base:
         raise ValueError(
             f"the tip circle, {1e3 * radius:.4g} mm, lies within the base circle, {1e3 * base:.4g} mm, where there is "

@@ -11,11 +11,11 @@ from typing import TypeVar
 import numpy as np
 
 from data_synth.defects import Fault
-from data_synth.drive import driven
+from data_synth.drive import build_drive
 from data_synth.driving import Speed, Torque, Turbulence
 from data_synth.growth import ExponentialGrowth
 from data_synth.scene import Scene
-from data_synth.stage import Stage, ratio_of
+from data_synth.stage import PreparedScene, ratio_of
 
 CourseT = TypeVar("CourseT", Speed, Torque)
 
@@ -32,7 +32,7 @@ def factor_of(scene: Scene) -> float:
         return factor
     short = hastened(scene, factor)
     rng = np.random.default_rng(0)
-    angle = driven(short, datum_turn=0.0, speed_rng=rng, torque_rng=rng).angle
+    angle = build_drive(short, datum_turn=0.0, speed_rng=rng, torque_rng=rng).angle
     turns = float(angle.revolutions([short.duration_s])[0]) * float(abs(scene.ratio(scene.tachometer.link)))
     return max(1.0, factor * min(1.0, turns * scene.tachometer.pulses_per_rev / _MARKS))
 
@@ -50,12 +50,14 @@ def hastened(scene: Scene, factor: float) -> Scene:
     )
 
 
-def slowed(stage: Stage, scene: Scene) -> Stage:
+def slowed(stage: PreparedScene, scene: Scene) -> PreparedScene:
     """Return the stage with the scene's own course, for what depends on it alone: how its gears vibrate."""
     if scene is stage.scene:
         return stage
     datum_turn = stage.drive.angle.datum_rev * ratio_of(scene, scene.tachometer.link)
-    drive = driven(scene, datum_turn=datum_turn, speed_rng=stage.draws("speed"), torque_rng=stage.draws("torque"))
+    drive = build_drive(
+        scene, datum_turn=datum_turn, speed_rng=stage.rng_for("speed"), torque_rng=stage.rng_for("torque")
+    )
     instants_s = np.linspace(0.0, scene.duration_s, stage.instants_s.size)
     return replace(stage, scene=scene, drive=drive, instants_s=instants_s)
 

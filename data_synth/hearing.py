@@ -18,10 +18,10 @@ from data_synth.layout import planet_angle, planet_of
 from data_synth.listening import Listener, listeners_of, loudness
 from data_synth.mechanics import Array, System
 from data_synth.meshing import Gears, declared_of
-from data_synth.passing import window_of
+from data_synth.passing import pass_window
 from data_synth.planet_pass import PassWindow
 from data_synth.scene import SceneError, Sensor
-from data_synth.stage import Stage
+from data_synth.stage import PreparedScene
 
 _ALONG = 1e-9
 
@@ -60,7 +60,7 @@ class Ears:
         Turns of its frame for one of the reference, and at revolution zero.
     """
 
-    stage: Stage = field(repr=False)
+    stage: PreparedScene = field(repr=False)
     output: Output
     listeners: tuple[Listener, ...]
     turning: tuple[Turning, ...] = ()
@@ -95,12 +95,12 @@ class Ears:
         return np.asarray(heard)
 
 
-def ears_of(stage: Stage, gears: Gears, whole: Assembly, kept: Kept) -> Ears:
+def ears_of(stage: PreparedScene, gears: Gears, whole: Assembly, kept: Kept) -> Ears:
     """Return how the sensors of a scene hear its gears.
 
     Parameters
     ----------
-    stage : Stage
+    stage : PreparedScene
     gears : Gears
     whole : Assembly
         With all motions.
@@ -112,7 +112,7 @@ def ears_of(stage: Stage, gears: Gears, whole: Assembly, kept: Kept) -> Ears:
     rows = _Rows(
         whole, kept, {name: declared_of(scene).mesh(mesh).damping_n_s_m for name, mesh in gears.meshes.items()}
     )
-    window, turning, passing = window_of(scene), [], []
+    window, turning, passing = pass_window(scene), [], []
     listeners = listeners_of(scene)
     looks = [_looks_along(stage, whole, sensor, passes=window is not None) for sensor in scene.sensors]
     directions = [looks[listener.number] for listener in listeners]
@@ -151,7 +151,8 @@ def ears_of(stage: Stage, gears: Gears, whole: Assembly, kept: Kept) -> Ears:
         passing=tuple(passing),
         window=window,
         carriers={
-            carrier: (parts.frame_ratio(carrier), float(stage.draws("carrier", carrier).random())) for carrier in frames
+            carrier: (parts.frame_ratio(carrier), float(stage.rng_for("carrier", carrier).random()))
+            for carrier in frames
         },
     )
 
@@ -242,12 +243,12 @@ class _Rows:
         return any(spring.direction[number] for spring in self._whole.grounded)
 
 
-def _looks_along(stage: Stage, whole: Assembly, sensor: Sensor, *, passes: bool) -> Array:
+def _looks_along(stage: PreparedScene, whole: Assembly, sensor: Sensor, *, passes: bool) -> Array:
     """Return a sensor's direction, with what it hears across it, in x, y and z of the assembly, (3,)."""
     direction = np.asarray(sensor.direction, dtype=np.float64)
     direction = direction / np.linalg.norm(direction)
     if sensor.cross_axis is not None:
-        drawn = stage.draws("cross axis", sensor.name).standard_normal(3)
+        drawn = stage.rng_for("cross axis", sensor.name).standard_normal(3)
         across = drawn - (drawn @ direction) * direction
         direction = direction + sensor.cross_axis.share * across / np.linalg.norm(across)
     along = np.asarray(whole.parts.space @ direction)

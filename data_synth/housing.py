@@ -1,4 +1,4 @@
-"""From the forces of bearings to a channel: the housing on its mounts, the path, and the sensor's chain, in time.
+"""Transfer function from bearing forces to a channel: housing on its mounts, path and measurement chain.
 
 H(s) = s^2 / (m (s^2 + 2 zeta w s + w^2)) prod_i p_i / (p_i - s)
 """
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.chain import Mode, Sensor
-from data_synth.path import ring_pole
+from data_synth.path import mode_pole
 from data_synth.pole_filter import PoleFilter
 from data_synth.profile import Array
 from data_synth.scene import SceneError
@@ -20,22 +20,22 @@ _STANDARD_GRAVITY = 9.80665
 
 
 class Housing(PoleFilter):
-    """A force in N becomes a channel, block after block; before its first sample it was as it is there for ever.
+    """Filter from a force in N to a channel, block by block; in the steady state of its first sample at the beginning.
 
     Parameters
     ----------
     mass_kg : float
     mounts : Mode
     path : Mode or None
-        What the scene lets lines pass.
+        The mode of the scene's path.
     sensor : Sensor
     rate_hz : float
     """
 
     def __init__(self, *, mass_kg: float, mounts: Mode, path: Mode | None, sensor: Sensor, rate_hz: float) -> None:
         chain = linear_chain(sensor)
-        mount = ring_pole(mounts)
-        passed = [ring_pole(path), ring_pole(path).conjugate()] if path is not None else []
+        mount = mode_pole(mounts)
+        passed = [mode_pole(path), mode_pole(path).conjugate()] if path is not None else []
         self._low_pass = np.array([*passed, *chain.poles], dtype=np.complex128)
         self._mounts = np.array([mount, mount.conjugate()])
         self._gain = chain.gain / mass_kg / (_STANDARD_GRAVITY if sensor.units == "g" else 1.0)

@@ -17,9 +17,9 @@ from data_synth.meshing import declared_of
 from data_synth.pole_filter import AHEAD, PoleFilter
 from data_synth.profile import Array
 from data_synth.scene import Scene, SceneError
-from data_synth.sensors import linear_chain, through
+from data_synth.sensors import linear_chain, path_residues
 from data_synth.transfer import FirPath, MeasuredPath
-from data_synth.ways import Way, ways_of
+from data_synth.ways import TransferPath, transfer_paths
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,7 @@ class Listener:
 
     number: int
     source: str | None = None
-    way: Way | None = field(default=None, repr=False)
+    way: TransferPath | None = field(default=None, repr=False)
 
     def response(self, scene: Scene, frequency_hz: Array) -> ComplexArray:
         """Return Z in the channel for 1 N at frequencies, any shape."""
@@ -53,7 +53,7 @@ class Listener:
             return Hearing(push=_Settled(fir).push, lag=round(fir.delay_s * rate_hz))
         if self.way is None:
             return Hearing(push=self._housing(scene, sensor, rate_hz).push, lag=AHEAD)
-        poles, residues = through(self.way, linear_chain(sensor), sensor=sensor.name)
+        poles, residues = path_residues(self.way, linear_chain(sensor), sensor=sensor.name)
         return Hearing(push=PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=rate_hz).push, lag=AHEAD)
 
     def _housing(self, scene: Scene, sensor: Sensor, rate_hz: float) -> Housing:
@@ -106,7 +106,8 @@ def listeners_of(scene: Scene) -> tuple[Listener, ...]:
     """
     numbers = {sensor.name: number for number, sensor in enumerate(scene.sensors)}
     declared = [
-        Listener(number=numbers[sensor], source=source, way=way) for (source, sensor), way in ways_of(scene).items()
+        Listener(number=numbers[sensor], source=source, way=way)
+        for (source, sensor), way in transfer_paths(scene).items()
     ]
     for listener in declared:
         if listener.source in {mesh.name for mesh in scene.gearbox.meshes}:

@@ -1,4 +1,4 @@
-"""How the load on a bearing spreads over its elements, after Stribeck."""
+"""Stribeck's distribution of the load on a bearing over its elements."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ _POINT_CONTACT = 1.5
 
 @dataclass(frozen=True, kw_only=True)
 class LoadZone:
-    """Stribeck's distribution: ``(1 - (1 - cos psi) / (2 e)) ** exponent`` within the zone, nothing outside.
+    """Stribeck's distribution: ``(1 - (1 - cos psi) / (2 e)) ** exponent`` within the load zone, zero outside.
 
     ``e = (1 - cos half_angle) / 2``: 90 degrees without clearance, less with, more under preload. The exponent is 3/2
     for balls and 10/9 for rollers (Harris 2001, Rolling Bearing Analysis).
@@ -28,11 +28,11 @@ class LoadZone:
 
     @classmethod
     def of(cls, *, distribution: float, exponent: float = _POINT_CONTACT) -> "LoadZone":
-        """Return the zone of Stribeck's factor e, above 0 and at most 1: 0.5 where half of the ring carries."""
+        """Return the load zone of Stribeck's factor e, above 0 and at most 1: 0.5 where half of the ring is loaded."""
         return cls(half_angle_rad=math.acos(1 - 2 * distribution), exponent=exponent)
 
     def share(self, angle_rad: ArrayLike) -> Array:
-        """Return the load relative to the largest at `angle_rad` (n,) from the middle of the zone."""
+        """Return the load relative to the largest, at `angle_rad` (n,) from the middle of the zone."""
         lowest = (1 - math.cos(self.half_angle_rad)) / 2
         return stribeck_load(angle_rad, distribution=lowest, exponent=self.exponent)
 
@@ -45,7 +45,7 @@ def stribeck_load(angle_rad: ArrayLike, *, distribution: float, exponent: float 
     angle_rad : (n,) array
         psi, from the middle of the load zone, in rad.
     distribution : float
-        eps: 0.5 where half of the ring carries, less with clearance, more with preload.
+        eps: 0.5 where half of the ring is loaded, less with clearance, more with preload.
     exponent : float
         3/2 for point contact, 10/9 for line contact.
     """

@@ -22,7 +22,7 @@ from data_synth.mechanics import Array, System
 from data_synth.meshing import declared_of
 from data_synth.modal import mode_pairs
 from data_synth.scene import Scene, SceneError
-from data_synth.stage import Stage
+from data_synth.stage import PreparedScene
 from hums.kinematics import Kinematics
 
 _INSTANT_S = 1e-9  # about a jump, of which the mean counts: then a jump between steps costs no accuracy
@@ -66,7 +66,7 @@ class Turned:
         return State(displacement=strained(system, force - self.damping @ speed), velocity=speed)
 
 
-def turned(stage: Stage, kinematics: Kinematics, system: System) -> Turned:
+def turned(stage: PreparedScene, kinematics: Kinematics, system: System) -> Turned:
     """Return what the torques of a scene do to its gears.
 
     Raises
@@ -158,7 +158,7 @@ def _varying(acting: Callable[[Array], Array]) -> Load:
     return Load(constant=first, varying=lambda times_s: between(times_s) - first)
 
 
-def _running_up(stage: Stage, law: RunUp, system: System, *, rigid: Array, drives: int, loaded: str) -> Turned:
+def _running_up(stage: PreparedScene, law: RunUp, system: System, *, rigid: Array, drives: int, loaded: str) -> Turned:
     """Return a torque that drives the reference, and a load law, felt at the link of the speed, on a link it loads."""
     scene, torque, angle = stage.scene, stage.drive.torque, stage.drive.angle
     assert torque is not None and scene.torque is not None  # noqa: S101, PT018 - the scene's own check

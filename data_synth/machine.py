@@ -12,13 +12,15 @@ from data_synth.mesh import Constant
 from data_synth.meshing import Gears, declared_of
 from data_synth.parts import MeshProperties
 from data_synth.scene import Scene, SceneError
-from data_synth.stage import Stage
+from data_synth.stage import PreparedScene
 from hums.kinematics import Kinematics
 
 _PARALLEL = 1e-9
 
 
-def machine_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()) -> Assembly:
+def machine_of(
+    stage: PreparedScene, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()
+) -> Assembly:
     """Return the gearbox of a scene in the plane, or in space where its axes cross or a mesh has full motion.
 
     What planets make turn is seen from their carrier, with the gyroscopic terms of the mean speed; a run-up, which has
@@ -26,7 +28,7 @@ def machine_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs
 
     Parameters
     ----------
-    stage : Stage
+    stage : PreparedScene
     gears : Gears
     levels : mapping of mesh to "torsional", "lateral" or "full"
     springs : collection of mesh
@@ -68,7 +70,7 @@ def carries(kinematics: Kinematics) -> bool:
     return any(joint.carried_by != kinematics.mechanism.frame for joint in kinematics.joints.values())
 
 
-def _speed_rad_s(stage: Stage, kinematics: Kinematics) -> float:
+def _speed_rad_s(stage: PreparedScene, kinematics: Kinematics) -> float:
     if stage.scene.speed.run_up is not None and carries(kinematics):
         return 0.0
     return 2 * math.pi * float(np.mean(stage.speed_hz))

@@ -1,7 +1,8 @@
 """Tooth mesh stiffness as a function of the mesh phase.
 
-A phase counts mesh cycles: from 0 to 1 one pair of teeth follows another; nothing here knows time or speed. A
-phase of zero is where a new pair enters. What a damaged tooth does repeats after as many cycles as its gear has teeth.
+The phase is in mesh cycles: one cycle from the entry of one pair of teeth to that of the next, whatever time and speed.
+A new pair enters at integer phases. The effect of a damaged tooth has the period of as many cycles as its gear has
+teeth.
 """
 
 import math
@@ -26,19 +27,19 @@ class Stiffness(Protocol):
 
     @property
     def period(self) -> int:
-        """Mesh cycles after which it repeats: 1 for a healthy mesh, the number of teeth where one is damaged."""
+        """Period in mesh cycles: 1 for a healthy mesh, the number of teeth where one is damaged."""
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Phases in [0, period), rising, at which it jumps."""
+        """Phases in [0, period), rising, of its discontinuities."""
 
     @property
     def constant_between_jumps(self) -> bool:
-        """Whether it is constant from each jump to the next, so that exact transition matrices exist."""
+        """Whether it is constant between discontinuities, so that exact transition matrices exist."""
 
     @property
     def harmonics(self) -> ComplexArray | None:
-        """c_h of ``mean + Re sum_h c_h exp(2j pi h phase / period)``, h = 1, 2, ...: where it is a finite series."""
+        """c_h of ``mean + Re sum_h c_h exp(2j pi h phase / period)``, h from 1; None where the series is infinite."""
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
         """Return N/m at phases in mesh cycles, any shape."""
@@ -46,7 +47,7 @@ class Stiffness(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Constant:
-    """The same stiffness at every phase, N/m."""
+    """A constant stiffness, N/m."""
 
     mean: float
     period: int = field(default=1, init=False)
@@ -64,7 +65,7 @@ class Constant:
 
 @dataclass(frozen=True, kw_only=True)
 class Fourier:
-    """``mean + Re sum_h harmonics[h - 1] exp(2j pi h phase / period)``.
+    """A stiffness by its Fourier series, ``mean + Re sum_h harmonics[h - 1] exp(2j pi h phase / period)``.
 
     Attributes
     ----------
@@ -98,14 +99,14 @@ class Fourier:
 
 @dataclass(frozen=True, kw_only=True)
 class Rectangular:
-    """Stiff for the first part of every cycle, soft for the rest.
+    """A rectangular wave: `high` for the first part of every cycle, `low` for the rest.
 
     Attributes
     ----------
     low, high : float
         N/m.
     duty : float
-        Part of the cycle that is stiff, above 0 and below 1.
+        Part of the cycle at `high`, above 0 and below 1.
     """
 
     low: float
@@ -122,7 +123,7 @@ class Rectangular:
 
     @classmethod
     def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float) -> "Rectangular":
-        """Return the stiffness of pairs alike: ``ceil(ratio)`` of them for the first ``ratio % 1``, then one less.
+        """Return the stiffness of equal tooth pairs: ``ceil(ratio)`` for the first ``ratio % 1``, then one less.
 
         Parameters
         ----------
@@ -152,7 +153,7 @@ class Rectangular:
 
 @dataclass(frozen=True, kw_only=True)
 class Trapezoidal:
-    """As `Rectangular`, but a pair takes its load up, and sheds it, over a part of the cycle.
+    """A trapezoidal wave: as `Rectangular`, with linear rise and fall.
 
     Attributes
     ----------
@@ -185,7 +186,7 @@ class Trapezoidal:
 
     @classmethod
     def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float, ramp: float) -> "Trapezoidal":
-        """Return the stiffness of pairs alike, as `Rectangular.by_contact_ratio`, with ramps."""
+        """Return the stiffness of equal tooth pairs, as `Rectangular.by_contact_ratio`, with ramps."""
         pairs = math.floor(contact_ratio)
         duty = contact_ratio - pairs
         return cls(low=pairs * pair_stiffness, high=(pairs + 1) * pair_stiffness, duty=duty, ramp=ramp)
@@ -209,7 +210,7 @@ class Trapezoidal:
 
 @dataclass(frozen=True, kw_only=True)
 class Shifted:
-    """Another stiffness, later: ``of(phase + by_cycles)``, as the meshes of planets stand to each other."""
+    """A stiffness shifted in phase, ``of(phase + by_cycles)``, as the meshes of planets are to each other."""
 
     of: Stiffness
     by_cycles: float
@@ -253,15 +254,15 @@ class Shifted:
 
 
 def fourier_series(stiffness: Stiffness, *, harmonics: int) -> Fourier:
-    """Return the first terms of a stiffness' Fourier series.
+    """Return the first terms of the Fourier series of a stiffness.
 
-    Integrated by Gauss and Legendre between its jumps and corners, so to rounding where it is smooth there.
+    Gauss-Legendre quadrature between its discontinuities and corners, so to rounding where it is smooth between them.
 
     Parameters
     ----------
     stiffness : Stiffness
     harmonics : int
-        Of its own period.
+        Number of terms, of the period of the stiffness.
     """
     if harmonics < 1:
         raise ValueError(f"harmonics = {harmonics!r}: a series has at least 1.")
@@ -273,7 +274,7 @@ def fourier_series(stiffness: Stiffness, *, harmonics: int) -> Fourier:
 
 
 def quadrature(stiffness: Stiffness, *, harmonics: int = 1) -> tuple[Array, Array]:
-    """Return phases and weights that integrate over a period, (n,) each, no stretch across a jump or a corner."""
+    """Return Gauss-Legendre phases and weights over a period, (n,) each; no interval spans a jump or a corner."""
     breaks = {0.0, float(stiffness.period), *stiffness.jumps, *getattr(stiffness, "corners", ())}
     ends = np.array(sorted(breaks))
     even = np.linspace(0, stiffness.period, 3 * harmonics + 1)

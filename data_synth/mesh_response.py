@@ -16,14 +16,14 @@ from fractions import Fraction
 
 import numpy as np
 
-from data_synth.combs import Comb, ComplexArray
+from data_synth.combs import ComplexArray, HarmonicFamily
 from data_synth.mechanics import Mesh
 from data_synth.modal import mode_pairs
 from data_synth.motion import Motion
 from data_synth.profile import Array
 from data_synth.reduction import contacts_in
 from data_synth.scene import SceneError
-from data_synth.stage import Stage
+from data_synth.stage import PreparedScene
 
 _POINTS = 64  # to a period of the highest line: what a jump of the stiffness puts there is right to a half percent
 _FEWEST = 512  # points to a mesh cycle
@@ -33,12 +33,12 @@ _SILENT = 1e-5  # of the largest line of a mesh: -100 dB
 
 @dataclass(frozen=True, kw_only=True)
 class ToothForces:
-    """The force p of one mesh, as lines at the multiples of `base`.
+    """The force p of one mesh, as lines at the multiples of `base_order`.
 
     Attributes
     ----------
     mesh : str
-    base : Fraction
+    base_order : Fraction
         Order of the first line: that of the mesh over the cycles until its teeth are alike again.
     loaded : (line,) complex array
         For a static force of 1 N; phase zero is that of the reference's angle.
@@ -51,7 +51,7 @@ class ToothForces:
     """
 
     mesh: str
-    base: Fraction
+    base_order: Fraction
     loaded: ComplexArray = field(metadata={"dims": ("line",), "units": "1"})
     unloaded: ComplexArray = field(metadata={"dims": ("line",), "units": "N"})
     static_n: Array = field(metadata={"dims": ("instant",), "units": "N"})
@@ -61,7 +61,7 @@ class ToothForces:
     @property
     def orders(self) -> Array:
         """Orders of all lines, (line,)."""
-        return np.asarray(float(self.base) * np.arange(1, self.loaded.size + 1))
+        return np.asarray(float(self.base_order) * np.arange(1, self.loaded.size + 1))
 
     def at(self, instant: int) -> ComplexArray:
         """Return Z of p in N, (line,)."""
@@ -197,16 +197,16 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
     number = contacts_in(motion.system, name)[0]
     mesh = motion.system.meshes[number]
     period = math.lcm(int(mesh.stiffness.period), int(mesh.error.period) if mesh.error is not None else 1)
-    base = stage.scene.exact_orders("gear_mesh")[name] / period
+    base_order = stage.scene.exact_orders("gear_mesh")[name] / period
     top_hz = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
-    lines = max(0, math.ceil(stage.scene.rate_hz / 2 / (float(base) * top_hz)) - 1)
+    lines = max(0, math.ceil(stage.scene.rate_hz / 2 / (float(base_order) * top_hz)) - 1)
     phases = _phases(mesh, max(_FEWEST * period, 1 << (points * max(lines, 1) - 1).bit_length()))
     mean = mesh.stiffness.mean
     stiffness = np.maximum(mesh.stiffness(phases), _LEAST * mean)
     error = mesh.error(phases) if mesh.error is not None else np.zeros(phases.size)
     return ToothForces(
         mesh=name,
-        base=base,
+        base_order=base_order,
         loaded=_lines(1 - mean / stiffness, lines),
         unloaded=_lines(-mean * error, lines),
         static_n=_static(motion)[number],
@@ -221,7 +221,7 @@ def _phases(mesh: Mesh, points: int) -> Array:
     return np.asarray((np.arange(points) + 0.5) * period / points)
 
 
-def lines_of(response: Response, forces: ToothForces) -> tuple[list[Comb], list[ComplexArray]]:
+def lines_of(response: Response, forces: ToothForces) -> tuple[list[HarmonicFamily], list[ComplexArray]]:
     """Return what a mesh puts into the channels, as combs and their Z (sensor, line, instant).
 
     The lines at multiples of the mesh's order are its own; those between them are of its damaged gears.
@@ -237,38 +237,38 @@ def lines_of(response: Response, forces: ToothForces) -> tuple[list[Comb], list[
         heard[:, :, instant] = transfer * forces.at(instant)
     size = np.max(np.abs(heard), axis=(0, 2), initial=0.0)
     heard[:, size < _SILENT * np.max(size, initial=0.0)] = 0.0
-    every = round(stage.scene.exact_orders("gear_mesh")[forces.mesh] / forces.base)
+    every = round(stage.scene.exact_orders("gear_mesh")[forces.mesh] / forces.base_order)
     own = np.arange(1, size.size + 1) % every == 0
     damaged = [fault.component for fault in stage.scene.faults if fault.component.rpartition("/")[0] == forces.mesh]
-    combs, amplitudes = [], []
+    families, amplitudes = [], []
     for component, kind, kept in ((forces.mesh, "gear_mesh", own), (" + ".join(damaged), "tooth", ~own)):
         values = heard * kept[:, None]
-        present = np.flatnonzero(np.any(values != 0, axis=(0, 2)))
-        if present.size:
-            values = values[:, : present[-1] + 1]
-            combs.append(
-                Comb(
+        nonzero = np.flatnonzero(np.any(values != 0, axis=(0, 2)))
+        if nonzero.size:
+            values = values[:, : nonzero[-1] + 1]
+            families.append(
+                HarmonicFamily(
                     component=component,
                     kind=kind,
                     source=forces.mesh,
-                    base=forces.base,
+                    base_order=forces.base_order,
                     coefficients=values[0],
-                    loaded=True,
+                    load_dependent=True,
                 )
             )
             amplitudes.append(values)
-    return combs, amplitudes
+    return families, amplitudes
 
 
-def with_lines(stage: Stage, response: Response, meshes: list[str]) -> Stage:
+def with_lines(stage: PreparedScene, response: Response, meshes: list[str]) -> PreparedScene:
     """Return a stage in which these meshes sound as lines."""
-    combs, amplitudes = [*stage.combs], [*stage.amplitudes]
+    families, amplitudes = [*stage.families], [*stage.amplitudes]
     for mesh in meshes:
         refuse_lines(response.motion, mesh)
         more, heard = lines_of(response, tooth_forces(response.motion, mesh))
-        combs += more
+        families += more
         amplitudes += heard
-    return replace(stage, combs=combs, amplitudes=amplitudes)
+    return replace(stage, families=families, amplitudes=amplitudes)
 
 
 def _static(motion: Motion) -> Array:

@@ -10,15 +10,15 @@ from numpy.typing import ArrayLike
 
 from data_synth.damage import faulty_gear, mesh_name
 from data_synth.dynamics import Dynamics
-from data_synth.gear_faults import GearFault, ToothChanges, damaged_teeth, errors_of
+from data_synth.gear_faults import GearDamage, GearFault, damaged_teeth, transmission_errors
 from data_synth.layout import Contact, contacts_of, planet_lag
 from data_synth.mechanics import Course, Mesh
 from data_synth.mesh import Constant, Shifted, Stiffness, Trapezoidal
 from data_synth.parts import MeshProperties
 from data_synth.profile import Array
 from data_synth.scene import Scene, SceneError
-from data_synth.stage import Stage
-from data_synth.teeth_in_mesh import Damaged, TeethInMesh, helical, teeth_in_mesh
+from data_synth.stage import PreparedScene
+from data_synth.teeth_in_mesh import DamagedTooth, TeethInMesh, helical, teeth_in_mesh
 from data_synth.tooth_stiffness import ToothPair
 from data_synth.transmission_error import ProfileError, SumOfErrors, TransmissionError
 from hums.kinematics import Kinematics, solve_kinematics
@@ -95,7 +95,7 @@ class Gears:
     meshes: Mapping[str, str]
 
 
-def gears_of(stage: Stage, kinematics: Kinematics) -> Gears:
+def gears_of(stage: PreparedScene, kinematics: Kinematics) -> Gears:
     """Return the gears with the teeth of every mesh.
 
     Each mesh is at a phase of its own at revolution zero, drawn like the phases of a kinematic scene.
@@ -131,22 +131,22 @@ class _Broken:
     teeth: int
     first: int
 
-    def changes(self, stage: Stage, time_s: float) -> ToothChanges:
+    def damage(self, stage: PreparedScene, time_s: float) -> GearDamage:
         """Return what damage changes on it at a time."""
         fault = stage.scene.faults[self.number]
         assert isinstance(fault, GearFault)  # noqa: S101 - only those are broken
-        gear = faulty_gear(stage.scene, self.number, teeth=self.teeth, draws=stage.draws)
+        gear = faulty_gear(stage.scene, self.number, teeth=self.teeth, rng_for=stage.rng_for)
         size_m = 1e-3 * fault.initial_mm * float(fault.relative_size(time_s))
         try:
-            return fault.changes(size_m, gear)
+            return fault.damage(size_m, gear)
         except ValueError as caught:
             raise SceneError(f"fault {self.number + 1} at {time_s:g} s: {caught}") from None
 
 
-def _teeth(stage: Stage, kinematics: Kinematics, contact: Contact) -> Teeth:
+def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact) -> Teeth:
     scene = stage.scene
     declared = declared_of(scene).mesh(contact.mesh)
-    later = float(stage.draws("phase", "gear_mesh", contact.mesh, "teeth").random())
+    later = float(stage.rng_for("phase", "gear_mesh", contact.mesh, "teeth").random())
     half = contact.rolling.contact_ratio / 2
     broken = []
     for number, fault in enumerate(scene.faults):
@@ -159,7 +159,7 @@ def _teeth(stage: Stage, kinematics: Kinematics, contact: Contact) -> Teeth:
             first = round(-stage.offsets[number] * teeth + later - half) % teeth
             broken.append(_Broken(number=number, gear=gear, teeth=teeth, first=first))
     times_s = instants_of_growth(stage, [item.number for item in broken])
-    stages = [[item.changes(stage, time_s) for item in broken] for time_s in times_s]
+    stages = [[item.damage(stage, time_s) for item in broken] for time_s in times_s]
     stiffnesses = _stiffnesses(scene, contact, broken, stages, by_cycles=later)
     errors = _errors(contact, broken, stages, error_m=_UM * declared.error_um, by_cycles=later)
     late = float(planet_lag(kinematics, contact))
@@ -176,7 +176,7 @@ def _teeth(stage: Stage, kinematics: Kinematics, contact: Contact) -> Teeth:
     )
 
 
-def instants_of_growth(stage: Stage, numbers: Sequence[int]) -> Array:
+def instants_of_growth(stage: PreparedScene, numbers: Sequence[int]) -> Array:
     """Return times, rising from zero, between which these faults grow evenly: by an eighth of their growth at most."""
     even = np.linspace(0.0, stage.scene.duration_s, _INSTANTS)
     kept = {0}
@@ -205,7 +205,7 @@ def _bends(sizes: Array, first: int, last: int, growth: float) -> Iterator[int]:
 def _errors(
     contact: Contact,
     broken: Sequence[_Broken],
-    stages: Sequence[Sequence[ToothChanges]],
+    stages: Sequence[Sequence[GearDamage]],
     *,
     error_m: float,
     by_cycles: float,
@@ -213,13 +213,13 @@ def _errors(
     """Return the transmission error of each stage; one object where they are the same."""
     made: dict[tuple[object, ...], TransmissionError | None] = {}
     found = []
-    for changes in stages:
-        key = tuple((each.removed_m.tobytes(), each.runout_m, each.profile_m) for each in changes)
+    for damage in stages:
+        key = tuple((each.removed_m.tobytes(), each.runout_m, each.profile_m) for each in damage)
         if key not in made:
             parts = [
                 part
-                for item, each in zip(broken, changes, strict=True)
-                for part in errors_of(each, pair=contact.rolling, first=item.first)
+                for item, each in zip(broken, damage, strict=True)
+                for part in transmission_errors(each, pair=contact.rolling, first=item.first)
             ]
             parts += [ProfileError(harmonics_m=np.array([error_m + 0j]))] if error_m else []
             made[key] = SumOfErrors(parts=tuple(parts), by_cycles=(by_cycles,) * len(parts)) if parts else None
@@ -231,19 +231,19 @@ def _stiffnesses(
     scene: Scene,
     contact: Contact,
     broken: Sequence[_Broken],
-    stages: Sequence[Sequence[ToothChanges]],
+    stages: Sequence[Sequence[GearDamage]],
     *,
     by_cycles: float,
 ) -> tuple[Stiffness, ...]:
     """Return the stiffness of each stage; one object where they are the same."""
     made: dict[tuple[object, ...], Stiffness] = {}
     found = []
-    for changes in stages:
-        key = tuple((each.crack_m.tobytes(), each.carrying.tobytes()) for each in changes)
+    for damage in stages:
+        key = tuple((each.crack_m.tobytes(), each.contact_fraction.tobytes()) for each in damage)
         if key not in made:
             damaged = [
                 tooth
-                for item, each in zip(broken, changes, strict=True)
+                for item, each in zip(broken, damage, strict=True)
                 for tooth in damaged_teeth(each, gear=item.gear, first=item.first)
             ]
             made[key] = _stiffness(scene, contact, damaged, by_cycles=by_cycles)
@@ -251,7 +251,7 @@ def _stiffnesses(
     return tuple(found)
 
 
-def _stiffness(scene: Scene, contact: Contact, damaged: list[Damaged], *, by_cycles: float) -> Stiffness:
+def _stiffness(scene: Scene, contact: Contact, damaged: list[DamagedTooth], *, by_cycles: float) -> Stiffness:
     declared, pair = declared_of(scene).mesh(contact.mesh), contact.rolling
     known = contact.parallel or contact.cone is not None
     undercut = min(map(abs, pair.teeth)) * math.sin(pair.pressure_angle_rad) ** 2 < 2 * pair.addendum
@@ -312,7 +312,9 @@ class Knotted:
         return self.of(np.asarray(phase_cycles, dtype=np.float64) + self.by_cycles)
 
 
-def _by_strain_energy(contact: Contact, bore_share: float, mean: float | None, damaged: list[Damaged]) -> TeethInMesh:
+def _by_strain_energy(
+    contact: Contact, bore_share: float, mean: float | None, damaged: list[DamagedTooth]
+) -> TeethInMesh:
     one, two = contact.rolling.reference_radii_m
     try:
         pair = ToothPair(gears=contact.rolling, bore_radii_m=(bore_share * one, bore_share * two))
@@ -329,7 +331,9 @@ def _by_strain_energy(contact: Contact, bore_share: float, mean: float | None, d
     )
 
 
-def passes_s(stage: Stage, teeth: Teeth, *, cycles_per_rev: float, stop_s: float) -> Iterator[tuple[int, Array, float]]:
+def passes_s(
+    stage: PreparedScene, teeth: Teeth, *, cycles_per_rev: float, stop_s: float
+) -> Iterator[tuple[int, Array, float]]:
     """Yield, for each damaged tooth, its fault's number, when it is in the middle of its mesh, and half a pass, rev."""
     begin, end = stage.drive.angle.revolutions([0.0, stop_s]) * cycles_per_rev
     for number, first, every, ratio in teeth.passes:

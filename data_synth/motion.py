@@ -22,7 +22,7 @@ from data_synth.mechanics import Array, System
 from data_synth.meshing import Gears, Teeth, declared_of, geared, gears_of, passes_s
 from data_synth.modal import mode_pairs, with_modal_damping
 from data_synth.scene import Scene, SceneError
-from data_synth.stage import Stage
+from data_synth.stage import PreparedScene
 
 _BLOCK = 8192
 _TRIAL = 4096
@@ -53,7 +53,7 @@ class Motion:
         Relative RMS error of the forces that steps may make.
     """
 
-    stage: Stage
+    stage: PreparedScene
     system: System
     turned: Turned
     ears: Ears = field(repr=False)
@@ -160,7 +160,7 @@ class Motion:
         )
 
 
-def prepared(stage: Stage) -> Gears:
+def prepare_gears(stage: PreparedScene) -> Gears:
     """Return the gears of a scene, for `motion_of`.
 
     Raises
@@ -173,12 +173,14 @@ def prepared(stage: Stage) -> Gears:
     return gears_of(stage, kinematics)
 
 
-def motion_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()) -> Motion:
+def motion_of(
+    stage: PreparedScene, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()
+) -> Motion:
     """Return the motion of a scene's gears.
 
     Parameters
     ----------
-    stage : Stage
+    stage : PreparedScene
     gears : Gears
     levels : mapping of mesh to "torsional", "lateral" or "full"
         A body has the motions of the highest of its meshes.

@@ -1,4 +1,4 @@
-"""When a shaft passes marks on its turn: tachometer stripes, cracked teeth; through stops and reversals, too."""
+"""Times at which a shaft passes given angles, through standstill and reversal."""
 
 from dataclasses import dataclass, field
 
@@ -7,19 +7,19 @@ from numpy.typing import NDArray
 
 from data_synth.profile import Angle, Array
 
-_ROUNDS = 120  # of Newton's rule or bisection: more than the bits of a double
+_MAX_ITERATIONS = 120  # of Newton's rule or bisection: more than the bits of a double
 
 
 @dataclass(frozen=True, kw_only=True)
-class Passages:
-    """When marks passed.
+class Crossings:
+    """Times at which a shaft passes equally spaced angles.
 
     Attributes
     ----------
     times_s : (m,) array
-        Rising.
+        Rising, in s.
     numbers : (m,) int array
-        Which mark, counted from the one at revolution zero; falling in reverse.
+        Number of each angle, zero at revolution zero; falling in reverse.
     directions : (m,) int array
         +1 where the angle rises, -1 where it falls.
     """
@@ -29,20 +29,21 @@ class Passages:
     directions: NDArray[np.int64] = field(metadata={"dims": ("passage",), "units": "1"})
 
 
-def passages(angle: Angle, *, per_rev: float, start_s: float, stop_s: float, offset: float = 0.0) -> Passages:
-    """Return all instants at which ``per_rev * revolutions + offset`` is whole, from `start_s` to `stop_s`.
+def crossings(angle: Angle, *, per_rev: float, start_s: float, stop_s: float, offset: float = 0.0) -> Crossings:
+    """Return all times from `start_s` to `stop_s` at which ``per_rev * revolutions + offset`` is an integer.
 
-    A shaft that turns back on a mark passes it once; one that rests on a mark, when it moves on.
+    A shaft that reverses at one of these angles passes it once; one that stands still there, when it starts again.
 
     Parameters
     ----------
     angle : Angle
+        Angle of the shaft.
     per_rev : float
-        Marks a revolution, above zero.
+        Angles in one revolution, above zero.
     start_s, stop_s : float
-        Both ends included.
+        Ends of the interval in s, both included.
     offset : float
-        Marks between revolution zero and the mark of number zero.
+        Value of the counted angle at revolution zero.
 
     Raises
     ------
@@ -61,16 +62,16 @@ def passages(angle: Angle, *, per_rev: float, start_s: float, stop_s: float, off
         numbers, direction = _numbers(marks[run], marks[run + 1], last=run == edges.size - 2)
         if numbers.size:
             targets: Array = np.asarray((numbers - offset) / per_rev, dtype=np.float64)
-            times = reached(angle, targets, start_s=edges[run], stop_s=edges[run + 1], direction=direction)
+            times = crossing_times(angle, targets, start_s=edges[run], stop_s=edges[run + 1], direction=direction)
             found.append((times, numbers, np.full(numbers.size, direction)))
     if not found:
-        return Passages(times_s=np.empty(0), numbers=np.empty(0, np.int64), directions=np.empty(0, np.int64))
+        return Crossings(times_s=np.empty(0), numbers=np.empty(0, np.int64), directions=np.empty(0, np.int64))
     times, numbers, directions = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return Passages(times_s=times, numbers=numbers, directions=directions)
+    return Crossings(times_s=times, numbers=numbers, directions=directions)
 
 
 def _numbers(begin: float, end: float, *, last: bool) -> tuple[NDArray[np.int64], int]:
-    """Return the whole numbers from `begin` on, before `end` (with it in the last run), in the order they come."""
+    """Return the integers from `begin` to `end` in order, and the direction; `end` itself only in the last piece."""
     if begin == end:
         return np.empty(0, np.int64), 0
     if end > begin:
@@ -80,13 +81,13 @@ def _numbers(begin: float, end: float, *, last: bool) -> tuple[NDArray[np.int64]
     return (numbers if last else numbers[numbers > end]), -1
 
 
-def reached(angle: Angle, targets: Array, *, start_s: float, stop_s: float, direction: int) -> Array:
-    """Return when the angle is at `targets` (n,) in one run, to rounding: Newton's rule in a bracket that shrinks."""
+def crossing_times(angle: Angle, targets: Array, *, start_s: float, stop_s: float, direction: int) -> Array:
+    """Return the times (n,) at which the angle is `targets` (n,) in a monotone piece: Newton's method in a bracket."""
     low, high = np.full(targets.size, start_s), np.full(targets.size, stop_s)
     ends = angle.revolutions([start_s, stop_s])
     times = start_s + (stop_s - start_s) * np.clip((targets - ends[0]) / (ends[1] - ends[0]), 0, 1)
     before = np.full(targets.size, stop_s - start_s)
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ITERATIONS):
         ahead = direction * (angle.revolutions(times) - targets)
         low, high = np.where(ahead <= 0, times, low), np.where(ahead >= 0, times, high)
         speed = direction * angle.speed_hz(times)

@@ -1,4 +1,4 @@
-"""Planets of a scene that pass its sensors: the lines of their ring meshes as the sensors hear them."""
+"""Planet pass modulation in a scene: the lines of its ring meshes at the sensors."""
 
 import math
 from collections.abc import Sequence
@@ -6,38 +6,43 @@ from fractions import Fraction
 
 import numpy as np
 
-from data_synth.combs import Comb, Draws
-from data_synth.planet_pass import MovingPath, PassWindow, even_places_rad, planet_pass_comb
+from data_synth.combs import HarmonicFamily, RandomStreams
+from data_synth.planet_pass import MovingPath, PassWindow, even_places_rad, planet_pass_family
 from data_synth.profile import Array
 from data_synth.scene import Scene, SceneError
 from hums.gearbox import Axis
 
-_HEARD = 1e-4
+_RETAINED = 1e-4
 
 
-def as_they_pass(scene: Scene, combs: Sequence[Comb], *, draws: Draws) -> list[Comb]:
-    """Return the combs with those of planets on a ring at rest replaced by what passes the sensors.
+def with_planet_pass(
+    scene: Scene, families: Sequence[HarmonicFamily], *, rng_for: RandomStreams
+) -> list[HarmonicFamily]:
+    """Return the harmonic families, those of planets on a stationary ring gear modulated by the planet pass.
 
     Raises
     ------
     SceneError
-        A scene that asks for passing planets of a gearbox without any.
+        A scene that asks for planet pass modulation of a gearbox without such planets.
     """
     if scene.planet_pass is None:
-        return [*combs]
+        return [*families]
     rings = _rings(scene)
     if not rings:
         raise SceneError(
             f'planet_pass asks for planets on a ring at rest, but gearbox "{scene.gearbox.name}" has none; '
             "leave it out."
         )
-    window = window_of(scene)
+    window = pass_window(scene)
     assert window is not None  # noqa: S101 - planet_pass is there
-    return [_passing(scene, comb, window, rings, draws) if comb.component in rings else comb for comb in combs]
+    return [
+        _ring_mesh_family(scene, family, window, rings, rng_for) if family.component in rings else family
+        for family in families
+    ]
 
 
-def window_of(scene: Scene) -> PassWindow | None:
-    """Return how loud a planet is by its angle from a sensor; None where a scene does not let them pass."""
+def pass_window(scene: Scene) -> PassWindow | None:
+    """Return the gain of a planet by its angle from a sensor; None in a scene without planet pass modulation."""
     declared = scene.planet_pass
     if declared is None:
         return None
@@ -45,39 +50,42 @@ def window_of(scene: Scene) -> PassWindow | None:
 
 
 def pass_orders(scene: Scene, mesh: str) -> tuple[Fraction, int]:
-    """Return the order at which the carrier of a mesh turns, and how many multiples of it stand beside its lines.
+    """Return the order of a mesh's carrier, and the number of sidebands at its multiples beside each mesh harmonic.
 
-    Those are the lines of the window by which planets pass the sensors, to -80 dB; without one it is the first, of the
-    direction that turns. A mesh that rests in the frame has none.
+    Those are the lines of the planet pass window down to -80 dB; without a window it is the first, from the rotating
+    direction of the mesh force. A mesh whose carrier is the frame has none.
     """
     carrier = next(contact.carrier for contact in scene.kinematics.contacts if contact.mesh == mesh)
     if carrier == scene.kinematics.mechanism.frame:
         return Fraction(0), 0
-    window = window_of(scene)
+    window = pass_window(scene)
     if window is None:
         return abs(scene.ratio(carrier)), 1
     lines = np.abs(window.coefficients())
-    return abs(scene.ratio(carrier)), int(np.flatnonzero(lines >= _HEARD * lines[0])[-1])
+    return abs(scene.ratio(carrier)), int(np.flatnonzero(lines >= _RETAINED * lines[0])[-1])
 
 
-def _passing(scene: Scene, comb: Comb, window: PassWindow, rings: dict[str, tuple[str, int]], draws: Draws) -> Comb:
-    planet, teeth = rings[comb.component]
+def _ring_mesh_family(
+    scene: Scene, family: HarmonicFamily, window: PassWindow, rings: dict[str, tuple[str, int]], rng_for: RandomStreams
+) -> HarmonicFamily:
+    """Return the lines of one ring mesh at the sensors."""
+    planet, teeth = rings[family.component]
     axis = next(axis for axis in scene.gearbox.axes if planet in axis.links)
     places = _places_rad(axis)
     path = MovingPath(window=window, places_rad=places, strengths=np.ones(places.size))
-    return planet_pass_comb(
+    return planet_pass_family(
         path,
-        component=comb.component,
-        source=comb.source,
-        coefficients=comb.coefficients / places.size,  # the scene's amplitude is that of all planets together
+        component=family.component,
+        source=family.source,
+        coefficients=family.coefficients / places.size,  # the scene's amplitude is that of all planets together
         ring_teeth=teeth,
-        carrier_order=comb.base / teeth,
-        carrier_offset=float(draws("planet pass", comb.component).random()),
+        carrier_order=family.base_order / teeth,
+        carrier_offset=float(rng_for("planet pass", family.component).random()),
     )
 
 
 def _places_rad(axis: Axis) -> Array:
-    """Return where planets stand round their carrier, from the first: even, or as declared by angles or by gaps."""
+    """Return the angles of planets on their carrier, from the first: even, or as declared by angles or by gaps."""
     count = axis.copies or 1
     if axis.spacing_deg is None:
         return even_places_rad(count)
@@ -86,7 +94,7 @@ def _places_rad(axis: Axis) -> Array:
 
 
 def _rings(scene: Scene) -> dict[str, tuple[str, int]]:
-    """Return planet and ring teeth of each mesh of planets with a ring at rest."""
+    """Return planet and ring teeth of each mesh of planets with a stationary ring gear."""
     found = {}
     copied = scene.gearbox.copied
     for mesh in scene.gearbox.meshes:

@@ -1,8 +1,8 @@
-"""The plan of a dataset: a scene, what changes from record to record, and the classes. Frozen, read from TOML.
+"""The plan of a dataset: a scene, what varies from record to record, and the classes. Frozen, read from TOML.
 
-Wherever the scene has a value, a plan may have a range: ``{ uniform = [low, high] }``, ``{ log = [low, high] }``
-(uniform in the logarithm) or ``{ choice = [a, b, c] }``. Its drawn value is a label, called by its place in the
-scene (``speed.rpm``, ``fault.1.depth_mm``) or as ``label = "..."`` in the range says.
+Wherever the scene has a value, a plan may have a distribution: ``{ uniform = [low, high] }``, ``{ log = [low, high] }``
+(uniform in the logarithm) or ``{ choice = [a, b, c] }``. The value drawn is a label, named after its place in the scene
+(``speed.rpm``, ``fault.1.depth_mm``) or by ``label = "..."`` in the distribution.
 """
 
 import difflib
@@ -26,17 +26,27 @@ from hums.gearbox import Declared, Name, closest, named_file, read_toml, validat
 
 Place: TypeAlias = tuple[str | int, ...]
 _OWN_LABELS = ("record", "class", "seed", "time")
-_ALIKE = ("rate_hz", "duration_s", "sensor")
+_COMMON = ("rate_hz", "duration_s", "sensor")
 _SHARD_BYTES = 32_000_000  # of samples in one file, which a worker holds in memory
 _MOST_IN_SHARD, _FEWEST_SHARDS = 64, 16  # little is lost with a kill, and several workers have something to do
 
 
 class PlanError(ValueError):
-    """A plan that cannot be read, or that asks for what cannot be made."""
+    """A plan that cannot be read, or a dataset that cannot be made.
+
+    Examples
+    --------
+    >>> from data_synth import PlanError, load_plan
+    >>> try:
+    ...     load_plan("clasification")
+    ... except PlanError as error:
+    ...     print('"classification"' in str(error))
+    True
+    """
 
 
-class Variant(Declared):
-    """One class of records: a scene written as JSON, and the ranges to be drawn into it."""
+class RecordClass(Declared):
+    """One class of records: a scene written as JSON, and the distributions of the values that vary."""
 
     name: Name
     share: Annotated[int, Field(ge=1)]
@@ -44,7 +54,7 @@ class Variant(Declared):
     ranges: tuple[tuple[str, Place, Range], ...]
 
     def scene(self, values: Mapping[str, Any], *, where: str = "scene") -> Scene:
-        """Return the scene with a value for each range."""
+        """Return the scene with the given values, one for each label."""
         table = json.loads(self.template)
         for label, path, _ in self.ranges:
             place: Any = table
@@ -55,7 +65,7 @@ class Variant(Declared):
 
 
 class ClassTable(Declared):
-    """A class as it is written; `share` records of it come for each round of the classes."""
+    """A class as a plan file declares it; `share` records of it come in each cycle of the classes."""
 
     name: Name
     share: Annotated[int, Field(ge=1)] = 1
@@ -63,7 +73,7 @@ class ClassTable(Declared):
 
 
 class PlanTable(Declared):
-    """A plan as it is written."""
+    """The content of a plan file."""
 
     scene: str | dict[str, Any]
     records: Annotated[int, Field(ge=1)]
@@ -77,24 +87,34 @@ class PlanTable(Declared):
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What each record of a dataset is. Built by `load_plan` or `parse_plan`.
+    """The scene, seed and labels of every record of a dataset. Built by `load_plan` or `parse_plan`.
 
     Attributes
     ----------
     text : str
-        The plan as TOML, its scene and every default written out; two plans are the same if this is.
-    records, seed : int
+        The plan as TOML, its scene and every default written out; plans of equal text are equal.
+    records : int
+        Number of records.
+    seed : int
+        Seed of the dataset, from which those of the records follow.
     sampling : "random" or "sobol"
-        Independent draws, or the points of a scrambled Sobol sequence for each class, which fill its ranges more
-        evenly (Owen 1998, J. Complexity 14, 466-489).
+        Independent draws, or for each class the points of a scrambled Sobol sequence, which fill its ranges more evenly
+        (Owen 1998, J. Complexity 14, 466-489).
     dtype : "float32" or "float64"
-        In which samples are kept.
+        Type in which samples are stored.
     records_per_shard : int
         Records in one file.
     record_bytes : int
-        Samples of one record on disk.
-    variants : tuple of Variant
-        The classes.
+        Size of the samples of one record on disk, in bytes.
+    variants : tuple of RecordClass
+        The classes, in the order of the plan.
+
+    Examples
+    --------
+    >>> from data_synth import load_plan
+    >>> plan = load_plan("classification")
+    >>> plan.records, [variant.name for variant in plan.variants[:3]]
+    (1000, ['healthy', 'crack', 'spall'])
     """
 
     text: str
@@ -104,14 +124,50 @@ class Plan:
     dtype: str
     records_per_shard: int
     record_bytes: int
-    variants: tuple[Variant, ...]
+    variants: tuple[RecordClass, ...]
 
-    def variant_of(self, number: int) -> Variant:
-        """Return the class of a record: they take turns."""
+    def variant_of(self, number: int) -> RecordClass:
+        """Return the class of a record; the classes take turns, each as often in a cycle as its `share`.
+
+        Parameters
+        ----------
+        number : int
+            Number of the record, from 0.
+
+        Returns
+        -------
+        RecordClass
+
+        Examples
+        --------
+        Eight classes with one share each:
+
+        >>> from data_synth import load_plan
+        >>> plan = load_plan("classification")
+        >>> plan.variant_of(1).name, plan.variant_of(9).name
+        ('crack', 'crack')
+        """
         return self.variants[self._cycle[number % len(self._cycle)]]
 
     def values(self, number: int) -> dict[str, Any]:
-        """Return what is drawn for a record, by label."""
+        """Return the values drawn for a record.
+
+        Parameters
+        ----------
+        number : int
+            Number of the record, from 0.
+
+        Returns
+        -------
+        dict
+            Value by label.
+
+        Examples
+        --------
+        >>> from data_synth import load_plan
+        >>> 100 <= load_plan("classification").values(0)["torque_nm"] <= 500
+        True
+        """
         variant = self.variant_of(number)
         if self.sampling == "sobol" and variant.ranges:
             shares = self._sobol_point(number, variant)
@@ -121,16 +177,69 @@ class Plan:
         return {label: r.at(float(share)) for (label, _, r), share in zip(variant.ranges, shares, strict=True)}
 
     def scene(self, number: int) -> Scene:
-        """Return the scene of a record."""
+        """Return the scene of a record.
+
+        Parameters
+        ----------
+        number : int
+            Number of the record, from 0.
+
+        Returns
+        -------
+        Scene
+
+        Examples
+        --------
+        >>> from data_synth import load_plan
+        >>> plan = load_plan("classification")
+        >>> plan.scene(1).faults[0].kind, plan.scene(0).faults
+        ('tooth_crack', ())
+        """
         variant = self.variant_of(number)
         return variant.scene(self.values(number), where=f'record {number}, class "{variant.name}"')
 
     def seed_of(self, number: int) -> int:
-        """Return the seed that a record is simulated with."""
+        """Return the seed with which a record is simulated.
+
+        Parameters
+        ----------
+        number : int
+            Number of the record, from 0.
+
+        Returns
+        -------
+        int
+            Derived from the plan's seed and `number` alone; below 2^63.
+
+        Examples
+        --------
+        >>> from data_synth import load_plan
+        >>> plan = load_plan("classification")
+        >>> plan.seed_of(0) == plan.seed_of(0), plan.seed_of(0) == plan.seed_of(1)
+        (True, False)
+        """
         return int(self._sequence(number).generate_state(1, np.uint64)[0] >> np.uint64(1))  # HDF5 has signed ones
 
     def labels(self, number: int) -> dict[str, Any]:
-        """Return class, seed and all labels of the plan; NaN or "" where the class of the record has no such range."""
+        """Return the class, the seed and all labels of a record.
+
+        Parameters
+        ----------
+        number : int
+            Number of the record, from 0.
+
+        Returns
+        -------
+        dict
+            The same keys for every record: NaN or "" where the record's class does not draw that label.
+
+        Examples
+        --------
+        >>> from data_synth import load_plan
+        >>> labels = load_plan("classification").labels(0)
+        >>> labels["class"], labels["component"], labels["severity_mm"]
+        ('healthy', '', nan)
+        """
         values = self.values(number)
         found: dict[str, Any] = {"class": self.variant_of(number).name, "seed": self.seed_of(number)}
         for label, (kind, choices) in self._label_kinds().items():
@@ -140,7 +249,8 @@ class Plan:
                 found[label] = kind(choices.index(values[label]) + 1 if choices else values[label])
         return found
 
-    def _sobol_point(self, number: int, variant: Variant) -> NDArray[np.float64]:
+    def _sobol_point(self, number: int, variant: RecordClass) -> NDArray[np.float64]:
+        """Return the point of the Sobol sequence that belongs to a record, a coordinate for each label."""
         turns, place = divmod(number, len(self._cycle))
         own = self.variants.index(variant)
         rank = turns * variant.share + self._cycle[:place].count(own)
@@ -154,7 +264,7 @@ class Plan:
 
     @property
     def _cycle(self) -> tuple[int, ...]:
-        """Classes in the order in which they take turns."""
+        """One cycle of classes, by index, in the order in which records take them."""
         rounds = range(max(variant.share for variant in self.variants))
         return tuple(i for turn in rounds for i, variant in enumerate(self.variants) if variant.share > turn)
 
@@ -171,8 +281,8 @@ def _sobol_points(seed: int, stream: int, dimensions: int, *, power: int) -> NDA
 
 
 @lru_cache(maxsize=16)
-def _label_kinds(variants: tuple[Variant, ...]) -> dict[str, tuple[type, tuple[Any, ...]]]:
-    """Return, by label, whether it is text or a number; and the choices, where it tells which of them was taken."""
+def _label_kinds(variants: tuple[RecordClass, ...]) -> dict[str, tuple[type, tuple[Any, ...]]]:
+    """Return, by label, its type; and the choices where the label is the number of the one drawn."""
     kinds: dict[str, tuple[type, tuple[Any, ...]]] = {}
     for variant in variants:
         for label, _, drawn in variant.ranges:
@@ -189,14 +299,28 @@ def _label_kinds(variants: tuple[Variant, ...]) -> dict[str, tuple[type, tuple[A
 
 
 def load_plan(name_or_path: str | Path) -> Plan:
-    """Load a plan from a TOML file or, by its name, from the catalogue that ships with the package.
+    """Load a plan from a TOML file, or from the catalogue by its name.
 
-    A relative path of the scene is looked for beside the plan first.
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Path of a ``.toml`` file, or the name of a plan that ships with the package. A relative path of the scene in the
+        file is looked up beside it first.
+
+    Returns
+    -------
+    Plan
 
     Raises
     ------
     PlanError
-        With one sentence that names the thing, its value, what was needed and what to do.
+        With one sentence: the key, its value, the bound and the remedy.
+
+    Examples
+    --------
+    >>> from data_synth import load_plan
+    >>> load_plan("classification").sampling
+    'sobol'
     """
     path = named_file(name_or_path, shipped=plans(), thing="plan", error=PlanError)
     table = read_toml(path, error=PlanError)
@@ -207,17 +331,18 @@ def load_plan(name_or_path: str | Path) -> Plan:
 
 
 def parse_plan(text: str, *, where: str = "plan") -> Plan:
-    """Read a plan from TOML text; `where` names it in errors."""
+    """Return the plan of a TOML text; `where` names it in error sentences."""
     return _plan(tomllib.loads(text), where=where)
 
 
 def plans() -> dict[str, Path]:
-    """Return the plans that ship with the package: name -> file."""
+    """Return the plans that ship with the package, file by name."""
     folder = Path(str(files("data_synth"))) / "catalogue" / "plans"
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def _plan(table: Mapping[str, Any], *, where: str) -> Plan:
+    """Return the plan of a parsed plan file, after a check of every class."""
     import tomli_w  # noqa: PLC0415 - a plan is read seldom
 
     declared = validated(PlanTable, dict(table), where=where, error=PlanError)
@@ -253,7 +378,8 @@ def _base(scene: str | Mapping[str, Any], where: str) -> dict[str, Any]:
     return tomllib.loads(loaded.to_toml())
 
 
-def _variants(declared: PlanTable, base: Mapping[str, Any]) -> Iterator[Variant]:
+def _variants(declared: PlanTable, base: Mapping[str, Any]) -> Iterator[RecordClass]:
+    """Yield the classes of a plan."""
     changed = _merged(base, declared.change)
     kinds = [table.get("kind", "fault") for table in changed.get("fault", ()) if isinstance(table, Mapping)]
     classes = declared.classes or (ClassTable(name=" + ".join(map(str, kinds)) or "healthy"),)
@@ -267,11 +393,11 @@ def _variants(declared: PlanTable, base: Mapping[str, Any]) -> Iterator[Variant]
         except PlanError as error:
             raise PlanError(f'class "{table.name}": {error}') from None
         _check_labels(table.name, found)
-        yield Variant(name=table.name, share=table.share, template=json.dumps(template), ranges=tuple(found))
+        yield RecordClass(name=table.name, share=table.share, template=json.dumps(template), ranges=tuple(found))
 
 
 def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `base` with the values of `change`: tables are gone into, everything else is replaced."""
+    """Return `base` with the values of `change`: nested tables are merged, everything else is replaced."""
     result = dict(base)
     for key, value in change.items():
         there = base.get(key)
@@ -281,7 +407,7 @@ def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any
 
 
 def _split(value: Any, path: Place, found: list[tuple[str, Place, Range]]) -> Any:  # noqa: ANN401
-    """Return `value` with null in the place of each range, which is added to `found`."""
+    """Return `value` with None in place of each distribution, and append those to `found`."""
     if isinstance(value, list | tuple):
         return [_split(item, (*path, number), found) for number, item in enumerate(value)]
     if not isinstance(value, Mapping):
@@ -296,7 +422,7 @@ def _split(value: Any, path: Place, found: list[tuple[str, Place, Range]]) -> An
         return {key: _split(item, (*path, key), found) for key, item in value.items()}
     if len(kinds) > 1:
         raise PlanError(f"{place}: {' and '.join(sorted(kinds))} are both given; keep one.")
-    if path[0] in _ALIKE:
+    if path[0] in _COMMON:
         raise PlanError(f"{place}: a range, but all records of a dataset have the same {path[0]}; give one value.")
     drawn = validated(RANGES[kinds.pop()], dict(value), where=place, error=PlanError)
     found.append((drawn.label or place, path, drawn))
@@ -304,6 +430,7 @@ def _split(value: Any, path: Place, found: list[tuple[str, Place, Range]]) -> An
 
 
 def _check_labels(name: str, ranges: list[tuple[str, Place, Range]]) -> None:
+    """Refuse a label that occurs twice in a class, or that the dataset uses itself."""
     labels = [label for label, _, _ in ranges]
     for label in labels:
         if labels.count(label) > 1:
@@ -312,8 +439,8 @@ def _check_labels(name: str, ranges: list[tuple[str, Place, Range]]) -> None:
             raise PlanError(f'class "{name}": the label "{label}" has a meaning of its own; choose another.')
 
 
-def _checked(variants: tuple[Variant, ...]) -> Scene:
-    """Build the scenes at both ends of all ranges, so that a plan fails before it is begun; return one."""
+def _checked(variants: tuple[RecordClass, ...]) -> Scene:
+    """Validate the scenes at both ends of all ranges, so that a plan fails before it is begun; return the first."""
     for variant in variants:
         where = f'class "{variant.name}"'
         for share in (0.0, 1.0):
@@ -323,7 +450,7 @@ def _checked(variants: tuple[Variant, ...]) -> Scene:
             for value in drawn.choice if isinstance(drawn, Choice) else ():
                 variant.scene(lowest | {label: value}, where=where)
         here, first = json.loads(variant.template), json.loads(variants[0].template)
-        for field in _ALIKE:
+        for field in _COMMON:
             if here[field] != first[field]:
                 raise PlanError(
                     f'class "{variant.name}" changes {field}, but all records of a dataset have the same; '

@@ -1,10 +1,9 @@
-"""Planets passing a sensor on the ring: a path that moves, and the lines it makes of their meshes.
+"""Modulation of ring meshes by planets that pass a sensor on the ring gear, and the lines it makes.
 
-Planet n sits at ``theta + psi_n`` from the sensor, theta the turn of the carrier. Its mesh with the ring speaks in the
-phase of where it is on the ring, ``z_r (theta + psi_n)``, and is heard by the window of the same angle. So line
-``l z_r + j`` of the carrier carries ``C_l W_j sum_n a_n exp(1j (l z_r + j) psi_n)``: with N planets alike and evenly
-spaced only those with ``(l z_r + j) mod N = 0`` reach the sensor (McFadden and Smith 1985, Proc. Inst. Mech. Eng. C
-199, 65-70).
+Planet n is at ``theta + psi_n`` from the sensor, theta the angle of the carrier. The phase of its mesh with the ring is
+``z_r (theta + psi_n)``, and its gain is the window of the same angle. So line ``l z_r + j`` of the carrier is ``C_l W_j
+sum_n a_n exp(1j (l z_r + j) psi_n)``: with N equal and evenly spaced planets only those with ``(l z_r + j) mod N = 0``
+reach the sensor (McFadden and Smith 1985, Proc. Inst. Mech. Eng. C 199, 65-70).
 """
 
 import math
@@ -15,7 +14,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from data_synth.combs import Comb
+from data_synth.combs import HarmonicFamily
 from data_synth.profile import Array
 
 ComplexArray = NDArray[np.complex128]
@@ -26,14 +25,14 @@ _ROUNDING = 1e-12  # what is left of phasors that cancel, relative to the larges
 
 @dataclass(frozen=True, kw_only=True)
 class PassWindow:
-    """How loud a planet is at an angle from the sensor: ``floor + (1 - floor) exp(kappa (cos angle - 1))``.
+    """Gain of a planet at an angle from the sensor: ``floor + (1 - floor) exp(kappa (cos angle - 1))``.
 
     Attributes
     ----------
     half_width_rad : float
-        Angle at which the passing part has fallen to a half, above 0 and below pi.
+        Angle at which the modulated part is one half, above 0 and below pi.
     floor : float
-        What is heard of a planet wherever it is, 0 to 1.
+        Gain that does not depend on the angle, 0 to 1.
     """
 
     half_width_rad: float
@@ -47,7 +46,7 @@ class PassWindow:
 
     @property
     def kappa(self) -> float:
-        """How narrow the window is."""
+        """Concentration of the window."""
         return math.log(2) / (1 - math.cos(self.half_width_rad))
 
     def gain(self, angle_rad: ArrayLike) -> Array:
@@ -56,25 +55,25 @@ class PassWindow:
         return np.asarray(self.floor + (1 - self.floor) * passing)
 
     def coefficients(self) -> Array:
-        """Return W_0, W_1, ... of ``gain = sum_j W_j exp(1j j angle)``, j of both signs, as far as they count."""
+        """Return W_0, W_1, ... of ``gain = sum_j W_j exp(1j j angle)``, j of both signs, to 1e-6 of the largest."""
         count = 64 * max(1, math.ceil(math.sqrt(self.kappa)))  # the spectrum is a bell of width sqrt(kappa)
         lines = np.fft.rfft(self.gain(2 * np.pi * np.arange(count) / count)).real / count
-        heard = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
-        return np.asarray(lines[: heard[-1] + 1])
+        superpose = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
+        return np.asarray(lines[: superpose[-1] + 1])
 
 
 @dataclass(frozen=True, kw_only=True)
 class DistanceWindow:
-    """How loud a planet is by its distance from the sensor: ``(1 / distance) ** exponent``, 1 where it is nearest.
+    """Gain of a planet by its distance from the sensor: ``(1 / distance) ** exponent``, 1 where it is nearest.
 
     Attributes
     ----------
     planet_radius_m : float
-        Of the circle on which the planets' ring meshes lie.
+        Radius of the circle on which the ring meshes lie.
     sensor_radius_m : float
-        Of the sensor from the middle, larger.
+        Radius at which the sensor is, larger.
     exponent : float
-        How fast a force fades with distance: 1/2 over a surface, 1 through a body.
+        Decay of the vibration with distance: 1/2 over a surface, 1 through a body.
     """
 
     planet_radius_m: float
@@ -97,26 +96,26 @@ class DistanceWindow:
         return np.asarray(relative ** (-self.exponent / 2))
 
     def coefficients(self) -> Array:
-        """Return W_0, W_1, ... of ``gain = sum_j W_j exp(1j j angle)``, j of both signs, as far as they count."""
+        """Return W_0, W_1, ... of ``gain = sum_j W_j exp(1j j angle)``, j of both signs, to 1e-6 of the largest."""
         # the gain is analytic up to where the distance is zero, so lines fall by near / far each
         fall = -math.log(self.planet_radius_m / self.sensor_radius_m)
         count = 1 << math.ceil(math.log2(max(64.0, 80 / fall)))
         lines = np.fft.rfft(self.gain(2 * np.pi * np.arange(count) / count)).real / count
-        heard = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
-        return np.asarray(lines[: heard[-1] + 1])
+        superpose = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
+        return np.asarray(lines[: superpose[-1] + 1])
 
 
 @dataclass(frozen=True, kw_only=True)
 class MovingPath:
-    """What a sensor on the ring hears of each planet as the carrier turns.
+    """Transfer path of each planet to a sensor on the ring gear, modulated by the rotation of the carrier.
 
     Attributes
     ----------
     window : PassWindow or DistanceWindow
     places_rad : (N,) array
-        Where the planets sit on the carrier: psi_n.
+        Angles of the planets on the carrier: psi_n.
     strengths : (N,) array
-        How loud each is: 1 where they are alike.
+        Relative amplitude of each: 1 where they are equal.
     """
 
     window: PassWindow | DistanceWindow
@@ -132,7 +131,7 @@ class MovingPath:
 
     @classmethod
     def even(cls, planets: int, *, window: PassWindow | DistanceWindow) -> "MovingPath":
-        """Return the path of planets alike and evenly spaced, the first at the sensor at turn 0."""
+        """Return the path of equal and evenly spaced planets, the first at the sensor at turn 0."""
         return cls(window=window, places_rad=2 * np.pi * np.arange(planets) / planets, strengths=np.ones(planets))
 
     def gains(self, carrier_turns: ArrayLike) -> Array:
@@ -140,8 +139,8 @@ class MovingPath:
         angles = 2 * np.pi * np.asarray(carrier_turns, dtype=np.float64) + np.asarray(self.places_rad)[:, None]
         return np.asarray(np.asarray(self.strengths)[:, None] * self.window.gain(angles))
 
-    def heard(self, sources: ArrayLike, *, carrier_turns: ArrayLike) -> Array:
-        """Return what the sensor hears (n,) of the planets' signals (N, n): sample by sample, so in any blocks."""
+    def superpose(self, sources: ArrayLike, *, carrier_turns: ArrayLike) -> Array:
+        """Return the sensor's response (n,) to the planets' signals (N, n), sample by sample, so in any blocks."""
         return np.asarray(np.sum(self.gains(carrier_turns) * np.asarray(sources, dtype=np.float64), axis=0))
 
     def phasor_sum(self, lines: ArrayLike) -> ComplexArray:
@@ -151,20 +150,20 @@ class MovingPath:
 
 
 def mesh_phases_rad(places_rad: ArrayLike, *, teeth: int) -> Array:
-    """Return by how much each planet's mesh leads the first's in phase, ``teeth (psi_n - psi_0)``, within a turn, (N,).
+    """Return the phase of each planet's mesh relative to the first's, ``teeth (psi_n - psi_0)``, within a turn, (N,).
 
     Parameters
     ----------
     places_rad : (N,) array
-        Of the planets on the carrier, in the sense in which it turns.
+        Angles of the planets on the carrier, in its sense of rotation.
     teeth : int
-        Of the ring, whose meshes come with the carrier; for those of the sun, minus its teeth.
+        Of the ring gear; for the meshes with the sun, minus its teeth.
     """
     places = np.asarray(places_rad, dtype=np.float64)
     return np.asarray(np.remainder(teeth * (places - places[0]), 2 * np.pi))
 
 
-def planet_pass_comb(
+def planet_pass_family(
     path: MovingPath,
     *,
     component: str,
@@ -173,8 +172,8 @@ def planet_pass_comb(
     ring_teeth: int,
     carrier_order: Fraction,
     carrier_offset: float = 0.0,
-) -> Comb:
-    """Return the lines of the ring meshes as a sensor on the ring hears them; they take the place of the mesh's own.
+) -> HarmonicFamily:
+    """Return the lines of the ring meshes at a sensor on the ring gear; they replace the harmonics of the mesh.
 
     Line ``m = l z_r + j`` of the carrier sums ``C_l W_j`` over all l and j that make m, times the phasor sum of m.
 
@@ -182,13 +181,13 @@ def planet_pass_comb(
     ----------
     path : MovingPath
     component, source : str
-        The mesh, and from where it travels.
+        The mesh, and the source of its transfer functions.
     coefficients : (k,) complex array
         C_l of one planet's mesh at the sensor, l from 1.
     ring_teeth : int
         z_r.
     carrier_order : Fraction
-        Turns of the carrier, in the frame, for one of the reference: its size.
+        Revolutions of the carrier, in the frame, for one of the reference shaft: its absolute value.
     carrier_offset : float
         Turns of the carrier at revolution zero.
     """
@@ -200,17 +199,17 @@ def planet_pass_comb(
     summed = np.zeros(int(np.max(np.abs(multiples))) + 1, dtype=np.complex128)
     np.add.at(summed, np.abs(multiples), np.where(multiples < 0, lines.conj(), lines))
     summed[np.abs(summed) < _ROUNDING * np.max(np.abs(summed), initial=0.0)] = 0.0
-    return Comb(
+    return HarmonicFamily(
         component=component,
         kind="gear_mesh",
         source=source,
-        base=abs(carrier_order),
+        base_order=abs(carrier_order),
         coefficients=summed[1:],
-        loaded=True,
+        load_dependent=True,
     )
 
 
 def even_places_rad(planets: int, *, errors_rad: Sequence[float] | None = None) -> Array:
-    """Return evenly spaced places on the carrier, each off by its error, (N,)."""
+    """Return evenly spaced angles on the carrier, each displaced by its error, (N,)."""
     even = 2 * np.pi * np.arange(planets) / planets
     return even if errors_rad is None else even + np.asarray(errors_rad, dtype=np.float64)

@@ -1,10 +1,10 @@
-"""What is sampled passes a transfer function that is a sum of poles, in time and in blocks.
+"""Response of a transfer function, given by poles and residues, to a sampled input, in time and in blocks.
 
     H(s) = direct + sum_i residue_i / (s - p_i)
 
-one recursion a pole. What is linear between samples has the spectrum of its samples times ``sinc^2``; samples are
-corrected for that beforehand by the first terms of ``1 / sinc^2(x / 2) = 1 + s^2 / 3 + 8 s^4 / 45 + ...``, ``s = sin(x
-/ 2)``, so H is true to 1e-4 up to a tenth of the rate and to 5e-3 up to a fifth.
+One recursion for each pole. The input is linear between samples, whose spectrum is that of the samples times
+``sinc^2``; this is compensated by the first terms of ``1 / sinc^2(x / 2) = 1 + s^2 / 3 + 8 s^4 / 45 + ...``, ``s =
+sin(x / 2)``, so H is exact to 1e-4 up to a tenth of the rate and to 5e-3 up to a fifth.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ _CORRECTION = np.array([1 / 90, -1 / 12 - 4 / 90, 1 + 2 / 12 + 6 / 90, -1 / 12 -
 
 
 def step_weights(poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return the integrals of ``exp(p (1 - s))`` over a step, weighed with s and with 1 - s, for poles (p,) a step."""
+    """Return the integrals of ``exp(p (1 - s))`` over a step, weighted with s and 1 - s, for poles (p,) per step."""
     whole = np.where(np.abs(poles) < 1e-4, 1 + poles / 2 + poles**2 / 6, np.expm1(poles) / poles)  # noqa: PLR2004
     late = np.where(
         np.abs(poles) < 1e-2,  # noqa: PLR2004 - beyond, the difference keeps its digits
@@ -30,49 +30,49 @@ def step_weights(poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
 
 
 class PoleFilter:
-    """A transfer function at work; before its first sample the input was as it is there for ever.
+    """A transfer function with its state; in the steady state of its first sample at the beginning.
 
     Parameters
     ----------
     poles, residues : (p,) complex array
-        In rad s-1; one of each conjugate pair, with twice its residue, of which the real part is heard.
+        In rad s-1; one of each conjugate pair, with twice its residue; the real part is the response.
     direct : float
-        What passes at once.
+        Direct feedthrough.
     rate_hz : float
     """
 
     def __init__(self, *, poles: ComplexArray, residues: ComplexArray, direct: float, rate_hz: float) -> None:
         self._poles, self._residues, self._direct = poles, residues, direct
-        self._carry = np.exp(poles / rate_hz)
+        self._decay = np.exp(poles / rate_hz)
         late, early = step_weights(poles / rate_hz)
-        self._new, self._old = residues / rate_hz * late, residues / rate_hz * early
+        self._weights_new, self._weights_old = residues / rate_hz * late, residues / rate_hz * early
         self._states: ComplexArray | None = None
-        self._kept = self._passing = np.empty(0)
+        self._input_history = self._direct_history = np.empty(0)
 
     def push(self, samples: Array, *, at_once: Array | None = None) -> Array:
-        """Return the response (n,) that the next samples (n,) allow: it lags them by `AHEAD`.
+        """Return the response (n,) to the next samples (n,), delayed by `AHEAD` samples.
 
-        What passes at once may be given apart, (n,), where `samples` are smoothed. The first two samples of all are the
-        response to an input that has been constant.
+        The input of the direct feedthrough may be given apart in `at_once`, (n,), where `samples` are smoothed. The
+        first two samples of all are the response to a constant input.
         """
         from scipy.signal import lfilter  # noqa: PLC0415
 
         if self._states is None:
             # at rest under the first sample: what it has driven each pole to
             self._states = np.asarray(-self._residues / self._poles * samples[0])
-            self._kept = np.full(2 * AHEAD + 1, samples[0])
-            self._passing = np.full(AHEAD, samples[0])
-        joined = np.concatenate([self._kept, samples])
-        self._kept = joined[-2 * AHEAD - 1 :]
-        passing = np.concatenate([self._passing, samples if at_once is None else at_once])
-        self._passing = passing[-AHEAD:]
+            self._input_history = np.full(2 * AHEAD + 1, samples[0])
+            self._direct_history = np.full(AHEAD, samples[0])
+        joined = np.concatenate([self._input_history, samples])
+        self._input_history = joined[-2 * AHEAD - 1 :]
+        direct = np.concatenate([self._direct_history, samples if at_once is None else at_once])
+        self._direct_history = direct[-AHEAD:]
         corrected = np.convolve(joined, _CORRECTION, mode="valid")
         now, before = corrected[1:], corrected[:-1]
-        out = self._direct * passing[:-AHEAD]  # what passes at once needs no line between samples
-        for index, carry in enumerate(self._carry):
-            fed = self._new[index] * now + self._old[index] * before
-            state = np.array([carry * self._states[index]])
-            ringing, _ = lfilter([1.0], [1.0, -carry], fed, zi=state)
-            self._states[index] = ringing[-1]
-            out = out + ringing.real
+        out = self._direct * direct[:-AHEAD]  # what passes at once needs no line between samples
+        for index, decay in enumerate(self._decay):
+            drive = self._weights_new[index] * now + self._weights_old[index] * before
+            state = np.array([decay * self._states[index]])
+            modal_response, _ = lfilter([1.0], [1.0, -decay], drive, zi=state)
+            self._states[index] = modal_response[-1]
+            out = out + modal_response.real
         return np.asarray(out)

@@ -1,7 +1,7 @@
-"""Speed and load against time: the exact angle of the reference shaft, its exact inverse, the share of full load.
+"""The exact angle of a shaft against time, and its exact inverse.
 
-Speed is linear between knots, so the angle is quadratic there and both directions have a closed form. A shaft may
-stand still, and turn back.
+Speed is linear between knots, so that the angle is quadratic there and both directions have a closed form. A shaft may
+stand still, and reverse.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class Angle(Protocol):
-    """The angle of a shaft as a function of time, whatever drives it."""
+    """The angle of a shaft as a function of time."""
 
     @property
     def datum_rev(self) -> float:
@@ -28,12 +28,12 @@ class Angle(Protocol):
         """Return the speed in rev s-1 at `times_s` (n,), negative where the shaft turns back."""
 
     def turning_points_s(self) -> Array:
-        """Return the instants, rising, between which the angle only rises, only falls or rests."""
+        """Return the rising times between which the angle is monotone or constant."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShaftAngle:
-    """Revolutions of a shaft whose speed is linear between knots and held before the first and after the last.
+    """Angle of a shaft whose speed is linear between knots and constant before the first and after the last.
 
     Attributes
     ----------
@@ -70,16 +70,17 @@ class ShaftAngle:
 
     @cached_property
     def _starts_s(self) -> Array:
-        """Where each quadratic piece counts from: the first knot for the piece before it, too."""
+        """Time at which each quadratic piece begins; for the piece before the first knot, that knot."""
         return np.concatenate([self.times_s[:1], self.times_s])
 
     @cached_property
     def _start_speeds_hz(self) -> Array:
+        """Speed at those times in rev s-1."""
         return np.concatenate([self.speeds_hz[:1], self.speeds_hz])
 
     @cached_property
-    def _accelerations(self) -> Array:
-        """Slope of the speed in each piece in rev s-2; zero outside of the knots and in a jump, which has no length."""
+    def _slopes(self) -> Array:
+        """Acceleration in each piece in rev s-2; zero outside the knots, and in a jump, which has no length."""
         gaps = np.diff(self.times_s)
         slopes = np.divide(np.diff(self.speeds_hz), gaps, out=np.zeros(gaps.size), where=gaps > 0)
         return np.concatenate([[0.0], slopes, [0.0]])
@@ -92,12 +93,13 @@ class ShaftAngle:
         return np.asarray(knots - self._since_first_knot(np.zeros(1), knots)[0])
 
     def _since_first_knot(self, times_s: Array, knots_rev: Array) -> Array:
+        """Return the revolutions at times (n,), given those at the knots."""
         if self.times_s.size == 1:
             return np.asarray(knots_rev[0] + self.speeds_hz[0] * (times_s - self.times_s[0]))
         piece = np.searchsorted(self.times_s, times_s, side="right")
         since = times_s - self._starts_s[piece]
         starts_rev = np.concatenate([knots_rev[:1], knots_rev])[piece]
-        slope = self._start_speeds_hz[piece] + self._accelerations[piece] * since / 2
+        slope = self._start_speeds_hz[piece] + self._slopes[piece] * since / 2
         return np.asarray(starts_rev + slope * since)
 
     def revolutions(self, times_s: ArrayLike) -> Array:
@@ -106,15 +108,15 @@ class ShaftAngle:
         return self._since_first_knot(times, self._knots_rev) - self.datum_rev
 
     def times(self, revolutions: ArrayLike) -> Array:
-        """Return the times in s at which the shaft reaches `revolutions` (n,), exactly.
+        """Return the times in s at which the shaft passes `revolutions` (n,), exactly.
 
-        Where it rests at one of them, the instant at which it moves on.
+        Where it stands still at one of them, the time at which it starts again.
 
         Raises
         ------
         ValueError
-            A shaft that turns back, so that an angle has several times (use `data_synth.passages.passages`), or
-            that stands still for ever before it gets there.
+            A shaft that reverses, so that an angle has several times (use `data_synth.passages.crossings`), or that
+            stands still for ever before it gets there.
         """
         if np.any(self.speeds_hz < 0):
             raise ValueError(
@@ -127,7 +129,7 @@ class ShaftAngle:
         speed = self._start_speeds_hz[piece]
         # the root of a t^2 / 2 + v t = turn in the form that loses no digits where a is small; rounding may take
         # the square below zero where the shaft comes to rest
-        twice_mean = speed + np.sqrt(np.maximum(speed**2 + 2 * self._accelerations[piece] * turn, 0.0))
+        twice_mean = speed + np.sqrt(np.maximum(speed**2 + 2 * self._slopes[piece] * turn, 0.0))
         never = (twice_mean == 0) & (turn != 0)
         if np.any(never):
             raise ValueError(
@@ -138,24 +140,24 @@ class ShaftAngle:
         return np.asarray(self._starts_s[piece] + since)
 
     def speed_hz(self, times_s: ArrayLike) -> Array:
-        """Return the speed in rev s-1 at `times_s` (n,); at a jump, that after it."""
+        """Return the speed in rev s-1 at `times_s` (n,); at a jump, the one after it."""
         times = np.asarray(times_s, dtype=np.float64)
         piece = np.searchsorted(self.times_s, times, side="right")
         since = times - self._starts_s[piece]
-        return np.asarray(self._start_speeds_hz[piece] + self._accelerations[piece] * since)
+        return np.asarray(self._start_speeds_hz[piece] + self._slopes[piece] * since)
 
     def acceleration_hz_s(self, times_s: ArrayLike) -> Array:
-        """Return the acceleration in rev s-2 at `times_s` (n,); at a knot, that after it."""
+        """Return the acceleration in rev s-2 at `times_s` (n,); at a knot, the one after it."""
         piece = np.searchsorted(self.times_s, np.asarray(times_s, dtype=np.float64), side="right")
-        return np.asarray(self._accelerations[piece])
+        return np.asarray(self._slopes[piece])
 
     def top_speed_hz(self, start_s: float, stop_s: float) -> float:
-        """Return the largest size of the speed from `start_s` to `stop_s`, in rev s-1."""
+        """Return the largest absolute speed from `start_s` to `stop_s`, in rev s-1."""
         inside = (self.times_s >= start_s) & (self.times_s <= stop_s)  # jumps: knots before and after count
         return float(np.max(np.abs([*self.speed_hz([start_s, stop_s]), *self.speeds_hz[inside]])))
 
     def turning_points_s(self) -> Array:
-        """Return the instants, rising, between which the angle only rises, only falls or rests."""
+        """Return the rising times between which the angle is monotone or constant."""
         before, after = self.speeds_hz[:-1], self.speeds_hz[1:]
         passing = np.flatnonzero(before * after < 0)
         share = before[passing] / (before[passing] - after[passing])
@@ -163,11 +165,11 @@ class ShaftAngle:
         return np.unique(np.concatenate([zeros, self.times_s[self.speeds_hz == 0]]))
 
     def scaled(self, ratio: float) -> "ShaftAngle":
-        """Return the angle of a shaft that makes `ratio` turns, signed, for one of this."""
+        """Return the angle of a shaft with the signed speed ratio `ratio` to this one."""
         return ShaftAngle(times_s=self.times_s, speeds_hz=self.speeds_hz * ratio, datum_rev=self.datum_rev * ratio)
 
     def travelled(self) -> "ShaftAngle":
-        """Return the revolutions travelled since time zero, whichever way: what wears, rolls and slips goes by it."""
+        """Return the accumulated revolutions since time zero in either sense, by which parts wear, roll and slip."""
         zeros = np.setdiff1d(self.turning_points_s(), self.times_s)
         at = np.searchsorted(self.times_s, zeros)
         return ShaftAngle(

@@ -1,28 +1,28 @@
-"""The tachometer's pulses, and what goes wrong with them."""
+"""Tachometer pulses and their errors."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from data_synth.drive import Turning
+from data_synth.drive import ReferenceAngle
 from data_synth.driving import Tachometer
 from data_synth.profile import Array
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pulses:
-    """Pulses as recorded, and as they should have been.
+    """Pulses as recorded, and the true passages of the marks.
 
     Attributes
     ----------
     times_s : (m,) array
-        Recorded, rising.
+        Recorded pulse times in s, rising.
     marks_s : (k,) array
-        When the marks truly passed.
-    missed : (i,) int array
-        Numbers of the marks that gave no pulse.
+        True times in s at which the marks pass.
+    missed : (i,) array
+        Numbers of the marks without a pulse.
     spurious_s : (j,) array
-        Recorded times of pulses that no mark gave.
+        Recorded times in s of pulses without a mark.
     """
 
     times_s: Array = field(metadata={"dims": ("pulse",), "units": "s"})
@@ -32,22 +32,27 @@ class Pulses:
 
 
 def pulse_times(
-    angle: Turning, *, turns_per_rev: float, pulses_per_rev: int, stop_s: float, off_rev: Array | None = None
+    angle: ReferenceAngle,
+    *,
+    turns_per_rev: float,
+    pulses_per_rev: int,
+    stop_s: float,
+    spacing_error_rev: Array | None = None,
 ) -> Array:
-    """Return when a tachometer's marks pass, from revolution zero of `angle` to `stop_s`.
+    """Return the times at which a tachometer's marks pass, from revolution zero of `angle` to `stop_s`.
 
     Parameters
     ----------
     angle : ShaftAngle or alike
         Of the reference shaft, revolution zero at the first mark.
     turns_per_rev : float
-        Turns of the tachometer's link for one of the reference.
+        Revolutions of the tachometer's link for one of the reference shaft.
     pulses_per_rev : int
-        Marks on one turn of that link.
+        Marks on one revolution of that link.
     stop_s : float
         Time of the last sample in s.
-    off_rev : (pulses_per_rev,) array or None
-        How far behind its even place each mark sits, in turns of the link; the first at 0.
+    spacing_error_rev : (pulses_per_rev,) array or None
+        Angle by which each mark lies behind its even place, in revolutions of the link; the first 0.
 
     Returns
     -------
@@ -57,21 +62,21 @@ def pulse_times(
     last_turn = float(angle.revolutions(stop_s)) * turns_per_rev
     numbers = np.arange(np.floor(last_turn * pulses_per_rev) + 2)
     places = numbers / pulses_per_rev
-    if off_rev is not None:
-        places += off_rev[numbers.astype(np.int64) % pulses_per_rev]
+    if spacing_error_rev is not None:
+        places += spacing_error_rev[numbers.astype(np.int64) % pulses_per_rev]
     return angle.times(places[places <= last_turn] / turns_per_rev)
 
 
 def recorded_pulses(
-    angle: Turning, tachometer: Tachometer, *, turns_per_rev: float, stop_s: float, rng: np.random.Generator
+    angle: ReferenceAngle, tachometer: Tachometer, *, turns_per_rev: float, stop_s: float, rng: np.random.Generator
 ) -> Pulses:
-    """Return the pulses of a tachometer with all that its declaration does to them, in the order of its fields."""
+    """Return the pulses of a tachometer with its declared errors, in the order of its fields."""
     marks = pulse_times(
         angle,
         turns_per_rev=turns_per_rev,
         pulses_per_rev=tachometer.pulses_per_rev,
         stop_s=stop_s,
-        off_rev=_off_places(tachometer, rng),
+        spacing_error_rev=_spacing_errors_rev(tachometer, rng),
     )
     seen = np.ones(marks.size, dtype=np.bool_)
     if tachometer.missing is not None:
@@ -89,7 +94,8 @@ def recorded_pulses(
     return Pulses(times_s=times, marks_s=marks, missed=np.flatnonzero(~seen).astype(np.float64), spurious_s=extra)
 
 
-def _off_places(tachometer: Tachometer, rng: np.random.Generator) -> Array | None:
+def _spacing_errors_rev(tachometer: Tachometer, rng: np.random.Generator) -> Array | None:
+    """Return the displacement of each mark in revolutions of the link; None where marks are evenly spaced."""
     if tachometer.uneven is None:
         return None
     off_deg = (

@@ -1,4 +1,4 @@
-"""Ranges that stand in a plan where the scene has a value, each by its distribution."""
+"""Distributions that a plan may have where the scene has a value."""
 
 from typing import Annotated, Any, TypeAlias
 
@@ -17,37 +17,37 @@ def _rising(ends: tuple[float, float]) -> tuple[float, float]:
 
 
 class Uniform(Declared):
-    """Values spread evenly from low to high."""
+    """A uniform distribution from low to high."""
 
     uniform: Annotated[tuple[float, float], AfterValidator(_rising)]
     label: Name | None = None
 
     def at(self, share: float) -> float:
-        """Return the value below which `share` of all values lie."""
+        """Return the quantile at probability `share`."""
         low, high = self.uniform
         return low + share * (high - low)
 
 
 class Log(Declared):
-    """Values whose logarithm is spread evenly from low to high."""
+    """A log-uniform distribution from low to high."""
 
     log: Annotated[tuple[Positive, Positive], AfterValidator(_rising)]
     label: Name | None = None
 
     def at(self, share: float) -> float:
-        """Return the value below which `share` of all values lie."""
+        """Return the quantile at probability `share`."""
         low, high = self.log
         return float(low * (high / low) ** share)
 
 
 class Choice(Declared):
-    """One of several values, each as likely; name one twice to have it twice as often."""
+    """A discrete distribution over listed values, equally likely; a value named twice is twice as likely."""
 
     choice: Annotated[tuple[Any, ...], Field(min_length=1)]
     label: Name | None = None
 
     def at(self, share: float) -> Any:  # noqa: ANN401
-        """Return the value at `share` of the way through the list."""
+        """Return the quantile at probability `share`, in the order of the list."""
         return self.choice[min(int(share * len(self.choice)), len(self.choice) - 1)]
 
 

@@ -1,7 +1,7 @@
-"""Where the parts of a bearing truly are while a defect is struck with slip.
+"""Exact position of the parts of a bearing whose defect is struck with slip.
 
-One slip drives all: between two strikes cage and elements go on by exactly what pure rolling gives them from one to the
-next, evenly with the reference shaft. So where they are follows from the strikes themselves.
+One slip applies to all parts: between two impacts, cage and elements advance by exactly what pure rolling gives them
+from one to the next, in proportion to the reference shaft. So their position follows from the impacts.
 """
 
 import math
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
 
 
-def strike_order(kind: str, rates: "BearingOrders") -> float:
-    """Return how often a defect is struck in a revolution of the reference shaft under pure rolling.
+def defect_order(kind: str, rates: "BearingOrders") -> float:
+    """Return the impacts of a defect in a revolution of the reference shaft under pure rolling.
 
     Raises
     ------
@@ -35,81 +35,83 @@ def strike_order(kind: str, rates: "BearingOrders") -> float:
     return order
 
 
-def signed_cage(rates: "BearingOrders") -> float:
-    """Return the turns of the cage under pure rolling as the load zone sees them, signed like those of the rings."""
-    return rates.outer_ring + _way(rates) * rates.cage_to_outer
+def signed_cage_order(rates: "BearingOrders") -> float:
+    """Return the order of the cage under pure rolling relative to the load zone, signed like those of the rings."""
+    return rates.outer_ring + _sense(rates) * rates.cage_to_outer
 
 
-def _way(rates: "BearingOrders") -> float:
+def _sense(rates: "BearingOrders") -> float:
+    """Return the sense of the inner ring's rotation relative to the outer ring, +1 or -1."""
     return math.copysign(1.0, rates.inner_ring - rates.outer_ring)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rolling:
-    """How a bearing rolls, by the strikes of one defect.
+class RollingKinematics:
+    """Kinematics of a bearing by the impacts of one defect.
 
-    All turns are as who carries the bearing sees them, that is the load zone, and signed like those of the reference.
+    All turns are seen from the carrier of the bearing, as the load zone is, and signed like those of the reference
+    shaft.
 
     Attributes
     ----------
     kind : {"inner_race", "outer_race", "rolling_element", "cage"}
     rates : BearingOrders
-        In orders, under pure rolling.
-    knots_rev : (n,) array
-        Revolutions of the reference shaft at the strikes, rising: one before all of interest, those of interest, one
-        after them.
-    first : int
-        Number of the first knot: strike 0 is the first within the record, or nearly so.
+        Orders under pure rolling.
+    impacts_rev : (n,) array
+        Revolutions of the reference shaft at the impacts, rising: the last before the interval of interest, those in
+        it, and the first after it.
+    first_number : int
+        Number of the first of them: impact 0 is the first within the record, or nearly so.
     place_turns : float
-        Of the struck spot at revolution zero, from where the load is greatest: that of a ring, or of the cage at strike
-        0 for a spot of an element or of the cage.
+        Place of the defect at revolution zero, in turns from the largest load: that of a ring, or of the cage at impact
+        0 for a defect of an element or of the cage.
     """
 
     kind: str
     rates: "BearingOrders"
-    knots_rev: Array = field(repr=False, metadata={"dims": ("knot",), "units": "rev"})
-    first: int
+    impacts_rev: Array = field(repr=False, metadata={"dims": ("knot",), "units": "rev"})
+    first_number: int
     place_turns: float
 
-    def passed(self, revolutions: ArrayLike) -> Array:
-        """Return the phase of the defect in turns (n,): whole at each strike, and even with the shaft between two."""
+    def defect_phase(self, revolutions: ArrayLike) -> Array:
+        """Return the phase of the defect in cycles (n,): whole at impacts, linear in the shaft's angle between."""
         return np.asarray(
-            np.interp(np.asarray(revolutions), self.knots_rev, self.first + np.arange(self.knots_rev.size))
+            np.interp(np.asarray(revolutions), self.impacts_rev, self.first_number + np.arange(self.impacts_rev.size))
         )
 
-    def spot_turns(self, revolutions: ArrayLike) -> Array:
-        """Return the turns of the struck spot (n,), from where the load is greatest."""
-        return self._spot(np.asarray(revolutions, dtype=np.float64), self.passed(revolutions))
+    def defect_turns(self, revolutions: ArrayLike) -> Array:
+        """Return the place of the defect in turns (n,), from the largest load."""
+        return self._spot(np.asarray(revolutions, dtype=np.float64), self.defect_phase(revolutions))
 
     def cage_turns(self, revolutions: ArrayLike) -> Array:
-        """Return the turns of the cage (n,): element 1 of Z is where the load is greatest at whole ones."""
-        return self._cage(np.asarray(revolutions, dtype=np.float64), self.passed(revolutions))
+        """Return the turns of the cage (n,): at whole ones element 1 of Z has the largest load."""
+        return self._cage(np.asarray(revolutions, dtype=np.float64), self.defect_phase(revolutions))
 
     def element_turns(self, revolutions: ArrayLike) -> Array:
-        """Return the turns of an element about its own axis, relative to the cage, (n,); it meets both races in one."""
-        struck = strike_order(self.kind, self.rates)
-        return np.asarray(self.rates.rolling_element / 2 / struck * self.passed(revolutions))
+        """Return the turns (n,) of an element about its own axis, relative to the cage; it meets both races in one."""
+        order = defect_order(self.kind, self.rates)
+        return np.asarray(self.rates.rolling_element / 2 / order * self.defect_phase(revolutions))
 
     @property
     def numbers(self) -> NDArray[np.int_]:
-        """Numbers of the strikes of interest, (n - 2,)."""
-        return self.first + 1 + np.arange(self.knots_rev.size - 2)
+        """Numbers of the impacts of interest, (n - 2,)."""
+        return self.first_number + 1 + np.arange(self.impacts_rev.size - 2)
 
-    def at_strikes(self) -> tuple[Array, Array]:
-        """Return the turns of spot and cage, (n - 2,), at the strikes of interest."""
-        struck, number = self.knots_rev[1:-1], self.numbers
-        return self._spot(struck, number), self._cage(struck, number)
+    def at_impacts(self) -> tuple[Array, Array]:
+        """Return the turns of defect and cage, (n - 2,), at the impacts of interest."""
+        revolutions, number = self.impacts_rev[1:-1], self.numbers
+        return self._spot(revolutions, number), self._cage(revolutions, number)
 
-    def _spot(self, revolutions: Array, passed: ArrayLike) -> Array:
+    def _spot(self, revolutions: Array, defect_phase: ArrayLike) -> Array:
         if self.kind == "outer_race":
             return np.asarray(self.place_turns + self.rates.outer_ring * revolutions)
         if self.kind == "inner_race":
             return np.asarray(self.place_turns + self.rates.inner_ring * revolutions)
-        cage = signed_cage(self.rates)
+        cage = signed_cage_order(self.rates)
         advance = 1.0 if self.kind == "cage" else abs(cage) / self.rates.rolling_element
-        return np.asarray(self.place_turns + math.copysign(advance, cage) * np.asarray(passed))
+        return np.asarray(self.place_turns + math.copysign(advance, cage) * np.asarray(defect_phase))
 
-    def _cage(self, revolutions: Array, passed: ArrayLike) -> Array:
-        spot, way = self._spot(revolutions, passed), _way(self.rates)
-        ahead = {"outer_race": way, "inner_race": -way}.get(self.kind, 0.0)
-        return np.asarray(spot + ahead * np.asarray(passed) / self.rates.elements) if ahead else spot
+    def _cage(self, revolutions: Array, defect_phase: ArrayLike) -> Array:
+        spot, sense = self._spot(revolutions, defect_phase), _sense(self.rates)
+        ahead = {"outer_race": sense, "inner_race": -sense}.get(self.kind, 0.0)
+        return np.asarray(spot + ahead * np.asarray(defect_phase) / self.rates.elements) if ahead else spot

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from data_synth.explanation import BYTES, count
 from data_synth.scene import Scene, SceneError, load_scene
-from data_synth.stage import Stage
+from data_synth.stage import PreparedScene
 
 _SMALL_BYTES = 100_000_000  # that no machine lacks, so that nothing is asked
 _MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
@@ -52,8 +52,8 @@ def refuse_too_large(
             )
 
 
-def _sources(stage: Stage) -> int:
-    sources = {(comb.component, comb.kind) for comb in stage.combs}
+def _sources(stage: PreparedScene) -> int:
+    sources = {(family.component, family.kind) for family in stage.families}
     sources |= {(train.component, train.kind) for _, train in stage.trains}
     return len(sources) + (stage.scene.fidelity != "kinematic")
 

@@ -1,7 +1,7 @@
-"""The declared scene: a gearbox, how it is driven, what is broken and what listens. Frozen, read from TOML.
+"""The declared scene: a gearbox, its drive, its faults and its sensors. Frozen, read from TOML.
 
-Every default below is a choice of physics. None hides: `Scene.to_toml` writes each of them out, the gearbox
-included, and a record carries that text. Amplitudes are peak values in the units of the sensors.
+Every default below is a choice of physics. `Scene.to_toml` writes each of them out, the gearbox included, and a record
+carries that text. Amplitudes are peak values in the units of the sensors.
 """
 
 import math
@@ -58,17 +58,41 @@ FIDELITIES = ("kinematic", "torsional", "lateral", "full", "auto")
 
 
 class SceneError(ValueError):
-    """A scene that cannot be read, or that asks for what cannot be simulated."""
+    """A scene that cannot be read or simulated.
+
+    Examples
+    --------
+    >>> from data_synth import SceneError, load_scene
+    >>> try:
+    ...     load_scene("demonstration")
+    ... except SceneError as error:
+    ...     print("demonstration" in str(error))
+    True
+    """
 
 
 class Scene(Declared):
-    """What is simulated. Built by `load_scene`, `Scene.from_toml` or `Scene.from_mapping`.
+    """A gearbox, its drive, faults and sensors: all that `simulate` needs.
 
-    `resonance` is the mode that impacts ring; `path` the one that shaft and mesh lines pass on their way to
-    the sensors, so that their amplitude and phase change with speed (left out: a rigid path); `transfers` are ways of
-    their own from one source to one sensor. `planet_pass` lets planets pass the sensors (left out: they are heard alike
-    wherever they are, and have no sidebands). Where `fidelity` is other than kinematic, gears vibrate: `dynamics` takes
-    the place of what `excitation` declares of meshes.
+    Built by `load_scene`, `Scene.from_toml` or `Scene.from_mapping`.
+
+    `resonance` is the mode excited by impacts. `path` is the mode through which shaft and mesh harmonics reach the
+    sensors, so that their amplitude and phase change with speed (left out: a rigid path). Each of `transfers` is a
+    transfer function from one source to one sensor. With `planet_pass` planets modulate their mesh as they pass the
+    sensors (left out: the transfer function of a planet does not depend on its place, and there are no sidebands). With
+    a `fidelity` other than kinematic the gears vibrate: `dynamics` then replaces what `excitation` declares of meshes.
+
+    Examples
+    --------
+    >>> from data_synth import Scene
+    >>> table = {
+    ...     "gearbox": "two-stage", "rate_hz": 5000, "duration_s": 2, "fidelity": "kinematic",
+    ...     "speed": {"link": "input", "rpm": 1200}, "tachometer": {"link": "input", "pulses_per_rev": 1},
+    ...     "sensor": [{"name": "input", "on": "input bearing", "units": "g"}],
+    ... }
+    >>> scene = Scene.from_mapping(table)
+    >>> scene.samples, scene.speed_knots_hz()
+    (10000, ((0.0, 20.0),))
     """
 
     gearbox: Gearbox
@@ -107,7 +131,7 @@ class Scene(Declared):
     @model_validator(mode="before")
     @classmethod
     def _write_out_dynamics(cls, table: Any) -> Any:  # noqa: ANN401
-        """Give a scene whose gears vibrate all that it takes, so that no default hides."""
+        """Add the defaults of `dynamics` to a scene whose gears vibrate, so that no default hides."""
         if not isinstance(table, Mapping) or table.get("fidelity", "kinematic") == "kinematic":
             return table
         return dict(table) | {"dynamics": table.get("dynamics") or Dynamics()}
@@ -115,7 +139,7 @@ class Scene(Declared):
     @field_validator("faults", mode="before")
     @classmethod
     def _known_kinds(cls, tables: Any) -> Any:  # noqa: ANN401
-        """Refuse an unknown kind in words, before the union of models has to."""
+        """Refuse an unknown kind of fault in one sentence, before pydantic lists every model of the union."""
         for number, table in enumerate(tables if isinstance(tables, tuple) else (), start=1):
             kind = table.get("kind") if isinstance(table, Mapping) else getattr(table, "kind", None)
             if kind not in FAULT_KINDS:
@@ -181,13 +205,13 @@ class Scene(Declared):
 
     @property
     def _places(self) -> set[str]:
-        """Bearings, links and meshes."""
+        """Names of bearings, links and meshes, at which a sensor or a source can be."""
         bearings = [name for bearing in self.gearbox.bearings for name in bearing.names]
         return {*bearings, *self.gearbox.links, *(mesh.name for mesh in self.gearbox.meshes)}
 
     def _check_ways(self) -> None:
         sources = self._places
-        if self.fidelity == "kinematic":  # of links, only shafts sound
+        if self.fidelity == "kinematic":  # of links, only rotating shafts are sources
             sources -= {*self.gearbox.links} - {*self.exact_orders("shaft")}
         check_transfers(self.transfers, sources=sources, sensors=[sensor.name for sensor in self.sensors])
         if self.sampling_jitter is None:
@@ -217,38 +241,118 @@ class Scene(Declared):
 
     @classmethod
     def from_mapping(cls, table: Mapping[str, Any], *, where: str = "scene") -> "Scene":
-        """Validate a parsed scene file; `where` names it in errors."""
+        """Return the scene of a parsed scene file.
+
+        Parameters
+        ----------
+        table : mapping
+            The keys of a scene file with their values.
+        where : str
+            Name of the scene in error sentences.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        SceneError
+            A key or value that is not valid.
+
+        Examples
+        --------
+        >>> import tomllib
+        >>> from data_synth import Scene, load_scene
+        >>> scene = load_scene("demo")
+        >>> Scene.from_mapping(tomllib.loads(scene.to_toml())) == scene
+        True
+        """
         return validated(cls, dict(table), where=where, error=SceneError)
 
     @classmethod
     def from_toml(cls, path: str | Path) -> "Scene":
-        """Read a scene file. Relative paths of a gearbox or a table are looked for beside the scene first."""
+        """Read a scene file.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file. Relative paths in it, of a gearbox or a table, are looked up beside the file first.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        SceneError
+            A file that cannot be read, or a key or value that is not valid.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from data_synth import Scene, load_scene
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "scene.toml"
+        ...     _ = path.write_text(load_scene("demo").to_toml(), encoding="utf-8")
+        ...     Scene.from_toml(path).rate_hz
+        50000.0
+        """
         path = Path(path)
         table = read_toml(path, error=SceneError)
         gearbox = table.get("gearbox")
         if isinstance(gearbox, str) and (path.parent / gearbox).is_file():
             table["gearbox"] = str(path.parent / gearbox)
-        for course in ("speed", "torque"):
-            if isinstance(table.get(course), dict):
-                table[course] = _with_file(table[course], path.parent)
+        for history in ("speed", "torque"):
+            if isinstance(table.get(history), dict):
+                table[history] = _with_file(table[history], path.parent)
         if isinstance(table.get("transfer"), list):
             table["transfer"] = [_with_file(item, path.parent) for item in table["transfer"]]
         return cls.from_mapping(table, where=str(path))
 
     def to_toml(self) -> str:
-        """Write the scene with the gearbox and every default in it; `from_mapping` reads it back."""
+        """Return the scene as TOML text, with the gearbox and every default written out.
+
+        Returns
+        -------
+        str
+            What `Scene.from_mapping` reads back after `tomllib.loads`.
+
+        Examples
+        --------
+        >>> from data_synth import load_scene
+        >>> load_scene("demo").to_toml().splitlines()[:2]
+        ['rate_hz = 50000.0', 'duration_s = 10.0']
+        """
         import tomli_w  # noqa: PLC0415 - only provenance needs it
 
         return tomli_w.dumps(self.model_dump(mode="json", by_alias=True, exclude_none=True))
 
     @cached_property
     def kinematics(self) -> Kinematics:
-        """The solved mechanism."""
+        """The solved kinematics of the gearbox, a `hums.kinematics.Kinematics`.
+
+        Examples
+        --------
+        >>> from data_synth import load_scene
+        >>> load_scene("demo").kinematics.relative_speed("input", seen_from="housing")
+        Fraction(1, 1)
+        """
         return solve_kinematics(self.gearbox)
 
     @cached_property
     def orders(self) -> dict[tuple[str, str], Fraction | float]:
-        """Defect orders by component and kind, exact where teeth define them."""
+        """Defect orders by (component, kind): a Fraction where tooth numbers define it, else a float.
+
+        Examples
+        --------
+        A bearing with 9 elements, geometry as declared: the orders of both races add up to 9.
+
+        >>> from data_synth import load_scene
+        >>> orders = load_scene("demo").orders
+        >>> round(orders["input bearing", "inner_race"] + orders["input bearing", "outer_race"], 9)
+        9.0
+        """
         table = defect_orders(self.kinematics)
         return {
             (component, kind): exact if isinstance(exact, Fraction) else float(order)
@@ -258,7 +362,24 @@ class Scene(Declared):
         }
 
     def exact_orders(self, kind: str) -> dict[str, Fraction]:
-        """Return the orders of one kind that teeth alone define, by component; those at rest left out."""
+        """Return the non-zero orders of one kind that tooth numbers alone define.
+
+        Parameters
+        ----------
+        kind : str
+            A kind of defect order: ``"shaft"``, ``"gear_mesh"``, ``"tooth"``, ...
+
+        Returns
+        -------
+        dict of str to Fraction
+            By component, in cycles per revolution of the reference shaft.
+
+        Examples
+        --------
+        >>> from data_synth import load_scene
+        >>> load_scene("demo").exact_orders("gear_mesh")
+        {'stage 1': Fraction(23, 1), 'stage 2': Fraction(437, 67)}
+        """
         return {
             component: order
             for (component, row_kind), order in self.orders.items()
@@ -266,16 +387,67 @@ class Scene(Declared):
         }
 
     def bearing(self, name: str) -> BearingOrders:
-        """Return the rates of one bearing in orders."""
+        """Return the kinematic orders of one bearing.
+
+        Parameters
+        ----------
+        name : str
+            The bearing, as the gearbox names it.
+
+        Returns
+        -------
+        hums.orders.BearingOrders
+
+        Examples
+        --------
+        >>> from data_synth import load_scene
+        >>> load_scene("demo").bearing("input bearing").elements
+        9
+        """
         return next(rates for rates in bearing_orders(self.kinematics) if rates.name == name)
 
     def components(self, fault_kind: str) -> list[str]:
-        """Return the components that can have a fault of this kind."""
+        """Return the components that can have a fault of one kind.
+
+        Parameters
+        ----------
+        fault_kind : str
+            A kind of fault, as ``[[fault]]`` of a scene file has it.
+
+        Returns
+        -------
+        list of str
+
+        Examples
+        --------
+        >>> from data_synth import load_scene
+        >>> load_scene("demo").components("inner_race")
+        ['input bearing', 'intermediate bearing']
+        """
         row_kind = ROW_OF.get(fault_kind, fault_kind)
         return [component for component, kind in self.orders if kind == row_kind]
 
     def ratio(self, link: str) -> Fraction:
-        """Return the turns of a link, in the frame, for one turn of the reference: signed and exact."""
+        """Return the signed speed ratio of a link to the reference shaft, both relative to the frame.
+
+        Parameters
+        ----------
+        link : str
+            A link of the gearbox.
+
+        Returns
+        -------
+        Fraction
+            Revolutions of the link for one of the reference shaft; negative in the opposite sense.
+
+        Examples
+        --------
+        Gears of 23 and 67, then 19 and 61 teeth, each pair reversing the sense:
+
+        >>> from data_synth import load_scene
+        >>> load_scene("demo").ratio("output")
+        Fraction(437, 4087)
+        """
         of_link, of_reference = (
             self.kinematics.relative_speed(name, seen_from=self.gearbox.frame)
             for name in (link, self.gearbox.reference or link)
@@ -283,44 +455,80 @@ class Scene(Declared):
         return of_link / of_reference
 
     def speed_knots_hz(self) -> tuple[tuple[float, float], ...]:
-        """Return the knots of the reference shaft's declared speed, (s, rev s-1); none in a run-up."""
+        """Return the declared speed of the reference shaft as knots of a piecewise-linear time history.
+
+        Returns
+        -------
+        tuple of (float, float)
+            Time in s and speed in rev s-1 of each knot; empty in a run-up, whose speed follows from the torque.
+
+        Examples
+        --------
+        >>> from data_synth import load_scene
+        >>> load_scene("demo").speed_knots_hz()[0]  # 1200 rpm
+        (0.0, 20.0)
+        """
         turns = float(abs(self.ratio(self.speed.link))) * 60
         return tuple((time_s, rpm / turns) for time_s, rpm in self.speed.knots)
 
     @property
     def samples(self) -> int:
-        """Number of samples of each channel."""
+        """Number of samples of each channel.
+
+        Examples
+        --------
+        >>> from data_synth import load_scene
+        >>> load_scene("demo").samples  # 10 s at 50 kHz
+        500000
+        """
         return max(1, round(self.duration_s * self.rate_hz))
 
     @property
     def truth_times(self) -> int:
-        """Number of instants, evenly from 0 to `duration_s`, at which the truth is stated: 20 a second."""
+        """Number of instants, evenly from 0 to `duration_s`, at which the truth is stated: 20 a second and the last.
+
+        Examples
+        --------
+        >>> from data_synth import load_scene
+        >>> load_scene("demo").truth_times  # in 10 s
+        201
+        """
         return math.ceil(20 * self.duration_s - 1e-9) + 1
 
 
 def _with_file(table: Any, beside: Path) -> Any:  # noqa: ANN401
-    """Return a table with its csv file looked for beside the scene first."""
+    """Return a table whose csv file, where it is beside the scene, has its full path."""
     if not isinstance(table, dict) or not isinstance(file := table.get("csv"), str):
         return table
     return table | {"csv": str(beside / file if (beside / file).is_file() else file)}
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
-    """Load a scene from a TOML file or, by its name, from the catalogue that ships with the package.
+    """Load a scene from a TOML file, or from the catalogue by its name.
 
     Parameters
     ----------
     name_or_path : str or Path
-        Path of a ``.toml`` file, or a catalogue name such as ``"demo"``.
+        Path of a ``.toml`` file, or the name of a scene that ships with the package, such as ``"demo"``.
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------
     SceneError
-        With one sentence that names the thing, its value, what was needed and what to do.
+        With one sentence: the key, its value, the bound and the remedy.
+
+    Examples
+    --------
+    >>> from data_synth import load_scene
+    >>> [fault.kind for fault in load_scene("demo").faults]
+    ['tooth_crack', 'inner_race']
     """
     return Scene.from_toml(named_file(name_or_path, shipped=catalogue(), thing="scene", error=SceneError))
 
 
 def catalogue() -> dict[str, Path]:
-    """Return the scenes that ship with the package: name -> file."""
+    """Return the scenes that ship with the package, file by name."""
     return shipped_files("data_synth")

@@ -7,7 +7,7 @@ from data_synth.plan import PlanTable
 from data_synth.scene import FIDELITIES, Scene
 
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"
-_COURSES = {"Speed": ("rpm", "steps", "csv", "run_up"), "Torque": ("nm", "steps", "csv")}
+_HISTORIES = {"Speed": ("rpm", "steps", "csv", "run_up"), "Torque": ("nm", "steps", "csv")}
 
 
 def scene_schema(gearbox: Mapping[str, Any]) -> dict[str, Any]:
@@ -16,7 +16,13 @@ def scene_schema(gearbox: Mapping[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     gearbox : mapping
-        The schema of a gearbox file, `hums.schema.gearbox_schema()`: a scene may hold a gearbox instead of naming one.
+        The schema of a gearbox file, `hums.schema.gearbox_schema()`: a scene may contain a gearbox instead of naming
+        one.
+
+    Returns
+    -------
+    dict
+        A JSON schema that allows no null, since TOML has none.
     """
     schema: dict[str, Any] = Scene.model_json_schema(by_alias=True)
     parts, properties = schema["$defs"], schema["properties"]
@@ -36,38 +42,45 @@ def scene_schema(gearbox: Mapping[str, Any]) -> dict[str, Any]:
         ("Hearing", "links"),
     ):
         _as_table(parts[part]["properties"][field])
-    for part, ways in _COURSES.items():
-        _as_course(parts[part], ways)
+    for part, forms in _HISTORIES.items():
+        _as_history(parts[part], forms)
     transfer = parts["Transfer"]
     transfer["properties"]["csv"] = {"type": "string", "description": "A file of three columns: Hz, real, imaginary."}
-    transfer["oneOf"] = [{"required": [way]} for way in ("modes", "lines", "csv")]
+    transfer["oneOf"] = [{"required": [form]} for form in ("modes", "lines", "csv")]
     return {**_without_null(schema), "$schema": _DRAFT}
 
 
 def plan_schema() -> dict[str, Any]:
-    """Return the JSON schema (2020-12) of a plan file; `hums schema scene` says what its changes may name."""
+    """Return the JSON schema (2020-12) of a plan file; `hums schema scene` lists what its changes may name.
+
+    Examples
+    --------
+    >>> from data_synth.schema import plan_schema
+    >>> plan_schema()["required"]
+    ['scene', 'records', 'seed']
+    """
     schema: dict[str, Any] = PlanTable.model_json_schema(by_alias=True)
     return {**_without_null(schema), "$schema": _DRAFT}
 
 
 def _as_table(pairs: dict[str, Any]) -> None:
-    """Turn a list of (name, value) into the table that a file has."""
+    """Turn the schema of a list of (name, value) into that of the table in the file."""
     value = pairs.pop("items")["prefixItems"][1]
     pairs |= {"type": "object", "propertyNames": {"minLength": 1}, "additionalProperties": value}
     if "default" in pairs:
         pairs["default"] = {}
 
 
-def _as_course(course: dict[str, Any], ways: tuple[str, ...]) -> None:
-    """Let a course be given in one of its ways, a number or a file among them."""
-    value = course["properties"][ways[0]]
+def _as_history(history: dict[str, Any], forms: tuple[str, ...]) -> None:
+    """Let a time history be given in one of its forms, a number or a file among them."""
+    value = history["properties"][forms[0]]
     value["anyOf"].append({"type": "number"})
-    course["properties"]["csv"] = {"type": "string", "description": f"A file of two columns: s, {ways[0]}."}
-    course["oneOf"] = [{"required": [way]} for way in ways]
+    history["properties"]["csv"] = {"type": "string", "description": f"A file of two columns: s, {forms[0]}."}
+    history["oneOf"] = [{"required": [form]} for form in forms]
 
 
 def _without_null(value: Any) -> Any:  # noqa: ANN401
-    """Return a schema that allows no null and has none as a default: TOML has no such value."""
+    """Return a schema without null among types and defaults: TOML has no such value."""
     if isinstance(value, list):
         return [_without_null(item) for item in value]
     if not isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Scene -> record with its truth: builds what the scene asks for, adds it up, and says what went in."""
+"""Simulate a scene: sum the sources, apply the measurement chain, and state the truth beside the record."""
 
 from functools import partial
 from pathlib import Path
@@ -8,15 +8,15 @@ import xarray as xr
 
 from data_synth.combs import ComplexArray, random_stream
 from data_synth.fidelity import Choice, decided
-from data_synth.impacts import add_train
+from data_synth.impacts import add_impacts
 from data_synth.levels import LEFT_OUT, moved, sounding, whole_of
 from data_synth.meshing import Gears
-from data_synth.motion import Motion, prepared
+from data_synth.motion import Motion, prepare_gears
 from data_synth.profile import Array
 from data_synth.room import refuse_too_large
 from data_synth.scene import Scene, SceneError, Sensor, load_scene
 from data_synth.sensors import (
-    Cascade,
+    AllPoleFilter,
     add_noise,
     clip,
     drop_outs,
@@ -24,110 +24,126 @@ from data_synth.sensors import (
     linear_chain,
     quantise,
 )
-from data_synth.stage import Stage, staged
-from data_synth.truth import mesh_lines, motion_truth, phases_of, truth_of
+from data_synth.stage import PreparedScene, prepare_scene
+from data_synth.truth import angle_truth, mesh_lines, tooth_pass_truth, truth_variables
 from hums.record import Channel, PulseTimes, make_record
 
 _BLOCK = 65536  # samples computed at once: what is only needed on the way does not grow with the record
 
 
 def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, phases: bool = False) -> xr.Dataset:
-    """Simulate a scene.
+    """Simulate a scene: return its record together with its truth.
 
     Parameters
     ----------
-    scene : Scene, path or catalogue name
+    scene : Scene, str or Path
+        A scene, the path of its file, or its name in the catalogue.
     seed : int
-        Not negative. Every random part has a stream of its own, named after what it belongs to, so adding a
-        fault leaves phases, noise and the tachometer as they were. Same scene and seed, same bytes.
+        Not negative. Every random quantity has a stream of its own, named after what it belongs to, so that an added
+        fault leaves phases, noise and tachometer as they were. Same scene and seed: same bytes.
     by_source : bool
-        Also keep ``truth_source`` (truth_channel, truth_source_name, time): the clean signal of each source behind the
-        linear part of the chain, as large as a channel for each source.
+        Also return ``truth_source`` (truth_channel, truth_source_name, time): the noise-free signal of each source
+        after the linear part of the chain, as large as a channel for each source.
     phases : bool
-        Also keep the exact angle at each sample of every shaft and of every bearing's cage and rolling elements,
-        ``truth_shaft_revolutions`` (truth_shaft, time) and ``truth_roller_revolutions`` (truth_roller, time).
+        Also return the exact angle at each sample of every shaft and of every bearing's cage and rolling elements,
+        ``truth_shaft_revolutions`` (truth_shaft, time) and ``truth_roller_revolutions`` (truth_roller, time), in rev.
 
     Returns
     -------
     xarray.Dataset
-        A record. Its truth, on the clock of the record:
+        A record. Its truth, on the time axis of the record:
 
         ``truth_amplitude`` (truth_channel, truth_order, truth_time), complex
-            Z of the clean signal at each order of the reference shaft, ``x = Re{Z exp(j order phase)}``, phase
-            zero at the first tachometer mark, behind the filters and the sensitivity of the channel. Between the
-            instants of truth_time, Z is linear: the lines of the signal are built so, without approximation. Sources
-            at one exact order are added. What a tooth's impacts add to the listed orders is in it
-            (`data_synth.path.impact_line` states the error); the further orders they reach are not listed, nor has a
-            bearing with slip any line.
+            Z of the noise-free signal at each order of the reference shaft, ``x = Re{Z exp(j order phase)}``, phase
+            zero at the first tachometer mark, after the filters and the sensitivity of the channel. Between the
+            instants of truth_time Z is linear: the signal is built so, without approximation. Sources at one exact
+            order are added. The part of a tooth's impacts at the listed orders is included
+            (`data_synth.path.impact_line` states the error); the further orders of impacts are not listed, and a
+            bearing with slip has no line.
         ``truth_component``, ``truth_kind`` (truth_order)
-            What speaks there, largest first, joined by " + ".
+            The sources at that order, largest first, joined by " + ".
         ``truth_chain_response`` (truth_channel, truth_order, truth_time), complex
-            The part of filters and sensitivity in truth_amplitude, where a channel has any.
+            Frequency response of filters and sensitivity, a factor of truth_amplitude; where a channel has any.
         ``truth_speed``, ``truth_revolutions`` (truth_time)
             Speed of the reference shaft in rev s-1 and its exact angle in rev; ``truth_torque`` in N m as declared.
         ``truth_fault_component``, ``truth_fault_kind`` (truth_fault)
             As declared; of length zero in a healthy record. ``truth_fault_size`` (truth_fault, truth_time) in mm where
             one grows.
         ``truth_impact_times_1`` ...
-            Times in s at which fault 1 ... is struck.
+            Times in s of the impacts of fault 1 ...
         ``truth_marks``, ``truth_missed_marks``, ``truth_spurious_pulses``
-            When the tachometer's marks truly passed in s, the numbers of those that gave no pulse, and pulses without
-            mark, where the scene spoils its tachometer.
+            Where the scene degrades its tachometer: exact times in s of its marks, the numbers of those without a
+            pulse, and times in s of pulses without a mark.
         ``truth_hum_1``, ``truth_clipped_1``, ``truth_saturated_1``, ``truth_drop_outs_1``
-            Amplitude of the mains' harmonics at time zero, how many samples were clipped and beyond the converter, and
-            from when to when samples are missing, in s; where a channel has such a part.
-
+            Where a channel has such a part: complex amplitude of the mains' harmonics at time zero, number of samples
+            clipped and beyond the converter, and begin and end of missing samples in s.
         ``truth_tooth_passes_1`` ...
             Where gears vibrate: times in s at which the damaged tooth of fault 1 ... is in the middle of its mesh; its
             attribute ``half_width_rev`` is half the time it is in mesh, in rev of the reference shaft.
 
-        Where gears vibrate, truth_amplitude holds at the orders of the meshes what their steady motion puts there, at
-        constant speed and torque. Attribute ``truth_mesh_lines`` says how well that is known, or why
-        it is left out, ``truth_fidelity`` which motions were simulated.
-
-        Attribute ``truth_scene`` holds the scene with every default written out, ``truth_seed`` the seed.
+        Where gears vibrate, truth_amplitude at the orders of the meshes is that of their steady motion, at constant
+        speed and torque. Attribute ``truth_mesh_lines`` states its error, or why it is left out, ``truth_fidelity``
+        which motions were simulated. Attribute ``truth_scene`` holds the scene with every default written out,
+        ``truth_seed`` the seed.
 
     Raises
     ------
     SceneError
-        For a scene that cannot be simulated, or that memory does not hold, with the sentence that says why and what to
-        do.
+        A scene that cannot be simulated, or that memory does not hold, with the reason and the remedy.
+
+    Examples
+    --------
+    A mesh of 23 teeth at 20 rev/s is a tone of 460 Hz, here of amplitude 2:
+
+    >>> import numpy as np
+    >>> from data_synth import Scene, simulate
+    >>> scene = Scene.from_mapping({
+    ...     "gearbox": "two-stage", "rate_hz": 5000, "duration_s": 1, "fidelity": "kinematic",
+    ...     "speed": {"link": "input", "rpm": 1200}, "tachometer": {"link": "input", "pulses_per_rev": 1},
+    ...     "excitation": {"mesh_amplitude": 2, "harmonics": 1}, "noise": {"rms": 0},
+    ...     "sensor": [{"name": "input", "on": "input bearing", "units": "g"}],
+    ... })
+    >>> record = simulate(scene, seed=1)
+    >>> spectrum = np.fft.rfft(record["input"].values) / (scene.samples / 2)
+    >>> f"{abs(spectrum[460]):.2f}", f"{abs(record['truth_amplitude'].sel(truth_order=23)).values.max():.2f}"
+    ('2.00', '2.00')
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise SceneError(f"seed = {seed!r}: a whole number, 0 or more, is needed.")
     refuse_too_large(declared, by_source=by_source, phases=phases)
-    stage = staged(declared, draws=partial(random_stream, seed))
-    gears = prepared(stage) if declared.fidelity != "kinematic" else None
+    prepared = prepare_scene(declared, rng_for=partial(random_stream, seed))
+    gears = prepare_gears(prepared) if declared.fidelity != "kinematic" else None
     choice = decided(declared) if gears is not None else None
     if gears is not None and choice is not None:
-        stage = sounding(stage, gears, choice.levels)
-    late_s = _late(stage)
-    parts = _by_source(stage, late_s=late_s) if by_source else {}
-    signal = _clean(stage, late_s=late_s)
+        prepared = sounding(prepared, gears, choice.levels)
+    timing_errors_s = _timing_errors_s(prepared)
+    parts = _by_source(prepared, timing_errors_s=timing_errors_s) if by_source else {}
+    signal = _clean(prepared, timing_errors_s=timing_errors_s)
     if gears is not None and choice is not None:
-        truth, told = _with_gears(stage, gears, choice, signal, parts)
+        truth, attrs = _with_gears(prepared, gears, choice, signal, parts)
     else:
-        truth, told = truth_of(stage), {}
+        truth, attrs = truth_variables(prepared), {}
     for number, sensor in enumerate(declared.sensors):
-        truth |= _spoil(stage, sensor, number + 1, signal[number], late_s=late_s)
+        truth |= _apply_chain(prepared, sensor, number + 1, signal[number], timing_errors_s=timing_errors_s)
     truth |= parts
-    truth |= phases_of(stage) if phases else {}
+    truth |= angle_truth(prepared) if phases else {}
     return make_record(
         {sensor.name: _channel(sensor, values) for sensor, values in zip(declared.sensors, signal, strict=True)},
         rate_hz=declared.rate_hz,
         angle=PulseTimes(
-            times_s=stage.pulses.times_s,
+            times_s=prepared.pulses.times_s,
             shaft=declared.tachometer.link,
             pulses_per_rev=declared.tachometer.pulses_per_rev,
         ),
         machine=declared.gearbox.name,
         truth=truth,
-        attrs={"truth_scene": declared.to_toml(), "truth_seed": seed, **told},
+        attrs={"truth_scene": declared.to_toml(), "truth_seed": seed, **attrs},
     )
 
 
 def _channel(sensor: Sensor, values: Array) -> Channel:
+    """Return one sensor's samples as a channel of a record."""
     return Channel(
         values=values,
         units=sensor.channel_units,
@@ -141,27 +157,32 @@ def _channel(sensor: Sensor, values: Array) -> Channel:
 # ---- the sum of all sources ----------------------------------------------------------------------------------
 
 
-def _late(stage: Stage) -> Array | None:
-    """Return how much later than its place each sample is taken, s."""
-    jitter, scene = stage.scene.sampling_jitter, stage.scene
-    return jitter.std_s * stage.draws("jitter").standard_normal(scene.samples) if jitter is not None else None
+def _timing_errors_s(prepared: PreparedScene) -> Array | None:
+    """Return the errors of the sampling instants, (n,) s; None without sampling jitter."""
+    jitter, scene = prepared.scene.sampling_jitter, prepared.scene
+    return jitter.std_s * prepared.rng_for("jitter").standard_normal(scene.samples) if jitter is not None else None
 
 
-def _clean(stage: Stage, *, late_s: Array | None, only: tuple[str, str] | None = None) -> Array:
-    """Return the signal behind the linear chain, (sensor, n), of all sources or of one component and kind."""
-    scene = stage.scene
+def _clean(prepared: PreparedScene, *, timing_errors_s: Array | None, only: tuple[str, str] | None = None) -> Array:
+    """Return the signal after the linear chain, (sensor, n), of all sources or of one (component, kind)."""
+    scene = prepared.scene
     signal = np.zeros((len(scene.sensors), scene.samples))
     for start in range(0, scene.samples, _BLOCK):
         here = slice(start, min(start + _BLOCK, scene.samples))
-        stage.add_lines(signal[:, here], first=start, late_s=None if late_s is None else late_s[here], only=only)
-    for number, train in stage.trains:
+        prepared.add_lines(
+            signal[:, here],
+            first=start,
+            timing_errors_s=None if timing_errors_s is None else timing_errors_s[here],
+            only=only,
+        )
+    for number, train in prepared.trains:
         if only in (None, (train.component, train.kind)):
-            add_train(stage, number, train, signal, late_s=late_s)
+            add_impacts(prepared, number, train, signal, timing_errors_s=timing_errors_s)
     return signal
 
 
-def _in_motion(motion: Motion) -> Array:
-    """Return what the sensors hear of gears that vibrate, (sensor, n)."""
+def _gear_vibration(motion: Motion) -> Array:
+    """Return the response of the sensors to the vibration of the gears, (sensor, n)."""
     scene, at = motion.stage.scene, 0
     signal = np.empty((len(scene.sensors), scene.samples))
     for block in motion.channels(samples=scene.samples):
@@ -171,38 +192,41 @@ def _in_motion(motion: Motion) -> Array:
 
 
 def _with_gears(
-    stage: Stage, gears: Gears, choice: Choice, signal: Array, parts: dict[str, xr.DataArray]
+    prepared: PreparedScene, gears: Gears, choice: Choice, signal: Array, parts: dict[str, xr.DataArray]
 ) -> tuple[dict[str, xr.DataArray], dict[str, str]]:
-    """Add gears that vibrate to a signal (sensor, n) and to the parts by source, where kept, and return the truth.
+    """Add the vibration of the gears to a signal (sensor, n) and to `parts`; return truth variables and attributes.
 
-    With it come attributes: which motions were simulated, and how well the lines of meshes are known.
+    The attributes state which motions were simulated, and the error of the amplitudes of the mesh harmonics.
     """
-    motion = moved(stage, gears, choice.levels)
+    motion = moved(prepared, gears, choice.levels)
     all_move = motion is not None and LEFT_OUT not in choice.levels.values()
-    passes = motion_truth(motion if motion is not None and all_move else whole_of(stage, gears, choice.levels))
+    passes = tooth_pass_truth(motion if motion is not None and all_move else whole_of(prepared, gears, choice.levels))
     if motion is None:
-        return truth_of(stage) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
-    heard = _in_motion(motion)
-    signal += heard
-    found = mesh_lines(stage, heard)
+        return truth_variables(prepared) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
+    gear_signal = _gear_vibration(motion)
+    signal += gear_signal
+    measured = mesh_lines(prepared, gear_signal)
     for name, sources in parts.items():
         # meshes act on each other, so all gears in motion are one source
         coords = {"truth_channel": sources["truth_channel"], "truth_source_name": ["gears, motion"]}
-        own = xr.DataArray(heard[:, None], dims=sources.dims, coords=coords)
+        own = xr.DataArray(gear_signal[:, None], dims=sources.dims, coords=coords)
         parts[name] = xr.concat([sources, own], dim="truth_source_name").assign_attrs(sources.attrs)
-    return truth_of(stage, found=found) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": found.about}
+    return truth_variables(prepared, measured=measured) | passes, {
+        "truth_fidelity": str(choice),
+        "truth_mesh_lines": measured.about,
+    }
 
 
-def _by_source(stage: Stage, *, late_s: Array | None) -> dict[str, xr.DataArray]:
+def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dict[str, xr.DataArray]:
     sources = dict.fromkeys(
-        [(comb.component, comb.kind) for comb in stage.combs]
-        + [(train.component, train.kind) for _, train in stage.trains]
+        [(family.component, family.kind) for family in prepared.families]
+        + [(train.component, train.kind) for _, train in prepared.trains]
     )
-    signals = np.empty((len(stage.scene.sensors), len(sources), stage.scene.samples))
+    signals = np.empty((len(prepared.scene.sensors), len(sources), prepared.scene.samples))
     for index, source in enumerate(sources):
-        signals[:, index] = _clean(stage, late_s=late_s, only=source)
+        signals[:, index] = _clean(prepared, timing_errors_s=timing_errors_s, only=source)
     names = {
-        "truth_channel": [sensor.name for sensor in stage.scene.sensors],
+        "truth_channel": [sensor.name for sensor in prepared.scene.sensors],
         "truth_source_name": [f"{component}, {kind}" for component, kind in sources],
     }
     return {
@@ -210,7 +234,7 @@ def _by_source(stage: Stage, *, late_s: Array | None) -> dict[str, xr.DataArray]
             signals,
             dims=("truth_channel", "truth_source_name", "time"),
             coords=names,
-            attrs={"units": stage.scene.sensors[0].channel_units},
+            attrs={"units": prepared.scene.sensors[0].channel_units},
         )
     }
 
@@ -218,21 +242,24 @@ def _by_source(stage: Stage, *, late_s: Array | None) -> dict[str, xr.DataArray]
 # ---- what is not linear in the chain, or not of the machine --------------------------------------------------
 
 
-def _spoil(
-    stage: Stage, sensor: Sensor, number: int, values: Array, *, late_s: Array | None
+def _apply_chain(
+    prepared: PreparedScene, sensor: Sensor, number: int, values: Array, *, timing_errors_s: Array | None
 ) -> dict[str, xr.DataArray]:
-    """Do to a channel (n,) what its chain does, in the order of the hardware, and return what was done."""
-    scene, truth = stage.scene, {}
+    """Apply the nonlinear part of a channel's chain to its samples (n,), in place and in hardware order.
+
+    Returns the truth variables that state what was done.
+    """
+    scene, truth = prepared.scene, {}
     units, channel = sensor.channel_units, {"channel": sensor.name}
     if sensor.hum is not None:
-        lines = hum_lines(sensor.hum, _behind_cable(sensor), rng=stage.draws("hum", sensor.name))
+        lines = hum_lines(sensor.hum, _recorder_filter(sensor), rng=prepared.rng_for("hum", sensor.name))
         frequencies = sensor.hum.frequency_hz * np.arange(1, lines.size + 1)
-        _add_hum(values, lines, sensor.hum.frequency_hz, rate_hz=scene.rate_hz, late_s=late_s)
+        _add_hum(values, lines, sensor.hum.frequency_hz, rate_hz=scene.rate_hz, timing_errors_s=timing_errors_s)
         dim = f"truth_hum_frequency_{number}"
         attrs = {"units": units, "convention": "x = Re{Z exp(2 pi j f t)}", **channel}
         truth[f"truth_hum_{number}"] = xr.DataArray(lines, dims=dim, coords={dim: frequencies}, attrs=attrs)
     gain = abs(sensor.sensitivity.value) if sensor.sensitivity is not None else 1.0
-    add_noise(values, rms=gain * scene.noise.rms, rng=stage.draws("noise", sensor.name))
+    add_noise(values, rms=gain * scene.noise.rms, rng=prepared.rng_for("noise", sensor.name))
     if sensor.clipping is not None:
         beyond = clip(values, level=sensor.clipping.level)
         truth[f"truth_clipped_{number}"] = xr.DataArray(beyond, attrs={"units": "1", **channel})
@@ -240,7 +267,7 @@ def _spoil(
         beyond = quantise(values, sensor.quantisation)
         truth[f"truth_saturated_{number}"] = xr.DataArray(beyond, attrs={"units": "1", **channel})
     if sensor.drop_outs is not None:
-        rng = stage.draws("drop-outs", sensor.name)
+        rng = prepared.rng_for("drop-outs", sensor.name)
         spans = drop_outs(values, sensor.drop_outs, rate_hz=scene.rate_hz, rng=rng)
         dims = (f"truth_drop_out_{number}", "truth_edge")
         truth[f"truth_drop_outs_{number}"] = xr.DataArray(
@@ -249,15 +276,19 @@ def _spoil(
     return truth
 
 
-def _behind_cable(sensor: Sensor) -> Cascade:
+def _recorder_filter(sensor: Sensor) -> AllPoleFilter:
+    """Return the filter that hum from the cable passes: the anti-aliasing filter alone."""
     return linear_chain(sensor.changed(resonance=None, sensitivity=None))
 
 
-def _add_hum(values: Array, lines: ComplexArray, frequency_hz: float, *, rate_hz: float, late_s: Array | None) -> None:
+def _add_hum(
+    values: Array, lines: ComplexArray, frequency_hz: float, *, rate_hz: float, timing_errors_s: Array | None
+) -> None:
+    """Add the harmonics of the mains to a channel (n,), in place."""
     for start in range(0, values.size, _BLOCK):
         here = slice(start, min(start + _BLOCK, values.size))
         times_s = np.arange(here.start, here.stop) / rate_hz
-        times_s = times_s if late_s is None else times_s + late_s[here]
+        times_s = times_s if timing_errors_s is None else times_s + timing_errors_s[here]
         for harmonic, line in enumerate(lines, start=1):
             angle = 2 * np.pi * np.remainder(harmonic * frequency_hz * times_s, 1.0)
             values[here] += line.real * np.cos(angle) - line.imag * np.sin(angle)

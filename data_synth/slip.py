@@ -1,7 +1,7 @@
-"""Slip of a rolling bearing: impacts that come at intervals of their own, so that errors of their times add up.
+"""Slip of a rolling bearing: impacts with independent random intervals, whose errors add up.
 
-The train then has no exact period: its times go astray like a random walk (Antoni and Randall 2003, J. Vib. Acoust.
-125, 282-289).
+The impacts have no exact period: their times deviate like a random walk (Antoni and Randall 2003, J. Vib. Acoust. 125,
+282-289).
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from data_synth.profile import Array
 _BLOCK = 4096  # intervals drawn at once
 
 
-class Slipping(Protocol):
-    """Says how impacts scatter: `Slip`, or a declared fault."""
+class SlipModel(Protocol):
+    """Mean and scatter of the intervals between impacts: `Slip`, or a declared fault."""
 
     @property
     def mean_slip(self) -> float:
-        """Share by which the mean rate lies below that of pure rolling."""
+        """Relative reduction of the mean rate below that of pure rolling."""
 
     @property
     def slip_std(self) -> float:
@@ -28,10 +28,10 @@ class Slipping(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Slip:
-    """Slip as a renewal process: Gaussian intervals ``(1 + slip_std g) / (order (1 - mean_slip))``, independent.
+    """Slip as a renewal process: independent Gaussian intervals ``(1 + slip_std g) / (order (1 - mean_slip))``.
 
     The power spectral density of the impacts at harmonic k of their mean rate is, over that rate, the hyperbolic
-    cotangent of ``(2 pi k slip_std)^2 / 4``: lines that melt as k grows.
+    cotangent of ``(2 pi k slip_std)^2 / 4``: lines broaden into the background as k grows.
     """
 
     mean_slip: float = 0.0
@@ -44,33 +44,33 @@ class Slip:
             raise ValueError(f"mean_slip = {self.mean_slip:g}: at 1 nothing rolls; keep it below")
 
 
-def renewals(
+def renewal_process(
     *,
     order: float,
-    slip: Slipping,
+    slip: SlipModel,
     span_rev: tuple[float, float],
     rng: np.random.Generator,
     since_rev: float | None = None,
 ) -> tuple[Array, int]:
-    """Draw where on the reference shaft's angle a defect is struck.
+    """Draw the angles of the reference shaft at which a defect is struck.
 
     Parameters
     ----------
     order : float
-        Impacts per revolution of the reference under pure rolling.
+        Impacts per revolution of the reference shaft under pure rolling.
     slip : Slip or alike
     span_rev : (float, float)
         First and last revolution of interest.
     rng : numpy.random.Generator
     since_rev : float, optional
-        From where on strikes before the span are of interest too; those within stay as they are.
+        Revolution from which earlier impacts are drawn too; those within the span do not depend on it.
 
     Returns
     -------
     revolutions : (n,) array
-        Rising: one before all of interest, those of interest, one after them.
+        Rising: the last impact before the interval, those in it, and the first after it.
     first : int
-        Number of the one before all: the first within the span has number 0.
+        Number of the first of them: the first within the span has number 0.
     """
     first, last = span_rev
     interval = 1 / (order * (1 - slip.mean_slip))
@@ -80,18 +80,24 @@ def renewals(
         counted = elapsed + np.cumsum(1 + slip.slip_std * rng.standard_normal(_BLOCK))
         elapsed = float(counted[-1])
         drawn.append(begin + interval * counted)
-    struck = np.concatenate(drawn)
-    within = np.searchsorted(struck, first), np.searchsorted(struck, last, side="right")
-    struck = struck[max(int(within[0]) - 1, 0) : int(within[1]) + 1]
-    before = _before(struck[0], interval, slip, since_rev, rng.spawn(1)[0]) if since_rev is not None else np.empty(0)
-    return np.concatenate([before, struck]), -1 - before.size
+    impacts = np.concatenate(drawn)
+    within = np.searchsorted(impacts, first), np.searchsorted(impacts, last, side="right")
+    impacts = impacts[max(int(within[0]) - 1, 0) : int(within[1]) + 1]
+    before = (
+        _impacts_before(impacts[0], interval, slip, since_rev, rng.spawn(1)[0])
+        if since_rev is not None
+        else np.empty(0)
+    )
+    return np.concatenate([before, impacts]), -1 - before.size
 
 
-def _before(begin: float, interval: float, slip: Slipping, since_rev: float, rng: np.random.Generator) -> Array:
-    """Return the strikes before one at `begin`, rising, as many as it takes to have one before `since_rev`."""
+def _impacts_before(
+    begin: float, interval: float, slip: SlipModel, since_rev: float, rng: np.random.Generator
+) -> Array:
+    """Return the impacts before `begin`, rising, back to the last one before `since_rev`."""
     drawn, begin = [np.empty(0)], float(begin)
     while begin >= since_rev:
         drawn.insert(0, begin - interval * np.cumsum(1 + slip.slip_std * rng.standard_normal(_BLOCK))[::-1])
         begin = float(drawn[0][0])
-    struck = np.concatenate(drawn)
-    return struck[max(int(np.searchsorted(struck, since_rev)) - 1, 0) :]
+    impacts = np.concatenate(drawn)
+    return impacts[max(int(np.searchsorted(impacts, since_rev)) - 1, 0) :]

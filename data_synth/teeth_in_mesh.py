@@ -1,4 +1,4 @@
-"""Mesh stiffness from pairs of teeth that enter one after the other, each with a stiffness of its own."""
+"""Mesh stiffness as the sum of tooth pairs that enter one after the other, each with a stiffness of its own."""
 
 import math
 from collections.abc import Sequence
@@ -13,29 +13,30 @@ from data_synth.mesh import Array, ComplexArray, Fourier, Stiffness, fourier_ser
 from data_synth.tooth_stiffness import ToothPair
 
 _POINTS = 257  # along the path of contact: linear between them to 1e-5 of the stiffness
-_OPEN = 1e20  # m/N: nothing carries there
-_BESIDE = 1e-12  # cycles: either side of an edge
+_NO_CONTACT = 1e20  # m/N: the pair is not in contact
+_EDGE_OFFSET = 1e-12  # cycles: either side of an edge
 
 
 class ToothFault(Protocol):
-    """What is wrong with one tooth."""
+    """A fault of one tooth, by its effect on the compliance of the pair."""
 
     def added_compliance(self, pair: ToothPair, gear: int, phase_cycles: Array) -> Array:
-        """Return what it adds to the compliance of a pair whose tooth `gear` (0 or 1) has it, (n,) m/N; inf: open."""
+        """Return the added compliance of a pair whose tooth `gear` (0 or 1) is faulty, (n,) m/N; inf: no contact."""
 
-    def edges(self, pair: ToothPair, gear: int) -> tuple[float, ...]:
+    def jump_phases(self, pair: ToothPair, gear: int) -> tuple[float, ...]:
         """Return phases after the pair entered at which that jumps."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Damaged:
-    """A fault on one tooth.
+class DamagedTooth:
+    """A faulty tooth of a gear.
 
     Attributes
     ----------
     gear : 0 or 1
+        The driving or the driven gear.
     tooth : int
-        Number of the tooth; it enters at this phase, and again after a turn of its gear.
+        Number of the tooth; it enters at this phase, and again after a revolution of its gear.
     fault : ToothFault
     """
 
@@ -46,19 +47,19 @@ class Damaged:
 
 @dataclass(frozen=True, kw_only=True)
 class TeethInMesh:
-    """The stiffness of all pairs in contact; pair p enters at phase p and leaves a contact ratio later.
+    """Mesh stiffness of all pairs in contact; pair p enters at phase p and leaves a contact ratio later.
 
-    Build one with `teeth_in_mesh`.
+    Built by `teeth_in_mesh`.
 
     Attributes
     ----------
     contact_ratio : float
     path_cycles : (n,) array
-        Phases after a pair entered, from 0 to the contact ratio; an edge stands there twice.
+        Phases after a pair entered, from 0 to the contact ratio; a discontinuity has one on either side.
     compliance : (n,) array
         Of a healthy pair, m/N.
-    damaged : tuple of (teeth, tooth, edges, (n,) array)
-        For each damaged tooth: how many its gear has, its number, the phases where its stiffness jumps, what it adds.
+    damaged : tuple of (teeth, tooth, jump phases, (n,) array)
+        For each damaged tooth: number of teeth of its gear, its number, phases of discontinuities, added compliance.
     """
 
     contact_ratio: float
@@ -70,17 +71,17 @@ class TeethInMesh:
 
     @property
     def period(self) -> int:
-        """Cycles of a turn of the gear with a damaged tooth; until the same teeth meet, where both gears have one."""
+        """Period in cycles: the teeth of the damaged gear; their least common multiple where both gears are damaged."""
         return math.lcm(*(teeth for teeth, *_ in self.damaged)) if self.damaged else 1
 
     @cached_property
     def jumps(self) -> tuple[float, ...]:
-        """Phases at which a pair enters or leaves, or a fault begins or ends."""
+        """Phases of discontinuities: where a pair enters or leaves, or a fault begins or ends."""
         leaves = self.contact_ratio % 1
         found = {cycle + at for cycle in range(self.period) for at in (0.0, leaves)}
-        for teeth, tooth, edges, _ in self.damaged:
+        for teeth, tooth, jump_phases, _ in self.damaged:
             for turn in range(self.period // teeth):
-                found |= {(turn * teeth + tooth + edge) % self.period for edge in edges}
+                found |= {(turn * teeth + tooth + edge) % self.period for edge in jump_phases}
         return tuple(sorted(found))
 
     @cached_property
@@ -97,26 +98,26 @@ class TeethInMesh:
         for older in range(math.ceil(self.contact_ratio)):
             since = phase - newest + older
             compliance = np.interp(since, self.path_cycles, self.compliance)
-            for teeth, tooth, _, added in self.damaged:
+            for teeth, tooth, _, fault_compliance in self.damaged:
                 here = np.remainder(newest - older - tooth, teeth) == 0
-                compliance += np.where(here, np.interp(since, self.path_cycles, added), 0.0)
+                compliance += np.where(here, np.interp(since, self.path_cycles, fault_compliance), 0.0)
             total += np.where(since < self.contact_ratio, 1 / compliance, 0.0)
-        return np.where(total > 1 / np.sqrt(_OPEN), total, 0.0)
+        return np.where(total > 1 / np.sqrt(_NO_CONTACT), total, 0.0)
 
 
 def teeth_in_mesh(
-    pair: ToothPair, *, damaged: Sequence[Damaged] = (), teeth: tuple[int, int] | None = None
+    pair: ToothPair, *, damaged: Sequence[DamagedTooth] = (), teeth: tuple[int, int] | None = None
 ) -> TeethInMesh:
-    """Return the stiffness of a mesh by strain energy, its teeth healthy or damaged.
+    """Return the mesh stiffness by strain energy, its teeth healthy or damaged.
 
-    Pairs share the load as springs side by side; that they also share the body of their gear is left out, as usual.
+    Pairs share the load as parallel springs; their coupling through the body of the gear is neglected, as usual.
 
     Parameters
     ----------
     pair : ToothPair
-    damaged : sequence of Damaged
+    damaged : sequence of DamagedTooth
     teeth : pair of int
-        How many the gears have, where the pair is but the virtual one of bevel gears.
+        Numbers of teeth of the gears, where the pair is the virtual one of bevel gears.
 
     Raises
     ------
@@ -131,8 +132,8 @@ def teeth_in_mesh(
                 f"gear = {item.gear}, tooth = {item.tooth}: gears are 0 and 1, and teeth count from 0 to "
                 f"{', '.join(str(count - 1) for count in counts)}."
             )
-    edges = [tuple(at for at in item.fault.edges(pair, item.gear) if 0 < at < ratio) for item in damaged]
-    sides = [at + side for found in edges for at in found for side in (-_BESIDE, _BESIDE)]
+    jump_phases = [tuple(at for at in item.fault.jump_phases(pair, item.gear) if 0 < at < ratio) for item in damaged]
+    sides = [at + side for found in jump_phases for at in found for side in (-_EDGE_OFFSET, _EDGE_OFFSET)]
     path = np.unique(np.concatenate([np.linspace(0, ratio, _POINTS), np.array(sides)]))
     return TeethInMesh(
         contact_ratio=ratio,
@@ -143,18 +144,18 @@ def teeth_in_mesh(
                 counts[item.gear],
                 item.tooth,
                 found,
-                np.minimum(item.fault.added_compliance(pair, item.gear, path), _OPEN),
+                np.minimum(item.fault.added_compliance(pair, item.gear, path), _NO_CONTACT),
             )
-            for item, found in zip(damaged, edges, strict=True)
+            for item, found in zip(damaged, jump_phases, strict=True)
         ),
     )
 
 
 def helical(stiffness: Stiffness, *, overlap_ratio: float, harmonics: int) -> Fourier:
-    """Return the stiffness of a helical mesh whose thin slices are spur gears with this one.
+    """Return the stiffness of a helical mesh whose thin transverse slices are spur gears with this stiffness.
 
     Slices enter one after the other over `overlap_ratio` cycles, so harmonic h is multiplied by ``sinc(h eps / period)
-    exp(-j pi h eps / period)``: a whole overlap ratio leaves a healthy mesh with its mean alone.
+    exp(-j pi h eps / period)``: an integer overlap ratio leaves a healthy mesh only its mean.
 
     Parameters
     ----------
@@ -163,7 +164,7 @@ def helical(stiffness: Stiffness, *, overlap_ratio: float, harmonics: int) -> Fo
     overlap_ratio : float
         ``b sin(beta) / (pi m_n)``; `GearPair.overlap_ratio`.
     harmonics : int
-        Kept, of the period of `stiffness`.
+        Number of terms, of the period of `stiffness`.
     """
     spur = fourier_series(stiffness, harmonics=harmonics)
     turns = np.arange(1, harmonics + 1) * overlap_ratio / spur.period

@@ -1,8 +1,8 @@
 """Stiffness of a spur gear mesh from the strain energy of its teeth.
 
-A tooth is a cantilever from its root circle. A load F at a point of the involute, at the angle b to a line across
-the tooth, stores energy in bending, shear and compression, the body under the tooth gives way, and the contact itself
-does. Each stores ``F^2 / 2k``, so their compliances add up:
+A tooth is a cantilever from its root circle. A load F at a point of the involute, at the load angle b to the normal of
+the tooth's centre line, stores energy in bending, shear and compression of the tooth, in the gear body and in the
+contact. Each is ``F^2 / 2k``, so the compliances add up:
 
     1/k_b = int (cos b (y_F - y) - x_F sin b)^2 / (E I) dy,   1/k_s = int 1.2 cos^2 b / (G A) dy,
     1/k_a = int sin^2 b / (E A) dy,   k_h = pi E L / (4 (1 - nu^2))
@@ -37,24 +37,24 @@ _BISECTIONS = 60
 
 
 @dataclass(frozen=True, kw_only=True)
-class Section:
-    """What a crack leaves of one half of a tooth: from the height `tip_m` upwards no more than `left_m`.
+class CrackedSection:
+    """The cracked half of a tooth: from the height `tip_m` upwards its thickness is at most `remaining_m`.
 
-    Below the middle of the tooth `left_m` is negative.
+    Below the centre line of the tooth `remaining_m` is negative.
     """
 
-    left_m: float
+    remaining_m: float
     tip_m: float
 
     def __call__(self, heights: Array, halves: Array) -> Array:
-        """Return what is left of the half at heights, (n,) m."""
+        """Return the remaining half thickness at heights, (n,) m, given the healthy one."""
         # further up, where the other half is thinner than the crack is deep, nothing would be left: a hundredth is
-        return np.where(heights < self.tip_m, halves, np.maximum(np.minimum(halves, self.left_m), -0.99 * halves))
+        return np.where(heights < self.tip_m, halves, np.maximum(np.minimum(halves, self.remaining_m), -0.99 * halves))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tooth:
-    """One tooth of a spur gear cut by a rack with rounded tips, and the body under it.
+    """One tooth of a spur gear cut by a rack with rounded tips, and the gear body under it.
 
     The fillet is the path of the rack's tip rounding, whose radius is the tip clearance over ``1 - sin(alpha)``; it
     meets the involute tangentially at the form circle.
@@ -64,13 +64,13 @@ class Tooth:
     teeth : int
     module_m, face_width_m, pressure_angle_rad : float
     bore_radius_m : float
-        Where the body is held, on its shaft.
+        Radius at which the body is held on its shaft.
     addendum, clearance : float
         In modules.
     root_half_angle_rad : float or None
         Half the angle of the tooth at its root circle, in which the body's compliance is expressed. That of the fillet
-        itself if left out. (The usual expression ``(pi/2 + 2 tan(alpha) (h - rho) + 2 rho / cos(alpha)) / z`` lacks
-        the clearance beside the addendum h, and makes the pair of the tests 2.5 % softer.)
+        itself if left out. (The usual expression ``(pi/2 + 2 tan(alpha) (h - rho) + 2 rho / cos(alpha)) / z`` lacks the
+        clearance beside the addendum h, and makes the pair of the tests 2.5 % softer.)
     young_pa, poisson : float
     """
 
@@ -130,23 +130,25 @@ class Tooth:
 
     @property
     def _base_half_angle(self) -> float:
+        """Half the angle of the tooth at the base circle."""
         angle = self.pressure_angle_rad
         return math.pi / (2 * self.teeth) + math.tan(angle) - angle
 
     @property
-    def _rounding(self) -> tuple[float, float, float]:
-        """Radius of the rack's tip, how deep its centre lies, and how far from the middle of the tooth."""
+    def _rack_tip(self) -> tuple[float, float, float]:
+        """Radius of the rack's tip rounding, depth of its centre, and its offset from the centre line of the tooth."""
         angle, module = self.pressure_angle_rad, self.module_m
         radius = self.clearance * module / (1 - math.sin(angle))
-        deep = (self.addendum + self.clearance) * module - radius
-        return radius, deep, math.pi * module / 4 + deep * math.tan(angle) + radius / math.cos(angle)
+        centre_depth = (self.addendum + self.clearance) * module - radius
+        return radius, centre_depth, math.pi * module / 4 + centre_depth * math.tan(angle) + radius / math.cos(angle)
 
     @cached_property
     def _whole_fillet(self) -> tuple[Array, Array, Array]:
+        """Half thicknesses, heights and weights at the nodes of the whole fillet."""
         return self._fillet(math.pi / 2, self.pressure_angle_rad)
 
     def _cut_fillet(self, height: float) -> tuple[Array, Array, Array]:
-        """Return the nodes of the fillet in two parts that meet at a height, where a crack begins to tell."""
+        """Return those nodes in two intervals that meet at a height, where a crack begins."""
         root, top = math.pi / 2, self.pressure_angle_rad
         low, high = root, top
         for _ in range(_BISECTIONS):
@@ -163,81 +165,87 @@ class Tooth:
         return half, height, weight * rate
 
     def fillet_at(self, slope: Array) -> tuple[Array, Array, Array]:
-        """Return half thickness, height and its rate by the slope of the rack's tip, pi/2 at the root, alpha on top."""
-        radius, deep, aside = self._rounding
-        turn, turn_rate = (deep / np.tan(slope) + aside) / self.radius_m, -deep / np.sin(slope) ** 2 / self.radius_m
-        reach, reach_rate = deep / np.sin(slope) + radius, -deep * np.cos(slope) / np.sin(slope) ** 2
-        half = self.radius_m * np.sin(turn) - reach * np.cos(slope - turn)
-        height = self.radius_m * np.cos(turn) - reach * np.sin(slope - turn)
+        """Return half thickness, height and its derivative by the rack tip's slope, pi/2 at the root, alpha on top."""
+        radius, centre_depth, centre_offset = self._rack_tip
+        turn, turn_rate = (
+            (centre_depth / np.tan(slope) + centre_offset) / self.radius_m,
+            -centre_depth / np.sin(slope) ** 2 / self.radius_m,
+        )
+        trace_radius, reach_rate = (
+            centre_depth / np.sin(slope) + radius,
+            -centre_depth * np.cos(slope) / np.sin(slope) ** 2,
+        )
+        half = self.radius_m * np.sin(turn) - trace_radius * np.cos(slope - turn)
+        height = self.radius_m * np.cos(turn) - trace_radius * np.sin(slope - turn)
         rate = (
             -self.radius_m * np.sin(turn) * turn_rate
             - reach_rate * np.sin(slope - turn)
-            - reach * np.cos(slope - turn) * (1 - turn_rate)
+            - trace_radius * np.cos(slope - turn) * (1 - turn_rate)
         )
         return half, height, rate
 
-    def involute_at(self, lean: Array) -> tuple[Array, Array, Array]:
-        """Return half thickness, height and its rate by the angle b at which a load there leans."""
-        base, swept = self.base_radius_m, lean + self._base_half_angle
-        half = base * (swept * np.cos(lean) - np.sin(lean))
-        height = base * (swept * np.sin(lean) + np.cos(lean))
-        return half, height, base * swept * np.cos(lean)
+    def involute_at(self, load_angle: Array) -> tuple[Array, Array, Array]:
+        """Return half thickness, height and its derivative by the load angle b at that point."""
+        base, swept = self.base_radius_m, load_angle + self._base_half_angle
+        half = base * (swept * np.cos(load_angle) - np.sin(load_angle))
+        height = base * (swept * np.sin(load_angle) + np.cos(load_angle))
+        return half, height, base * swept * np.cos(load_angle)
 
-    def compliance(self, angle_rad: Array, *, left: Section | None = None) -> Array:
+    def compliance(self, angle_rad: Array, *, remaining: CrackedSection | None = None) -> Array:
         """Return the compliance of tooth and body under loads at pressure angles on the involute, (n,) m/N.
 
-        `left` gives what a crack leaves of the loaded half at each height; compression closes it.
+        `remaining` gives the remaining thickness of the cracked loaded half; compression closes the crack.
         """
-        lean = np.tan(np.atleast_1d(angle_rad)) - self._base_half_angle
-        return self._beam(lean[:, None], left) + self._body(lean)
+        load_angle = np.tan(np.atleast_1d(angle_rad)) - self._base_half_angle
+        return self._beam(load_angle[:, None], remaining) + self._body(load_angle)
 
-    def _beam(self, lean: Array, left: Section | None) -> Array:
-        """Return the compliance of the tooth alone, (n,), for loads that lean (n, 1)."""
-        at_half, at_height, _ = self.involute_at(lean)
-        nodes, weights = _interval(math.tan(self.form_angle_rad) - self._base_half_angle, lean)
+    def _beam(self, load_angle: Array, remaining: CrackedSection | None) -> Array:
+        """Return the compliance of the tooth alone, (n,), for load angles (n, 1)."""
+        at_half, at_height, _ = self.involute_at(load_angle)
+        nodes, weights = _interval(math.tan(self.form_angle_rad) - self._base_half_angle, load_angle)
         above = self.involute_at(nodes)
-        foot = self._whole_fillet if left is None else self._cut_fillet(left.tip_m)
-        feet = [np.broadcast_to(part, (lean.shape[0], part.size)) for part in foot]
+        foot = self._whole_fillet if remaining is None else self._cut_fillet(remaining.tip_m)
+        feet = [np.broadcast_to(part, (load_angle.shape[0], part.size)) for part in foot]
         half, height = (np.hstack([below, on]) for below, on in zip(feet[:2], above[:2], strict=True))
         steps = np.hstack([feet[2], weights * above[2]])
-        width = half + half if left is None else half + left(height, half)
+        width = half + half if remaining is None else half + remaining(height, half)
         shear = self.young_pa / (2 * (1 + self.poisson))
-        arm = np.cos(lean) * (at_height - height) - at_half * np.sin(lean)
+        arm = np.cos(load_angle) * (at_height - height) - at_half * np.sin(load_angle)
         stored = (
             12 * arm**2 / (self.young_pa * width**3)
-            + 1.2 * np.cos(lean) ** 2 / (shear * width)
-            + np.sin(lean) ** 2 / (self.young_pa * 2 * half)
+            + 1.2 * np.cos(load_angle) ** 2 / (shear * width)
+            + np.sin(load_angle) ** 2 / (self.young_pa * 2 * half)
         )
         return np.asarray(np.sum(steps * stored, axis=1) / self.face_width_m)
 
-    def _body(self, lean: Array) -> Array:
-        """Return the compliance of the gear's body (Sainsot, Velex and Duverger 2004, eq. 4 to 8)."""
-        theta = self.root_half_angle_rad or self._rounding[2] / self.radius_m
+    def _body(self, load_angle: Array) -> Array:
+        """Return the compliance of the gear body (Sainsot, Velex and Duverger 2004, eq. 4 to 8)."""
+        theta = self.root_half_angle_rad or self._rack_tip[2] / self.radius_m
         ratio = self.root_radius_m / self.bore_radius_m
         value = {
             name: a / theta**2 + b * ratio**2 + c * ratio / theta + d / theta + e * ratio + f
             for name, (a, b, c, d, e, f) in _SAINSOT.items()
         }
-        up = (self.involute_at(lean)[1] - self.root_radius_m) / (2 * self.root_radius_m * theta)
-        shape = value["L"] * up**2 + value["M"] * up + value["P"] * (1 + value["Q"] * np.tan(lean) ** 2)
-        return np.asarray(np.cos(lean) ** 2 / (self.young_pa * self.face_width_m) * shape)
+        up = (self.involute_at(load_angle)[1] - self.root_radius_m) / (2 * self.root_radius_m * theta)
+        shape = value["L"] * up**2 + value["M"] * up + value["P"] * (1 + value["Q"] * np.tan(load_angle) ** 2)
+        return np.asarray(np.cos(load_angle) ** 2 / (self.young_pa * self.face_width_m) * shape)
 
 
 def hertz_stiffness(*, young_pa: float, poisson: float, width_m: float) -> float:
-    """Return ``pi E L / (4 (1 - nu^2))``, the contact of two cylinders alike, N/m (Yang and Sun 1985)."""
+    """Return ``pi E L / (4 (1 - nu^2))``, the contact stiffness of two equal cylinders, N/m (Yang and Sun 1985)."""
     return math.pi * young_pa * width_m / (4 * (1 - poisson**2))
 
 
 @dataclass(frozen=True, kw_only=True)
 class ToothPair:
-    """Two teeth that meet, the first one driving.
+    """A driving and a driven tooth in contact.
 
     Attributes
     ----------
     gears : GearPair
-        Spur gears. The teeth of a ring count as teeth outside of a wheel with as many, met at the same height over
-        the reference circle: as ISO 6336-1 has it, nearly those of a rack. Where they would meet the planet's fillet,
-        below its involute, they are taken to be relieved.
+        Spur gears. The teeth of a ring gear count as external teeth of a wheel with as many, in contact at the same
+        height over the reference circle: as ISO 6336-1 has it, nearly those of a rack. Where they would touch the
+        planet's fillet, below its involute, they are taken to be relieved.
     bore_radii_m : pair of float
     young_pa, poisson : float
     """
@@ -290,7 +298,7 @@ class ToothPair:
         return np.arctan(on_path / one), np.arctan((whole - on_path) / two)
 
     def _angles_in_ring(self, on_path: Array) -> tuple[Array, Array]:
-        """Return the angles on a planet and on the wheel that stands for its ring, met as far from its tip."""
+        """Return the pressure angles on a planet, and on the wheel that stands for its ring."""
         gears, (planet, wheel) = self.gears, self.teeth
         base = gears.base_radii_m[1]
         radius = np.hypot(base, on_path + gears.centre_distance_m * math.sin(gears.working_angle_rad))
@@ -300,7 +308,7 @@ class ToothPair:
 
     @property
     def hertz(self) -> float:
-        """Stiffness of the contact, N/m."""
+        """Contact stiffness, N/m."""
         return hertz_stiffness(young_pa=self.young_pa, poisson=self.poisson, width_m=self.gears.face_width_m)
 
     def compliance(self, phase_cycles: Array) -> Array:

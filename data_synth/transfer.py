@@ -1,7 +1,8 @@
 """Transfer paths from force to accelerometer, modal or measured.
 
-What passes a modal path is told by its poles (`data_synth.sensors.through`). A measured path becomes a causal filter as
-long as it needs to be, delayed by as little as it allows, and works block after block in constant memory.
+The response through a modal path follows from its poles (`data_synth.sensors.path_residues`). A measured path becomes
+a causal FIR filter of the length it needs, with the least delay it allows, and works block after block in constant
+memory.
 """
 
 import math
@@ -14,10 +15,11 @@ from data_synth.profile import Array
 
 ComplexArray = NDArray[np.complex128]
 
-_QUIET = 1e-12  # of its beginning: what is left of a ringing that counts as over
+_DECAYED = 1e-12  # of its initial amplitude
 
 
 def _finite(values: ArrayLike) -> Array:
+    """Return values as an array; raise ValueError for NaN or infinity, whose response would never end."""
     given = np.asarray(values, dtype=np.float64)
     if not np.all(np.isfinite(given)):
         raise ValueError("a force or an instant is NaN or infinite, which a path would never forget; mend it before")
@@ -73,22 +75,22 @@ class ModalPath:
     def impulse(self, times_s: ArrayLike) -> Array:
         """Return the response (n,) to 1 N s at time zero; nothing before."""
         times = np.asarray(times_s, dtype=np.float64)
-        rings = np.exp(np.multiply.outer(np.maximum(times, 0.0), self.poles)) @ np.asarray(self.residues)
-        return np.where(times >= 0, 2 * rings.real, 0.0)
+        response = np.exp(np.multiply.outer(np.maximum(times, 0.0), self.poles)) @ np.asarray(self.residues)
+        return np.where(times >= 0, 2 * response.real, 0.0)
 
-    def ring_seconds(self) -> float:
-        """Return after how long a ringing is 1e-12 of its beginning."""
-        return float(math.log(_QUIET) / np.max(self.poles.real))
+    def ringing_time_s(self) -> float:
+        """Return the time after which an impulse response has decayed to 1e-12."""
+        return float(math.log(_DECAYED) / np.max(self.poles.real))
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredPath:
-    """A measured frequency response: linear between its lines, in real and imaginary part, and nothing outside them.
+    """A measured frequency response: linear between its lines, in real and imaginary part, and zero outside them.
 
     Attributes
     ----------
     frequencies_hz : (n,) array
-        Rising, not negative. A phase that turns by more than a radian from line to line is too coarse to interpolate.
+        Rising, not negative. A phase that changes by more than a radian from line to line is too coarse to interpolate.
     values : (n,) complex array
         Response per force.
     """
@@ -107,8 +109,8 @@ class MeasuredPath:
         if frequencies[0] < 0 or np.any(np.diff(frequencies) <= 0):
             raise ValueError("frequencies_hz has to rise from 0 or above; sort the lines")
 
-    def ring_seconds(self) -> float:
-        """Return how long a response between lines that are linear lasts at most: one over their spacing."""
+    def ringing_time_s(self) -> float:
+        """Return the length of the impulse response of a piecewise-linear spectrum: one over its line spacing."""
         return float(1 / np.min(np.diff(self.frequencies_hz)))
 
     def response(self, frequency_hz: ArrayLike) -> ComplexArray:
@@ -121,11 +123,11 @@ class MeasuredPath:
         return np.asarray(real + 1j * imaginary)
 
     def fir(self, *, rate_hz: float, taps: int, leakage: float = 1e-3) -> "FirPath":
-        """Return the path as a causal filter at `rate_hz`.
+        """Return the path as a causal FIR filter at `rate_hz`.
 
-        The response to an impulse is the transform of H; what of it comes before time zero, because H ends at half the
-        rate or at its last line, is kept by a delay: the fewest samples that leave no more than `leakage` of its root
-        mean square ahead. What comes after `taps` is cut off.
+        The impulse response is the inverse transform of H; its part before time zero, which exists because H ends at
+        half the rate or at its last line, is kept by a delay: the fewest samples that leave out no more than `leakage`
+        of its RMS. What comes after `taps` is cut off.
 
         Parameters
         ----------
@@ -138,20 +140,20 @@ class MeasuredPath:
         Raises
         ------
         ValueError
-            A filter too short to hold the response to the same `leakage`: with how much it leaves.
+            A filter too short to hold the response to the same `leakage`: with what it leaves out.
         """
         if taps < 2 or not 0 < leakage < 1:  # noqa: PLR2004
             raise ValueError(f"taps = {taps} and leakage = {leakage:g}: 2 or more, and between 0 and 1, are needed")
         spacing = float(np.min(np.diff(self.frequencies_hz)))
         count = 1 << math.ceil(math.log2(max(4 * taps, 2 * rate_hz / spacing)))
         lines = self.response(np.arange(count // 2 + 1) * rate_hz / count)
-        ringing = np.fft.irfft(lines, n=count)
-        energy = ringing**2
+        impulse_response = np.fft.irfft(lines, n=count)
+        energy = impulse_response**2
         early = np.cumsum(energy[::-1])[: count // 2]  # in the samples before zero, from the last on: -1, -2, ...
         ahead = np.concatenate([[early[-1]], early[-1] - early])  # what a delay of 0, 1, 2, ... leaves out
         total = float(np.sum(energy))
         delay = int(np.argmax(ahead <= leakage**2 * total))
-        kept = np.roll(ringing, delay)[:taps]
+        kept = np.roll(impulse_response, delay)[:taps]
         left = math.sqrt(max(0.0, 1 - float(np.sum(kept**2)) / total)) if total else 0.0
         if left > 2 * leakage:
             raise ValueError(
@@ -163,16 +165,16 @@ class MeasuredPath:
 
 @dataclass(frozen=True, kw_only=True)
 class FirPath:
-    """A causal filter that stands for a measured path.
+    """A causal FIR filter that approximates a measured path.
 
     Attributes
     ----------
     taps : (n,) array
-        Response to an impulse of 1 at sample zero.
+        Impulse response.
     delay_s : float
-        By how much it is late.
+        Its delay.
     left_out : float
-        Root mean square of what it lacks, over that of the whole response.
+        RMS of the part left out, over that of the whole impulse response.
     """
 
     taps: Array = field(metadata={"dims": ("tap",), "units": "response N-1"})
@@ -180,12 +182,12 @@ class FirPath:
     left_out: float
 
     def filter(self) -> "FirFilter":
-        """Return the filter at rest."""
+        """Return the filter, at rest."""
         return FirFilter(self.taps)
 
 
 class FirFilter:
-    """A `FirPath` at work: overlap and add, by transforms."""
+    """A `FirPath` with its state: overlap-add by FFT."""
 
     def __init__(self, taps: Array) -> None:
         self._taps = taps
@@ -198,7 +200,7 @@ class FirFilter:
         samples = _finite(force)
         if not samples.size:
             return np.empty(0)
-        heard = oaconvolve(samples, self._taps)
-        heard[: self._tail.size] += self._tail
-        self._tail = heard[samples.size :].copy()
-        return np.asarray(heard[: samples.size])
+        response = oaconvolve(samples, self._taps)
+        response[: self._tail.size] += self._tail
+        self._tail = response[samples.size :].copy()
+        return np.asarray(response[: samples.size])

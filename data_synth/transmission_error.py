@@ -1,7 +1,7 @@
-"""Transmission errors: how far a rigid, unloaded mesh departs from conjugate motion, along its line of action.
+"""Transmission errors: departure of a rigid, unloaded mesh from conjugate motion, along its line of action.
 
-An error e(phase) is subtracted from the deflection of a mesh. Phases count mesh cycles; what a gear carries with it
-repeats after as many cycles as it has teeth.
+An error e(phase) is subtracted from the deflection of a mesh. Phases are in mesh cycles; the error of a gear has the
+period of as many cycles as it has teeth.
 """
 
 import math
@@ -15,7 +15,7 @@ from data_synth.mesh import Array, ComplexArray
 
 
 class TransmissionError(Protocol):
-    """Departure from conjugate motion in m."""
+    """Departure from conjugate motion along the line of action, m."""
 
     @property
     def period(self) -> int:
@@ -27,7 +27,7 @@ class TransmissionError(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class ProfileError:
-    """What every tooth of a gear has alike, as relief, wear or a wrong pressure angle: harmonics of the mesh.
+    """An error that all teeth of a gear have alike (relief, wear, pressure angle): harmonics of the mesh.
 
     ``e = Re sum_h harmonics_m[h - 1] exp(2j pi h phase)``.
     """
@@ -46,7 +46,7 @@ class ProfileError:
 
 @dataclass(frozen=True, kw_only=True)
 class PitchError:
-    """How far each tooth of a gear stands from its place, one after the other.
+    """Cumulative pitch error of each tooth of a gear.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class PitchError:
 
 @dataclass(frozen=True, kw_only=True)
 class Eccentricity:
-    """A gear whose teeth turn about a point beside the axis: ``e = eccentricity sin(2 pi phase / teeth + phase_rad)``.
+    """Eccentricity of a gear: ``e = eccentricity sin(2 pi phase / teeth + phase_rad)``.
 
     Along the line of action a displaced base circle moves by the component of the displacement along it, so the
     amplitude is the eccentricity itself.
@@ -103,11 +103,11 @@ class Eccentricity:
 
 @dataclass(frozen=True, kw_only=True)
 class Misalignment:
-    """Teeth that are not parallel: the one end of the face that stands out touches first, half a face from the middle.
+    """Misalignment in the plane of action: one end of the face touches first, half a face width from the middle.
 
-    In space (a housing bored askew) the angle rests, and so does ``e = angle face / 2``. A gear that wobbles on its
-    shaft carries it round, and ``e = |angle cos(2 pi phase / teeth + phase_rad)| face / 2``: the ends take turns,
-    twice a revolution.
+    An angle fixed in space (a housing bored askew) gives the constant ``e = angle face / 2``. A gear that wobbles on
+    its shaft gives ``e = |angle cos(2 pi phase / teeth + phase_rad)| face / 2``: the ends alternate, twice a
+    revolution.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Misalignment:
         In the plane of action.
     face_width_m : float
     teeth : int or None
-        Of the gear that wobbles; None: the angle rests.
+        Of the gear that wobbles; None: the angle is fixed in space.
     phase_rad : float
     """
 
@@ -138,7 +138,7 @@ class Misalignment:
 
 @dataclass(frozen=True, kw_only=True)
 class SumOfErrors:
-    """Several errors at once, of either gear, each later by a number of cycles of its own if `by_cycles` is given."""
+    """Sum of several errors, of either gear, each shifted by its own number of cycles if `by_cycles` is given."""
 
     parts: tuple[TransmissionError, ...]
     by_cycles: tuple[float, ...] | None = None

@@ -1,6 +1,5 @@
-"""What went into a synthetic record, as its variables ``truth_...``."""
+"""Truth of a synthetic record: its variables ``truth_...``."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
@@ -16,19 +15,19 @@ from data_synth.motion import Motion, fault_passes
 from data_synth.passing import pass_orders
 from data_synth.path import impact_line
 from data_synth.profile import Array
-from data_synth.rolling import signed_cage
-from data_synth.stage import Stage
+from data_synth.rolling import signed_cage_order
+from data_synth.stage import PreparedScene
 
 _STEADY = 1e-12  # of the speed: what rounding may change
 _NUTTALL = (0.3635819, -0.4891775, 0.1365995, -0.0106411)
 _BINS = 4
 _BLOCK = 65536
-_SILENT = 2e-5  # of the largest line: what is told of lines is no better known
+_NOT_RESOLVED = 2e-5  # of the largest line: leakage of the window
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Part:
-    """What one source adds at one order: Z (sensor, instant)."""
+class _LineSource:
+    """The part of one source in the line at one order: Z (sensor, instant)."""
 
     component: str
     kind: str
@@ -37,21 +36,23 @@ class _Part:
 
 @dataclass(frozen=True, kw_only=True)
 class MeshLines:
-    """What gears that vibrate put at the orders of their meshes, order -> (mesh, Z (sensor,)), and how well known."""
+    """Lines of vibrating gears at the orders of their meshes, order -> (mesh, Z (sensor,)), and their error."""
 
     lines: dict[Fraction, tuple[str, ComplexArray]]
     about: str
 
 
-def mesh_lines(stage: Stage, gears: Array) -> MeshLines:
+def mesh_lines(prepared: PreparedScene, gears: Array) -> MeshLines:
     """Measure the lines of meshes in the channels of gears in steady motion, (sensor, n).
 
-    With a window of four cosines (Nuttall 1981, the one of least side lobes, -98 dB) over the record, so that lines
-    four and more of its periods away add less than 2e-5 of themselves.
+    With the four-term cosine window of least side lobes over the record (Nuttall 1981, -98 dB), so that lines four and
+    more of its periods away leak less than 2e-5 of themselves.
     """
-    scene = stage.scene
-    torque = stage.drive.torque
-    if np.ptp(stage.speed_hz) > _STEADY * np.max(stage.speed_hz) or (torque is not None and np.ptp(torque.values) > 0):
+    scene = prepared.scene
+    torque = prepared.drive.torque
+    if np.ptp(prepared.speed_hz) > _STEADY * np.max(prepared.speed_hz) or (
+        torque is not None and np.ptp(torque.values) > 0
+    ):
         return MeshLines(
             lines={}, about="left out: speed or torque changes, so the lines of gears have no one amplitude"
         )
@@ -63,16 +64,16 @@ def mesh_lines(stage: Stage, gears: Array) -> MeshLines:
     passing = {mesh: pass_orders(scene, mesh) for mesh in orders}
     bases = [*orders.values(), *(teeth[fault.component] for fault in scene.faults if fault.component in teeth)]
     bases += [carrier for carrier, _ in passing.values() if carrier]
-    periods = float(reduce(common_base, bases)) * float(stage.speed_hz[0]) * scene.duration_s
+    periods = float(reduce(common_base, bases)) * float(prepared.speed_hz[0]) * scene.duration_s
     lines = {
         order: (mesh, line)
         for mesh, measured in zip(
-            orders, _measured(stage, gears, [(orders[m], *passing[m]) for m in orders]), strict=True
+            orders, _measured(prepared, gears, [(orders[m], *passing[m]) for m in orders]), strict=True
         )
         for order, line in measured.items()
     }
     # planets cancel most of the lines beside those of their meshes
-    least = _SILENT * max((float(np.max(np.abs(line))) for _, line in lines.values()), default=0.0)
+    least = _NOT_RESOLVED * max((float(np.max(np.abs(line))) for _, line in lines.values()), default=0.0)
     lines = {
         order: (mesh, line)
         for order, (mesh, line) in lines.items()
@@ -83,45 +84,46 @@ def mesh_lines(stage: Stage, gears: Array) -> MeshLines:
 
 
 def _measured(
-    stage: Stage, gears: Array, families: list[tuple[Fraction, Fraction, int]]
+    prepared: PreparedScene, gears: Array, families: list[tuple[Fraction, Fraction, int]]
 ) -> list[dict[Fraction, ComplexArray]]:
     """Return Z (sensor,) of the lines of families, summed block by block.
 
-    A family is an order, of which there are harmonics, and a second one, of which so many multiples stand beside each
-    of them, and beside zero.
+    A family is an order with its harmonics, a second order, and the number of its multiples that are sidebands of each
+    harmonic and of zero.
     """
-    scene = stage.scene
-    top = scene.rate_hz / 2 / float(stage.speed_hz[0])
+    scene = prepared.scene
+    top = scene.rate_hz / 2 / float(prepared.speed_hz[0])
     totals: list[dict[Fraction, ComplexArray]] = [{} for _ in families]
     for start in range(0, scene.samples, _BLOCK):
         numbers = np.arange(start, min(start + _BLOCK, scene.samples))
         turned = np.cos(2 * np.pi * (numbers + 0.5) / scene.samples)
-        heard = np.ascontiguousarray(gears[:, start : start + numbers.size] * chebval(turned, _NUTTALL))
-        revolutions = stage.drive.angle.revolutions(numbers / scene.rate_hz)
+        windowed = np.ascontiguousarray(gears[:, start : start + numbers.size] * chebval(turned, _NUTTALL))
+        revolutions = prepared.drive.angle.revolutions(numbers / scene.rate_hz)
         for total, (order, beside, sides) in zip(totals, families, strict=True):
-            once = _turned_back(order, revolutions)
-            steps = {side: _turned_back(side * beside, revolutions) for side in range(-sides, sides + 1) if side}
+            once = _demodulator(order, revolutions)
+            steps = {side: _demodulator(side * beside, revolutions) for side in range(-sides, sides + 1) if side}
             phasor = np.ones(numbers.size, dtype=np.complex128) if sides else once
             for harmonic in range(0 if sides else 1, scene.excitation.harmonics + 1):
                 for side in range(-sides, sides + 1):
                     line = harmonic * order + side * beside
                     if 0 < line < top:
-                        found = heard @ (phasor * steps[side] if side else phasor)
-                        total[line] = total.get(line, 0.0) + found
+                        measured = windowed @ (phasor * steps[side] if side else phasor)
+                        total[line] = total.get(line, 0.0) + measured
                 phasor = phasor * once
     # the cosines of the window add up to nothing over the record
     return [
-        {line: np.asarray(2 * found / (_NUTTALL[0] * scene.samples)) for line, found in total.items()}
+        {line: np.asarray(2 * measured / (_NUTTALL[0] * scene.samples)) for line, measured in total.items()}
         for total in totals
     ]
 
 
-def _turned_back(order: Fraction, revolutions: Array) -> ComplexArray:
+def _demodulator(order: Fraction, revolutions: Array) -> ComplexArray:
+    """Return ``exp(-2j pi order revolutions)``."""
     return np.asarray(np.exp(-2j * np.pi * np.remainder(float(order) * revolutions, 1.0)))
 
 
-def motion_truth(motion: Motion) -> dict[str, xr.DataArray]:
-    """Return when damaged teeth pass their mesh."""
+def tooth_pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
+    """Return the times at which damaged teeth pass their mesh."""
     return {
         f"truth_tooth_passes_{number + 1}": xr.DataArray(
             times_s,
@@ -132,54 +134,54 @@ def motion_truth(motion: Motion) -> dict[str, xr.DataArray]:
     }
 
 
-def truth_of(stage: Stage, *, found: MeshLines | None = None) -> dict[str, xr.DataArray]:
-    """Return what is known of every record: speed, lines (`found` those of gears), chain, faults and tachometer."""
-    instants = xr.DataArray(stage.instants_s, dims="truth_time", attrs={"units": "s"})
-    reference = str(stage.scene.gearbox.reference)
-    course = {
-        "truth_speed": (stage.speed_hz, "rev s-1"),
-        "truth_revolutions": (stage.drive.angle.revolutions(stage.instants_s), "rev"),
+def truth_variables(prepared: PreparedScene, *, measured: MeshLines | None = None) -> dict[str, xr.DataArray]:
+    """Return the truth of every record: speed, lines (`measured` those of gears), chain, faults and tachometer."""
+    instants = xr.DataArray(prepared.instants_s, dims="truth_time", attrs={"units": "s"})
+    reference = str(prepared.scene.gearbox.reference)
+    history = {
+        "truth_speed": (prepared.speed_hz, "rev s-1"),
+        "truth_revolutions": (prepared.drive.angle.revolutions(prepared.instants_s), "rev"),
     }
     truth = {
         name: xr.DataArray(
             values, dims="truth_time", coords={"truth_time": instants}, attrs={"units": units, "shaft": reference}
         )
-        for name, (values, units) in course.items()
+        for name, (values, units) in history.items()
     }
     return {
         **truth,
-        **_torque_truth(stage, instants),
-        **_line_truth(stage, instants, found),
-        **_fault_truth(stage, instants),
-        **_pulse_truth(stage),
+        **_torque_truth(prepared, instants),
+        **_line_truth(prepared, instants, measured),
+        **_fault_truth(prepared, instants),
+        **_pulse_truth(prepared),
     }
 
 
-def phases_of(stage: Stage) -> dict[str, xr.DataArray]:
+def angle_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     """Return the exact angle of every shaft, cage and rolling element at every sample, in rev.
 
-    Each is seen from the frame and signed, but for the spin of rolling elements, which is that about their own axis
-    relative to the cage; all are zero at the tachometer's first mark, under pure rolling. A bearing with a defect rolls
-    as its strikes say, slip included: its cage is zero where element 1 has the greatest load, and the phase of the
-    defect itself, which is whole at each strike, is told beside it. Two defects of a bearing slip apart; its cage and
-    elements are then those of the first.
+    Each is relative to the frame and signed, but for the rotation of elements, which is about their own axis relative
+    to the cage; all are zero at the tachometer's first mark, under pure rolling. A bearing with a defect follows its
+    impacts, slip included: its cage is zero where element 1 has the largest load, and the phase of the defect itself,
+    whole at each impact, is stated too. Two defects of a bearing have independent slip; its cage and elements are then
+    those of the first.
     """
-    scene = stage.scene
-    revolutions = stage.drive.angle.revolutions(np.arange(scene.samples) / scene.rate_hz)
+    scene = prepared.scene
+    revolutions = prepared.drive.angle.revolutions(np.arange(scene.samples) / scene.rate_hz)
     shafts = {link: float(scene.ratio(link)) * revolutions for link in scene.gearbox.links if scene.ratio(link) != 0}
     rollers: dict[str, Array] = {}
-    for _, train in stage.trains:
-        if train.strikes is None:
+    for _, train in prepared.trains:
+        if train.bearing is None:
             continue
-        rolling = train.strikes.rolling
+        rolling = train.bearing.rolling
         turned = rolling.cage_turns(revolutions) + rolling.rates.carried * revolutions
         rollers.setdefault(f"{train.component}/cage", turned)
         rollers.setdefault(f"{train.component}/element", rolling.element_turns(revolutions))
-        rollers.setdefault(f"{train.component}/{train.kind} strike", rolling.passed(revolutions))
+        rollers.setdefault(f"{train.component}/{train.kind} strike", rolling.defect_phase(revolutions))
     for bearing in (name for declared in scene.gearbox.bearings for name in declared.names):
         rates = scene.bearing(bearing)
-        rollers.setdefault(f"{bearing}/cage", (signed_cage(rates) + rates.carried) * revolutions)
-        # struck by both races in a turn
+        rollers.setdefault(f"{bearing}/cage", (signed_cage_order(rates) + rates.carried) * revolutions)
+        # an element meets both races in one turn
         rollers.setdefault(f"{bearing}/element", rates.rolling_element / 2 * revolutions)
     return {
         f"truth_{what}_revolutions": xr.DataArray(
@@ -193,29 +195,29 @@ def phases_of(stage: Stage) -> dict[str, xr.DataArray]:
     }
 
 
-def _torque_truth(stage: Stage, instants: xr.DataArray) -> dict[str, xr.DataArray]:
-    if stage.drive.torque is None or stage.scene.torque is None:
+def _torque_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, xr.DataArray]:
+    if prepared.drive.torque is None or prepared.scene.torque is None:
         return {}
     return {
         "truth_torque": xr.DataArray(
-            stage.drive.torque.at(stage.instants_s),
+            prepared.drive.torque.at(prepared.instants_s),
             dims="truth_time",
             coords={"truth_time": instants},
-            attrs={"units": "N m", "shaft": stage.scene.torque.link},
+            attrs={"units": "N m", "shaft": prepared.scene.torque.link},
         )
     }
 
 
-def _line_truth(stage: Stage, instants: xr.DataArray, found: MeshLines | None) -> dict[str, xr.DataArray]:
-    every = _lines(stage)
-    for order, (mesh, heard) in (found.lines if found is not None else {}).items():
-        steady = np.repeat(heard[:, None], instants.size, axis=1)
-        every.setdefault(order, []).append(_Part(component=mesh, kind="gear_mesh", amplitude=steady))
+def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: MeshLines | None) -> dict[str, xr.DataArray]:
+    every = _lines(prepared)
+    for order, (mesh, windowed) in (measured.lines if measured is not None else {}).items():
+        steady = np.repeat(windowed[:, None], instants.size, axis=1)
+        every.setdefault(order, []).append(_LineSource(component=mesh, kind="gear_mesh", amplitude=steady))
     lines = dict(sorted(every.items()))
     for parts in lines.values():
         parts.sort(key=lambda part: -float(np.max(np.abs(part.amplitude))))
     orders = {"truth_order": [float(order) for order in lines]}
-    sensors = stage.scene.sensors
+    sensors = prepared.scene.sensors
     channels = {"truth_channel": [sensor.name for sensor in sensors]}
     coords = {**channels, **orders, "truth_time": instants}
     dims = ("truth_channel", "truth_order", "truth_time")
@@ -236,48 +238,49 @@ def _line_truth(stage: Stage, instants: xr.DataArray, found: MeshLines | None) -
         for name in ("component", "kind")
     }
     chain = {}
-    if any(chain.poles.size or chain.gain != 1 for chain in stage.chains):
-        frequencies = np.outer(orders["truth_order"], stage.speed_hz)
-        responses = np.stack([chain.response(frequencies) for chain in stage.chains])
+    if any(chain.poles.size or chain.gain != 1 for chain in prepared.chains):
+        frequencies = np.outer(orders["truth_order"], prepared.speed_hz)
+        responses = np.stack([chain.response(frequencies) for chain in prepared.chains])
         about = f"{sensors[0].channel_units} for one {sensors[0].units}, part of truth_amplitude"
         chain["truth_chain_response"] = xr.DataArray(responses, dims=dims, coords=coords, attrs={"about": about})
     return {"truth_amplitude": amplitude, **labels, **chain}
 
 
-def _lines(stage: Stage) -> dict[Fraction, list[_Part]]:
-    """Return what is heard at each order: the lines of the combs, then what impacts add to them."""
-    lines: dict[Fraction, list[_Part]] = {}
-    for comb, amplitudes in zip(stage.combs, stage.amplitudes, strict=True):
-        for index, (order, speaks) in enumerate(zip(comb.orders, comb.present, strict=True)):
-            if speaks:
-                part = _Part(component=comb.component, kind=comb.kind, amplitude=amplitudes[:, index])
+def _lines(prepared: PreparedScene) -> dict[Fraction, list[_LineSource]]:
+    """Return the sources of the line at each order: harmonic families, then the impacts at the same orders."""
+    lines: dict[Fraction, list[_LineSource]] = {}
+    for family, amplitudes in zip(prepared.families, prepared.amplitudes, strict=True):
+        for index, (order, nonzero) in enumerate(zip(family.orders, family.nonzero, strict=True)):
+            if nonzero:
+                part = _LineSource(component=family.component, kind=family.kind, amplitude=amplitudes[:, index])
                 lines.setdefault(order, []).append(part)
-    for number, train in stage.trains:
+    for number, train in prepared.trains:
         for order, parts in lines.items():
             if train.order is not None and train.amplitudes.any() and (order / train.order).denominator == 1:
-                parts.append(_impact_part(stage, number, train, harmonic=int(order / train.order)))
+                parts.append(_impact_part(prepared, number, train, harmonic=int(order / train.order)))
     return lines
 
 
-def _impact_part(stage: Stage, number: int, train: ImpactTrain, *, harmonic: int) -> _Part:
-    load = stage.impact_load(number, stage.instants_s)
-    frequency = harmonic * float(train.order or 0) * stage.speed_hz
-    heard = []
-    for sensor, gain, chain in zip(stage.scene.sensors, stage.gains[train.source], stage.chains, strict=True):
-        way = stage.ways.get((train.source, sensor.name))
+def _impact_part(prepared: PreparedScene, number: int, train: ImpactTrain, *, harmonic: int) -> _LineSource:
+    """Return the part of a train of impacts in the line at one of its harmonics."""
+    load = prepared.impact_factor(number, prepared.instants_s)
+    frequency = harmonic * float(train.order or 0) * prepared.speed_hz
+    windowed = []
+    for sensor, gain, chain in zip(prepared.scene.sensors, prepared.gains[train.source], prepared.chains, strict=True):
+        path = prepared.paths.get((train.source, sensor.name))
         rung = impact_line(
             train,
             harmonic=harmonic,
-            speed_hz=stage.speed_hz,
+            speed_hz=prepared.speed_hz,
             load=load,
-            mode=stage.scene.resonance if way is None else way,
+            mode=prepared.scene.resonance if path is None else path,
         )
-        heard.append((abs(gain) if way is None else 1.0) * chain.response(frequency) * rung)
-    return _Part(component=train.component, kind=train.kind, amplitude=np.stack(heard))
+        windowed.append((abs(gain) if path is None else 1.0) * chain.response(frequency) * rung)
+    return _LineSource(component=train.component, kind=train.kind, amplitude=np.stack(windowed))
 
 
-def _fault_truth(stage: Stage, instants: xr.DataArray) -> dict[str, xr.DataArray]:
-    faults = stage.scene.faults
+def _fault_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, xr.DataArray]:
+    faults = prepared.scene.faults
     truth = {
         f"truth_fault_{name}": xr.DataArray(
             np.array([getattr(fault, name) for fault in faults], dtype=np.str_), dims="truth_fault"
@@ -285,7 +288,7 @@ def _fault_truth(stage: Stage, instants: xr.DataArray) -> dict[str, xr.DataArray
         for name in ("component", "kind")
     }
     if any(fault.growth is not None for fault in faults):
-        sizes = [fault.initial_mm * fault.relative_size(stage.instants_s) for fault in faults]
+        sizes = [fault.initial_mm * fault.relative_size(prepared.instants_s) for fault in faults]
         truth["truth_fault_size"] = xr.DataArray(
             np.stack(sizes),
             dims=("truth_fault", "truth_time"),
@@ -293,35 +296,34 @@ def _fault_truth(stage: Stage, instants: xr.DataArray) -> dict[str, xr.DataArray
             attrs={"units": "mm"},
         )
     for number, fault in enumerate(faults):
-        for what, entries in (("impact", False), ("entry", True)):
+        for what, is_entry in (("impact", False), ("entry", True)):
             struck_s = [
-                stage.struck(number, train)[0]
-                for of, train in stage.trains
-                if of == number and train.entries is entries
+                prepared.impacts_at_source(number, train)[0]
+                for of, train in prepared.trains
+                if of == number and train.is_entry is is_entry
             ]
             if struck_s:
                 truth[f"truth_{what}_times_{number + 1}"] = xr.DataArray(
-                    _heard(np.sort(np.concatenate(struck_s)), last_s(stage.scene)),
+                    _within_record(np.sort(np.concatenate(struck_s)), last_s(prepared.scene)),
                     dims=f"truth_{what}_{number + 1}",
                     attrs={"units": "s", "component": fault.component, "kind": fault.kind},
                 )
     return truth
 
 
-def _heard(times_s: Array, stop_s: float) -> Array:
+def _within_record(times_s: Array, stop_s: float) -> Array:
+    """Return the times within the record."""
     return times_s[(times_s >= 0) & (times_s <= stop_s)]
 
 
-def _pulse_truth(stage: Stage) -> dict[str, xr.DataArray]:
-    """Return where marks truly passed, where anything was done to their pulses."""
-    return dict(_pulse_parts(stage))
-
-
-def _pulse_parts(stage: Stage) -> Iterator[tuple[str, xr.DataArray]]:
-    tachometer, pulses = stage.scene.tachometer, stage.pulses
+def _pulse_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
+    """Return the true times of the marks, where the tachometer is degraded."""
+    tachometer, pulses = prepared.scene.tachometer, prepared.pulses
     if (tachometer.uneven, tachometer.missing, tachometer.spurious, tachometer.jitter) == (None,) * 4:
-        return
+        return {}
     about = "phase zero is at the first of them"
-    yield "truth_marks", xr.DataArray(pulses.marks_s, dims="truth_mark", attrs={"units": "s", "about": about})
-    yield "truth_missed_marks", xr.DataArray(pulses.missed, dims="truth_missed_mark")
-    yield "truth_spurious_pulses", xr.DataArray(pulses.spurious_s, dims="truth_spurious", attrs={"units": "s"})
+    return {
+        "truth_marks": xr.DataArray(pulses.marks_s, dims="truth_mark", attrs={"units": "s", "about": about}),
+        "truth_missed_marks": xr.DataArray(pulses.missed, dims="truth_missed_mark"),
+        "truth_spurious_pulses": xr.DataArray(pulses.spurious_s, dims="truth_spurious", attrs={"units": "s"}),
+    }

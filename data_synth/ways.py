@@ -1,31 +1,32 @@
-"""The ways that a scene declares from sources to sensors, in the units of the sensors."""
+"""Transfer paths that a scene declares from sources to sensors, in the units of the sensors."""
 
 import math
 
 import numpy as np
 
 from data_synth.frf import ModeOfPath, Transfer
-from data_synth.path import ring_seconds
+from data_synth.path import ringing_time_s
 from data_synth.scene import Scene
 from data_synth.transfer import MeasuredPath, ModalPath
 
 _STANDARD_GRAVITY = 9.80665
-Way = ModalPath | MeasuredPath
-Ways = dict[tuple[str, str], Way]
+TransferPath = ModalPath | MeasuredPath
+TransferPaths = dict[tuple[str, str], TransferPath]
 
 
-def ways_of(scene: Scene) -> Ways:
-    """Return the declared ways by source and sensor: response, in the units of the sensors' motion, for one N."""
-    return {(item.source, item.sensor): _way(item, scene.sensors[0].units) for item in scene.transfers}
+def transfer_paths(scene: Scene) -> TransferPaths:
+    """Return the declared paths by source and sensor: response, in the units of the sensors' motion, for one N."""
+    return {(item.source, item.sensor): _transfer_path(item, scene.sensors[0].units) for item in scene.transfers}
 
 
-def followed_s(scene: Scene, source: str) -> float:
-    """Return how long after a source is struck its sound has died away in every channel."""
-    ringing = [way.ring_seconds() for (of, _), way in ways_of(scene).items() if of == source]
-    return max([ring_seconds(scene.resonance), *ringing])
+def longest_ringing_s(scene: Scene, source: str) -> float:
+    """Return the time after an impact at a source at which its response has decayed in every channel."""
+    ringing = [path.ringing_time_s() for (of, _), path in transfer_paths(scene).items() if of == source]
+    return max([ringing_time_s(scene.resonance), *ringing])
 
 
-def _way(transfer: Transfer, units: str) -> Way:
+def _transfer_path(transfer: Transfer, units: str) -> TransferPath:
+    """Return a declared path in the units of the sensors."""
     one = {("m s-2", "g"): 1 / _STANDARD_GRAVITY, ("g", "m s-2"): _STANDARD_GRAVITY}
     factor = one.get((transfer.units, units), 1.0)
     if transfer.lines is not None:
@@ -40,6 +41,7 @@ def _way(transfer: Transfer, units: str) -> Way:
 
 
 def _residue(mode: ModeOfPath) -> complex:
+    """Return the residue of a mode, from ``gain w_n^2 / (w_n^2 - w^2 + 2 j zeta w_n w)`` where its gain is declared."""
     if mode.residue is not None:
         return complex(*mode.residue)
     # of gain w_n^2 / (w_n^2 - w^2 + 2 j zeta w_n w)

@@ -129,7 +129,7 @@ def by_hand(system, *, duration_s, rate_hz, half_gap):
         stiffness = 1e9 + ((2e8 - 1e8j) * turn + 5e7j * turn**2 + 2e7 * turn**3).real
         force = stiffness * (deflection - np.clip(deflection, -half_gap, half_gap))
         rubbing = max(force, 0.0) if half_gap else force
-        one, two = FRICTION.levers_m(phase)
+        one, two = FRICTION.moment_arms_m(phase)
         side = float(FRICTION.sideways(phase)) * rubbing
         out = np.zeros(16)
         shaft = [

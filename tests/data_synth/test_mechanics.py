@@ -576,7 +576,7 @@ def test_friction_turns_round_at_the_pitch_point_and_always_loses_power():
     pair = GearPair(teeth=(30, 50), module_m=3e-3, face_width_m=0.03, pressure_angle_rad=ALPHA)
     friction = SlidingFriction(gears=pair, coefficient=0.06)
     phase = np.linspace(0, 3, 3001)
-    one, two = friction.levers_m(phase)
+    one, two = friction.moment_arms_m(phase)
     assert np.all(one * 1.0 + two * 30 / 50 <= 1e-18)
     # one pair in contact: the loss is mu F times the sliding speed, w1 |s - s_p| (1 + z1 / z2)
     begin, _ = pair.path_m

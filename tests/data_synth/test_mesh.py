@@ -8,10 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import integrate
 
-from data_synth.gear_faults import NarrowFace, RootCrack
+from data_synth.gear_faults import PartialFaceContact, RootCrack
 from data_synth.gear_geometry import GearPair
 from data_synth.mesh import Constant, Fourier, Rectangular, Shifted, Trapezoidal, fourier_series
-from data_synth.teeth_in_mesh import Damaged, helical, teeth_in_mesh
+from data_synth.teeth_in_mesh import DamagedTooth, helical, teeth_in_mesh
 from data_synth.tooth_stiffness import Tooth, ToothPair, hertz_stiffness
 from data_synth.transmission_error import Eccentricity, Misalignment, PitchError, ProfileError, SumOfErrors
 
@@ -292,7 +292,7 @@ class TestStrainEnergy:
 
 
 def damaged(fault, *, gear=0, tooth=3):
-    return teeth_in_mesh(PAIR, damaged=[Damaged(gear=gear, tooth=tooth, fault=fault)])
+    return teeth_in_mesh(PAIR, damaged=[DamagedTooth(gear=gear, tooth=tooth, fault=fault)])
 
 
 class TestFaults:
@@ -345,12 +345,12 @@ class TestFaults:
             assert touched.any()
 
     def test_a_narrow_face_carries_in_proportion(self):
-        path = damaged(NarrowFace(share=0.6)).path_cycles
-        added = NarrowFace(share=0.6).added_compliance(PAIR, 0, path)
+        path = damaged(PartialFaceContact(share=0.6)).path_cycles
+        added = PartialFaceContact(share=0.6).added_compliance(PAIR, 0, path)
         assert_allclose(added, (1 / 0.6 - 1) * PAIR.compliance(path))
 
     def test_a_missing_tooth_leaves_its_neighbours(self):
-        mesh = damaged(NarrowFace(share=0.0))
+        mesh = damaged(PartialFaceContact(share=0.0))
         healthy = teeth_in_mesh(PAIR)
         assert mesh(3.9) == 0  # alone in contact
         assert mesh(3.2) == pytest.approx(1 / PAIR.compliance(np.array([1.2]))[0], rel=2e-5)
@@ -358,7 +358,7 @@ class TestFaults:
 
     def test_what_the_teeth_do_not_have_is_refused(self):
         with pytest.raises(ValueError, match="tooth = 31"):
-            damaged(NarrowFace(share=0.0), tooth=31)
+            damaged(PartialFaceContact(share=0.0), tooth=31)
         with pytest.raises(ValueError, match="leaves nothing of a tooth"):
             damaged(RootCrack(depth_m=6e-3, angle_rad=1.5))
 

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from data_synth.bearing_dynamics import BearingModel, Spall, Support, move_bearing
+from data_synth.bearing_dynamics import BearingModel, Spall, Support, integrate_bearing
 
 # 12 balls of 7.12 mm on 38.5 mm, inner ring turning: published per turn of the shaft
 BPFO, FTF, BALLS = 4.890390, 0.407532, 12
@@ -24,10 +24,10 @@ LOAD = (0.0, -400.0)
 
 def moved(model=MODEL, *, seconds=0.05, step_s=1e-5, speed_hz=30.0, state=None, begin=0, load=LOAD, ring=1.0):
     half = (begin + np.arange(2 * round(seconds / step_s) + 1)) * step_s / 2
-    return move_bearing(
+    return integrate_bearing(
         model,
         cage_turns=FTF * speed_hz * half,
-        spot_turns=ring * speed_hz * half,
+        defect_turns=ring * speed_hz * half,
         load_n=load,
         step_s=step_s,
         state=state,
@@ -74,7 +74,9 @@ def test_the_method_is_of_order_four_while_contacts_stay_closed():
 def test_at_rest_the_load_is_shared_as_hertz_says():
     # one ball right below, nothing turning: sum k (d cos psi - c) ** 1.5 cos psi = W less what the shaft's spring takes
     half = 2 * round(2.0 / 2e-5) + 1
-    found = move_bearing(MODEL, cage_turns=np.full(half, 0.75), spot_turns=np.zeros(half), load_n=LOAD, step_s=2e-5)
+    found = integrate_bearing(
+        MODEL, cage_turns=np.full(half, 0.75), defect_turns=np.zeros(half), load_n=LOAD, step_s=2e-5
+    )
     psi = 2 * np.pi * np.arange(BALLS) / BALLS
 
     def carried(deflection):
@@ -101,7 +103,9 @@ def test_without_clearance_the_largest_load_is_stribeck_s():
         shaft=Support(mass_kg=3.0, damping_n_s_m=800.0, stiffness_n_m=0.0),
     )
     half = 2 * round(1.0 / 2e-5) + 1
-    found = move_bearing(many, cage_turns=np.full(half, 0.75), spot_turns=np.zeros(half), load_n=LOAD, step_s=2e-5)
+    found = integrate_bearing(
+        many, cage_turns=np.full(half, 0.75), defect_turns=np.zeros(half), load_n=LOAD, step_s=2e-5
+    )
     assert np.max(found.contact_n[-1]) * 48 / 400 == pytest.approx(4.37, abs=0.005)
 
 
@@ -139,7 +143,9 @@ def test_blocks_make_one_motion():
         (lambda: moved(step_s=1e-3), "step_s = 0.001 is not stable"),
         (lambda: moved(load=(0, 0, 1)), r"load_n has shape \(3,\)"),
         (
-            lambda: move_bearing(MODEL, cage_turns=np.zeros(4), spot_turns=np.zeros(4), load_n=LOAD, step_s=1e-5),
+            lambda: integrate_bearing(
+                MODEL, cage_turns=np.zeros(4), defect_turns=np.zeros(4), load_n=LOAD, step_s=1e-5
+            ),
             r"give 2 m \+ 1 of each",
         ),
         (lambda: Support(mass_kg=0, damping_n_s_m=0, stiffness_n_m=1), "a mass above zero"),

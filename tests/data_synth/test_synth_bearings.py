@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from data_synth.bearings import bearing_strikes, passage_revolutions
+from data_synth.bearings import bearing_impacts, passage_revolutions
 from data_synth.load_zone import LoadZone, stribeck_load
 from data_synth.scene import BearingFault
-from data_synth.slip import Slip, renewals
+from data_synth.slip import Slip, renewal_process
 from hums.orders import BearingOrders
 
 # 12 balls of 7.12 mm on 38.5 mm, 0 deg, inner ring turning: published per turn of the shaft
@@ -33,7 +33,7 @@ def rates(*, inner=1.0, outer=0.0):
 
 def strikes(kind, *, slip=None, zone=None, span=(0.0, 400.0), seed=0, **changes):
     given = changes.pop("rates", rates())
-    return bearing_strikes(
+    return bearing_impacts(
         kind,
         rates=given,
         slip=slip or Slip(slip_std=0.0),
@@ -49,7 +49,7 @@ def fault(**changes):
 
 
 def impact_revolutions(*, order, fault, span_rev, rng):
-    knots, first = renewals(order=order, slip=fault, span_rev=span_rev, rng=rng)
+    knots, first = renewal_process(order=order, slip=fault, span_rev=span_rev, rng=rng)
     assert first == -1
     return knots[1:-1]
 

@@ -5,7 +5,16 @@ from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, simulate
 from data_synth.chain import AntiAlias, DropOuts, Mode, Quantisation, Sensor
-from data_synth.sensors import Cascade, add_ringing, butterworth_poles, clip, drop_outs, linear_chain, quantise, ringing
+from data_synth.sensors import (
+    AllPoleFilter,
+    add_ringing,
+    butterworth_poles,
+    clip,
+    drop_outs,
+    linear_chain,
+    quantise,
+    ringing_residues,
+)
 
 SENSOR = {"name": "a", "on": "input bearing", "units": "g"}
 LINEAR = {
@@ -49,7 +58,7 @@ def test_the_linear_chain_is_that_of_the_textbook():
 @pytest.mark.parametrize("order", [1, 2, 3, 8, 12])
 def test_butterworth_is_3_db_down_at_its_frequency_and_flat_before(order):
     poles = np.array(butterworth_poles(AntiAlias(frequency_hz=1000.0, order=order)))
-    response = Cascade(poles=poles).response([100.0, 1000.0, 3000.0])
+    response = AllPoleFilter(poles=poles).response([100.0, 1000.0, 3000.0])
     assert_allclose(np.abs(response) ** 2, 1 / (1 + np.array([0.1, 1, 3]) ** (2 * order)), rtol=1e-12)
     assert np.all(poles.real < 0)
 
@@ -59,7 +68,7 @@ def test_impacts_ring_through_the_chain_as_its_impulse_response(order):
     mode = Mode(frequency_hz=8000.0, damping_ratio=0.03)
     changed = {**LINEAR, "anti_alias": {"frequency_hz": 6000.0, "order": order}}
     chain = linear_chain(Sensor.model_validate({**SENSOR, **changed}))
-    poles, residues = ringing(mode, chain)
+    poles, residues = ringing_residues(mode, chain)
     natural = 2 * np.pi * 8000
     own = np.roots([1, 2 * 0.03 * natural, natural**2])
     gain = np.abs(own[0].imag) * chain.gain * np.prod(-chain.poles).real
@@ -78,7 +87,13 @@ def test_ringing_is_exact_between_samples_and_at_late_samples():
     for errors in (None, late):
         signal = np.zeros(1000)
         add_ringing(
-            signal, times_s=struck, amplitudes=sizes, poles=poles, residues=residues, rate_hz=2e4, late_s=errors
+            signal,
+            times_s=struck,
+            amplitudes=sizes,
+            poles=poles,
+            residues=residues,
+            rate_hz=2e4,
+            timing_errors_s=errors,
         )
         at = np.arange(1000) / 2e4 + (0 if errors is None else errors)
         since = at[:, None] - struck
@@ -92,7 +107,7 @@ def test_poles_that_coincide_are_refused():
     same = {"frequency_hz": 8000.0, "damping_ratio": 0.03}
     chain = linear_chain(Sensor.model_validate({**SENSOR, "resonance": same}))
     with pytest.raises(SceneError, match='sensor "a": its resonance or filter coincides with the resonance of 8000 Hz'):
-        ringing(Mode.model_validate(same), chain, sensor="a")
+        ringing_residues(Mode.model_validate(same), chain, sensor="a")
 
 
 def test_lines_pass_the_chain_and_the_truth_says_so():

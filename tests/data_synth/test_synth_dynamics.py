@@ -12,13 +12,13 @@ from scipy.linalg import eigh
 
 from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.chain import AntiAlias, Mode, Sensor
-from data_synth.gear_faults import FaultyGear, ToothChanges, damaged_teeth, errors_of
+from data_synth.gear_faults import FaultyGear, GearDamage, damaged_teeth, transmission_errors
 from data_synth.gear_geometry import GearPair
 from data_synth.housing import Housing
-from data_synth.motion import motion_of, prepared
+from data_synth.motion import motion_of, prepare_gears
 from data_synth.pole_filter import AHEAD
 from data_synth.simulation import random_stream
-from data_synth.stage import staged
+from data_synth.stage import prepare_scene
 from hums.record import check_record
 
 DYNAMICS = {
@@ -192,20 +192,20 @@ def test_what_is_worn_off_is_a_transmission_error():
     pair = GearPair(teeth=(20, 40), module_m=4e-3, face_width_m=0.03, pressure_angle_rad=np.radians(20))
     middle = pair.contact_ratio / 2
     wheel, pinion = FaultyGear(teeth=40), FaultyGear(teeth=20)
-    runout = [*errors_of(ToothChanges.on(wheel, runout_m=2e-5), pair=pair, first=7)]
+    runout = [*transmission_errors(GearDamage.on(wheel, runout_m=2e-5), pair=pair, first=7)]
     assert [part.period for part in runout] == [40]
     assert_allclose(runout[0](7 + middle + np.array([0, 10, 20, 40])), [2e-5, 0, -2e-5, 2e-5], atol=1e-18)
-    spalled = ToothChanges.on(pinion)
+    spalled = GearDamage.on(pinion)
     spalled.removed_m[0] = 1e-5
-    (hole,) = errors_of(spalled, pair=pair, first=19)
+    (hole,) = transmission_errors(spalled, pair=pair, first=19)
     assert_allclose(hole(np.array([18.9, 19.99, 39.99, 0.99])), [0, 1e-5, 1e-5, 0], atol=1e-18)
-    (worn,) = errors_of(ToothChanges.on(pinion, profile_m=1e-5), pair=pair, first=0)
+    (worn,) = transmission_errors(GearDamage.on(pinion, profile_m=1e-5), pair=pair, first=0)
     # from the begin of contact, on the wheel's tip circle, to the pitch point
     begin = np.sqrt(0.084**2 - (0.08 * np.cos(np.radians(20))) ** 2) - 0.08 * np.sin(np.radians(20))
     pitch_point = begin / (np.pi * 4e-3 * np.cos(np.radians(20)))
     assert_allclose(worn(pitch_point + np.array([0, 0.25, 0.5])), [-5e-6, 5e-6, -5e-6], atol=1e-18)
-    broken = ToothChanges.on(pinion)
-    broken.carrying[0] = 0.0
+    broken = GearDamage.on(pinion)
+    broken.contact_fraction[0] = 0.0
     (gone,) = damaged_teeth(broken, gear=1, first=4)
     assert (gone.gear, gone.tooth) == (1, 4)
     assert np.all(np.isinf(gone.fault.added_compliance(None, 1, np.zeros(2))))
@@ -271,8 +271,10 @@ def test_the_declared_mean_stiffness_is_that_of_healthy_teeth():
     dynamics = {**DYNAMICS, "meshes": {"mesh": {"stiffness_n_m": 5e8}}}
     means = []
     for faults in ([], [crack]):
-        stage = staged(scene(dynamics=dynamics, fault=faults), draws=partial(random_stream, 1))
-        means.append(motion_of(stage, prepared(stage), levels={"mesh": "torsional"}).system.meshes[0].stiffness.mean)
+        stage = prepare_scene(scene(dynamics=dynamics, fault=faults), rng_for=partial(random_stream, 1))
+        means.append(
+            motion_of(stage, prepare_gears(stage), levels={"mesh": "torsional"}).system.meshes[0].stiffness.mean
+        )
     assert means[0] == pytest.approx(5e8, rel=1e-9)
     assert 0.95 * 5e8 < means[1] < 0.9999 * 5e8
 

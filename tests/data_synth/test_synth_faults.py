@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose
 from scipy.special import ive
 
 from data_synth import load_scene
-from data_synth.combs import Comb, add_lines, common_base
-from data_synth.faults import SIDEBAND_CUTOFF, damage_comb, tooth_window
+from data_synth.combs import HarmonicFamily, add_lines, common_base
+from data_synth.faults import SIDEBAND_CUTOFF, gear_damage_family, tooth_window
 from data_synth.gear_faults import FaultyGear, ToothCrack
 
 SCENE = load_scene("demo")
@@ -19,9 +19,9 @@ def crack(**changes):
 
 
 def crack_comb(fault, *, mesh, offset):
-    return damage_comb(
+    return gear_damage_family(
         fault,
-        gear=FaultyGear(teeth=float(mesh.base / SCENE.exact_orders("tooth")[fault.component])),
+        gear=FaultyGear(teeth=float(mesh.base_order / SCENE.exact_orders("tooth")[fault.component])),
         mesh=mesh,
         tooth=SCENE.exact_orders("tooth")[fault.component],
         offset=offset,
@@ -30,10 +30,15 @@ def crack_comb(fault, *, mesh, offset):
     )
 
 
-def mesh(coefficients, base=23):
+def mesh(coefficients, base_order=23):
     values = np.asarray(coefficients, dtype=complex)
-    return Comb(
-        component="stage 1", kind="gear_mesh", source="stage 1", base=Fraction(base), coefficients=values, loaded=True
+    return HarmonicFamily(
+        component="stage 1",
+        kind="gear_mesh",
+        source="stage 1",
+        base_order=Fraction(base_order),
+        coefficients=values,
+        load_dependent=True,
     )
 
 
@@ -57,53 +62,53 @@ def test_sidebands_are_bessel_functions():
     largest = 0.0  # nothing is cut off while the largest is looked for
     largest = abs(coefficient(0))
     fault = crack(amplitude_per_mm=a, phase_rad_per_mm=b)
-    comb = crack_comb(fault, mesh=mesh([0.8j]), offset=0.3)
-    assert {abs(order - 23) for order in comb.orders[1:]} >= set(range(40))
-    for k in range(-22, comb.coefficients.size - 22):
+    family = crack_comb(fault, mesh=mesh([0.8j]), offset=0.3)
+    assert {abs(order - 23) for order in family.orders[1:]} >= set(range(40))
+    for k in range(-22, family.coefficients.size - 22):
         # the line at 23 + k, and the one at -(23 + k) folded onto it
         expected = coefficient(k) + np.conj(coefficient(-46 - k))
-        assert_allclose(comb.coefficients[23 + k - 1], expected, rtol=1e-11, atol=1e-15)
-    assert np.argmax(np.abs(comb.coefficients)) == 22
+        assert_allclose(family.coefficients[23 + k - 1], expected, rtol=1e-11, atol=1e-15)
+    assert np.argmax(np.abs(family.coefficients)) == 22
 
 
 def test_the_comb_is_the_modulated_mesh_less_the_healthy_one():
     # in the time domain, all harmonics at once, negative lines folded: what is dropped is below the cutoff each
     fault = crack(amplitude_per_mm=0.3, phase_rad_per_mm=0.2)
     healthy = mesh(np.array([0.5, 0.3j, -0.2]) * np.exp(0.4j))
-    comb = crack_comb(fault, mesh=healthy, offset=0.15)
+    family = crack_comb(fault, mesh=healthy, offset=0.15)
     rev = np.arange(2000) / 2000
     signal = np.zeros((1, rev.size))
-    lines = np.repeat(comb.coefficients[None, :, None], 2, axis=2)
-    add_lines(signal, lines, base=comb.base, revolutions=rev, position=rev)
+    lines = np.repeat(family.coefficients[None, :, None], 2, axis=2)
+    add_lines(signal, lines, base_order=family.base_order, revolutions=rev, position=rev)
     window = tooth_window(2 * np.pi * (rev + 0.15), teeth=23)
     change = np.zeros(rev.size)
     for h, value in enumerate(healthy.coefficients, start=1):
         modulation = (1 + 0.3 * window) * np.exp(-1j * 0.2 * h * window) - 1
         change += (value * modulation * np.exp(2j * np.pi * 23 * h * rev)).real
     change -= change.mean()  # the line at order zero is left out
-    largest = np.max(np.abs(comb.coefficients))
+    largest = np.max(np.abs(family.coefficients))
     assert_allclose(signal[0], change, atol=3 * 2 * 23 * SIDEBAND_CUTOFF * largest)
     assert np.max(np.abs(change)) > 5 * largest
 
 
 def test_a_crack_in_a_slower_gear_has_its_lines_at_that_gear_s_turns():
-    base = SCENE.exact_orders("gear_mesh")["stage 2"]
-    comb = crack_comb(crack(component="stage 2/output"), mesh=mesh([1.0], base=base), offset=0.0)
-    assert comb.base == Fraction(437, 4087)
-    assert comb.orders[60] == base == 61 * comb.base
-    assert comb.source == "stage 1"  # the sensors' gains are those of the mesh
+    base_order = SCENE.exact_orders("gear_mesh")["stage 2"]
+    family = crack_comb(crack(component="stage 2/output"), mesh=mesh([1.0], base_order=base_order), offset=0.0)
+    assert family.base_order == Fraction(437, 4087)
+    assert family.orders[60] == base_order == 61 * family.base_order
+    assert family.source == "stage 1"  # the sensors' gains are those of the mesh
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "base"),
+    ("first", "second", "base_order"),
     [
         (Fraction(23), Fraction(1), Fraction(1)),
         (Fraction(20, 3), Fraction(1), Fraction(1, 3)),
         (Fraction(3, 4), Fraction(5, 6), Fraction(1, 12)),
     ],
 )
-def test_the_common_base_measures_both(first, second, base):
-    assert common_base(first, second) == base
+def test_the_common_base_measures_both(first, second, base_order):
+    assert common_base(first, second) == base_order
 
 
 def test_lines_between_instants_are_linear():
@@ -111,7 +116,7 @@ def test_lines_between_instants_are_linear():
     rev = np.linspace(0, 7.3, 501)
     position = np.linspace(0, 2, 501)
     signal = np.zeros((1, 501))
-    add_lines(signal, amplitudes, base=Fraction(2, 3), revolutions=rev, position=position)
+    add_lines(signal, amplitudes, base_order=Fraction(2, 3), revolutions=rev, position=position)
     expected = sum(
         np.interp(position, [0, 1, 2], z.real) * np.cos(2 * np.pi * k * 2 / 3 * rev)
         - np.interp(position, [0, 1, 2], z.imag) * np.sin(2 * np.pi * k * 2 / 3 * rev)

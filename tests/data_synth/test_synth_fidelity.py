@@ -13,9 +13,9 @@ from data_synth.combs import random_stream
 from data_synth.dynamics import Dynamics
 from data_synth.fidelity import chosen, decided, forget
 from data_synth.levels import moved
-from data_synth.motion import motion_of, prepared
+from data_synth.motion import motion_of, prepare_gears
 from data_synth.reduction import without
-from data_synth.stage import staged
+from data_synth.stage import prepare_scene
 
 GEOMETRY = {
     "stage 1": {"module_mm": 3, "face_width_mm": 30, "pressure_angle_deg": 20},
@@ -37,8 +37,8 @@ def demo(fidelity="auto", *, meshes=None, **dynamics):
 
 
 def ready(scene):
-    stage = staged(scene, draws=partial(random_stream, 1))
-    return stage, prepared(stage)
+    stage = prepare_scene(scene, rng_for=partial(random_stream, 1))
+    return stage, prepare_gears(stage)
 
 
 def choice_of(scene):

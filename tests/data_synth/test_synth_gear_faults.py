@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.special import jv
 
-from data_synth.combs import Comb, add_lines
-from data_synth.faults import SIDEBAND_CUTOFF, damage_comb, damage_trains
+from data_synth.combs import HarmonicFamily, add_lines
+from data_synth.faults import SIDEBAND_CUTOFF, damage_trains, gear_damage_family
 from data_synth.gear_faults import (
     Chipping,
     Eccentricity,
@@ -19,8 +19,8 @@ from data_synth.gear_faults import (
     Spall,
     ToothCrack,
     Wear,
-    lag_of_error,
-    window,
+    phase_of_error,
+    von_mises_window,
 )
 
 TEETH = 23
@@ -53,17 +53,22 @@ PLACES = [place for place, _ in PITTED["pitting"].pits(GEAR)]
 ALL = LOCAL | ROUND | PITTED
 
 
-def mesh(base=TEETH):
-    return Comb(
-        component="stage 1", kind="gear_mesh", source="stage 1", base=Fraction(base), coefficients=MESH, loaded=True
+def mesh(base_order=TEETH):
+    return HarmonicFamily(
+        component="stage 1",
+        kind="gear_mesh",
+        source="stage 1",
+        base_order=Fraction(base_order),
+        coefficients=MESH,
+        load_dependent=True,
     )
 
 
 def comb_of(fault, *, rise=0.3, lag_rad=0.2, offset=0.15, **changes):
     whole, tooth = changes.get("mesh", mesh()), Fraction(changes.get("tooth", 1))
-    return damage_comb(
+    return gear_damage_family(
         fault,
-        gear=replace(GEAR, teeth=float(whole.base / tooth)),
+        gear=replace(GEAR, teeth=float(whole.base_order / tooth)),
         mesh=whole,
         tooth=tooth,
         offset=offset,
@@ -72,26 +77,26 @@ def comb_of(fault, *, rise=0.3, lag_rad=0.2, offset=0.15, **changes):
     )
 
 
-def signal_of(comb):
+def signal_of(family):
     """One turn of the gear, line by line."""
-    waves = np.exp(2j * np.pi * np.outer([float(order) for order in comb.orders], REV))
-    return (comb.coefficients @ waves).real
+    waves = np.exp(2j * np.pi * np.outer([float(order) for order in family.orders], REV))
+    return (family.coefficients @ waves).real
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_faulty_less_healthy_is_the_modulation_and_nothing_else(name):
-    damage, comb = ALL[name], comb_of(ALL[name])
-    shape = damage.shape(REV + 0.15, GEAR)
+    damage, family = ALL[name], comb_of(ALL[name])
+    shape = damage.modulation(REV + 0.15, GEAR)
     change = np.zeros(REV.size)
     for h, value in enumerate(MESH, start=1):
-        share = float(damage.harmonic_share(h))
+        share = float(damage.harmonic_weights(h))
         modulation = (1 + 0.3 * share * shape) * np.exp(-0.2j * h * shape) - 1
         change += (value * modulation * np.exp(2j * np.pi * TEETH * h * REV)).real
     change -= change.mean()  # the line at order zero is left out
-    largest = np.max(np.abs(comb.coefficients))
+    largest = np.max(np.abs(family.coefficients))
     # each line left out is below the cutoff, and the shapes have some 4 / finest of them on either side of a harmonic
-    left_out = 3 * 2 * 4 / damage.finest(GEAR) * SIDEBAND_CUTOFF * largest
-    assert_allclose(signal_of(comb), change, atol=left_out)
+    left_out = 3 * 2 * 4 / damage.narrowest_feature(GEAR) * SIDEBAND_CUTOFF * largest
+    assert_allclose(signal_of(family), change, atol=left_out)
     assert np.max(np.abs(change)) > 20 * left_out or name in ("spall", "pitting")
     assert np.max(np.abs(change)) > 2 * left_out
     assert np.max(np.abs(shape)) == pytest.approx(1, abs=0.02)
@@ -100,8 +105,8 @@ def test_faulty_less_healthy_is_the_modulation_and_nothing_else(name):
 @pytest.mark.parametrize("name", LOCAL)
 def test_damage_of_one_tooth_is_heard_while_it_is_in_mesh(name):
     far = np.abs((REV + 0.15 + 0.5) % 1 - 0.5) > 2 / TEETH
-    comb = comb_of(LOCAL[name], rise=0.5, lag_rad=0.0)
-    signal = signal_of(comb)
+    family = comb_of(LOCAL[name], rise=0.5, lag_rad=0.0)
+    signal = signal_of(family)
     signal -= np.mean(signal[far])  # what its line at order zero would be, which no accelerometer passes
     assert np.sum(signal[~far] ** 2) > 0.999 * np.sum(signal**2)
     assert np.max(np.abs(signal[far])) < 0.02 * np.max(np.abs(signal))
@@ -117,33 +122,33 @@ def test_pits_are_heard_on_their_teeth_only():
 
 def test_eccentricity_makes_bessel_sidebands():
     # exp(-j h b cos t) = sum_k (-j)^k J_k(h b) exp(j k t) (Jacobi and Anger)
-    comb = comb_of(ROUND["eccentricity"], rise=0.0, lag_rad=0.2, offset=0.0)
+    family = comb_of(ROUND["eccentricity"], rise=0.0, lag_rad=0.2, offset=0.0)
     for h, value in enumerate(MESH, start=1):
         for k in range(-3, 4):
             line = value * ((-1j) ** k * jv(k, 0.2 * h) - (k == 0))
             if abs(line) > 2 * SIDEBAND_CUTOFF:
-                assert_allclose(comb.coefficients[TEETH * h + k - 1], line, atol=1e-12)
+                assert_allclose(family.coefficients[TEETH * h + k - 1], line, atol=1e-12)
 
 
 @pytest.mark.parametrize(("name", "spacings"), [("eccentricity", {1}), ("misalignment", {1, 2}), ("wear", {0})])
 def test_damage_all_round_has_the_sidebands_of_its_swing(name, spacings):
     # by amplitude alone, so each swing makes one pair
-    comb = comb_of(ROUND[name], rise=0.3, lag_rad=0.0)
-    at = np.flatnonzero(comb.coefficients) + 1
+    family = comb_of(ROUND[name], rise=0.3, lag_rad=0.0)
+    at = np.flatnonzero(family.coefficients) + 1
     assert {int(min(abs(order - h * TEETH) for h in (1, 2, 3))) for order in at} == spacings
-    assert ROUND[name].strikes(GEAR) == ()
+    assert ROUND[name].impacts(GEAR) == ()
 
 
 def test_wear_raises_high_harmonics_more():
-    comb = comb_of(WEAR, rise=0.1, lag_rad=0.0)
-    lines = comb.coefficients[[TEETH - 1, 2 * TEETH - 1, 3 * TEETH - 1]]
+    family = comb_of(WEAR, rise=0.1, lag_rad=0.0)
+    lines = family.coefficients[[TEETH - 1, 2 * TEETH - 1, 3 * TEETH - 1]]
     assert_allclose(lines, MESH * 0.1 * [1, 2, 3], rtol=1e-12)
 
 
 def test_lines_lie_at_the_mesh_and_multiples_of_the_gear_s_turns():
-    comb = comb_of(CRACK, mesh=mesh(base=Fraction(437, 67)), tooth=Fraction(437, 4087))
-    assert comb.base == Fraction(437, 4087)
-    assert comb.orders[60] == Fraction(437, 67)
+    family = comb_of(CRACK, mesh=mesh(base_order=Fraction(437, 67)), tooth=Fraction(437, 4087))
+    assert family.base_order == Fraction(437, 4087)
+    assert family.orders[60] == Fraction(437, 67)
 
 
 def test_a_growing_fault_is_that_of_its_size_at_each_instant():
@@ -156,9 +161,9 @@ def test_a_growing_fault_is_that_of_its_size_at_each_instant():
     common = min(alone.coefficients.size, grown.coefficients.shape[0])
     close = SIDEBAND_CUTOFF * np.max(np.abs(grown.coefficients))
     assert_allclose(grown.coefficients[:common, 1], alone.coefficients[:common], atol=close)
-    assert np.array_equal(grown.present, np.any(grown.coefficients != 0, axis=1))
+    assert np.array_equal(grown.nonzero, np.any(grown.coefficients != 0, axis=1))
     signal = np.zeros((1, REV.size))
-    add_lines(signal, grown.coefficients[None], base=grown.base, revolutions=REV, position=2 * REV)
+    add_lines(signal, grown.coefficients[None], base_order=grown.base_order, revolutions=REV, position=2 * REV)
     assert abs(signal[0, 0]) < 1e-12
 
 
@@ -217,25 +222,25 @@ def test_a_record_has_the_strikes_between_its_ends_and_those_at_them(span, offse
 
 
 def test_each_damage_changes_its_own_part_of_the_mechanics():
-    size, sound = 1e-3, WEAR.changes(0.0, GEAR)
+    size, sound = 1e-3, WEAR.damage(0.0, GEAR)
     touched = {
         "crack": {"crack_m": 1},
-        "chipping": {"carrying": 1},
-        "missing tooth": {"carrying": 1},
+        "chipping": {"contact_fraction": 1},
+        "missing tooth": {"contact_fraction": 1},
         "spall": {"removed_m": 1},
         "pitting": {"removed_m": 3},
         "eccentricity": {"runout_m": 1},
-        "misalignment": {"carrying": TEETH},
+        "misalignment": {"contact_fraction": TEETH},
         "wear": {"profile_m": 1},
     }
     for name, damage in ALL.items():
-        changes = damage.changes(size, GEAR)
-        for part in ("crack_m", "carrying", "removed_m", "runout_m", "profile_m"):
-            differing = np.sum(np.atleast_1d(getattr(changes, part) != getattr(sound, part)))
+        changed = damage.damage(size, GEAR)
+        for part in ("crack_m", "contact_fraction", "removed_m", "runout_m", "profile_m"):
+            differing = np.sum(np.atleast_1d(getattr(changed, part) != getattr(sound, part)))
             assert differing == touched[name].get(part, 0), (name, part)
-    assert LOCAL["chipping"].changes(0.005, GEAR).carrying[0] == 0.75
-    assert LOCAL["missing tooth"].changes(0.0, GEAR).carrying[0] == 0
-    lean = ROUND["misalignment"].changes(0.005, replace(GEAR, teeth=360)).carrying
+    assert LOCAL["chipping"].damage(0.005, GEAR).contact_fraction[0] == 0.75
+    assert LOCAL["missing tooth"].damage(0.0, GEAR).contact_fraction[0] == 0
+    lean = ROUND["misalignment"].damage(0.005, replace(GEAR, teeth=360)).contact_fraction
     assert lean[0] == pytest.approx(0.75)
     assert np.all((lean >= 0.75) & (lean <= 1))
 
@@ -254,22 +259,22 @@ def test_drawn_pits_lie_among_neighbours():
 
 def test_an_error_of_a_base_pitch_is_a_cycle():
     pitch = math.pi * 3e-3 * math.cos(math.radians(20))
-    assert lag_of_error(pitch / 4, module_m=3e-3, pressure_angle_rad=math.radians(20)) == pytest.approx(math.pi / 2)
+    assert phase_of_error(pitch / 4, module_m=3e-3, pressure_angle_rad=math.radians(20)) == pytest.approx(math.pi / 2)
 
 
 def test_the_window_is_half_at_half_its_width():
-    assert_allclose(window([0, 0.02, -0.02, 1.02], width_turns=0.04), [1, 0.5, 0.5, 0.5], rtol=1e-12)
+    assert_allclose(von_mises_window([0, 0.02, -0.02, 1.02], width_turns=0.04), [1, 0.5, 0.5, 0.5], rtol=1e-12)
 
 
 def test_what_makes_no_sense_is_refused():
     with pytest.raises(ValueError, match="not within the face width of"):
-        LOCAL["chipping"].changes(0.03, GEAR)
+        LOCAL["chipping"].damage(0.03, GEAR)
     with pytest.raises(ValueError, match="not within the face width of"):
-        ROUND["misalignment"].changes(-1.0, GEAR)
+        ROUND["misalignment"].damage(-1.0, GEAR)
     with pytest.raises(ValueError, match="count = 4 pitted teeth do not fit"):
         declared(Pitting, count=4, spread=3)
     with pytest.raises(ValueError, match="count"):
         declared(Wear, count=4)
     # on a gear of few teeth pits come round
     few = replace(GEAR, teeth=3)
-    assert np.count_nonzero(PITTED["pitting"].changes(2.0, few).removed_m) <= 3
+    assert np.count_nonzero(PITTED["pitting"].damage(2.0, few).removed_m) <= 3

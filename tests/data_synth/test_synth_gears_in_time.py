@@ -13,9 +13,9 @@ from scipy.linalg import eigh
 from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.integrate import Output, Splitting, Steps, integrate
 from data_synth.loads import strained
-from data_synth.motion import motion_of, prepared
+from data_synth.motion import motion_of, prepare_gears
 from data_synth.simulation import random_stream
-from data_synth.stage import staged
+from data_synth.stage import prepare_scene
 from hums.analysis import AnalysisSettings, analyze
 from hums.layout import group
 from hums.tables import findings_table
@@ -66,12 +66,12 @@ def scene(*, dynamics=None, mesh=None, **changes):
 
 
 def stage_of(declared, seed=SEED):
-    return staged(declared, draws=partial(random_stream, seed))
+    return prepare_scene(declared, rng_for=partial(random_stream, seed))
 
 
 def motion(declared, seed=SEED):
     stage = stage_of(declared, seed)
-    return motion_of(stage, prepared(stage), levels={"mesh": declared.fidelity})
+    return motion_of(stage, prepare_gears(stage), levels={"mesh": declared.fidelity})
 
 
 FINE = 40  # steps of the oracle to a sample

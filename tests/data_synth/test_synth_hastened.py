@@ -12,14 +12,14 @@ from data_synth import SceneError, explain, explanation, load_scene, simulate
 from data_synth.hastened import factor_of, hastened
 from data_synth.room import free_memory_bytes, refuse_too_large
 from data_synth.simulation import random_stream
-from data_synth.stage import staged
+from data_synth.stage import prepare_scene
 from hums.cli import main
 
 DAY_S = 86400.0
 
 
 def built(scene):
-    return staged(scene, draws=partial(random_stream, 0))
+    return prepare_scene(scene, rng_for=partial(random_stream, 0))
 
 
 def scenes():
@@ -50,9 +50,9 @@ def test_a_hastened_scene_has_the_lines_and_speeds_of_the_scene_and_its_share_of
     np.testing.assert_allclose(short.drive.angle.speed_hz(moments * short.scene.duration_s), speeds, rtol=1e-6)
     top = whole.drive.angle.top_speed_hz(0.0, scene.duration_s)
     assert short.drive.angle.top_speed_hz(0.0, short.scene.duration_s) == pytest.approx(top, rel=1e-6)
-    assert [comb.orders for comb in short.combs] == [comb.orders for comb in whole.combs]
-    for mine, its in zip(short.combs, whole.combs, strict=True):
-        assert list(mine.present) == list(its.present)
+    assert [family.orders for family in short.families] == [family.orders for family in whole.families]
+    for mine, its in zip(short.families, whole.families, strict=True):
+        assert list(mine.nonzero) == list(its.nonzero)
     # whole pulses and impacts at both ends; with slip, 1 % of each interval adds up to far less than one
     assert short.pulses.times_s.size * factor == pytest.approx(whole.pulses.times_s.size, abs=2 * factor)
     for (_, mine), (_, its) in zip(short.trains, whole.trains, strict=True):
@@ -71,7 +71,7 @@ def test_growth_reaches_the_same_sizes():
 def test_a_day_is_explained_with_the_work_of_minutes_and_in_little_memory(name, monkeypatch):
     day, minutes = (load_scene(name).changed(duration_s=duration_s) for duration_s in (DAY_S, 100.0))
     explain(day)  # whatever is imported and cached on the first call
-    staged_ones = recorded(monkeypatch, explanation, "staged")
+    staged_ones = recorded(monkeypatch, explanation, "prepare_scene")
     work = {scene.duration_s: calls(lambda scene=scene: explain(scene)) for scene in (minutes, day)}
     # 864 times as long: all its pulses and impacts would be as many times more
     assert work[DAY_S] < 1.5 * work[100.0]

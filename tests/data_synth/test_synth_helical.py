@@ -12,8 +12,8 @@ from scipy.linalg import eigh
 from data_synth import Scene, simulate
 from data_synth.combs import random_stream
 from data_synth.fidelity import chosen
-from data_synth.motion import motion_of, prepared
-from data_synth.stage import staged
+from data_synth.motion import motion_of, prepare_gears
+from data_synth.stage import prepare_scene
 
 HELIX, NORMAL = np.radians(15), np.radians(20)
 TEETH, MODULE = np.array([20, 40]), 4e-3
@@ -57,8 +57,8 @@ def scene(fidelity="full", *, hand="right", shape="constant", direction=(0, 0, 1
 
 
 def ready(declared):
-    stage = staged(declared, draws=partial(random_stream, SEED))
-    return stage, prepared(stage)
+    stage = prepare_scene(declared, rng_for=partial(random_stream, SEED))
+    return stage, prepare_gears(stage)
 
 
 def motion(declared):

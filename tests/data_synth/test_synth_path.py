@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from data_synth.faults import ImpactTrain
-from data_synth.path import impact_line, mode_response, ring_pole, ring_seconds, ring_spectrum
+from data_synth.path import impact_line, mode_pole, mode_response, ringing_spectrum, ringing_time_s
 from data_synth.scene import Mode
 from data_synth.sensors import add_ringing
 
@@ -36,7 +36,7 @@ def test_rings_start_between_samples():
     struck = np.array([-0.004, -1e-5, 0.0, 0.0123456789, 0.0129, 0.099990001])
     sizes = np.array([[1.0, 2.0, -1.0, 0.5, 1.5, 4.0], [0.0, 1.0, 0.0, 1.0, 0.0, 1.0]])
     signal = np.zeros((2, count))
-    pole, residue = np.array([ring_pole(MODE)]), np.array([-1j])  # Re -j exp(p t) is the sine
+    pole, residue = np.array([mode_pole(MODE)]), np.array([-1j])  # Re -j exp(p t) is the sine
     for own, size in zip(signal, sizes, strict=True):
         add_ringing(own, times_s=struck, amplitudes=size, poles=pole, residues=residue, rate_hz=rate)
     times = np.arange(count) / rate
@@ -47,13 +47,15 @@ def test_rings_start_between_samples():
 def test_the_spectrum_is_the_transform_of_the_ringing():
     # Gauss-Legendre on short panels: the integrand is analytic, so 20 points per panel leave rounding
     nodes, weights = np.polynomial.legendre.leggauss(20)
-    edges = np.linspace(0, ring_seconds(MODE), 401)
+    edges = np.linspace(0, ringing_time_s(MODE), 401)
     half = np.diff(edges) / 2
     times = (edges[:-1, None] + half[:, None] * (nodes + 1)).ravel()
     steps = (half[:, None] * weights).ravel()
     for frequency in (0.0, 100.0, 3000.0, 9000.0):
         integral = np.sum(steps * ringing(times) * np.exp(-2j * np.pi * frequency * times))
-        assert_allclose(ring_spectrum(MODE, frequency), integral, rtol=1e-9, atol=1e-12 * abs(ring_spectrum(MODE, 3e3)))
+        assert_allclose(
+            ringing_spectrum(MODE, frequency), integral, rtol=1e-9, atol=1e-12 * abs(ringing_spectrum(MODE, 3e3))
+        )
 
 
 def test_a_steady_train_has_the_lines_the_truth_adds():
@@ -65,7 +67,7 @@ def test_a_steady_train_has_the_lines_the_truth_adds():
     half = np.diff(edges) / 2
     times = (edges[:-1, None] + half[:, None] * (nodes + 1)).ravel()
     steps = (half[:, None] * weights).ravel()
-    pole = ring_pole(MODE)
+    pole = mode_pole(MODE)
     period = 0.7 * (np.exp(pole * times) / (1 - np.exp(pole / rate))).imag
     impacts = train(order=2, size=0.7, offset=offset)
     for harmonic in (1, 23, 120, 300):

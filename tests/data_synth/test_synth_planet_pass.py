@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from scipy.special import ive
 
 from data_synth.planet_pass import DistanceWindow, MovingPath, PassWindow, even_places_rad, mesh_phases_rad
-from data_synth.planet_pass import planet_pass_comb as pass_comb
+from data_synth.planet_pass import planet_pass_family as pass_comb
 
 RING = 99
 WINDOW = PassWindow(half_width_rad=math.radians(40), floor=0.1)
@@ -39,7 +39,7 @@ def test_forbidden_sidebands_do_not_reach_the_ring(planets):
     path = MovingPath.even(planets, window=WINDOW)
     found = np.abs(
         lines_of(
-            path.heard(
+            path.superpose(
                 np.array(
                     [
                         sum(
@@ -57,16 +57,16 @@ def test_forbidden_sidebands_do_not_reach_the_ring(planets):
     allowed = order % planets == 0  # (l z_r + j) mod N = 0
     assert np.max(found[~allowed]) < 1e-3 * np.max(found)  # 60 dB; it is rounding
     assert np.max(found[~allowed]) < 1e-12 * np.max(found)
-    comb = comb_of(path)
-    spoken = np.flatnonzero(comb.coefficients) + 1
+    family = comb_of(path)
+    spoken = np.flatnonzero(family.coefficients) + 1
     assert np.all(spoken % planets == 0)
     # with 3 planets the mesh itself is heard, 99 = 3 x 33; with 4 or 5 it is not, but sidebands beside it are
     assert (RING in spoken) == (planets == 3)
 
 
 def test_the_largest_line_of_99_teeth_and_4_planets_is_beside_the_mesh():
-    comb = comb_of(MovingPath.even(4, window=WINDOW))
-    assert int(np.argmax(np.abs(comb.coefficients))) + 1 == 100  # (99 + 1) mod 4 = 0
+    family = comb_of(MovingPath.even(4, window=WINDOW))
+    assert int(np.argmax(np.abs(family.coefficients))) + 1 == 100  # (99 + 1) mod 4 = 0
 
 
 @pytest.mark.parametrize("window", [WINDOW, DistanceWindow(planet_radius_m=0.2, sensor_radius_m=0.26, exponent=1.0)])
@@ -77,24 +77,24 @@ def test_unequal_planets_make_the_phasor_sum(window):
         strengths=np.array([1.0, 0.9, 1.2]),
     )
     found = lines_of(by_walking(path))
-    comb = comb_of(path)
-    count = min(comb.coefficients.size, 1000)
+    family = comb_of(path)
+    count = min(family.coefficients.size, 1000)
     # coefficients of the window below 1e-6 of the largest are left out, some of them folded onto one line
-    assert_allclose(comb.coefficients[:count], found[1 : count + 1], atol=1e-5 * np.max(np.abs(found)))
+    assert_allclose(family.coefficients[:count], found[1 : count + 1], atol=1e-5 * np.max(np.abs(found)))
     # and by hand at the first sideband above the mesh, the window's coefficient by direct sum
     angle = 2 * np.pi * np.arange(4096) / 4096
     first = np.mean(window.gain(angle) * np.cos(angle))
     sum_of = sum(s * np.exp(1j * (RING + 1) * p) for s, p in zip(path.strengths, path.places_rad, strict=True))
-    assert_allclose(comb.coefficients[RING], first * sum_of, rtol=1e-4)
+    assert_allclose(family.coefficients[RING], first * sum_of, rtol=1e-4)
 
 
 def test_lines_are_counted_by_the_carrier_and_turn_with_it():
     path = MovingPath.even(3, window=WINDOW)
-    comb = comb_of(path)
-    assert comb.base == Fraction(3, 14)
-    assert comb.orders[RING - 1] == Fraction(3 * RING, 14)
+    family = comb_of(path)
+    assert family.base_order == Fraction(3, 14)
+    assert family.orders[RING - 1] == Fraction(3 * RING, 14)
     turned = comb_of(path, carrier_offset=0.1)
-    assert_allclose(turned.coefficients[RING - 1], comb.coefficients[RING - 1] * np.exp(2j * np.pi * 9.9), rtol=1e-12)
+    assert_allclose(turned.coefficients[RING - 1], family.coefficients[RING - 1] * np.exp(2j * np.pi * 9.9), rtol=1e-12)
 
 
 def test_the_window_is_made_of_bessel_functions():
@@ -127,8 +127,8 @@ def test_blocks_make_one_record():
     path = MovingPath.even(3, window=WINDOW)
     sources = np.random.default_rng(0).standard_normal((3, 500))
     turns = np.linspace(0, 3, 500)
-    whole = path.heard(sources, carrier_turns=turns)
-    parts = [path.heard(sources[:, a:b], carrier_turns=turns[a:b]) for a, b in ((0, 7), (7, 300), (300, 500))]
+    whole = path.superpose(sources, carrier_turns=turns)
+    parts = [path.superpose(sources[:, a:b], carrier_turns=turns[a:b]) for a, b in ((0, 7), (7, 300), (300, 500))]
     assert_allclose(np.concatenate(parts), whole, rtol=1e-15)
 
 

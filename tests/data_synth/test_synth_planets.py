@@ -14,9 +14,9 @@ from data_synth.integrate import Output, Splitting, Steps, integrate
 from data_synth.layout import contacts_of
 from data_synth.meshing import geared
 from data_synth.modal import solve_modes
-from data_synth.motion import fault_passes, motion_of, prepared
+from data_synth.motion import fault_passes, motion_of, prepare_gears
 from data_synth.simulation import random_stream
-from data_synth.stage import staged
+from data_synth.stage import prepare_scene
 from data_synth.teeth_in_mesh import teeth_in_mesh
 from data_synth.tooth_stiffness import ToothPair
 from hums.gearbox import load_gearbox
@@ -71,8 +71,8 @@ def scene_of(**changes):
 
 def moving(**changes):
     scene = scene_of(**changes)
-    stage = staged(scene, draws=partial(random_stream, SEED))
-    gears = prepared(stage)
+    stage = prepare_scene(scene, rng_for=partial(random_stream, SEED))
+    gears = prepare_gears(stage)
     return motion_of(stage, gears, levels={mesh.name: scene.fidelity for mesh in scene.gearbox.meshes})
 
 

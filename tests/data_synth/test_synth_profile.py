@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from data_synth.drive import Drive
 from data_synth.profile import ShaftAngle
 from data_synth.pulses import pulse_times
-from data_synth.speeds import Knots
+from data_synth.speeds import PiecewiseLinear
 
 ANGLE = ShaftAngle(times_s=np.array([0.5, 2.0, 3.0]), speeds_hz=np.array([10.0, 25.0, 20.0]), datum_rev=0.3)
 
@@ -44,7 +44,7 @@ def test_pulses_of_a_ramp_are_where_the_quadratic_says():
 
 
 def test_load_follows_the_torque_whatever_its_sign():
-    torque = Knots(times_s=np.array([0.0, 1.0]), values=np.array([-100.0, 50.0]))
+    torque = PiecewiseLinear(times_s=np.array([0.0, 1.0]), values=np.array([-100.0, 50.0]))
     drive = Drive(angle=ANGLE, torque=torque, unloaded_share=0.2, full_load_nm=100.0)
     assert_allclose(drive.load([-1, 0, 2 / 3, 1, 9]), [1, 1, 0.2, 0.6, 0.6], rtol=1e-14, atol=1e-14)
     assert_allclose(Drive(angle=ANGLE).load([0, 1]), 1)

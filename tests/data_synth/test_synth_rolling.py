@@ -38,7 +38,7 @@ def geometry():
     return bearing.elements, ratio, ratio * np.cos(np.radians(bearing.contact_angle_deg))
 
 
-def at_strikes(record, roller):
+def at_impacts(record, roller):
     phases = record["truth_roller_revolutions"].sel(truth_roller=f"{BEARING}/{roller}").values
     return np.interp(record["truth_impact_times_1"].values, record["time"].values, phases)
 
@@ -50,13 +50,13 @@ KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
 @pytest.mark.parametrize("slip", [{"slip_std": 0.0}, {"slip_std": 0.02, "mean_slip": 0.05}])
 def test_impacts_fall_at_whole_turns_of_the_stated_phase(kind, slip):
     record = made(fault(kind, **slip))
-    struck = at_strikes(record, f"{kind} strike")
+    struck = at_impacts(record, f"{kind} strike")
     # an impact between two samples bends the phase between them: by the slip, of a turn in 16000 / 130 samples
     assert_allclose(struck, np.round(struck), atol=3e-4)
     assert_allclose(np.diff(np.round(struck)), 1, atol=0)
     # so does what strikes: an element at the spot of a race, a spot of an element at either race, the cage
     elements, _, _ = geometry()
-    cage, element = at_strikes(record, "cage"), at_strikes(record, "element")
+    cage, element = at_impacts(record, "cage"), at_impacts(record, "element")
     ring = np.interp(
         record["truth_impact_times_1"].values,
         record["time"].values,
@@ -175,13 +175,13 @@ def test_a_load_that_turns_with_the_ring_beats_a_spot_of_it_alike():
 
 def test_an_element_drops_into_a_spall_before_it_strikes():
     record, _ = heard("outer_race", slip_std=0.0, entry_share=-0.4, size_mm=2.0)
-    entries, impacts = record["truth_entry_times_1"].values, record["truth_impact_times_1"].values
+    is_entry, impacts = record["truth_entry_times_1"].values, record["truth_impact_times_1"].values
     # half of the spall at the speed of the contact: the cage's, on the circle of the race
     bearing = next(b for b in Scene.from_mapping(SCENE).gearbox.bearings if BEARING in b.names)
     _, _, along = geometry()
     cage_hz = 25 * -SHAFT * (1 - along) / 2
     race_mm = np.pi * bearing.pitch_diameter_mm * (1 + along)
-    assert_allclose(impacts[1:20] - entries[1:20], 1.0 / (race_mm * cage_hz), rtol=1e-9)
+    assert_allclose(impacts[1:20] - is_entry[1:20], 1.0 / (race_mm * cage_hz), rtol=1e-9)
     plain, _ = heard("outer_race", slip_std=0.0, size_mm=2.0)
     assert np.array_equal(plain["truth_impact_times_1"].values, impacts)
     times = np.arange(128_000) / 64_000
@@ -194,7 +194,7 @@ def test_an_element_drops_into_a_spall_before_it_strikes():
 
     added = record["a"].values - plain["a"].values
     # entries before the record have died away
-    expected = -0.4 * 2.0 * sum(ring(at) for at in entries)
+    expected = -0.4 * 2.0 * sum(ring(at) for at in is_entry)
     assert_allclose(added[6400:], expected[6400:], atol=1e-9)
     grown = made(
         fault("outer_race", entry_share=-0.4, growth={"law": "linear", "rate_mm_per_s": 1.0, "largest_mm": 3.0})

@@ -3,9 +3,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.special import airy
 
-from data_synth.passages import passages
+from data_synth.passages import crossings
 from data_synth.run_up import LoadLaw, run_up
-from data_synth.speeds import Knots, constant, steps
+from data_synth.speeds import PiecewiseLinear, constant, steps
 
 # a gear pair: 75 N m on the pinion, 0.0075 w |w| on the gear, all taken to the gear's shaft (36 / 63 teeth)
 RATIO = 1.75
@@ -48,7 +48,7 @@ def test_a_linear_load_lags():
 
 def test_a_rising_torque_against_a_quadratic_load_is_airy():
     # w' = t - w^2 with w(0) = 0 is the logarithmic slope of u'' = t u, u'(0) = 0
-    torque = Knots(times_s=np.array([0.0, 4.0]), values=np.array([0.0, 4.0]))
+    torque = PiecewiseLinear(times_s=np.array([0.0, 4.0]), values=np.array([0.0, 4.0]))
     angle = run_up(torque, load=LoadLaw(quadratic_nm_s2=1.0), inertia_kg_m2=1.0, duration_s=4.0)
     times = np.linspace(0, 4, 30)
     ai, ai_slope, bi, bi_slope = airy(times)
@@ -64,7 +64,7 @@ def test_a_torque_in_steps_stops_and_turns_the_shaft():
     turned = 2 * np.pi * angle.revolutions([0.5, 1, 3, 5, 6])
     assert_allclose(turned, [0.25, 1, 3, 1, -1], rtol=1e-12)  # beyond the end the speed is held
     assert_allclose(angle.turning_points_s(), [0, 3], atol=1e-9)
-    found = passages(angle, per_rev=2 * np.pi, start_s=0.4, stop_s=4.9, offset=0.5)
+    found = crossings(angle, per_rev=2 * np.pi, start_s=0.4, stop_s=4.9, offset=0.5)
     # whole turns of a mark at half a radian: t^2 = 1/2; 3 - (3 - t)^2 / 2 = 3/2, 5/2 and back
     expected = [np.sqrt(0.5), 3 - np.sqrt(3), 2, 4, 3 + np.sqrt(3)]
     assert_allclose(found.times_s, expected, rtol=1e-12)

@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
-from data_synth.speeds import FirstOrder, Kaimal, Knots, added, constant, fluctuation, ramp, steps
+from data_synth.speeds import FirstOrder, Kaimal, PiecewiseLinear, constant, fluctuation, ramp, steps, sum_of
 
 
 def test_the_plain_courses():
@@ -17,7 +17,7 @@ def test_the_plain_courses():
 
 def test_sums_keep_corners_and_jumps():
     first, second = steps([1, 4, 2], at_s=[1, 2]), ramp(0, 10, start_s=0.5, stop_s=1.5)
-    total = added(first, second)
+    total = sum_of(first, second)
     times = np.array([0, 0.5, 0.999, 1, 1.2, 1.5, 1.999, 2, 3])
     assert_allclose(total.at(times), first.at(times) + second.at(times), rtol=1e-14)
     just_before = np.nextafter([1.0, 2.0], 0)
@@ -61,13 +61,13 @@ def test_a_first_order_fluctuation_forgets_exponentially():
 
 
 def test_same_seed_same_fluctuation():
-    draws = [
+    rng_for = [
         fluctuation(
             Kaimal(rms=1.0, time_scale_s=1.0), duration_s=3.0, highest_hz=4.0, rng=np.random.default_rng(seed)
         ).values.tobytes()
         for seed in (3, 3, 4)
     ]
-    assert draws[0] == draws[1] != draws[2]
+    assert rng_for[0] == rng_for[1] != rng_for[2]
 
 
 @pytest.mark.parametrize(
@@ -76,9 +76,9 @@ def test_same_seed_same_fluctuation():
         (lambda: ramp(0, 1, stop_s=0), "a ramp takes time"),
         (lambda: steps([1, 2], at_s=[1, 2]), "2 levels need 1 times between them, not 2"),
         (lambda: steps([1, 2, 3], at_s=[1, 1.5], rise_s=1), "rise_s = 1 must be 0 or more and fit"),
-        (lambda: Knots(times_s=np.array([0.0, 1.0]), values=np.array([0.0, np.nan])), "NaN"),
-        (lambda: Knots(times_s=np.array([1.0, 0.0]), values=np.zeros(2)), "falls"),
-        (lambda: Knots(times_s=np.zeros(2), values=np.zeros(1)), "have shapes"),
+        (lambda: PiecewiseLinear(times_s=np.array([0.0, 1.0]), values=np.array([0.0, np.nan])), "NaN"),
+        (lambda: PiecewiseLinear(times_s=np.array([1.0, 0.0]), values=np.zeros(2)), "falls"),
+        (lambda: PiecewiseLinear(times_s=np.zeros(2), values=np.zeros(1)), "have shapes"),
         (
             lambda: fluctuation(
                 Kaimal(rms=1, time_scale_s=1), duration_s=0, highest_hz=1, rng=np.random.default_rng(0)

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from data_synth.pole_filter import AHEAD, PoleFilter, step_weights
-from data_synth.sensors import Cascade, through
+from data_synth.sensors import AllPoleFilter, path_residues
 from data_synth.transfer import MeasuredPath, ModalPath
 
 RATE = 20_000.0
@@ -47,7 +47,7 @@ def test_the_response_is_that_of_an_oscillator():
 
 def test_what_is_sampled_passes_the_poles_as_the_response_says():
     # a sum of sines below a fifth of the rate, long after its beginning
-    poles, residues = through(PATH, Cascade())
+    poles, residues = path_residues(PATH, AllPoleFilter())
     times, frequencies = np.arange(20_000) / RATE, np.array([200.0, 790.0, 1900.0, 3900.0])
     force = np.cos(2 * np.pi * np.outer(times, frequencies)).sum(axis=1)
     whole = PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=RATE).push(force)[AHEAD:]

@@ -74,13 +74,13 @@ def test_lines_pass_the_modes_of_their_way(source):
     plain, declared = made(), made(way(source))
     mine = np.array([source in name.split(", ")[0] for name in plain["truth_source_name"].values])
     assert mine.sum() == 1
-    z, through = (record["truth_amplitude"] for record in (plain, declared))
+    z, path_residues = (record["truth_amplitude"] for record in (plain, declared))
     own = plain["truth_component"].values == source
     frequency = np.outer(plain["truth_order"].values[own], plain["truth_speed"].values)
     # amplitudes are those at the first sensor, whose gain is 1
-    assert_allclose(through.values[1][own], z.values[0][own] * response(frequency), rtol=1e-9)
-    assert_allclose(through.values[1][~own], z.values[1][~own], rtol=1e-12)
-    assert_allclose(through.values[0], z.values[0], rtol=1e-12)
+    assert_allclose(path_residues.values[1][own], z.values[0][own] * response(frequency), rtol=1e-9)
+    assert_allclose(path_residues.values[1][~own], z.values[1][~own], rtol=1e-12)
+    assert_allclose(path_residues.values[0], z.values[0], rtol=1e-12)
     others = plain["truth_source"].values[1][~mine].sum(axis=0)
     assert np.std(declared["b"].values - others - declared["truth_source"].values[1][mine][0]) < 1e-12
 
