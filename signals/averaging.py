@@ -6,18 +6,23 @@ through ``|sin(pi N f) / (N sin(pi f))|`` of any other order f, and has nulls wh
 revolutions decides what of the neighbours is left, and `quietest_revolutions` says which one to take.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
 from numbers import Rational
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from signals._checks import Array, number, real_vector, whole
 from signals.phase import ShaftPhase
 from signals.resampling import AngularSignal, angular_resample
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
 
 _REACH = 32  # samples the interpolator of signals.resampling takes in on either side, more on a coarser grid
 
@@ -193,7 +198,7 @@ class RunningAverage:
             mean = rows.mean(axis=0)
             self._combine(rows.shape[0], mean, np.sum((rows - mean) ** 2, axis=0))
 
-    def merge(self, other: "RunningAverage") -> None:
+    def merge(self, other: RunningAverage) -> None:
         """Take in all that another average of the same shaft has seen.
 
         Raises
@@ -212,7 +217,7 @@ class RunningAverage:
                 "would lose; give both averages whole revolutions."
             )
         self.passband_orders = min(self.passband_orders, other.passband_orders)
-        self._combine(other.revolutions, other._mean, other._squares)  # noqa: SLF001
+        self._combine(other.revolutions, other._mean, other._squares)
 
     def average(self) -> SynchronousAverage:
         """Return the average so far; more may follow.

@@ -1,10 +1,11 @@
 """The band to demodulate, chosen from a record, with the reasons and the doubts."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import Array, choice, positive
 from signals.kurtogram import (
@@ -13,6 +14,9 @@ from signals.kurtogram import (
     Kurtogram,
     fast_kurtogram,
 )
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
 
 Measure = Literal["steady_kurtosis", "kurtosis", "envelope_negentropy"]
 

@@ -1,15 +1,21 @@
 """The comb that averaging is: what it lets through, which number of revolutions is best, when teeth meet again."""
 
+from __future__ import annotations
+
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from numbers import Rational, Real
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from signals._checks import Array, number, whole
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import ArrayLike
 
 _WHOLE = 1e-150  # nearer than this to a whole order the gain is one, and its quotient loses its digits
 

@@ -8,15 +8,20 @@ References
    the sum over scanned lines is taken before the transform over frames.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from signals._checks import Array, Samples, positive, real_vector, whole
 from signals._windows import Window, window_of
 from signals.spectra import without_mean
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
 
 _FEWEST_FRAMES = 16
 _HANN_REACH = 3  # bins beyond which the squared window's transform is nothing

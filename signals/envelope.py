@@ -1,16 +1,23 @@
 """Envelope of a frequency band, of a whole record or of one that streams by, and its spectrum."""
 
-from collections.abc import Iterable, Iterator
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from signals._checks import Array, Samples, positive, real_samples, real_vector
 from signals._plans import forget_plans
-from signals.phase import ShaftPhase
 from signals.resampling import angular_resample
 from signals.spectra import AmplitudeSpectrum, amplitude_spectrum, order_spectrum, without_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from signals.phase import ShaftPhase
 
 _ATTENUATION_DB = 80.0
 _FEWEST_BLOCK = 2**14  # samples transformed at a time

@@ -1,13 +1,18 @@
 """Velocity and displacement from acceleration, band-limited as ISO 20816 measures them."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy import fft
 
 from signals._checks import Array, Samples, choice, number, positive, real_samples
 from signals._plans import forget_plans
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 ISO_20816_HZ = (10.0, 1000.0)  # machines above 600 rpm
 ISO_20816_SLOW_HZ = (2.0, 1000.0)  # machines from 120 to 600 rpm

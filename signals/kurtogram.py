@@ -11,9 +11,11 @@ References
 .. [3] Antoni, "The infogram: entropic evidence of the signature of repetitive transients", MSSP 74 (2016).
 """
 
-from collections.abc import Iterator
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +25,9 @@ from signals._checks import Array, Samples, positive, real_samples, whole
 from signals._plans import forget_plans
 from signals._windows import window_of
 from signals.spectra import hop_of, transformed, without_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 Single = NDArray[np.float32]
 

@@ -14,16 +14,21 @@ A strong line is not confined to its place: the window spreads it, and a searche
 but its flank or a side lobe. How much the taller lines around can put there is stated beside each line.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft
 
 from signals._checks import Array, positive
 from signals._windows import window_of
-from signals.spectra import AmplitudeSpectrum
+
+if TYPE_CHECKING:
+    from signals.spectra import AmplitudeSpectrum
 
 SURROUNDINGS = 1.0  # on either side, in the axis' unit (orders)
 _LOBE_BINS = 3.0  # left out on either side of the line

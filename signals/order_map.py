@@ -1,15 +1,19 @@
 """Order map: how each order's amplitude and phase go with the turns of the shaft."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
 from signals._checks import Array, choice, real_vector, whole
 from signals._windows import window_of
-from signals.phase import ShaftPhase
-from signals.resampling import AngularSignal
 from signals.spectra import Scaling, hop_of, scaled_power, transformed, without_mean
+
+if TYPE_CHECKING:
+    from signals.phase import ShaftPhase
+    from signals.resampling import AngularSignal
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,18 +1,23 @@
 """Shaft angle as a function of time: smooth, true to the pulses, and invertible where the shaft turns one way."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PPoly
 
 from signals._checks import Array, choice, number, positive, real_vector
 from signals._phase_curve import build_curve
 from signals.repairs import PulseRepairs
-from signals.smoothing import PhaseSmoothing
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+    from scipy.interpolate import PPoly
+
+    from signals.smoothing import PhaseSmoothing
 
 _NEWTON_STEPS = 8
 _HALVINGS = 60  # down to rounding
@@ -232,7 +237,7 @@ class ShaftPhase:
         marks = np.minimum(np.arange(np.floor(turned + 1e-9) + 1), turned)
         return self._sign / np.diff(self.times_at(first + self._sign * marks, at_rest="departure"))
 
-    def scaled(self, ratio: float) -> "ShaftPhase":
+    def scaled(self, ratio: float) -> ShaftPhase:
         """Return the phase of a shaft that turns `ratio` times as fast, the other way where that is below zero.
 
         Its standard deviation in angle is `ratio` times this one's; the jitter in time stays.

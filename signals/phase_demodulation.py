@@ -8,17 +8,22 @@ information each holds, ``(2 pi h)^2 2 snr_h`` (Urbanek, Barszcz & Antoni 2013 c
 2019 compare the ways), and the phase is corrected and demodulated again.
 """
 
-from collections.abc import Sequence
+from __future__ import annotations
+
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.special import fdtri
 
 from signals._checks import Array, positive, real_vector
 from signals._speed_evidence import lowest_band
 from signals.phase import ShaftPhase
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
 
 OVERLAP = 4  # hops a window, as the kernel has it
 _CAPTURE = 0.35  # of one bin of the window: what an order may be off for its phase still to be told

@@ -12,17 +12,22 @@ The ring stands still, and angles are those of the carrier. Other planets are ke
 ring to sensor does it: what passes through the window from them stays in the average.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft
 
 from signals._checks import Array, number, real_vector, whole
 from signals.averaging import SynchronousAverage
-from signals.planet_passes import PassWindow, PlanetaryTeeth
-from signals.resampling import AngularSignal
+
+if TYPE_CHECKING:
+    from signals.planet_passes import PassWindow, PlanetaryTeeth
+    from signals.resampling import AngularSignal
 
 _UNHEARD = 1e-9  # of the largest weight: rounding at the foot of a window
 

@@ -5,16 +5,22 @@ teeth go by, so pass n shows tooth ``n Z_ring mod Z_planet`` of the planet (McFa
 Research Laboratory, Propulsion Report 183).
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from signals._checks import Array, number, positive, real_vector, whole
-from signals.resampling import AngularSignal
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from signals.resampling import AngularSignal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,17 +100,17 @@ class PassWindow:
             )
 
     @classmethod
-    def rectangular(cls, width_teeth: float) -> "PassWindow":
+    def rectangular(cls, width_teeth: float) -> PassWindow:
         """Return a window of equal weights (McFadden 1991)."""
         return cls(width_teeth=width_teeth, taper_teeth=0.0)
 
     @classmethod
-    def hann(cls, width_teeth: float) -> "PassWindow":
+    def hann(cls, width_teeth: float) -> PassWindow:
         """Return a raised cosine (McFadden 1994)."""
         return cls(width_teeth=width_teeth, taper_teeth=width_teeth / 2)
 
     @classmethod
-    def tukey(cls, width_teeth: float, *, taper_teeth: float) -> "PassWindow":
+    def tukey(cls, width_teeth: float, *, taper_teeth: float) -> PassWindow:
         """Return a flat window that falls over `taper_teeth` at either end."""
         return cls(width_teeth=width_teeth, taper_teeth=taper_teeth)
 

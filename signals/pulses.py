@@ -1,13 +1,17 @@
 """Tachometer waveform to pulse times: a threshold that follows the waveform, and edges between the samples."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import Array, choice, number, positive, real_vector
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
 
 _HYSTERESIS = 0.25  # of the swing, either side of the middle
 _SWING_PERCENTILES = (1.0, 99.0)

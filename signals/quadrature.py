@@ -1,12 +1,18 @@
 """Two tachometer channels a quarter of a stripe apart: every edge, and which way the shaft turned over it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from signals._checks import Array
 from signals.pulses import pulse_times
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from signals._checks import Array
 
 
 @dataclass(frozen=True, kw_only=True)

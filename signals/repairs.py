@@ -7,15 +7,19 @@ three before it foretell (dynamic programming over a beam of partial numberings)
 sound pulses and goes both ways. The first pass allows for any motion, the second for what the first has found usual.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._checks import Array
 from signals._pulse_faults import doubtful_in, gaps_in, lap_of, shorts_in, usual_intervals
 from signals._pulse_numbering import numbered
+
+if TYPE_CHECKING:
+    from signals._checks import Array
 
 Counts = NDArray[np.int64]
 

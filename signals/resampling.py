@@ -12,17 +12,23 @@ Two cheaper choices filter nothing. For a tone of w rad a sample, w small, the R
     "cubic"     0.0168 w^4                          1.6e-4 at 20 samples a cycle, 1.6e-8 at 200
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from signals._checks import Array, choice, positive, whole
 from signals._gaps import Missing, samples
 from signals._track import NODE_STEP, Track
 from signals._turning import refuse_rest, turning
 from signals._warp import FEWEST, METHODS, Flags, Map, Method, Warp
-from signals.phase import ShaftPhase
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from signals.phase import ShaftPhase
 
 PASSBAND = 0.88  # of half the coarser rate
 

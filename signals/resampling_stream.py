@@ -3,17 +3,17 @@
 The record is worked on in chunks counted from its first sample, so how it is split into blocks changes nothing.
 """
 
-from collections.abc import Iterable, Iterator
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from signals._checks import Array, choice, positive, whole
 from signals._gaps import Missing, samples
 from signals._turning import refuse_rest
 from signals._warp import FEWEST, METHODS, Flags, Method, Warp
-from signals.phase import ShaftPhase
 from signals.resampling import (
     AngularSignal,
     angle_map,
@@ -22,6 +22,13 @@ from signals.resampling import (
     unsettled,
     whole_revolutions,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import ArrayLike
+
+    from signals.phase import ShaftPhase
 
 
 class AngularStream:

@@ -5,15 +5,21 @@ tooth stands out, though it is far smaller. Each signal is a type of its own, so
 on one of them cannot be given another.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 
 from signals._checks import Array, real_vector, whole
-from signals.averaging import SynchronousAverage
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from signals.averaging import SynchronousAverage
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,14 +9,19 @@ Three ways, each of which returns both parts and how they were told apart. Their
 - `cepstrum_prewhitening`: every line is set to the same height. No setting at all, and no model.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy import fft
 from scipy.linalg import solve_toeplitz
 
 from signals._checks import Array, real_vector, whole
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 _FEWEST_BLOCKS = 8
 _AT_ONCE = 1 << 16  # samples transformed together

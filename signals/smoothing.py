@@ -7,12 +7,17 @@ unequal weights (Wahba 1978; Kohn and Ansley 1987), solved by orthogonal steps f
 both ends, exactly.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from signals._checks import Array
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from signals._checks import Array
 
 # the gain of the smoother is 1 / (1 + (f / f0)^6); at this multiple of f0 it is 1 / sqrt(2)
 _HALF_POWER = (np.sqrt(2) - 1) ** (1 / 6)
@@ -53,7 +58,7 @@ class PhaseSmoothing:
         )
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
-    def scaled(self, ratio: float) -> "PhaseSmoothing":
+    def scaled(self, ratio: float) -> PhaseSmoothing:
         """Return the same of a shaft that turns `ratio` times as fast."""
         return replace(
             self,

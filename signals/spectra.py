@@ -1,17 +1,23 @@
 """Spectra over frequency or order, of whole records and averaged: scaling, window and resolution stated."""
 
-from collections.abc import Iterator
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from signals._checks import Array, Samples, choice, number, positive, real_vector, whole
 from signals._plans import forget_plans
 from signals._windows import Window, window_of
-from signals.resampling import AngularSignal
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from signals.resampling import AngularSignal
 
 PADDING = 8  # zero padding; the grid then meets a Hann line within 0.25 % of its height, a parabola within 0.003 %
 _CHUNK = 2**18  # samples transformed at a time

@@ -11,18 +11,23 @@ What else would explain the record nearly as well is looked for too: the same se
 The phase is then refined from the harmonics that show (`signals.phase_demodulation`).
 """
 
-from collections.abc import Sequence
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
 from signals._checks import Array, positive, real_vector
 from signals._speed_search import CERTAIN, SHOWS, Search, longest_run, rivals, search_speeds, stands_alone
 from signals.phase import ShaftPhase
 from signals.phase_demodulation import listed_orders, refine_phase
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
 
 _FEWEST_FRAMES, _FEWEST_REVOLUTIONS = 8, 10.0
 _SHORTEST_RUN = 4

@@ -1,19 +1,24 @@
 """Pulse times of a tachometer to the phase of its shaft, with a count of every repair."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from itertools import pairwise
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import Array, choice, number, positive, real_vector, whole
 from signals.phase import ShaftPhase
 from signals.pulses import PulseTrain, pulse_times
 from signals.repairs import Counts, PulseRepairs, all_repairs, number_pulses, possible_stops, refuse_faults, repairs_of
 from signals.smoothing import PhaseSmoothing, joined, smooth_phase, with_rest
+
+if TYPE_CHECKING:
+    from fractions import Fraction
+
+    from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["PulseTrain", "pulse_times", "shaft_phase"]
 
@@ -229,7 +234,7 @@ class _Bandwidth:
     in_orders: bool
 
     @classmethod
-    def of(cls, hertz: float | None, orders: float | None) -> "_Bandwidth | None":
+    def of(cls, hertz: float | None, orders: float | None) -> _Bandwidth | None:
         """Check the two ways to state it."""
         if hertz is not None and orders is not None:
             raise ValueError(f"bandwidth_hz={hertz} and bandwidth_orders={orders} are both given; state one of them.")
