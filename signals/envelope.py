@@ -116,8 +116,8 @@ def stream_envelope(
     width = min((high - low) / 4, margin) if transition_hz is None else positive(transition_hz, name="transition_hz")
     if width <= 0 or width > margin * (1 + 1e-12):
         raise ValueError(
-            f"transition_hz={width:g} of the band ({low:g}, {high:g}) Hz must be above zero and at most {margin:g}, the "
-            f"least distance of the band to 0 and {rate / 2:g} Hz; narrow either, or take `envelope` of the whole "
+            f"transition_hz={width:g} of the band ({low:g}, {high:g}) Hz must be above zero and at most {margin:g}, "
+            f"the least distance of the band to 0 and {rate / 2:g} Hz; narrow either, or take `envelope` of the whole "
             "record."
         )
     return _filtered(blocks, _analytic_taps(low / rate, high / rate, width / rate))

@@ -197,18 +197,18 @@ def repairs_of(times: Array, kept: Counts, counts: Counts, *, offset: int = 0) -
 def all_repairs(parts: list[PulseRepairs]) -> PulseRepairs:
     """Return the repairs of consecutive stretches as one."""
 
-    def together(name: str) -> Any:  # noqa: ANN401 - times or indices
+    def concatenated(name: str) -> Any:  # noqa: ANN401 - times or indices
         return np.concatenate([getattr(part, name) for part in parts])
 
     return PulseRepairs(
         missing=sum(part.missing for part in parts),
         double=sum(part.double for part in parts),
         spurious=sum(part.spurious for part in parts),
-        missing_times_s=together("missing_times_s"),
-        double_index=together("double_index"),
-        double_times_s=together("double_times_s"),
-        spurious_index=together("spurious_index"),
-        spurious_times_s=together("spurious_times_s"),
+        missing_times_s=concatenated("missing_times_s"),
+        double_index=concatenated("double_index"),
+        double_times_s=concatenated("double_times_s"),
+        spurious_index=concatenated("spurious_index"),
+        spurious_times_s=concatenated("spurious_times_s"),
     )
 
 
