@@ -92,7 +92,7 @@ class PhaseSmoothing:
 
 
 def _hermite_weights(u: Array, h: Array) -> Array:
-    """Return the quintic Hermite weights (m, 3) of angle, speed, acceleration at the left end, at fraction `u` of `h`."""
+    """Return quintic Hermite weights (m, 3) of angle, speed, acceleration at the left end, at fraction `u` of `h`."""
     v = 1 - u
     return np.stack([v**3 * (1 + 3 * u + 6 * u**2), h * u * v**3 * (1 + 3 * u), h**2 * u**2 * v**3 / 2], axis=1)
 
