@@ -107,9 +107,9 @@ def _normalised(power: Array, *, first: int) -> Array:
 def order_scores(log_ratios: Array) -> Array:
     """Return the log evidence for each order along one path, (frames, orders) to (orders,).
 
-    The fraction of frames in which an order is present is unknown; it has Jeffreys' prior, ``1 / (pi sqrt(p (1 -
-    p)))``, and is integrated out. An order that is never present then costs about half the logarithm of the number of
-    frames.
+    The fraction p of frames in which an order is present is unknown; it has Jeffreys' prior,
+    ``p^-1/2 (1 - p)^-1/2 / pi``, and is integrated out. An order that is never present then costs about half the
+    logarithm of the number of frames.
     """
     nodes = np.sin((np.arange(64) + 0.5) / 64 * np.pi / 2) ** 2  # equal steps of Jeffreys' probability
     excess = np.expm1(np.minimum(log_ratios, 60.0))

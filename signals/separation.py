@@ -261,31 +261,31 @@ def linear_prediction(x: ArrayLike, *, order: int) -> LinearPrediction:
 
 
 def discrete_random_separation(x: ArrayLike, *, window_length: int, delay: int) -> DiscreteRandomSeparation:
-    """Separate discrete frequencies from noise by the transfer function between a record and its past.
+    """Separate discrete frequencies from noise by the transfer function between a record and its delayed copy.
 
-    Of blocks X of the record and blocks Y of the record a delay before, ``|E[X conj Y]| / E[|Y|^2]`` is
-    ``q / (q + 1)`` where a line stands q times over the noise in a block's transform, and falls to about
-    ``1 / sqrt(K)`` of K independent blocks where there is noise only. It is applied as a filter without phase, tapered
-    to the length of the window (Antoni & Randall 2004, "Unsupervised noise cancellation for vibration signals: part
-    II", Mech. Syst. Signal Process. 18(1), 103-117). The power is the mean of both blocks' here, which in a steady
-    record is the same, and in any other keeps the gain from exceeding one.
+    For the transforms X of blocks of the record and Y of blocks of its delayed copy, ``|E[X conj Y]| / E[|Y|^2]`` is
+    ``q / (q + 1)`` for a line with q times the power of the noise, and about ``1 / sqrt(K)`` for noise only, from K
+    independent blocks. It is the gain of a zero-phase filter, whose response is tapered to the length of the window
+    (Antoni & Randall 2004, "Unsupervised noise cancellation for vibration signals: part II", Mech. Syst. Signal
+    Process. 18(1), 103-117). The power here is the mean of E[|X|^2] and E[|Y|^2], equal in a stationary record, which
+    keeps the gain at or below one.
 
     Parameters
     ----------
     x : (n,) array
-        At steady speed, or over shaft angle. Its mean counts as deterministic.
+        Samples at constant speed, or over shaft angle; their mean is part of the deterministic part.
     window_length : int
-        Samples to a block, an even number. Longer ones tell closer lines apart and raise q, but leave fewer to average.
+        Samples per block, even. Longer blocks resolve closer lines and raise q, but there are fewer to average.
     delay : int
-        In samples. At least the window length, so that no noise is in both blocks; longer than the noise remembers, as
-        in a resonance; and long enough for a bearing to slip, which at steady speed takes time: of a rig's outer-race
-        defect (CWRU OR007@6, 12 kHz, windows of 2048) 88 % of the power passes for discrete with a delay of 2048 and
+        Delay in samples: at least the window length, so that blocks share no noise; longer than the correlation time of
+        the noise, as of a resonance; and long enough for bearing slip to decorrelate impacts. Of an outer-race defect
+        (CWRU OR007@6, 12 kHz, windows of 2048) 88 % of the power is classed as deterministic with a delay of 2048, and
         4 % with one of 20,000.
 
     Returns
     -------
     DiscreteRandomSeparation
-        Both parts (n - window_length,): half a window at either end is without its surroundings.
+        Both parts (n - window_length,): half a window at either end is left out.
 
     Raises
     ------
