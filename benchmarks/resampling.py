@@ -29,7 +29,7 @@ from scipy.interpolate import CubicSpline
 
 from hums.plots import save_figure
 from hums.plots.style import FAINT, INK, LINE, MARK
-from signals._resampling_kernel import places_of
+from signals._resampling_kernel import invert
 from signals._warp import Map, Method, Warp
 from signals.phase import ShaftPhase
 from signals.resampling import angle_map, angular_resample
@@ -114,7 +114,7 @@ def placed(grid: Map, samples: int) -> tuple[Floats, Floats]:
     """Places of all outputs among the samples, and the output rate over the input rate there."""
     q, slopes = grid.outward.at(0, samples)
     places, cuts = np.empty(grid.outputs), np.empty(grid.outputs)
-    places_of(q, slopes, 0.0, places, cuts)
+    invert(q, slopes, 0.0, places, cuts)
     return places, cuts
 
 

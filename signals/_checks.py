@@ -1,4 +1,4 @@
-"""Checks of what comes in, each ending in a sentence that says what to do."""
+"""Validation of arguments; each error names the argument, its value, the bound and a remedy."""
 
 import math
 from collections.abc import Sequence
@@ -70,6 +70,6 @@ def choice(value: object, *, name: str, choices: Sequence[str]) -> None:
 
 
 def nearest(value: object, choices: Sequence[str]) -> str:
-    """Return `` Did you mean 'x'?``, or nothing where nothing is near."""
+    """Return `` Did you mean 'x'?`` for the closest of the choices, or an empty string where none is close."""
     close = get_close_matches(str(value), choices, n=1)
     return f" Did you mean {close[0]!r}?" if close else ""

@@ -1,4 +1,4 @@
-"""The one door to numba: compiled kernels, cached on disk."""
+"""Compilation of kernels with numba, cached on disk; no other module of this package imports numba."""
 
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar, cast
@@ -12,14 +12,14 @@ R = TypeVar("R")
 def compiled(kernel: Callable[P, R]) -> Callable[P, R]:
     """Compile `kernel` to machine code at its first call and keep the result on disk.
 
-    Kernels take contiguous arrays and plain numbers, raise nothing, and release the interpreter lock. A product
-    and the sum that takes it may become one instruction, rounded once.
+    Kernels take contiguous arrays and plain numbers, do not raise, and release the interpreter lock. A product and a
+    sum may be fused into one instruction, rounded once.
     """
     return _compile(kernel, {"contract"})
 
 
 def compiled_sums(kernel: Callable[P, R]) -> Callable[P, R]:
-    """Compile `kernel` as `compiled` does, free to add up in any order, so that sums use vector registers."""
+    """Compile `kernel` as `compiled` does, with sums in any order, so that they use vector registers."""
     return _compile(kernel, {"contract", "reassoc"})
 
 

@@ -1,4 +1,4 @@
-"""Compiled loops of the kurtogram: one node of the filter tree, and the moments of a band."""
+"""Compiled kernels of the kurtogram: one node of the filter tree, and the moments of a band."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from signals._compile import compiled_sums
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-_BLOCK = 512  # outputs at a time: the sums stay in the first cache
+_BLOCK = 512  # outputs at a time, so that the sums stay in the first cache
 
 
 @compiled_sums
@@ -20,16 +20,16 @@ def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single
 
         R_r[n] = sum_q (-1)^q h[2 factor q + r] c[factor n + last - 2 factor q - r],
 
-    and each band is a sum of the R_r: every band together cost one filter. Odd bands come out reversed in frequency,
-    and (-1)^n turns them round. `out_re`, `out_im`: (factor, outputs), each output on samples that all exist. There
-    must be a multiple of ``8 factor`` taps.
+    and each band is a sum of the R_r, so that all bands cost one filter. Odd bands are reversed in frequency, which a
+    factor (-1)^n corrects. `out_re`, `out_im`: (factor, outputs), only those whose taps all lie on the record. The
+    number of taps must be a multiple of ``8 factor``.
     """
     residues = 2 * factor
     count = out_re.shape[1]
     last = taps.size - 1
-    reach = _BLOCK + last // factor
-    phases_re = np.empty((factor, reach), dtype=np.float32)
-    phases_im = np.empty((factor, reach), dtype=np.float32)
+    length = _BLOCK + last // factor
+    phases_re = np.empty((factor, length), dtype=np.float32)
+    phases_im = np.empty((factor, length), dtype=np.float32)
     sums_re = np.empty((residues, _BLOCK), dtype=np.float32)
     sums_im = np.empty((residues, _BLOCK), dtype=np.float32)
     for start in range(0, count, _BLOCK):
@@ -38,7 +38,7 @@ def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single
             row_re = phases_re[p]
             row_im = phases_im[p]
             first = factor * start + p
-            for n in range(min(reach, (re.size - first + factor - 1) // factor)):
+            for n in range(min(length, (re.size - first + factor - 1) // factor)):
                 row_re[n] = re[first + factor * n]
                 row_im[n] = im[first + factor * n]
         for r in range(residues):
@@ -48,7 +48,7 @@ def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single
             total_im[:] = 0.0
             row_re = phases_re[(last - r) % factor]
             row_im = phases_im[(last - r) % factor]
-            # four taps at a time, so that the sums are fetched and stored a quarter as often
+            # four taps at a time, so that the sums are loaded and stored a quarter as often
             for m in range(r, taps.size, 4 * residues):
                 at = (last - m) // factor
                 a = taps[m]
@@ -72,9 +72,9 @@ def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single
             band_re[:] = 0.0
             band_im[:] = 0.0
             for r in range(residues):
-                turn = np.pi * r * (2 * band + 1) / residues
-                cosine = np.float32(np.cos(turn))
-                sine = np.float32(np.sin(turn))
+                angle = np.pi * r * (2 * band + 1) / residues
+                cosine = np.float32(np.cos(angle))
+                sine = np.float32(np.sin(angle))
                 total_re = sums_re[r][:width]
                 total_im = sums_im[r][:width]
                 for n in range(width):
@@ -88,7 +88,7 @@ def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single
 
 @compiled_sums
 def squared_envelope(re: Single, im: Single, squared: Single, seconds: Array, fourths: Array) -> None:
-    """Fill `squared` with ``|c|^2``, and the rows with its sums, and those of ``|c|^4``, over equal stretches."""
+    """Fill `squared` with ``|c|^2``; `seconds`, `fourths` with sums of ``|c|^2``, ``|c|^4`` over equal parts."""
     parts = seconds.size
     for p in range(parts):
         first = p * re.size // parts

@@ -1,4 +1,4 @@
-"""The curve of a shaft's angle through its knots: a quintic spline, and monotone pieces where it would turn back."""
+"""Interpolation of a shaft's angle: a quintic spline, with monotone pieces where it would reverse."""
 
 from math import factorial
 
@@ -9,57 +9,56 @@ from scipy.interpolate import PchipInterpolator, PPoly, make_interp_spline
 from signals._checks import Array
 
 _DEGREE = 5
-_HALVINGS = 4  # of a cell, before its slope is judged by the bounds of its Bernstein coefficients
+_HALVINGS = 4  # of a cell, before its slope is bounded by its Bernstein coefficients
 _ROUNDING = 1e-12
-_FEWEST = 4  # knots of a stretch between two breaks that are worth a spline of their own
+_FEWEST = 4  # knots between two broken cells for a spline
 
 
 def build_curve(
     times: Array, revolutions: Array, *, breaks: NDArray[np.bool_], states: tuple[Array, Array] | None
 ) -> tuple[PPoly, NDArray[np.bool_]]:
-    """Return the curve, and which cells between knots were taken out of the splines.
+    """Return the curve, and which cells between knots are not splines but monotone pieces ("broken").
 
-    Every stretch between two broken cells has a spline of its own, so that what one cell does is felt in no other.
-    A cell is broken where the spline turns back in it, until none does.
+    Each run of cells between broken ones has a spline of its own. Cells in which a spline reverses are broken, and the
+    splines fitted again, until none reverses.
 
     Parameters
     ----------
     times, revolutions : (n,) arrays
     breaks : (n - 1,) array
-        Cells that no spline may cross, as those in which the shaft stands.
+        Cells broken from the start, as those in which the shaft stands.
     states : ((n,), (n,)) arrays, optional
-        Speed in rev/s and acceleration in rev/s^2 at the knots, where they are known.
+        Speed in rev/s and acceleration in rev/s^2 at the knots, for quintic Hermite cells instead of splines.
     """
     broken = breaks.copy()
     rises = np.diff(revolutions)
     steps = np.diff(times)
     while True:
-        for first, last in _stretches(broken, times.size):
+        for first, last in _spline_runs(broken):
             if last - first + 1 < _FEWEST and last - first + 1 < times.size:
                 broken[first:last] = True
         coefficients = np.zeros((_DEGREE + 1, steps.size))
-        for first, last in _stretches(broken, times.size):
+        for first, last in _spline_runs(broken):
             part = slice(first, last + 1)
             if states is None:
                 coefficients[:, first:last] = _spline(times[part], revolutions[part])
             else:
                 coefficients[:, first:last] = _hermite(times[part], revolutions[part], states[0][part], states[1][part])
-        wrong = _turns_back(coefficients, steps, rises) & ~broken
-        if not wrong.any():
+        reversed_ = _reverses(coefficients, steps, rises) & ~broken
+        if not reversed_.any():
             break
-        broken |= wrong
+        broken |= reversed_
     return _joined(times, revolutions, coefficients, broken), broken
 
 
-def _stretches(broken: NDArray[np.bool_], knots: int) -> list[tuple[int, int]]:
-    """First and last knot of each run of cells that are whole."""
+def _spline_runs(broken: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the first and last knot of each run of cells that are not broken."""
     edges = np.diff(np.concatenate([[True], broken, [True]]).astype(np.int8))
-    del knots
     return list(zip(np.flatnonzero(edges < 0).tolist(), np.flatnonzero(edges > 0).tolist(), strict=True))
 
 
 def _spline(times: Array, revolutions: Array) -> Array:
-    """Coefficients about the left knot of each cell, highest power first, (6, cells)."""
+    """Return the spline coefficients about the left knot of each cell, highest power first, (6, cells)."""
     degree = 5 if times.size > 5 else (3 if times.size > 3 else 1)  # noqa: PLR2004
     spline = make_interp_spline(times, revolutions, k=degree)
     coefficients = np.zeros((_DEGREE + 1, times.size - 1))
@@ -70,7 +69,7 @@ def _spline(times: Array, revolutions: Array) -> Array:
 
 
 def _hermite(times: Array, revolutions: Array, speed: Array, acceleration: Array) -> Array:
-    """Quintic of each cell from angle, speed and acceleration at both its ends, (6, cells)."""
+    """Return the quintic Hermite coefficients of each cell, highest power first, (6, cells)."""
     h = np.diff(times)
     angle = np.diff(revolutions) - (speed[:-1] + acceleration[:-1] * h / 2) * h
     slope = (np.diff(speed) - acceleration[:-1] * h) * h
@@ -87,10 +86,10 @@ def _hermite(times: Array, revolutions: Array, speed: Array, acceleration: Array
     )
 
 
-def _turns_back(coefficients: Array, steps: Array, rises: Array) -> NDArray[np.bool_]:
-    """Whether each cell's slope may have the sign opposite to its rise; a shaft at rest must not move at all.
+def _reverses(coefficients: Array, steps: Array, rises: Array) -> NDArray[np.bool_]:
+    """Return whether each cell's slope may have the sign opposite to its rise, or the cell has no rise.
 
-    A polynomial lies between the least and the greatest of its Bernstein coefficients, on halved cells closely so.
+    A polynomial lies between the extremes of its Bernstein coefficients; halving the cells tightens these bounds.
     """
     sign = np.sign(rises)
     powers = np.arange(_DEGREE, 0, -1)
@@ -106,19 +105,19 @@ def _turns_back(coefficients: Array, steps: Array, rises: Array) -> NDArray[np.b
     bounds = to_bernstein @ slope
     limit = -_ROUNDING * np.abs(bounds).max(axis=0)
     doubtful = np.flatnonzero(bounds.min(axis=0) < limit)
-    back = np.zeros(steps.size, dtype=np.bool_)
+    found = np.zeros(steps.size, dtype=np.bool_)
     pieces = bounds[:, doubtful][:, None]
     for _ in range(_HALVINGS):
         pieces = np.concatenate(_halved(pieces), axis=1)
-    back[doubtful] = pieces.min(axis=(0, 1)) < limit[doubtful]
-    # where the shaft turns about, it comes back to a place it has passed: between the two passes it may swing
+    found[doubtful] = pieces.min(axis=(0, 1)) < limit[doubtful]
+    # a cell without a rise is a standstill, except between opposite directions, where the shaft reverses
     before, after = np.concatenate([[0], sign[:-1]]), np.concatenate([sign[1:], [0]])
-    back[(sign == 0) & (before * after >= 0)] = True
-    return back
+    found[(sign == 0) & (before * after >= 0)] = True
+    return found
 
 
 def _halved(bounds: Array) -> tuple[Array, Array]:
-    """Bernstein coefficients of both halves, after de Casteljau."""
+    """Return the Bernstein coefficients of both halves (de Casteljau)."""
     left, right = [bounds[0]], [bounds[-1]]
     while bounds.shape[0] > 1:
         bounds = (bounds[:-1] + bounds[1:]) / 2
@@ -128,27 +127,27 @@ def _halved(bounds: Array) -> tuple[Array, Array]:
 
 
 def _joined(times: Array, revolutions: Array, coefficients: Array, broken: NDArray[np.bool_]) -> PPoly:
-    """Put monotone pieces into the broken cells, with the slopes of the splines they meet."""
+    """Return the curve of the splines, with monotone pieces of continuous slope in the broken cells."""
     if not broken.any():
         return PPoly(coefficients, times, extrapolate=True)
     steps, rises = np.diff(times), np.diff(revolutions)
     slopes = _knot_slopes(times, revolutions, coefficients, broken)
-    marks, pieces = [], []
+    breakpoints, pieces = [], []
     for cell in range(steps.size):
         if broken[cell]:
             widths, found = _monotone_piece(
                 float(revolutions[cell]), float(rises[cell]), float(steps[cell]), *slopes[cell : cell + 2].tolist()
             )
-            marks += [float(times[cell]) + w for w in widths]
+            breakpoints += [float(times[cell]) + w for w in widths]
             pieces += found
         else:
-            marks.append(float(times[cell]))
+            breakpoints.append(float(times[cell]))
             pieces.append(coefficients[:, cell])
-    return PPoly(np.array(pieces).T, np.array([*marks, float(times[-1])]), extrapolate=True)
+    return PPoly(np.array(pieces).T, np.array([*breakpoints, float(times[-1])]), extrapolate=True)
 
 
 def _knot_slopes(times: Array, revolutions: Array, coefficients: Array, broken: NDArray[np.bool_]) -> Array:
-    """Slope at each knot: of the spline on either side, zero beside a rest, else after Fritsch and Butland."""
+    """Return the slope at each knot: of the adjacent spline, zero at a standstill, else after Fritsch and Butland."""
     steps, rises = np.diff(times), np.diff(revolutions)
     slopes = np.asarray(PchipInterpolator(times, revolutions).derivative()(times), dtype=np.float64)
     powers = np.arange(_DEGREE, 0, -1)[:, None]
@@ -156,19 +155,18 @@ def _knot_slopes(times: Array, revolutions: Array, coefficients: Array, broken: 
     whole = np.flatnonzero(~broken)
     slopes[whole + 1] = ends[whole]
     slopes[whole] = coefficients[_DEGREE - 1, whole]
-    rest = np.flatnonzero(broken & (rises == 0))
-    slopes[rest] = slopes[rest + 1] = 0.0
+    standstill = np.flatnonzero(broken & (rises == 0))
+    slopes[standstill] = slopes[standstill + 1] = 0.0
     return slopes
 
 
 def _monotone_piece(
     start: float, rise: float, step: float, before: float, after: float
 ) -> tuple[list[float], list[Array]]:
-    """Return where the pieces of a cell begin, and their coefficients.
+    """Return the times from the left knot at which the pieces of a broken cell begin, and their coefficients.
 
-    The monotone cubic where both slopes are small enough for one (Fritsch and Carlson 1980: three times the mean).
-    Beyond that the shaft brakes evenly, goes on at a steady speed and picks up evenly, each ramp a third of the rise
-    at most.
+    The monotone cubic where both slopes are at most three times the mean (Fritsch and Carlson 1980). Else constant
+    deceleration, constant speed and constant acceleration, each ramp at most a third of the cell.
     """
     sign = np.sign(rise)
     before, after = max(sign * before, 0.0) * sign, max(sign * after, 0.0) * sign
@@ -177,13 +175,17 @@ def _monotone_piece(
         cubic = (before + after - 2 * mean) / step**2
         square = (3 * mean - 2 * before - after) / step
         return [0.0], [np.array([0, 0, cubic, square, before, start])]
-    brake, gather = (min(step / 3, 2 * rise / (3 * s)) if s else step / 3 for s in (before, after))
-    steady = (rise - before * brake / 2 - after * gather / 2) / (step - brake / 2 - gather / 2)
-    ramps = [(0.0, brake, before, steady), (brake, step - gather, steady, steady), (step - gather, step, steady, after)]
-    marks, pieces, angle = [], [], start
+    slowing, gaining = (min(step / 3, 2 * rise / (3 * s)) if s else step / 3 for s in (before, after))
+    steady = (rise - before * slowing / 2 - after * gaining / 2) / (step - slowing / 2 - gaining / 2)
+    ramps = [
+        (0.0, slowing, before, steady),
+        (slowing, step - gaining, steady, steady),
+        (step - gaining, step, steady, after),
+    ]
+    starts, pieces, angle = [], [], start
     for begin, end, v0, v1 in ramps:
         if end > begin:
-            marks.append(begin)
+            starts.append(begin)
             pieces.append(np.array([0, 0, 0, (v1 - v0) / (2 * (end - begin)), v0, angle]))
             angle += (v0 + v1) / 2 * (end - begin)
-    return marks, pieces
+    return starts, pieces

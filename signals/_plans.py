@@ -1,4 +1,4 @@
-"""What transforms leave in memory: scipy keeps the tables of the last sixteen lengths, each as large as its record."""
+"""Memory of Fourier transforms: scipy caches the tables of the last sixteen lengths, each as large as its record."""
 
 from functools import lru_cache
 
@@ -6,11 +6,11 @@ import numpy as np
 from scipy import fft
 
 _KEPT = 16  # lengths of a kind and precision that scipy's transforms remember
-_LONG = 2**20  # samples from which on the tables are worth the time, half a millisecond
+_LONG = 2**20  # samples from which the memory of the tables is worth the half millisecond
 
 
 def forget_plans(samples: int) -> None:
-    """Have short transforms take the place of those of a long record among what scipy keeps."""
+    """Evict the tables of a long transform from scipy's cache, by short transforms of as many lengths as it keeps."""
     if samples < _LONG:
         return
     for length in range(1, _KEPT + 1):
@@ -20,4 +20,5 @@ def forget_plans(samples: int) -> None:
 
 @lru_cache(maxsize=_KEPT)
 def _short(length: int) -> tuple[np.ndarray, ...]:
+    """Return zeros of a length in each precision, real and complex."""
     return tuple(np.zeros(length, dtype=dtype) for dtype in "fdFD")

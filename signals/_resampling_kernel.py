@@ -7,12 +7,12 @@ from signals._compile import compiled, compiled_sums
 
 Array = NDArray[np.float64]
 
-_HALVINGS = 60  # down to rounding
+_BISECTIONS = 60  # down to rounding
 
 
 @compiled
 def hermite(values: Array, slopes: Array, step: int, skip: int, out: Array, out_slopes: Array) -> None:
-    """Cubics through `values` with `slopes` (a sample), `step` samples apart, at every sample from `skip` on."""
+    """Evaluate Hermite cubics through `values`, `slopes` (per sample), `step` apart, at every sample from `skip`."""
     h = float(step)
     for cell in range(skip // step, (skip + out.size - 1) // step + 1):
         begin = cell * step - skip
@@ -27,53 +27,53 @@ def hermite(values: Array, slopes: Array, step: int, skip: int, out: Array, out_
 
 
 @compiled
-def places_of(q: Array, slopes: Array, first: float, out: Array, out_slopes: Array) -> None:
-    """Find where the rising `q`, known at whole places with its `slopes`, reaches first, first + 1, ...
+def invert(q: Array, slopes: Array, first: float, out: Array, out_slopes: Array) -> None:
+    """Invert the increasing `q`, given at 0, 1, 2, ... with its `slopes`, at the values first, first + 1, ...
 
-    Solved on the cubic between two places: ``u rise + u (1 - u) bend(u) = target``. Where the bend is below 1e-4 of
-    the rise, as almost everywhere, two rounds of ``u = (target - u (1 - u) bend(u)) / rise`` leave 3e-13; elsewhere
-    Newton's method, halving where a step leaves the bracket. Beyond the ends it is the end. `out_slopes` is the slope
-    of `q` there.
+    Solved on the Hermite cubic between two samples: ``u rise + u (1 - u) bend(u) = target``. Where the bend is below
+    1e-4 of the rise, as almost everywhere, two fixed-point iterations ``u = (target - u (1 - u) bend(u)) / rise`` leave
+    an error of 3e-13; elsewhere Newton's method with bisection. Values beyond the ends give the end. `out_slopes` is
+    the slope of `q` at the solution.
     """
     n = -1
     early = late = rise = reciprocal = 0.0
     gentle = False
     for m in range(out.size):
-        wanted = first + m
-        if n < 0 or (n < q.size - 2 and q[n + 1] <= wanted):
+        value = first + m
+        if n < 0 or (n < q.size - 2 and q[n + 1] <= value):
             n = max(n, 0)
-            while n < q.size - 2 and q[n + 1] <= wanted:
+            while n < q.size - 2 and q[n + 1] <= value:
                 n += 1
             rise = q[n + 1] - q[n]
             early, late = slopes[n] - rise, rise - slopes[n + 1]
             gentle = abs(early) + abs(late) < 1e-4 * rise
             reciprocal = 1 / rise if gentle else 0.0
-        target = min(max(wanted - q[n], 0.0), max(rise, 0.0))
+        target = min(max(value - q[n], 0.0), max(rise, 0.0))
         if gentle:
             start = target * reciprocal
             u = start - start * (1 - start) * (early + start * (late - early)) * reciprocal
             u = start - u * (1 - u) * (early + u * (late - early)) * reciprocal
         else:
-            u = _solved(rise, early, late, target)
+            u = _cubic_root(rise, early, late, target)
         bend = early + u * (late - early)
         out[m] = n + u
         out_slopes[m] = max(rise + (1 - 2 * u) * bend + u * (1 - u) * (late - early), 0.0)
 
 
 @compiled
-def _solved(rise: float, early: float, late: float, target: float) -> float:
-    """Root of ``u rise + u (1 - u) (early + u (late - early)) = target`` between 0 and 1."""
+def _cubic_root(rise: float, early: float, late: float, target: float) -> float:
+    """Return the root of ``u rise + u (1 - u) (early + u (late - early)) = target`` between 0 and 1."""
     low, high = 0.0, 1.0
     u = target / rise if rise > 0 else 0.0
-    for _ in range(_HALVINGS):
+    for _ in range(_BISECTIONS):
         bend = early + u * (late - early)
-        beyond = u * rise + u * (1 - u) * bend - target
+        error = u * rise + u * (1 - u) * bend - target
         slope = rise + (1 - 2 * u) * bend + u * (1 - u) * (late - early)
-        if beyond > 0:
+        if error > 0:
             high = u
         else:
             low = u
-        following = u - beyond / slope if slope > 0 else -1.0
+        following = u - error / slope if slope > 0 else -1.0
         if not low <= following <= high:
             following = low + (high - low) / 2
         moved = abs(following - u)
@@ -84,19 +84,18 @@ def _solved(rise: float, early: float, late: float, target: float) -> float:
 
 
 @compiled_sums
-def interpolate(x: Array, places: Array, cuts: Array, rows: Array, out: Array) -> None:
-    """Weigh the samples about each place whose cut-off is that of `x` itself; 0 for the others.
+def interpolate(x: Array, positions: Array, slopes: Array, rows: Array, out: Array) -> None:
+    """Interpolate ``out[m] = sum_n x[n] g(positions[m] - n)`` where the slope a is at least 1; 0 elsewhere.
 
-    ``out[m] = sum_n x[n] g(places[m] - n)``, with the weights on cubics through four of `rows`. `x` must reach half a
-    row beyond every place.
+    The weights g are interpolated by cubics through four of `rows`. `x` must extend half a row beyond every position.
     """
     taps, fractions = rows.shape[1], rows.shape[0] - 3
-    for m in range(places.size):
-        if cuts[m] < 1:
+    for m in range(positions.size):
+        if slopes[m] < 1:
             out[m] = 0.0
             continue
-        whole = np.floor(places[m])
-        fraction = (places[m] - whole) * fractions
+        whole = np.floor(positions[m])
+        fraction = (positions[m] - whole) * fractions
         row = int(fraction)
         u = fraction - row
         first = int(whole) - taps // 2 + 1
@@ -112,11 +111,11 @@ def interpolate(x: Array, places: Array, cuts: Array, rows: Array, out: Array) -
 
 
 @compiled
-def gather(x: Array, q: Array, slopes: Array, first: int, moments: Array) -> None:
-    """Add each sample, times its share of `q`, to the moments of the step of `q` that it lies in.
+def add_moments(x: Array, q: Array, slopes: Array, first: int, moments: Array) -> None:
+    """Add each sample, times the slope of `q` there, to the moments of the step of the output grid that it lies in.
 
-    ``moments[c - first, k] += x[n] slopes[n] v_n^k``, k = 0 .. 7, where v goes from -1 to 1 across step c. Steps that
-    `moments` (steps, 8) does not hold are left out.
+    ``moments[c - first, k] += x[n] slopes[n] v_n^k``, k = 0 .. 7, where v goes from -1 to 1 across step c. Steps
+    outside `moments` (steps, 8) are left out.
     """
     for n in range(x.size):
         floor = np.floor(q[n])
@@ -137,16 +136,16 @@ def gather(x: Array, q: Array, slopes: Array, first: int, moments: Array) -> Non
 
 
 @compiled_sums
-def weigh(moments: Array, weights: Array, cuts: Array, out: Array) -> None:
-    """Weigh the moments of the steps about each output whose cut-off lies below that of the record.
+def filter_moments(moments: Array, weights: Array, slopes: Array, out: Array) -> None:
+    """Apply the filter to the moments of the steps about each output with slope a < 1; others are left as they are.
 
-    ``out[m] = sum over steps i and powers k of weights[i, k] moments[m + i, k]``, k = 0 .. 7; other outputs are left as
-    they are. A sum never reads a step beyond its own, be it times nothing: what is not a number stays where it is.
+    ``out[m] = sum over steps i and powers k of weights[i, k] moments[m + i, k]``, k = 0 .. 7. Steps beyond these are
+    not read, not even with a weight of zero, which would spread NaN.
     """
     flat, every = moments.ravel(), weights.ravel()
     powers = weights.shape[1]
     for m in range(out.size):
-        if cuts[m] < 1:
+        if slopes[m] < 1:
             own = flat[m * powers : m * powers + every.size]
             total = 0.0
             for i in range(own.size):
@@ -155,20 +154,20 @@ def weigh(moments: Array, weights: Array, cuts: Array, out: Array) -> None:
 
 
 @compiled
-def linear(x: Array, places: Array, least: int, most: int, out: Array) -> None:
-    """Straight lines between the samples from `least` to `most`."""
-    for m in range(places.size):
-        n = min(max(int(np.floor(places[m])), least), most - 1)
-        u = places[m] - n
+def linear(x: Array, positions: Array, least: int, most: int, out: Array) -> None:
+    """Interpolate linearly between the samples from `least` to `most`."""
+    for m in range(positions.size):
+        n = min(max(int(np.floor(positions[m])), least), most - 1)
+        u = positions[m] - n
         out[m] = x[n] + u * (x[n + 1] - x[n]) if u > 0 else x[n]
 
 
 @compiled
-def cubic(x: Array, places: Array, least: int, most: int, out: Array) -> None:
-    """Cubics through the four samples about each place (Lagrange), the outer four at the ends."""
-    for m in range(places.size):
-        n = min(max(int(np.floor(places[m])), least + 1), most - 2)
-        u = places[m] - n
+def cubic(x: Array, positions: Array, least: int, most: int, out: Array) -> None:
+    """Interpolate by the cubic through the four samples about each position (Lagrange), the outer four at the ends."""
+    for m in range(positions.size):
+        n = min(max(int(np.floor(positions[m])), least + 1), most - 2)
+        u = positions[m] - n
         a, b, c, d = x[n - 1], x[n], x[n + 1], x[n + 2]
         inner = (1 - u) * b + u * c
         left, right = 2 * b - a - c, 2 * c - b - d

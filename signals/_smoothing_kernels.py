@@ -7,8 +7,8 @@ from signals._compile import compiled
 
 
 @compiled
-def _triangle(rows: Array) -> None:
-    """Turn (7, 7) rows into an upper triangle in place, by Householder's reflections of the first six columns."""
+def _triangularize(rows: Array) -> None:
+    """Reduce (7, 7) rows to upper triangular form in place, by Householder reflections of the first six columns."""
     for k in range(6):
         length = 0.0
         for i in range(k, 7):
@@ -39,7 +39,7 @@ def _triangle(rows: Array) -> None:
 
 @compiled
 def _inverse(upper: Array) -> Array:
-    """Inverse of an upper triangle, (3, 3)."""
+    """Return the inverse of an upper triangular matrix, (3, 3)."""
     found = np.zeros((3, 3))
     for j in range(3):
         found[j, j] = 1 / upper[j, j]
@@ -55,21 +55,27 @@ def _inverse(upper: Array) -> Array:
 def smooth_states(
     steps: Array, density: Array, noise: Array, angles: Array, root: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Return smoothed states (n, 3), their covariances (n, 3, 3), those with the next (n - 1, 3, 3), leverages (n,).
+    """Return smoothed states (n, 3), covariances (n, 3, 3), those with the next state (n - 1, 3, 3), leverages (n,).
 
-    `steps` and `density` (n - 1,) are the times between pulses and the power of the jerk, `noise` (n,) the variances
-    of the angles observed, `root` that of `signals.smoothing`.
+    `steps` and `density` (n - 1,) are the times between pulses and the spectral density of the jerk, `noise` (n,) the
+    variances of the measured angles; `root` is a square root of the inverse process-noise covariance at unit step and
+    density. With F(h) = [[1, h, h^2/2], [0, 1, h], [0, 0, 1]] and Q^-1 = B' B the least-squares problem is
+
+        B (x[k + 1] - F x[k]) = 0,    (x[k][0] - angle[k]) / sqrt(noise[k]) = 0    for all k, up to unit noise.
+
+    A forward pass of orthogonal reductions eliminates x[k] in favour of x[k + 1]; the backward pass is substitution
+    (Paige and Saunders 1977). There is no prior: the initial state is diffuse.
     """
     n = angles.size
     upper = np.empty((n, 3, 3))
     beside = np.empty((n, 3, 3))
     right = np.empty((n, 3))
-    rows = np.zeros((7, 7))
-    known = np.zeros((3, 4))
+    rows = np.zeros((7, 7))  # columns: x[k], x[k + 1], right side
+    information = np.zeros((3, 4))  # square-root information on x[k] from all pulses before it, and its right side
     for k in range(n):
         rows[:, :] = 0.0
         weight = 1 / np.sqrt(noise[k])
-        if k < n - 1:
+        if k < n - 1:  # predict: B x[k + 1] - B F x[k] = 0
             h = steps[k]
             for i in range(3):
                 for j in range(i + 1):
@@ -77,21 +83,21 @@ def smooth_states(
                 rows[i, 0] = -rows[i, 3]
                 rows[i, 1] = -(rows[i, 3] * h + rows[i, 4])
                 rows[i, 2] = -(rows[i, 3] * h * h / 2 + rows[i, 4] * h + rows[i, 5])
-        rows[3:6, 0:3] = known[:, 0:3]
-        rows[3:6, 6] = known[:, 3]
-        rows[6, 0] = weight
+        rows[3:6, 0:3] = information[:, 0:3]
+        rows[3:6, 6] = information[:, 3]
+        rows[6, 0] = weight  # update: the angle measured
         rows[6, 6] = weight * angles[k]
-        _triangle(rows)
+        _triangularize(rows)
         upper[k] = rows[0:3, 0:3]
         beside[k] = rows[0:3, 3:6]
         right[k] = rows[0:3, 6]
-        known[:, 0:3] = rows[3:6, 3:6]
-        known[:, 3] = rows[3:6, 6]
+        information[:, 0:3] = rows[3:6, 3:6]
+        information[:, 3] = rows[3:6, 6]
     states = np.empty((n, 3))
     covariance = np.empty((n, 3, 3))
     cross = np.empty((n - 1, 3, 3))
     leverage = np.empty(n)
-    for k in range(n - 1, -1, -1):
+    for k in range(n - 1, -1, -1):  # x[k] = R^-1 (z - S x[k + 1]), R, S, z = upper, beside, right
         inverse = _inverse(upper[k])
         for i in range(3):
             for j in range(3):
@@ -101,14 +107,14 @@ def smooth_states(
                 covariance[k, i, j] = total
             total = 0.0
             for m in range(3):
-                carried = right[k, m]
+                remainder = right[k, m]
                 if k < n - 1:
                     for p in range(3):
-                        carried -= beside[k, m, p] * states[k + 1, p]
-                total += inverse[i, m] * carried
+                        remainder -= beside[k, m, p] * states[k + 1, p]
+                total += inverse[i, m] * remainder
             states[k, i] = total
         if k < n - 1:
-            gain = np.zeros((3, 3))
+            gain = np.zeros((3, 3))  # P[k] = (R' R)^-1 + G P[k + 1] G', with G = -R^-1 S
             for i in range(3):
                 for j in range(3):
                     for m in range(3):

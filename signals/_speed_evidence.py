@@ -1,13 +1,13 @@
-"""What a short-time spectrum says for a line: levelled by its noise, then a likelihood ratio at every place.
+"""Likelihood ratio of a line against noise at every bin of a short-time spectrum, normalised by its noise.
 
-The power of noise, over its local mean, is exponentially distributed: density ``exp(-u)``. Of a line nothing is
-known but that any signal-to-noise ratio is possible: the mean is ``s``, with density ``s^-2`` from 1 on, so
+The power of noise, over its local mean, is exponentially distributed: density ``exp(-u)``. For a line of unknown
+signal-to-noise ratio the mean ``s`` has the prior density ``s^-2`` from 1 on, so
 
     p_1(u) = integral_1^inf s^-3 exp(-u / s) ds = (1 - (1 + u) exp(-u)) / u^2.
 
-Other lines than the shaft's, and noise that is not level, are in every record. A share of all places, measured on the
-record itself, is given to them with the density ``s^-2.5``, since as a rule they are weaker. They are why one tall
-line, however tall, says little alone: it adds only the logarithm of its amplitude.
+Every record has lines of other sources, and noise that is not white. A fraction of all bins, estimated from the record,
+is attributed to them, with the prior density ``s^-2.5``, since most are weaker. A single strong line is therefore weak
+evidence: it adds only the logarithm of its amplitude.
 """
 
 from dataclasses import dataclass
@@ -18,19 +18,19 @@ from scipy.special import gamma, gammainc
 
 from signals._checks import Array
 
-DC_BINS = 3.0  # a Hann window spreads what stands at zero so far
-PRESENT = 0.3  # prior probability that an order shows
-_BLOCK = 24  # bins a median is taken over
+DC_BINS = 3.0  # bins that the leakage of an offset reaches with a Hann window
+PRESENT = 0.3  # prior probability of a line of an order in a frame
+_BLOCK = 24  # bins per median
 _SMOOTH = 3  # frames
 _OVERSAMPLING = 1.25  # of the band that is kept
-_HIGH = 8.0  # noise passes this many means once in 3000
+_HIGH = 8.0  # means that noise exceeds once in 3000 bins
 _SHARES = (0.005, 0.3)
 _TABLE = np.linspace(-4.0, 16.0, 4001)  # log of the power ratio
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """Levelled short-time power: ``ratios`` (bins, frames) over the local noise."""
+    """Short-time power over the local noise, ``ratios`` (bins, frames); `foreign` is the fraction of other lines."""
 
     ratios: Array
     times_s: Array
@@ -38,24 +38,25 @@ class Evidence:
     foreign: float
 
     def log_votes(self) -> Array:
-        """Log of the likelihood ratio that an order, if it were here, would have, (bins, frames)."""
+        """Return the log likelihood ratio of an order that may be present at each bin, (bins, frames)."""
         table = np.log1p(PRESENT * np.expm1(_log_ratio(self.foreign)))
         return np.asarray(np.interp(np.log(np.maximum(self.ratios, 1e-9)), _TABLE, table))
 
 
 def _scale_mixture(u: Array, power: float) -> Array:
-    """Density of an exponential variable whose mean has the density ``power s^-(power + 1)`` from 1 on."""
+    """Return the density of an exponential variable whose mean has the density ``power s^-(power + 1)`` from 1 on."""
     return np.asarray(power * gamma(power + 1) * gammainc(power + 1, u) / u ** (power + 1))
 
 
 def _log_ratio(foreign: float) -> Array:
+    """Return the table of log p_1 / p_0 over the power ratio."""
     u = np.exp(_TABLE)
     noise = (1 - foreign) * np.exp(-u) + foreign * _scale_mixture(u, 1.5)
     return np.asarray(np.log(_scale_mixture(u, 1.0)) - np.log(noise))
 
 
 def lowest_band(signal: Array, *, rate_hz: float, top_hz: float) -> tuple[Array, float]:
-    """Return the signal below `top_hz` without its mean at a lower rate, and that rate."""
+    """Return the signal without its mean, low-pass filtered at `top_hz` and decimated, and the new rate."""
     length = fft.next_fast_len(signal.size, real=True)
     fewer = fft.next_fast_len(int(np.ceil(length * min(1.0, 2 * _OVERSAMPLING * top_hz / rate_hz))), real=True)
     level = signal - signal.mean()
@@ -68,10 +69,10 @@ def lowest_band(signal: Array, *, rate_hz: float, top_hz: float) -> tuple[Array,
 
 
 def short_time_evidence(signal: Array, *, rate_hz: float, frame_s: float) -> Evidence:
-    """Level the spectra of half overlapping Hann frames.
+    """Return the spectra of Hann frames with 50 % overlap, normalised by their noise.
 
-    The noise under each bin is the median of a block of bins, over log 2, averaged with the frames beside it and
-    read between blocks along frequency.
+    The noise at each bin is the median over a block of bins, over log 2, averaged over three frames and interpolated
+    between blocks.
     """
     length = int(frame_s * rate_hz) // 2 * 2
     hop = length // 2
@@ -80,35 +81,35 @@ def short_time_evidence(signal: Array, *, rate_hz: float, frame_s: float) -> Evi
     padded = fft.next_fast_len(length, real=True)
     lines = fft.rfft(frames * window, padded, axis=1)
     power = np.ascontiguousarray((lines.real**2 + lines.imag**2).T)
-    ratios = _levelled(power, first=int(np.ceil(DC_BINS * padded / length)))
+    ratios = _normalised(power, first=int(np.ceil(DC_BINS * padded / length)))
     count = np.count_nonzero(ratios > _HIGH)
     share = float(np.clip(count / ratios.size - np.exp(-_HIGH), *_SHARES))
     times = np.asarray((np.arange(frames.shape[0]) * hop + (length - 1) / 2) / rate_hz, dtype=np.float64)
     return Evidence(ratios=ratios, times_s=times, bins_per_hz=padded / rate_hz, foreign=share)
 
 
-def _levelled(power: Array, *, first: int) -> Array:
-    """Power (bins, frames) over its noise; 1 where there is no noise to compare with."""
+def _normalised(power: Array, *, first: int) -> Array:
+    """Return the power (bins, frames) over its local noise; 1 where the noise is zero."""
     bins, frames = power.shape
     starts = np.unique(np.clip(np.arange(first, bins, _BLOCK // 2), first, max(bins - _BLOCK, first)))
     level = np.array([np.median(power[start : start + _BLOCK], axis=0) for start in starts]) / np.log(2)
-    nothing = level <= 1e-20 * power.max(initial=0.0)  # rounding
-    padded = np.pad(np.log(np.where(nothing, 1.0, level)), ((0, 0), (_SMOOTH // 2, _SMOOTH // 2)), mode="edge")
+    silent = level <= 1e-20 * power.max(initial=0.0)  # rounding
+    padded = np.pad(np.log(np.where(silent, 1.0, level)), ((0, 0), (_SMOOTH // 2, _SMOOTH // 2)), mode="edge")
     smooth = np.mean([padded[:, k : k + frames] for k in range(_SMOOTH)], axis=0)
-    place = np.interp(np.arange(bins), starts + (_BLOCK - 1) / 2, np.arange(starts.size, dtype=np.float64))
-    low = np.minimum(place.astype(np.int64), max(starts.size - 2, 0))
+    position = np.interp(np.arange(bins), starts + (_BLOCK - 1) / 2, np.arange(starts.size, dtype=np.float64))
+    low = np.minimum(position.astype(np.int64), max(starts.size - 2, 0))
     high = np.minimum(low + 1, starts.size - 1)
-    part = (place - low)[:, None]
+    part = (position - low)[:, None]
     noise = np.exp(smooth[low] + part * (smooth[high] - smooth[low]))
-    return np.where(nothing[low] | nothing[high], 1.0, power / noise)
+    return np.where(silent[low] | silent[high], 1.0, power / noise)
 
 
 def order_scores(log_ratios: Array) -> Array:
-    """Log of the evidence for each order along one path, (frames, orders) to (orders,).
+    """Return the log evidence for each order along one path, (frames, orders) to (orders,).
 
-    How often an order shows is not known: its share has the density of Jeffreys, ``1 / (pi sqrt(p (1 - p)))``, and is
-    integrated out. An order that never shows then costs about half the logarithm of the number of frames, and one
-    that does counts in every frame.
+    The fraction p of frames in which an order is present is unknown; it has Jeffreys' prior,
+    ``p^-1/2 (1 - p)^-1/2 / pi``, and is integrated out. An order that is never present then costs about half the
+    logarithm of the number of frames.
     """
     nodes = np.sin((np.arange(64) + 0.5) / 64 * np.pi / 2) ** 2  # equal steps of Jeffreys' probability
     excess = np.expm1(np.minimum(log_ratios, 60.0))
@@ -118,5 +119,5 @@ def order_scores(log_ratios: Array) -> Array:
 
 
 def log_line_ratio(ratios: Array, *, foreign: float) -> Array:
-    """Log of p_1 / p_0 for levelled powers of any shape."""
+    """Return log p_1 / p_0 for normalised powers of any shape."""
     return np.asarray(np.interp(np.log(np.maximum(ratios, 1e-9)), _TABLE, _log_ratio(foreign)))

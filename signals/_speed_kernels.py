@@ -1,4 +1,4 @@
-"""Compiled loops of the speed search: votes of the orders, passages through a chain of speeds, demodulation."""
+"""Compiled kernels of the speed search: likelihoods, forward-backward and Viterbi algorithms, demodulation."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,21 +11,21 @@ Indices = NDArray[np.int64]
 
 @compiled
 def add_votes(levels: Array, bins_per_hz: float, orders: Array, speeds: Array, first_bin: float, votes: Array) -> None:
-    """Add ``levels[order * speed]`` of every order to ``votes[speed, frame]``, read between the bins.
+    """Add ``levels[order * speed]`` of every order to ``votes[speed, frame]``, interpolated between bins.
 
-    `levels` is (bins, frames), so that the innermost loop runs along memory. Below `first_bin` and beyond the last
-    nothing is known, and nothing added.
+    `levels` is (bins, frames), so that the innermost loop runs along memory. Nothing is added below `first_bin` and
+    beyond the last bin.
     """
     frames = levels.shape[1]
     last = levels.shape[0] - 1
     for s in range(speeds.size):
         row = votes[s]
         for h in range(orders.size):
-            place = orders[h] * speeds[s] * bins_per_hz
-            low = int(place)
-            if place < first_bin or low >= last:
+            position = orders[h] * speeds[s] * bins_per_hz
+            low = int(position)
+            if position < first_bin or low >= last:
                 continue
-            part = place - low
+            part = position - low
             below = levels[low]
             above = levels[low + 1]
             for t in range(frames):
@@ -33,8 +33,8 @@ def add_votes(levels: Array, bins_per_hz: float, orders: Array, speeds: Array, f
 
 
 @compiled_sums
-def _spread(before: Array, kernel: Array, after: Array) -> None:
-    """``after[s] = sum_d kernel[d] before[s - d]``, the kernel centred; what leaves the range is lost."""
+def _predict(before: Array, kernel: Array, after: Array) -> None:
+    """``after[s] = sum_d kernel[d] before[s - d]``, the kernel centred; probability beyond the range is lost."""
     half = kernel.size // 2
     n = before.size
     for s in range(n):
@@ -48,74 +48,74 @@ def _spread(before: Array, kernel: Array, after: Array) -> None:
 
 @compiled
 def posterior(likelihood: Array, kernel: Array, switch: float) -> tuple[Array, Array, float]:
-    """Forward and backward through the frames.
+    """Forward-backward algorithm of the hidden Markov model: posterior probabilities and evidence.
 
-    `likelihood` (frames, speeds) is relative to that of a shaft that does not show. From one frame to the next the
-    shaft appears or disappears with probability `switch`; while it shows, its speed moves by `kernel`.
+    `likelihood` (frames, speeds) is relative to that of an absent shaft. From one frame to the next the shaft appears
+    or disappears with probability `switch`; while present, its speed has the transition probabilities `kernel`.
 
-    Returns the probability of each speed in each frame (frames, speeds), that of showing nothing (frames,), and
-    the logarithm of the evidence against a shaft that never shows.
+    Returns the posterior of each speed in each frame (frames, speeds), that of an absent shaft (frames,), and the
+    logarithm of the evidence relative to a shaft that is always absent.
     """
     frames, n = likelihood.shape
     forward = np.empty((frames, n))
-    unseen = np.empty(frames)
-    moved = np.empty(n)
+    absent = np.empty(frames)
+    predicted = np.empty(n)
     evidence = 0.0
     for t in range(frames):
         if t == 0:
             row = forward[0]
             for s in range(n):
                 row[s] = 0.5 / n * likelihood[0, s]
-            unseen[0] = 0.5
+            absent[0] = 0.5
         else:
-            _spread(forward[t - 1], kernel, moved)
+            _predict(forward[t - 1], kernel, predicted)
             row = forward[t]
-            gone = 0.0
+            present = 0.0
             for s in range(n):
-                gone += forward[t - 1, s]
-            born = switch * unseen[t - 1] / n
+                present += forward[t - 1, s]
+            appeared = switch * absent[t - 1] / n
             for s in range(n):
-                row[s] = ((1 - switch) * moved[s] + born) * likelihood[t, s]
-            unseen[t] = (1 - switch) * unseen[t - 1] + switch * gone
-        total = unseen[t]
+                row[s] = ((1 - switch) * predicted[s] + appeared) * likelihood[t, s]
+            absent[t] = (1 - switch) * absent[t - 1] + switch * present
+        total = absent[t]
         for s in range(n):
             total += row[s]
         for s in range(n):
             row[s] /= total
-        unseen[t] /= total
+        absent[t] /= total
         evidence += np.log(total)
     back = np.ones(n)
-    back_unseen = 1.0
+    back_absent = 1.0
     weighted = np.empty(n)
     for t in range(frames - 2, -1, -1):
         mean = 0.0
         for s in range(n):
             weighted[s] = back[s] * likelihood[t + 1, s]
             mean += weighted[s] / n
-        _spread(weighted, kernel[::-1].copy(), moved)
+        _predict(weighted, kernel[::-1].copy(), predicted)
         largest = 0.0
-        fresh = (1 - switch) * back_unseen + switch * mean
+        next_absent = (1 - switch) * back_absent + switch * mean
         for s in range(n):
-            back[s] = (1 - switch) * moved[s] + switch * back_unseen
+            back[s] = (1 - switch) * predicted[s] + switch * back_absent
             largest = max(largest, back[s])
-        back_unseen = fresh
-        largest = max(largest, back_unseen)
-        back_unseen /= largest
+        back_absent = next_absent
+        largest = max(largest, back_absent)
+        back_absent /= largest
         row = forward[t]
-        total = unseen[t] * back_unseen
+        total = absent[t] * back_absent
         for s in range(n):
             back[s] /= largest
             row[s] *= back[s]
             total += row[s]
         for s in range(n):
             row[s] /= total
-        unseen[t] *= back_unseen / total
-    return forward, unseen, evidence
+        absent[t] *= back_absent / total
+    return forward, absent, evidence
 
 
 @compiled
-def likeliest_path(votes: Array, log_kernel: Array) -> Indices:
-    """Viterbi's path through ``votes`` (frames, speeds), moves weighed by `log_kernel`."""
+def most_likely_path(votes: Array, log_kernel: Array) -> Indices:
+    """Return the Viterbi path through log likelihoods ``votes`` (frames, speeds) with log transitions `log_kernel`."""
     frames, n = votes.shape
     half = log_kernel.size // 2
     came_from = np.empty((frames, n), dtype=np.int32)
@@ -144,11 +144,11 @@ def likeliest_path(votes: Array, log_kernel: Array) -> Indices:
 def demodulate(
     x: Array, revolutions: Array, orders: Array, first: float, hop: float, count: int, table: Array
 ) -> tuple[Array, Array]:
-    """Complex amplitude of each order under Hann windows along the angle, real and imaginary part (count, orders).
+    """Return the complex amplitude of each order in Hann windows along the angle, real and imaginary (count, orders).
 
-    Window m is centred on ``first + m hop`` and is four hops long, so that four cover each sample, a quarter of their
-    period apart: their cosines are c, s, -c and -s of one angle. `table` holds one period of the cosine and one entry
-    more; between its entries it is read linearly.
+    Window m is centred on ``first + m hop`` and is four hops long, so that four windows, a quarter of a period apart,
+    cover each sample: their cosines are c, s, -c and -s of one angle. `table` is one period of the cosine and one more
+    entry, interpolated linearly.
     """
     steps = table.size - 1
     quarter = steps - steps // 4  # cos(a - 90 degrees) is sin(a)
@@ -171,10 +171,10 @@ def demodulate(
         windows[2] = 0.5 - c
         windows[3] = 0.5 - s
         for k in range(orders.size):
-            turn = orders[k] * angle
-            place = (turn - np.floor(turn)) * steps
-            cell = min(int(place), steps - 1)
-            part = place - cell
+            cycles = orders[k] * angle
+            position = (cycles - np.floor(cycles)) * steps
+            cell = min(int(position), steps - 1)
+            part = position - cell
             cosines[k] = value * (table[cell] + part * (table[cell + 1] - table[cell]))
             cell += quarter
             if cell >= steps:

@@ -1,4 +1,4 @@
-"""Which way a shaft turns, and where it rests, by the knots of its phase."""
+"""Direction of rotation and standstills of a shaft, from the knots of its phase."""
 
 import math
 
@@ -7,36 +7,36 @@ import numpy as np
 from signals._checks import Array
 
 
-def turning(times_s: Array, revolutions: Array) -> int:
-    """Return +1 where the angle rises and -1 where it falls; it may stay.
+def direction_of(times_s: Array, revolutions: Array) -> int:
+    """Return the direction of rotation, +1 or -1; the angle may also stay.
 
     Raises
     ------
     ValueError
-        A shaft that turns both ways.
+        A shaft that reverses.
     """
     steps = np.diff(revolutions)
     moving = np.flatnonzero(steps)
-    ways = np.sign(steps[moving])
-    back = np.flatnonzero(np.diff(ways))
-    if back.size:
-        place = times_s[moving[back[0] + 1]]
+    signs = np.sign(steps[moving])
+    reversals = np.flatnonzero(np.diff(signs))
+    if reversals.size:
+        time = times_s[moving[reversals[0] + 1]]
         raise ValueError(
-            f"the shaft turns back at {place:g} s, so an angle has several times; resample the record before and after "
-            "apart, each over a phase of the pulses there alone."
+            f"the shaft turns back at {time:g} s, so an angle has several times; resample the record before and after "
+            "separately, each with a phase of its own pulses."
         )
-    return -1 if np.any(ways < 0) else 1
+    return -1 if np.any(signs < 0) else 1
 
 
 def refuse_rest(
     times_s: Array, revolutions: Array, *, start_s: float, stop_s: float, rate_hz: float | None = None
 ) -> None:
-    """Raise where the shaft stands within a span and moves before and after; with a rate, say which samples to take.
+    """Raise where the shaft stands within a span of time; given the sampling rate, name the samples to use instead.
 
     Raises
     ------
     ValueError
-        With the times of the first rest, and how many there are.
+        With the times of the first standstill, and how many there are.
     """
     still = np.concatenate([[False], np.diff(revolutions) == 0, [False]])
     edges = np.flatnonzero(np.diff(still))
@@ -45,11 +45,11 @@ def refuse_rest(
     if not within.size:
         return
     begin, end = float(begins[within[0]]), float(ends[within[0]])
-    remedy = "use the parts before and after, each by itself."
+    remedy = "use the parts before and after separately."
     if rate_hz is not None:
-        # of whole samples, those that the rest begins and ends between
+        # the last sample before the standstill and the first after it
         stop, start = math.floor((begin - start_s) * rate_hz) + 1, math.ceil((end - start_s) * rate_hz)
-        remedy = f"resample x[:{stop}] and, with start_s={start_s + start / rate_hz:.9g}, x[{start}:], each by itself."
+        remedy = f"resample x[:{stop}] and, with start_s={start_s + start / rate_hz:.9g}, x[{start}:] separately."
     raise ValueError(
         f"the shaft stands still from {begin:g} to {end:g} s, within the record, and its angle there has no single "
         f"time ({within.size} such rests); {remedy}"

@@ -1,18 +1,18 @@
-"""A record on one even grid, block by block, onto another even grid that a rising function maps it to.
+"""Streaming resampling from one even grid to another that an increasing function maps it to.
 
-The function is q(n): the place of sample n counted in steps of the output grid. Its slope a(n) = dq/dn is also the
-output rate over the input rate. With g the windowed sinc of `_windowed_sinc`,
+The function is q(n), the position of sample n in steps of the output grid. Its slope a(n) = dq/dn is also the ratio of
+the output rate to the input rate. With g the windowed sinc of `_windowed_sinc`,
 
-    where a >= 1    y[m] = sum_n x[n] g(n(m) - n),            n(m) the inverse of q: the cut is at half the input rate
-    where a < 1     y[m] = sum_n a(n) x[n] g(m - q(n)),                       it is at half the output rate
+    where a >= 1    y[m] = sum_n x[n] g(n(m) - n),       n(m) the inverse of q: cut-off at half the input rate
+    where a < 1     y[m] = sum_n a(n) x[n] g(m - q(n)),                         cut-off at half the output rate
 
-The second sum is the integral of the record against a filter that is fixed on the output grid, however unevenly the
-samples fall on it; where a = 1 both are the same. It is not taken output by output: a filter that is a polynomial on
-each step of the output grid needs no more of the samples than their moments there. Each sample is read once, however
-many lie in a step, and nothing of a long record has to be kept.
+The second sum is the integral of the record times a filter that is fixed on the output grid, however unevenly the
+samples lie on it; where a = 1 both are the same. It is computed from moments: the filter is a polynomial on each step
+of the output grid, so that only the moments of the samples in that step are needed. Each sample is read once, however
+many lie in a step, and a long record need not be kept.
 
-Beyond its ends the record is taken to be nothing, and each output is divided by the share of the filter that lies on
-the record. The first sample is taken off before and put back after: a large mean costs no accuracy.
+Beyond its ends the record is taken as zero, and each output is divided by the sum of the weights on the record. The
+first sample is subtracted before and added after, so that a large mean costs no accuracy.
 """
 
 from dataclasses import dataclass
@@ -29,27 +29,33 @@ Method = Literal["sinc", "cubic", "linear"]
 METHODS: tuple[Method, ...] = get_args(Method)
 FEWEST = {"sinc": 2, "cubic": 4, "linear": 2}  # samples
 
-_REACH = {"sinc": (HALF_WIDTH - 1, HALF_WIDTH), "cubic": (1, 2), "linear": (0, 1)}  # samples before and after a place
-_HALO = HALF_WIDTH + 1  # samples kept on either side of those worked on
-_CHUNK = 15 * 1024  # samples worked on at once, or outputs where those are more
-_SPARE = 8  # steps that the kernel reads beyond the last output's
+_SUPPORT = {"sinc": (HALF_WIDTH - 1, HALF_WIDTH), "cubic": (1, 2), "linear": (0, 1)}  # samples before and after
+_HALO = HALF_WIDTH + 1  # samples kept on either side of a chunk
+_CHUNK = 15 * 1024  # samples processed at once, or outputs where those are more
+_PADDING = 8  # steps that the kernel reads beyond the last output's
 
 Flags = NDArray[np.bool_]
-Outputs = tuple[Array, Flags]  # values, and whether their filter reaches beyond what is known
+Outputs = tuple[Array, Flags]  # values, and whether their filter reaches beyond the record or the map
 
 
 @dataclass(frozen=True, kw_only=True)
 class Map:
-    """Where the samples of the record lie on the output grid.
+    """Positions of the samples of a record on the output grid.
 
     Attributes
     ----------
-    outward : q of the samples.
-    inward : places of the outputs among the samples, where that is the function known; else found from `outward`.
-    outputs : how many there can be.
-    least_slope, largest_slope : of q.
-    known : q between which the map is known, and not reflected.
-    slack : of q, by which an output may lie beyond the record's end.
+    outward
+        q, the positions of the samples.
+    inward
+        Its inverse, the positions of the outputs among the samples, where it is known; else it is found from `outward`.
+    outputs
+        Largest number of outputs.
+    least_slope, largest_slope
+        Extremes of the slope of q.
+    known
+        Extremes of q between which the map is known, and not reflected.
+    slack
+        Tolerance on q by which the last output may lie beyond the record's end.
     """
 
     outward: Track
@@ -62,32 +68,32 @@ class Map:
 
 
 class Warp:
-    """The record so far, reduced to what later outputs need of it. Chunks are counted from its first sample."""
+    """Streaming resampler. Its chunks are counted from the record's first sample, so block sizes do not matter."""
 
     def __init__(self, grid: Map, *, method: Method) -> None:
         self._grid, self._method = grid, method
-        self._folds = method == "sinc" and grid.least_slope < 1
+        self._antialias = method == "sinc" and grid.least_slope < 1
         self._chunk = max(NODE_STEP, int(_CHUNK / max(1.0, grid.largest_slope)) // NODE_STEP * NODE_STEP)
-        self._level: float | None = None
-        self._samples = np.zeros(_HALO)  # less the level, from sample `_at - _HALO` on
+        self._level: float | None = None  # the first sample, subtracted from all
+        self._samples = np.zeros(_HALO)  # from sample `_at - _HALO` on
         self._at = 0
-        self._values, self._cuts = np.empty(0), np.empty(0)  # outputs from `_given` on
+        self._values, self._slopes = np.empty(0), np.empty(0)  # queued outputs, from `_released` on, and their slopes a
         self._beyond: Flags = np.empty(0, dtype=bool)
-        self._given = 0
-        self._moments = np.zeros((2 * HALF_WIDTH, MOMENTS))  # of the steps from `_given - HALF_WIDTH` on
-        self._used = 0  # of those, the others are zero
+        self._released = 0  # number of outputs returned so far
+        self._moments = np.zeros((2 * HALF_WIDTH, MOMENTS))  # of the steps from `_released - HALF_WIDTH` on
+        self._used = 0  # number of steps with moments; the others are zero
         self._ends = (-np.inf, np.inf)  # of the record on the output grid
 
     def push(self, x: Samples) -> Outputs:
-        """Take more of the record; return the outputs this completes, and which of them reach beyond its start."""
+        """Process the next samples; return the outputs they complete, and which of them reach beyond the start."""
         return _joined(self._pushed(x))
 
     def finish(self) -> Outputs:
-        """Return the outputs left, and which of them reach beyond an end of the record."""
+        """Return the remaining outputs, and which of them reach beyond an end of the record."""
         return self._advance(np.concatenate([self._samples, np.zeros(_HALO)]), ended=True)
 
     def whole(self, x: Samples) -> Outputs:
-        """Take all of the record at once; return all outputs."""
+        """Process a whole record; return all outputs."""
         return _joined([*self._pushed(x), self.finish()])
 
     def _pushed(self, x: Samples) -> list[Outputs]:
@@ -104,17 +110,17 @@ class Warp:
 
     @property
     def samples_seen(self) -> int:
-        """How many samples were pushed."""
+        """Number of samples pushed."""
         return self._at + self._samples.size - _HALO
 
     def _advance(self, samples: Array, *, ended: bool) -> Outputs:
-        """Work on `samples` without the halo on either side."""
+        """Process one chunk, given with a halo on either side; return the outputs that are complete."""
         count = samples.size - 2 * _HALO
         samples = samples - (self._level or 0.0)
         q, slopes = self._grid.outward.at(self._at - _HALO, self._at + count + _HALO)
-        # outputs that fold need moments; q gains a step a sample where its slope is one, so the halo reaches them all
-        moments = self._folds and float(slopes.min()) < 1
-        within = slice(_HALO, _HALO + count + (not ended))  # with one to interpolate towards
+        # filtered outputs need moments; where a = 1 q rises by one step per sample, so the halo contains their filter
+        moments = self._antialias and float(slopes.min()) < 1
+        within = slice(_HALO, _HALO + count + (not ended))  # and the next sample, to interpolate towards
         q, slopes = q[within], slopes[within]
         if self._at == 0:
             samples[:_HALO] = 0
@@ -125,100 +131,101 @@ class Warp:
         self._interpolate(samples, q, slopes, ended=ended)
         ready = self._values.size
         if moments:
-            self._gather(samples[_HALO : _HALO + count], q, slopes)
-        if self._folds and not ended:
-            ready = min(ready, int(np.floor(q[-1])) - HALF_WIDTH + 1 - self._given)
+            self._add_moments(samples[_HALO : _HALO + count], q, slopes)
+        if self._antialias and not ended:
+            ready = min(ready, int(np.floor(q[-1])) - HALF_WIDTH + 1 - self._released)
         self._at += count
         return self._release(max(ready, 0), ended=ended)
 
     def _interpolate(self, samples: Array, q: Array, slopes: Array, *, ended: bool) -> None:
-        """Queue the outputs that lie among these samples, those to be folded still without a value."""
+        """Queue the outputs among these samples; those with a < 1 get their value in `_release`."""
         from signals import _resampling_kernel as kernel  # noqa: PLC0415
 
-        first = self._given + self._values.size
+        first = self._released + self._values.size
         stop = int(np.floor(q[-1] + self._grid.slack)) + 1 if ended else int(np.ceil(q[-1]))
-        places, cuts = self._placed(q, slopes, first, max(first, min(stop, self._grid.outputs)))
-        places += _HALO
-        values, beyond = np.empty(places.size), np.zeros(places.size, dtype=bool)
+        positions, slopes_out = self._positions(q, slopes, first, max(first, min(stop, self._grid.outputs)))
+        positions += _HALO
+        values, beyond = np.empty(positions.size), np.zeros(positions.size, dtype=bool)
         least, most = max(_HALO - self._at, 0), samples.size - 1 - (_HALO if ended else 0)
         if self._method == "sinc":
-            kernel.interpolate(samples, places, cuts, weight_rows(), values)
+            kernel.interpolate(samples, positions, slopes_out, weight_rows(), values)
         else:
-            (kernel.linear if self._method == "linear" else kernel.cubic)(samples, places, least, most, values)
+            (kernel.linear if self._method == "linear" else kernel.cubic)(samples, positions, least, most, values)
         if ended or self._at == 0:
-            before, after = _REACH[self._method]
-            beyond = (np.floor(places) - before < least) | (np.ceil(places) + after - 1 > most)
+            before, after = _SUPPORT[self._method]
+            beyond = (np.floor(positions) - before < least) | (np.ceil(positions) + after - 1 > most)
             if self._method == "sinc" and beyond.any():
-                there = ((np.arange(samples.size) >= least) & (np.arange(samples.size) <= most)).astype(np.float64)
-                share = np.empty(np.count_nonzero(beyond))
-                kernel.interpolate(there, places[beyond], np.ones(share.size), weight_rows(), share)
-                values[beyond] /= share
+                on_record = ((np.arange(samples.size) >= least) & (np.arange(samples.size) <= most)).astype(np.float64)
+                weight = np.empty(np.count_nonzero(beyond))
+                kernel.interpolate(on_record, positions[beyond], np.ones(weight.size), weight_rows(), weight)
+                values[beyond] /= weight
         self._values = np.concatenate([self._values, values])
-        self._cuts = np.concatenate([self._cuts, cuts])
+        self._slopes = np.concatenate([self._slopes, slopes_out])
         self._beyond = np.concatenate([self._beyond, beyond])
 
-    def _placed(self, q: Array, slopes: Array, first: int, stop: int) -> tuple[Array, Array]:
-        """Places of the outputs from `first` to `stop` among the samples worked on, and where their cut lies."""
-        from signals._resampling_kernel import places_of  # noqa: PLC0415
+    def _positions(self, q: Array, slopes: Array, first: int, stop: int) -> tuple[Array, Array]:
+        """Return n(m) of the outputs from `first` to `stop`, relative to the chunk, and the slope a there."""
+        from signals._resampling_kernel import invert  # noqa: PLC0415
 
         if self._grid.inward is None:
-            places, cuts = np.empty(stop - first), np.empty(stop - first)
-            places_of(q, slopes, float(first), places, cuts)
+            positions, slopes_out = np.empty(stop - first), np.empty(stop - first)
+            invert(q, slopes, float(first), positions, slopes_out)
         else:
-            places, pace = self._grid.inward.at(first, stop) if stop > first else (np.empty(0), np.empty(0))
-            places = np.clip(places - self._at, 0, q.size - 1)
+            positions, inverse_slope = self._grid.inward.at(first, stop) if stop > first else (np.empty(0), np.empty(0))
+            positions = np.clip(positions - self._at, 0, q.size - 1)
             with np.errstate(divide="ignore"):
-                cuts = 1 / pace
-        return places, cuts if self._folds else np.maximum(cuts, 1.0)
+                slopes_out = 1 / inverse_slope
+        return positions, slopes_out if self._antialias else np.maximum(slopes_out, 1.0)
 
-    def _gather(self, x: Array, q: Array, slopes: Array) -> None:
+    def _add_moments(self, x: Array, q: Array, slopes: Array) -> None:
         """Add samples to the moments of the steps they lie in."""
-        from signals._resampling_kernel import gather  # noqa: PLC0415
+        from signals._resampling_kernel import add_moments  # noqa: PLC0415
 
-        top = max(self._given + self._values.size, min(int(q[-1]), self._grid.outputs))
-        self._used = max(self._used, top - self._given + 2 * HALF_WIDTH + _SPARE)
-        self._hold(self._used)
-        first = self._given - HALF_WIDTH
-        gather(x, q[: x.size], slopes[: x.size], first, self._moments[: self._used])
+        top = max(self._released + self._values.size, min(int(q[-1]), self._grid.outputs))
+        self._used = max(self._used, top - self._released + 2 * HALF_WIDTH + _PADDING)
+        self._reserve(self._used)
+        first = self._released - HALF_WIDTH
+        add_moments(x, q[: x.size], slopes[: x.size], first, self._moments[: self._used])
 
-    def _hold(self, steps: int) -> None:
+    def _reserve(self, steps: int) -> None:
+        """Lengthen the buffer of moments to at least so many steps."""
         if steps > self._moments.shape[0]:
             self._moments = np.concatenate([self._moments, np.zeros((steps - self._moments.shape[0], MOMENTS))])
 
     def _release(self, ready: int, *, ended: bool) -> Outputs:
-        """Hand over the first `ready` outputs of the queue, folded where their cut asks for it."""
+        """Remove the first `ready` outputs from the queue and return them, filtered where a < 1."""
         values, beyond = self._values[:ready], self._beyond[:ready]
-        if self._folds and ready:
-            if np.any(self._cuts[:ready] < 1):
-                self._fold(values, self._cuts[:ready], beyond, ended=ended)
+        if self._antialias and ready:
+            if np.any(self._slopes[:ready] < 1):
+                self._filter(values, self._slopes[:ready], beyond, ended=ended)
             kept = self._moments[ready : self._used].copy()
             self._moments[: self._used] = 0
             self._used = kept.shape[0]
             self._moments[: self._used] = kept
-        self._values, self._cuts, self._beyond = self._values[ready:], self._cuts[ready:], self._beyond[ready:]
-        self._given += ready
+        self._values, self._slopes, self._beyond = self._values[ready:], self._slopes[ready:], self._beyond[ready:]
+        self._released += ready
         values += self._level or 0.0
         return values, beyond
 
-    def _fold(self, values: Array, cuts: Array, beyond: Flags, *, ended: bool) -> None:
-        """Replace the values whose cut lies below that of the record by the filter over the moments."""
-        from signals._resampling_kernel import weigh  # noqa: PLC0415
+    def _filter(self, values: Array, slopes_out: Array, beyond: Flags, *, ended: bool) -> None:
+        """Set the values with a < 1 to the filter applied to the moments."""
+        from signals._resampling_kernel import filter_moments  # noqa: PLC0415
 
-        self._hold(values.size + 2 * HALF_WIDTH + _SPARE)
-        weigh(self._moments, step_polynomials(), cuts, values)
+        self._reserve(values.size + 2 * HALF_WIDTH + _PADDING)
+        filter_moments(self._moments, step_polynomials(), slopes_out, values)
         low, high = self._ends
         clear = max(low, self._grid.known[0]) + HALF_WIDTH, min(high, self._grid.known[1]) - HALF_WIDTH
-        if clear[0] <= self._given and self._given + values.size - 1 <= clear[1]:
+        if clear[0] <= self._released and self._released + values.size - 1 <= clear[1]:
             return
-        place = self._given + np.arange(values.size, dtype=np.float64)
-        outside = (cuts < 1) & ((place < clear[0]) | (place > clear[1]))
+        place = self._released + np.arange(values.size, dtype=np.float64)
+        outside = (slopes_out < 1) & ((place < clear[0]) | (place > clear[1]))
         near = place[outside]
         values[outside] /= step_response(near - low) - (step_response(near - high) if ended else 0.0)
         beyond[outside] = True
 
 
 def _joined(parts: list[Outputs]) -> Outputs:
-    """Put outputs one after the other."""
+    """Concatenate outputs."""
     if not parts:
         return np.empty(0), np.empty(0, dtype=bool)
     return np.concatenate([values for values, _ in parts]), np.concatenate([beyond for _, beyond in parts])

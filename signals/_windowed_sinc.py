@@ -1,6 +1,6 @@
-"""The low-pass filter that angular resampling interpolates with: a sinc under a Kaiser window.
+"""The interpolation filter of angular resampling: a Kaiser-windowed sinc.
 
-Its argument counts zero crossings, that is steps of the coarser of the two grids. With 32 of them on either side
+Its argument is in zero crossings, that is in steps of the coarser of the two grids. With 32 of them on either side
 and a window of beta 12 its response is within 1.4e-6 of one up to 0.88 of half the coarser rate, one half at half
 the rate, and below -116 dB from 1.12 of it on, the tables below included: they follow it to 4e-7.
 """
@@ -21,7 +21,7 @@ _CACHE_LINE = 64  # bytes
 
 
 def windowed_sinc(u: Array) -> Array:
-    """Return the filter at `u` zero crossings from its centre, any shape; nothing beyond `HALF_WIDTH`."""
+    """Return the filter at `u` zero crossings from its centre, any shape; zero beyond `HALF_WIDTH`."""
     inside = np.clip(1 - (u / HALF_WIDTH) ** 2, 0, None)
     taper = np.i0(KAISER_BETA * np.sqrt(inside)) / np.i0(KAISER_BETA)
     return np.where(np.abs(u) < HALF_WIDTH, np.sinc(u) * taper, 0.0)
@@ -29,9 +29,10 @@ def windowed_sinc(u: Array) -> Array:
 
 @lru_cache(maxsize=1)
 def weight_rows() -> Array:
-    """Weights of the samples from ``HALF_WIDTH - 1`` before to `HALF_WIDTH` after a place, (ROWS + 3, 2 HALF_WIDTH).
+    """Return the weights of the samples from ``HALF_WIDTH - 1`` before to `HALF_WIDTH` after a position.
 
-    Row r is for a place (r - 1) / ROWS of a step after a sample. Each adds up to one, so a constant stays what it is.
+    An array (ROWS + 3, 2 HALF_WIDTH); row r is for a position (r - 1) / ROWS of a step after a sample. Each row has the
+    sum one, which keeps a constant.
     """
     fraction = np.arange(-1, ROWS + 2)[:, None] / ROWS
     weights = windowed_sinc(fraction - np.arange(1 - HALF_WIDTH, HALF_WIDTH + 1))
@@ -39,17 +40,17 @@ def weight_rows() -> Array:
 
 
 def _aligned(a: Array) -> Array:
-    """Return a copy whose rows do not straddle the lines of the cache more than they must."""
-    room = np.empty(a.size + _CACHE_LINE // 8)
-    first = -room.ctypes.data % _CACHE_LINE // 8
-    held = room[first : first + a.size].reshape(a.shape)
-    held[:] = a
-    return held
+    """Return a copy that begins at a cache line, so that its rows straddle as few lines as possible."""
+    buffer = np.empty(a.size + _CACHE_LINE // 8)
+    first = -buffer.ctypes.data % _CACHE_LINE // 8
+    aligned = buffer[first : first + a.size].reshape(a.shape)
+    aligned[:] = a
+    return aligned
 
 
 @lru_cache(maxsize=1)
 def step_polynomials() -> Array:
-    """Return the filter as one polynomial a step, (2 HALF_WIDTH, MOMENTS) coefficients of rising powers of v.
+    """Return the filter as one polynomial per step, (2 HALF_WIDTH, MOMENTS) coefficients of rising powers of v.
 
     A sample at v = -1 .. 1 across a step, with the output a whole number d of steps after the start of that step, has
     the weight ``windowed_sinc(d - (1 + v) / 2)``. Row i is for ``d = HALF_WIDTH - i``. Fitted at Chebyshev points.
@@ -61,7 +62,8 @@ def step_polynomials() -> Array:
 
 
 @lru_cache(maxsize=1)
-def _summed() -> tuple[Array, Array]:
+def _integral() -> tuple[Array, Array]:
+    """Return positions in zero crossings, and the integral of the filter up to each."""
     u = np.arange(-HALF_WIDTH * _FINE, HALF_WIDTH * _FINE + 1) / _FINE
     middles = windowed_sinc((u[1:] + u[:-1]) / 2)
     ends = windowed_sinc(u)
@@ -72,5 +74,5 @@ def _summed() -> tuple[Array, Array]:
 
 def step_response(u: Array) -> Array:
     """Return the integral of the filter from minus infinity to `u`: from 0 to 1, and 1/2 at 0."""
-    places, total = _summed()
+    places, total = _integral()
     return np.asarray(np.interp(u, places, total))

@@ -1,4 +1,4 @@
-"""Window functions with the figures that scale what is seen through them."""
+"""Window functions and their figures of merit."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,7 +18,7 @@ class Window:
 
     @property
     def coherent_gain(self) -> float:
-        """Mean weight: the height at which a tone of amplitude 1 arrives."""
+        """Mean weight: the gain of a tone on the grid."""
         return float(self.weights.mean())
 
     @property
@@ -33,21 +33,21 @@ class Window:
 
     @property
     def spread(self) -> float:
-        """Second moment of the squared window about its middle, over its length squared."""
+        """Second moment of the squared window about its middle, over its length squared (dimensionless)."""
         count = self.weights.size
-        place = (np.arange(count) - (count - 1) / 2) / count
-        return float(np.sum(place**2 * self.weights**2) / np.sum(self.weights**2))
+        position = (np.arange(count) - (count - 1) / 2) / count
+        return float(np.sum(position**2 * self.weights**2) / np.sum(self.weights**2))
 
     def overlap_correlation(self, hop: int) -> Array:
-        """Correlation of the amplitudes of white noise in segments 1, 2, ... hops apart, while they overlap."""
+        """Return the normalised autocorrelation of the window at 1, 2, ... hops, while segments overlap."""
         weights = self.weights
         shifts = range(hop, weights.size, hop)
         return np.array([weights[shift:] @ weights[:-shift] for shift in shifts]) / (weights @ weights)
 
 
 def window_of(name: str, count: int) -> Window:
-    """Return a periodic window of `scipy.signal`; ValueError names one it does not know."""
-    if name == "hann":  # the usual one, without the import
+    """Return a periodic window of `scipy.signal`, which raises ValueError for an unknown name."""
+    if name == "hann":  # the default, without importing scipy.signal
         return Window(name=name, weights=0.5 + 0.5 * np.cos(np.linspace(-np.pi, np.pi, count + 1)[:-1]))
     from scipy.signal import get_window  # noqa: PLC0415
 
@@ -56,7 +56,7 @@ def window_of(name: str, count: int) -> Window:
 
 @lru_cache(maxsize=16)
 def _width(name: str) -> float:
-    """Full -3 dB width of a window's main lobe in bins, measured on its own transform."""
+    """Full -3 dB width of a window's main lobe in bins, from its zero-padded transform."""
     length, fine = 512, 64
     lobe = np.abs(np.fft.rfft(window_of(name, length).weights, length * fine))
     half_power = lobe[0] / np.sqrt(2)

@@ -1,34 +1,60 @@
-"""The time synchronous average of a shaft: what repeats with it stays, the rest falls.
+"""Time synchronous average (TSA) of a shaft.
 
 Averaging N revolutions is a comb filter (McFadden 1987, "A revised model for the extraction of periodic waveforms
-by time domain averaging", Mech. Syst. Signal Process. 1(1), 83-95). It passes whole orders of the shaft, lets
-through ``|sin(pi N f) / (N sin(pi f))|`` of any other order f, and has nulls where N f is whole: so the number of
-revolutions decides what of the neighbours is left, and `quietest_revolutions` says which one to take.
+by time domain averaging", Mech. Syst. Signal Process. 1(1), 83-95). Its gain is one at whole orders of the shaft and
+``|sin(pi N f) / (N sin(pi f))|`` at any order f, with nulls where N f is whole: the number of revolutions decides how
+much of other shafts remains, and `quietest_revolutions` chooses it.
 """
+
+from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
 from numbers import Rational
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from signals._checks import Array, number, real_vector, whole
 from signals.phase import ShaftPhase
 from signals.resampling import AngularSignal, angular_resample
 
-_REACH = 32  # samples the interpolator of signals.resampling takes in on either side, more on a coarser grid
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+_HALF_WIDTH = 32  # of the interpolation filter of signals.resampling, in samples; more on a coarser grid
 
 
 @dataclass(frozen=True, kw_only=True)
 class SynchronousAverage:
     """One revolution of a shaft, averaged over many.
 
-    ``standard_error`` is that of each angle's mean, from the scatter between revolutions taken as independent; NaN
-    where there was one revolution only. ``ratio`` is revolutions of this shaft to one of the reference,
-    ``start_rev`` the reference revolution at which the first averaged one began: its angle zero.
+    Attributes
+    ----------
+    values : (angle,) array
+        Average, in the unit of the record.
+    standard_error : (angle,) array
+        Standard error of each value, from the scatter between revolutions taken as independent; NaN for a single one.
+    revolutions : int
+        Number of revolutions averaged.
+    ratio : Fraction
+        Revolutions of this shaft per revolution of the reference shaft.
+    start_rev : float
+        Angle of the reference shaft, in revolutions, at the start of the first averaged revolution.
+    passband_orders : float
+        Highest order of this shaft in the passband.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal, synchronous_average
+    >>> angle = 2 * np.pi * np.arange(10 * 64) / 64
+    >>> x = 1 + 2 * np.cos(3 * angle)
+    >>> signal = AngularSignal(values=x, samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
+    >>> np.abs(synchronous_average(signal).complex_amplitude[:4]).round(6).tolist()
+    [1.0, 0.0, 0.0, 2.0]
     """
 
     values: Array = field(metadata={"dims": ("angle",), "units": "as the record"})
@@ -40,12 +66,12 @@ class SynchronousAverage:
 
     @property
     def samples_per_rev(self) -> int:
-        """How many angles there are to a revolution."""
+        """Number of angles per revolution."""
         return int(self.values.size)
 
     @property
     def removed_orders(self) -> tuple[int, ...]:
-        """Orders taken out of it: none."""
+        """Orders removed from it: none."""
         return ()
 
     @property
@@ -64,25 +90,24 @@ def synchronous_average(
     samples_per_rev: int | None = None,
     datum_rev: float | None = None,
 ) -> SynchronousAverage:
-    """Average an angular signal over the revolutions of a shaft (Braun 1975; McFadden 1987).
+    """Return the time synchronous average of a shaft (Braun 1975; McFadden 1987).
 
-    Where a revolution of the shaft is a whole number of samples, those samples are averaged as they are. Else the
-    signal is resampled over the shaft's own angle first, and revolutions too close to the ends of the record for
-    the interpolation are left out: 32 samples on either side.
+    Where a revolution of the shaft is a whole number of samples, they are averaged directly. Else the signal is
+    resampled over the angle of that shaft first, and revolutions within 32 samples of the ends are left out.
 
     Parameters
     ----------
     signal : AngularSignal
-        Over the angle of the reference shaft.
+        Samples over the angle of the reference shaft.
     ratio : Fraction
-        Revolutions of the averaged shaft to one of the reference, exact.
+        Revolutions of the averaged shaft per revolution of the reference shaft, exact.
     revolutions : int, optional
-        How many revolutions of the averaged shaft, from the first on; default all. `quietest_revolutions` advises.
+        Number of revolutions of the averaged shaft, from the first on; default all. See `quietest_revolutions`.
     samples_per_rev : int, optional
-        Angles of the average; default as many as the signal has to a revolution of this shaft, rounded up.
+        Angles of the average; default the samples of the signal per revolution of this shaft, rounded up.
     datum_rev : float, optional
-        A reference revolution at which the shaft's angle is zero; default the first sample. Parts of one
-        record share their angle zero where they share this.
+        Angle of the reference shaft, in revolutions, at which that of the averaged shaft is zero; default the first
+        sample. Give the same to averages of several parts of a record to keep their angles comparable.
 
     Returns
     -------
@@ -92,24 +117,38 @@ def synchronous_average(
     Raises
     ------
     ValueError
-        A ratio that is not exact, or fewer revolutions in the signal than wanted.
+        A ratio that is not exact, or fewer revolutions in the signal than asked for.
+
+    Examples
+    --------
+    The mesh of 21 teeth stays; order 3.5, not a whole order, is nulled by an even number of revolutions:
+
+    >>> import numpy as np
+    >>> from signals import AngularSignal, synchronous_average
+    >>> angle = 2 * np.pi * np.arange(10 * 64) / 64
+    >>> x = np.cos(21 * angle) + np.cos(3.5 * angle)
+    >>> average = synchronous_average(
+    ...     AngularSignal(values=x, samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
+    ... )
+    >>> average.revolutions, bool(np.allclose(average.values, np.cos(21 * angle[:64])))
+    (10, True)
     """
     values = real_vector(signal.values, name="the angular signal")
     ratio = exact_ratio(ratio)
     per_turn = signal.samples_per_rev / ratio
-    wanted = math.ceil(per_turn) if samples_per_rev is None else samples_per_rev
-    per_rev = whole(wanted, name="samples_per_rev", least=2)
+    angles = math.ceil(per_turn) if samples_per_rev is None else samples_per_rev
+    per_rev = whole(angles, name="samples_per_rev", least=2)
     datum = Fraction(0 if datum_rev is None else number(datum_rev, name="datum_rev") - signal.start_rev)
     offset = (datum * signal.samples_per_rev) % per_turn
     direct = per_turn == per_rev and offset.denominator == 1
-    margin = 0 if direct else math.ceil(_REACH * max(1.0, float(per_turn / per_rev)))
+    margin = 0 if direct else math.ceil(_HALF_WIDTH * max(1.0, float(per_turn / per_rev)))
     first = offset + per_turn * max(0, math.ceil((margin - offset) / per_turn))
     available = max(0, math.floor((values.size - margin - first) / per_turn))
     count = _count(revolutions, available, values.size, per_turn)
     if direct:
         turns, passband = values[int(first) : int(first) + count * per_rev].reshape(count, per_rev), math.inf
     else:
-        turns, passband = _over_shaft(values, float(first), float(per_turn), count, per_rev)
+        turns, passband = _resampled_turns(values, float(first), float(per_turn), count, per_rev)
     spread = turns.std(axis=0, ddof=1) if count > 1 else np.full(per_rev, np.nan)
     return SynchronousAverage(
         values=turns.mean(axis=0),
@@ -134,6 +173,7 @@ def exact_ratio(ratio: object) -> Fraction:
 
 
 def _count(revolutions: int | None, available: int, samples: int, per_turn: Fraction) -> int:
+    """Return the number of revolutions to average, or raise where the signal has fewer."""
     needed = 1 if revolutions is None else whole(revolutions, name="revolutions", least=1)
     if available < needed:
         raise ValueError(
@@ -143,8 +183,11 @@ def _count(revolutions: int | None, available: int, samples: int, per_turn: Frac
     return available if revolutions is None else needed
 
 
-def _over_shaft(values: Array, first: float, per_turn: float, count: int, per_rev: int) -> tuple[Array, float]:
-    """Resample over the shaft's own angle: the samples are the clock, the shaft turns at a constant speed in it."""
+def _resampled_turns(values: Array, first: float, per_turn: float, count: int, per_rev: int) -> tuple[Array, float]:
+    """Return `count` revolutions from sample `first` on, (count, per_rev), and the highest order in the passband.
+
+    To the resampler the sample number is the time, in which the shaft has a constant speed.
+    """
     phase = ShaftPhase(
         times_s=np.array([first, first + count * per_turn]), revolutions=np.array([0.0, count]), nominal=True
     )
@@ -153,20 +196,30 @@ def _over_shaft(values: Array, first: float, per_turn: float, count: int, per_re
 
 
 class RunningAverage:
-    """The synchronous average of a record that comes in piece by piece, in constant memory.
+    """Time synchronous average of a record that arrives in blocks, in constant memory.
 
-    Mean and sum of squared deviations are carried on from piece to piece, and from average to average, by the
-    update of Chan, Golub & LeVeque (1983, "Algorithms for computing the sample variance", Am. Stat. 37(3)), which
-    for single revolutions is that of Welford (1962). Where the pieces are cut changes nothing but rounding.
+    Mean and sum of squared deviations are updated after Chan, Golub & LeVeque (1983, "Algorithms for computing the
+    sample variance", Am. Stat. 37(3)), which for single revolutions is the update of Welford (1962). Block sizes change
+    nothing but rounding.
 
     Parameters
     ----------
     samples_per_rev : int
-        Samples to a revolution of the averaged shaft.
+        Samples per revolution of the averaged shaft.
     ratio : Fraction
-        Revolutions of the averaged shaft to one of the reference, for the result.
+        Revolutions of the averaged shaft per revolution of the reference shaft, for the result.
     passband_orders : float
-        Up to which order of the averaged shaft the record passes unchanged, for the result.
+        Highest order of the averaged shaft in the passband of the record, for the result.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import RunningAverage
+    >>> running = RunningAverage(samples_per_rev=4)
+    >>> running.update([1, 2, 3, 4, 3, 2])
+    >>> running.update([1, 0])
+    >>> running.average().values.tolist(), running.revolutions
+    ([2.0, 2.0, 2.0, 2.0], 2)
     """
 
     def __init__(self, *, samples_per_rev: int, ratio: Fraction | int = 1, passband_orders: float = math.inf) -> None:
@@ -180,26 +233,26 @@ class RunningAverage:
 
     @property
     def waiting(self) -> int:
-        """Samples of a revolution that is not complete yet, and counts for nothing until it is."""
+        """Number of samples of a revolution that is not complete yet, and not in the average."""
         return int(self._rest.size)
 
     def update(self, values: ArrayLike) -> None:
-        """Take in the next samples (n,), any number of them, over the angle of the averaged shaft."""
-        piece = np.append(self._rest, real_vector(values, name="the piece", minimum=0))
-        turns, rest = np.split(piece, [piece.size - piece.size % self.samples_per_rev])
+        """Add the next samples (n,) over the angle of the averaged shaft, any number of them."""
+        block = np.append(self._rest, real_vector(values, name="the piece", minimum=0))
+        turns, rest = np.split(block, [block.size - block.size % self.samples_per_rev])
         self._rest = rest
         if turns.size:
             rows = turns.reshape(-1, self.samples_per_rev)
             mean = rows.mean(axis=0)
             self._combine(rows.shape[0], mean, np.sum((rows - mean) ** 2, axis=0))
 
-    def merge(self, other: "RunningAverage") -> None:
-        """Take in all that another average of the same shaft has seen.
+    def merge(self, other: RunningAverage) -> None:
+        """Add the revolutions of another average of the same shaft.
 
         Raises
         ------
         ValueError
-            Averages of unlike grids or shafts, or with part of a revolution waiting.
+            Averages of different grids or shafts, or with an incomplete revolution.
         """
         if (other.samples_per_rev, other.ratio) != (self.samples_per_rev, self.ratio):
             raise ValueError(
@@ -212,10 +265,10 @@ class RunningAverage:
                 "would lose; give both averages whole revolutions."
             )
         self.passband_orders = min(self.passband_orders, other.passband_orders)
-        self._combine(other.revolutions, other._mean, other._squares)  # noqa: SLF001
+        self._combine(other.revolutions, other._mean, other._squares)
 
     def average(self) -> SynchronousAverage:
-        """Return the average so far; more may follow.
+        """Return the average so far; more samples may follow.
 
         Raises
         ------
@@ -238,10 +291,11 @@ class RunningAverage:
         )
 
     def _combine(self, count: int, mean: Array, squares: Array) -> None:
+        """Combine mean and sum of squared deviations with those of `count` more revolutions (Chan et al. 1983)."""
         if not count:
             return
         total = self.revolutions + count
-        apart = mean - self._mean
-        self._mean = self._mean + apart * (count / total)
-        self._squares = self._squares + squares + apart**2 * (self.revolutions * count / total)
+        difference = mean - self._mean
+        self._mean = self._mean + difference * (count / total)
+        self._squares = self._squares + squares + difference**2 * (self.revolutions * count / total)
         self.revolutions = total

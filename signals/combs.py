@@ -1,36 +1,53 @@
-"""The comb that averaging is: what it lets through, which number of revolutions is best, when teeth meet again."""
+"""Comb filter of synchronous averaging: its gain, the best number of revolutions, and the hunting-tooth period."""
+
+from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from numbers import Rational, Real
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from signals._checks import Array, number, whole
 
-_WHOLE = 1e-150  # nearer than this to a whole order the gain is one, and its quotient loses its digits
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import ArrayLike
+
+_WHOLE = 1e-150  # distance from a whole order below which the gain is one; the quotient would underflow
 
 
 def comb_gain(orders: ArrayLike, *, revolutions: int) -> Array:
-    """Return how much of each order an average over N revolutions lets through, from 0 to 1.
+    """Return the gain of an average over N revolutions at each order, from 0 to 1.
 
-    ``|sin(pi N f) / (N sin(pi f))|`` (McFadden 1987), one at whole orders. An order of 32.05 is down by 3.89 dB
-    after 10 revolutions, by 12.58 dB after 16, and gone after 20.
+    ``|sin(pi N f) / (N sin(pi f))|`` (McFadden 1987), one at whole orders.
 
     Parameters
     ----------
-    orders : (m,) array of numbers or of Fractions, or one
-        In orders of the averaged shaft. Fractions are reduced exactly, so their nulls are exactly zero.
+    orders : array of numbers or of Fractions, any shape
+        Orders of the averaged shaft. Fractions are reduced exactly, so that their nulls are exactly zero.
     revolutions : int
         N.
 
     Returns
     -------
-    (m,) array
-        Of the shape of `orders`.
+    array
+        Gains, of the shape of `orders`.
+
+    Examples
+    --------
+    A null at 20 revolutions, since 20 times 32.05 is whole; -3.89 dB at 10:
+
+    >>> import numpy as np
+    >>> from fractions import Fraction
+    >>> from signals import comb_gain
+    >>> float(comb_gain(Fraction(641, 20), revolutions=20))
+    0.0
+    >>> round(float(20 * np.log10(comb_gain(32.05, revolutions=10))), 2)
+    -3.89
     """
     count = whole(revolutions, name="revolutions", least=1)
     given = np.asarray(orders)
@@ -51,6 +68,7 @@ def comb_gain(orders: ArrayLike, *, revolutions: int) -> Array:
 
 
 def _exact(order: object) -> Fraction:
+    """Return an order as a Fraction, that of its binary value where it is a float."""
     if isinstance(order, bool) or not isinstance(order, Real):
         raise ValueError(f"order {order!r} must be a number or a Fraction.")  # noqa: TRY004
     if not isinstance(order, Rational):
@@ -60,10 +78,24 @@ def _exact(order: object) -> Fraction:
 
 @dataclass(frozen=True, kw_only=True)
 class CombAdvice:
-    """A number of revolutions, and the most that it lets through of the orders it was chosen against.
+    """Number of revolutions to average, and the comb filter's largest gain over the interfering orders.
 
-    ``null_every`` is the smallest number of revolutions with an exact null on all of them, and every multiple of it
-    has one too; None where an order is known by a float only.
+    Attributes
+    ----------
+    revolutions : int
+        Number of revolutions.
+    gain : float
+        Largest gain over the interfering orders, 0 to 1.
+    null_every : int or None
+        Smallest number of revolutions with an exact null on all of them, as its multiples have; None where an order is
+        a float.
+
+    Examples
+    --------
+    >>> from fractions import Fraction
+    >>> from signals import quietest_revolutions
+    >>> quietest_revolutions([Fraction(21, 41)], most=100)
+    CombAdvice(revolutions=82, gain=0.0, null_every=41)
     """
 
     revolutions: int
@@ -72,24 +104,37 @@ class CombAdvice:
 
 
 def quietest_revolutions(orders: Iterable[Fraction | float], *, most: int) -> CombAdvice:
-    """Return how many revolutions to average so that least is left of interfering orders.
+    """Return the number of revolutions whose average attenuates interfering orders most.
 
     An order a/b in lowest terms has its nulls at the multiples of b revolutions, all orders together at those of
-    the least common multiple. Where that many are not to be had, or an order is no Fraction, the number is taken
-    whose largest gain is least. Of equals the largest, since noise falls with the number.
+    the least common multiple. Where there are not as many, or an order is a float, the number with the smallest
+    largest gain is returned; of equals the largest, since noise decreases with the number.
 
     Parameters
     ----------
-    orders : Fractions where teeth define them, else floats
-        Interfering orders, counted in revolutions of the averaged shaft. A shaft and all its harmonics are nulled
-        with the shaft, except those harmonics that are whole orders.
+    orders : iterable of Fraction or float
+        Interfering orders of the averaged shaft, Fractions where teeth define them. A null on a shaft is one on its
+        harmonics too, except on those that are whole orders.
     most : int
-        The most revolutions there are.
+        Largest number of revolutions available.
+
+    Returns
+    -------
+    CombAdvice
 
     Raises
     ------
     ValueError
-        No order, or a whole one: it repeats with the shaft, and no number of revolutions removes it.
+        No order, or a whole one, which repeats with the shaft and is not attenuated by any number of revolutions.
+
+    Examples
+    --------
+    The mate of a pair of 21 and 41 teeth turns at order 21/41; its nulls are the multiples of 41 revolutions:
+
+    >>> from fractions import Fraction
+    >>> from signals import quietest_revolutions
+    >>> quietest_revolutions([Fraction(21, 41)], most=100).revolutions
+    82
     """
     limit = whole(most, name="most", least=1)
     given = list(orders)
@@ -118,10 +163,23 @@ def quietest_revolutions(orders: Iterable[Fraction | float], *, most: int) -> Co
 
 @dataclass(frozen=True, kw_only=True)
 class HuntingPeriod:
-    """When two teeth that met meet again: after ``meshes`` tooth engagements, so many revolutions of either gear.
+    """Period after which the same two teeth of a gear pair mesh again.
 
-    ``assembly_phases`` is the greatest common divisor of the teeth: as many ways to assemble the pair differ in
-    which teeth ever meet. One means a hunting pair: every tooth meets every tooth of its mate.
+    Attributes
+    ----------
+    meshes : int
+        Tooth engagements in a period: the least common multiple of the numbers of teeth.
+    revolutions, mate_revolutions : int
+        Revolutions of either gear in a period.
+    assembly_phases : int
+        Number of assembly phases: the greatest common divisor of the numbers of teeth. One is a hunting-tooth pair, of
+        which every tooth meets every tooth of the mate.
+
+    Examples
+    --------
+    >>> from signals import hunting_period
+    >>> hunting_period(20, 30).assembly_phases
+    10
     """
 
     meshes: int
@@ -131,7 +189,23 @@ class HuntingPeriod:
 
 
 def hunting_period(teeth: int, mate_teeth: int) -> HuntingPeriod:
-    """Return the hunting period of a gear pair: least common multiple of the teeth, in meshes and revolutions."""
+    """Return the hunting-tooth period of a gear pair, in meshes and in revolutions of either gear.
+
+    Parameters
+    ----------
+    teeth, mate_teeth : int
+        Numbers of teeth of both gears.
+
+    Returns
+    -------
+    HuntingPeriod
+
+    Examples
+    --------
+    >>> from signals import hunting_period
+    >>> hunting_period(21, 41)
+    HuntingPeriod(meshes=861, revolutions=41, mate_revolutions=21, assembly_phases=1)
+    """
     first = whole(teeth, name="teeth", least=1)
     second = whole(mate_teeth, name="mate_teeth", least=1)
     meshes = math.lcm(first, second)

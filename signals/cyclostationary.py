@@ -1,4 +1,4 @@
-"""Fast spectral correlation: power that comes and goes at a cyclic frequency, over spectral frequency.
+"""Fast spectral correlation and the envelope spectra derived from it.
 
 References
 ----------
@@ -8,26 +8,50 @@ References
    the sum over scanned lines is taken before the transform over frames.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from signals._checks import Array, Samples, positive, real_vector, whole
 from signals._windows import Window, window_of
 from signals.spectra import without_mean
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
 _FEWEST_FRAMES = 16
-_HANN_REACH = 3  # bins beyond which the squared window's transform is nothing
+_HANN_REACH = 3  # bins beyond which the transform of the squared window is negligible
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpectralCorrelation:
-    """Spectral correlation ``S(alpha, f)``, the two-sided density of the power that lines f and f - alpha share.
+    """Spectral correlation ``S(alpha, f)``: two-sided cross-density of the components at f and f - alpha.
 
-    ``S(0, f)`` is the power density; ``abs(coherence)`` is free of its colour. Cyclic frequencies stand
-    ``cyclic_bin_hz`` apart, one over the record; spectral ones blur over ``resolution_hz``, the window's -3 dB width.
+    Attributes
+    ----------
+    cyclic_hz, frequency_hz : (cyclic,) and (line,) arrays
+        Cyclic frequencies alpha and spectral frequencies f in Hz.
+    correlation : (line, cyclic) complex array
+        ``S(alpha, f)``, in units squared per Hz; ``S(0, f)`` is the power density.
+    cyclic_bin_hz : float
+        Step of the cyclic frequencies in Hz, one over the length of the record.
+    resolution_hz : float
+        Full -3 dB width of the window in Hz, the resolution in f.
+    frames, hop, window_length : int
+        Number of frames, samples between them, and samples of the window.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import spectral_correlation
+    >>> x = np.random.default_rng(1).standard_normal(20_000)
+    >>> result = spectral_correlation(x, rate_hz=1000, max_cyclic_hz=50)
+    >>> result.correlation.shape == (result.frequency_hz.size, result.cyclic_hz.size)
+    True
     """
 
     cyclic_hz: Array = field(metadata={"dims": ("cyclic",), "units": "Hz"})
@@ -43,19 +67,19 @@ class SpectralCorrelation:
 
     @property
     def power_density(self) -> Array:
-        """Two-sided power density, (line,), units squared per Hz."""
+        """Two-sided power density, (line,), in units squared per Hz."""
         return np.asarray(self.correlation[:, 0].real)
 
     def coherence(self) -> NDArray[np.complex128]:
         """Return ``S(alpha, f) / sqrt(S(0, f) S(0, f - alpha))``, (line, cyclic); 0 where there is no power.
 
-        Power between the lines is interpolated, and mirrored at zero frequency. What steady noise leaves has a root
-        mean square of about 0.65 times the root of ``window_length / (frames * hop)`` (measured).
+        The power density is interpolated linearly between lines and even in frequency. For stationary noise the RMS of
+        the coherence is about ``0.65 sqrt(window_length / (frames * hop))`` (measured).
         """
         power = self.power_density
-        place = np.abs(self.frequency_hz[:, None] - self.cyclic_hz) / (self.frequency_hz[1] - self.frequency_hz[0])
-        cell = np.minimum(place.astype(np.intp), power.size - 2)
-        shifted = power[cell] + (place - cell) * (power[cell + 1] - power[cell])
+        position = np.abs(self.frequency_hz[:, None] - self.cyclic_hz) / (self.frequency_hz[1] - self.frequency_hz[0])
+        cell = np.minimum(position.astype(np.intp), power.size - 2)
+        shifted = power[cell] + (position - cell) * (power[cell + 1] - power[cell])
         common = np.sqrt(np.maximum(power[:, None] * shifted, 0))
         return np.asarray(np.divide(self.correlation, common, out=np.zeros_like(self.correlation), where=common > 0))
 
@@ -68,23 +92,24 @@ def spectral_correlation(
     Parameters
     ----------
     x : (n,) array
-        Its mean is removed.
+        Samples, any unit; their mean is removed.
     rate_hz : float
+        Sampling rate in Hz.
     max_cyclic_hz : float
-        The largest cyclic frequency, say ten times a defect rate: the hop between frames is
-        less than half the rate over it.
+        Largest cyclic frequency in Hz, say ten times a defect frequency. The hop between frames is inversely
+        proportional to it.
     window_length : int
-        Samples of the Hann window, even. Spectral lines stand `rate_hz` over it apart, and memory grows with it.
+        Samples of the Hann window, even. The step of the spectral frequencies is ``rate_hz / window_length``.
 
     Returns
     -------
     SpectralCorrelation
-        From as many frames as transform fast: less than one in a hundred is left out of a long record.
+        The number of frames is rounded down to one whose Fourier transform is fast, by less than 1 % in long records.
 
     Raises
     ------
     ValueError
-        A record of fewer than 16 frames; a cyclic frequency above an eighth of the rate.
+        A record of fewer than 16 frames; a cyclic frequency above an eighth of the sampling rate.
 
     Notes
     -----
@@ -94,6 +119,18 @@ def spectral_correlation(
 
     with R_w the Fourier transform of the squared window and P lines reaching max_cyclic_hz ([1]_, the sum moved
     inside by [2]_).
+
+    Examples
+    --------
+    Noise whose amplitude is modulated at 20 Hz; its squared envelope has components at 20 and 40 Hz:
+
+    >>> import numpy as np
+    >>> from signals import enhanced_envelope_spectrum, spectral_correlation
+    >>> t = np.arange(40_000) / 2000
+    >>> x = (1 + np.cos(2 * np.pi * 20 * t)) * np.random.default_rng(1).standard_normal(t.size)
+    >>> spectrum = enhanced_envelope_spectrum(spectral_correlation(x, rate_hz=2000, max_cyclic_hz=100))
+    >>> float(round(spectrum.cyclic_hz[5 + np.argmax(spectrum.value[5:])], 1))
+    20.0
     """
     signal = real_vector(x, name="the signal", minimum=4)
     rate = positive(rate_hz, name="rate_hz")
@@ -105,7 +142,7 @@ def spectral_correlation(
         raise ValueError(f"max_cyclic_hz={most:g} must be at most {rate / 8:g} Hz, an eighth of the sampling rate.")
     shape = window_of("hann", length)
     scanned = int(np.ceil(most * length / rate))
-    # alias-free: cyclic frequencies repeat after rate / hop, and the lines scanned reach three beyond the last
+    # no aliasing: cyclic frequencies are periodic in rate / hop, and the scanned lines extend three beyond the last
     hop = max(1, min(int(rate / (2 * most + 2 * _HANN_REACH * rate / length)), length // 4))
     frames = fft.prev_fast_len((signal.size - length) // hop + 1)
     if frames < _FEWEST_FRAMES:
@@ -119,8 +156,8 @@ def spectral_correlation(
     lines = np.empty((products.shape[0], kept), dtype=np.complex128)
     for k, row in enumerate(products):
         lines[k] = fft.fft(row)[:kept]
-    turn = np.exp(-2j * np.pi * np.mod(cyclic * (length / 2 / rate), 1.0))  # time counts from the first sample
-    lines *= turn / (frames * rate * _window_sum(shape, scanned, samples=frames * hop, kept=kept))
+    shift = np.exp(-2j * np.pi * np.mod(cyclic * (length / 2 / rate), 1.0))  # phases refer to the first sample
+    lines *= shift / (frames * rate * _window_sum(shape, scanned, samples=frames * hop, kept=kept))
     return SpectralCorrelation(
         cyclic_hz=cyclic,
         frequency_hz=np.arange(length // 2 + 1, dtype=np.float64) * (rate / length),
@@ -134,38 +171,59 @@ def spectral_correlation(
 
 
 def _products(signal: Samples, shape: Window, hop: int, frames: int, scanned: int) -> NDArray[np.complex128]:
-    """Return ``X(i, k) sum_p X(i, k - p)*`` as (lines, frames), the phases of X those at its window's middle."""
+    """Return ``X(i, k) sum_p X(i, k - p)*`` as (lines, frames), phases of X referring to the window's middle."""
     length = shape.weights.size
     half = length // 2
     segments = np.lib.stride_tricks.sliding_window_view(signal, length)[::hop][:frames]
     out = np.empty((half + 1, frames), dtype=np.complex128)
-    some = max(1, 2**17 // length)
+    count = max(1, 2**17 // length)
     sign = 1.0 - 2.0 * (np.arange(half + 1) % 2)
-    for first in range(0, frames, some):
-        lines = fft.rfft(segments[first : first + some] * shape.weights, axis=1) * sign
-        # lines below zero are the conjugates of those above
+    for first in range(0, frames, count):
+        lines = fft.rfft(segments[first : first + count] * shape.weights, axis=1) * sign
+        # lines at negative frequencies are the conjugates of those at positive ones
         mirrored = np.concatenate([lines[:, scanned + 1 : 0 : -1].conj(), lines], axis=1)
         total = np.cumsum(mirrored, axis=1)
         below = total[:, scanned + 1 :] - total[:, : half + 1]
-        out[:, first : first + some] = (lines * below.conj()).T
+        out[:, first : first + count] = (lines * below.conj()).T
     return out
 
 
 def _window_sum(shape: Window, scanned: int, *, samples: int, kept: int) -> Array:
-    """Return ``sum_p R_w(alpha - p / N)`` at the multiples of one over `samples`: the transform of w^2 times a sum."""
+    """Return ``sum_p R_w(alpha - p / N)`` at multiples of 1 / `samples`.
+
+    It is the transform of ``w^2 sum_p exp(j 2 pi p n / N)``.
+    """
     length = shape.weights.size
-    place = np.arange(length) - length // 2
-    scan = np.exp(2j * np.pi / length * np.outer(np.arange(scanned + 1), place)).sum(axis=0)
+    offset = np.arange(length) - length // 2
+    scan = np.exp(2j * np.pi / length * np.outer(np.arange(scanned + 1), offset)).sum(axis=0)
     weights = np.zeros(samples, dtype=np.complex128)
-    weights[place] = shape.weights**2 * scan  # the middle at zero, what lies before it wrapped round
+    weights[offset] = shape.weights**2 * scan  # the middle at index zero, the first half wrapped to the end
     return np.asarray(fft.fft(weights, overwrite_x=True)[:kept].real, dtype=np.float64)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CyclicSpectrum:
-    """Mean magnitude of the cyclic coherence over a band, against cyclic frequency, from 0 to about 1.
+    """Mean magnitude of the cyclic coherence over a band, against cyclic frequency.
 
-    ``floor`` is the median over the cyclic frequencies: what noise leaves, were there no lines.
+    Attributes
+    ----------
+    cyclic_hz, value : (cyclic,) arrays
+        Cyclic frequencies in Hz, and the mean magnitude, from 0 to about 1.
+    floor : float
+        Median of `value`, the level of noise.
+    band_hz : (low, high)
+        Band of spectral frequencies in Hz.
+    cyclic_bin_hz : float
+        Step of the cyclic frequencies in Hz.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import enhanced_envelope_spectrum, spectral_correlation
+    >>> x = np.random.default_rng(1).standard_normal(20_000)
+    >>> spectrum = enhanced_envelope_spectrum(spectral_correlation(x, rate_hz=1000, max_cyclic_hz=50))
+    >>> spectrum.band_hz, bool(0 < spectrum.floor < 0.2)
+    ((0.0, 500.0), True)
     """
 
     cyclic_hz: Array = field(metadata={"dims": ("cyclic",), "units": "Hz"})
@@ -176,18 +234,56 @@ class CyclicSpectrum:
 
 
 def enhanced_envelope_spectrum(correlation: SpectralCorrelation) -> CyclicSpectrum:
-    """Return ``mean over f of abs(coherence(alpha, f))`` over all spectral frequencies [1]_."""
-    return improved_envelope_spectrum(correlation, band_hz=(0.0, float(correlation.frequency_hz[-1])))
-
-
-def improved_envelope_spectrum(correlation: SpectralCorrelation, *, band_hz: tuple[float, float]) -> CyclicSpectrum:
-    """Return the mean of ``abs(coherence(alpha, f))`` over a band of spectral frequency.
+    """Return the enhanced envelope spectrum: the mean of ``abs(coherence(alpha, f))`` over all f [1]_.
 
     Parameters
     ----------
     correlation : SpectralCorrelation
+        From `spectral_correlation`.
+
+    Returns
+    -------
+    CyclicSpectrum
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import enhanced_envelope_spectrum, spectral_correlation
+    >>> x = np.random.default_rng(1).standard_normal(20_000)
+    >>> spectrum = enhanced_envelope_spectrum(spectral_correlation(x, rate_hz=1000, max_cyclic_hz=50))
+    >>> round(float(spectrum.value[0]), 3)
+    1.0
+    """
+    return improved_envelope_spectrum(correlation, band_hz=(0.0, float(correlation.frequency_hz[-1])))
+
+
+def improved_envelope_spectrum(correlation: SpectralCorrelation, *, band_hz: tuple[float, float]) -> CyclicSpectrum:
+    """Return the improved envelope spectrum: the mean of ``abs(coherence(alpha, f))`` over a band of f.
+
+    Parameters
+    ----------
+    correlation : SpectralCorrelation
+        From `spectral_correlation`.
     band_hz : (low, high)
-        Where the fault's resonance lies, say from `signals.choose_band`; lines on the edges belong to it.
+        Band in Hz of the resonance that the fault excites, say from `choose_band`; lines on its edges are included.
+
+    Returns
+    -------
+    CyclicSpectrum
+
+    Raises
+    ------
+    ValueError
+        A band without a spectral line.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import improved_envelope_spectrum, spectral_correlation
+    >>> x = np.random.default_rng(1).standard_normal(20_000)
+    >>> correlation = spectral_correlation(x, rate_hz=1000, max_cyclic_hz=50)
+    >>> round(float(improved_envelope_spectrum(correlation, band_hz=(100, 300)).value[0]), 3)
+    1.0
     """
     low, high = band_hz
     frequency = correlation.frequency_hz

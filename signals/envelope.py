@@ -1,16 +1,23 @@
-"""Envelope of a frequency band, of a whole record or of one that streams by, and its spectrum."""
+"""Envelope of a frequency band, of a whole record or of a stream, and its spectrum."""
 
-from collections.abc import Iterable, Iterator
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from signals._checks import Array, Samples, positive, real_samples, real_vector
 from signals._plans import forget_plans
-from signals.phase import ShaftPhase
 from signals.resampling import angular_resample
 from signals.spectra import AmplitudeSpectrum, amplitude_spectrum, order_spectrum, without_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from signals.phase import ShaftPhase
 
 _ATTENUATION_DB = 80.0
 _FEWEST_BLOCK = 2**14  # samples transformed at a time
@@ -19,16 +26,31 @@ _FEWEST_BLOCK = 2**14  # samples transformed at a time
 def envelope(x: ArrayLike, *, rate_hz: float, band_hz: tuple[float, float]) -> Samples:
     """Return the magnitude of the analytic signal of one band, (n,), in the unit of `x`.
 
-    The mean is removed, the band is cut out with sharp edges in the Fourier transform of the whole record; the
-    record's ends are taken to meet. `stream_envelope` needs memory for its filter alone. Of float32 samples in single
-    precision: the error is below 1e-6 of the record's RMS, of which a sample's own rounding is about a tenth.
+    The mean is removed and the band is cut out with sharp edges in the Fourier transform of the whole record, which is
+    taken as periodic. `stream_envelope` needs memory for its filter only. float32 samples are processed in single
+    precision, with an error below 1e-6 of the record's RMS.
 
     Parameters
     ----------
     x : (n,) array
+        Samples, any unit.
     rate_hz : float
+        Sampling rate in Hz.
     band_hz : (low, high)
-        Band edges, ``0 <= low < high <= rate_hz / 2``.
+        Band edges in Hz, ``0 <= low < high <= rate_hz / 2``.
+
+    Returns
+    -------
+    (n,) array
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.envelope import envelope
+    >>> t = np.arange(1000) / 1000
+    >>> x = (1 + 0.5 * np.cos(2 * np.pi * 5 * t)) * np.cos(2 * np.pi * 100 * t)
+    >>> bool(np.allclose(envelope(x, rate_hz=1000, band_hz=(80, 120)), 1 + 0.5 * np.cos(2 * np.pi * 5 * t)))
+    True
     """
     signal = real_samples(x, name="the signal", minimum=4)
     rate = positive(rate_hz, name="rate_hz")
@@ -38,7 +60,7 @@ def envelope(x: ArrayLike, *, rate_hz: float, band_hz: tuple[float, float]) -> S
     first, stop = begin[0] + np.sum(begin * rate / signal.size < low), end[0] + np.sum(end * rate / signal.size <= high)
     lines[:first], lines[stop:] = 0, 0
     real = np.asarray(fft.irfft(lines, signal.size))
-    lines *= -1j  # the imaginary part of the analytic signal: every line turned back by a quarter
+    lines *= -1j  # the Hilbert transform
     imaginary = np.asarray(fft.irfft(lines, signal.size, overwrite_x=True))
     forget_plans(signal.size)
     return np.asarray(np.hypot(real, imaginary, out=real))
@@ -51,65 +73,79 @@ def stream_envelope(
     band_hz: tuple[float, float],
     transition_hz: float | None = None,
 ) -> Iterator[Array]:
-    """Yield the envelope of a record that comes in blocks, as many samples as went in, in the unit of the record.
+    """Yield the envelope of a record that arrives in blocks, in constant memory, as many samples as the record has.
 
-    A linear-phase filter of fixed length cuts the band, its delay taken out: memory does not grow with the record. The
-    band passes within 1e-4 of 1 and its surroundings, one transition beyond either edge, within 1e-4 of 0 (80 dB), an
-    offset to rounding. Before its first and after its last sample the record is taken as its first block's mean: for
-    half the filter, about ``2.5 / transition_hz`` seconds, the ends are not settled.
+    The filter is of linear phase, its delay removed. Its gain is within 1e-4 of 1 in the band and within 1e-4 of 0
+    (80 dB) from one transition width beyond either edge; it removes an offset to rounding. Beyond its ends the record
+    is continued by the mean of its first block, so that about ``2.5 / transition_hz`` seconds at either end are a
+    transient.
 
     Parameters
     ----------
     blocks : iterable of (n,) arrays
-        Any lengths, in order; nothing is kept of them but the filter's length.
+        Consecutive parts of the record, of any lengths, any unit.
     rate_hz : float
+        Sampling rate in Hz.
     band_hz : (low, high)
-        Edges of the band that passes whole, ``0 < low < high < rate_hz / 2``.
+        Edges of the passband in Hz, ``0 < low < high < rate_hz / 2``.
     transition_hz : float, optional
-        From pass to stop, outside the band; at most `low`, and what remains up to half the rate. Default a quarter of
-        the band's width, or that most.
+        Width in Hz of the transition outside either edge; at most the distance of the band to 0 and to half the rate.
+        Default a quarter of the band's width, or that distance where it is less.
+
+    Yields
+    ------
+    (m,) array
 
     Raises
     ------
     ValueError
-        At the first block that holds a value that is not finite; or a band without room for its transitions.
+        At the first block with a value that is not finite; or a band too close to 0 or to half the rate.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import stream_envelope
+    >>> x = 2 * np.cos(2 * np.pi * 100 * np.arange(4000) / 1000)
+    >>> parts = list(stream_envelope(np.split(x, 4), rate_hz=1000, band_hz=(80, 120)))
+    >>> round(float(np.concatenate(parts)[2000]), 3)
+    2.0
     """
     rate = positive(rate_hz, name="rate_hz")
     low, high = _band(band_hz, rate)
-    room = min(low, rate / 2 - high)
-    width = min((high - low) / 4, room) if transition_hz is None else positive(transition_hz, name="transition_hz")
-    if width <= 0 or width > room * (1 + 1e-12):
+    margin = min(low, rate / 2 - high)
+    width = min((high - low) / 4, margin) if transition_hz is None else positive(transition_hz, name="transition_hz")
+    if width <= 0 or width > margin * (1 + 1e-12):
         raise ValueError(
-            f"transition_hz={width:g} of the band ({low:g}, {high:g}) Hz must be above zero and at most {room:g}, the "
-            f"least distance of the band to 0 and {rate / 2:g} Hz; narrow either, or take `envelope` of the whole "
+            f"transition_hz={width:g} of the band ({low:g}, {high:g}) Hz must be above zero and at most {margin:g}, "
+            f"the least distance of the band to 0 and {rate / 2:g} Hz; narrow either, or take `envelope` of the whole "
             "record."
         )
     return _filtered(blocks, _analytic_taps(low / rate, high / rate, width / rate))
 
 
 def _analytic_taps(low: float, high: float, width: float) -> NDArray[np.complex128]:
-    """Kaiser-windowed filter that passes `low` to `high` (cycles a sample) at gain 2 and no negative frequency."""
-    beta = 0.1102 * (_ATTENUATION_DB - 8.7)  # Kaiser's formulas, for the taps as well
+    """Return a Kaiser-windowed complex band-pass of gain 2 from `low` to `high` (cycles per sample), (taps,)."""
+    beta = 0.1102 * (_ATTENUATION_DB - 8.7)  # Kaiser's design formulas, here and for the number of taps
     half = int(np.ceil((_ATTENUATION_DB - 7.95) / (2.285 * 2 * np.pi * width) / 2))
     place = np.arange(-half, half + 1)
     weights = np.kaiser(place.size, beta)
     wide, middle = high - low + width, (high + low) / 2
     taps = wide * np.sinc(wide * place) * weights * np.exp(2j * np.pi * middle * place)
-    taps -= taps.sum() / weights.sum() * weights  # exactly nothing of an offset; changes others by what is taken
+    taps -= taps.sum() / weights.sum() * weights  # gain exactly zero at zero frequency
     return np.asarray(2 * taps, dtype=np.complex128)
 
 
 def _filtered(blocks: Iterable[ArrayLike], taps: NDArray[np.complex128]) -> Iterator[Array]:
-    """Overlap-save: yield ``|taps * x|`` in step with what came, the delay of half the taps taken out."""
-    reach = taps.size - 1
+    """Yield ``|taps * x|`` by overlap-save, without the delay of half the taps."""
+    order = taps.size - 1
     size = fft.next_fast_len(max(8 * taps.size, _FEWEST_BLOCK))
-    step = size - reach
+    step = size - order
     response = fft.fft(taps, size)
-    held = np.zeros(reach // 2)
+    buffer = np.zeros(order // 2)
     offset, seen = None, 0
 
     def convolve(values: Array) -> Array:
-        return np.abs(fft.ifft(fft.fft(values, size) * response)[reach : values.size])
+        return np.abs(fft.ifft(fft.fft(values, size) * response)[order : values.size])
 
     for block in blocks:
         signal = real_vector(block, name="a block", minimum=0)
@@ -117,18 +153,19 @@ def _filtered(blocks: Iterable[ArrayLike], taps: NDArray[np.complex128]) -> Iter
             continue
         offset = signal.mean() if offset is None else offset
         seen += signal.size
-        held = np.concatenate([held, signal - offset])
-        while held.size >= size:
-            yield convolve(held[:size])
-            held = held[step:]
+        buffer = np.concatenate([buffer, signal - offset])
+        while buffer.size >= size:
+            yield convolve(buffer[:size])
+            buffer = buffer[step:]
     if offset is None:
         raise ValueError("the record has no samples; give at least one block that holds some.")
-    held = np.concatenate([held, np.zeros(reach // 2)])
-    for first in range(0, held.size - reach, step):
-        yield convolve(held[first : first + size])
+    buffer = np.concatenate([buffer, np.zeros(order // 2)])
+    for first in range(0, buffer.size - order, step):
+        yield convolve(buffer[first : first + size])
 
 
 def _band(band_hz: tuple[float, float], rate: float) -> tuple[float, float]:
+    """Return the checked edges of a band in Hz."""
     low, high = (float(edge) for edge in band_hz)
     if not 0 <= low < high <= rate / 2:
         raise ValueError(
@@ -138,13 +175,15 @@ def _band(band_hz: tuple[float, float], rate: float) -> tuple[float, float]:
 
 
 def _modulation(magnitude: Samples, *, squared: bool, relative: bool) -> Samples:
-    """Return what of an envelope is transformed."""
+    """Return the envelope or its square, over its mean where `relative`."""
     values = magnitude**2 if squared else magnitude
     if not relative:
         return values
     mean = values.mean()
     if mean == 0:
-        raise ValueError("the band holds nothing, so nothing is relative to its envelope; choose another band.")
+        raise ValueError(
+            "the envelope of the band is zero, and nothing can be relative to its mean; choose another band."
+        )
     return np.asarray(values / mean)
 
 
@@ -157,18 +196,40 @@ def envelope_spectrum(
     relative: bool = False,
     maximum_hz: float | None = None,
 ) -> AmplitudeSpectrum:
-    """Return the spectrum over frequency of a band's squared envelope, or of the envelope.
-
-    Peak amplitudes of the modulation, in the unit of `x` squared (`squared`) or as it is; `relative`: over the mean of
-    what is transformed. Noise or a tone modulated as ``1 + m cos`` reads ``2 m / (1 + m^2 / 2)`` in the relative
-    squared spectrum; a tone reads m in the relative plain one.
+    """Return the amplitude spectrum over frequency of a band's envelope or squared envelope.
 
     Parameters
     ----------
-    x, rate_hz, band_hz : as in `envelope`
-    squared, relative : bool
+    x : (n,) array
+        Samples, any unit.
+    rate_hz : float
+        Sampling rate in Hz.
+    band_hz : (low, high)
+        Band edges in Hz, ``0 <= low < high <= rate_hz / 2``.
+    squared : bool
+        Whether the envelope is squared; amplitudes are then in the unit of `x` squared.
+    relative : bool
+        Whether the envelope, or its square, is divided by its mean.
     maximum_hz : float, optional
-        Where the axis ends; the envelope of a band has nothing beyond the band's width.
+        End of the axis; the squared envelope has no components beyond the band's width.
+
+    Returns
+    -------
+    AmplitudeSpectrum
+        Peak amplitudes of the modulation. A carrier modulated by ``1 + m cos`` gives m in the relative spectrum of the
+        envelope, and ``2 m / (1 + m^2 / 2)`` in that of the squared envelope.
+
+    Examples
+    --------
+    A tone of 100 Hz, modulated at 5 Hz by m = 0.5:
+
+    >>> import numpy as np
+    >>> from signals import envelope_spectrum
+    >>> t = np.arange(1000) / 1000
+    >>> x = (1 + 0.5 * np.cos(2 * np.pi * 5 * t)) * np.cos(2 * np.pi * 100 * t)
+    >>> spectrum = envelope_spectrum(x, rate_hz=1000, band_hz=(80, 120), squared=False, relative=True)
+    >>> round(float(np.interp(5, spectrum.axis, spectrum.amplitude)), 6)
+    0.5
     """
     magnitude = envelope(x, rate_hz=rate_hz, band_hz=band_hz)
     values = _modulation(magnitude, squared=squared, relative=relative)
@@ -187,11 +248,37 @@ def envelope_order_spectrum(
     squared: bool = False,
     relative: bool = False,
 ) -> AmplitudeSpectrum:
-    """Demodulate a band in time, resample its envelope over angle, and return the spectrum over orders.
+    """Return the amplitude spectrum over orders of a band's envelope, demodulated in time and resampled over angle.
 
-    A resonance stays at its frequency while the shaft's speed changes, so the band is cut in time; the
-    defect repeats with the shaft, so its line is sharp in orders. Parameters as in `envelope` and
-    `signals.angular_resample`, scaling as in `envelope_spectrum`.
+    A resonance stays at its frequency while the speed of the shaft changes, so the band is filtered in time; the
+    defect repeats with the shaft, so its line is sharp in orders.
+
+    Parameters
+    ----------
+    x, rate_hz, band_hz, squared, relative
+        As in `envelope_spectrum`.
+    phase, samples_per_rev, start_s
+        As in `angular_resample`.
+    max_order : float, optional
+        End of the axis; default, and at most, the passband of the resampled envelope.
+
+    Returns
+    -------
+    AmplitudeSpectrum
+
+    Examples
+    --------
+    A tone of 300 Hz, modulated once a revolution of an accelerating shaft by m = 0.5:
+
+    >>> import numpy as np
+    >>> from signals import ShaftPhase, envelope_order_spectrum
+    >>> t = np.arange(4000) / 1000
+    >>> rev = 5 * t + t**2
+    >>> x = (1 + 0.5 * np.cos(2 * np.pi * rev)) * np.cos(2 * np.pi * 300 * t)
+    >>> phase = ShaftPhase(times_s=t[::100], revolutions=rev[::100])
+    >>> spectrum = envelope_order_spectrum(x, rate_hz=1000, band_hz=(250, 350), phase=phase, samples_per_rev=32)
+    >>> round(float(np.interp(1, spectrum.axis, spectrum.amplitude)), 2)
+    0.5
     """
     magnitude = envelope(x, rate_hz=rate_hz, band_hz=band_hz)
     over_angle = angular_resample(

@@ -1,7 +1,7 @@
-"""Spectral kurtosis, and the fast kurtogram: in which band a record is impulsive.
+"""Spectral kurtosis and the fast kurtogram, which find the frequency bands in which a record is impulsive.
 
-The kurtosis of a band's complex envelope c is ``<|c|^4> / <|c|^2>^2 - 2``: zero for steady Gaussian noise, above it
-for impulses, -1 for a pure tone (-s^2 where a tone holds the share s of the band's power in noise).
+The kurtosis of a band's complex envelope c is ``<|c|^4> / <|c|^2>^2 - 2``: zero for stationary Gaussian noise, positive
+for impulses, -1 for a pure tone (-s^2 for a tone with the fraction s of the band's power, the rest being noise).
 
 References
 ----------
@@ -11,9 +11,11 @@ References
 .. [3] Antoni, "The infogram: entropic evidence of the signature of repetitive transients", MSSP 74 (2016).
 """
 
-from collections.abc import Iterator
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,28 +26,51 @@ from signals._plans import forget_plans
 from signals._windows import window_of
 from signals.spectra import hop_of, transformed, without_mean
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
 Single = NDArray[np.float32]
 
 LEVELS = 7
-FEWEST_SAMPLES = 320  # of the narrowest band: its filter takes 48 of them
+FEWEST_SAMPLES = 320  # of the narrowest band, whose filter has 48 taps
 PARTS = 16  # of the record
-LEFT_OUT = 2  # loudest parts, without which the steady kurtosis is taken: a spike on a seam lies in two
+LEFT_OUT = 2  # parts of largest fourth moment left out of the steady kurtosis: a spike may lie on the border of two
 NOISE_NEGENTROPY = 1 - np.euler_gamma  # of exponentially distributed powers, as noise has them
-NEGENTROPY_SCATTER = 0.53  # measured: standard deviation times sqrt(lines), for such powers
+NEGENTROPY_SCATTER = 0.53  # standard deviation times sqrt(lines) for such powers (measured)
 _TAPS = {2: 48, 3: 72}
-_CUTOFF = 0.3  # over the number of bands: 6 dB down 1.2 half widths off the middle
+_CUTOFF = 0.3  # times one over the number of bands: -6 dB at 1.2 half widths from the centre
 _KAISER_BETA = 8.0
-_LEAK = 1e-7  # of the record's power: below, a band holds what the filters let through from others
-_LOWEST_LINE = 4  # slower changes than four in a record are drift
-_SMOOTHED = 32  # stretches of the squared envelope's spectrum whose mean is its background
+_LEAKAGE = 1e-7  # of the record's power; a band with less holds only the leakage of others
+_LOWEST_LINE = 4  # fewer cycles than four in a record are drift
+_SECTIONS = 32  # of the squared envelope's spectrum, each normalised by its mean
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpectralKurtosis:
     """Kurtosis of each line of a short-time Fourier transform, unbiased for Gaussian noise.
 
-    ``noise_std`` is the standard deviation that steady Gaussian noise gives each line; ``effective_frames`` how many
-    independent frames the overlapping ones are worth for it.
+    Attributes
+    ----------
+    frequency_hz, kurtosis : (line,) arrays
+        Frequencies in Hz, and the kurtosis of the complex amplitude at each.
+    frames : int
+        Number of frames.
+    effective_frames : float
+        Number of independent frames of the same variance.
+    noise_std : float
+        Standard deviation of the kurtosis of each line for stationary Gaussian noise.
+    bin_width_hz, resolution_hz : float
+        Step of the frequencies, and full -3 dB width of the window, in Hz.
+    window : str
+        Name of the window in `scipy.signal`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import spectral_kurtosis
+    >>> result = spectral_kurtosis(np.random.default_rng(1).standard_normal(20_000), rate_hz=1000, window_length=64)
+    >>> bool(np.abs(result.kurtosis).max() < 5 * result.noise_std)
+    True
     """
 
     frequency_hz: Array = field(metadata={"dims": ("line",), "units": "Hz"})
@@ -61,26 +86,49 @@ class SpectralKurtosis:
 def spectral_kurtosis(
     x: ArrayLike, *, rate_hz: float, window_length: int, window: str = "hann", overlap: float = 0.75
 ) -> SpectralKurtosis:
-    """Return the spectral kurtosis by the short-time Fourier transform [1]_.
+    """Return the spectral kurtosis from the short-time Fourier transform [1]_.
 
-    The first two lines and the last two are left out: near 0 and half the rate a window sees positive and negative
-    frequencies at once, and noise there is not circular.
+    The first two lines and the last two are left out: the window mixes positive and negative frequencies near 0 and
+    near half the sampling rate, where noise is therefore not circular.
 
     Parameters
     ----------
     x : (n,) array
+        Samples, any unit; their mean is removed.
     rate_hz : float
+        Sampling rate in Hz.
     window_length : int
-        Samples: longer than an impulse's ringing, shorter than the time between impulses.
+        Samples per frame: longer than the decay of an impulse response, shorter than the time between impulses.
     window : str
         A window of `scipy.signal`.
     overlap : float
-        Part of a window that the next one shares, from 0 to below 1.
+        Fraction of a frame that the next one shares, from 0 to below 1.
+
+    Returns
+    -------
+    SpectralKurtosis
+
+    Raises
+    ------
+    ValueError
+        Too few frames, or a constant signal.
 
     Notes
     -----
     From M frames, ``(M + 1) / (M - 1) (M sum(p^2) / sum(p)^2 - 1) - 1`` with p the power has mean zero for noise in
     independent frames (Nita & Gary 2010); M is the effective number where frames overlap.
+
+    Examples
+    --------
+    A tone has a kurtosis of -1:
+
+    >>> import numpy as np
+    >>> from signals import spectral_kurtosis
+    >>> t = np.arange(20_000) / 1000
+    >>> x = np.sin(2 * np.pi * 250 * t) + 1e-3 * np.random.default_rng(1).standard_normal(t.size)
+    >>> result = spectral_kurtosis(x, rate_hz=1000, window_length=64)
+    >>> round(float(result.kurtosis[result.frequency_hz == 250][0]), 1)
+    -1.0
     """
     signal = _vibration(x, minimum=16)
     rate = positive(rate_hz, name="rate_hz")
@@ -93,9 +141,9 @@ def spectral_kurtosis(
         seconds += power.sum(axis=0)
         fourths += np.sum(power**2, axis=0)
         count += len(lines)
-    alike = shape.overlap_correlation(hop)[: count - 1]
-    # the part of p^2 that decides is the second Laguerre polynomial of p: frames correlate in it as amplitudes^4
-    effective = count / (1 + 2 * np.sum((1 - np.arange(1, alike.size + 1) / count) * alike**4))
+    rho = shape.overlap_correlation(hop)[: count - 1]
+    # to first order the estimate is linear in the second Laguerre polynomial of p, whose correlation is rho^4
+    effective = count / (1 + 2 * np.sum((1 - np.arange(1, rho.size + 1) / count) * rho**4))
     if effective < 2:  # noqa: PLR2004
         raise ValueError(
             f"{count} windows of {length} samples are too few for a kurtosis; shorten the window, or record longer."
@@ -115,13 +163,34 @@ def spectral_kurtosis(
 
 @dataclass(frozen=True, kw_only=True)
 class Kurtogram:
-    """Kurtosis of the bands of a tree: halves (whole levels) and thirds of halves (levels .58 higher).
+    """Kurtosis of the bands of a filter tree: halves (whole levels) and thirds of halves (levels .58 higher).
 
-    Arrays hold one value a band, by level and then frequency. ``steady_kurtosis`` leaves the loudest two sixteenths of
-    the record out: what a single event makes does not survive it, what repeats does. ``noise_std`` is what steady
-    noise scatters a kurtosis by. ``envelope_negentropy`` (where asked for) tells how much of the squared envelope
-    lies in few lines of its spectrum, each power over its surroundings' mean: ``<p ln p>``, 1 - 0.577 for noise.
-    Bands without power (what filters leak is not counted) have kurtosis NaN.
+    Attributes
+    ----------
+    level, low_hz, high_hz : (band,) arrays
+        Level of each band, and its edges in Hz; bands are sorted by level, then frequency.
+    kurtosis : (band,) array
+        Kurtosis of the complex envelope; NaN for a band without power.
+    steady_kurtosis : (band,) array
+        The same without the two sixteenths of the record of largest fourth moment, which removes the contribution of a
+        single event but not that of repeated impulses.
+    noise_std : (band,) array
+        Standard deviation of the kurtosis for stationary Gaussian noise.
+    power_share : (band,) array
+        Power of the band over that of the record.
+    envelope_negentropy : (band,) array, optional
+        ``<p ln p>`` over the spectrum of the squared envelope, p being the power over its local mean: 1 - 0.577 for
+        noise, larger for periodic impulses.
+    envelope_lines : (band,) array
+        Number of lines in that mean.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import fast_kurtogram
+    >>> gram = fast_kurtogram(np.random.default_rng(1).standard_normal(8192), rate_hz=1000, levels=2)
+    >>> gram.level.round(2).tolist()
+    [0.0, 1.0, 1.0, 1.58, 1.58, 1.58, 2.0, 2.0, 2.0, 2.0]
     """
 
     level: Array = field(metadata={"dims": ("band",), "units": "1"})
@@ -135,7 +204,7 @@ class Kurtogram:
     envelope_lines: Array = field(metadata={"dims": ("band",), "units": "1"})
 
     def image(self) -> tuple[Array, Array]:
-        """Return the levels (rows,) and the kurtosis as a picture (rows, cells): cells of equal width from 0 Hz."""
+        """Return the levels (rows,) and the kurtosis as an image (rows, cells), of cells of equal width from 0 Hz."""
         levels = np.unique(self.level)
         cells = 3 * 2 ** int(levels[-1])
         rows = [self.kurtosis[self.level == level] for level in levels]
@@ -145,43 +214,64 @@ class Kurtogram:
 def fast_kurtogram(
     x: ArrayLike, *, rate_hz: float, levels: int | None = None, with_negentropy: bool = False
 ) -> Kurtogram:
-    """Return the kurtosis over bands and bandwidths by a tree of filters [2]_.
-
-    The mean is removed and the record made analytic; each band is then split into two, and into three, of half and of
-    a third of its rate, twice what its width needs. A band is 0.85 dB down at its edges, 6 dB down 1.2 half widths off
-    its middle and 80 dB down from 1.65 on. Outputs that would reach beyond the record are left out.
-
-    Filters run in single precision, moments are summed in double: rounding adds a noise to each band that lies 130 dB
-    below the record's power, and a kurtosis errs by less than 1e-4.
+    """Return the kurtosis over bands and bandwidths from a tree of filters [2]_.
 
     Parameters
     ----------
     x : (n,) array
-        Left as it is.
+        Samples, any unit.
     rate_hz : float
+        Sampling rate in Hz.
     levels : int, optional
-        Halvings; default 7, or as many as leave 320 samples to the narrowest band.
+        Number of halvings; default 7, or as many as leave 320 samples in the narrowest band.
     with_negentropy : bool
-        Add the negentropy of the squared envelope's spectrum [3]_.
+        Whether the negentropy of the squared envelope's spectrum [3]_ is computed.
+
+    Returns
+    -------
+    Kurtogram
 
     Raises
     ------
     ValueError
-        A constant or short record, values that are not finite, or more levels than the record carries.
+        A constant or short record, values that are not finite, or too many levels for the record.
+
+    Notes
+    -----
+    The analytic signal is split into two, and into three bands, each at half and at a third of its rate, an
+    oversampling of two; the halves are split again. The gain of a band is -0.85 dB at its edges, -6 dB at 1.2 half
+    widths from its centre and -80 dB from 1.65 on. Outputs whose filter reaches beyond the record are left out.
+
+    Filters run in single precision, moments are summed in double: rounding adds a noise 130 dB below the record's power
+    to each band, and the error of a kurtosis is below 1e-4.
+
+    Examples
+    --------
+    Impulses that excite a resonance at 3 kHz, 50 a second, in noise:
+
+    >>> import numpy as np
+    >>> from signals import fast_kurtogram
+    >>> t = np.arange(20_000) / 20_000
+    >>> ring = np.exp(-1500 * (t % 0.02)) * np.sin(2 * np.pi * 3000 * (t % 0.02))
+    >>> x = ring + 0.05 * np.random.default_rng(1).standard_normal(t.size)
+    >>> gram = fast_kurtogram(x, rate_hz=20_000, levels=4)
+    >>> best = np.argmax(gram.kurtosis)
+    >>> bool(gram.low_hz[best] <= 3000 <= gram.high_hz[best])
+    True
     """
     signal = _in_single_precision(_vibration(x, minimum=2 * FEWEST_SAMPLES))
     rate = positive(rate_hz, name="rate_hz")
     most = int(np.log2(signal.size / FEWEST_SAMPLES))
     depth = min(LEVELS, most) if levels is None else whole(levels, name="levels", least=1, most=most)
     rows = sorted(
-        (level, index, width, *_figures(re, im, bands=_split_into(level), negentropy=with_negentropy))
+        (level, index, width, *_band_statistics(re, im, bands=_split_into(level), negentropy=with_negentropy))
         for level, index, width, re, im in _bands(signal, depth)
     )
     level, index, width, kurtosis, steady, std, power, negentropy, lines = (
         np.array(column, dtype=np.float64) for column in zip(*rows, strict=True)
     )
     share = power / power[0]
-    empty = share < _LEAK
+    empty = share < _LEAKAGE
     return Kurtogram(
         level=level,
         low_hz=index * width * rate / 2,
@@ -196,7 +286,7 @@ def fast_kurtogram(
 
 
 def _vibration(x: ArrayLike, *, minimum: int) -> Samples:
-    """Return a copy without its mean; ValueError where nothing but rounding is left."""
+    """Return a copy of the signal without its mean, or raise where only rounding error is left."""
     signal = real_samples(x, name="the signal", minimum=minimum)
     centred = without_mean(signal)
     if _largest(centred) <= signal.size**0.5 * np.finfo(np.float64).eps * _largest(signal):
@@ -209,7 +299,7 @@ def _largest(x: Samples) -> float:
 
 
 def _in_single_precision(x: Samples) -> Single:
-    """Return the signal, which is lost, over its largest value: squares of squares neither over- nor underflow."""
+    """Return the signal over its largest value (in place), so that fourth powers neither over- nor underflow."""
     x /= x.dtype.type(_largest(x))
     return np.asarray(x, dtype=np.float32)
 
@@ -219,7 +309,7 @@ def _bands(signal: Single, depth: int) -> Iterator[tuple[float, int, float, Sing
     from signals._kurtogram_kernels import split_band  # noqa: PLC0415
 
     waiting = [(0, 0, signal, _hilbert_transform(signal))]
-    while waiting:  # depth first: a band and its halves are still in the cache
+    while waiting:  # depth first, so that a band is still in the cache when it is split
         level, index, re, im = waiting.pop()
         yield float(level), index, 0.5**level, re, im
         for factor in (3, 2) if level < depth - 1 else (2,) if level < depth else ():
@@ -235,27 +325,27 @@ def _bands(signal: Single, depth: int) -> Iterator[tuple[float, int, float, Sing
 
 
 def _hilbert_transform(signal: Single) -> Single:
-    """Return the imaginary part of the analytic signal: every line turned back by a quarter."""
+    """Return the Hilbert transform, the imaginary part of the analytic signal."""
     size = fft.next_fast_len(signal.size, real=True)
     lines = fft.rfft(signal, size)
     lines *= -1j
-    turned = np.asarray(fft.irfft(lines, size, overwrite_x=True)[: signal.size])
+    transform = np.asarray(fft.irfft(lines, size, overwrite_x=True)[: signal.size])
     forget_plans(size)
-    return turned
+    return transform
 
 
 @lru_cache(maxsize=2)
 def _lowpass(factor: int) -> Single:
-    """Kaiser-windowed sinc of gain 1, half as wide as one of `factor` bands and a fifth more."""
+    """Return a Kaiser-windowed sinc of gain 1, with its -6 dB cut-off at 1.2 half widths of one of `factor` bands."""
     count = _TAPS[factor]
     cutoff = _CUTOFF / factor
-    place = np.arange(count) - (count - 1) / 2
-    taps = np.sinc(2 * cutoff * place) * np.kaiser(count, _KAISER_BETA)
+    offset = np.arange(count) - (count - 1) / 2
+    taps = np.sinc(2 * cutoff * offset) * np.kaiser(count, _KAISER_BETA)
     return np.asarray(taps / taps.sum(), dtype=np.float32)
 
 
 def _split_into(level: float) -> int:
-    """Return how many bands the last filter made: 1, 2 or 3."""
+    """Return the number of bands that the last filter of a level made: 1, 2 or 3."""
     if level == 0:
         return 1
     return 3 if level % 1 > 0 else 2
@@ -263,7 +353,7 @@ def _split_into(level: float) -> int:
 
 @lru_cache(maxsize=3)
 def _samples_per_independent(factor: int) -> float:
-    """How many outputs of a filter the kurtosis of noise counts as one: ``sum |correlation|^4``, as for frames."""
+    """Return ``sum |correlation|^4`` over lags: outputs per independent one, for the variance of the kurtosis."""
     if factor == 1:
         return 4 / 3  # the analytic signal of white noise: 1 + 2 sum (2 / (pi k))^4 over odd k
     taps = _lowpass(factor).astype(np.float64)
@@ -271,10 +361,10 @@ def _samples_per_independent(factor: int) -> float:
     return float(1 + 2 * np.sum(correlation**4))
 
 
-def _figures(
+def _band_statistics(
     re: Single, im: Single, *, bands: int, negentropy: bool
 ) -> tuple[float, float, float, float, float, float]:
-    """Kurtosis, steady kurtosis, its scatter in noise, mean power, negentropy and number of lines of one band."""
+    """Return kurtosis, steady kurtosis, its noise deviation, mean power, negentropy and number of lines of a band."""
     from signals._kurtogram_kernels import squared_envelope  # noqa: PLC0415
 
     seconds, fourths, squared = np.empty(PARTS), np.empty(PARTS), np.empty_like(re)
@@ -294,15 +384,16 @@ def _figures(
 
 
 def _kurtosis(second: float, fourth: float, count: float) -> float:
+    """Return the kurtosis from sums of second and fourth powers over `count` samples."""
     return float(fourth / second**2 * count - 2) if second > 0 else np.nan
 
 
 def _negentropy(squared_envelope: Single) -> tuple[float, int]:
-    """``<p ln p>`` of the squared envelope's spectrum, p the power over its smooth background, and the lines."""
+    """Return ``<p ln p>`` of the squared envelope's spectrum, p the power over its local mean, and the lines used."""
     lines = fft.rfft(squared_envelope, fft.next_fast_len(squared_envelope.size, real=True))[_LOWEST_LINE:]
     forget_plans(squared_envelope.size)
-    stretch = max(lines.size // _SMOOTHED, 1)
-    lines = lines[: lines.size // stretch * stretch].reshape(-1, stretch)
+    length = max(lines.size // _SECTIONS, 1)
+    lines = lines[: lines.size // length * length].reshape(-1, length)
     ratio = lines.real**2
     ratio += lines.imag**2
     mean = ratio.mean(axis=1, keepdims=True)

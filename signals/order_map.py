@@ -1,23 +1,57 @@
-"""Order map: how each order's amplitude and phase go with the turns of the shaft."""
+"""Order map: amplitude and phase of each order against the revolutions of the shaft."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
 from signals._checks import Array, choice, real_vector, whole
 from signals._windows import window_of
-from signals.phase import ShaftPhase
-from signals.resampling import AngularSignal
 from signals.spectra import Scaling, hop_of, scaled_power, transformed, without_mean
+
+if TYPE_CHECKING:
+    from signals.phase import ShaftPhase
+    from signals.resampling import AngularSignal
 
 
 @dataclass(frozen=True, kw_only=True)
 class OrderMap:
-    """Spectra over orders of segments that follow each other along the record.
+    """Short-angle spectra over orders along the record.
 
-    ``resolution`` is the window's full -3 dB width in orders, ``turns`` the revolutions each row rests on. A line at an
-    order on the grid reads ``Re{value exp(j (order angle + phase_rad))}``: a line locked to the shaft keeps its phase.
+    A line at an order on the grid is ``value cos(order angle + phase_rad)``, so that the phase of a line locked to the
+    shaft is constant.
+
+    Attributes
+    ----------
+    order : (order,) array
+        Orders, in cycles per revolution.
+    revolution : (row,) array
+        Angle of the middle of each segment in revolutions.
+    time_s, speed_hz : (row,) arrays or None
+        Time in s and speed in Hz there, where the phase was given.
+    value : (row, order) array
+        Peak or RMS amplitude, or density, as `scaling` says.
+    phase_rad : (row, order) array
+        Phase in rad at the tachometer's datum.
+    scaling : {"peak", "rms", "density"}
+        Meaning of `value`.
+    turns : int
+        Revolutions per segment.
+    bin_width, resolution, noise_bandwidth : float
+        One over `turns`, full -3 dB width and equivalent noise bandwidth of the window, in orders.
+    window : str
+        Name of the window in `scipy.signal`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal, map_orders
+    >>> signal = AngularSignal(values=np.zeros(64 * 20), samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
+    >>> order_map = map_orders(signal, revolutions=4, overlap=0.5)
+    >>> order_map.value.shape, order_map.revolution[:3].tolist()
+    ((9, 113), [2.0, 4.0, 6.0])
     """
 
     order: Array = field(metadata={"dims": ("order",), "units": "cycles per revolution"})
@@ -44,24 +78,41 @@ def map_orders(
     max_order: float | None = None,
     phase: ShaftPhase | None = None,
 ) -> OrderMap:
-    """Return the spectrum over orders of each segment of whole revolutions, its middle's angle and time.
+    """Return the spectrum over orders of each segment of whole revolutions, with its angle, time and speed.
 
     Parameters
     ----------
     signal : AngularSignal
-        Its mean is removed once, over the whole record.
+        Samples over the angle of the shaft; their mean is removed once, over the whole record.
     revolutions : int
-        Turns of a segment; orders closer than `OrderMap.resolution`, about 1.44 over it with the Hann window, merge.
+        Revolutions per segment; the resolution with the Hann window is about 1.44 over it.
     overlap : float
-        Part of a segment that the next one shares, from 0 to below 1.
+        Fraction of a segment that the next one shares, from 0 to below 1.
     window : str
         A window of `scipy.signal`.
-    scaling : str
-        ``peak`` or ``rms`` amplitude of a line, or power ``density`` per order.
+    scaling : {"peak", "rms", "density"}
+        Peak or RMS amplitude of a line, or power density per order.
     max_order : float, optional
-        Where the map ends; default the signal's passband.
+        Highest order of the map; default, and at most, the signal's passband.
     phase : ShaftPhase, optional
-        The shaft's angle over time, for the time and speed of each row.
+        Angle of the shaft over time, from which the time and speed of each row are computed.
+
+    Returns
+    -------
+    OrderMap
+
+    Examples
+    --------
+    Order 7 of amplitude 2, in sine phase at the datum (-90 degrees), is the same in every row:
+
+    >>> import numpy as np
+    >>> from signals import AngularSignal, map_orders
+    >>> angle = 2 * np.pi * np.arange(64 * 20) / 64
+    >>> signal = AngularSignal(values=2 * np.sin(7 * angle), samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
+    >>> order_map = map_orders(signal, revolutions=4)
+    >>> column = np.argmin(np.abs(order_map.order - 7))
+    >>> bool(np.allclose(order_map.value[:, column], 2)), bool(np.allclose(order_map.phase_rad[:, column], -np.pi / 2))
+    (True, True)
     """
     turns = whole(revolutions, name="revolutions", least=1, most=signal.revolutions)
     choice(scaling, name="scaling", choices=get_args(Scaling))
@@ -71,7 +122,7 @@ def map_orders(
     order = np.arange(length // 2 + 1) / turns
     kept = int(np.searchsorted(order, last, side="right"))
     values = real_vector(signal.values, name="the signal", minimum=4)
-    lines = np.concatenate([some[:, :kept] for some in transformed(without_mean(values), shape, hop)])
+    lines = np.concatenate([part[:, :kept] for part in transformed(without_mean(values), shape, hop)])
     start = signal.start_rev + np.arange(len(lines)) * (hop / rate)
     middle = np.asarray(start + turns / 2, dtype=np.float64)
     times = None if phase is None else phase.times_at(middle)

@@ -1,49 +1,68 @@
-"""Shaft angle as a function of time: smooth, true to the pulses, and invertible where the shaft turns one way."""
+"""Shaft angle as a function of time: interpolated through tachometer pulses, differentiable, and invertible."""
+
+from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PPoly
 
 from signals._checks import Array, choice, number, positive, real_vector
 from signals._phase_curve import build_curve
 from signals.repairs import PulseRepairs
-from signals.smoothing import PhaseSmoothing
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+    from scipy.interpolate import PPoly
+
+    from signals.smoothing import PhaseSmoothing
 
 _NEWTON_STEPS = 8
-_HALVINGS = 60  # down to rounding
+_BISECTIONS = 60  # down to rounding
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShaftPhase:
-    """Angle of a shaft against time, through known revolutions at known times.
+    """Angle of a shaft against time, interpolated between known angles at known times.
 
-    A quintic spline through the knots (lower degree for fewer than six); with `smoothing`, the smoothed angle. Where
-    the spline would turn back between two knots, as in a sudden stop, that interval alone becomes a monotone cubic
-    (Fritsch and Carlson 1980), or brakes and picks up evenly, and the spline is laid anew on either side of it. The
-    error of a quintic spline falls with the sixth power of the time between knots.
+    A quintic spline through the knots (lower degree for fewer than six); with `smoothing`, through the smoothed
+    angles. Where the spline would reverse between two knots, as in a sudden stop, that interval alone becomes a
+    monotone cubic (Fritsch and Carlson 1980), or one of constant deceleration, constant speed and constant
+    acceleration, and the spline is fitted separately on either side of it. The error of a quintic spline falls with
+    the sixth power of the time between knots.
 
     Attributes
     ----------
     times_s, revolutions : (knot,) arrays
-        Times rise. Revolutions may stay (the shaft stands), fall (it turns the other way) or do both.
+        Times in s, strictly increasing, and angles in revolutions, which may also stay (standstill) or fall (reverse).
     stripe_positions_rev : (stripe,) array
-        Places of the tachometer's stripes in the revolution.
+        Angles of the tachometer's stripes within the revolution, in revolutions.
     nominal : bool
         Whether the speed was declared, not measured.
     jitter_s : float
-        Standard deviation of one pulse's time; NaN where there are too few pulses to tell.
+        Standard deviation of one pulse time in s; NaN where there are too few pulses to estimate it.
     repairs : PulseRepairs
-        What was wrong with the pulses.
+        Missing and extra pulses that were found.
     stops_s : (stop, 2) array
-        Intervals between two pulses in which the shaft stood, or may have.
+        Begin and end in s of the intervals between two pulses in which the shaft stood, or may have stood.
     direction_declared : bool
-        Whether a sign or a second channel tells which way the shaft turns. Without, `stops_s` leave it open.
+        Whether the direction of rotation is known, from a sign or a second channel. If not, it is unknown after each
+        of `stops_s`.
     smoothing : PhaseSmoothing, optional
+        States and covariances of the smoother, where the jitter was smoothed.
+
+    Examples
+    --------
+    A shaft at 10 Hz whose speed rises by 4 Hz in a second:
+
+    >>> import numpy as np
+    >>> from signals import ShaftPhase
+    >>> t = np.linspace(0.0, 1.0, 13)
+    >>> phase = ShaftPhase(times_s=t, revolutions=10 * t + 2 * t**2)
+    >>> float(phase.revolutions_at([0.7])[0].round(6)), float(phase.speed_hz([0.7])[0].round(6))
+    (7.98, 12.8)
     """
 
     times_s: Array = field(metadata={"dims": ("knot",), "units": "s"})
@@ -70,7 +89,7 @@ class ShaftPhase:
 
     @property
     def direction_unknown(self) -> bool:
-        """Whether the shaft may have come back from a stop the other way, and nothing tells."""
+        """Whether the shaft may have reversed at a stop, the direction after it being unknown."""
         return bool(self.stops_s.size) and not self.direction_declared
 
     @property
@@ -99,9 +118,9 @@ class ShaftPhase:
 
     def revolutions_at(self, times_s: ArrayLike) -> Array:
         """Return the angle in revolutions at `times_s` (m,), which must lie between first and last knot."""
-        return np.asarray(self._curve(self._known(times_s)), dtype=np.float64)
+        return np.asarray(self._curve(self._checked_times(times_s)), dtype=np.float64)
 
-    def _known(self, times_s: ArrayLike) -> Array:
+    def _checked_times(self, times_s: ArrayLike) -> Array:
         times = real_vector(times_s, name="times_s")
         slack = 1e-9 * max(1.0, abs(self.stop_s))
         if times.min() < self.start_s - slack or times.max() > self.stop_s + slack:
@@ -117,25 +136,29 @@ class ShaftPhase:
 
     def speed_hz(self, times_s: ArrayLike) -> Array:
         """Return the speed in revolutions per second at `times_s` (m,), between first and last knot."""
-        return np.asarray(self._slope(self._known(times_s)), dtype=np.float64)
+        return np.asarray(self._slope(self._checked_times(times_s)), dtype=np.float64)
 
     def std_rad(self, times_s: ArrayLike) -> Array:
         """Return the standard deviation of the angle in rad at `times_s` (m,).
 
-        With smoothing: that of the smoother, which counts both jitter and what the shaft may do between pulses.
-        Without: the jitter of one pulse times the speed, which holds at the pulses and is about right between them.
-        What a spline misses between pulses is not in it, nor where in a standstill the shaft stands.
+        With smoothing: that of the smoother, from the jitter and from the process noise between pulses. Without: the
+        jitter of one pulse times the speed, exact at the pulses and approximate between them. The interpolation error
+        of the spline is not included, nor the unknown angle of a standstill.
 
         Raises
         ------
         ValueError
             A phase whose jitter is not known: nominal, or of too few pulses.
         """
-        times = self._known(times_s)
+        times = self._checked_times(times_s)
         if self.smoothing is not None:
             return 2 * np.pi * self.smoothing.std_rev(times, knots_s=self.times_s)
         if not math.isfinite(self.jitter_s):
-            why = "its speed is declared, not measured" if self.nominal else f"{self.times_s.size} knots tell none"
+            why = (
+                "its speed is declared, not measured"
+                if self.nominal
+                else f"{self.times_s.size} knots are too few to estimate it"
+            )
             raise ValueError(f"the jitter of this phase is unknown: {why}. Use more pulses, or state jitter_s.")
         return 2 * np.pi * self.jitter_s * np.abs(self.speed_hz(times))
 
@@ -144,43 +167,44 @@ class ShaftPhase:
     ) -> Array:
         """Return the times in s at which the shaft reaches `revolutions` (m,).
 
-        Newton's method between the knots on either side; where it does not settle, as where the shaft almost
-        stands, that interval is halved.
+        Newton's method between the knots on either side; bisection where it does not converge, as where the shaft
+        almost stands.
 
         Parameters
         ----------
         revolutions : (m,) array
+            Angles in revolutions, in any order.
         at_rest : {"refuse", "arrival", "departure"}
-            What to return for an angle at which the shaft stands: no single time is right. "refuse" also raises
-            where it stands anywhere between the least and the greatest angle asked for.
+            The time to return for an angle at which the shaft stands: that at which it comes to rest or that at which
+            it leaves. "refuse" raises where it stands anywhere between the least and the greatest angle.
 
         Raises
         ------
         ValueError
-            Revolutions outside the known part, a shaft that stands among them, or one that turns back.
+            Revolutions outside those of the knots, a shaft that stands among them, or one that reverses.
         """
         choice(at_rest, name="at_rest", choices=("refuse", "arrival", "departure"))
-        wanted = self._sign * real_vector(revolutions, name="revolutions")
+        targets = self._sign * real_vector(revolutions, name="revolutions")
         knots = self._sign * self.revolutions
-        if wanted.min() < knots[0] - 1e-9 or wanted.max() > knots[-1] + 1e-9:
+        if targets.min() < knots[0] - 1e-9 or targets.max() > knots[-1] + 1e-9:
             low, high = sorted((float(self.revolutions[0]), float(self.revolutions[-1])))
-            given = np.sort(self._sign * wanted)
+            given = np.sort(self._sign * targets)
             raise ValueError(f"revolutions {given[0]:g} to {given[-1]:g} are outside the known {low:g} to {high:g}.")
-        arrival = np.searchsorted(knots, wanted, side="left")
-        departure = np.searchsorted(knots, wanted, side="right") - 1
+        arrival = np.searchsorted(knots, targets, side="left")
+        departure = np.searchsorted(knots, targets, side="right") - 1
         resting = departure > arrival
         if at_rest == "refuse":
-            self._refuse_rest(float(wanted.min()), float(wanted.max()))
-        times = self._inverse(wanted, np.clip(departure, 0, self.times_s.size - 2))
+            self._refuse_rest(float(targets.min()), float(targets.max()))
+        times = self._inverse(targets, np.clip(departure, 0, self.times_s.size - 2))
         rest = arrival if at_rest == "arrival" else departure
         times[resting] = self.times_s[rest[resting]]
         return times
 
     def _refuse_rest(self, low: float, high: float) -> None:
-        """Raise where the shaft stands at an angle from `low` to `high`, counted the way it turns."""
+        """Raise where the shaft stands at an angle from `low` to `high`, both times the sign of rotation."""
         rest = np.flatnonzero(np.diff(self.revolutions) == 0)
-        places = self._sign * self.revolutions[rest]
-        hit = rest[(places >= low) & (places <= high)]
+        angles = self._sign * self.revolutions[rest]
+        hit = rest[(angles >= low) & (angles <= high)]
         if hit.size:
             i = int(hit[0])
             raise ValueError(
@@ -191,55 +215,52 @@ class ShaftPhase:
 
     @cached_property
     def _sign(self) -> float:
-        """Which way the shaft turns, or raise."""
+        """Sign of the direction of rotation, +1 or -1; raise where the shaft reverses."""
         steps = np.diff(self.revolutions)
         if np.any(steps > 0) and np.any(steps < 0):
-            back = int(np.flatnonzero(np.sign(steps) == -np.sign(steps[steps != 0][0]))[0])
+            reversal = int(np.flatnonzero(np.sign(steps) == -np.sign(steps[steps != 0][0]))[0])
             raise ValueError(
-                f"the shaft turns back at {self.times_s[back]:g} s, so an angle has several times; use the part of the "
-                "record before or after."
+                f"the shaft turns back at {self.times_s[reversal]:g} s, so an angle has several times; use the "
+                "part of the record before or after."
             )
         return -1.0 if np.any(steps < 0) else 1.0
 
-    def _inverse(self, wanted: Array, cell: NDArray[np.int64]) -> Array:
-        """Return when the angle, counted the way the shaft turns, is `wanted` within the cells given."""
+    def _inverse(self, targets: Array, cell: NDArray[np.int64]) -> Array:
+        """Return the times at which sign times angle equals `targets`, each between the knots of its cell."""
         low, high = self.times_s[cell], self.times_s[cell + 1]
-        times = np.clip(np.interp(wanted, self._sign * self.revolutions, self.times_s), low, high)
+        times = np.clip(np.interp(targets, self._sign * self.revolutions, self.times_s), low, high)
         step = high - low
         for _ in range(_NEWTON_STEPS):
-            with np.errstate(all="ignore"):  # no slope, no step: those points are halved below
-                step = (self._curve(times) - self._sign * wanted) / self._slope(times)
+            with np.errstate(all="ignore"):  # where the slope is zero there is no step: bisected below
+                step = (self._curve(times) - self._sign * targets) / self._slope(times)
             times = np.clip(times - step, low, high)
-            settled = np.abs(step) < 1e-13 * max(1.0, abs(self.stop_s))
-            if settled.all():
+            converged = np.abs(step) < 1e-13 * max(1.0, abs(self.stop_s))
+            if converged.all():
                 return times
-        stray = np.flatnonzero(~settled)
-        times[stray] = self._halved(wanted[stray], low[stray], high[stray])
-        return times
-
-    def _halved(self, wanted: Array, low: Array, high: Array) -> Array:
-        """Find each wanted revolution between two knots by halving, for places where the shaft almost stands."""
-        for _ in range(_HALVINGS):
+        rest = np.flatnonzero(~converged)
+        low, high, target = low[rest], high[rest], targets[rest]
+        for _ in range(_BISECTIONS):
             middle = low + (high - low) / 2
-            late = self._sign * self._curve(middle) > wanted
+            late = self._sign * self._curve(middle) > target
             low, high = np.where(late, low, middle), np.where(late, middle, high)
-        return np.asarray(high, dtype=np.float64)
+        times[rest] = high
+        return times
 
     def mean_speed_per_revolution_hz(self) -> Array:
         """Return the mean speed over each whole revolution after the first knot, (whole revolutions,)."""
         first, last = float(self.revolutions[0]), float(self.revolutions[-1])
-        turned = abs(last - first)
-        marks = np.minimum(np.arange(np.floor(turned + 1e-9) + 1), turned)
-        return self._sign / np.diff(self.times_at(first + self._sign * marks, at_rest="departure"))
+        span = abs(last - first)
+        whole_turns = np.minimum(np.arange(np.floor(span + 1e-9) + 1), span)
+        return self._sign / np.diff(self.times_at(first + self._sign * whole_turns, at_rest="departure"))
 
-    def scaled(self, ratio: float) -> "ShaftPhase":
-        """Return the phase of a shaft that turns `ratio` times as fast, the other way where that is below zero.
+    def scaled(self, ratio: float) -> ShaftPhase:
+        """Return the phase of a shaft that turns `ratio` times as fast, in the opposite direction where `ratio` < 0.
 
-        Its standard deviation in angle is `ratio` times this one's; the jitter in time stays.
+        Its standard deviation in angle is ``abs(ratio)`` times this one's; the jitter in time is the same.
         """
         factor = number(ratio, name="ratio")
         if factor == 0:
-            raise ValueError("ratio=0 is the ratio of a shaft that does not turn; it has no phase to follow.")
+            raise ValueError("ratio=0 is the ratio of a shaft that does not turn; give a ratio other than zero.")
         return replace(
             self,
             revolutions=self.revolutions * factor,
@@ -249,14 +270,30 @@ class ShaftPhase:
 
 
 def constant_speed(speed_hz: float, *, start_s: float, stop_s: float) -> ShaftPhase:
-    """Return the phase of a shaft declared to turn at a constant speed, marked nominal.
+    """Return the phase of a shaft of declared constant speed, marked as nominal.
 
     Parameters
     ----------
     speed_hz : float
-        Revolutions per second.
+        Speed in revolutions per second, above zero.
     start_s, stop_s : float
-        The span, in s; revolution zero is at `start_s`.
+        Times in s of its begin and end; the angle is zero at `start_s`.
+
+    Returns
+    -------
+    ShaftPhase
+
+    Raises
+    ------
+    ValueError
+        A speed that is not positive, or `stop_s` not after `start_s`.
+
+    Examples
+    --------
+    >>> from signals import constant_speed
+    >>> phase = constant_speed(25.0, start_s=0.0, stop_s=2.0)
+    >>> float(phase.revolutions_at([0.5])[0]), phase.nominal
+    (12.5, True)
     """
     speed = positive(speed_hz, name="speed_hz")
     if not stop_s > start_s:

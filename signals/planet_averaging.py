@@ -1,39 +1,66 @@
-"""Averages of one planet or of the sun from a sensor on the ring, teeth in their order.
+"""Windowed synchronous averages of one planet or of the sun from a sensor on the ring.
 
-A planet is heard well only while it passes the sensor. Which of its teeth then meshes with the ring follows from the
-numbers of teeth: between two passes Z_ring teeth went by, so pass n shows tooth ``n Z_ring mod Z_planet``. A window
-about each pass keeps a few teeth, which are added where they belong on the planet; after
-``Z_planet / gcd(Z_ring, Z_planet)`` passes the sequence begins anew. Sources: McFadden & Howard 1990 (Aeronautical
-Research Laboratory, Propulsion Report 183); McFadden 1991 ("A technique for calculating the time domain averages of
-the vibration of the individual planet gears and the sun gear in an epicyclic gearbox", J. Sound Vib. 144(1),
-163-172); McFadden 1994 (the same with windows, J. Vib. Acoust. 116(2), 179-187).
+The vibration of a planet reaches the sensor mainly while the planet passes it. The tooth in mesh follows from the
+numbers of teeth: at pass n it is tooth ``n Z_ring mod Z_planet``. A window about each pass keeps a few teeth, which
+are added at their angle on the planet; after ``Z_planet / gcd(Z_ring, Z_planet)`` passes the sequence repeats.
+Sources: McFadden & Howard 1990 (Aeronautical Research Laboratory, Propulsion Report 183); McFadden 1991 ("A technique
+for calculating the time domain averages of the vibration of the individual planet gears and the sun gear in an
+epicyclic gearbox", J. Sound Vib. 144(1), 163-172); McFadden 1994 (the same with windows, J. Vib. Acoust. 116(2),
+179-187).
 
-The ring stands still, and angles are those of the carrier. Other planets are kept out only as far as the path from
-ring to sensor does it: what passes through the window from them stays in the average.
+The ring is fixed, and angles are those of the carrier. Other planets are attenuated only by their transfer path: what
+they contribute within the window remains in the average.
 """
+
+from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft
 
 from signals._checks import Array, number, real_vector, whole
 from signals.averaging import SynchronousAverage
-from signals.planet_passes import PassWindow, PlanetaryTeeth
-from signals.resampling import AngularSignal
 
-_UNHEARD = 1e-9  # of the largest weight: rounding at the foot of a window
+if TYPE_CHECKING:
+    from signals.planet_passes import PassWindow, PlanetaryTeeth
+    from signals.resampling import AngularSignal
+
+_LEAST_WEIGHT = 1e-9  # of the largest: less is rounding at the ends of a window
 
 
 @dataclass(frozen=True, kw_only=True)
 class WindowedAverage(SynchronousAverage):
-    """One revolution of a planet or of the sun, relative to the carrier, gathered pass by pass.
+    """One revolution of a planet or of the sun, relative to the carrier, averaged over planet passes.
 
-    ``revolutions`` counts how many times the whole sequence of teeth was gone through, ``passes`` how many passes
-    that took, ``weights`` the window weight each angle received; the standard error is from the scatter between
-    sequences. Tooth 0 is centred on angle zero.
+    Attributes
+    ----------
+    values, standard_error, ratio, start_rev, passband_orders
+        As in `SynchronousAverage`; the standard error is from the scatter between tooth sequences. Tooth 0 is centred
+        on angle zero.
+    revolutions : int
+        Number of whole tooth sequences averaged.
+    weights : (angle,) array
+        Sum of the window weights at each angle.
+    teeth : int
+        Teeth of the gear.
+    passes : int
+        Number of planet passes averaged.
+    window : PassWindow
+        The window.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal, PassWindow, PlanetaryTeeth, planet_average
+    >>> teeth = PlanetaryTeeth(ring=99, planet=39, sun=21, planets=3)
+    >>> signal = AngularSignal(values=np.ones(30 * 792), samples_per_rev=792, start_rev=0.0, passband_orders=348.0)
+    >>> average = planet_average(signal, teeth=teeth, planet=0, first_pass_rev=0.5, window=PassWindow.hann(6))
+    >>> average.revolutions, average.passes, average.by_tooth.shape
+    (2, 26, (39, 8))
     """
 
     weights: Array = field(metadata={"dims": ("angle",), "units": "1"})
@@ -43,7 +70,7 @@ class WindowedAverage(SynchronousAverage):
 
     @property
     def by_tooth(self) -> Array:
-        """The average tooth by tooth, (teeth, samples a tooth); tooth k from half a tooth before its middle on."""
+        """The average by tooth, (teeth, samples per tooth); each tooth begins half a tooth before its middle."""
         per_tooth = self.values.size // self.teeth
         return np.roll(self.values, per_tooth // 2).reshape(self.teeth, per_tooth)
 
@@ -56,14 +83,15 @@ def planet_average(
     Parameters
     ----------
     signal : AngularSignal
-        A sensor on the ring or housing, over the carrier's angle; a whole number of samples to a ring tooth.
+        A sensor on the ring or housing, over the angle of the carrier; a whole number of samples per ring tooth.
     teeth : PlanetaryTeeth
+        Teeth of the stage.
     planet : int
-        Which, from 0.
+        Index of the planet, from 0.
     first_pass_rev : float
-        A carrier angle, in revolutions, at which planet 0 passes the sensor; `pass_angle` finds one.
+        A carrier angle, in revolutions, at which planet 0 passes the sensor; `pass_angle` estimates one.
     window : PassWindow
-        At least as wide as the greatest common divisor of ring and planet teeth, or some teeth are never heard.
+        At least as wide, in teeth, as the greatest common divisor of ring and planet teeth, to cover all teeth.
 
     Returns
     -------
@@ -75,6 +103,20 @@ def planet_average(
     ValueError
         A record shorter than one whole sequence of teeth, a grid that does not fit the teeth, or a window so
         narrow that teeth are missing.
+
+    Examples
+    --------
+    A signal locked to the teeth of planet 0, which passes at 0.5 revolutions of the carrier, is recovered:
+
+    >>> import numpy as np
+    >>> from signals import AngularSignal, PassWindow, PlanetaryTeeth, planet_average
+    >>> teeth = PlanetaryTeeth(ring=99, planet=39, sun=21, planets=3)
+    >>> planet_angle = 2 * np.pi * 99 / 39 * (np.arange(30 * 792) / 792 - 0.5)
+    >>> x = np.cos(5 * planet_angle)
+    >>> signal = AngularSignal(values=x, samples_per_rev=792, start_rev=0.0, passband_orders=348.0)
+    >>> average = planet_average(signal, teeth=teeth, planet=0, first_pass_rev=0.5, window=PassWindow.hann(6))
+    >>> bool(np.allclose(average.values, np.cos(5 * 2 * np.pi * np.arange(312) / 312)))
+    True
     """
     which = whole(planet, name="planet", least=0, most=teeth.planets - 1)
     first = number(first_pass_rev, name="first_pass_rev") - float(teeth.positions_rev[which])
@@ -85,57 +127,77 @@ def planet_average(
 def sun_average(
     signal: AngularSignal, *, teeth: PlanetaryTeeth, first_pass_rev: float, window: PassWindow
 ) -> WindowedAverage:
-    """Average the sun over its revolution relative to the carrier, heard through every planet in turn.
+    """Average the sun over its revolution relative to the carrier, from the passes of all planets.
 
-    Planet by planet as in `planet_average`; a planet at place p meshes with the sun ``(ring + sun) p`` teeth behind
-    planet 0, so the averages of the planets are turned onto each other before they are averaged (McFadden 1991).
+    A planet at position p meshes with the sun ``(ring + sun) p`` teeth behind planet 0; the averages over the passes of
+    each planet are shifted by this and averaged (McFadden 1991).
 
     Parameters
     ----------
     signal, teeth, first_pass_rev, window
-        As in `planet_average`, the sun taking the planet's place.
+        As in `planet_average`, with the teeth of the sun instead of the planet.
 
     Returns
     -------
     WindowedAverage
         Tooth 0 is the one in mesh with planet 0 at `first_pass_rev`.
+
+    Raises
+    ------
+    ValueError
+        As `planet_average`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal, PassWindow, PlanetaryTeeth, sun_average
+    >>> teeth = PlanetaryTeeth(ring=99, planet=39, sun=21, planets=3)
+    >>> sun_angle = 2 * np.pi * 99 / 21 * (np.arange(30 * 792) / 792 - 0.5)
+    >>> x = np.cos(4 * sun_angle)
+    >>> signal = AngularSignal(values=x, samples_per_rev=792, start_rev=0.0, passband_orders=348.0)
+    >>> average = sun_average(signal, teeth=teeth, first_pass_rev=0.5, window=PassWindow.hann(6))
+    >>> average.revolutions
+    4
     """
     first = number(first_pass_rev, name="first_pass_rev")
     gear = _Gear(name="sun", teeth=teeth.sun, ring=teeth.ring)
-    heard = [
+    by_planet = [
         _gather(
             signal,
             gear,
-            pass_rev=first - float(place),
-            at_pass=-int(place * (teeth.ring + teeth.sun)),
+            pass_rev=first - float(position),
+            at_pass=-int(position * (teeth.ring + teeth.sun)),
             window=window,
         )
-        for place in teeth.positions_rev
+        for position in teeth.positions_rev
     ]
-    return _average(signal, gear, heard, window)
+    return _average(signal, gear, by_planet, window)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Gear:
+    """The averaged gear: its name, its teeth and those of the ring."""
+
     name: str
     teeth: int
     ring: int
 
     @property
     def reset(self) -> int:
+        """Passes in a tooth sequence."""
         return self.teeth // math.gcd(self.ring, self.teeth)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Turns:
-    """A gear's revolution as each sequence shows it, (sequences, angles), and the weights over all of them."""
+    """A gear's revolution from each tooth sequence, (sequences, angles), and the sums of weights, (angles,)."""
 
     values: Array
     weights: Array
 
 
 def _gather(signal: AngularSignal, gear: _Gear, *, pass_rev: float, at_pass: int, window: PassWindow) -> _Turns:
-    """Return the gear's revolution as each whole sequence of passes shows it.
+    """Return the gear's revolution from each whole tooth sequence.
 
     `at_pass` is the tooth at the sensor at the carrier angle `pass_rev`.
     """
@@ -144,8 +206,8 @@ def _gather(signal: AngularSignal, gear: _Gear, *, pass_rev: float, at_pass: int
     per_rev, reset, angles = signal.samples_per_rev, gear.reset, gear.teeth * per_tooth
     middle = (pass_rev - signal.start_rev) * per_rev  # in samples
     nearest = round(middle)
-    reach = math.ceil(window.width_teeth / 2 * per_tooth) + 1
-    steps = np.arange(-reach, reach + 1)
+    half = math.ceil(window.width_teeth / 2 * per_tooth) + 1
+    steps = np.arange(-half, half + 1)
     weight = window.weight((steps + (nearest - middle)) / per_tooth)
     steps, weight = steps[weight > 0], weight[weight > 0]
     earliest = -((nearest + steps[0]) // per_rev)
@@ -158,22 +220,23 @@ def _gather(signal: AngularSignal, gear: _Gear, *, pass_rev: float, at_pass: int
         )
     from_zero = (earliest + np.arange(sequences * reset))[:, None] * per_rev + steps
     angle = (from_zero + at_pass * per_tooth) % angles
-    place = (np.repeat(np.arange(sequences), reset)[:, None] * angles + angle).ravel()
-    heard = (weight * values[from_zero + nearest]).ravel()
+    index = (np.repeat(np.arange(sequences), reset)[:, None] * angles + angle).ravel()
+    weighted = (weight * values[from_zero + nearest]).ravel()
     shape = (sequences, angles)
     weights = np.bincount(angle[:reset].ravel(), weights=np.tile(weight, reset), minlength=angles)
-    if np.any(weights <= _UNHEARD * weights.max()):
+    if np.any(weights <= _LEAST_WEIGHT * weights.max()):
         raise ValueError(
-            f"a window of {window.width_teeth:g} teeth leaves parts of the {gear.name} unheard: only every "
-            f"{gear.teeth // reset}th of its teeth is ever met right at the sensor; widen the window beyond that."
+            f"a window of {window.width_teeth:g} teeth does not cover the whole {gear.name}: only every "
+            f"{gear.teeth // reset}th of its teeth is ever in mesh at the sensor; widen the window beyond that."
         )
-    sums = np.bincount(place, weights=heard, minlength=sequences * angles).reshape(shape)
+    sums = np.bincount(index, weights=weighted, minlength=sequences * angles).reshape(shape)
     return _Turns(
-        values=_turned(sums / weights, nearest - middle), weights=np.asarray(weights * sequences, dtype=np.float64)
+        values=_delayed(sums / weights, nearest - middle), weights=np.asarray(weights * sequences, dtype=np.float64)
     )
 
 
 def _samples_per_tooth(signal: AngularSignal, gear: _Gear, window: PassWindow) -> int:
+    """Return the samples per ring tooth, or raise where they are not whole or the window is wider than the ring."""
     per_rev, ring = signal.samples_per_rev, gear.ring
     if per_rev % ring:
         raise ValueError(
@@ -185,20 +248,20 @@ def _samples_per_tooth(signal: AngularSignal, gear: _Gear, window: PassWindow) -
     return per_rev // ring
 
 
-def _turned(turns: Array, late: float) -> Array:
-    """Turn periodic rows that were sampled a part of a sample late, exactly below half the sampling rate."""
-    if late == 0:
+def _delayed(turns: Array, delay: float) -> Array:
+    """Delay periodic rows by a fraction of a sample, by a phase shift of their Fourier transform."""
+    if delay == 0:
         return turns
     lines = fft.rfft(turns, axis=1)
-    lines *= np.exp(-2j * np.pi * late / turns.shape[1] * np.arange(lines.shape[1]))
+    lines *= np.exp(-2j * np.pi * delay / turns.shape[1] * np.arange(lines.shape[1]))
     return np.asarray(fft.irfft(lines, turns.shape[1], axis=1), dtype=np.float64)
 
 
-def _average(signal: AngularSignal, gear: _Gear, heard: list[_Turns], window: PassWindow) -> WindowedAverage:
-    """Average over the planets a gear was heard through, then over the sequences that all of them have."""
-    count = min(turns.values.shape[0] for turns in heard)
-    rows = np.mean([turns.values[:count] for turns in heard], axis=0)
-    weights = np.sum([turns.weights * (count / turns.values.shape[0]) for turns in heard], axis=0)
+def _average(signal: AngularSignal, gear: _Gear, by_planet: list[_Turns], window: PassWindow) -> WindowedAverage:
+    """Average over the planets, then over the sequences that all of them have."""
+    count = min(turns.values.shape[0] for turns in by_planet)
+    rows = np.mean([turns.values[:count] for turns in by_planet], axis=0)
+    weights = np.sum([turns.weights * (count / turns.values.shape[0]) for turns in by_planet], axis=0)
     ratio = Fraction(gear.ring, gear.teeth)
     spread = rows.std(axis=0, ddof=1) if count > 1 else np.full(rows.shape[1], np.nan)
     return WindowedAverage(
@@ -210,6 +273,6 @@ def _average(signal: AngularSignal, gear: _Gear, heard: list[_Turns], window: Pa
         passband_orders=signal.passband_orders / float(ratio),
         weights=weights,
         teeth=gear.teeth,
-        passes=count * gear.reset * len(heard),
+        passes=count * gear.reset * len(by_planet),
         window=window,
     )

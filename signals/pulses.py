@@ -1,21 +1,25 @@
-"""Tachometer waveform to pulse times: a threshold that follows the waveform, and edges between the samples."""
+"""Pulse times from a tachometer waveform: threshold with hysteresis, edges interpolated between samples."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import Array, choice, number, positive, real_vector
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
 _HYSTERESIS = 0.25  # of the swing, either side of the middle
 _SWING_PERCENTILES = (1.0, 99.0)
-_STRETCHES = 32  # of the record, in each of which a threshold for all of it must be crossed both ways
-_FINEST = 1024  # blocks with a level of their own
-_PULSES_A_BLOCK = 8
-_SMALLEST_SWING = 0.1  # of the largest of all blocks: less is a shaft at rest
-_OF_NOISE = 8.0  # standard deviations of the noise that a swing must have
+_SECTIONS = 32  # of the record, in each of which one threshold must be crossed both ways to serve all of it
+_MOST_BLOCKS = 1024  # with a threshold each
+_PULSES_PER_BLOCK = 8
+_LEAST_SWING = 0.1  # of the largest of all blocks: less is a shaft at rest
+_LEAST_SNR = 8.0  # swing over the standard deviation of the noise
 _SHARPER = 0.8
 
 Edge = Literal["rising", "falling", "auto"]
@@ -23,11 +27,31 @@ Edge = Literal["rising", "falling", "auto"]
 
 @dataclass(frozen=True, kw_only=True)
 class PulseTrain:
-    """Times at which a tachometer waveform goes through its threshold.
+    """Times at which a tachometer waveform crosses its threshold.
 
-    `threshold` and `hysteresis` are medians of `levels` and `margins`, which hold at `level_times_s` and change evenly
-    between; one of each where the waveform does not drift. `gaps_s` are the stretches without a value, in which no
-    edge is known; `debounced` counts edges left out as too close to the one before.
+    Attributes
+    ----------
+    times_s : (pulse,) array
+        Times of the pulses in s.
+    threshold, hysteresis : float
+        Medians of `levels` and `margins`, in the unit of the waveform.
+    edge : {"rising", "falling"}
+        The edge that makes the pulse.
+    level_times_s, levels, margins : (level,) arrays
+        Times in s, thresholds and hysteresis on either side of them, linear between these times; one of each where the
+        waveform does not drift.
+    gaps_s : (gap, 2) array
+        Begin and end in s of the intervals without values, in which no edge is found.
+    debounced : int
+        Edges left out as too close to the one before.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import pulse_times
+    >>> train = pulse_times(np.sin(2 * np.pi * 5 * np.arange(1000) / 1000), rate_hz=1000)
+    >>> train.edge, bool(abs(train.threshold) < 0.01)
+    ('rising', True)
     """
 
     times_s: Array = field(metadata={"dims": ("pulse",), "units": "s"})
@@ -50,53 +74,70 @@ def pulse_times(
     min_interval_s: float = 0.0,
     on_gap: Literal["refuse", "mark"] = "refuse",
 ) -> PulseTrain:
-    """Find the edges of a tachometer waveform, between samples by linear interpolation.
-
-    The threshold is half-way between the 1st and 99th percentile; an edge counts once the waveform has been
-    a quarter of the swing below it, and is to rise a quarter above, so noise on an edge makes one pulse. Where
-    noise carries an edge through the threshold several times, its place is the sum of the rises less the sum of
-    the falls: that of one clean rise with as much time below. Measured on a sine of
-    20 Hz at 51.2 kHz with noise of 5 % of its amplitude: bias 0.1 samples and standard deviation 3.2, where the
-    first rise comes 31 samples early, with 11.
-
-    Where one threshold does not serve the whole record, as baseline or amplitude drift, each block of the record has
-    its own, about a baseline through the means of the blocks, and all are carried on evenly between. Blocks are halved
-    for as long as that finds more pulses and each holds eight. A block whose swing is below a tenth of the largest,
-    or within the noise, is a shaft at rest and takes the levels of its neighbours.
+    """Return the times of the edges of a tachometer waveform, interpolated linearly between samples.
 
     Parameters
     ----------
-    waveform : (n,) array, any unit
+    waveform : (n,) array
+        Samples of the tachometer channel, any unit.
     rate_hz : float
+        Sampling rate in Hz.
     start_s : float
-        Time of the first sample.
+        Time of the first sample in s.
     edge : {"rising", "falling", "auto"}
-        Which edge makes the pulse. "auto" takes the sharper, by the samples it takes from one side of the hysteresis
-        to the other; where neither takes 0.8 of the other's, the leading edge of the narrower side.
+        The edge that makes the pulse. "auto" chooses the sharper one, with fewer samples between the two sides of the
+        hysteresis; where neither has less than 0.8 of the other's, the leading edge of the narrower side.
     min_interval_s : float
-        An edge that follows the one before by less is left out, and counted.
+        An edge less than this many seconds after the one before is left out, and counted.
     on_gap : {"refuse", "mark"}
-        What becomes of values that are not finite. "mark" takes no edge across them and returns `gaps_s`.
+        Whether values that are not finite raise, or are listed in `gaps_s`, no edge being found across them.
+
+    Returns
+    -------
+    PulseTrain
 
     Raises
     ------
     ValueError
         Fewer than two edges, a constant waveform, gaps, or a waveform that looks like a list of times.
+
+    Notes
+    -----
+    The threshold is half-way between the 1st and 99th percentile, the hysteresis a quarter of their difference on
+    either side, so that noise on an edge makes one pulse. Where noise crosses the threshold several times in one edge,
+    its time is the sum of the upward crossings less that of the downward ones: that of a single edge with as much time
+    below. On a sine of 20 Hz at 51.2 kHz with noise of 5 % of its amplitude this has a bias of 0.1 samples and a
+    standard deviation of 3.2; the first crossing comes 31 samples early, with 11 (measured).
+
+    Where baseline or amplitude drift so far that one threshold does not serve the whole record, each block has its own,
+    relative to a baseline through the means of the blocks, and both are interpolated between. The number of blocks is
+    doubled while that finds more pulses and each block holds eight. A block whose swing is below a tenth of the
+    largest, or within the noise, is a shaft at rest and uses the thresholds of its neighbours.
+
+    Examples
+    --------
+    A sine of 5 Hz rises through zero every 0.2 s; the first crossing after the start is at 0.2 s:
+
+    >>> import numpy as np
+    >>> from signals import pulse_times
+    >>> t = np.arange(1000) / 1000
+    >>> pulse_times(np.sin(2 * np.pi * 5 * t), rate_hz=1000).times_s.round(3).tolist()
+    [0.2, 0.4, 0.6, 0.8]
     """
     choice(edge, name="edge", choices=("rising", "falling", "auto"))
     choice(on_gap, name="on_gap", choices=("refuse", "mark"))
     wave = real_vector(waveform, name="the tachometer waveform", minimum=3, finite=on_gap == "refuse")
     rate = positive(rate_hz, name="rate_hz")
     start, closest = number(start_s, name="start_s"), number(min_interval_s, name="min_interval_s")
-    _refuse_what_is_none(wave)
+    _refuse_non_waveform(wave)
     wave, edge_found, found = _edges(wave, edge)
     sign = -1.0 if edge_found == "falling" else 1.0
     times, debounced = _debounced(start + found.positions / rate, closest)
     if times.size < 2:  # noqa: PLR2004
-        way = "downwards" if edge_found == "falling" else "upwards"
+        sense = "downwards" if edge_found == "falling" else "upwards"
         raise ValueError(
-            f"the tachometer waveform crosses {sign * np.median(found.levels):.4g} {way} {times.size} times; at least "
-            "2 pulses are needed. Check the channel."
+            f"the tachometer waveform crosses {sign * np.median(found.levels):.4g} {sense} {times.size} times; at "
+            "least 2 pulses are needed. Check the channel."
         )
     return PulseTrain(
         times_s=times,
@@ -112,17 +153,18 @@ def pulse_times(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Found:
-    """Rising edges in samples, how long each took, and the levels that found them."""
+class _Edges:
+    """Rising edges: positions and durations in samples, and the thresholds with their centres in samples."""
 
     positions: Array
-    transits: NDArray[np.int64]
+    durations: NDArray[np.int64]
     centres: Array
     levels: Array
     margins: Array
 
 
-def _refuse_what_is_none(wave: Array) -> None:
+def _refuse_non_waveform(wave: Array) -> None:
+    """Raise where the values are constant, missing, or a list of pulse times."""
     finite = wave[np.isfinite(wave)]
     if finite.size < 3:  # noqa: PLR2004
         raise ValueError(f"the tachometer waveform has {finite.size} finite values; at least 3 are needed.")
@@ -138,34 +180,34 @@ def _refuse_what_is_none(wave: Array) -> None:
         )
 
 
-def _edges(wave: Array, edge: Edge) -> tuple[Array, Literal["rising", "falling"], _Found]:
-    """Return the waveform, turned over for falling edges, which edge it is, and the edges found."""
+def _edges(wave: Array, edge: Edge) -> tuple[Array, Literal["rising", "falling"], _Edges]:
+    """Return the waveform (its negative for falling edges), the edge chosen, and the edges found."""
     if edge != "auto":
-        turned = wave if edge == "rising" else -wave
-        return turned, edge, _rises(turned)
-    rising, falling = _rises(wave), _rises(-wave)
-    up = float(np.mean(rising.transits)) if rising.transits.size else np.inf
-    down = float(np.mean(falling.transits)) if falling.transits.size else np.inf
+        signed = wave if edge == "rising" else -wave
+        return signed, edge, _rising_edges(signed)
+    rising, falling = _rising_edges(wave), _rising_edges(-wave)
+    up = float(np.mean(rising.durations)) if rising.durations.size else np.inf
+    down = float(np.mean(falling.durations)) if falling.durations.size else np.inf
     if min(up, down) > _SHARPER * max(up, down):
         finite = wave[np.isfinite(wave)]
-        takes_rise = bool(np.mean(finite > np.median(rising.levels)) <= 0.5)  # noqa: PLR2004 - high for less than half
+        rises = bool(np.mean(finite > np.median(rising.levels)) <= 0.5)  # noqa: PLR2004 - high for less than half
     else:
-        takes_rise = up < down
-    return (wave, "rising", rising) if takes_rise else (-wave, "falling", falling)
+        rises = up < down
+    return (wave, "rising", rising) if rises else (-wave, "falling", falling)
 
 
-def _rises(wave: Array) -> _Found:
-    """Find the rising edges by one threshold for all, or by as many as the drift of the waveform needs."""
-    best = _rises_by(wave, 1)
+def _rising_edges(wave: Array) -> _Edges:
+    """Return the rising edges by one threshold, or by as many blocks as the drift of the waveform needs."""
+    best = _edges_by_blocks(wave, 1)
     if best is None:
         raise ValueError("the tachometer waveform does not swing; check the channel.")
-    if _serves_everywhere(wave, best):
+    if _crossed_everywhere(wave, best):
         return best
     blocks = 2
-    while blocks <= min(_FINEST, wave.size // 16):
-        finer = _rises_by(wave, blocks)
-        if finer is None or finer.positions.size < _PULSES_A_BLOCK * blocks:
-            if best.positions.size > _PULSES_A_BLOCK * blocks * 2:
+    while blocks <= min(_MOST_BLOCKS, wave.size // 16):
+        finer = _edges_by_blocks(wave, blocks)
+        if finer is None or finer.positions.size < _PULSES_PER_BLOCK * blocks:
+            if best.positions.size > _PULSES_PER_BLOCK * blocks * 2:
                 break
         elif finer.positions.size > best.positions.size:
             best = finer
@@ -173,12 +215,12 @@ def _rises(wave: Array) -> _Found:
     return best
 
 
-def _serves_everywhere(wave: Array, found: _Found) -> bool:
-    """Whether every stretch of the record goes beyond the hysteresis on both sides."""
-    length = wave.size // _STRETCHES
-    if length == 0 or found.positions.size < 2 * _STRETCHES:
-        return found.positions.size <= _PULSES_A_BLOCK and not _drifts(wave)
-    rows = wave[: length * _STRETCHES].reshape(_STRETCHES, length)
+def _crossed_everywhere(wave: Array, found: _Edges) -> bool:
+    """Return whether every section of the record crosses the hysteresis on both sides."""
+    length = wave.size // _SECTIONS
+    if length == 0 or found.positions.size < 2 * _SECTIONS:
+        return found.positions.size <= _PULSES_PER_BLOCK and not _drifts(wave)
+    rows = wave[: length * _SECTIONS].reshape(_SECTIONS, length)
     filled = np.isfinite(rows).all(axis=1)
     level, margin = found.levels[0], found.margins[0]
     crossed = (rows.max(axis=1) > level + margin) & (rows.min(axis=1) < level - margin)
@@ -186,77 +228,74 @@ def _serves_everywhere(wave: Array, found: _Found) -> bool:
 
 
 def _drifts(wave: Array) -> bool:
-    """Whether a record with few edges may hold more: its halves swing far less than all of it."""
+    """Return whether the eighths of a record swing less than half as far as all of it."""
     eighths = np.array_split(wave[np.isfinite(wave)], 8)
     swings = [np.ptp(part) for part in eighths if part.size]
     return bool(np.median(swings) < 0.5 * np.ptp(wave[np.isfinite(wave)]) and np.median(swings) > 0)
 
 
-def _rises_by(wave: Array, blocks: int) -> _Found | None:
-    """Find rising edges with a level for each of so many blocks; None where no block swings."""
+def _edges_by_blocks(wave: Array, blocks: int) -> _Edges | None:
+    """Return the rising edges with one threshold per block; None where no block swings."""
     bounds = np.linspace(0, wave.size, blocks + 1).astype(np.int64)
     base = _baseline(wave, bounds)
-    level_wave = wave - base if base is not None else wave
-    low, high = np.array([_swing(level_wave[a:b]) for a, b in pairwise(bounds.tolist())]).T
+    detrended = wave - base if base is not None else wave
+    low, high = np.array([_levels(detrended[a:b]) for a, b in pairwise(bounds.tolist())]).T
     swing = high - low
     noise = _noise(wave) if blocks > 1 else 0.0
     with np.errstate(invalid="ignore"):  # blocks without a value
-        turning = (swing > 0) & (swing >= _SMALLEST_SWING * np.nanmax(swing)) & (swing > _OF_NOISE * noise)
-    if not turning.any():
+        rotating = (swing > 0) & (swing >= _LEAST_SWING * np.nanmax(swing)) & (swing > _LEAST_SNR * noise)
+    if not rotating.any():
         return None
-    centres = ((bounds[:-1] + bounds[1:] - 1) / 2)[turning]
-    levels, margins = ((low + high) / 2)[turning], (_HYSTERESIS * swing)[turning]
+    centres = ((bounds[:-1] + bounds[1:] - 1) / 2)[rotating]
+    levels, margins = ((low + high) / 2)[rotating], (_HYSTERESIS * swing)[rotating]
     if base is None:
-        return _through(wave, levels[0], margins[0], centres, levels, margins)
+        return _crossings(wave, levels[0], margins[0], centres, levels, margins)
     at = np.arange(wave.size)
     level = base + np.interp(at, centres, levels)
-    return _through(wave, level, np.interp(at, centres, margins), centres, level[np.rint(centres).astype(int)], margins)
+    margin = np.interp(at, centres, margins)
+    return _crossings(wave, level, margin, centres, level[np.rint(centres).astype(int)], margins)
 
 
 def _baseline(wave: Array, bounds: NDArray[np.int64]) -> Array | None:
-    """Block means, carried on evenly between and beyond; None for a single block."""
-    means = np.array([_mean(wave[a:b]) for a, b in pairwise(bounds.tolist())])
+    """Return the block means, interpolated and extrapolated linearly, (n,); None for a single block."""
+    finite = [part[np.isfinite(part)] for part in (wave[a:b] for a, b in pairwise(bounds.tolist()))]
+    means = np.array([part.mean() if part.size else np.nan for part in finite])
     centres = ((bounds[:-1] + bounds[1:] - 1) / 2)[np.isfinite(means)]
     means = means[np.isfinite(means)]
     if bounds.size == 2 or means.size < 2:  # noqa: PLR2004
         return None
     first, last = np.diff(means)[[0, -1]] / np.diff(centres)[[0, -1]]
     centres = np.concatenate([[0.0], centres, [wave.size - 1.0]])
-    beyond = means[0] - first * centres[1], means[-1] + last * (centres[-1] - centres[-2])
-    return np.asarray(np.interp(np.arange(wave.size), centres, np.concatenate([beyond[:1], means, beyond[1:]])))
+    ends = means[0] - first * centres[1], means[-1] + last * (centres[-1] - centres[-2])
+    return np.asarray(np.interp(np.arange(wave.size), centres, np.concatenate([ends[:1], means, ends[1:]])))
 
 
-def _mean(part: Array) -> float:
-    finite = part[np.isfinite(part)]
-    return float(finite.mean()) if finite.size else np.nan
-
-
-def _swing(part: Array) -> tuple[float, float]:
-    """Low and high level of a stretch, NaN where it holds no value."""
+def _levels(part: Array) -> tuple[float, float]:
+    """Return the low and high level of a block, NaN where it holds no value."""
     finite = part[np.isfinite(part)]
     if finite.size == 0:
         return np.nan, np.nan
     low, high = np.percentile(finite, _SWING_PERCENTILES)
-    # narrow pulses can hide from the percentiles
+    # pulses narrower than 1 % leave the percentiles equal
     return (float(low), float(high)) if high > low else (float(finite.min()), float(finite.max()))
 
 
 def _noise(wave: Array) -> float:
-    """Return the standard deviation of the noise, from the median of second differences: edges are few."""
-    bends = np.abs(np.diff(wave, 2))
-    return float(1.4826 * np.nanmedian(bends) / np.sqrt(6))
+    """Return the standard deviation of the noise from the median second difference, which edges hardly change."""
+    differences = np.abs(np.diff(wave, 2))
+    return float(1.4826 * np.nanmedian(differences) / np.sqrt(6))
 
 
-def _through(
+def _crossings(
     wave: Array, level: Array | float, margin: Array | float, centres: Array, levels: Array, margins: Array
-) -> _Found:
-    """Find the places in samples at which `wave` rises through `level`, each from below the margin to above it.
+) -> _Edges:
+    """Return the edges at which `wave` rises through `level`, each from below the margin to above it.
 
-    Of several crossings in one rise: the one rise that leaves as much time below the level as there is.
+    Several crossings in one edge count as the single one that leaves as much time below the level.
     """
     height = wave - level
     state = np.where(height > margin, 1, np.where(height < -margin, -1, 0))
-    state[~np.isfinite(wave)] = 2  # neither: no edge is told across a gap
+    state[~np.isfinite(wave)] = 2  # neither low nor high: no edge crosses a gap
     decided = np.flatnonzero(state)
     rises = np.flatnonzero((state[decided][:-1] == -1) & (state[decided][1:] == 1))
     last_low, first_high = decided[rises], decided[rises + 1]
@@ -265,14 +304,14 @@ def _through(
     edge = np.searchsorted(last_low, before, side="right") - 1
     within = (edge >= 0) & (before < first_high[np.maximum(edge, 0)]) if rises.size else np.zeros(before.size, bool)
     before, edge = before[within], edge[within]
-    way = np.where(above[before + 1], 1.0, -1.0)  # a rise, a fall, ... a rise
+    sign = np.where(above[before + 1], 1.0, -1.0)  # upward, downward, ... upward
     part = before - last_low[edge] + height[before] / (height[before] - height[before + 1])
-    positions = last_low.astype(np.float64) + np.bincount(edge, weights=way * part, minlength=rises.size)
-    return _Found(positions=positions, transits=first_high - last_low, centres=centres, levels=levels, margins=margins)
+    positions = last_low.astype(np.float64) + np.bincount(edge, weights=sign * part, minlength=rises.size)
+    return _Edges(positions=positions, durations=first_high - last_low, centres=centres, levels=levels, margins=margins)
 
 
 def _debounced(times: Array, closest: float) -> tuple[Array, int]:
-    """Return the times without those that follow the last one kept too soon, and how many those are."""
+    """Return the times at least `closest` after the last one kept, and how many were left out."""
     if closest <= 0 or times.size == 0 or np.diff(times).min(initial=np.inf) >= closest:
         return times, 0
     kept, last = [], -np.inf
@@ -284,7 +323,7 @@ def _debounced(times: Array, closest: float) -> tuple[Array, int]:
 
 
 def _gaps(wave: Array) -> Array:
-    """Last sample before and first after each run of values that are not finite, (gap, 2)."""
+    """Return the last sample before and the first after each run of values that are not finite, (gap, 2)."""
     bad = np.concatenate([[False], ~np.isfinite(wave), [False]]).astype(np.int8)
     change = np.diff(bad)
     return np.stack([np.flatnonzero(change > 0) - 1.0, np.flatnonzero(change < 0) + 0.0], axis=1)

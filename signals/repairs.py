@@ -1,77 +1,105 @@
-"""Which pulses of a tachometer are wrong: missing, double or spurious; found, counted, and left out or bridged.
+"""Missing, double and spurious tachometer pulses: detection, numbering and repair.
 
-Finding is cheap and holds each interval against those of the same stripe in the revolutions around it. Only where
-it finds something are pulses numbered anew: of the many ways to number them, or to leave one out, the least costly
-is kept, where a missing and an extra pulse each have a price and so has every pulse off the place that the
-three before it foretell (dynamic programming over a beam of partial numberings). It begins at the longest run of
-sound pulses and goes both ways. The first pass allows for any motion, the second for what the first has found usual.
+Detection compares each interval with those of the same stripe in the revolutions around it (`_pulse_faults`). Around
+the faults, pulses are numbered by dynamic programming over a beam of partial numberings (`_pulse_numbering`): a
+missing and an extra pulse each have a cost, and so has the error of each pulse against its prediction from the three
+before it. The search begins at the longest run of sound pulses and goes forwards and backwards from there. A first pass
+assumes a wide prediction error; a second uses the one that the first has found.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._checks import Array
-from signals._pulse_faults import doubtful_in, gaps_in, lap_of, shorts_in, usual_intervals
+from signals._pulse_faults import (
+    doubtful_intervals,
+    expected_intervals,
+    long_intervals,
+    period_of,
+    short_intervals,
+)
 from signals._pulse_numbering import numbered
+
+if TYPE_CHECKING:
+    from signals._checks import Array
 
 Counts = NDArray[np.int64]
 
 _DOUBLE = 0.1  # of the interval: an extra pulse this soon after a true one is its double
-_WIDEST, _NARROWEST = 0.08, 0.01  # standard deviations allowed, in intervals
-_OFF = 2.0  # standard deviations; a pulse that is less off its place is dearer to leave out than to keep
-_FEWEST_SOUND = 4  # pulses on end, to begin from
-_LAPS_KNOWN = 3  # sound ones that tell the places of the stripes
-_LONGEST = 8  # missing pulses on end; more cannot be counted for certain
+_MOST_STD, _LEAST_STD = 0.08, 0.01  # of the prediction error, in intervals
+_OUTLIER = 2.0  # standard deviations; leaving out a pulse with a smaller prediction error costs more than keeping it
+_FEWEST_SOUND = 4  # consecutive pulses to begin from
+_CALIBRATION_REVS = 3  # sound ones that suffice to estimate the angles of the stripes
+_MOST_MISSING = 8  # consecutive pulses; a longer gap cannot be counted with certainty
 _MOST_WRONG = 0.3
-_FEW_STRIPES = 8  # up to here stripes may stand anywhere; of more the intervals are taken as even
-_STOP_LONG = 1.7  # times the longer of its neighbours, that an interval with a stop lasts
-_STOP_REACH = 1.5  # intervals within which an even deceleration must end for a stop
-_STOP_LAPS = 4  # intervals on either side that show it
-_STOP_STRAIGHT = 0.2  # how far off an even one they may be, of the largest square of the speed
+_FEW_STRIPES = 8  # up to here stripes may be uneven; with more the intervals are taken as even
+_STOP_RATIO = 1.7  # of an interval with a stop to the longer of its neighbours, at least
+_STOP_REACH = 1.5  # intervals within which a constant deceleration must end for a stop
+_STOP_REVS = 4  # intervals on either side that are fitted
+_STOP_RESIDUAL = 0.2  # of that fit at most, over the largest squared speed
 
 
 def _no_times() -> Array:
     return np.zeros(0)
 
 
-def _no_places() -> Counts:
+def _no_indices() -> Counts:
     return np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PulseRepairs:
-    """What was wrong with a list of pulses: how many, and which.
+    """Missing, double and spurious pulses of a tachometer.
 
-    `missing_times_s` says about when a pulse is missing. A double follows a true pulse within a tenth of the
-    interval, any other extra pulse is spurious; both are left out of the phase, and their indices are those of the
-    list as given.
+    A double pulse follows a true one within a tenth of the interval; any other extra pulse is spurious. Both are left
+    out of the phase.
+
+    Attributes
+    ----------
+    missing, double, spurious : int
+        Numbers of such pulses.
+    missing_times_s : (missing,) array
+        Approximate times of the missing pulses in s.
+    double_index, double_times_s : (double,) arrays
+        Index in the list of pulses as given, and time in s.
+    spurious_index, spurious_times_s : (spurious,) arrays
+        The same of the spurious pulses.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import shaft_phase
+    >>> repairs = shaft_phase(np.delete(0.1 * np.arange(30), 12)).repairs
+    >>> repairs.total, repairs.missing_times_s.round(6).tolist()
+    (1, [1.2])
     """
 
     missing: int = 0
     double: int = 0
     spurious: int = 0
     missing_times_s: Array = field(default_factory=_no_times, metadata={"dims": ("missing",), "units": "s"})
-    double_index: Counts = field(default_factory=_no_places, metadata={"dims": ("double",), "units": "1"})
+    double_index: Counts = field(default_factory=_no_indices, metadata={"dims": ("double",), "units": "1"})
     double_times_s: Array = field(default_factory=_no_times, metadata={"dims": ("double",), "units": "s"})
-    spurious_index: Counts = field(default_factory=_no_places, metadata={"dims": ("spurious",), "units": "1"})
+    spurious_index: Counts = field(default_factory=_no_indices, metadata={"dims": ("spurious",), "units": "1"})
     spurious_times_s: Array = field(default_factory=_no_times, metadata={"dims": ("spurious",), "units": "s"})
 
     @property
     def total(self) -> int:
-        """How many pulses were wrong."""
+        """Number of missing and extra pulses."""
         return self.missing + self.double + self.spurious
 
 
 def refuse_faults(times: Array, *, stripes: int, offset: int = 0) -> None:
-    """Raise ValueError at the first missing, else the first extra pulse; pulses are named from `offset` on."""
+    """Raise ValueError at the first missing, else the first extra pulse; indices in it count from `offset`."""
     intervals = np.diff(times)
     if intervals.size == 0:
         return
-    least, most = usual_intervals(intervals, lap=lap_of(intervals, stripes))
-    gaps = gaps_in(intervals, most)
+    least, most = expected_intervals(intervals, period=period_of(intervals, stripes))
+    gaps = long_intervals(intervals, most)
     if gaps.size:
         i = int(gaps[0])
         raise ValueError(
@@ -80,57 +108,58 @@ def refuse_faults(times: Array, *, stripes: int, offset: int = 0) -> None:
             f'({gaps.size} such gaps). Let it be repaired (on_fault="repair"), or use the part of the record without '
             "the gap."
         )
-    short = shorts_in(intervals, least)
+    short = short_intervals(intervals, least)
     if short.any():
         i = int(np.argmax(short))
-        places = np.count_nonzero(np.diff(short, prepend=False) & short)  # a run is one place
+        runs = np.count_nonzero(np.diff(short, prepend=False) & short)
         raise ValueError(
             f"there is an extra tachometer pulse: pulse {offset + i + 1} at {times[i + 1]:g} s follows "
             f"pulse {offset + i} after {intervals[i]:.3g} s, {intervals[i] / least[:, i].max():.2f} of the usual time "
-            f"({places} such places). Take false and double pulses out of the "
+            f"({runs} such places). Take false and double pulses out of the "
             'list, let them be repaired (on_fault="repair"), or use the part of the record without them.'
         )
 
 
 def number_pulses(times: Array, *, stripes: int) -> tuple[Counts, Counts]:
-    """Return which pulses are true, and their numbers from zero with the missing ones counted, (kept,) each.
+    """Return the indices of the true pulses, and their numbers from zero with missing pulses counted, (kept,) each.
 
     Raises
     ------
     ValueError
-        More faults than can be told from a change of speed.
+        More faults than can be distinguished from a change of speed.
     """
     everything = np.arange(times.size)
     intervals = np.diff(times)
-    if intervals.size < 3:  # noqa: PLR2004 - nothing to hold one against
+    if intervals.size < 3:  # noqa: PLR2004 - too few to compare
         return everything, everything
-    least, most = usual_intervals(intervals, lap=lap_of(intervals, stripes))
-    wrong = shorts_in(intervals, least)
-    wrong[gaps_in(intervals, most)] = True
+    least, most = expected_intervals(intervals, period=period_of(intervals, stripes))
+    wrong = short_intervals(intervals, least)
+    wrong[long_intervals(intervals, most)] = True
     if not wrong.any():
         return everything, everything
-    begin, run = _soundest(times, wrong)
-    anchor = begin + _steadiest(run, stripes)
-    pattern = np.arange(stripes) / stripes
-    known = run.size >= _LAPS_KNOWN * stripes
-    if known:
-        pattern = _pattern_of(run, np.arange(run.size), stripes)
-    doubtful = wrong | doubtful_in(intervals, least, most)
-    kept, counts = numbered(times, pattern, doubtful=doubtful, anchor=anchor, width=_WIDEST)
-    if not known and stripes > 1:
-        pattern = _pattern_of(times[kept], counts, stripes)
-    off = np.abs(_off_place(times[kept], counts, pattern))
-    width = float(np.clip(1.5 * 1.4826 * np.median(off), _NARROWEST, _WIDEST))
-    doubtful[kept[-off.size :][off > _OFF * width] - 1] = True
-    kept, counts = numbered(times, pattern, doubtful=doubtful, anchor=anchor, width=width)
-    _refuse_hopeless(times, kept, counts)
+    begin, run = _longest_sound_run(times, wrong)
+    anchor = begin + _steadiest_pulse(run, stripes)
+    positions = np.arange(stripes) / stripes
+    calibrated = run.size >= _CALIBRATION_REVS * stripes
+    if calibrated:
+        positions = _stripe_positions(run, np.arange(run.size), stripes)
+    doubtful = wrong | doubtful_intervals(intervals, least, most)
+    kept, counts = numbered(times, positions, doubtful=doubtful, anchor=anchor, std=_MOST_STD)
+    if not calibrated and stripes > 1:
+        positions = _stripe_positions(times[kept], counts, stripes)
+    error = np.abs(_prediction_errors(times[kept], counts, positions))
+    std = float(np.clip(1.5 * 1.4826 * np.median(error), _LEAST_STD, _MOST_STD))
+    doubtful[kept[-error.size :][error > _OUTLIER * std] - 1] = True
+    kept, counts = numbered(times, positions, doubtful=doubtful, anchor=anchor, std=std)
+    _refuse_too_many(times, kept, counts)
     return kept, counts - counts[0]
 
 
-def _refuse_hopeless(times: Array, kept: Counts, counts: Counts) -> None:
+def _refuse_too_many(times: Array, kept: Counts, counts: Counts) -> None:
+    """Raise where a gap is too long to count, or too many of the pulses are missing or extra."""
     steps = np.diff(counts)
     missing, extra = int(np.sum(steps - 1)), times.size - kept.size
-    if steps.size and steps.max() > _LONGEST + 1:
+    if steps.size and steps.max() > _MOST_MISSING + 1:
         i = int(np.argmax(steps))
         raise ValueError(
             f"no tachometer pulse comes from {times[kept[i]]:g} to {times[kept[i + 1]]:g} s, about {steps[i] - 1} are "
@@ -145,15 +174,14 @@ def _refuse_hopeless(times: Array, kept: Counts, counts: Counts) -> None:
 
 
 def repairs_of(times: Array, kept: Counts, counts: Counts, *, offset: int = 0) -> PulseRepairs:
-    """Tell what a numbering leaves out and bridges; indices count from `offset`."""
+    """Return the missing and extra pulses of a numbering; indices count from `offset`."""
     steps = np.diff(counts)
-    missing = counts[0] + _left_out(counts - counts[0], int(counts[-1] - counts[0]) + 1)
-    extra = _left_out(kept, times.size)
+    missing = np.setdiff1d(np.arange(counts[0], counts[-1] + 1), counts, assume_unique=True)
+    extra = np.setdiff1d(np.arange(times.size), kept, assume_unique=True)
     before = np.clip(np.searchsorted(kept, extra) - 1, 0, max(steps.size - 1, 0))
-    # how far after the true pulse, as a share of the interval to the next
-    usual = np.diff(times[kept])[before] / steps[before] if steps.size else np.ones(extra.size)
+    interval = np.diff(times[kept])[before] / steps[before] if steps.size else np.ones(extra.size)
     late = times[extra] - times[kept[before]]
-    double = (late > 0) & (late < _DOUBLE * usual)
+    double = (late > 0) & (late < _DOUBLE * interval)
     return PulseRepairs(
         missing=missing.size,
         double=int(double.sum()),
@@ -166,65 +194,60 @@ def repairs_of(times: Array, kept: Counts, counts: Counts, *, offset: int = 0) -
     )
 
 
-def _left_out(places: Counts, size: int) -> Counts:
-    out = np.ones(size, dtype=np.bool_)
-    out[places] = False
-    return np.flatnonzero(out)
-
-
 def all_repairs(parts: list[PulseRepairs]) -> PulseRepairs:
     """Return the repairs of consecutive stretches as one."""
 
-    def together(name: str) -> Any:  # noqa: ANN401 - times or indices
+    def concatenated(name: str) -> Any:  # noqa: ANN401 - times or indices
         return np.concatenate([getattr(part, name) for part in parts])
 
     return PulseRepairs(
         missing=sum(part.missing for part in parts),
         double=sum(part.double for part in parts),
         spurious=sum(part.spurious for part in parts),
-        missing_times_s=together("missing_times_s"),
-        double_index=together("double_index"),
-        double_times_s=together("double_times_s"),
-        spurious_index=together("spurious_index"),
-        spurious_times_s=together("spurious_times_s"),
+        missing_times_s=concatenated("missing_times_s"),
+        double_index=concatenated("double_index"),
+        double_times_s=concatenated("double_times_s"),
+        spurious_index=concatenated("spurious_index"),
+        spurious_times_s=concatenated("spurious_times_s"),
     )
 
 
 def possible_stops(times: Array, *, stripes: int) -> Counts:
-    """Intervals in which the shaft may have stopped: slowing towards it and gathering speed after it.
+    """Return the intervals in which the shaft may have stopped: it decelerates before and accelerates after.
 
-    The square of the speed is carried on along the angle from either side, as at a constant acceleration; where both
-    lines reach zero about within the interval, the shaft may have stood there, and may have turned back.
+    The squared speed is extrapolated over the angle from either side, linearly as at constant acceleration; where both
+    lines reach zero near the interval, the shaft may have stopped there, and may have reversed.
     """
     stride = stripes if stripes <= _FEW_STRIPES else 1
     intervals = np.diff(times)
     beside = np.maximum(np.concatenate([[np.inf], intervals[:-1]]), np.concatenate([intervals[1:], [np.inf]]))
     found = [
         i
-        for i in np.flatnonzero(intervals > _STOP_LONG * beside)
-        if _runs_out(times[: i + 1][::-1], stride) and _runs_out(times[i + 1 :], stride)
+        for i in np.flatnonzero(intervals > _STOP_RATIO * beside)
+        if _stops_near(times[: i + 1][::-1], stride) and _stops_near(times[i + 1 :], stride)
     ]
     return np.array(found, dtype=np.int64)
 
 
-def _runs_out(away: Array, stride: int) -> bool:
-    """Whether pulses, told away from a place, show a shaft that stands within reach of it."""
-    laps = np.abs(np.diff(away[::stride][: _STOP_LAPS + 1]))
-    if laps.size < _STOP_LAPS or not np.all(np.diff(laps) < 0):
+def _stops_near(times: Array, stride: int) -> bool:
+    """Return whether pulses, in order of distance from an interval, extrapolate to zero speed near it."""
+    intervals = np.abs(np.diff(times[::stride][: _STOP_REVS + 1]))
+    if intervals.size < _STOP_REVS or not np.all(np.diff(intervals) < 0):
         return False
-    squares, place = laps**-2, np.arange(_STOP_LAPS) + 0.5
-    slope, level = np.polyfit(place, squares, 1)
-    straight = np.max(np.abs(squares - level - slope * place)) < _STOP_STRAIGHT * squares.max()
-    return bool(straight and slope > 0 and -level / slope > -_STOP_REACH)
+    squared_speed, angle = intervals**-2, np.arange(_STOP_REVS) + 0.5
+    slope, level = np.polyfit(angle, squared_speed, 1)
+    residual = np.max(np.abs(squared_speed - level - slope * angle))
+    fits = residual < _STOP_RESIDUAL * squared_speed.max()
+    return bool(fits and slope > 0 and -level / slope > -_STOP_REACH)
 
 
-def _soundest(times: Array, wrong: NDArray[np.bool_]) -> tuple[int, Array]:
-    """Return the longest run of sound pulses, and the index of its first."""
+def _longest_sound_run(times: Array, wrong: NDArray[np.bool_]) -> tuple[int, Array]:
+    """Return the index of the first pulse of the longest run of sound ones, and their times."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], wrong, [True]]).astype(np.int8)))
     begins, ends = edges[::2], edges[1::2]
     longest = int(np.argmax(ends - begins)) if begins.size else 0
     begin, end = (int(begins[longest]), int(ends[longest]) + 1) if begins.size else (0, 0)
-    # the outermost may be the wrong ones of the intervals beside
+    # the first and last pulse may be the wrong one of the faulty interval beside
     begin, end = begin + (begin > 0), end - (end < times.size)
     if end - begin < _FEWEST_SOUND:
         raise ValueError(
@@ -234,43 +257,46 @@ def _soundest(times: Array, wrong: NDArray[np.bool_]) -> tuple[int, Array]:
     return begin, times[begin:end]
 
 
-def _steadiest(run: Array, stripes: int) -> int:
-    """Return the pulse, whole laps into a run, after which the intervals change least: faults may hide in a run."""
+def _steadiest_pulse(run: Array, stripes: int) -> int:
+    """Return the pulse, whole revolutions into a run, after which the intervals change least.
+
+    A run may hold faults that were not detected; they are unlikely where the speed is steady.
+    """
     intervals = np.diff(run)
-    lap = stripes if intervals.size >= 2 * stripes + _FEWEST_SOUND else 1
-    changes = np.abs(np.log(intervals[lap:] / intervals[:-lap]))
+    period = stripes if intervals.size >= 2 * stripes + _FEWEST_SOUND else 1
+    changes = np.abs(np.log(intervals[period:] / intervals[:-period]))
     window = min(_FEWEST_SOUND, changes.size)
     change = np.convolve(changes, np.ones(window), "valid")[: run.size - 2 : stripes]
     return int(np.argmin(change)) * stripes
 
 
-def _off_place(times: Array, counts: Counts, pattern: Array) -> Array:
-    """Return how far each pulse lies off the place that the three before it foretell, in intervals."""
-    place = counts // pattern.size + pattern[counts % pattern.size]
+def _prediction_errors(times: Array, counts: Counts, positions: Array) -> Array:
+    """Return each pulse's error, in intervals, against the parabola through the three before it (Lagrange)."""
+    angle = counts // positions.size + positions[counts % positions.size]
     if times.size < 4:  # noqa: PLR2004
-        return np.full(1, _WIDEST)
-    near = [times[i : times.size - 3 + i] for i in range(4)]
-    at = [place[i : place.size - 3 + i] for i in range(4)]
-    foretold = np.zeros(near[0].size)
+        return np.full(1, _MOST_STD)
+    t = [times[i : times.size - 3 + i] for i in range(4)]
+    a = [angle[i : angle.size - 3 + i] for i in range(4)]
+    predicted = np.zeros(t[0].size)
     for i in range(3):
-        share = near[i] - times[0]
+        term = t[i] - times[0]
         for j in range(3):
             if j != i:
-                share = share * (at[3] - at[j]) / (at[i] - at[j])
-        foretold += share
-    return np.asarray((near[3] - times[0] - foretold) / (near[3] - near[2]))
+                term = term * (a[3] - a[j]) / (a[i] - a[j])
+        predicted += term
+    return np.asarray((t[3] - times[0] - predicted) / (t[3] - t[2]))
 
 
-def _pattern_of(times: Array, counts: Counts, stripes: int) -> Array:
-    """Places of the stripes, (stripes,), as medians over the laps of pulses whose numbers are known."""
+def _stripe_positions(times: Array, counts: Counts, stripes: int) -> Array:
+    """Return the angles of the stripes in revolutions, (stripes,), as medians over the revolutions."""
     first = counts % stripes == 0
     if np.count_nonzero(first) < 3:  # noqa: PLR2004
         return np.arange(stripes) / stripes
     turns = np.interp(times, times[first], (counts[first] // stripes).astype(np.float64), left=np.nan, right=np.nan)
-    share = turns - counts // stripes
-    places = np.arange(stripes) / stripes
+    fraction = turns - counts // stripes
+    positions = np.arange(stripes) / stripes
     for stripe in range(1, stripes):
-        mine = share[(counts % stripes == stripe) & np.isfinite(share)]
-        if mine.size:
-            places[stripe] = np.median(mine)
-    return np.maximum.accumulate(places)
+        found = fraction[(counts % stripes == stripe) & np.isfinite(fraction)]
+        if found.size:
+            positions[stripe] = np.median(found)
+    return np.maximum.accumulate(positions)

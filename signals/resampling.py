@@ -1,40 +1,65 @@
-"""Angular resampling: a record over time becomes a record over shaft angle, band-limited in orders, and back.
+"""Angular resampling: from samples over time to samples over shaft angle, band-limited in orders, and back.
 
-Where the shaft turns slowly the record holds orders above what the angle grid can carry, and they are filtered out
-before they fold (low speed aliases first). The filter is a sinc under a Kaiser window with 32 zero crossings on either
-side (`_windowed_sinc`). Of half the coarser rate, it passes all up to 0.88 with an amplitude error below 2e-6; what is
-above 1.12, and would fold onto that, it attenuates by more than 100 dB; in between it falls, to one half at half the
-rate. Where the angle grid is the coarser, the filter is fixed in orders, however fast the speed changes (`_warp`).
+Where the shaft turns slowly the record holds orders above half the angular sampling rate; they are filtered out before
+they alias. The filter is a Kaiser-windowed sinc with 32 zero crossings on either side (`_windowed_sinc`). Relative to
+half the coarser rate, its passband ends at 0.88 (amplitude error below 2e-6), its gain is one half at 1, and its
+stopband begins at 1.12 (attenuation above 100 dB), so that nothing aliases into the passband. Where the angle grid is
+the coarser, the filter is fixed in orders, however fast the speed changes (`_warp`).
 
-Two cheaper choices filter nothing. For a tone of w rad a sample, w small, the RMS of their error over that of the tone:
+Two cheaper methods have no anti-alias filter. For a tone of w rad per sample, w small, the RMS of their error over that
+of the tone is
 
     "linear"    w^2 / sqrt(120) = 0.091 w^2         9e-3 at 20 samples a cycle, 9e-5 at 200
     "cubic"     0.0168 w^4                          1.6e-4 at 20 samples a cycle, 1.6e-8 at 200
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from signals._checks import Array, choice, positive, whole
 from signals._gaps import Missing, samples
 from signals._track import NODE_STEP, Track
-from signals._turning import refuse_rest, turning
+from signals._turning import direction_of, refuse_rest
 from signals._warp import FEWEST, METHODS, Flags, Map, Method, Warp
-from signals.phase import ShaftPhase
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from signals.phase import ShaftPhase
 
 PASSBAND = 0.88  # of half the coarser rate
 
-_ROUNDING = 1e-9  # revolutions: less is nothing
+_ROUNDING = 1e-9  # revolutions
 
 
 @dataclass(frozen=True, kw_only=True)
 class AngularSignal:
-    """A record on an even grid of shaft angle: `samples_per_rev` of them, whole revolutions from `start_rev`.
+    """A record sampled at even steps of shaft angle, in whole revolutions.
 
-    ``unsettled`` counts the values at the start and at the end whose filter reaches beyond what is known of the record
-    or of the shaft's motion.
+    Attributes
+    ----------
+    values : (n,) array
+        Samples, in the unit of the record.
+    samples_per_rev : int
+        Samples per revolution.
+    start_rev : float
+        Angle of the first sample in revolutions.
+    passband_orders : float
+        Highest order that passed the anti-alias filter at every speed.
+    unsettled : (int, int)
+        Numbers of values at the start and at the end whose filter reaches beyond the record or the phase.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal
+    >>> signal = AngularSignal(values=np.zeros(64), samples_per_rev=16, start_rev=3.0, passband_orders=7.0)
+    >>> signal.revolutions, float(signal.angle_rad[8] / np.pi)
+    (4, 7.0)
     """
 
     values: Array = field(metadata={"dims": ("angle",), "units": "as the record"})
@@ -45,7 +70,7 @@ class AngularSignal:
 
     @property
     def revolutions(self) -> int:
-        """How many whole revolutions the signal spans."""
+        """Number of whole revolutions."""
         return int(self.values.size // self.samples_per_rev)
 
     @property
@@ -56,10 +81,26 @@ class AngularSignal:
 
 @dataclass(frozen=True, kw_only=True)
 class TimeSignal:
-    """A record on an even grid of time, from `start_s` on.
+    """A record sampled at even steps of time.
 
-    ``unsettled`` counts the values at the start and at the end whose filter reaches beyond what is known of the record
-    or of the shaft's motion.
+    Attributes
+    ----------
+    values : (n,) array
+        Samples, in the unit of the record.
+    rate_hz, start_s : float
+        Sampling rate in Hz and time of the first sample in s.
+    passband_hz : float
+        Highest frequency in Hz that passed the anti-alias filter throughout.
+    unsettled : (int, int)
+        Numbers of values at the start and at the end whose filter reaches beyond the record or the phase.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import TimeSignal
+    >>> signal = TimeSignal(values=np.zeros(3), rate_hz=100.0, start_s=2.0, passband_hz=44.0)
+    >>> signal.times_s.tolist()
+    [2.0, 2.01, 2.02]
     """
 
     values: Array = field(metadata={"dims": ("time",), "units": "as the record"})
@@ -85,43 +126,57 @@ def angular_resample(
     method: Method = "sinc",
     missing: Missing = "refuse",
 ) -> AngularSignal:
-    """Resample a record at even steps of shaft angle, all whole revolutions from the first one on.
-
-    Of a shaft whose angle falls, revolutions are counted the way it turns: each angle is minus the phase's, and all
-    come in order of time.
-
-    Where the filter reaches beyond the record, only the part of it that lies on the record is used, and made to add
-    up to one; how many values that concerns is in ``unsettled``. A constant stays what it is to the very ends.
+    """Resample a record at even steps of shaft angle, from its first whole revolution to its last.
 
     Parameters
     ----------
-    x : (n,) array, any unit
-        Samples over time.
+    x : (n,) array
+        Samples over time, any unit.
     rate_hz : float
-        Samples a second.
+        Sampling rate in Hz.
     phase : ShaftPhase
-        Angle of the shaft over the same clock.
+        Angle of the shaft on the same clock.
     samples_per_rev : int
-        Output samples a revolution; orders up to ``passband_orders`` pass: 0.44 times this or, where that is
-        less, 0.44 times the samples a revolution the record itself has at its highest speed.
+        Output samples per revolution; orders up to ``passband_orders`` pass: 0.44 times this or, where that is
+        less, 0.44 times the samples per revolution of the record at its highest speed.
     start_s : float
-        Time of the first sample.
+        Time of the first sample in s.
     revolutions : int, optional
-        How many revolutions; default all that the record and the phase share.
+        Number of revolutions; default all that the record and the phase share.
     method : "sinc", "cubic" or "linear"
-        The filter; a cubic through four samples; a straight line. The last two let orders fold and images through.
+        Windowed sinc; a cubic through four samples; linear interpolation. The last two do not filter: orders alias.
     missing : "refuse" or "mark"
-        What to do about values that are not finite: raise, or make every output NaN whose filter reaches one.
+        Whether values that are not finite raise, or make every output NaN whose filter includes one.
 
     Returns
     -------
     AngularSignal
+        Where the angle of the shaft falls, its negative is the angle, so that samples are in order of time.
 
     Raises
     ------
     ValueError
-        A record shorter than one revolution, values that are not finite, a shaft that rests within the record or
-        that turns both ways.
+        A record shorter than one revolution, values that are not finite, a shaft that stands within the record or
+        that reverses.
+
+    Notes
+    -----
+    Where the filter reaches beyond the record, the weights on the record are normalised to a sum of one, so that a
+    constant is kept up to the ends; ``unsettled`` counts these values.
+
+    Examples
+    --------
+    A tone of order 3 on a shaft that accelerates from 10 Hz to 30 Hz has the same amplitude in every revolution:
+
+    >>> import numpy as np
+    >>> from signals import ShaftPhase, angular_resample
+    >>> t = np.arange(8000) / 4000
+    >>> rev = 10 * t + 5 * t**2
+    >>> phase = ShaftPhase(times_s=t[::100], revolutions=rev[::100])
+    >>> turns = angular_resample(np.cos(2 * np.pi * 3 * rev), rate_hz=4000, phase=phase, samples_per_rev=64)
+    >>> lines = 2 * np.fft.rfft(turns.values.reshape(-1, 64), axis=1)[1:-1] / 64
+    >>> bool(np.allclose(lines[:, 3], 1.0, atol=1e-4))
+    True
     """
     choice(method, name="method", choices=METHODS)
     rate = positive(rate_hz, name="rate_hz")
@@ -153,20 +208,20 @@ def time_resample(
     method: Method = "sinc",
     missing: Missing = "refuse",
 ) -> TimeSignal:
-    """Resample a record over angle at even steps of time: the inverse of `angular_resample`.
+    """Resample an angular signal at even steps of time: the inverse of `angular_resample`.
 
-    Where the shaft is so fast that the record holds frequencies above what the time grid can carry, they are filtered
-    out before they fold. Ends are as in `angular_resample`.
+    Frequencies above half of `rate_hz` are filtered out before they alias. Ends are as in `angular_resample`.
 
     Parameters
     ----------
     signal : AngularSignal
+        Samples over the angle of the shaft.
     phase : ShaftPhase
         Angle of the shaft; must cover the signal's revolutions.
     rate_hz : float
-        Output samples a second.
+        Output sampling rate in Hz.
     start_s : float, optional
-        Time of the first output, within the signal; default the time of its first sample.
+        Time in s of the first output, within the signal; default the time of its first sample.
     method, missing
         As in `angular_resample`.
 
@@ -179,35 +234,47 @@ def time_resample(
     Raises
     ------
     ValueError
-        Revolutions that the phase does not know, a start outside them, values that are not finite, a shaft that
-        rests among them or turns both ways.
+        Revolutions outside those of the phase, a start outside the signal, values that are not finite, a shaft that
+        stands within it or reverses.
+
+    Examples
+    --------
+    Order 2 of a shaft at 25 Hz is a tone of 50 Hz:
+
+    >>> import numpy as np
+    >>> from signals import AngularSignal, constant_speed, time_resample
+    >>> angle = 2 * np.pi * np.arange(100 * 64) / 64
+    >>> signal = AngularSignal(values=np.cos(2 * angle), samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
+    >>> x = time_resample(signal, phase=constant_speed(25.0, start_s=0.0, stop_s=4.0), rate_hz=1000.0)
+    >>> bool(np.allclose(x.values[100:-100], np.cos(2 * np.pi * 50 * x.times_s[100:-100]), atol=1e-5))
+    True
     """
     choice(method, name="method", choices=METHODS)
     rate, per_rev = positive(rate_hz, name="rate_hz"), signal.samples_per_rev
     phase = forwards(phase)
     x = samples(signal.values, missing=missing, minimum=FEWEST[method])
     ends = signal.start_rev, signal.start_rev + (x.size - 1) / per_rev
-    begin, end = _departure(phase, ends[0]), _arrival(phase, ends[1])
+    begin, end = _departure_time(phase, ends[0]), _arrival_time(phase, ends[1])
     refuse_rest(phase.times_s, phase.revolutions, start_s=begin, stop_s=end)
     start = begin if start_s is None else float(start_s)
     if not begin - _ROUNDING <= start <= end:
         raise ValueError(f"start_s={start:g} s lies outside the signal, {begin:g} to {end:g} s; start within it.")
     speeds = _speeds(phase, begin, end, points=x.size // NODE_STEP)
-    slowest = max(float(speeds.min()), 1e-9 * float(speeds.max()))  # a shaft at rest gets through no step of angle
+    slowest = max(float(speeds.min()), 1e-9 * float(speeds.max()))  # at rest dt/d(angle) is infinite
 
-    def when(revolutions: Array) -> Array:
+    def time_at(revolutions: Array) -> Array:
         times = phase.times_at(revolutions, at_rest="departure")
         within = revolutions <= ends[1] + _ROUNDING
-        return np.where(within, np.minimum(times, end), times)  # the signal is over before a rest at its end
+        return np.where(within, np.minimum(times, end), times)  # the signal ends before a standstill at its end
 
-    def pace(revolutions: Array) -> Array:
-        return 1 / np.maximum(phase.speed_hz(when(revolutions)), slowest)
+    def time_per_rev(revolutions: Array) -> Array:
+        return 1 / np.maximum(phase.speed_hz(time_at(revolutions)), slowest)
 
     known = phase.revolutions[[0, -1]]
     grid = Map(
         outward=Track(
-            value=when,
-            slope=pace,
+            value=time_at,
+            slope=time_per_rev,
             start=float(known[0]),
             stop=float(known[1]),
             origin=signal.start_rev,
@@ -242,18 +309,18 @@ def time_resample(
 
 
 def forwards(phase: ShaftPhase) -> ShaftPhase:
-    """Return the phase counted the way the shaft turns: minus itself where it falls.
+    """Return the phase, negated where its angle falls, so that it rises.
 
     Raises
     ------
     ValueError
-        A shaft that turns both ways.
+        A shaft that reverses.
     """
-    return phase if turning(phase.times_s, phase.revolutions) > 0 else phase.scaled(-1)
+    return phase if direction_of(phase.times_s, phase.revolutions) > 0 else phase.scaled(-1)
 
 
 def whole_revolutions(phase: ShaftPhase, *, start_s: float, stop_s: float) -> tuple[float, int]:
-    """Return the first whole revolution (counted from the phase's first knot) in a span, and how many follow.
+    """Return the first whole revolution (counted from the phase's first knot) in a span, and their number.
 
     Raises
     ------
@@ -261,25 +328,25 @@ def whole_revolutions(phase: ShaftPhase, *, start_s: float, stop_s: float) -> tu
         Where there is not one.
     """
     begin, end = max(start_s, phase.start_s), min(stop_s, phase.stop_s)
-    turned = 0.0
+    span = 0.0
     if end > begin:
         at_begin, at_end = phase.revolutions_at(np.array([begin, end]))
         base = float(phase.revolutions[0])
         first = base + np.ceil(at_begin - base - _ROUNDING)
-        turned = at_end - first
-    if turned < 1 - _ROUNDING:
+        span = at_end - first
+    if span < 1 - _ROUNDING:
         raise ValueError(
             f"the record from {start_s:g} to {stop_s:g} s holds no whole revolution of the shaft (its phase is known "
             f"from {phase.start_s:g} to {phase.stop_s:g} s); record longer, or check rate and tachometer."
         )
-    return float(first), int(np.floor(turned + _ROUNDING))
+    return float(first), int(np.floor(span + _ROUNDING))
 
 
 def angle_map(
     phase: ShaftPhase, *, rate_hz: float, start_s: float, samples_per_rev: int, first: float, revolutions: int
 ) -> Map:
-    """Lay the samples of a record on the grid of `revolutions` from `first` on."""
-    begin, end = _departure(phase, first), _arrival(phase, first + revolutions)
+    """Return the map from the samples of a record to the angle grid of `revolutions` from `first` on."""
+    begin, end = _departure_time(phase, first), _arrival_time(phase, first + revolutions)
     speeds = _speeds(phase, begin, end, points=int((end - begin) * rate_hz) // NODE_STEP)
     edges = phase.revolutions_at(np.array([phase.start_s, phase.stop_s]))
     return Map(
@@ -301,11 +368,11 @@ def angle_map(
     )
 
 
-def _departure(phase: ShaftPhase, revolution: float) -> float:
+def _departure_time(phase: ShaftPhase, revolution: float) -> float:
     return float(phase.times_at([revolution], at_rest="departure")[0])
 
 
-def _arrival(phase: ShaftPhase, revolution: float) -> float:
+def _arrival_time(phase: ShaftPhase, revolution: float) -> float:
     return float(phase.times_at([revolution], at_rest="arrival")[0])
 
 
@@ -314,7 +381,7 @@ def _speeds(phase: ShaftPhase, begin: float, end: float, *, points: int) -> Arra
 
 
 def passband_orders(grid: Map, samples_per_rev: int) -> float:
-    """Return the highest order that passes at every speed."""
+    """Return the highest order in the passband at every speed."""
     return PASSBAND / 2 * samples_per_rev * min(1.0, 1 / grid.largest_slope)
 
 

@@ -1,19 +1,19 @@
-"""Angular resampling of a record that comes in blocks, in memory that does not grow with it.
+"""Angular resampling of a record that arrives in blocks, in constant memory.
 
-The record is worked on in chunks counted from its first sample, so how it is split into blocks changes nothing.
+The record is processed in chunks counted from its first sample, so that the block sizes do not change the result.
 """
 
-from collections.abc import Iterable, Iterator
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from signals._checks import Array, choice, positive, whole
 from signals._gaps import Missing, samples
 from signals._turning import refuse_rest
 from signals._warp import FEWEST, METHODS, Flags, Method, Warp
-from signals.phase import ShaftPhase
 from signals.resampling import (
     AngularSignal,
     angle_map,
@@ -23,23 +23,33 @@ from signals.resampling import (
     whole_revolutions,
 )
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import ArrayLike
+
+    from signals.phase import ShaftPhase
+
 
 class AngularStream:
-    """`angular_resample` of a record that is pushed block by block.
+    """Angular resampler of a record that arrives in blocks, equal to `angular_resample` of the whole.
 
     Parameters
     ----------
     rate_hz, phase, samples_per_rev, start_s, method, missing
-        As in `angular_resample`. The phase is known beforehand, for the whole record.
+        As in `angular_resample`. The phase must be known beforehand, for the whole record.
 
     Examples
     --------
-    Average a long record over its revolutions:
+    Resample a record of two seconds at 10 revolutions per second in blocks of 300 samples:
 
-    >>> stream = AngularStream(rate_hz=51_200, phase=phase, samples_per_rev=256)    # doctest: +SKIP
-    >>> for block in blocks:                                                        # doctest: +SKIP
-    ...     turns = stream.push(block)
-    ...     total += turns.values.reshape(-1, 256).sum(axis=0)
+    >>> import numpy as np
+    >>> from signals import AngularStream, constant_speed
+    >>> phase = constant_speed(10.0, start_s=0.0, stop_s=2.0)
+    >>> stream = AngularStream(rate_hz=1000, phase=phase, samples_per_rev=64)
+    >>> parts = [stream.push(block) for block in np.split(np.ones(2100), 7)] + [stream.finish()]
+    >>> sum(part.revolutions for part in parts)
+    20
     """
 
     def __init__(
@@ -71,10 +81,10 @@ class AngularStream:
         self._warp = Warp(grid, method=method)
         self._finished = False
         self._values, self._beyond = np.empty(0), np.empty(0, dtype=bool)  # of the revolution that is not complete
-        self._given = 0
+        self._released = 0  # number of values returned so far
 
     def push(self, x: ArrayLike) -> AngularSignal:
-        """Take the next block, (n,) of any length; return the whole revolutions it completes, perhaps none.
+        """Process the next block, (n,) of any length; return the whole revolutions it completes, perhaps none.
 
         Raises
         ------
@@ -89,10 +99,10 @@ class AngularStream:
             start_s=self._start_s,
             first=self._warp.samples_seen,
         )
-        return self._whole(*self._warp.push(block))
+        return self._whole_revolutions(*self._warp.push(block))
 
     def finish(self) -> AngularSignal:
-        """Return the whole revolutions that are left at the end of the record, perhaps none.
+        """End the record; return its remaining whole revolutions, perhaps none.
 
         Raises
         ------
@@ -105,18 +115,19 @@ class AngularStream:
                 f"the stream was finished after {self._warp.samples_seen} samples; at least {self._least} are needed."
             )
         self._finished = True
-        return self._whole(*self._warp.finish())
+        return self._whole_revolutions(*self._warp.finish())
 
     def _refuse_finished(self) -> None:
         if self._finished:
             raise ValueError("the stream was finished; make another for the next record.")
 
-    def _whole(self, values: Array, beyond: Flags) -> AngularSignal:
+    def _whole_revolutions(self, values: Array, beyond: Flags) -> AngularSignal:
+        """Return the whole revolutions complete with these values, and keep the remainder."""
         values, beyond = np.concatenate([self._values, values]), np.concatenate([self._beyond, beyond])
         size = values.size // self._per_rev * self._per_rev
         self._values, self._beyond = values[size:].copy(), beyond[size:].copy()
-        start = self._first + self._given // self._per_rev
-        self._given += size
+        start = self._first + self._released // self._per_rev
+        self._released += size
         return AngularSignal(
             values=values[:size],
             samples_per_rev=self._per_rev,
@@ -137,16 +148,31 @@ def angular_blocks(
     missing: Missing = "refuse",
     block_size: int | None = None,
 ) -> Iterator[AngularSignal]:
-    """Resample a record that comes in blocks; yield it in blocks of whole revolutions, or of `block_size` values.
+    """Resample a record that arrives in blocks; yield it in blocks of whole revolutions, or of `block_size` values.
 
     Parameters
     ----------
-    blocks : iterable of (n,) arrays, of any lengths
+    blocks : iterable of (n,) arrays
+        Consecutive parts of the record, of any lengths.
     rate_hz, phase, samples_per_rev, start_s, method, missing
         As in `angular_resample`.
     block_size : int, optional
-        How many values each block is to have, the last perhaps fewer; its ``start_rev`` then falls between
-        revolutions. Default: as many whole revolutions as are complete. Together both are the same values.
+        Number of values of each block, the last perhaps fewer; ``start_rev`` is then not a whole revolution.
+        Default: as many whole revolutions as are complete. The values are the same either way.
+
+    Yields
+    ------
+    AngularSignal
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import angular_blocks, constant_speed
+    >>> phase = constant_speed(10.0, start_s=0.0, stop_s=2.0)
+    >>> blocks = np.split(np.ones(2100), 7)
+    >>> turns = angular_blocks(blocks, rate_hz=1000, phase=phase, samples_per_rev=64, block_size=500)
+    >>> [block.values.size for block in turns]
+    [500, 500, 280]
     """
     stream = AngularStream(
         rate_hz=rate_hz,
@@ -156,14 +182,15 @@ def angular_blocks(
         method=method,
         missing=missing,
     )
-    signals = _finished(stream, blocks)
+    signals = _resampled(stream, blocks)
     if block_size is None:
         yield from signals
     else:
         yield from _regrouped(signals, whole(block_size, name="block_size", least=1))
 
 
-def _finished(stream: AngularStream, blocks: Iterable[ArrayLike]) -> Iterator[AngularSignal]:
+def _resampled(stream: AngularStream, blocks: Iterable[ArrayLike]) -> Iterator[AngularSignal]:
+    """Yield what each block completes, and what remains at the end, where it is not empty."""
     for block in blocks:
         signal = stream.push(block)
         if signal.values.size:
@@ -174,23 +201,24 @@ def _finished(stream: AngularStream, blocks: Iterable[ArrayLike]) -> Iterator[An
 
 
 def _regrouped(signals: Iterable[AngularSignal], size: int) -> Iterator[AngularSignal]:
+    """Yield the same values in blocks of `size`."""
     values, beyond = np.empty(0), np.empty(0, dtype=bool)
-    like: AngularSignal | None = None
+    previous: AngularSignal | None = None
     for signal in signals:
-        if like is None:
-            like = replace(signal, values=values)
+        if previous is None:
+            previous = replace(signal, values=values)
         flags = np.zeros(signal.values.size, dtype=bool)
         flags[: signal.unsettled[0]] = flags[flags.size - signal.unsettled[1] :] = True
         values, beyond = np.concatenate([values, signal.values]), np.concatenate([beyond, flags])
         while values.size >= size:
-            like = _block(like, values[:size], beyond[:size])
-            yield like
+            previous = _following(previous, values[:size], beyond[:size])
+            yield previous
             values, beyond = values[size:], beyond[size:]
-    if like is not None and values.size:
-        yield _block(like, values, beyond)
+    if previous is not None and values.size:
+        yield _following(previous, values, beyond)
 
 
-def _block(before: AngularSignal, values: Array, beyond: Flags) -> AngularSignal:
-    """Return the values that follow another block."""
+def _following(before: AngularSignal, values: Array, beyond: Flags) -> AngularSignal:
+    """Return the block of these values that follows `before`."""
     start = before.start_rev + before.values.size / before.samples_per_rev
     return replace(before, values=values, start_rev=start, unsettled=unsettled(beyond))

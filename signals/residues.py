@@ -1,58 +1,127 @@
-"""What is left of a synchronous average when its regular part is taken out, with every removed order written down.
+"""Residual, difference and regular signals of a time synchronous average, and its mesh band for demodulation.
 
-A sound gear gives the harmonics of its mesh and of its shaft: the regular signal. Without them a local fault of one
-tooth stands out, though it is far smaller. Each signal is a type of its own, so that an indicator that is defined
-on one of them cannot be given another.
+The regular signal of a sound gear consists of the harmonics of its mesh and of its shaft; without them the small
+signal of a local tooth fault stands out. Each signal has a type of its own, so that an indicator cannot be computed
+from a signal that it is not defined for.
 """
+
+from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 
 from signals._checks import Array, real_vector, whole
-from signals.averaging import SynchronousAverage
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from signals.averaging import SynchronousAverage
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Part:
+    """One revolution of part of an average, and the whole orders removed from it."""
+
     values: Array = field(metadata={"dims": ("angle",), "units": "as the record"})
     removed_orders: tuple[int, ...]
 
     @property
     def samples_per_rev(self) -> int:
-        """How many angles there are to a revolution."""
+        """Number of angles per revolution."""
         return int(self.values.size)
 
     @property
     def kept_orders(self) -> tuple[int, ...]:
-        """Whole orders that are still in, up to half the samples of a revolution."""
+        """Whole orders not removed, up to half the samples per revolution."""
         removed = set(self.removed_orders)
         return tuple(order for order in range(self.values.size // 2 + 1) if order not in removed)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ResidualSignal(_Part):
-    """A synchronous average without mean, mesh harmonics and shaft orders; the sidebands are still in."""
+    """A synchronous average without mean, mesh harmonics and shaft orders; the sidebands remain.
+
+    Attributes
+    ----------
+    values : (angle,) array
+        One revolution, in the unit of the record.
+    removed_orders : tuple of int
+        Orders removed, those above `max_order` included.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import ResidualSignal
+    >>> ResidualSignal(values=np.zeros(8), removed_orders=(0, 2)).kept_orders
+    (1, 3, 4)
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
 class DifferenceSignal(_Part):
-    """A residual signal without the sidebands next to each mesh harmonic either."""
+    """A residual signal from which the sidebands next to each mesh harmonic are removed too.
+
+    Attributes
+    ----------
+    values : (angle,) array
+        One revolution, in the unit of the record.
+    removed_orders : tuple of int
+        Orders removed, those above `max_order` included.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import DifferenceSignal
+    >>> DifferenceSignal(values=np.zeros(8), removed_orders=(0, 1, 2, 3)).kept_orders
+    (4,)
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
 class RegularSignal(_Part):
-    """What a residual or difference signal had removed: together they are the average."""
+    """The part of an average that was removed to give a residual or difference signal.
+
+    Attributes
+    ----------
+    values : (angle,) array
+        One revolution, in the unit of the record.
+    removed_orders : tuple of int
+        Orders not in it: those of the residual or difference signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import RegularSignal
+    >>> RegularSignal(values=np.zeros(8), removed_orders=(1, 3)).kept_orders
+    (0, 2, 4)
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshBand:
-    """One mesh harmonic and its sidebands, as an analytic signal over one revolution, ready to demodulate.
+    """One mesh harmonic and its sidebands, as an analytic signal over one revolution.
 
-    ``analytic`` holds ``sum_k Z_k exp(j k angle)`` over ``kept_orders``, Z_k the complex peak amplitudes.
+    Attributes
+    ----------
+    analytic : (angle,) complex array
+        ``sum_k Z_k exp(j k angle)`` over ``kept_orders``, Z_k being the complex peak amplitudes.
+    mesh_order : int
+        Order of the mesh harmonic.
+    sidebands : int
+        Number of sidebands on either side.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import MeshBand
+    >>> angle = 2 * np.pi * np.arange(256) / 256
+    >>> band = MeshBand(analytic=3 * np.exp(1j * (30 * angle + 0.2)), mesh_order=30, sidebands=4)
+    >>> round(float(band.amplitude[7]), 6), round(float(band.phase_rad[7]), 6), band.kept_orders[0]
+    (3.0, 0.2, 26)
     """
 
     analytic: NDArray[np.complex128] = field(metadata={"dims": ("angle",), "units": "as the record"})
@@ -66,21 +135,21 @@ class MeshBand:
 
     @property
     def amplitude(self) -> Array:
-        """Envelope of the band: the amplitude modulation of the mesh, (samples_per_rev,)."""
+        """Envelope of the band, that is the amplitude modulation of the mesh harmonic, (samples_per_rev,)."""
         return np.abs(self.analytic)
 
     @property
     def phase_rad(self) -> Array:
-        """Phase modulation: by how much the mesh leads ``mesh_order`` times the angle, (samples_per_rev,), in rad.
+        """Phase modulation: phase of the band less ``mesh_order`` times the angle, (samples_per_rev,), in rad.
 
-        Continuous from angle to angle, between -pi and pi at angle zero.
+        Unwrapped, between -pi and pi at angle zero.
         """
         angle = 2 * np.pi * np.arange(self.analytic.size) / self.analytic.size
         return np.unwrap(np.angle(self.analytic * np.exp(-1j * self.mesh_order * angle)))
 
     @property
     def samples_per_rev(self) -> int:
-        """How many angles there are to a revolution."""
+        """Number of angles per revolution."""
         return int(self.analytic.size)
 
     @property
@@ -90,7 +159,7 @@ class MeshBand:
 
     @property
     def removed_orders(self) -> tuple[int, ...]:
-        """All other orders, up to half the samples of a revolution."""
+        """All other orders, up to half the samples per revolution."""
         kept = set(self.kept_orders)
         return tuple(order for order in range(self.analytic.size // 2 + 1) if order not in kept)
 
@@ -103,26 +172,46 @@ def residual_signal(
     shaft_orders: Iterable[int],
     max_order: int | None = None,
 ) -> ResidualSignal:
-    """Take mean, shaft orders and mesh harmonics out of an average (Stewart 1977, Southampton report MHM/R/10/77).
+    """Return an average without mean, shaft orders and mesh harmonics (Stewart 1977, Southampton report MHM/R/10/77).
 
     Parameters
     ----------
     average : SynchronousAverage
-    teeth : int, or several
-        Of every gear on the averaged shaft.
+        Average of the shaft that the gears are on.
+    teeth : int or iterable of int
+        Numbers of teeth of every gear on the averaged shaft.
     harmonics : int
-        How many mesh harmonics of each gear are removed, the fundamental being the first.
-    shaft_orders : ints
-        Orders of the shaft itself that are removed beside the mean, as 1 for unbalance and 2 for misalignment.
+        Number of mesh harmonics of each gear to remove, the fundamental being the first.
+    shaft_orders : iterable of int
+        Orders of the shaft to remove beside the mean, as 1 for unbalance and 2 for misalignment.
     max_order : int, optional
-        The highest order kept; default the highest one that the average passes unchanged.
+        Highest order kept; default the highest in the passband of the average.
 
     Returns
     -------
     ResidualSignal
-        ``removed_orders`` names all that is not in it, also those above `max_order`.
+
+    Raises
+    ------
+    ValueError
+        No gear, or no order left.
+
+    Examples
+    --------
+    Mesh order 8 and shaft order 1 are removed, the sideband at order 9 remains:
+
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, residual_signal
+    >>> angle = 2 * np.pi * np.arange(64) / 64
+    >>> sideband = 0.1 * np.cos(9 * angle)
+    >>> average = SynchronousAverage(
+    ...     values=np.cos(angle) + np.cos(8 * angle) + sideband, standard_error=np.zeros(64), revolutions=20
+    ... )
+    >>> residual = residual_signal(average, teeth=8, harmonics=3, shaft_orders=[1])
+    >>> bool(np.allclose(residual.values, sideband))
+    True
     """
-    removed = _regular(average, teeth, harmonics, shaft_orders, 0, max_order)
+    removed = _removed_orders(average, teeth, harmonics, shaft_orders, 0, max_order)
     return ResidualSignal(values=_without(average, removed), removed_orders=removed)
 
 
@@ -135,25 +224,70 @@ def difference_signal(
     sidebands: int = 1,
     max_order: int | None = None,
 ) -> DifferenceSignal:
-    """Take the sidebands next to each mesh harmonic out of a residual signal too.
+    """Return an average without mean, shaft orders, mesh harmonics and the sidebands next to them.
 
-    This is the signal of FM4 (Stewart 1977), M6A and M8A (Martin 1989, MFPG 44), named as Lebold et al. do (2000,
-    "Review of vibration analysis methods for gearbox diagnostics and prognostics", MFPG 54).
+    FM4 (Stewart 1977), M6A and M8A (Martin 1989, MFPG 44) are defined on this signal; its name is that of Lebold et al.
+    (2000, "Review of vibration analysis methods for gearbox diagnostics and prognostics", MFPG 54).
 
     Parameters
     ----------
     average, teeth, harmonics, shaft_orders, max_order
         As in `residual_signal`.
     sidebands : int
-        How many on either side of each mesh harmonic are removed.
+        Number of sidebands on either side of each mesh harmonic to remove.
+
+    Returns
+    -------
+    DifferenceSignal
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, difference_signal
+    >>> angle = 2 * np.pi * np.arange(64) / 64
+    >>> average = SynchronousAverage(
+    ...     values=np.cos(8 * angle) + np.cos(9 * angle), standard_error=np.zeros(64), revolutions=20
+    ... )
+    >>> difference = difference_signal(average, teeth=8, harmonics=3, shaft_orders=[1])
+    >>> bool(np.allclose(difference.values, 0))
+    True
     """
     side = whole(sidebands, name="sidebands", least=1)
-    removed = _regular(average, teeth, harmonics, shaft_orders, side, max_order)
+    removed = _removed_orders(average, teeth, harmonics, shaft_orders, side, max_order)
     return DifferenceSignal(values=_without(average, removed), removed_orders=removed)
 
 
 def regular_signal(average: SynchronousAverage, *, left: ResidualSignal | DifferenceSignal) -> RegularSignal:
-    """Return what was taken out of `average` to leave `left`: ``regular + left == average``, but for rounding."""
+    """Return the regular signal of an average: the average less its residual or difference signal.
+
+    Parameters
+    ----------
+    average : SynchronousAverage
+        The average that `left` was made from.
+    left : ResidualSignal or DifferenceSignal
+        The signal left of it.
+
+    Returns
+    -------
+    RegularSignal
+
+    Raises
+    ------
+    ValueError
+        Signals of different lengths.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, regular_signal, residual_signal
+    >>> angle = 2 * np.pi * np.arange(64) / 64
+    >>> average = SynchronousAverage(
+    ...     values=np.cos(8 * angle) + np.cos(9 * angle), standard_error=np.zeros(64), revolutions=20
+    ... )
+    >>> residual = residual_signal(average, teeth=8, harmonics=1, shaft_orders=[1])
+    >>> bool(np.allclose(regular_signal(average, left=residual).values, np.cos(8 * angle)))
+    True
+    """
     if left.samples_per_rev != average.samples_per_rev:
         raise ValueError(
             f"what is left has {left.samples_per_rev} samples a revolution, the average {average.samples_per_rev}; "
@@ -164,20 +298,39 @@ def regular_signal(average: SynchronousAverage, *, left: ResidualSignal | Differ
 
 
 def mesh_band(average: SynchronousAverage, *, mesh_order: int, sidebands: int) -> MeshBand:
-    """Cut one mesh harmonic with its sidebands out of an average (McFadden 1986, J. Vib. Acoust. 108(2), 165-170).
+    """Return one mesh harmonic with its sidebands as an analytic signal (McFadden 1986, J. Vib. Acoust. 108, 165-170).
 
     Parameters
     ----------
     average : SynchronousAverage
+        Average of the shaft that the gear is on.
     mesh_order : int
-        Order of the harmonic: a multiple of the teeth.
+        Order of the harmonic, a multiple of the number of teeth.
     sidebands : int
-        How many on either side are kept; fewer than half the teeth keep out of the next harmonic's.
+        Number of sidebands kept on either side; fewer than half the teeth, not to overlap with the next harmonic.
+
+    Returns
+    -------
+    MeshBand
 
     Raises
     ------
     ValueError
-        A band that reaches order zero or leaves the passband of the average.
+        A band that includes order zero or leaves the passband of the average.
+
+    Examples
+    --------
+    A mesh of 20 teeth, amplitude modulated by 30 % once a revolution:
+
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage, mesh_band
+    >>> angle = 2 * np.pi * np.arange(128) / 128
+    >>> x = (1 + 0.3 * np.cos(angle)) * np.cos(20 * angle)
+    >>> band = mesh_band(
+    ...     SynchronousAverage(values=x, standard_error=np.zeros(128), revolutions=9), mesh_order=20, sidebands=5
+    ... )
+    >>> bool(np.allclose(band.amplitude, 1 + 0.3 * np.cos(angle)))
+    True
     """
     values = real_vector(average.values, name="the average", minimum=4)
     last = _last_order(average)
@@ -196,11 +349,11 @@ def mesh_band(average: SynchronousAverage, *, mesh_order: int, sidebands: int) -
 
 
 def _last_order(average: SynchronousAverage) -> int:
-    """Return the highest order that an average passes unchanged, and that has a phase on its grid."""
+    """Return the highest order in the passband of an average that lies below half its samples per revolution."""
     return int(min(average.passband_orders, (average.values.size - 1) // 2))
 
 
-def _regular(
+def _removed_orders(
     average: SynchronousAverage,
     teeth: int | Iterable[int],
     harmonics: int,
@@ -208,6 +361,7 @@ def _regular(
     sidebands: int,
     max_order: int | None,
 ) -> tuple[int, ...]:
+    """Return the sorted orders of the mean, the shaft, the mesh harmonics with sidebands, and those above the last."""
     top = average.values.size // 2
     gears = list(teeth) if isinstance(teeth, Iterable) else [teeth]
     last = _last_order(average) if max_order is None else whole(max_order, name="max_order", least=1)
@@ -231,6 +385,7 @@ def _regular(
 
 
 def _without(average: SynchronousAverage, orders: tuple[int, ...]) -> Array:
+    """Return the values of an average without some of its orders."""
     values = real_vector(average.values, name="the average", minimum=4)
     lines = np.asarray(fft.rfft(values))
     lines[list(orders)] = 0

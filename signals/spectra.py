@@ -1,19 +1,27 @@
-"""Spectra over frequency or order, of whole records and averaged: scaling, window and resolution stated."""
+"""Amplitude and averaged power spectra over frequency or order, with their scaling, window and resolution."""
 
-from collections.abc import Iterator
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from signals._checks import Array, Samples, choice, number, positive, real_vector, whole
 from signals._plans import forget_plans
 from signals._windows import Window, window_of
-from signals.resampling import AngularSignal
 
-PADDING = 8  # zero padding; the grid then meets a Hann line within 0.25 % of its height, a parabola within 0.003 %
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from signals.resampling import AngularSignal
+
+PADDING = (
+    8  # zero padding; the scalloping loss of a Hann line is then 0.25 %, and 0.003 % after parabolic interpolation
+)
 _CHUNK = 2**18  # samples transformed at a time
 
 Scaling = Literal["peak", "rms", "density"]
@@ -23,10 +31,34 @@ Scaling = Literal["peak", "rms", "density"]
 class AmplitudeSpectrum:
     """Peak amplitude against frequency (Hz) or order, interpolated by zero padding.
 
-    ``resolution`` is the window's full -3 dB width; ``bin_width`` is one over the length of the record, in
-    the axis' unit, and the grid is finer than it by the padding. A line is ``Re{complex_amplitude exp(j 2 pi axis u)}``
-    with u the time or the turns of the shaft; off the grid by d bins its phase is off by pi d, since the grid's
-    frequency and the line's part between u = 0 and the middle of the record.
+    A line is ``Re{complex_amplitude exp(j 2 pi axis u)}``, u being time in s or angle in revolutions. For a line d bins
+    off the grid the phase is wrong by pi d, which is the phase difference of both frequencies at the middle of the
+    record.
+
+    Attributes
+    ----------
+    axis : (line,) array
+        Frequencies in Hz, or orders.
+    amplitude, complex_amplitude : (line,) arrays
+        Peak amplitude, real and complex, in the unit of the record.
+    bin_width : float
+        One over the length of the record, in the unit of the axis; the grid is finer by the padding.
+    resolution : float
+        Full -3 dB width of the window, in the unit of the axis.
+    window : str
+        Name of the window in `scipy.signal`.
+    noise_bandwidth_bins : float
+        Equivalent noise bandwidth of the window in bins.
+    spread : float
+        Second moment of the squared window about its middle, over its length squared; see `signals.lines`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import amplitude_spectrum
+    >>> spectrum = amplitude_spectrum(np.sin(2 * np.pi * 8 * np.arange(64) / 64), rate=64)
+    >>> round(spectrum.bin_width, 6), round(spectrum.resolution, 2), round(spectrum.noise_bandwidth_bins, 6)
+    (1.0, 1.44, 1.5)
     """
 
     axis: Array = field(metadata={"dims": ("line",), "units": "Hz or order"})
@@ -35,12 +67,12 @@ class AmplitudeSpectrum:
     bin_width: float
     resolution: float
     window: str
-    noise_bandwidth_bins: float  # equivalent noise bandwidth of the window
-    spread: float  # second moment of the squared window about its middle, over length squared: see signals.lines
+    noise_bandwidth_bins: float
+    spread: float
 
     @property
     def phase_rad(self) -> Array:
-        """Phase of each line at u = 0, (line,), in rad."""
+        """Phase of each line at time or angle zero, (line,), in rad."""
         return np.asarray(np.angle(self.complex_amplitude), dtype=np.float64)
 
 
@@ -58,16 +90,33 @@ def amplitude_spectrum(
     Parameters
     ----------
     values : (n,) array
+        Samples, any unit.
     rate : float
-        Samples a second for an axis in Hz, samples a revolution for one in orders.
+        Samples per second for an axis in Hz, samples per revolution for one in orders.
     window : str
-        A window of `scipy.signal`; the amplitude is corrected for its mean, so a line reads its true peak.
+        A window of `scipy.signal`; the amplitude is divided by its mean, so that a line has its true peak.
     padding : int
-        How many times finer than one over the record the axis is.
+        Zero padding: the bin width over the step of the axis.
     maximum : float, optional
-        Where the axis ends; default half of `rate`.
+        End of the axis; default half of `rate`.
     start : float
         Time (s) or angle (revolutions) of the first sample; phases are those at zero.
+
+    Returns
+    -------
+    AmplitudeSpectrum
+
+    Examples
+    --------
+    A tone of amplitude 2 at 8 Hz:
+
+    >>> import numpy as np
+    >>> from signals import amplitude_spectrum
+    >>> t = np.arange(1024) / 256
+    >>> spectrum = amplitude_spectrum(2 * np.cos(2 * np.pi * 8 * t), rate=256)
+    >>> top = np.argmax(spectrum.amplitude)
+    >>> float(spectrum.axis[top]), round(float(spectrum.amplitude[top]), 6)
+    (8.0, 2.0)
     """
     signal = real_vector(values, name="the signal", minimum=4)
     rate = positive(rate, name="rate")
@@ -99,7 +148,29 @@ def order_spectrum(
 ) -> AmplitudeSpectrum:
     """Return the peak amplitude spectrum of an angular signal over orders, up to its passband.
 
-    Phases are those at the tachometer's datum, where the shaft's angle is zero.
+    Parameters
+    ----------
+    signal : AngularSignal
+        Samples over the angle of the shaft; its mean is removed.
+    window, padding
+        As in `amplitude_spectrum`.
+    max_order : float, optional
+        End of the axis; default, and at most, the signal's passband.
+
+    Returns
+    -------
+    AmplitudeSpectrum
+        Phases are those at the tachometer's datum, where the angle of the shaft is zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal, order_spectrum
+    >>> angle = 2 * np.pi * np.arange(32 * 128) / 128
+    >>> signal = AngularSignal(values=3 * np.cos(21 * angle), samples_per_rev=128, start_rev=0.0, passband_orders=56.0)
+    >>> spectrum = order_spectrum(signal)
+    >>> round(float(np.interp(21, spectrum.axis, spectrum.amplitude)), 6), bool(spectrum.axis[-1] <= 56)
+    (3.0, True)
     """
     return amplitude_spectrum(
         signal.values,
@@ -113,12 +184,39 @@ def order_spectrum(
 
 @dataclass(frozen=True, kw_only=True)
 class AveragedSpectrum:
-    """Power averaged over segments, as its density, or as the rms or peak amplitude of a line.
+    """Power spectrum averaged over segments, as density or as the RMS or peak amplitude of a line.
 
-    For noise the power lies from ``low`` to ``high`` with probability `confidence`; a steady line is known better.
-    ``degrees_of_freedom`` counts what overlapping segments share once. `density` integrates over the axis to the
-    variance; `rms` and `peak` read a line that stands on the grid, the window's mean corrected for, and grow with
-    ``sqrt(noise_bandwidth)`` on noise.
+    The integral of a `density` over the axis is the variance. `rms` and `peak` are right for a line on the grid, and
+    proportional to ``sqrt(noise_bandwidth)`` for noise.
+
+    Attributes
+    ----------
+    axis : (line,) array
+        Frequencies in Hz, or orders.
+    value : (line,) array
+        Density, RMS or peak, as `scaling` says.
+    low, high : (line,) arrays
+        Confidence interval of `value` for Gaussian noise, of probability `confidence`; that of a line is narrower.
+    scaling : {"density", "rms", "peak"}
+        Meaning of `value`.
+    confidence : float
+        Probability of the interval.
+    averages : int
+        Number of segments.
+    degrees_of_freedom : float
+        Of the chi-square distribution of the power, the overlap of the segments allowed for.
+    bin_width, resolution, noise_bandwidth : float
+        Step of the axis, -3 dB width and equivalent noise bandwidth of the window, in the unit of the axis.
+    window : str
+        Name of the window in `scipy.signal`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import averaged_spectrum
+    >>> spectrum = averaged_spectrum(np.random.default_rng(1).standard_normal(4096), rate=1.0, segment=256, overlap=0)
+    >>> spectrum.averages, round(spectrum.degrees_of_freedom, 6)
+    (16, 32.0)
     """
 
     axis: Array = field(metadata={"dims": ("line",), "units": "Hz or order"})
@@ -131,7 +229,7 @@ class AveragedSpectrum:
     degrees_of_freedom: float
     bin_width: float
     resolution: float
-    noise_bandwidth: float  # of a line, in the axis' unit
+    noise_bandwidth: float
     window: str
 
 
@@ -151,28 +249,42 @@ def averaged_spectrum(
     Parameters
     ----------
     values : (n,) array
-        Its mean is removed once, over the whole record.
+        Samples, any unit; their mean is removed once, over the whole record.
     rate : float
-        Samples a second for an axis in Hz, samples a revolution for one in orders.
+        Samples per second for an axis in Hz, samples per revolution for one in orders.
     segment : int
-        Samples of a segment: `resolution` is the window's width over its length. What the last one does not fill is
-        left out.
+        Samples per segment; `resolution` is inversely proportional to it. Samples beyond the last full one are unused.
     overlap : float
-        Part of a segment that the next one shares, from 0 to below 1.
+        Fraction of a segment that the next one shares, from 0 to below 1.
     window : str
         A window of `scipy.signal`.
-    scaling : str
-        ``density`` (one-sided, units squared over the axis' unit), ``rms`` or ``peak``.
+    scaling : {"density", "rms", "peak"}
+        Density is one-sided, in units squared over the unit of the axis.
     confidence : float
         Probability of the interval, between 0 and 1.
     maximum : float, optional
-        Where the axis ends; default half of `rate`.
+        End of the axis; default half of `rate`.
+
+    Returns
+    -------
+    AveragedSpectrum
 
     Notes
     -----
-    Segments k hops apart correlate by ``rho_k^2``, rho_k the normalised correlation of the window with itself, so K of
-    them are worth ``2 K / (1 + 2 sum (1 - k / K) rho_k^2)`` degrees of freedom (Welch 1967); half of that at zero
-    and at half the rate, where a line is real.
+    The powers of segments k hops apart have the correlation ``rho_k^2``, rho_k being the normalised autocorrelation of
+    the window at k hops, so that K segments have ``2 K / (1 + 2 sum (1 - k / K) rho_k^2)`` degrees of freedom (Welch
+    1967); half of that at zero and at half the rate, where the transform is real.
+
+    Examples
+    --------
+    The integral of the density of noise of variance 4 is its variance:
+
+    >>> import numpy as np
+    >>> from signals import averaged_spectrum
+    >>> noise = 2 * np.random.default_rng(1).standard_normal(40_000)
+    >>> spectrum = averaged_spectrum(noise, rate=1000.0, segment=1000)
+    >>> round(float(spectrum.value.sum() * spectrum.bin_width), 1)
+    4.0
     """
     signal = real_vector(values, name="the signal", minimum=4)
     rate = positive(rate, name="rate")
@@ -187,8 +299,8 @@ def averaged_spectrum(
     for lines in transformed(without_mean(signal), shape, hop):
         power += np.sum(lines.real**2 + lines.imag**2, axis=0)
         count += len(lines)
-    alike = shape.overlap_correlation(hop)[: count - 1]
-    degrees = 2 * count / (1 + 2 * np.sum((1 - np.arange(1, alike.size + 1) / count) * alike**2))
+    rho = shape.overlap_correlation(hop)[: count - 1]
+    degrees = 2 * count / (1 + 2 * np.sum((1 - np.arange(1, rho.size + 1) / count) * rho**2))
     each = np.where(_real_lines(length), degrees / 2, degrees)
     keep = slice(None) if maximum is None else slice(int(np.searchsorted(axis, maximum, side="right")))
     value = scaled_power(power / count, shape, rate=rate, scaling=scaling)[keep]
@@ -220,7 +332,33 @@ def averaged_order_spectrum(
     confidence: float = 0.95,
     max_order: float | None = None,
 ) -> AveragedSpectrum:
-    """Return `averaged_spectrum` over orders from segments of whole revolutions, up to the signal's passband."""
+    """Return the power spectrum over orders, averaged over segments of whole revolutions.
+
+    Parameters
+    ----------
+    signal : AngularSignal
+        Samples over the angle of the shaft.
+    revolutions : int
+        Revolutions per segment.
+    overlap, window, scaling, confidence
+        As in `averaged_spectrum`.
+    max_order : float, optional
+        End of the axis; default, and at most, the signal's passband.
+
+    Returns
+    -------
+    AveragedSpectrum
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal, averaged_order_spectrum
+    >>> angle = 2 * np.pi * np.arange(32 * 64) / 64
+    >>> signal = AngularSignal(values=3 * np.cos(7 * angle), samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
+    >>> spectrum = averaged_order_spectrum(signal, revolutions=4, scaling="peak")
+    >>> round(float(spectrum.value[spectrum.axis == 7][0]), 6)
+    3.0
+    """
     turns = whole(revolutions, name="revolutions", least=1, most=signal.revolutions)
     return averaged_spectrum(
         signal.values,
@@ -235,23 +373,23 @@ def averaged_order_spectrum(
 
 
 def hop_of(length: int, overlap: float) -> int:
-    """Return samples from one segment to the next, at least one."""
+    """Return the number of samples from one segment to the next, at least one."""
     if not 0 <= overlap < 1:
-        raise ValueError(f"overlap = {overlap!r} must lie from 0 to below 1: the part that two segments share.")
+        raise ValueError(f"overlap = {overlap!r} must lie from 0 to below 1: the fraction that two segments share.")
     return max(1, round(length * (1 - overlap)))
 
 
 def transformed(signal: Samples, shape: Window, hop: int) -> Iterator[NDArray[np.complex128]]:
-    """Yield the Fourier lines (some, lines) of windowed segments, so many at a time that memory stays constant."""
+    """Yield the Fourier transforms of windowed segments, (segments, lines), a few at a time in constant memory."""
     length = shape.weights.size
     segments = np.lib.stride_tricks.sliding_window_view(signal, length)[::hop]
-    some = max(1, _CHUNK // length)
-    for first in range(0, len(segments), some):
-        yield fft.rfft(segments[first : first + some] * shape.weights, axis=1)
+    count = max(1, _CHUNK // length)
+    for first in range(0, len(segments), count):
+        yield fft.rfft(segments[first : first + count] * shape.weights, axis=1)
 
 
 def scaled_power(power: Array, shape: Window, *, rate: float, scaling: Scaling) -> Array:
-    """Return ``|lines|^2`` (..., lines), from 0 on, of windowed segments as density, rms or peak."""
+    """Scale the squared magnitudes of windowed transforms, (..., lines) from zero on, to density, RMS or peak."""
     sides = np.where(_real_lines(shape.weights.size), 1.0, 2.0)[: power.shape[-1]]
     if scaling == "density":
         return np.asarray(power * sides / (rate * np.sum(shape.weights**2)))
@@ -262,7 +400,7 @@ def scaled_power(power: Array, shape: Window, *, rate: float, scaling: Scaling) 
 
 
 def _real_lines(length: int) -> NDArray[np.bool_]:
-    """Which lines of a real transform have no imaginary part."""
+    """Return which lines of the transform of a real signal are real: zero and half the rate."""
     real = np.zeros(length // 2 + 1, dtype=bool)
     real[0] = True
     if length % 2 == 0:
@@ -271,14 +409,14 @@ def _real_lines(length: int) -> NDArray[np.bool_]:
 
 
 def _chi_square(degrees: Array, probability: float) -> Array:
-    """Quantile of the chi-square distribution."""
+    """Return the quantile of the chi-square distribution."""
     from scipy.special import gammaincinv  # noqa: PLC0415
 
     return np.asarray(2 * gammaincinv(degrees / 2, probability))
 
 
 def without_mean(signal: Samples) -> Samples:
-    """Remove the mean, and the rounding that a large one leaves."""
+    """Return the signal without its mean, subtracted twice to remove the rounding of a large one."""
     centred = signal - signal.mean(dtype=np.float64).astype(signal.dtype)
     centred -= centred.mean(dtype=np.float64).astype(signal.dtype)
     return np.asarray(centred)

@@ -1,33 +1,39 @@
-"""Shaft speed without a tachometer: the probability of every speed, given all orders of the gearbox.
+"""Tacholess speed estimation: the posterior probability of every speed, given the orders of the gearbox.
 
-Each listed order tells, in each short frame of the record, how likely each speed is: a line stands at order times
-speed, or none does (Leclere, Andre & Antoni 2016, "A multi-order probabilistic approach for instantaneous angular
-speed tracking"). The frames are a hidden Markov chain: the speed moves by no more than the declared acceleration
-allows, and the shaft may stop showing. Its posterior gives the confidence; its evidence tells whether there is a shaft
-at all: for level noise in independent frames its mean is one, so it passes 1000 in at most one record in a thousand
-(Markov). Noise with peaks narrower than the bins it is levelled over passes more often; those are called ambiguous.
+In each short frame, each listed order gives a likelihood of each speed, by a line at order times speed or none
+(Leclere, Andre & Antoni 2016, "A multi-order probabilistic approach for instantaneous angular speed tracking"). The
+frames form a hidden Markov model: the speed changes by no more than the declared acceleration allows, and the orders of
+the shaft may disappear. Its posterior gives the confidence; its evidence decides whether there is a shaft at all: for
+white noise in independent frames the mean of the evidence ratio is one, so that it exceeds 1000 in at most one record
+in a thousand (Markov's inequality). Noise with peaks narrower than the bins of its estimate exceeds it more often;
+those cases are mostly called ambiguous.
 
-What else would explain the record nearly as well is looked for too: the same search with the found speeds taken out.
-The phase is then refined from the harmonics that show (`signals.phase_demodulation`).
+Alternative speeds that explain the record nearly as well are found by the same search without the speeds found before.
+The phase is then refined from the significant harmonics (`signals.phase_demodulation`).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
 from signals._checks import Array, positive, real_vector
-from signals._speed_search import CERTAIN, SHOWS, Search, longest_run, rivals, search_speeds, stands_alone
+from signals._speed_search import CERTAIN, SHOWS, Search, longest_run, rivals, search_speeds, single_line
 from signals.phase import ShaftPhase
 from signals.phase_demodulation import listed_orders, refine_phase
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
 
 _FEWEST_FRAMES, _FEWEST_REVOLUTIONS = 8, 10.0
 _SHORTEST_RUN = 4
 _LONGEST_FRAME_S = 2.0
-_SMEAR = 4.0  # bins a middle order may move within a frame at the largest acceleration
+_SMEAR = 4.0  # bins by which the median order may move within a frame at the largest acceleration
 _MOST_DEMODULATED = 8
 _WINDOW_REV = 6.0
 _FEWEST_SAMPLES = 64  # a frame
@@ -35,7 +41,7 @@ _FEWEST_SAMPLES = 64  # a frame
 
 @dataclass(frozen=True, kw_only=True)
 class Alternative:
-    """Another speed that explains the record about as well."""
+    """Another speed that explains the record about as well: over time, as a ratio to the first, and its probability."""
 
     speed_hz: Array = field(metadata={"dims": ("frame",), "units": "Hz"})
     ratio: float
@@ -44,16 +50,40 @@ class Alternative:
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedEstimate:
-    """Speed of a shaft against time, and how sure it is.
+    """Speed of a shaft against time, estimated from vibration.
 
-    ``speed_hz`` and ``std_hz`` are NaN in frames that do not show the shaft, and everywhere if it is not found.
-    ``confidence`` is the probability, frame by frame, that the shaft shows and turns within 1 % (or the resolution) of
-    ``speed_hz``; at most a half where that is ambiguous. ``shown`` tells, for each of ``orders``, the log of the
-    evidence that it shows.
+    Attributes
+    ----------
+    status : {"ok", "ambiguous", "not found"}
+        Ambiguous where `alternatives` are nearly as likely (give a narrower range of speeds, or more orders); where
+        nearly all evidence is of one of several orders (a single line may be any order, or another machine's); or where
+        the phase of the harmonics cannot be followed.
+    times_s : (frame,) array
+        Times in s of the middles of the frames.
+    speed_hz, std_hz : (frame,) arrays
+        Speed in Hz and its standard deviation; NaN in frames without the shaft, and everywhere if it is not found.
+    confidence : (frame,) array
+        Probability that the orders of the shaft are present and its speed is within 1 % (or the resolution) of
+        `speed_hz`; at most a half where ambiguous.
+    alternatives : tuple of Alternative
+        Other speeds that explain the record, with their probabilities.
+    orders, shown : (order,) arrays
+        Orders searched for, and the logarithm of the evidence for each.
+    evidence : float
+        Logarithm of the evidence for a shaft against noise.
+    phase : ShaftPhase or None
+        Phase refined from the harmonics; None unless the status is "ok".
+    phase_std_rev : float
+        Median standard deviation of the phase in revolutions.
 
-    If "ambiguous" there is no phase, and ``alternatives`` are what else it may be; a narrower range of speeds or
-    further orders decide. It is "ambiguous" without alternatives if nearly all evidence is one order's where several
-    were listed (a single line may be any order, or another machine's), or if the harmonics cannot be followed.
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import estimate_speed
+    >>> noise = np.random.default_rng(1).standard_normal(10_000)
+    >>> found = estimate_speed(noise, rate_hz=1000, orders=[3, 7], speed_range_hz=(10, 30), max_acceleration_hz_s=2)
+    >>> found.status
+    'not found'
     """
 
     status: Literal["ok", "ambiguous", "not found"]
@@ -83,22 +113,22 @@ def estimate_speed(
 
     Parameters
     ----------
-    x : (n,) array, any unit
-        Vibration; finite.
+    x : (n,) array
+        Vibration, any unit; finite.
     rate_hz : float
-        Samples a second.
+        Sampling rate in Hz.
     orders : sequence of float
-        Orders the vibration may hold, per revolution of the wanted shaft: mesh orders and their multiples, the shaft
-        itself. Orders that do not show cost little; orders close to each other help least.
+        Orders per revolution of the shaft that the vibration may contain: mesh orders and their multiples, and 1.
+        Orders that are absent cost little evidence; orders close to each other add least.
     speed_range_hz : (low, high)
-        Where the speed lies while the shaft shows.
+        Range of the speed in Hz.
     max_acceleration_hz_s : float
-        How fast the speed may change, in Hz a second.
+        Largest rate of change of the speed in Hz/s.
     frame_s : float, optional
-        Length of the frames. Default: such that the middle order moves by at most 4 bins within one, and at most an
-        eighth of the record or 2 s.
+        Length of the frames in s. Default: the median order moves by at most 4 bins within one, and at most an eighth
+        of the record or 2 s.
     start_s : float
-        Time of the first sample.
+        Time of the first sample in s.
 
     Returns
     -------
@@ -108,10 +138,22 @@ def estimate_speed(
     ------
     ValueError
         A record of too few revolutions, orders beyond half the sampling rate, values that are not finite.
+
+    Examples
+    --------
+    A shaft at 20 Hz with lines of orders 3 and 7:
+
+    >>> import numpy as np
+    >>> from signals import estimate_speed
+    >>> t = np.arange(10_000) / 1000
+    >>> x = np.sin(2 * np.pi * 60 * t) + np.sin(2 * np.pi * 140 * t) + np.random.default_rng(1).standard_normal(t.size)
+    >>> found = estimate_speed(x, rate_hz=1000, orders=[3, 7], speed_range_hz=(10, 30), max_acceleration_hz_s=2)
+    >>> found.status, round(float(np.median(found.speed_hz)), 1)
+    ('ok', 20.0)
     """
     signal = real_vector(x, name="the signal", minimum=64)
     rate = positive(rate_hz, name="rate_hz")
-    wanted = listed_orders(orders)
+    listed = listed_orders(orders)
     low, high = _checked_range(speed_range_hz)
     acceleration = positive(max_acceleration_hz_s, name="max_acceleration_hz_s")
     duration = signal.size / rate
@@ -120,14 +162,14 @@ def estimate_speed(
             f"the record lasts {duration:.3g} s, {duration * high:.3g} revolutions at the top of speed_range_hz, "
             f"{high:g} Hz; at least {_FEWEST_REVOLUTIONS:g} are needed. Record longer."
         )
-    if wanted[0] * low > rate / 2:
+    if listed[0] * low > rate / 2:
         raise ValueError(
-            f"the lowest order, {wanted[0]:g}, lies at {wanted[0] * low:.4g} Hz or higher, beyond half of "
+            f"the lowest order, {listed[0]:g}, lies at {listed[0] * low:.4g} Hz or higher, beyond half of "
             f"rate_hz={rate:g}; list lower orders, or use a record of a higher rate."
         )
     if frame_s is None:
         most = min(duration / _FEWEST_FRAMES, max(_LONGEST_FRAME_S, _FEWEST_SAMPLES / rate))
-        frame = min(max(np.sqrt(_SMEAR / (acceleration * np.median(wanted))), _FEWEST_SAMPLES / rate), most)
+        frame = min(max(np.sqrt(_SMEAR / (acceleration * np.median(listed))), _FEWEST_SAMPLES / rate), most)
     else:
         frame = positive(frame_s, name="frame_s")
         if frame > duration / _FEWEST_FRAMES:
@@ -140,11 +182,12 @@ def estimate_speed(
             f"frames of {frame:.3g} s hold {frame * rate:.3g} samples at rate_hz={rate:g}; at least {_FEWEST_SAMPLES} "
             "are needed. Record longer, or give a longer frame_s."
         )
-    search = search_speeds(signal, rate, wanted, low, high, acceleration, float(frame))
+    search = search_speeds(signal, rate, listed, low, high, acceleration, float(frame))
     return _estimate(signal, rate, search, start_s)
 
 
 def _checked_range(speed_range_hz: tuple[float, float]) -> tuple[float, float]:
+    """Return the ends of the range, or raise where it is empty."""
     low, high = speed_range_hz
     low, high = positive(low, name="the lower end of speed_range_hz"), positive(high, name="its upper end")
     if low >= high:
@@ -153,33 +196,34 @@ def _checked_range(speed_range_hz: tuple[float, float]) -> tuple[float, float]:
 
 
 def _estimate(signal: Array, rate: float, search: Search, start_s: float) -> SpeedEstimate:
-    from signals._speed_kernels import likeliest_path, posterior  # noqa: PLC0415
+    """Return the estimate from the search: posterior, path, rivals, and the phase where it is unambiguous."""
+    from signals._speed_kernels import most_likely_path, posterior  # noqa: PLC0415
 
     frames = search.evidence.times_s.size
     likelihood = np.exp(np.minimum(search.votes, 300.0))
-    probability, unseen, evidence = posterior(likelihood, search.kernel, 1 / frames)
-    seen = longest_run(unseen < 0.5)  # noqa: PLR2004
-    path = search.speeds[likeliest_path(search.votes, np.log(search.kernel))]
+    probability, absent, evidence = posterior(likelihood, search.kernel, 1 / frames)
+    seen = longest_run(absent < 0.5)  # noqa: PLR2004
+    path = search.speeds[most_likely_path(search.votes, np.log(search.kernel))]
     if evidence < CERTAIN or np.count_nonzero(seen) < _SHORTEST_RUN:
-        return _nothing(search, evidence, start_s)
+        return _not_found(search, evidence, start_s)
     scores = search.score(path, seen)
-    around = np.abs(search.speeds - path[:, None]) <= search.width(path, scores)[:, None]
-    near = np.where(around, probability, 0.0)
+    same_speed = np.abs(search.speeds - path[:, None]) <= search.width(path, scores)[:, None]
+    near = np.where(same_speed, probability, 0.0)
     confidence = near.sum(axis=1)
     weight = np.maximum(confidence, 1e-300)
     mean = np.where(confidence > 0, near @ search.speeds / weight, path)
-    # half the spacing even where one speed of the grid takes it all
+    # with the variance of the uniform distribution within a step of the grid
     std = np.sqrt(((search.speeds - mean[:, None]) ** 2 * near).sum(axis=1) / weight + search.spacing**2 / 12)
     shown = search.score(mean, seen)
     others = rivals(search, mean, seen, shown)
     total = 1 + sum(other.odds for other in others)
     share = 1 / total
-    alone = stands_alone(search, float(np.median(mean[seen])), shown)
-    if alone:
+    single = single_line(search, float(np.median(mean[seen])), shown)
+    if single:
         share /= search.orders.size
     phase, phase_std = None, np.nan
-    if not others and not alone:
-        phase, mean, std, phase_std = _followed(signal, rate, search, mean, std, seen, shown)
+    if not others and not single:
+        phase, mean, std, phase_std = _refined(signal, rate, search, mean, std, seen, shown)
     if phase is None:
         share = min(share, 0.5)
     return SpeedEstimate(
@@ -199,16 +243,13 @@ def _estimate(signal: Array, rate: float, search: Search, start_s: float) -> Spe
         orders=search.orders,
         shown=shown,
         evidence=float(evidence),
-        phase=None if phase is None else _later(phase, start_s),
+        phase=None if phase is None else replace(phase, times_s=phase.times_s + start_s),
         phase_std_rev=float(phase_std),
     )
 
 
-def _later(phase: ShaftPhase, start_s: float) -> ShaftPhase:
-    return ShaftPhase(times_s=phase.times_s + start_s, revolutions=phase.revolutions, jitter_s=phase.jitter_s)
-
-
-def _nothing(search: Search, evidence: float, start_s: float) -> SpeedEstimate:
+def _not_found(search: Search, evidence: float, start_s: float) -> SpeedEstimate:
+    """Return the estimate of a record without a shaft."""
     none = np.full(search.evidence.times_s.size, np.nan)
     return SpeedEstimate(
         status="not found",
@@ -225,15 +266,15 @@ def _nothing(search: Search, evidence: float, start_s: float) -> SpeedEstimate:
     )
 
 
-def _followed(
+def _refined(
     signal: Array, rate: float, search: Search, speed: Array, std: Array, seen: NDArray[np.bool_], shown: Array
 ) -> tuple[ShaftPhase | None, Array, Array, float]:
-    """Phase over the frames that show the shaft by its harmonics, if they can be followed; with speed and std by it."""
+    """Return the phase refined from the harmonics, its speed and standard deviations; None where they are too weak."""
     times = search.evidence.times_s
     rough = _integrated(times[seen], speed[seen], half_frame=search.frame_s / 2, stop_s=(signal.size - 1) / rate)
     tolerance = float(np.median(std[seen] / speed[seen]))
-    worth = shown * (shown > SHOWS)
-    strongest = np.sort(search.orders[np.argsort(-worth)[: min(_MOST_DEMODULATED, np.count_nonzero(worth))]])
+    scores = shown * (shown > SHOWS)
+    strongest = np.sort(search.orders[np.argsort(-scores)[: min(_MOST_DEMODULATED, np.count_nonzero(scores))]])
     window = min(_WINDOW_REV, float(rough.revolutions[-1] - rough.revolutions[0]) / 3)
     try:  # refused where speeds of single frames are too rough for windows of several revolutions
         refined = refine_phase(
@@ -246,15 +287,15 @@ def _followed(
     phase = refined.phase
     inside = np.clip(times, phase.start_s, phase.stop_s)
     error = np.interp(times, refined.times_s, refined.std_hz)
-    carried_on = (times < refined.times_s[0]) | (times > refined.times_s[-1])
-    error[carried_on] = std[carried_on]
+    extrapolated = (times < refined.times_s[0]) | (times > refined.times_s[-1])
+    error[extrapolated] = std[extrapolated]
     return phase, phase.speed_hz(inside), error, float(np.median(refined.phase_std_rev))
 
 
 def _integrated(times: Array, speed: Array, *, half_frame: float, stop_s: float) -> ShaftPhase:
-    """Phase whose slope runs through the speeds, from the first frame's start to the last one's end or the record's."""
+    """Return the integral of the interpolated speeds, from the start of the first frame to the end of the last."""
     before, after = max(times[0] - half_frame, 0.0), times[-1] + half_frame
-    if stop_s < after + half_frame:  # no room for another frame
+    if stop_s < after + half_frame:  # the record ends before another frame would
         after = stop_s
     ends = np.array([before, after])
     early, late = np.polyfit(times[:4], speed[:4], 1), np.polyfit(times[-4:], speed[-4:], 1)

@@ -1,13 +1,13 @@
-"""Pulse times of a tachometer to the phase of its shaft, with a count of every repair."""
+"""Phase of a shaft from the pulse times of its tachometer."""
+
+from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from itertools import pairwise
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from signals._checks import Array, choice, number, positive, real_vector, whole
 from signals.phase import ShaftPhase
@@ -15,18 +15,24 @@ from signals.pulses import PulseTrain, pulse_times
 from signals.repairs import Counts, PulseRepairs, all_repairs, number_pulses, possible_stops, refuse_faults, repairs_of
 from signals.smoothing import PhaseSmoothing, joined, smooth_phase, with_rest
 
+if TYPE_CHECKING:
+    from fractions import Fraction
+
+    from numpy.typing import ArrayLike, NDArray
+
 __all__ = ["PulseTrain", "pulse_times", "shaft_phase"]
 
 _CALIBRATION_REVOLUTIONS = 8
-_WAVEFORM = 16  # values that a waveform has at least, and
-_WAVEFORM_STEPS = 0.1  # how many of its steps do not rise
-_JITTER_ORDER = 6  # differences of this order leave nothing of a motion that pulses show well
-_JITTER_FEWEST = 6  # of such differences
+# a list of at least 16 values of which a tenth does not rise is taken for a waveform handed over as pulse times
+_WAVEFORM_SIZE = 16
+_WAVEFORM_FALLS = 0.1
+_JITTER_ORDER = 6  # of the differences: they remove any motion that is a quintic over seven pulses
+_JITTER_FEWEST = 6  # differences
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Stretch:
-    """Pulses between two stops: those kept, and their numbers."""
+    """Pulses between two stops: the times of those kept, and their numbers."""
 
     times: Array
     counts: Counts
@@ -44,54 +50,71 @@ def shaft_phase(
     bandwidth_orders: float | None = None,
     standstill_s: float | None = None,
 ) -> ShaftPhase:
-    """Turn the pulse times of one tachometer into the shaft's phase; revolution zero is the first pulse.
-
-    Stripes. With several a revolution (a whole number) their positions are found from the data (the median place
-    of each between passes of the first), since no stripe sits exactly where it should; below eight revolutions they
-    are taken as even. A swing of the speed that repeats every revolution cannot be told from uneven stripes, and is
-    taken for them. Pulses of another shaft through gears (a `Fraction` or float) are even.
-
-    Faults. Each interval is held against those of the same stripe in the five revolutions before and the five after
-    (below five revolutions, against its neighbours). What shows a missing or extra pulse is refused, or repaired:
-    extra pulses left out, missing ones counted, and all of it told in `ShaftPhase.repairs`. No pulse is made up:
-    the curve passes on between the true ones. In the first and last revolution the one side is carried on at its
-    acceleration; among very unequal stripes a wrong pulse may pass there.
-
-    Stops. Where pulses slow down into an interval and gather speed after it the shaft may have stopped, and may have
-    turned back: that interval stands in `stops_s` and the phase says `direction_unknown` unless the direction is
-    declared. `standstill_s` declares that in any longer interval the shaft stood, half-way between two stripes.
-
-    Smoothing. Without a bandwidth the curve passes through every pulse. With one, jitter is smoothed out; the gain
-    is 0.707 at the bandwidth (see `PhaseSmoothing`).
+    """Return the phase of a shaft from the pulse times of its tachometer; the angle is zero at the first pulse.
 
     Parameters
     ----------
-    times_s : (n,) array, s
-        Strictly increasing.
+    times_s : (n,) array
+        Times of the pulses in s, strictly increasing; `pulse_times` finds them in a waveform.
     pulses_per_rev : int, Fraction or float
+        Pulses per revolution: an int for the stripes of this shaft, a Fraction or float for pulses of another shaft
+        through gears.
     on_fault : {"repair", "refuse"}
+        Whether missing and extra pulses are repaired or raise.
     direction : +1, -1 or (n,) array of them, optional
-        The way the shaft turns, or turned at each pulse, as `quadrature_direction` tells. With an array every pulse is
-        counted as it is, nothing is repaired, and angles may fall.
+        Direction of rotation, of all pulses or of each, as from `quadrature_direction`. With an array the pulses are
+        counted up and down, nothing is repaired, and angles may fall.
     delay_s : float
-        How much later the tachometer's chain shows an event than the accelerometer's; taken off the times.
+        Delay in s of the tachometer channel after the vibration channel; it is subtracted from the times.
     bandwidth_hz, bandwidth_orders : float, optional
-        Fastest swing of the angle that smoothing is to leave, in Hz or in cycles a revolution. At most one of them.
+        -3 dB bandwidth of the smoothing, in Hz or in orders; at most one of them. Without it the curve passes through
+        every pulse.
     standstill_s : float, optional
+        Intervals longer than this many seconds are standstills, half-way between two stripes.
+
+    Returns
+    -------
+    ShaftPhase
 
     Raises
     ------
     ValueError
-        Pulses that run backwards or are a waveform; missing or extra ones that are to be refused, or too many to
-        repair: with place, size and number.
+        Times that do not increase or are a waveform; missing or extra pulses that are to be refused, or too many of
+        them to repair: with time, size and number.
+
+    Notes
+    -----
+    Stripes. The positions of several stripes are estimated from the data (the median angle of each between passes of
+    the first); below eight revolutions they are taken as evenly spaced. A speed fluctuation that repeats every
+    revolution cannot be distinguished from uneven stripes, and is attributed to them.
+
+    Faults. Each interval is compared with those of the same stripe in the five revolutions before and the five after
+    (below five revolutions, with its neighbours). Extra pulses are left out, missing ones are counted, and
+    `ShaftPhase.repairs` lists both; no pulse is inserted. In the first and last revolution the side that exists is
+    extrapolated at constant acceleration; between very unequal stripes a wrong pulse may remain undetected there.
+
+    Stops. Where the shaft decelerates into an interval and accelerates after it, it may have stopped and reversed:
+    that interval is listed in `stops_s`, and `direction_unknown` is true unless the direction is declared.
+
+    Smoothing. See `PhaseSmoothing`: the gain is 0.707 at the bandwidth.
+
+    Examples
+    --------
+    One pulse every 40 ms is a speed of 25 Hz; the missing pulse at 0.4 s is bridged:
+
+    >>> import numpy as np
+    >>> from signals import shaft_phase
+    >>> phase = shaft_phase(0.04 * np.delete(np.arange(51), 10))
+    >>> float(phase.speed_hz([0.4])[0].round(6)), phase.repairs.missing
+    (25.0, 1)
     """
     choice(on_fault, name="on_fault", choices=("repair", "refuse"))
     times = _pulse_list(times_s) - number(delay_s, name="delay_s")
     per_rev = _per_rev(pulses_per_rev)
     smoothing = _Bandwidth.of(bandwidth_hz, bandwidth_orders)
-    ways = _ways(direction, times.size)
-    if ways is not None and ways.size > 1:
-        return _counted(times, ways, per_rev, smoothing)
+    signs = _signs(direction, times.size)
+    if signs is not None and signs.size > 1:
+        return _counted_phase(times, signs, per_rev, smoothing)
     stripes = per_rev if isinstance(per_rev, int) else 1
     stops, declared = _stops(times, stripes, standstill_s)
     stretches = _stretches(times, stops, stripes, repair=on_fault == "repair")
@@ -106,19 +129,20 @@ def shaft_phase(
         jitter_s=_jitter(stretches, stripes),
         repairs=all_repairs([stretch.repairs for stretch in stretches]),
         stops_s=np.stack([times[stops], times[stops + 1]], axis=1),
-        direction_declared=ways is not None,
+        direction_declared=signs is not None,
     )
     if smoothing is not None:
         phase = _smoothed(phase, stretches, smoothing)
     for begin, end in phase.stops_s[declared]:
-        phase = _at_rest(phase, begin, end)
-    return phase.scaled(-1) if ways is not None and ways[0] < 0 else phase
+        phase = _with_standstill(phase, begin, end)
+    return phase.scaled(-1) if signs is not None and signs[0] < 0 else phase
 
 
 def _pulse_list(times_s: ArrayLike) -> Array:
+    """Return pulse times as an array, or raise where they do not increase or look like a waveform."""
     times = real_vector(times_s, name="pulse times", minimum=2)
     back = np.flatnonzero(np.diff(times) <= 0)
-    if times.size >= _WAVEFORM and back.size > _WAVEFORM_STEPS * times.size:
+    if times.size >= _WAVEFORM_SIZE and back.size > _WAVEFORM_FALLS * times.size:
         raise ValueError(
             f"these {times.size} values are no pulse times: {back.size} of them do not rise above the one before. They "
             "look like a waveform; find its pulses with pulse_times(waveform, rate_hz=...) first (on the command line: "
@@ -134,28 +158,29 @@ def _pulse_list(times_s: ArrayLike) -> Array:
 
 
 def _per_rev(pulses_per_rev: float | Fraction) -> int | Fraction | float:
-    """Return the stripes of this shaft as an int, the pulses of another one as a fraction."""
+    """Return pulses per revolution: an int for stripes of this shaft, else as given."""
     positive(pulses_per_rev, name="pulses_per_rev")
     if isinstance(pulses_per_rev, int | np.integer):
         return whole(pulses_per_rev, name="pulses_per_rev", least=1)
     return pulses_per_rev
 
 
-def _ways(direction: int | ArrayLike | None, pulses: int) -> NDArray[np.int64] | None:
+def _signs(direction: int | ArrayLike | None, pulses: int) -> NDArray[np.int64] | None:
+    """Return the direction of rotation, (1,) or (pulses,), each +1 or -1; None where it is not declared."""
     if direction is None:
         return None
-    ways = np.atleast_1d(np.asarray(direction))
-    fits = ways.ndim == 1 and ways.size in (1, pulses) and ways.dtype.kind in "if"
-    if not fits or not np.all(np.abs(ways) == 1):
+    signs = np.atleast_1d(np.asarray(direction))
+    fits = signs.ndim == 1 and signs.size in (1, pulses) and signs.dtype.kind in "if"
+    if not fits or not np.all(np.abs(signs) == 1):
         raise ValueError(
             f"direction={direction!r} must be +1, -1, or one of them for each of the {pulses} pulses "
             "(see quadrature_direction)."
         )
-    return ways.astype(np.int64)
+    return signs.astype(np.int64)
 
 
 def _stops(times: Array, stripes: int, standstill_s: float | None) -> tuple[Counts, NDArray[np.bool_]]:
-    """Return the intervals in which the shaft stood or may have, and whether that was declared."""
+    """Return the intervals in which the shaft stood or may have stood, and whether each is a declared standstill."""
     found = possible_stops(times, stripes=stripes)
     if standstill_s is None:
         return found, np.zeros(found.size, dtype=np.bool_)
@@ -166,7 +191,7 @@ def _stops(times: Array, stripes: int, standstill_s: float | None) -> tuple[Coun
 
 
 def _stretches(times: Array, stops: Counts, stripes: int, *, repair: bool) -> list[_Stretch]:
-    """Return the pulses between stops with their numbers; across a stop the count goes on by one."""
+    """Return the numbered pulses between stops, repaired or refused; across a stop the number rises by one."""
     stretches, number_of_next = [], 0
     bounds = [0, *(stops + 1).tolist(), times.size]
     for begin, end in pairwise(bounds):
@@ -188,7 +213,7 @@ def _stretches(times: Array, stops: Counts, stripes: int, *, repair: bool) -> li
 
 
 def _stripe_positions(times: Array, counts: Counts, stripes: int) -> Array:
-    """Place of each stripe in its revolution, (stripes,), the first at zero."""
+    """Return the angle of each stripe in revolutions, (stripes,), the first at zero."""
     even = np.arange(stripes) / stripes
     if stripes == 1 or times.size < _CALIBRATION_REVOLUTIONS * stripes:
         return even
@@ -206,7 +231,8 @@ def _jitter(stretches: list[_Stretch], stripes: int) -> float:
     """Return the standard deviation of pulse times about a smooth motion, from sixth differences of each stripe.
 
     Independent errors of variance s^2 give sixth differences of variance 924 s^2; a quintic in time gives none.
-    Windows with a missing pulse are left out. Noted as the variate difference method (Anderson 1971, section 3.4).
+    Windows with a missing pulse are left out. This is the variate difference method (Anderson 1971, "The statistical
+    analysis of time series", section 3.4).
     """
     found = []
     for stretch in stretches:
@@ -223,14 +249,14 @@ def _jitter(stretches: list[_Stretch], stripes: int) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class _Bandwidth:
-    """What smoothing is to leave: so many Hz, or so many cycles a revolution."""
+    """-3 dB bandwidth of the smoothing, in Hz or in orders."""
 
     value: float
     in_orders: bool
 
     @classmethod
-    def of(cls, hertz: float | None, orders: float | None) -> "_Bandwidth | None":
-        """Check the two ways to state it."""
+    def of(cls, hertz: float | None, orders: float | None) -> _Bandwidth | None:
+        """Return the bandwidth from its two arguments, None where neither is given; raise where both are."""
         if hertz is not None and orders is not None:
             raise ValueError(f"bandwidth_hz={hertz} and bandwidth_orders={orders} are both given; state one of them.")
         if hertz is None and orders is None:
@@ -240,13 +266,13 @@ class _Bandwidth:
         return cls(value=positive(orders if in_orders else hertz, name=name), in_orders=in_orders)
 
     def at(self, times: Array, revolutions: Array) -> Array:
-        """Bandwidth in Hz at each knot."""
+        """Return the bandwidth in Hz at each knot."""
         speed = np.abs(np.gradient(revolutions, times)) if self.in_orders else np.ones(times.size)
         return self.value * speed
 
 
 def _smoothed(phase: ShaftPhase, stretches: list[_Stretch], bandwidth: _Bandwidth) -> ShaftPhase:
-    """Smooth every stretch by itself."""
+    """Return the phase with each stretch between stops smoothed separately."""
     angles: list[Array] = []
     parts: list[PhaseSmoothing] = []
     squares = weight = 0.0
@@ -270,10 +296,10 @@ def _smoothed(phase: ShaftPhase, stretches: list[_Stretch], bandwidth: _Bandwidt
     )
 
 
-def _at_rest(phase: ShaftPhase, begin: float, end: float) -> ShaftPhase:
-    """Let the shaft stand, from braking evenly after the pulse at `begin` to gathering speed before that at `end`.
+def _with_standstill(phase: ShaftPhase, begin: float, end: float) -> ShaftPhase:
+    """Insert a standstill between the pulses at `begin` and `end`, with constant deceleration and acceleration.
 
-    It stands half-way between the two stripes; it may stand anywhere, so that the angle is sure to half a stripe.
+    The angle is half-way between the two stripes, and uncertain by half their distance.
     """
     times, turns = phase.times_s, phase.revolutions
     here = int(np.searchsorted(times, begin))
@@ -282,27 +308,27 @@ def _at_rest(phase: ShaftPhase, begin: float, end: float) -> ShaftPhase:
     before = span / 3 if here == 0 else 2 * half / abs(turns[here] - turns[here - 1]) * (begin - times[here - 1])
     last = here + 2 >= times.size
     after = span / 3 if last else 2 * half / abs(turns[here + 2] - turns[here + 1]) * (times[here + 2] - end)
-    marks = [begin + min(before, span / 3), end - min(after, span / 3)]
+    rest = [begin + min(before, span / 3), end - min(after, span / 3)]
     return replace(
         phase,
-        times_s=np.insert(times, here + 1, marks),
+        times_s=np.insert(times, here + 1, rest),
         revolutions=np.insert(turns, here + 1, [turns[here] + half] * 2),
         smoothing=None if phase.smoothing is None else with_rest(phase.smoothing, here, float(half)),
     )
 
 
-def _counted(
-    times: Array, ways: NDArray[np.int64], per_rev: float | Fraction, smoothing: _Bandwidth | None
+def _counted_phase(
+    times: Array, signs: NDArray[np.int64], per_rev: float | Fraction, smoothing: _Bandwidth | None
 ) -> ShaftPhase:
-    """Count pulses up and down: one that comes back after a reversal is the same place as the one before it."""
+    """Return the phase from an up-down count of pulses: after a reversal the same stripe passes again."""
     if smoothing is not None:
         raise ValueError(
-            "smoothing needs a shaft that keeps its direction; leave out the bandwidth, or take the parts apart."
+            "smoothing needs a shaft that keeps its direction; leave out the bandwidth, or smooth the parts separately."
         )
-    after = np.cumsum(ways)
-    place = np.maximum(after, after - ways)
+    after = np.cumsum(signs)
+    count = np.maximum(after, after - signs)
     return ShaftPhase(
         times_s=times,
-        revolutions=(place - place[0]) / float(per_rev),
+        revolutions=(count - count[0]) / float(per_rev),
         direction_declared=True,
     )

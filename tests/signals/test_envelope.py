@@ -242,7 +242,7 @@ class TestSpectrum:
         assert found.amplitude[top] == pytest.approx(2 * self.M / (1 + self.M**2 / 2), rel=5e-3)
 
     def test_an_empty_band_is_refused_where_it_would_divide(self):
-        with pytest.raises(ValueError, match="the band holds nothing"):
+        with pytest.raises(ValueError, match="the envelope of the band is zero"):
             envelope_spectrum(np.full(1000, 3.0), rate_hz=RATE_HZ, band_hz=(1000.0, 2000.0), relative=True)
 
 

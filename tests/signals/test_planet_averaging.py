@@ -87,8 +87,8 @@ class TestTeeth:
         ("wrong", "sentence"),
         [
             ({"planets": 4}, "does not fit between 99 and 27 teeth"),
-            ({"positions_rev": (Fraction(0), Fraction(1, 3))}, "must give all 3 planets their place"),
-            ({"positions_rev": (Fraction(1, 3), Fraction(0), Fraction(2, 3))}, "planet 0 at 0"),
+            ({"positions_rev": (Fraction(0), Fraction(1, 3))}, "must give all 3 planets a position"),
+            ({"positions_rev": (Fraction(1, 3), Fraction(0), Fraction(2, 3))}, "0 to planet 0"),
             ({"ring": 99.0}, "ring=99.0 must be a whole number"),
         ],
     )
@@ -225,7 +225,7 @@ class TestPlanet:
 
     def test_teeth_that_never_come_are_not_made_up(self):
         signal = ring_sensor(TEETH, 8, 0.0, [silence] * 3, path=near)
-        with pytest.raises(ValueError, match=r"5 teeth leaves parts of the planet unheard.*every 9th.*widen"):
+        with pytest.raises(ValueError, match=r"5 teeth does not cover the whole planet.*every 9th.*widen"):
             planet_average(signal, teeth=TEETH, planet=0, first_pass_rev=0.0, window=PassWindow.rectangular(5))
 
     @pytest.mark.parametrize(

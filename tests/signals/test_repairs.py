@@ -279,7 +279,7 @@ class TestOtherWays:
         at = np.linspace(0, marks[-1] / 25, 101)
         np.testing.assert_allclose(phase.revolutions_at(at), 25 * at, rtol=0, atol=1e-12)
         assert np.isnan(phase.jitter_s)
-        with pytest.raises(ValueError, match=r"jitter of this phase is unknown: \d knots tell none"):
+        with pytest.raises(ValueError, match=r"jitter of this phase is unknown: \d knots are too few"):
             phase.std_rad(at)
 
     def test_one_pulse_a_revolution_and_two_pulses(self):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from signals._resampling_kernel import gather, interpolate, places_of, weigh
+from signals._resampling_kernel import add_moments, filter_moments, interpolate, invert
 from signals._windowed_sinc import weight_rows, windowed_sinc
 from signals.phase import ShaftPhase, constant_speed
 from signals.resampling import AngularSignal, angle_map, angular_resample, time_resample, whole_revolutions
@@ -285,7 +285,7 @@ class TestFallingAngles:
     @pytest.mark.parametrize("sign", [1, -1])
     def test_a_shaft_that_turns_back(self, sign):
         phase = ShaftPhase(times_s=np.arange(6.0), revolutions=sign * np.array([0.0, 1, 2, 2, 1, 0]))
-        words = "turns back at 3 s, so an angle has several times; resample the record before and after apart"
+        words = "turns back at 3 s, so an angle has several times; resample the record before and after separately"
         with pytest.raises(ValueError, match=words):
             angular_resample(np.ones(5001), rate_hz=1000.0, phase=phase, samples_per_rev=16)
         with pytest.raises(ValueError, match=words):
@@ -340,7 +340,7 @@ class TestRests:
         with pytest.raises(ValueError, match=r"stands still from 3\.4 to 6 s.*resample x\[:6801\]"):
             AngularStream(rate_hz=self.RATE, phase=phase, samples_per_rev=32)
         signal = AngularSignal(values=np.ones(40 * 32), samples_per_rev=32, start_rev=0.0, passband_orders=14.0)
-        with pytest.raises(ValueError, match=r"stands still from 3\.4 to 6 s.*parts before and after, each by itself"):
+        with pytest.raises(ValueError, match=r"stands still from 3\.4 to 6 s.*parts before and after separately"):
             time_resample(signal, phase=phase, rate_hz=1000.0)
         late = AngularSignal(values=np.ones(20 * 32), samples_per_rev=32, start_rev=33.0, passband_orders=14.0)
         back = time_resample(late, phase=phase, rate_hz=1000.0)
@@ -587,7 +587,7 @@ class TestAngleToTime:
         )
         q, slopes = grid.outward.at(0, int(phase.stop_s * rate_hz) + 2)
         found = np.empty(int(phase.revolutions[-1]) * per_rev)
-        places_of(q, slopes, 0.0, found, np.empty(found.size))
+        invert(q, slopes, 0.0, found, np.empty(found.size))
         pick = np.random.default_rng(1).integers(1, found.size, 40)
         for m in pick:
             exact = brentq(
@@ -609,7 +609,7 @@ class TestKernels:
         moments, weights = rng.standard_normal((outputs + 72, 8)), rng.standard_normal((64, 8))
         cuts = rng.uniform(0.5, 1.5, outputs)
         found = np.full(outputs, 7.0)
-        weigh(moments, weights, cuts, found)
+        filter_moments(moments, weights, cuts, found)
         plain = [np.sum(moments[m : m + 64] * weights) if cuts[m] < 1 else 7.0 for m in range(outputs)]
         np.testing.assert_allclose(found, plain, rtol=0, atol=1e-12)  # 512 products near 1
 
@@ -618,7 +618,7 @@ class TestKernels:
         x, slopes = rng.standard_normal((2, 200))
         q = np.sort(rng.uniform(5, 60, 200))
         moments = np.ones((40, 8))  # steps 10 to 49; others are left out
-        gather(x, q, slopes, 10, moments)
+        add_moments(x, q, slopes, 10, moments)
         plain = np.ones((40, 8))
         for n in np.flatnonzero((q >= 10) & (q < 50)):
             plain[int(q[n]) - 10] += x[n] * slopes[n] * (2 * (q[n] % 1) - 1) ** np.arange(8)

@@ -345,7 +345,7 @@ class TestRefinePhase:
     @pytest.mark.parametrize(
         ("changes", "sentence"),
         [
-            ({"tolerance": 0.05}, "tells orders up to 3.5 from their neighbours"),
+            ({"tolerance": 0.05}, "separates orders up to 3.5 from their neighbours"),
             ({"window_rev": 200.0}, "share 300 revolutions; windows of 200 need 400"),
             ({"start_s": 50.0}, "do not overlap; check start_s"),
             ({"orders": (220,), "tolerance": 0.0005}, "too close to half the sampling rate"),
