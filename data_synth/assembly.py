@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from data_synth.bodies import bodies, supports_of
-from data_synth.elements import GearMesh, Link
+from data_synth.elements import Coupling, GearMesh
 from data_synth.layout import contacts_of, direction_of, stations
 from data_synth.mechanics import PLANE, SPACE, TORSION, Body, Coordinates, Spring, System, Vector, build_system
 from data_synth.mesh_parts import mesh_elements
@@ -173,7 +173,7 @@ def assemble_parts(
         for item in attached
     ]
     couplings = [
-        Link(
+        Coupling(
             motions={(item.name, "rotation"): 1.0, (parts.body(item.to), "rotation"): -1.0},
             stiffness=item.stiffness,
             damping=item.damping,

@@ -47,7 +47,7 @@ def bodies(parts: Parts) -> Iterator[Body]:
                 axis=parts.axis(name),
                 speed_ratio=0.0 if parts.torsion else _speed_ratio(parts, name, unit),
                 frame_ratio=parts.frame_ratio(frame),
-                turns_with=name if frame != frames[0] else None,
+                rotates_with=name if frame != frames[0] else None,
             )
 
 

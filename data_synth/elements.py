@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data_synth.friction import SlidingFriction
-from data_synth.mechanics import Array, Coordinates, Mesh, Rubbing, Spring, Vector
+from data_synth.mechanics import Array, Coordinates, FrictionForce, Mesh, Spring, Vector
 from data_synth.mesh import Stiffness
 from data_synth.transmission_error import TransmissionError
 
@@ -16,7 +16,7 @@ _SAME_GEARS = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Link:
+class Coupling:
     """A spring between motions as they are: its deflection is the sum of ``factor x motion``.
 
     Attributes
@@ -37,7 +37,7 @@ class Link:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinkedMesh:
+class GeneralMesh:
     """A mesh whose deflection is written down as the sum of ``factor x motion``; else as `GearMesh`."""
 
     name: str
@@ -85,11 +85,13 @@ class Support:
         one, other = self.between
         body = at.body(one)
         point = self.point_m or body.centre_m
-        x, y, z = (body.turning(motion) for motion in ("tilt x", "tilt y", "rotation"))
+        x, y, z = (body.rotation_axis(motion) for motion in ("tilt x", "tilt y", "rotation"))
         for value, along in ((self.x, x), (self.y, y), (self.z, z)):
-            yield from self._spring(value, at.point(one, point, along) - at.point(other, point, along))
+            yield from self._spring(
+                value, at.displacement_row(one, point, along) - at.displacement_row(other, point, along)
+            )
         for value, about in ((self.tilt_x, x), (self.tilt_y, y), (self.torsion, z)):
-            yield from self._spring(value, at.turn(one, about) - at.turn(other, about))
+            yield from self._spring(value, at.rotation_row(one, about) - at.rotation_row(other, about))
 
     def _spring(self, value: float, row: Array) -> Iterator[Spring]:
         if value and row.any():
@@ -136,7 +138,7 @@ class Shaft:
                 f"shaft {' - '.join(self.between)}: the centres of its bodies coincide; give length_m for its "
                 "torsion, or centre_m for each body."
             )
-        along = span / distance if distance else one.turning("rotation")
+        along = span / distance if distance else one.rotation_axis("rotation")
         for value, row in self._deformations(at, along, length, bends=math.isclose(distance, length)):
             if row.any():
                 yield Spring(direction=row, stiffness=value, damping=self.damping_s * value)
@@ -148,17 +150,17 @@ class Shaft:
         shear = young / (2 * (1 + self.poisson))
         area = math.pi / 4 * (self.diameter_m**2 - self.bore_m**2)
         bending = young * math.pi / 64 * (self.diameter_m**4 - self.bore_m**4)
-        yield 2 * bending / young * shear / length, at.turn(b, along) - at.turn(a, along)
+        yield 2 * bending / young * shear / length, at.rotation_row(b, along) - at.rotation_row(a, along)
         if not bends:
             return
         here, there = at.body(a).centre_m, at.body(b).centre_m
-        yield young * area / length, at.point(b, there, along) - at.point(a, here, along)
+        yield young * area / length, at.displacement_row(b, there, along) - at.displacement_row(a, here, along)
         kappa = 6 * (1 + self.poisson) / (7 + 6 * self.poisson)
         softer = 1 + 12 * bending / (kappa * shear * area * length**2)
-        for across in (at.body(a).turning("tilt x"), at.body(a).turning("tilt y")):
+        for across in (at.body(a).rotation_axis("tilt x"), at.body(a).rotation_axis("tilt y")):
             about = np.cross(along, across)  # v' = t about this
-            rise = (at.point(b, there, across) - at.point(a, here, across)) / length
-            tilts = at.turn(a, about), at.turn(b, about)
+            rise = (at.displacement_row(b, there, across) - at.displacement_row(a, here, across)) / length
+            tilts = at.rotation_row(a, about), at.rotation_row(b, about)
             yield bending / length, tilts[1] - tilts[0]
             yield 3 * bending / (length * softer), tilts[0] + tilts[1] - 2 * rise
 
@@ -200,15 +202,17 @@ class GearMesh:
     def terms(self, at: Coordinates) -> Iterator[Spring | Mesh]:
         """Yield the mesh, and the damper in it."""
         one, other = self.gears
-        row = at.point(one, self.point_m, self.direction) - at.point(other, self.point_m, self.direction)
-        yield from _mesh_terms(self, row, () if self.friction is None else self._rubbing(at, self.friction))
+        row = at.displacement_row(one, self.point_m, self.direction) - at.displacement_row(
+            other, self.point_m, self.direction
+        )
+        yield from _mesh_terms(self, row, () if self.friction is None else self._friction_forces(at, self.friction))
 
-    def _rubbing(self, at: Coordinates, friction: SlidingFriction) -> tuple[Rubbing, Rubbing]:
+    def _friction_forces(self, at: Coordinates, friction: SlidingFriction) -> tuple[FrictionForce, FrictionForce]:
         """Return the sideways force as if at the tangent point of gear a, and what each metre on from there adds."""
         if self.gears[0] is None:
             raise ValueError(f'mesh "{self.name}": friction needs a driver; name the driving gear first.')
         driver = at.body(self.gears[0])
-        axis, along = driver.turning("rotation"), np.asarray(self.direction, dtype=np.float64)
+        axis, along = driver.rotation_axis("rotation"), np.asarray(self.direction, dtype=np.float64)
         along = along - (along @ axis) * axis
         from_centre = np.asarray(self.point_m) - np.asarray(driver.centre_m)
         on_path, moment = from_centre @ along, axis @ np.cross(from_centre, along)
@@ -222,10 +226,12 @@ class GearMesh:
 
         def slip(place: float) -> Array:
             point = np.asarray(self.point_m) + (place - on_path) * along
-            return at.point(self.gears[0], point, across) - at.point(self.gears[1], point, across)
+            return at.displacement_row(self.gears[0], point, across) - at.displacement_row(self.gears[1], point, across)
 
         sideways, lever = friction.shares
-        return Rubbing(direction=slip(0.0), share=sideways), Rubbing(direction=slip(1.0) - slip(0.0), share=lever)
+        return FrictionForce(direction=slip(0.0), factor=sideways), FrictionForce(
+            direction=slip(1.0) - slip(0.0), factor=lever
+        )
 
 
 def line_of_action(
@@ -314,7 +320,7 @@ def row_of(motions: Mapping[Place, float], at: Coordinates) -> Array:
 
 
 def _mesh_terms(
-    element: GearMesh | LinkedMesh, row: Array, friction: tuple[Rubbing, ...] = ()
+    element: GearMesh | GeneralMesh, row: Array, friction: tuple[FrictionForce, ...] = ()
 ) -> Iterator[Spring | Mesh]:
     yield Mesh(
         name=element.name,

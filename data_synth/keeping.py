@@ -111,8 +111,8 @@ def _follows(at: Coordinates, name: str, motion: str, holder: str) -> Array:
     """Return the row (dof,) by which a motion of a body follows the one that holds it."""
     body = at.bodies[name]
     if motion in _ACROSS:
-        return at.point(holder, body.centre_m, _ACROSS[motion])
-    return at.turn(holder, body.turning(motion))
+        return at.displacement_row(holder, body.centre_m, _ACROSS[motion])
+    return at.rotation_row(holder, body.rotation_axis(motion))
 
 
 def _reduced(whole: Assembly, moving: Array, chosen: Array) -> System:

@@ -20,7 +20,7 @@ from data_synth.driving import RunUp
 from data_synth.integrate import Load, State
 from data_synth.mechanics import Array, System
 from data_synth.meshing import declared_of
-from data_synth.modal import mode_pairs
+from data_synth.modal import undamped_modes
 from data_synth.scene import Scene, SceneError
 from data_synth.stage import Stage
 from hums.kinematics import Kinematics
@@ -107,7 +107,7 @@ def strained(system: System, force: Array) -> Array:
     Teeth have their mean stiffness; what the force speeds up as one body is left out.
     """
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-    angular, shapes = mode_pairs(system, means)
+    angular, shapes = undamped_modes(system, means)
     elastic = shapes[:, angular > 0]
     give = (elastic / angular[angular > 0] ** 2) @ elastic.T
     moved = give @ force
@@ -134,7 +134,7 @@ def _loaded(scene: Scene, kinematics: Kinematics, drives: str) -> str:
 
 def _rigid(system: System, drives: int) -> Array:
     """Return the motion that strains nothing, for a radian of the degree of freedom that drives, (dof,)."""
-    angular, shapes = mode_pairs(system, [mesh.stiffness.mean for mesh in system.meshes])
+    angular, shapes = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
     free = shapes[:, angular == 0]
     return np.asarray(free @ free[drives] / (free[drives] @ free[drives]))
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from data_synth.elements import GearMesh, LinkedMesh, Place, as_vector, pressing
+from data_synth.elements import GearMesh, GeneralMesh, Place, as_vector, pressing
 from data_synth.layout import Contact, planet_lag
 from data_synth.mechanics import Array, Vector
 from data_synth.mesh import Constant, Shifted, Stiffness
@@ -15,7 +15,7 @@ from data_synth.transmission_error import SumOfErrors, TransmissionError
 _APART = 0.01  # of the centre distance: a drawing rounds, and a profile shift may be left out
 
 
-def mesh_elements(parts: Parts) -> Iterator[GearMesh | LinkedMesh]:
+def mesh_elements(parts: Parts) -> Iterator[GearMesh | GeneralMesh]:
     """Yield every contact, its pressed flank that of the gear that drives.
 
     In torsion the deflection is ``r_b / |Z| (Z_i (theta_i - theta_c) + Z_j (theta_j - theta_c))``, the constraint of
@@ -29,7 +29,7 @@ def mesh_elements(parts: Parts) -> Iterator[GearMesh | LinkedMesh]:
         stiffness, error = _in_step(parts, contact, given)
         cycles = float(abs(contact.teeth[0] * rolls) / unit)
         if parts.torsion:
-            yield LinkedMesh(
+            yield GeneralMesh(
                 name=contact.name,
                 motions=_torsion_row(parts, contact, -1 if contact.teeth[0] * pushes < 0 else 1),
                 stiffness=stiffness,

@@ -18,7 +18,7 @@ import numpy as np
 
 from data_synth.combs import Comb, ComplexArray
 from data_synth.mechanics import Mesh
-from data_synth.modal import mode_pairs
+from data_synth.modal import undamped_modes
 from data_synth.motion import Motion
 from data_synth.profile import Array
 from data_synth.reduction import contacts_in
@@ -140,7 +140,7 @@ def response_of(motion: Motion) -> Response:
         )
     system, output = motion.system, motion.output
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-    angular, shapes = mode_pairs(system, means)
+    angular, shapes = undamped_modes(system, means)
     angular, shapes = angular[angular > 0], shapes[:, angular > 0]
     damping = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
     count = angular.size
@@ -171,7 +171,7 @@ def refuse_lines(motion: Motion, name: str) -> None:
     mesh = motion.system.meshes[contacts_in(motion.system, name)[0]]
     if motion.ears.turns:
         why = "planets turn with their carrier"
-    elif mesh.course is not None:
+    elif mesh.history is not None:
         why = "its teeth change with time"
     elif not np.min(mesh.stiffness(_phases(mesh, _FEWEST * int(mesh.stiffness.period)))) > 0:
         why = "its teeth let go of each other"
@@ -282,7 +282,7 @@ def _static(motion: Motion) -> Array:
     if load.quadratic_drag is not None:
         acting = acting - load.quadratic_drag * speeds * np.abs(speeds)
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-    angular, shapes = mode_pairs(system, means)
+    angular, shapes = undamped_modes(system, means)
     elastic = angular > 0
     modal = (acting @ shapes[:, elastic]) / angular[elastic] ** 2
     directions = np.array([mesh.direction for mesh in system.meshes])

@@ -12,7 +12,7 @@ from data_synth.damage import faulty_gear, mesh_name
 from data_synth.dynamics import Dynamics
 from data_synth.gear_faults import GearFault, ToothChanges, damaged_teeth, errors_of
 from data_synth.layout import Contact, contacts_of, planet_lag
-from data_synth.mechanics import Course, Mesh
+from data_synth.mechanics import Mesh, MeshHistory
 from data_synth.mesh import Constant, Shifted, Stiffness, Trapezoidal
 from data_synth.parts import MeshProperties
 from data_synth.profile import Array
@@ -42,15 +42,15 @@ class Teeth:
 
     properties: MeshProperties
     passes: tuple[tuple[int, float, int, float], ...]
-    course: Course | None = None
+    history: MeshHistory | None = None
 
-    def course_of(self, mesh: Mesh) -> Course | None:
+    def history_of(self, mesh: Mesh) -> MeshHistory | None:
         """Return the course of one of the meshes, copies alike, whose teeth these are: each in a step of its own."""
-        if self.course is None:
+        if self.history is None:
             return None
         own, error = self.properties.stiffness, mesh.error
-        stiffnesses: list[Stiffness] = [*self.course.stiffnesses]
-        errors: list[TransmissionError | None] = [*self.course.errors]
+        stiffnesses: list[Stiffness] = [*self.history.stiffnesses]
+        errors: list[TransmissionError | None] = [*self.history.errors]
         if isinstance(mesh.stiffness, Shifted) and mesh.stiffness.of is own:
             by = mesh.stiffness.by_cycles
             made = {id(stage): Shifted(of=stage, by_cycles=by) for stage in stiffnesses}
@@ -59,7 +59,9 @@ class Teeth:
             late = error.by_cycles
             summed = {id(stage): SumOfErrors(parts=(stage,), by_cycles=late) for stage in errors if stage is not None}
             errors = [summed[id(stage)] for stage in errors]
-        return Course(times_s=self.course.times_s, stiffnesses=(mesh.stiffness, *stiffnesses[1:]), errors=tuple(errors))
+        return MeshHistory(
+            times_s=self.history.times_s, stiffnesses=(mesh.stiffness, *stiffnesses[1:]), errors=tuple(errors)
+        )
 
 
 def declared_of(scene: Scene) -> Dynamics:
@@ -172,7 +174,7 @@ def _teeth(stage: Stage, kinematics: Kinematics, contact: Contact) -> Teeth:
             damping=declared.damping_n_s_m,
         ),
         passes=tuple((item.number, item.first + half - later + late, item.teeth, 2 * half) for item in broken),
-        course=Course(times_s=times_s, stiffnesses=stiffnesses, errors=errors) if grows else None,
+        history=MeshHistory(times_s=times_s, stiffnesses=stiffnesses, errors=errors) if grows else None,
     )
 
 

@@ -20,7 +20,7 @@ from data_synth.loads import Turned, turned
 from data_synth.machine import machine_of
 from data_synth.mechanics import Array, System
 from data_synth.meshing import Gears, Teeth, declared_of, geared, gears_of, passes_s
-from data_synth.modal import mode_pairs, with_modal_damping
+from data_synth.modal import undamped_modes, with_modal_damping
 from data_synth.scene import Scene, SceneError
 from data_synth.stage import Stage
 
@@ -197,12 +197,12 @@ def motion_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs:
     system = replace(
         kept.system,
         meshes=tuple(
-            mesh if gears.meshes[mesh.name] in springs else replace(mesh, course=teeth[mesh.name].course_of(mesh))
+            mesh if gears.meshes[mesh.name] in springs else replace(mesh, history=teeth[mesh.name].history_of(mesh))
             for mesh in kept.system.meshes
         ),
     )
     damped = with_modal_damping(system, ratio=declared.damping_ratio)
-    angular, _ = mode_pairs(system, [mesh.stiffness.mean for mesh in system.meshes])
+    angular, _ = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
     slowest = min(
         declared.damping_ratio * float(np.min(angular[angular > 0], initial=np.inf)),
         2 * math.pi * declared.mounts.frequency_hz * declared.mounts.damping_ratio,

@@ -140,7 +140,7 @@ def by_scipy(problem, read, *, relative=1e-9, absolute=1e-14, method="DOP853"):
             force = force - mesh.direction * pressed
             driving = max(pressed, 0.0) if mesh.backlash_m > 0 else pressed
             for rub in mesh.friction:
-                force = force + rub.direction * (driving * rub.share(phase))
+                force = force + rub.direction * (driving * rub.factor(phase))
         return np.concatenate([v, np.linalg.solve(system.mass, force)])
 
     times_s = problem.start_s + np.arange(round(problem.duration_s * read.rate_hz) + 1) / read.rate_hz

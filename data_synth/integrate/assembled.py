@@ -11,7 +11,7 @@ from data_synth.integrate._equations import Equations, Integers
 from data_synth.integrate._modes import Flow, flow_of, modes_of
 from data_synth.integrate._waves import Wave, Waves, tabulated
 from data_synth.integrate.problem import Array, Problem, State, TiedTo
-from data_synth.mechanics import Mesh, Share
+from data_synth.mechanics import Mesh, PhaseFunction
 from data_synth.mesh import Stiffness
 
 
@@ -103,13 +103,15 @@ class Assembled:
         for number, mesh in enumerate(self.problem.system.meshes):
             phases = np.linspace(0, mesh.stiffness.period, 512 * int(mesh.stiffness.period))
             ends = (
-                (mesh.stiffness,) if mesh.course is None else mesh.course.stiffnesses[:: len(mesh.course.times_s) - 1]
+                (mesh.stiffness,)
+                if mesh.history is None
+                else mesh.history.stiffnesses[:: len(mesh.history.times_s) - 1]
             )
             values = np.concatenate([stiffness(phases) for stiffness in ends])
             least = 0.0 if mesh.backlash_m > 0 else np.min(values)
             mean = self.means[number]
             rubs = np.flatnonzero(self.forces_of == number)[1:]
-            most = [np.max(np.abs(rub.share(phases))) for rub in mesh.friction]
+            most = [np.max(np.abs(rub.factor(phases))) for rub in mesh.friction]
             rubbed = float(np.max(values) * (across[rubs] @ most)) if most else 0.0
             swings.append(rubbed + float(max(np.max(values) - mean, mean - least) * across[number]))
         return max(swings)
@@ -134,9 +136,9 @@ class Assembled:
     def stages(self, times_s: Array) -> Array:
         """Return where in its course the mesh of each force is, (times, forces); (0, forces) where none has one."""
         meshes = self.problem.system.meshes
-        if all(mesh.course is None for mesh in meshes):
+        if all(mesh.history is None for mesh in meshes):
             return np.zeros((0, self.forces_of.size))
-        found = [mesh.course.stage(times_s) if mesh.course else np.zeros(times_s.size) for mesh in meshes]
+        found = [mesh.history.position(times_s) if mesh.history else np.zeros(times_s.size) for mesh in meshes]
         return np.ascontiguousarray(np.stack(found, axis=1)[:, self.forces_of])
 
     def modal(self, state: State | None) -> Array:
@@ -177,7 +179,7 @@ def assemble(problem: Problem) -> Assembled:
     rubs = [rub for m in system.meshes for rub in m.friction]
     erring = [m for m in system.meshes if m.error is not None]
     errors = [m.error for m in erring if m.error is not None]
-    more, error_later = _further(errors, [m.course.errors if m.course else () for m in erring])
+    more, error_later = _further(errors, [m.history.errors if m.history else () for m in erring])
     error_of = _numbers([m.error is not None for m in system.meshes])
     dragged = np.flatnonzero(load.quadratic_drag if load.quadratic_drag is not None else np.zeros(dof))
     tied = np.zeros((0, dof))
@@ -207,7 +209,7 @@ class Rubbed:
     """Stiffness times what friction makes of the mesh force, over the phase."""
 
     stiffness: Stiffness
-    share: Share
+    factor: PhaseFunction
 
     @property
     def period(self) -> int:
@@ -218,21 +220,21 @@ class Rubbed:
     def jumps(self) -> tuple[float, ...]:
         """Those of both."""
         cycles = range(self.period)
-        return tuple(sorted({*self.stiffness.jumps, *(cycle + jump for cycle in cycles for jump in self.share.jumps)}))
+        return tuple(sorted({*self.stiffness.jumps, *(cycle + jump for cycle in cycles for jump in self.factor.jumps)}))
 
     def __call__(self, phase_cycles: Array) -> Array:
         """Return N/m times the unit of the share."""
-        return np.asarray(self.stiffness(phase_cycles) * self.share(phase_cycles))
+        return np.asarray(self.stiffness(phase_cycles) * self.factor(phase_cycles))
 
 
 def _stiffnesses(meshes: Sequence[Mesh]) -> tuple[Waves, Integers]:
     """Return the tables of stiffnesses and of what rubs, and where those of what changes in time begin."""
     first: list[Stiffness | Rubbed] = [m.stiffness for m in meshes]
-    courses: list[tuple[Stiffness | Rubbed, ...]] = [m.course.stiffnesses if m.course else () for m in meshes]
+    courses: list[tuple[Stiffness | Rubbed, ...]] = [m.history.stiffnesses if m.history else () for m in meshes]
     for mesh in meshes:
         for rub in mesh.friction:
-            first.append(Rubbed(mesh.stiffness, rub.share))
-            courses.append(tuple(Rubbed(k, rub.share) for k in mesh.course.stiffnesses) if mesh.course else ())
+            first.append(Rubbed(mesh.stiffness, rub.factor))
+            courses.append(tuple(Rubbed(k, rub.factor) for k in mesh.history.stiffnesses) if mesh.history else ())
     further, later = _further(first, courses)
     return tabulated([Wave(k, k.period, k.jumps) for k in [*first, *further]]), later
 

@@ -73,7 +73,7 @@ def obstacles(problem: Problem) -> tuple[str, ...]:
     for mesh in meshes:
         name, smooth = repr(mesh.name), not mesh.stiffness.constant_between_jumps
         stands = {
-            f"the teeth of mesh {name} change in time": mesh.course is not None,
+            f"the teeth of mesh {name} change in time": mesh.history is not None,
             f"mesh {name} has friction": bool(mesh.friction),
             f"mesh {name} has a transmission error": mesh.error is not None,
             f"the stiffness of mesh {name} is not constant between jumps": smooth,

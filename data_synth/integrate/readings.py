@@ -133,5 +133,5 @@ def _rubbing_forces(a: Assembled, forces: Array, revolutions: Array) -> Array:
     columns = []
     for number, mesh in enumerate(a.problem.system.meshes):
         driving = np.maximum(forces[:, number], 0.0) if mesh.backlash_m > 0 else forces[:, number]
-        columns += [driving * rub.share(mesh.cycles_per_rev * revolutions) for rub in mesh.friction]
+        columns += [driving * rub.factor(mesh.cycles_per_rev * revolutions) for rub in mesh.friction]
     return np.stack(columns, axis=1)

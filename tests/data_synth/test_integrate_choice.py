@@ -21,7 +21,7 @@ from data_synth.integrate import (
     integrate_blocks,
     method_for,
 )
-from data_synth.mechanics import Course, Rubbing
+from data_synth.mechanics import FrictionForce, MeshHistory
 from data_synth.mesh import Rectangular
 from data_synth.transmission_error import ProfileError
 
@@ -58,11 +58,11 @@ class TestChoice:
             (replace(JUMPS, load=Load(constant=np.zeros(4), varying=lambda t: np.ones((t.size, 4)))), "load varies"),
             (replace(JUMPS, turning=TiedTo(name="pinion rotation")), "the reference is tied to the motion"),
             (with_mesh(JUMPS, error=ProfileError(harmonics_m=np.array([1e-6 + 0j]))), "has a transmission error"),
-            (with_mesh(JUMPS, friction=(Rubbing(direction=np.ones(4), share=rectangle()),)), "has friction"),
+            (with_mesh(JUMPS, friction=(FrictionForce(direction=np.ones(4), factor=rectangle()),)), "has friction"),
             (
                 with_mesh(
                     JUMPS,
-                    course=Course(times_s=np.arange(2.0), stiffnesses=(rectangle(),) * 2, errors=(None, None)),
+                    history=MeshHistory(times_s=np.arange(2.0), stiffnesses=(rectangle(),) * 2, errors=(None, None)),
                 ),
                 "the teeth of mesh 'pair' change in time",
             ),

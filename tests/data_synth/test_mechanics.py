@@ -12,7 +12,7 @@ from scipy import linalg
 
 from data_synth.assembly import Attached, Holding, Inertia, MeshProperties, assemble
 from data_synth.campbell import eigenvalues
-from data_synth.elements import GearMesh, Link, LinkedMesh, Shaft, Support, line_of_action
+from data_synth.elements import Coupling, GearMesh, GeneralMesh, Shaft, Support, line_of_action
 from data_synth.friction import SlidingFriction
 from data_synth.gear_geometry import GearPair
 from data_synth.integrate import Load, Output, Problem, Splitting, State, Steps, integrate
@@ -105,8 +105,8 @@ def chaari():
         bodies,
         [
             *(Support(between=(name, None), x=1e8, y=1e8) for name in ("pinion", "gear")),
-            *(Link(motions={one: 1.0, other: -1.0}, stiffness=1e5) for one, other in joints),
-            LinkedMesh(name="mesh", motions=mesh, stiffness=Constant(mean=1e8)),
+            *(Coupling(motions={one: 1.0, other: -1.0}, stiffness=1e5) for one, other in joints),
+            GeneralMesh(name="mesh", motions=mesh, stiffness=Constant(mean=1e8)),
         ],
     )
 
@@ -130,9 +130,9 @@ def test_sixteen_degrees_of_freedom_in_howard_s_layout():
     elements = [
         *(Support(between=(name.split()[0], name), x=2e8, y=2e8) for name in blocks),
         *(Support(between=(name, None), x=1e8, y=1e8) for name in blocks),
-        Link(motions={("motor", "rotation"): 1.0, ("pinion", "rotation"): -1.0}, stiffness=1e5),
-        Link(motions={("gear", "rotation"): 1.0, ("load", "rotation"): -1.0}, stiffness=1e5),
-        LinkedMesh(name="mesh", motions=mesh, stiffness=Constant(mean=1e9)),
+        Coupling(motions={("motor", "rotation"): 1.0, ("pinion", "rotation"): -1.0}, stiffness=1e5),
+        Coupling(motions={("gear", "rotation"): 1.0, ("load", "rotation"): -1.0}, stiffness=1e5),
+        GeneralMesh(name="mesh", motions=mesh, stiffness=Constant(mean=1e9)),
     ]
     system = build_system(bodies, elements)
     assert system.dof == 16
@@ -539,7 +539,7 @@ def test_bodies_and_elements_refuse_what_they_cannot_be():
     with pytest.raises(ValueError, match='no body is called "disk"'):
         build_system([disc], [Support(between=("disk", None), x=1.0)])
     with pytest.raises(ValueError, match='does not move along "y"'):
-        build_system([disc], [Link(motions={("disc", "y"): 1.0}, stiffness=1.0)])
+        build_system([disc], [Coupling(motions={("disc", "y"): 1.0}, stiffness=1.0)])
 
 
 # ---- teeth that part ---------------------------------------------------------------------------------------------

@@ -357,7 +357,7 @@ def test_teeth_are_at_each_time_as_large_as_damage_is_then(kind):
         if still.error is not None:
             expected = still.error(phases)
             assert_allclose(error, expected, atol=0.01 * np.max(np.abs(expected)))
-    assert mesh.course.times_s.size < 20
+    assert mesh.history.times_s.size < 20
 
 
 def test_two_faults_of_a_mesh_grow_each_by_its_law():

@@ -378,20 +378,20 @@ def test_rigid_gears_roll_without_strain_in_space(name, speeds, turning):
     joints, motion = parts.kinematics.joints, np.zeros(system.dof)
     spins = parts.kinematics.vectors(speeds)
     for body in whole.bodies:
-        name = body.turns_with or body.name
+        name = body.rotates_with or body.name
         holder = joints[name].carried_by
         own, held = (parts.space @ spins.sel(link=link).values for link in (name, holder))
         velocity = np.zeros(3)
         if holder != parts.frame:
             velocity = np.cross(held, np.array(body.centre_m) - parts.station(holder, holder))
         for place, number in whole.at.index.items():
-            if place[0] != body.name or (place[1] == "rotation" and body.turns_with):
+            if place[0] != body.name or (place[1] == "rotation" and body.rotates_with):
                 continue
             if place[1] in ("x", "y", "z"):
                 motion[number] = velocity["xyz".index(place[1])]
             else:
                 # tilts are those of the body that holds it, round its own axis it turns by itself
-                motion[number] = body.turning(place[1]) @ (own if place[1] == "rotation" else held)
+                motion[number] = body.rotation_axis(place[1]) @ (own if place[1] == "rotation" else held)
     for mesh in system.meshes:
         assert abs(mesh.direction @ motion) < 1e-12 * np.abs(mesh.direction * motion).max()
     strain = system.mean_stiffness() @ motion
