@@ -10,7 +10,7 @@ import numpy as np
 from data_synth.elements import Support, as_vector
 from data_synth.layout import Contact
 from data_synth.mechanics import Body, Vector
-from data_synth.parts import Holding, Inertia, Parts
+from data_synth.parts import Inertia, Parts, SupportStiffness
 from hums.gearbox import Bearing
 
 _STEEL_KG_M3 = 7850.0
@@ -21,8 +21,8 @@ _PARALLEL = 1e-9
 
 def bodies(parts: Parts) -> Iterator[Body]:
     """Yield every body that moves, with the inertia given or that of discs of steel, the pieces of one together."""
-    unit = parts.unit()
-    for name in [*parts.kinematics.joints, *parts.held]:
+    unit = parts.reference_speed()
+    for name in [*parts.kinematics.joints, *parts.elastic_links]:
         given = parts.inertias.get(name, Inertia())
         whole = _discs(parts, name)
         polar = whole[1] if given.inertia_kgm2 is None else given.inertia_kgm2
@@ -56,8 +56,8 @@ def _speed_ratio(parts: Parts, name: str, unit: Fraction) -> float:
     joints = parts.kinematics.joints
     holder = joints[name].carried_by if name in joints else parts.frame
     if holder == parts.frame or abs(abs(float(np.dot(parts.axis(name), parts.axis(holder)))) - 1) < _PARALLEL:
-        return float(parts.turns(name, parts.frame) / unit)
-    return float(parts.turns(name, holder) / unit)
+        return float(parts.relative_speed(name, parts.frame) / unit)
+    return float(parts.relative_speed(name, holder) / unit)
 
 
 def _share(parts: Parts, body: str, frame: str) -> float:
@@ -129,29 +129,31 @@ def supports_of(parts: Parts) -> Iterator[Support]:
     Further pieces of a body have a support of their own.
     """
     joints = parts.kinematics.joints
-    for body in [*joints, *parts.held]:
+    for body in [*joints, *parts.elastic_links]:
         holder = joints[body].carried_by if body in joints else parts.frame
         first, *others = parts.frames(body)
         own = parts.piece(body, holder) if holder != parts.frame else body
         between = (own, None if holder == parts.frame else parts.piece(holder, holder))
         if parts.torsion:  # what else a support holds does not move
-            hold = parts.supports.get(body, Holding())
+            hold = parts.supports.get(body, SupportStiffness())
             yield Support(between=between, torsion=hold.torsion, damping_s=hold.damping_s)
             continue
         bearings = [] if body in parts.supports else list(_bearings_of(parts, body, holder))
         centre = parts.centre(body, first if others else None)
         if not bearings:
-            yield _support(between, centre, parts.supports.get(body, Holding()), axial=True, tilt=True)
+            yield _support(between, centre, parts.supports.get(body, SupportStiffness()), axial=True, tilt=True)
         apart = len({place for _, place, _ in bearings}) > 1
         for name, place, axial in bearings:
-            yield _support(between, place, parts.supports.get(name, Holding()), axial=axial, tilt=not apart)
+            yield _support(between, place, parts.supports.get(name, SupportStiffness()), axial=axial, tilt=not apart)
         for frame in others:
             piece = parts.piece(body, frame)
-            hold = replace(parts.supports.get(body, Holding()), torsion=0.0)
+            hold = replace(parts.supports.get(body, SupportStiffness()), torsion=0.0)
             yield _support((piece, None), parts.centre(body, frame), hold, axial=True, tilt=True)
 
 
-def _support(between: tuple[str, str | None], point: Vector, hold: Holding, *, axial: bool, tilt: bool) -> Support:
+def _support(
+    between: tuple[str, str | None], point: Vector, hold: SupportStiffness, *, axial: bool, tilt: bool
+) -> Support:
     return Support(
         between=between,
         point_m=point,
@@ -180,5 +182,5 @@ def _bearings_of(parts: Parts, body: str, holder: str) -> Iterator[tuple[str, Ve
             place = parts.centre(body)
             if bearing.position_mm:
                 along = _MM * bearing.position_mm[number] * np.array(parts.axis(body))
-                place = as_vector(parts.station(body, body) + along)
+                place = as_vector(parts.axis_point(body, body) + along)
             yield name, place, name in bearing.takes_axial or not any_axial

@@ -55,7 +55,7 @@ class Hats:
         }
         silent = np.zeros_like(output.mesh_force)
         hats = np.vstack([silent, output.mesh_force, silent])
-        judged = Output(rate_hz=output.rate_hz, **maps, hat_mesh_force=hats)
+        judged = Output(rate_hz=output.rate_hz, **maps, weighted_mesh_force=hats)
         points = np.vstack([silent, silent, output.mesh_force])
         return cls(output=replace(judged, mesh_force=points), judged=judged)
 

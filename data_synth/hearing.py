@@ -160,7 +160,7 @@ class _Rows:
     """Readings of motions and mesh forces, added one by one."""
 
     def __init__(self, whole: Assembly, kept: Kept, damping: dict[str, float]) -> None:
-        self._whole, self._kept, self._at = whole, kept, whole.at
+        self._whole, self._kept, self._at = whole, kept, whole.coordinates
         system: System = whole.system
         self._names = [mesh.name for mesh in system.meshes]
         self._meshes = np.array([mesh.direction for mesh in system.meshes])
@@ -179,7 +179,7 @@ class _Rows:
         displacement, velocity = np.zeros((2, len(self._at.names)))
         mesh_force = np.zeros(len(self._names))
         parts, upright = self._whole.parts, np.array([0.0, 0.0, along[2]])
-        for body in (*parts.kinematics.joints, *parts.held):
+        for body in (*parts.kinematics.joints, *parts.elastic_links):
             for each in parts.frames(body):
                 heard = along if each == frame else upright if each in (axial or ()) else None
                 if heard is not None and heard.any():
@@ -252,7 +252,7 @@ def _looks_along(stage: Stage, whole: Assembly, sensor: Sensor, *, passes: bool)
         direction = direction + sensor.cross_axis.share * across / np.linalg.norm(across)
     along = np.asarray(whole.parts.space @ direction)
     along[np.abs(along) < _ALONG] = 0.0
-    moves = {motion for _, motion in whole.at.index}
+    moves = {motion for _, motion in whole.coordinates.index}
     if not passes and not any(value and motion in moves for value, motion in zip(along, "xyz", strict=True)):
         raise SceneError(
             f'sensor "{sensor.name}" looks along the shafts, where gears that move in a plane make no force; turn '

@@ -54,7 +54,7 @@ def kept_of(whole: Assembly, levels: Mapping[str, str]) -> Kept:
         A body has the motions of the highest of its meshes, a carrier those of its planets. Where axes cross, lateral
         motion is that along all three directions, and full motion tilts as well.
     """
-    at = whole.at
+    at = whole.coordinates
     follow, numbers = np.eye(len(at.names)), []
     highest = _highest(whole, levels)
     crossed = any(abs(body.axis[2]) < _UPRIGHT for body in whole.bodies)

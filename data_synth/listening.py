@@ -164,7 +164,7 @@ def _weights(scene: Scene, whole: Assembly, sensor: Sensor) -> dict[str, float]:
             rings = {link for ring in (bearing.inner_ring, bearing.outer_ring) for link in gearbox.instances(ring)}
             stands |= {link for link in rings if bodies[link] != frame}
     near = {parts.body(link) for name in stands if name in _known(scene) for link in gearbox.instances(name)}
-    heard = [*parts.kinematics.joints, *parts.held, frame]
+    heard = [*parts.kinematics.joints, *parts.elastic_links, frame]
     weights = {body: 1.0 if body in near else declared.elsewhere for body in heard}
     for hearing in declared.hearing:
         if hearing.sensor not in [other.name for other in scene.sensors]:

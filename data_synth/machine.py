@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from data_synth.assembly import Assembly, Holding, Inertia, assemble_parts
+from data_synth.assembly import Assembly, Inertia, SupportStiffness, assemble_parts
 from data_synth.layout import direction_of
 from data_synth.mesh import Constant
 from data_synth.meshing import Gears, declared_of
@@ -51,7 +51,7 @@ def machine_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs
             supports=dict(_supports(scene, kinematics)),
             meshes=dict(_meshes(gears, springs)),
             speed_rad_s=_speed_rad_s(stage, kinematics) if full or carries(kinematics) else 0.0,
-            turning_with="carriers",
+            rotating_frame="carriers",
         )
     except ValueError as caught:
         raise SceneError(f"dynamics: {caught}") from None
@@ -79,14 +79,14 @@ def _copies(scene: Scene, name: str) -> tuple[str, ...]:
     return scene.gearbox.instances(name) if name in scene.gearbox.copied else (name,)
 
 
-def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, Holding]]:
+def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, SupportStiffness]]:
     for link, item in declared_of(scene).bearings:
         if kinematics.bodies.get(link) == kinematics.mechanism.frame and not item.torsion_nm_rad:
             raise SceneError(
                 f'dynamics.bearings holds "{link}", which is rigid with "{scene.gearbox.frame}" else, but not against '
                 "turning; give torsion_nm_rad, or leave it out."
             )
-        hold = Holding(
+        hold = SupportStiffness(
             radial=item.radial_n_m,
             axial=item.axial_n_m,
             tilt=item.tilt_nm_rad,

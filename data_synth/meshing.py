@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from data_synth.damage import faulty_gear, mesh_name
 from data_synth.dynamics import Dynamics
 from data_synth.gear_faults import GearFault, ToothChanges, damaged_teeth, errors_of
-from data_synth.layout import Contact, contacts_of, planet_lag
+from data_synth.layout import Contact, contacts_of, planet_phase_lag
 from data_synth.mechanics import Mesh, MeshHistory
 from data_synth.mesh import Constant, Shifted, Stiffness, Trapezoidal
 from data_synth.parts import MeshProperties
@@ -164,7 +164,7 @@ def _teeth(stage: Stage, kinematics: Kinematics, contact: Contact) -> Teeth:
     stages = [[item.changes(stage, time_s) for item in broken] for time_s in times_s]
     stiffnesses = _stiffnesses(scene, contact, broken, stages, by_cycles=later)
     errors = _errors(contact, broken, stages, error_m=_UM * declared.error_um, by_cycles=later)
-    late = float(planet_lag(kinematics, contact))
+    late = float(planet_phase_lag(kinematics, contact))
     grows = any(each is not stiffnesses[0] for each in stiffnesses) or any(each is not errors[0] for each in errors)
     return Teeth(
         properties=MeshProperties(

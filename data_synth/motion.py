@@ -152,7 +152,7 @@ class Motion:
         drive = self.stage.drive
         return Problem(
             system=self.system,
-            turning=drive.angle,
+            reference=drive.angle,
             load=self.load,
             duration_s=duration_s,
             start=self.turned.start(self.system, drive, start_s),

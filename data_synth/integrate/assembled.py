@@ -10,7 +10,7 @@ import numpy as np
 from data_synth.integrate._equations import Equations, Integers
 from data_synth.integrate._modes import Flow, flow_of, modes_of
 from data_synth.integrate._waves import Wave, Waves, tabulated
-from data_synth.integrate.problem import Array, Problem, State, TiedTo
+from data_synth.integrate.problem import Array, CoupledReference, Problem, State
 from data_synth.mechanics import Mesh, PhaseFunction
 from data_synth.mesh import Stiffness
 
@@ -97,7 +97,7 @@ class Assembled:
         return np.concatenate([np.arange(self.backlashes.size), self.rubs_in])
 
     @cached_property
-    def swing(self) -> float:
+    def stiffness_variation(self) -> float:
         """Largest ``abs(k - kmean) g M^-1 g`` of any mesh, rad2/s2: what the constant part leaves over."""
         swings, across = [0.0], np.abs(np.diag(self.equations.coupling))
         for number, mesh in enumerate(self.problem.system.meshes):
@@ -118,8 +118,12 @@ class Assembled:
 
     def revolutions(self, times_s: Array) -> Array:
         """Return the reference's angle; nothing where it is tied to the motion."""
-        turning = self.problem.turning
-        return np.zeros(0) if isinstance(turning, TiedTo) else np.ascontiguousarray(turning.revolutions(times_s))
+        reference = self.problem.reference
+        return (
+            np.zeros(0)
+            if isinstance(reference, CoupledReference)
+            else np.ascontiguousarray(reference.revolutions(times_s))
+        )
 
     def loads(self, times_s: Array) -> Array:
         """Return the varying load on each mode (times, n); (0, n) where there is none."""
@@ -183,8 +187,8 @@ def assemble(problem: Problem) -> Assembled:
     error_of = _numbers([m.error is not None for m in system.meshes])
     dragged = np.flatnonzero(load.quadratic_drag if load.quadratic_drag is not None else np.zeros(dof))
     tied = np.zeros((0, dof))
-    if isinstance(problem.turning, TiedTo):
-        tied = problem.turning.rev_per_unit * np.eye(dof)[[system.names.index(problem.turning.name)]]
+    if isinstance(problem.reference, CoupledReference):
+        tied = problem.reference.rev_per_unit * np.eye(dof)[[system.names.index(problem.reference.name)]]
     return Assembled(
         problem=problem,
         flow=flow,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.integrate.assembled import Assembled
-from data_synth.integrate.pieces import ForceIntegrals, columns, rungs, series, switching
+from data_synth.integrate.pieces import ForceIntegrals, columns, halvings_and_terms, series, switching
 from data_synth.integrate.problem import Array
 from data_synth.integrate.readings import Readings
 from data_synth.integrate.stepping import Grid, Stepper
@@ -28,7 +28,7 @@ def contact_stepper(readings: Readings, grid: Grid) -> Stepper:
     a, integrals = readings.assembled, ForceIntegrals.of(readings)
     gaps = gaps_of(a)
     seen = a.displacement_rows(a.deflections[gaps])
-    halvings, terms = rungs(a, grid.step_s)
+    halvings, terms = halvings_and_terms(a, grid.step_s)
     return _Stepper(
         readings=readings,
         grid=grid,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data_synth.integrate.assembled import Assembled
-from data_synth.integrate.problem import Array, TiedTo
+from data_synth.integrate.problem import Array, CoupledReference
 from data_synth.integrate.readings import Readings
 from data_synth.integrate.stepping import Grid
 
@@ -19,21 +19,23 @@ _ROUNDING = 1e-17  # of the state: terms of the power series below it change no 
 _SHORTEST = 0.5  # of the fastest motion's rad: over so short a stretch the power series is as exact as numbers are
 
 
-def rungs(a: Assembled, unit_s: float) -> tuple[int, int]:
+def halvings_and_terms(a: Assembled, unit_s: float) -> tuple[int, int]:
     """Return how often to halve a unit until the power series takes over, and its terms, whatever stiffness holds."""
-    fastest = np.sqrt(np.max(a.flow.modes.frequencies, initial=1.0) ** 2 + a.swing) + np.linalg.norm(a.flow.damping, 2)
-    rungs = max(0, int(np.ceil(np.log2(fastest * unit_s / _SHORTEST))))
-    left, terms = fastest * unit_s / 2**rungs, 1
+    fastest = np.sqrt(np.max(a.flow.modes.frequencies, initial=1.0) ** 2 + a.stiffness_variation) + np.linalg.norm(
+        a.flow.damping, 2
+    )
+    halvings = max(0, int(np.ceil(np.log2(fastest * unit_s / _SHORTEST))))
+    left, terms = fastest * unit_s / 2**halvings, 1
     while left**terms / math.factorial(terms) > _ROUNDING:
         terms += 1
-    return rungs, terms
+    return halvings, terms
 
 
 def switching(a: Assembled, start_s: float, stop_s: float) -> tuple[Array, Array]:
     """Return switching instants within (start, stop) and stiffnesses (switches + 1, meshes) between them."""
-    turning, meshes = a.problem.turning, a.problem.system.meshes
-    assert not isinstance(turning, TiedTo)  # noqa: S101
-    begin, end = turning.revolutions(np.array([start_s, stop_s]))
+    reference, meshes = a.problem.reference, a.problem.system.meshes
+    assert not isinstance(reference, CoupledReference)  # noqa: S101
+    begin, end = reference.revolutions(np.array([start_s, stop_s]))
     instants = [np.zeros(0)]
     for mesh in meshes:
         low, high = sorted((begin * mesh.cycles_per_rev, end * mesh.cycles_per_rev))
@@ -41,11 +43,11 @@ def switching(a: Assembled, start_s: float, stop_s: float) -> tuple[Array, Array
         for jump in mesh.stiffness.jumps:
             phases = jump + period * np.arange(np.floor((low - jump) / period), np.ceil((high - jump) / period) + 1)
             phases = phases[(phases > low) & (phases < high)]
-            instants.append(turning.times(phases / mesh.cycles_per_rev))
+            instants.append(reference.times(phases / mesh.cycles_per_rev))
     switches = np.unique(np.concatenate(instants))
     switches = switches[(switches > start_s) & (switches < stop_s)]
     edges = np.concatenate([[start_s], switches, [stop_s]])
-    between = turning.revolutions((edges[1:] + edges[:-1]) / 2)
+    between = reference.revolutions((edges[1:] + edges[:-1]) / 2)
     values = [mesh.stiffness(mesh.cycles_per_rev * between) for mesh in meshes]
     return switches, np.array(values, dtype=np.float64).reshape(len(meshes), between.size).T
 
@@ -79,7 +81,7 @@ class ForceIntegrals:
     @classmethod
     def of(cls, readings: Readings) -> "ForceIntegrals":
         """Prepare."""
-        meshes = readings.assembled.backlashes.size if readings.output.hat_mesh_force is not None else 0
+        meshes = readings.assembled.backlashes.size if readings.output.weighted_mesh_force is not None else 0
         return cls(readings=readings, meshes=meshes, coming=np.full(meshes, np.nan))
 
     @property

@@ -41,7 +41,7 @@ class Readings:
             accelerations = output.acceleration @ modes.shapes
             rows += accelerations @ assembled.flow.generator[size:]
             constant += accelerations @ assembled.flow.drive[size:]
-        hats, forces = output.hat_mesh_force is not None, np.zeros((channels, assembled.backlashes.size))
+        hats, forces = output.weighted_mesh_force is not None, np.zeros((channels, assembled.backlashes.size))
         if output.mesh_force is not None and not hats:  # with hats, a stepper reads forces at samples as well
             forces = output.mesh_force
         if output.acceleration is not None or forces.any():
@@ -74,7 +74,7 @@ class Readings:
     def at(self, x: Array, time_s: float) -> Array:
         """Return the readings (1, readings) of a state."""
         read = (self.rows @ x + self.constant)[None]
-        if self.output.hat_mesh_force is None:
+        if self.output.weighted_mesh_force is None:
             return np.asarray(read)
         a = self.assembled
         deflections = x[: a.size] @ a.equations.seen[:, : a.backlashes.size]
@@ -89,7 +89,7 @@ class Readings:
 
     def channels(self, readings: Array, times_s: Array) -> Array:
         """Return the channels (times, channels) of readings (times, readings)."""
-        hats, forces = self.output.hat_mesh_force, self.output.mesh_force
+        hats, forces = self.output.weighted_mesh_force, self.output.mesh_force
         if hats is None:
             return self._values(readings, times_s)
         count, meshes = self.rows.shape[0], self.assembled.backlashes.size

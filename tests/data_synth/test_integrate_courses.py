@@ -74,7 +74,7 @@ def test_teeth_change_as_their_course_says(backlash_m, tolerance):
 
 def test_blocks_cut_a_course_nowhere():
     problem = gear_pair.driven(changing(), duration_s=0.016)
-    hats = Output(rate_hz=25_000, hat_mesh_force=np.ones((1, 1)))
+    hats = Output(rate_hz=25_000, weighted_mesh_force=np.ones((1, 1)))
     whole = integrate(problem, method=Splitting(), output=hats, tolerance=Steps(per_sample=2))
     blocks = [
         *integrate_blocks(problem, method=Splitting(), output=hats, tolerance=Steps(per_sample=2), block=7),
@@ -115,7 +115,7 @@ def test_a_hat_weighs_the_force_of_two_samples(stiffness, tolerances):
     middles = np.arange(fine, dense.size - fine, fine)
     expected = np.array([hat @ dense[at - fine : at + fine + 1] for at in middles])
     for steps, tolerance in tolerances.items():
-        output = Output(rate_hz=rate, hat_mesh_force=np.array([[1.0], [0.0]]), mesh_force=np.array([[0.0], [1.0]]))
+        output = Output(rate_hz=rate, weighted_mesh_force=np.array([[1.0], [0.0]]), mesh_force=np.array([[0.0], [1.0]]))
         found = integrate(problem, method=Splitting(), output=output, tolerance=Steps(per_sample=steps)).values
         assert np.std(found[2:, 0] - expected) < tolerance * np.std(expected)
         # before the start, nothing pressed; the force at samples is that of the fine run, to the error of the steps

@@ -89,7 +89,7 @@ class TestCampbell:
 
     def test_lin_and_parker_s_translational_modes_split_and_rotational_ones_stay_single(self):
         diagram = campbell(
-            lambda speed: planetary(3, speed_rad_s=speed, turning_with="carrier"), speeds_rad_s=[0.0, 1000.0]
+            lambda speed: planetary(3, speed_rad_s=speed, rotating_frame="carrier"), speeds_rad_s=[0.0, 1000.0]
         )
         still, turning = diagram.frequencies_hz
         assert_allclose(still, solve_modes(planetary(3)).frequencies_hz, rtol=1e-10)

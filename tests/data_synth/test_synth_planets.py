@@ -84,7 +84,7 @@ def at_rest(motion):
 
 def mesh_forces(motion, duration_s, *, rate_hz):
     """Return times and the force of every mesh, each the mean under a hat of two samples, (n,) and (n, meshes)."""
-    output = Output(rate_hz=rate_hz, hat_mesh_force=np.eye(len(motion.system.meshes)))
+    output = Output(rate_hz=rate_hz, weighted_mesh_force=np.eye(len(motion.system.meshes)))
     problem = motion.problem(-motion.settle_s, motion.settle_s + duration_s)
     found = integrate(problem, method=Splitting(), output=output, tolerance=Steps(per_sample=2)).checked()
     return found.times_s, found.values
@@ -373,7 +373,7 @@ def test_what_is_heard_across_its_axis_turns_a_sensor():
 def test_rigid_gears_roll_without_strain_in_space(name, speeds, turning):
     declared = load_gearbox(name)
     declared = declared.changed(meshes=tuple(mesh.changed(**SIZE | {"face_width_mm": 20}) for mesh in declared.meshes))
-    whole = assemble_parts(declared, motions="space", speeds=speeds, turning_with=turning)
+    whole = assemble_parts(declared, motions="space", speeds=speeds, rotating_frame=turning)
     parts, system = whole.parts, whole.system
     joints, motion = parts.kinematics.joints, np.zeros(system.dof)
     spins = parts.kinematics.vectors(speeds)
@@ -383,8 +383,8 @@ def test_rigid_gears_roll_without_strain_in_space(name, speeds, turning):
         own, held = (parts.space @ spins.sel(link=link).values for link in (name, holder))
         velocity = np.zeros(3)
         if holder != parts.frame:
-            velocity = np.cross(held, np.array(body.centre_m) - parts.station(holder, holder))
-        for place, number in whole.at.index.items():
+            velocity = np.cross(held, np.array(body.centre_m) - parts.axis_point(holder, holder))
+        for place, number in whole.coordinates.index.items():
             if place[0] != body.name or (place[1] == "rotation" and body.rotates_with):
                 continue
             if place[1] in ("x", "y", "z"):
