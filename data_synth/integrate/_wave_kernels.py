@@ -14,21 +14,21 @@ Array = NDArray[np.float64]
 SHORT = 1.0 / 512
 _POINTS, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(4)[i] + (1, 0)[i]) for i in range(2))
 POINT0, POINT1, POINT2, POINT3 = (float(p) for p in _POINTS)
-THIRD = 0.5 * math.sqrt(0.6)  # the outer ones of three, from the middle
-SLANT = 5 / 6 * math.sqrt(0.6)
+OUTER_NODE = 0.5 * math.sqrt(0.6)  # the outer ones of three, from the middle
+SLOPE_WEIGHT = 5 / 6 * math.sqrt(0.6)
 WEIGHT0, WEIGHT1, WEIGHT2, WEIGHT3 = (float(w) for w in _WEIGHTS)
 
 
 @compiled_inside
-def located(waves: Waves, which: int, phase: float) -> tuple[int, float]:
+def locate(waves: Waves, which: int, phase: float) -> tuple[int, float]:
     """Return the segment of a phase and how far into the period it lies."""
     period = waves.periods[which]
     x = phase - math.floor(phase / period) * period
     low, last = waves.segments[which], waves.segments[which + 1] - 1
     if low == last:
         return low, x
-    place = waves.signs[which] + int(x * waves.sign_rates[which])
-    low = waves.signposts[min(place, waves.signs[which + 1] - 1)]
+    place = waves.lookup_offsets[which] + int(x * waves.lookup_rates[which])
+    low = waves.lookup[min(place, waves.lookup_offsets[which + 1] - 1)]
     while low < last and waves.starts[low + 1] <= x:
         low += 1
     return low, x
@@ -54,7 +54,7 @@ def value_in(waves: Waves, segment: int, x: float) -> float:
 @compiled_inside
 def value_at(waves: Waves, which: int, phase: float) -> float:
     """Return the function at a phase in cycles."""
-    segment, x = located(waves, which, phase)
+    segment, x = locate(waves, which, phase)
     return value_in(waves, segment, x)
 
 
@@ -96,13 +96,13 @@ def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple
     whole = high - low
     if whole == 0.0:
         return value_at(waves, which, start), 0.0, 0.0
-    segment, x = located(waves, which, low)
+    segment, x = locate(waves, which, low)
     if segment + 1 < waves.segments[which + 1] and x + whole <= waves.starts[segment + 1]:
         # the usual case: three points between two jumps are enough, and cost a third
-        first = value_in(waves, segment, x + (0.5 - THIRD) * whole)
+        first = value_in(waves, segment, x + (0.5 - OUTER_NODE) * whole)
         middle = value_in(waves, segment, x + 0.5 * whole)
-        last_value = value_in(waves, segment, x + (0.5 + THIRD) * whole)
-        slope = SLANT * (last_value - first)
+        last_value = value_in(waves, segment, x + (0.5 + OUTER_NODE) * whole)
+        slope = SLOPE_WEIGHT * (last_value - first)
         both = first + last_value
         return (5 * both + 8 * middle) * (1 / 18), slope if stop > start else -slope, (both - 2 * middle) * (5 / 9)
     return legendre_across(waves, which, start, stop, segment, x)
@@ -111,7 +111,7 @@ def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple
 @compiled_inside
 def integrals_at(waves: Waves, which: int, phase: float) -> tuple[float, float, float]:
     """Return the three periodic integrals of the function less its mean."""
-    segment, x = located(waves, which, phase)
+    segment, x = locate(waves, which, phase)
     cell, u = cell_at(waves, segment, x)
     c = waves.rows[cell]
     square = u * u

@@ -44,18 +44,18 @@ class Assembled:
     problem: Problem
     flow: Flow
     deflections: Array
-    rubbing: Array
-    rubs_in: Integers
+    friction_rows: Array
+    friction_mesh: Integers
     stiffnesses: Waves
     errors: Waves
     error_of: Integers
-    stiffness_later: Integers
-    error_later: Integers
+    later_stiffnesses: Integers
+    later_errors: Integers
     backlashes: Array
     cycles: Array
     drags: Array
     drag_factors: Array
-    tied: Array
+    reference_row: Array
 
     @property
     def means(self) -> Array:
@@ -70,31 +70,31 @@ class Assembled:
     @cached_property
     def equations(self) -> Equations:
         """The same for compiled code."""
-        scaled = self.tied / self.flow.modes.scales if self.tied.size else self.tied
-        of, none = self.forces_of, np.zeros(self.rubs_in.size)
-        seen, pushes = self.deflections[of], np.vstack([self.deflections, -self.rubbing])
+        scaled = self.reference_row / self.flow.modes.scales if self.reference_row.size else self.reference_row
+        of, none = self.mesh_of_force, np.zeros(self.friction_mesh.size)
+        deflection_rows, force_columns = self.deflections[of], np.vstack([self.deflections, -self.friction_rows])
         return Equations(
-            pushes=np.ascontiguousarray(pushes.T),
-            seen=np.ascontiguousarray((seen / self.flow.modes.scales).T),
-            coupling=np.ascontiguousarray(seen @ pushes.T),
+            force_columns=np.ascontiguousarray(force_columns.T),
+            deflection_rows=np.ascontiguousarray((deflection_rows / self.flow.modes.scales).T),
+            coupling=np.ascontiguousarray(deflection_rows @ force_columns.T),
             stiffnesses=self.stiffnesses,
             errors=self.errors,
             error_of=self.error_of[of],
-            held=np.concatenate([self.means, none]),
+            mean_stiffnesses=np.concatenate([self.means, none]),
             backlashes=self.backlashes[of],
-            backs=np.concatenate([self.backlashes, none + np.inf]),
+            back_half_gaps=np.concatenate([self.backlashes, none + np.inf]),
             cycles=self.cycles[of],
             drags=self.drags,
             drag_factors=self.drag_factors,
-            tied=np.concatenate([scaled, self.tied]),
-            stiffness_later=self.stiffness_later,
-            error_later=self.error_later[of],
+            reference_row=np.concatenate([scaled, self.reference_row]),
+            later_stiffnesses=self.later_stiffnesses,
+            later_errors=self.later_errors[of],
         )
 
     @property
-    def forces_of(self) -> Integers:
+    def mesh_of_force(self) -> Integers:
         """The mesh of each force: of every mesh its own, then of what rubs."""
-        return np.concatenate([np.arange(self.backlashes.size), self.rubs_in])
+        return np.concatenate([np.arange(self.backlashes.size), self.friction_mesh])
 
     @cached_property
     def stiffness_variation(self) -> float:
@@ -110,10 +110,10 @@ class Assembled:
             values = np.concatenate([stiffness(phases) for stiffness in ends])
             least = 0.0 if mesh.backlash_m > 0 else np.min(values)
             mean = self.means[number]
-            rubs = np.flatnonzero(self.forces_of == number)[1:]
-            most = [np.max(np.abs(rub.factor(phases))) for rub in mesh.friction]
-            rubbed = float(np.max(values) * (across[rubs] @ most)) if most else 0.0
-            swings.append(rubbed + float(max(np.max(values) - mean, mean - least) * across[number]))
+            frictions = np.flatnonzero(self.mesh_of_force == number)[1:]
+            most = [np.max(np.abs(force.factor(phases))) for force in mesh.friction]
+            friction = float(np.max(values) * (across[frictions] @ most)) if most else 0.0
+            swings.append(friction + float(max(np.max(values) - mean, mean - least) * across[number]))
         return max(swings)
 
     def revolutions(self, times_s: Array) -> Array:
@@ -137,13 +137,13 @@ class Assembled:
             )
         return np.ascontiguousarray(values @ self.flow.modes.shapes)
 
-    def stages(self, times_s: Array) -> Array:
+    def history_positions(self, times_s: Array) -> Array:
         """Return where in its course the mesh of each force is, (times, forces); (0, forces) where none has one."""
         meshes = self.problem.system.meshes
         if all(mesh.history is None for mesh in meshes):
-            return np.zeros((0, self.forces_of.size))
+            return np.zeros((0, self.mesh_of_force.size))
         found = [mesh.history.position(times_s) if mesh.history else np.zeros(times_s.size) for mesh in meshes]
-        return np.ascontiguousarray(np.stack(found, axis=1)[:, self.forces_of])
+        return np.ascontiguousarray(np.stack(found, axis=1)[:, self.mesh_of_force])
 
     def modal(self, state: State | None) -> Array:
         """Return x of a state, at rest where it is None."""
@@ -176,40 +176,40 @@ def assemble(problem: Problem) -> Assembled:
             raise ValueError(f"{name} must be a finite ({dof}, {dof}) matrix; it has shape {matrix.shape}.")
         if name != "damping" and not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0):
             raise ValueError(f"{name} is not symmetric; put what circulates into gyroscopic terms or a load.")
-    waves, stiffness_later = _stiffnesses(system.meshes)
+    waves, later_stiffnesses = _stiffnesses(system.meshes)
     directions = np.array([m.direction for m in system.meshes], dtype=np.float64).reshape(-1, dof)
     modes = modes_of(system.mass, system.stiffness + (directions.T * waves.means[: directions.shape[0]]) @ directions)
     flow = flow_of(modes, damping, load.constant)
-    rubs = [rub for m in system.meshes for rub in m.friction]
+    frictions = [force for m in system.meshes for force in m.friction]
     erring = [m for m in system.meshes if m.error is not None]
     errors = [m.error for m in erring if m.error is not None]
-    more, error_later = _further(errors, [m.history.errors if m.history else () for m in erring])
-    error_of = _numbers([m.error is not None for m in system.meshes])
+    more, later_errors = _later_tables(errors, [m.history.errors if m.history else () for m in erring])
+    error_of = _running_numbers([m.error is not None for m in system.meshes])
     dragged = np.flatnonzero(load.quadratic_drag if load.quadratic_drag is not None else np.zeros(dof))
-    tied = np.zeros((0, dof))
+    reference_row = np.zeros((0, dof))
     if isinstance(problem.reference, CoupledReference):
-        tied = problem.reference.rev_per_unit * np.eye(dof)[[system.names.index(problem.reference.name)]]
+        reference_row = problem.reference.rev_per_unit * np.eye(dof)[[system.names.index(problem.reference.name)]]
     return Assembled(
         problem=problem,
         flow=flow,
         deflections=modes.rows(directions),
-        rubbing=modes.rows(np.array([rub.direction for rub in rubs], dtype=np.float64).reshape(-1, dof)),
-        rubs_in=np.repeat(np.arange(len(system.meshes)), [len(m.friction) for m in system.meshes]),
+        friction_rows=modes.rows(np.array([force.direction for force in frictions], dtype=np.float64).reshape(-1, dof)),
+        friction_mesh=np.repeat(np.arange(len(system.meshes)), [len(m.friction) for m in system.meshes]),
         stiffnesses=waves,
         errors=tabulated([Wave(e, e.period) for e in [*errors, *more]]),
         error_of=error_of,
-        stiffness_later=stiffness_later,
-        error_later=np.array([error_later[of] if of >= 0 else -1 for of in error_of], dtype=np.int64),
+        later_stiffnesses=later_stiffnesses,
+        later_errors=np.array([later_errors[of] if of >= 0 else -1 for of in error_of], dtype=np.int64),
         backlashes=np.array([float(m.backlash_m) for m in system.meshes]),
         cycles=np.array([float(m.cycles_per_rev) for m in system.meshes]),
         drags=np.ascontiguousarray(np.eye(dof)[dragged] @ modes.shapes),
         drag_factors=np.asarray(load.quadratic_drag)[dragged] if dragged.size else np.zeros(0),
-        tied=np.ascontiguousarray((tied @ modes.shapes).ravel()),
+        reference_row=np.ascontiguousarray((reference_row @ modes.shapes).ravel()),
     )
 
 
 @dataclass(frozen=True)
-class Rubbed:
+class FrictionStiffness:
     """Stiffness times what friction makes of the mesh force, over the phase."""
 
     stiffness: Stiffness
@@ -233,30 +233,36 @@ class Rubbed:
 
 def _stiffnesses(meshes: Sequence[Mesh]) -> tuple[Waves, Integers]:
     """Return the tables of stiffnesses and of what rubs, and where those of what changes in time begin."""
-    first: list[Stiffness | Rubbed] = [m.stiffness for m in meshes]
-    courses: list[tuple[Stiffness | Rubbed, ...]] = [m.history.stiffnesses if m.history else () for m in meshes]
+    first: list[Stiffness | FrictionStiffness] = [m.stiffness for m in meshes]
+    histories: list[tuple[Stiffness | FrictionStiffness, ...]] = [
+        m.history.stiffnesses if m.history else () for m in meshes
+    ]
     for mesh in meshes:
-        for rub in mesh.friction:
-            first.append(Rubbed(mesh.stiffness, rub.factor))
-            courses.append(tuple(Rubbed(k, rub.factor) for k in mesh.history.stiffnesses) if mesh.history else ())
-    further, later = _further(first, courses)
-    return tabulated([Wave(k, k.period, k.jumps) for k in [*first, *further]]), later
+        for force in mesh.friction:
+            first.append(FrictionStiffness(mesh.stiffness, force.factor))
+            histories.append(
+                tuple(FrictionStiffness(k, force.factor) for k in mesh.history.stiffnesses) if mesh.history else ()
+            )
+    later_functions, later = _later_tables(first, histories)
+    return tabulated([Wave(k, k.period, k.jumps) for k in [*first, *later_functions]]), later
 
 
 Periodic = TypeVar("Periodic")
 
 
-def _further(first: Sequence[Periodic], stages: Sequence[Sequence[Periodic | None]]) -> tuple[list[Periodic], Integers]:
+def _later_tables(
+    first: Sequence[Periodic], history_positions: Sequence[Sequence[Periodic | None]]
+) -> tuple[list[Periodic], Integers]:
     """Return what follows the first of each that changes, and its number in the list of all, -1 where nothing does."""
-    further: list[Periodic] = []
+    later_functions: list[Periodic] = []
     later = []
-    for own, course in zip(first, stages, strict=True):
-        changes = any(stage is not own for stage in course)
-        later.append(len(first) + len(further) if changes else -1)
-        further += [stage for stage in course[1:] if changes and stage is not None]
-    return further, np.array(later, dtype=np.int64)
+    for own, history in zip(first, history_positions, strict=True):
+        changes = any(stage is not own for stage in history)
+        later.append(len(first) + len(later_functions) if changes else -1)
+        later_functions += [stage for stage in history[1:] if changes and stage is not None]
+    return later_functions, np.array(later, dtype=np.int64)
 
 
-def _numbers(present: list[bool]) -> Integers:
+def _running_numbers(present: list[bool]) -> Integers:
     there = np.array(present, dtype=bool)
     return np.where(there, np.cumsum(there) - 1, -1).astype(np.int64)

@@ -11,14 +11,14 @@ from scipy import linalg
 
 from data_synth.integrate._modes import Modes, flow_of, modes_of
 from data_synth.integrate.assembled import Assembled
-from data_synth.integrate.contacts import MOST_GAPS, contact_stepper, gaps_of
+from data_synth.integrate.contacts import MAX_BACKLASHES, contact_stepper, meshes_with_backlash
 from data_synth.integrate.pieces import ForceIntegrals, columns, halvings_and_terms, series, switching
 from data_synth.integrate.problem import Array, CoupledReference, Problem
 from data_synth.integrate.readings import Readings
 from data_synth.integrate.stepping import Grid, Refusal, Stepper
 
 if TYPE_CHECKING:
-    from data_synth.integrate._transition_kernels import Flows
+    from data_synth.integrate._transition_kernels import Propagators
 
 Integers = NDArray[np.int64]
 
@@ -75,7 +75,7 @@ class Transition:
         if found:
             raise ValueError(f"Transition cannot be exact here: {'; '.join(found)}. Use Splitting.")
         grid = Grid(assembled=readings.assembled, rate_hz=readings.output.rate_hz, per_sample=1)
-        if gaps_of(readings.assembled).size:
+        if meshes_with_backlash(readings.assembled).size:
             return contact_stepper(readings, grid)
         return _Stepper(readings, grid, ForceIntegrals.of(readings))
 
@@ -90,8 +90,8 @@ def obstacles(problem: Problem) -> tuple[str, ...]:
         found.append("the load has a quadratic drag")
     if load.varying is not None:
         found.append("the load varies")
-    if sum(mesh.backlash_m > 0 for mesh in meshes) > MOST_GAPS:
-        found.append(f"more than {MOST_GAPS} meshes have backlash")
+    if sum(mesh.backlash_m > 0 for mesh in meshes) > MAX_BACKLASHES:
+        found.append(f"more than {MAX_BACKLASHES} meshes have backlash")
     for mesh in meshes:
         name, smooth = repr(mesh.name), not mesh.stiffness.constant_between_jumps
         exclusions = {
@@ -117,43 +117,43 @@ class _Stepper:
     grid: Grid
     integrals: ForceIntegrals
     known: dict[tuple[float, ...], tuple[Array, ...]] = field(default_factory=dict)
-    stacked: list["Flows"] = field(default_factory=list)  # all that are known, in order
+    stacked: list["Propagators"] = field(default_factory=list)  # all that are known, in order
 
     def advance(self, x: Array, first: int, samples: int) -> Array:
         """Integrate over samples; see `Stepper.advance`."""
-        from data_synth.integrate._transition_kernels import Flows, transition_steps  # noqa: PLC0415
+        from data_synth.integrate._transition_kernels import Propagators, transition_steps  # noqa: PLC0415
 
         sample_s = self.grid.step_s
         start_s, stop_s = self.grid.at(first), self.grid.at(first + samples)
         switches, stiffnesses = switching(self.readings.assembled, start_s, stop_s)
-        used, kinds = np.unique(stiffnesses, axis=0, return_inverse=True)
+        used, combinations = np.unique(stiffnesses, axis=0, return_inverse=True)
         rows = [tuple(row) for row in used.tolist()]
         new = [row for row in rows if row not in self.known]
         if new:
             self.known.update((row, _propagators(self.integrals, row, sample_s)) for row in new)
-            self.stacked[:] = [Flows(*(np.stack(parts) for parts in zip(*self.known.values(), strict=True)))]
+            self.stacked[:] = [Propagators(*(np.stack(parts) for parts in zip(*self.known.values(), strict=True)))]
         numbers = {row: number for number, row in enumerate(self.known)}
-        kinds = np.array([numbers[row] for row in rows])[kinds.ravel()]
+        combinations = np.array([numbers[row] for row in rows])[combinations.ravel()]
         read, constant = self.integrals.rows
         self.integrals.begin(x, start_s)
-        out, state = np.empty((samples, read.shape[0])), self.integrals.longer(x)
-        transition_steps(state, out, read, constant, start_s, sample_s, switches, kinds, self.stacked[0], x.size)
+        out, state = np.empty((samples, read.shape[0])), self.integrals.augmented(x)
+        transition_steps(state, out, read, constant, start_s, sample_s, switches, combinations, self.stacked[0], x.size)
         x[:] = state[: x.size]
         return self.integrals.read(out, self.grid, first)
 
 
 def _propagators(integrals: ForceIntegrals, stiffnesses: tuple[float, ...], sample_s: float) -> tuple[Array, ...]:
-    """Return the propagators of one combination of stiffnesses, in the order of `Flows`."""
+    """Return the propagators of one combination of stiffnesses, in the order of `Propagators`."""
     a, (rows, constant) = integrals.readings.assembled, integrals.rows
     system, size = a.problem.system, a.size
-    held = np.array(stiffnesses)
+    stiffness_values = np.array(stiffnesses)
     directions = np.array([mesh.direction for mesh in system.meshes], dtype=np.float64).reshape(-1, size)
-    matrix = system.stiffness + (directions.T * held) @ directions
+    matrix = system.stiffness + (directions.T * stiffness_values) @ directions
     damping = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
     flow = flow_of(modes_of(system.mass, matrix), damping, a.problem.load.constant)
     into, back = _change_of_modes(a.flow.modes, flow.modes, system.mass)
-    generator, drive = integrals.joined(
-        back @ flow.generator @ into, back @ flow.drive, held, np.zeros_like(held), sample_s
+    generator, drive = integrals.augmented_equations(
+        back @ flow.generator @ into, back @ flow.drive, stiffness_values, np.zeros_like(stiffness_values), sample_s
     )
     halvings, terms = halvings_and_terms(a, sample_s)
     steps = []
@@ -165,7 +165,7 @@ def _propagators(integrals: ForceIntegrals, stiffnesses: tuple[float, ...], samp
     reset = halved[0].copy()
     reset[:, 2 * size :] = 0.0  # force integrals begin at zero with every sample
     powers, gains = _powers(reset, halved_gains[0])
-    powered, pushed = series(generator, drive, sample_s / 2**halvings, terms)
+    terms_of_state, terms_of_load = series(generator, drive, sample_s / 2**halvings, terms)
     return (
         powers.swapaxes(1, 2),
         gains,
@@ -173,8 +173,8 @@ def _propagators(integrals: ForceIntegrals, stiffnesses: tuple[float, ...], samp
         (gains @ rows.T + constant).ravel(),
         halved[1:].swapaxes(1, 2),
         halved_gains[1:],
-        columns(powered),
-        pushed.ravel(),
+        columns(terms_of_state),
+        terms_of_load.ravel(),
     )
 
 
@@ -182,18 +182,16 @@ def _with_integrals(
     a: Assembled, generator: Array, drive: Array, propagator: Array, gain: Array, time_s: float
 ) -> tuple[Array, Array]:
     """Return propagator and gain of the state with force integrals, whose first part is known to full precision."""
-    inner, size = gain.size, drive.size
-    if inner == size:
+    states, size = gain.size, drive.size
+    if states == size:
         return propagator, gain
     augmented = np.zeros((size + 1, size + 1))
     augmented[:size, :size], augmented[:size, size] = generator * time_s, drive * time_s
-    whole = linalg.expm(augmented)
-    longer, gains = whole[:size, :size], whole[:size, size]
-    longer[:inner, :inner], gains[:inner] = propagator, gain
-    longer[inner:, np.flatnonzero(a.flow.modes.frequencies == 0)] = (
-        0.0  # displacement of a rigid-body mode causes no mesh force
-    )
-    return longer, gains
+    exponential = linalg.expm(augmented)
+    exponential[:states, :states], exponential[:states, size] = propagator, gain
+    # displacement of a rigid-body mode causes no mesh force
+    exponential[states:size, np.flatnonzero(a.flow.modes.frequencies == 0)] = 0.0
+    return exponential[:size, :size], exponential[:size, size]
 
 
 def _powers(propagator: Array, gain: Array) -> tuple[Array, Array]:
@@ -209,11 +207,11 @@ def _powers(propagator: Array, gain: Array) -> tuple[Array, Array]:
 
 def _change_of_modes(base: Modes, other: Modes, mass: Array) -> tuple[Array, Array]:
     """Return the matrices from the coordinates of one set of modes to those of another, and back."""
-    turn = other.shapes.T @ mass @ base.shapes
+    rotation = other.shapes.T @ mass @ base.shapes
     # rigid-body modes span the same space in both: rounding between them and others would grow with the angle
-    apart = (other.frequencies == 0)[:, None] != (base.frequencies == 0)
-    turn[apart & (np.abs(turn) < _ORTHOGONAL)] = 0.0
-    zero = np.zeros_like(turn)
-    into = np.block([[other.scales[:, None] * turn / base.scales, zero], [zero, turn]])
-    back = np.block([[base.scales[:, None] * turn.T / other.scales, zero], [zero, turn.T]])
+    rigid_and_other = (other.frequencies == 0)[:, None] != (base.frequencies == 0)
+    rotation[rigid_and_other & (np.abs(rotation) < _ORTHOGONAL)] = 0.0
+    zero = np.zeros_like(rotation)
+    into = np.block([[other.scales[:, None] * rotation / base.scales, zero], [zero, rotation]])
+    back = np.block([[base.scales[:, None] * rotation.T / other.scales, zero], [zero, rotation.T]])
     return into, back

@@ -120,8 +120,8 @@ class _Stepper:
         from data_synth.integrate._splitting_kernels import split_steps  # noqa: PLC0415
 
         a, read = self.readings.assembled, self.readings
-        if a.tied.size and np.isnan(self.coupled_speed[0]):
-            self.coupled_speed[0] = a.tied @ x[a.size :]
+        if a.reference_row.size and np.isnan(self.coupled_speed[0]):
+            self.coupled_speed[0] = a.reference_row @ x[a.size :]
         out = np.empty((samples, read.rows.shape[0]))
         weighted = read.output.weighted_mesh_force is not None
         forces = np.zeros((samples if weighted else 0, 2 * a.backlashes.size))
@@ -144,7 +144,7 @@ class _Stepper:
             self.coupled_speed,
             a.revolutions(edges),
             loads,
-            a.stages(edges[:-1] + self.grid.step_s / 2),
+            a.history_positions(edges[:-1] + self.grid.step_s / 2),
             forces,
             self.next_weighted,
         )

@@ -90,7 +90,7 @@ def test_what_does_not_change_has_no_table_of_its_own():
     ready = assemble(gear_pair.driven(changing(history), duration_s=0.01))
     assert ready.stiffnesses.means.size == 1
     assert ready.errors.means.size == 3
-    assert list(ready.stiffness_later) == [-1]
+    assert list(ready.later_stiffnesses) == [-1]
 
 
 @pytest.mark.parametrize(
