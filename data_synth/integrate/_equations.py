@@ -12,7 +12,7 @@ Integers = NDArray[np.int64]
 
 
 class Equations(NamedTuple):
-    """Mesh, friction and drag forces on ``x' = generator x + drive``, x = (scaled modal displacements, modal velocities).
+    """Mesh, friction and drag forces on ``x' = generator x + drive``, x = (scaled displacements, velocities) of modes.
 
     Mesh forces come first, then friction forces: the mesh force times a factor that follows the phase, in a direction
     of its own; their tables in `stiffnesses` hold stiffness times factor.

@@ -149,8 +149,8 @@ def legendre_of_step(
 def triangular_weights(node: int, sub: int, per_sample: int, a0: float, a1: float, a2: float) -> tuple[float, float]:
     """Return the weights of a node's force under the rising triangle of this sample, and under both triangles together.
 
-    They are the integrals over a step of a stiffness, of Legendre coefficients a, times the quadratic polynomials of Lagrange
-    through both ends and the middle, x = -1, 0 and 1; and of the same times x.
+    They are the integrals over a step of a stiffness, of Legendre coefficients a, times the quadratic Lagrange
+    polynomials through both ends and the middle, x = -1, 0 and 1; and of the same times x.
     """
     if node == 1:
         moment, first_moment = (a0 - 0.2 * a2) * 2 / 3, a1 * 2 / 15

@@ -1,4 +1,4 @@
-"""Compiled look-ups in tables of periodic functions: values, and moments over a stretch of phase."""
+"""Compiled look-ups in tables of periodic functions: values, and moments over an interval of phase."""
 
 import math
 
@@ -10,7 +10,7 @@ from data_synth.integrate._waves import Waves
 
 Array = NDArray[np.float64]
 
-# a stretch shorter than this many cycles is integrated by Gauss's rule: differences of integrals would lose digits
+# below this many cycles, Gauss's rule: the difference of two periodic integrals would lose digits
 SHORT = 1.0 / 512
 _POINTS, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(4)[i] + (1, 0)[i]) for i in range(2))
 POINT0, POINT1, POINT2, POINT3 = (float(p) for p in _POINTS)
@@ -21,7 +21,7 @@ WEIGHT0, WEIGHT1, WEIGHT2, WEIGHT3 = (float(w) for w in _WEIGHTS)
 
 @compiled_inside
 def locate(waves: Waves, which: int, phase: float) -> tuple[int, float]:
-    """Return the segment of a phase and how far into the period it lies."""
+    """Return the segment of a phase, and the phase within the period."""
     period = waves.periods[which]
     x = phase - math.floor(phase / period) * period
     low, last = waves.segments[which], waves.segments[which + 1] - 1
@@ -36,7 +36,7 @@ def locate(waves: Waves, which: int, phase: float) -> tuple[int, float]:
 
 @compiled_inside
 def cell_at(waves: Waves, segment: int, x: float) -> tuple[int, float]:
-    """Return the cell at x, and where in it from 0 to 1."""
+    """Return the cell at x, and the position in it from 0 to 1."""
     u = (x - waves.starts[segment]) * waves.densities[segment]
     inside = min(int(u), waves.counts[segment] - 1)
     return waves.firsts[segment] + inside, u - inside
@@ -62,14 +62,14 @@ def value_at(waves: Waves, which: int, phase: float) -> float:
 def legendre_across(
     waves: Waves, which: int, start: float, stop: float, segment: int, x: float
 ) -> tuple[float, float, float]:
-    """Return what `legendre` does over a stretch with jumps, whose lower end lies at x in a segment."""
+    """Return what `legendre` does over an interval with jumps, whose lower end is at x in a segment."""
     low, high = min(start, stop), max(start, stop)
     whole, at = high - low, low
     sum0 = sum1 = sum2 = 0.0
     while at < high:
         last = segment + 1 == waves.segments[which + 1]
         edge = waves.periods[which] if last else waves.starts[segment + 1]
-        # past an edge by rounding, the stretch up to it is nothing
+        # past an edge by rounding, the interval up to it is empty
         width = min(high - at, max(edge - x, 0.0))
         for point in range(4):
             place = (POINT0, POINT1, POINT2, POINT3)[point]
@@ -91,7 +91,7 @@ def legendre_across(
 
 @compiled_inside
 def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple[float, float, float]:
-    """Return what `legendre` does, stretch by stretch between jumps, by Gauss's rule with four points."""
+    """Return what `legendre` does, interval by interval between jumps, by Gauss's rule with four points."""
     low, high = min(start, stop), max(start, stop)
     whole = high - low
     if whole == 0.0:
@@ -115,7 +115,7 @@ def integrals_at(waves: Waves, which: int, phase: float) -> tuple[float, float, 
     cell, u = cell_at(waves, segment, x)
     c = waves.rows[cell]
     square = u * u
-    # even and odd powers apart: half as long a chain of sums that wait for one another
+    # even and odd powers apart: half as long a chain of dependent sums
     first = c[6] + square * (c[8] + square * (c[10] + square * c[12])) + u * (c[7] + square * (c[9] + square * c[11]))
     second = (
         c[13]
@@ -146,7 +146,7 @@ def legendre(
     width = stop - start
     if abs(width) < SHORT:
         return legendre_short(waves, which, start, stop)
-    per_width = 1.0 / width  # one division, for which the next look-ups need not wait
+    per_width = 1.0 / width  # one division, which the next look-ups need not wait for
     first0 = (after[0] - before[0]) * per_width
     rise1 = (after[1] - before[1]) * per_width
     first1 = (after[0] - rise1) * per_width

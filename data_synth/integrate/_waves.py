@@ -1,7 +1,7 @@
-"""Periodic functions of the mesh phase as tables that compiled code can read and integrate without error.
+"""Tables of periodic functions of the mesh phase, which compiled code evaluates and integrates to rounding.
 
-Between two jumps a function is cut into even cells with one polynomial each. Of the function less its mean, the
-tables also hold the first three periodic integrals, so that its moments over any stretch of phase, across jumps or
+Between two jumps a function is divided into equal cells with one polynomial each. The tables also hold the first three
+periodic integrals of the function less its mean, so that its moments over any interval of phase, across jumps or
 cycles, cost two look-ups.
 """
 
@@ -21,7 +21,7 @@ _FIT = 1e-11  # of the largest value: cells are halved until the polynomials are
 
 _NODES = (1 - np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))) / 2
 _INTERPOLATE = np.linalg.inv(np.vander(_NODES, increasing=True))
-_CHECKED = np.array([0.003, 0.24, 0.64, 0.997])  # where the fit is checked: ends of cells and what lies between nodes
+_CHECKED = np.array([0.003, 0.24, 0.64, 0.997])  # where the fit is checked: near the ends of a cell, and between nodes
 
 
 class Waves(NamedTuple):
@@ -29,8 +29,8 @@ class Waves(NamedTuple):
 
     ``periods``, ``means`` (f,); ``segments`` (f + 1,): where the segments of each function begin in ``starts``,
     ``densities`` (cells to a cycle), ``firsts`` (first cell) and ``counts`` (cells), each (segments,); ``rows``
-    (cells, 30). So that a phase finds its segment at once, even parts of each period, ``sign_rates`` (f,) to a cycle,
-    have ``signposts`` (parts,), the segments in which they begin; those of a function begin at ``signs`` (f + 1,).
+    (cells, 30). To find the segment of a phase at once, each period is divided into equal parts, ``lookup_rates`` (f,)
+    to a cycle; ``lookup`` (parts,) has the segment in which each begins, from ``lookup_offsets`` (f + 1,) on.
     """
 
     periods: Array
@@ -84,13 +84,14 @@ def tabulated(functions: Sequence[Wave]) -> Waves:
 
 
 def _table(function: Wave) -> tuple[Array, Array, Integers, Integers, Array, float]:
+    """Return starts, densities, first cells and cell counts of the segments, rows of the cells, and the mean."""
     breaks = np.unique(np.array([0.0, *function.jumps, function.period]))
     density = _MIN_DENSITY
     while True:
         starts, widths, counts, rows, error = _fitted(function, breaks, density)
         if error <= _FIT or density >= _MAX_DENSITY:
             break
-        # the misfit falls with the power DEGREE + 1, so half of what that asks for is never too much
+        # the misfit falls with the power DEGREE + 1; rounding down the doublings avoids too many cells
         doublings = int(np.log2(error / _FIT) / (DEGREE + 1))
         density = min(density * 2 ** max(1, doublings), _MAX_DENSITY)
     mean, rows = _with_integrals(rows, widths)
@@ -112,7 +113,7 @@ def _fitted(function: Wave, breaks: Array, density: int) -> tuple[Array, Array, 
 
 
 def _with_integrals(rows: Array, widths: Array) -> tuple[float, Array]:
-    """Return the mean, and the rows with those of the periodic integrals beside them, each of mean zero."""
+    """Return the mean, and the rows extended by those of the three periodic integrals, each of zero mean."""
 
     def mean_of(polynomials: Array) -> float:
         return float(widths @ (polynomials @ (1 / np.arange(1, polynomials.shape[1] + 1))) / widths.sum())

@@ -1,4 +1,4 @@
-"""A problem as every integrator sees it: modal coordinates, meshes as rank-one forces on them, tables of phases."""
+"""A problem in modal coordinates: constant part, rank-one mesh forces, and tables over the mesh phase."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from data_synth.mesh import Stiffness
 
 @dataclass(frozen=True, kw_only=True)
 class Assembled:
-    """The equations over x = (scales * y, y'), y the modal displacements of the system with its mean mesh stiffness.
+    """The equations of motion in x = (scales * y, y'), y the modal displacements at mean mesh stiffness.
 
         y'' + D y' + w^2 y = drive + loads(t) - sum_m G_m (k_m f(G_m y - e_m) - kmean_m G_m y) - drags
 
@@ -25,20 +25,21 @@ class Assembled:
     ----------
     problem : Problem
     flow : Flow
-        Of everything on the left, and the constant load.
+        Left-hand side and constant load.
     deflections : (meshes, n) array
-        G: also how a mesh force pushes modes, for they are mass-normalised.
-    rubbing : (rubbing, n) array
-        How what rubs pushes modes; `rubs_in` (rubbing,) says in which mesh.
+        G: deflections per modal displacement, and generalised forces per mesh force.
+    friction_rows : (friction, n) array
+        Generalised forces per friction force; `friction_mesh` (friction,) has the number of its mesh.
     stiffnesses, errors : Waves
-        Tables over the phase, of one stiffness for each mesh, of stiffness times share for each force that rubs, then
-        further ones of what changes in time; `error_of` (meshes,) says which error belongs to a mesh, `stiffness_later`
-        (meshes and rubbing,) and `error_later` (meshes,) which is the second of its course, -1 for none.
+        Tables over the phase: the stiffness of each mesh, stiffness times factor of each friction force, then the later
+        ones of histories. `error_of` (meshes,) has the number of the error of a mesh, `later_stiffnesses` (meshes and
+        friction,) and `later_errors` (meshes,) that of the second table of its history; -1 for none.
     backlashes, cycles : (meshes,) arrays
+        Half the backlash in m, and mesh cycles per revolution of the reference.
     drags : (drags, n) array
-        Velocity rows of what has a quadratic drag, and `drag_factors` (drags,).
-    tied : (n,) array
-        Revolutions of the reference per modal displacement; of length zero where it turns as prescribed.
+        Rows of the velocities with quadratic drag; `drag_factors` (drags,).
+    reference_row : (n,) array
+        Revolutions of the reference per modal displacement; empty where its angle is prescribed.
     """
 
     problem: Problem
@@ -69,7 +70,7 @@ class Assembled:
 
     @cached_property
     def equations(self) -> Equations:
-        """The same for compiled code."""
+        """The same equations for compiled code."""
         scaled = self.reference_row / self.flow.modes.scales if self.reference_row.size else self.reference_row
         of, none = self.mesh_of_force, np.zeros(self.friction_mesh.size)
         deflection_rows, force_columns = self.deflections[of], np.vstack([self.deflections, -self.friction_rows])
@@ -93,12 +94,12 @@ class Assembled:
 
     @property
     def mesh_of_force(self) -> Integers:
-        """The mesh of each force: of every mesh its own, then of what rubs."""
+        """Number of the mesh of each force: the mesh forces, then the friction forces."""
         return np.concatenate([np.arange(self.backlashes.size), self.friction_mesh])
 
     @cached_property
     def stiffness_variation(self) -> float:
-        """Largest ``abs(k - kmean) g M^-1 g`` of any mesh, rad2/s2: what the constant part leaves over."""
+        """Largest ``abs(k - kmean) g M^-1 g`` of any mesh in rad2/s2: what the constant part lacks."""
         swings, across = [0.0], np.abs(np.diag(self.equations.coupling))
         for number, mesh in enumerate(self.problem.system.meshes):
             phases = np.linspace(0, mesh.stiffness.period, 512 * int(mesh.stiffness.period))
@@ -117,7 +118,7 @@ class Assembled:
         return max(swings)
 
     def revolutions(self, times_s: Array) -> Array:
-        """Return the reference's angle; nothing where it is tied to the motion."""
+        """Return the angle of the reference in revolutions (times,); empty where it is coupled to the motion."""
         reference = self.problem.reference
         return (
             np.zeros(0)
@@ -138,7 +139,7 @@ class Assembled:
         return np.ascontiguousarray(values @ self.flow.modes.shapes)
 
     def history_positions(self, times_s: Array) -> Array:
-        """Return where in its course the mesh of each force is, (times, forces); (0, forces) where none has one."""
+        """Return the positions in the histories, (times, forces); (0, forces) where no mesh has a history."""
         meshes = self.problem.system.meshes
         if all(mesh.history is None for mesh in meshes):
             return np.zeros((0, self.mesh_of_force.size))
@@ -153,21 +154,21 @@ class Assembled:
         return np.concatenate([self.flow.modes.scales * (into @ state.displacement), into @ state.velocity])
 
     def physical(self, x: Array) -> State:
-        """Return the state of x."""
+        """Return displacements and velocities of x."""
         shapes = self.flow.modes.shapes
         return State(displacement=shapes @ (x[: self.size] / self.flow.modes.scales), velocity=shapes @ x[self.size :])
 
     def displacement_rows(self, rows: Array) -> Array:
-        """Return rows of modal displacements as rows of x."""
+        """Return rows over modal displacements as rows over x."""
         return np.hstack([rows / self.flow.modes.scales, np.zeros_like(rows)])
 
     def velocity_rows(self, rows: Array) -> Array:
-        """Return rows of modal velocities as rows of x."""
+        """Return rows over modal velocities as rows over x."""
         return np.hstack([np.zeros_like(rows), rows])
 
 
 def assemble(problem: Problem) -> Assembled:
-    """Check the matrices and bring the problem into modal coordinates."""
+    """Return a problem in modal coordinates; ValueError for matrices of the wrong shape or without symmetry."""
     system, load = problem.system, problem.load
     dof = len(system.names)
     damping = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
@@ -175,7 +176,7 @@ def assemble(problem: Problem) -> Assembled:
         if matrix.shape != (dof, dof) or not np.all(np.isfinite(matrix)):
             raise ValueError(f"{name} must be a finite ({dof}, {dof}) matrix; it has shape {matrix.shape}.")
         if name != "damping" and not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0):
-            raise ValueError(f"{name} is not symmetric; put what circulates into gyroscopic terms or a load.")
+            raise ValueError(f"{name} is not symmetric; put skew-symmetric terms into gyroscopic or a load.")
     waves, later_stiffnesses = _stiffnesses(system.meshes)
     directions = np.array([m.direction for m in system.meshes], dtype=np.float64).reshape(-1, dof)
     modes = modes_of(system.mass, system.stiffness + (directions.T * waves.means[: directions.shape[0]]) @ directions)
@@ -210,7 +211,7 @@ def assemble(problem: Problem) -> Assembled:
 
 @dataclass(frozen=True)
 class FrictionStiffness:
-    """Stiffness times what friction makes of the mesh force, over the phase."""
+    """Mesh stiffness times friction factor over the phase."""
 
     stiffness: Stiffness
     factor: PhaseFunction
@@ -222,17 +223,17 @@ class FrictionStiffness:
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Those of both."""
+        """Phases at which either jumps."""
         cycles = range(self.period)
         return tuple(sorted({*self.stiffness.jumps, *(cycle + jump for cycle in cycles for jump in self.factor.jumps)}))
 
     def __call__(self, phase_cycles: Array) -> Array:
-        """Return N/m times the unit of the share."""
+        """Return N/m times the unit of the factor."""
         return np.asarray(self.stiffness(phase_cycles) * self.factor(phase_cycles))
 
 
 def _stiffnesses(meshes: Sequence[Mesh]) -> tuple[Waves, Integers]:
-    """Return the tables of stiffnesses and of what rubs, and where those of what changes in time begin."""
+    """Return the tables of mesh stiffness and friction, and the number of the second table of each history."""
     first: list[Stiffness | FrictionStiffness] = [m.stiffness for m in meshes]
     histories: list[tuple[Stiffness | FrictionStiffness, ...]] = [
         m.history.stiffnesses if m.history else () for m in meshes
@@ -253,7 +254,7 @@ Periodic = TypeVar("Periodic")
 def _later_tables(
     first: Sequence[Periodic], history_positions: Sequence[Sequence[Periodic | None]]
 ) -> tuple[list[Periodic], Integers]:
-    """Return what follows the first of each that changes, and its number in the list of all, -1 where nothing does."""
+    """Return the later functions of each history, and the number of its second one in the list of all, -1 for none."""
     later_functions: list[Periodic] = []
     later = []
     for own, history in zip(first, history_positions, strict=True):
@@ -264,5 +265,6 @@ def _later_tables(
 
 
 def _running_numbers(present: list[bool]) -> Integers:
+    """Return 0, 1, ... for those that are present, -1 for the others."""
     there = np.array(present, dtype=bool)
     return np.where(there, np.cumsum(there) - 1, -1).astype(np.int64)

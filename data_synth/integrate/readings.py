@@ -1,4 +1,4 @@
-"""What is read of a motion at each sample, and the channels that come of it."""
+"""Output equation: readings of the state at each sample, and the output channels computed from them."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,10 @@ from data_synth.integrate.problem import Array, Output
 
 @dataclass(frozen=True, kw_only=True)
 class Readings:
-    """What a stepper reads from x at each sample, and how readings become the channels asked for.
+    """Linear readings ``rows @ x + constant`` that a stepper computes, and the output channels that follow from them.
 
-    ``rows`` (readings, 2 n) and ``constant`` (readings,): the channels' linear part, then, where accelerations or
-    mesh forces are asked for, the deflections, the dragged velocities and the tied angle.
+    ``rows`` (readings, 2 n) and ``constant`` (readings,): the linear part of the channels, then, where these contain
+    accelerations or mesh forces, the deflections, the velocities with drag and the angle of a coupled reference.
     """
 
     assembled: Assembled
@@ -25,7 +25,7 @@ class Readings:
 
     @classmethod
     def of(cls, assembled: Assembled, output: Output) -> "Readings":
-        """Prepare the rows."""
+        """Return the readings for an output; ValueError for maps of the wrong shape."""
         modes, size, channels = assembled.flow.modes, assembled.size, output.channels
         for name, given in output.maps.items():
             width = assembled.backlashes.size if name.endswith("mesh_force") else size
@@ -62,10 +62,10 @@ class Readings:
         )
 
     def shares(self) -> Array:
-        """Return how much of each reading (readings, modes) every mode is, where a mesh force jumps: norms are one."""
+        """Return the share of each mode in each reading (readings, modes) after a jump of force; norms are one."""
         a = self.assembled
         force_column = np.max(np.abs(a.equations.force_columns), axis=1, initial=0.0)
-        # a mode that a jump sets off swings by the same in w y and in y'
+        # after a jump of force a mode has the same amplitude in w y and in y'
         amplitude = np.where(a.flow.modes.frequencies > 0, force_column / a.flow.modes.scales, 0.0)
         sensitivity = np.hypot(self.rows[:, : a.size], self.rows[:, a.size :]) * amplitude
         whole = np.linalg.norm(sensitivity, axis=1, keepdims=True)
@@ -86,11 +86,11 @@ class Readings:
         return np.hstack([read, weighted, weighted])
 
     def forces_at(self, deflections: Array, times_s: Array) -> Array:
-        """Return mesh forces (times, meshes) of deflections, where the reference turns as prescribed."""
+        """Return mesh forces (times, meshes) at deflections, for a prescribed angle of the reference."""
         return _mesh_forces(self.assembled, deflections, self.assembled.revolutions(times_s), times_s)
 
     def channels(self, readings: Array, times_s: Array) -> Array:
-        """Return the channels (times, channels) of readings (times, readings)."""
+        """Return the channels (times, channels) from readings (times, readings)."""
         weights, forces = self.output.weighted_mesh_force, self.output.mesh_force
         if weights is None:
             return self._values(readings, times_s)
@@ -99,7 +99,7 @@ class Readings:
         return np.asarray(values if forces is None else values + readings[:, count + meshes :] @ forces.T)
 
     def _values(self, readings: Array, times_s: Array) -> Array:
-        """Return the channels without what a stepper reads of mesh forces."""
+        """Return the channels without the mesh forces that a stepper returns."""
         count = self.output.channels
         if readings.shape[1] == count:
             return readings
@@ -131,7 +131,7 @@ def _mesh_forces(a: Assembled, deflections: Array, revolutions: Array, times_s: 
 
 
 def _friction_forces(a: Assembled, forces: Array, revolutions: Array) -> Array:
-    """Return what rubs (times, rubbing), of mesh forces (times, meshes)."""
+    """Return friction forces (times, friction) from mesh forces (times, meshes)."""
     columns = []
     for number, mesh in enumerate(a.problem.system.meshes):
         driving = np.maximum(forces[:, number], 0.0) if mesh.backlash_m > 0 else forces[:, number]
