@@ -21,7 +21,7 @@ _DOWN = 0.25  # of a turn
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunningBearing:
+class BearingSimulation:
     """A bearing ready to run.
 
     Attributes
@@ -40,7 +40,7 @@ class RunningBearing:
     number: int
     strikes: BearingStrikes
     per_sample: int
-    early: int
+    settling_steps: int
 
     def blocks(self, *, steps: int) -> Iterator[dict[str, Array]]:
         """Yield what the pedestal tells, from `early` steps before time zero, `steps` in all.
@@ -56,8 +56,8 @@ class RunningBearing:
         step_s = 1 / (self.per_sample * scene.rate_hz)
         fault = bearing_fault(scene, self.number)
         grows = math.ceil(_GROWS_S / step_s) if fault.growth is not None else _BLOCK
-        for begin in range(-self.early, steps - self.early, block := min(grows, _BLOCK)):
-            count = min(block, steps - self.early - begin)
+        for begin in range(-self.settling_steps, steps - self.settling_steps, block := min(grows, _BLOCK)):
+            count = min(block, steps - self.settling_steps - begin)
             middle_s = max((begin + count / 2) * step_s, 0.0)
             model = bearing_model(scene, fault, size_mm=fault.size_mm * float(fault.relative_size(middle_s)))
             cage, spot, load_n = self._driven((begin + np.arange(2 * count + 1) / 2) * step_s)
@@ -88,15 +88,17 @@ class RunningBearing:
         return rolling.cage_turns(revolutions) - _DOWN, spot, load_n
 
 
-def bearing_of(stage: Stage, number: int, train: ImpactTrain) -> RunningBearing:
+def bearing_simulation(stage: Stage, number: int, train: ImpactTrain) -> BearingSimulation:
     """Return the bearing of fault `number` (from 0), which is struck as `train` says, at rest."""
     scene = stage.scene
     fault = bearing_fault(scene, number)
     assert fault.five_dof is not None and train.strikes is not None  # noqa: S101, PT018 - only such bearings run
     model = bearing_model(scene, fault, size_mm=fault.size_mm)
     steps = steps_per_sample(model, force_n=fault.five_dof.load_n, rate_hz=scene.rate_hz)
-    early = math.ceil(settle_s(scene, fault) * scene.rate_hz) * steps
-    return RunningBearing(stage=stage, number=number, strikes=train.strikes, per_sample=steps, early=early)
+    settling_steps = math.ceil(settle_s(scene, fault) * scene.rate_hz) * steps
+    return BearingSimulation(
+        stage=stage, number=number, strikes=train.strikes, per_sample=steps, settling_steps=settling_steps
+    )
 
 
 def steps_per_sample(model: BearingModel, *, force_n: float, rate_hz: float) -> int:

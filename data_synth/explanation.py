@@ -5,15 +5,15 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from data_synth.bearing_run import bearing_of
+from data_synth.bearing_run import bearing_simulation
 from data_synth.combs import Comb, random_stream
 from data_synth.faults import ImpactTrain
 from data_synth.fidelity import Choice, decided
 from data_synth.frf import Transfer
-from data_synth.hastened import factor_of, hastened, slowed
-from data_synth.levels import KINEMATIC, LEFT_OUT, SPRING, moved, sounding
+from data_synth.hastened import preview_factor, preview_of, with_full_duration
+from data_synth.levels import KINEMATIC, LEFT_OUT, SPRING, simulated_motion, with_kinematic_lines
 from data_synth.meshing import Gears
-from data_synth.motion import prepared
+from data_synth.motion import prepared_gears
 from data_synth.reduction import contacts_in
 from data_synth.scene import BearingFault, Fault, Scene, Sensor, load_scene
 from data_synth.stage import Stage, staged
@@ -92,7 +92,7 @@ def explain(scene: Scene | str | Path) -> Explanation:
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
     counted = count(declared)
-    parts = (*counted.gears, *_parts(counted.stage, declared, counted.faster))
+    parts = (*counted.gears, *_parts(counted.stage, declared, counted.time_factor))
     samples, channels = declared.samples, len(declared.sensors)
     record_bytes = samples * channels * BYTES
     return Explanation(
@@ -123,30 +123,30 @@ class Counted:
     """
 
     stage: Stage
-    faster: float
+    time_factor: float
     gears: tuple[Part, ...]
     working_bytes: int
 
 
 def count(scene: Scene) -> Counted:
     """Return what a scene consists of, counted in a moment of it."""
-    faster = factor_of(scene)
-    stage, vibrating = staged(hastened(scene, faster), draws=partial(random_stream, 0)), 0
+    time_factor = preview_factor(scene)
+    stage, vibrating = staged(preview_of(scene, time_factor), draws=partial(random_stream, 0)), 0
     if scene.fidelity == "kinematic":
         why = "kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated"
         parts: tuple[Part, ...] = (Part(name="fidelity", what="phases and modulations", why=why),)
     else:
-        stage = slowed(stage, scene)
-        gears, choice = prepared(stage), decided(scene)
+        stage = with_full_duration(stage, scene)
+        gears, choice = prepared_gears(stage), decided(scene)
         parts, vibrating = tuple(_gears(stage, gears, choice)), BYTES * scene.samples * len(scene.sensors)
-        stage = sounding(stage, gears, choice.levels)
+        stage = with_kinematic_lines(stage, gears, choice.levels)
     lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes)
     instants = stage.pulses.times_s.size + sum(train.revolutions.size for _, train in stage.trains)
-    truth = 2 * BYTES * _LINE_COPIES * lines * scene.truth_times + round(BYTES * faster * instants)
-    return Counted(stage=stage, faster=faster, gears=parts, working_bytes=truth + vibrating + _FIXED_BYTES)
+    truth = 2 * BYTES * _LINE_COPIES * lines * scene.truth_times + round(BYTES * time_factor * instants)
+    return Counted(stage=stage, time_factor=time_factor, gears=parts, working_bytes=truth + vibrating + _FIXED_BYTES)
 
 
-def _parts(stage: Stage, scene: Scene, faster: float) -> Iterator[Part]:
+def _parts(stage: Stage, scene: Scene, time_factor: float) -> Iterator[Part]:
     """Yield the parts of a scene but its gears, from a stage in which time goes `faster`."""
     top = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     yield Part(
@@ -165,7 +165,7 @@ def _parts(stage: Stage, scene: Scene, faster: float) -> Iterator[Part]:
             seconds=samples * (_PER_LINE * comb.coefficients.shape[0] + _PER_SOURCE),
         )
     for number, train in stage.trains:
-        yield _struck(stage, scene, number, train, faster)
+        yield _struck(stage, scene, number, train, time_factor)
     for transfer in scene.transfers:
         yield Part(name=transfer.source, what=f"way of its own to {transfer.sensor}", why=_way(transfer))
     for sensor in scene.sensors:
@@ -177,25 +177,25 @@ def _parts(stage: Stage, scene: Scene, faster: float) -> Iterator[Part]:
     ]
     yield Part(
         name="tachometer",
-        what=_counted(stage.pulses.times_s.size, faster, f"pulses of {scene.tachometer.link}"),
+        what=_counted(stage.pulses.times_s.size, time_factor, f"pulses of {scene.tachometer.link}"),
         why=", ".join(spoilt) or "exact",
     )
 
 
-def _struck(stage: Stage, scene: Scene, number: int, train: ImpactTrain, faster: float) -> Part:
+def _struck(stage: Stage, scene: Scene, number: int, train: ImpactTrain, time_factor: float) -> Part:
     """Return what strikes: impacts that ring, or a bearing that moves."""
     fault, poles = scene.faults[number], sum(2 + chain.poles.size for chain in stage.chains) / 2
-    what = _counted(train.revolutions.size, faster, "entries" if train.entries else "impacts")
+    what = _counted(train.revolutions.size, time_factor, "entries" if train.entries else "impacts")
     by_ways = all((train.source, sensor.name) in stage.ways for sensor in scene.sensors)
     rings = "heard by its ways" if by_ways else f"rings {scene.resonance.frequency_hz:g} Hz"
     why = f"fault {number + 1}, {fault.kind}: {rings}"
     seconds = scene.samples * poles * _PER_POLE
     if isinstance(fault, BearingFault) and fault.five_dof is not None:
-        bearing = bearing_of(stage, number, train)
+        bearing = bearing_simulation(stage, number, train)
         steps, elements = bearing.per_sample, scene.bearing(fault.component).elements
         what = f"5 degrees of freedom, {steps} steps a sample, {what}"
         why = why.replace("rings", "five_dof, its resonator rings")
-        seconds = (scene.samples * steps + bearing.early) * elements * _PER_CONTACT + seconds * steps
+        seconds = (scene.samples * steps + bearing.settling_steps) * elements * _PER_CONTACT + seconds * steps
     return Part(name=train.component, what=what, why=why, seconds=seconds)
 
 
@@ -205,17 +205,17 @@ def _way(transfer: Transfer) -> str:
     return f"measured, {transfer.lines[0][0]:g} to {transfer.lines[-1][0]:g} Hz"
 
 
-def _counted(number: int, faster: float, things: str) -> str:
-    return f"{number} {things}" if faster == 1 else f"about {number * faster:.3g} {things}"
+def _counted(number: int, time_factor: float, things: str) -> str:
+    return f"{number} {things}" if time_factor == 1 else f"about {number * time_factor:.3g} {things}"
 
 
 def _gears(stage: Stage, gears: Gears, choice: Choice) -> Iterator[Part]:
     """Yield which motions are simulated, what is left out, and the meshes."""
-    scene, motion = stage.scene, moved(stage, gears, choice.levels)
+    scene, motion = stage.scene, simulated_motion(stage, gears, choice.levels)
     if motion is None:
         yield Part(name="fidelity", what="lines of the linear response", why=str(choice), seconds=_TEETH_S)
     else:
-        steps, chosen = motion.steps() * motion.denser, motion.method
+        steps, chosen = motion.steps() * motion.oversampling, motion.method
         how, why = f"exact transitions, {steps} a sample", chosen.reason
         if chosen.method.order is not None:
             how = f"{steps} step(s) a sample"

@@ -28,23 +28,23 @@ def _correction() -> Array:
 
 
 @dataclass(kw_only=True)
-class Hats:
+class WeightedForces:
     """Adds up, block after block, channels of motions and channels of mesh forces.
 
     Attributes
     ----------
     output : Output
         To be integrated: the channels of motions, then those of mesh forces under hats, then those at samples.
-    judged : Output
+    trial_output : Output
         The same without the last, by which steps are judged.
     """
 
     output: Output
-    judged: Output
-    _kept: Array = field(default_factory=lambda: np.empty((0, 0)), init=False, repr=False)
+    trial_output: Output
+    _buffer: Array = field(default_factory=lambda: np.empty((0, 0)), init=False, repr=False)
 
     @classmethod
-    def of(cls, output: Output) -> "Hats | None":
+    def of(cls, output: Output) -> "WeightedForces | None":
         """Return what takes the place of an output with mesh forces; None where it has none."""
         if output.mesh_force is None:
             return None
@@ -53,25 +53,25 @@ class Hats:
             for name, value in output.maps.items()
             if name != "mesh_force"
         }
-        silent = np.zeros_like(output.mesh_force)
-        hats = np.vstack([silent, output.mesh_force, silent])
-        judged = Output(rate_hz=output.rate_hz, **maps, weighted_mesh_force=hats)
-        points = np.vstack([silent, silent, output.mesh_force])
-        return cls(output=replace(judged, mesh_force=points), judged=judged)
+        zero = np.zeros_like(output.mesh_force)
+        weighted_rows = np.vstack([zero, output.mesh_force, zero])
+        trial_output = Output(rate_hz=output.rate_hz, **maps, weighted_mesh_force=weighted_rows)
+        points = np.vstack([zero, zero, output.mesh_force])
+        return cls(output=replace(trial_output, mesh_force=points), trial_output=trial_output)
 
     def push(self, values: Array) -> tuple[Array, Array]:
         """Return the channels (n, channels) that the next values (n, 3 channels) allow: they lag them by `LAG`.
 
         First as a filter takes them, then as they are at samples. Before the first values all was as it is there.
         """
-        if not self._kept.size:
-            self._kept = np.repeat(values[:1], LAG + _TERMS, axis=0)
-        joined = np.concatenate([self._kept, values])
-        self._kept = joined[-LAG - _TERMS :]
+        if not self._buffer.size:
+            self._buffer = np.repeat(values[:1], LAG + _TERMS, axis=0)
+        joined = np.concatenate([self._buffer, values])
+        self._buffer = joined[-LAG - _TERMS :]
         count, channels = values.shape[0], values.shape[1] // 3
         # hats stand a sample back, and the filter takes as many samples before as after
         now = joined[_TERMS : _TERMS + count]
-        moved, points = now[:, :channels], now[:, 2 * channels :]
+        motion, points = now[:, :channels], now[:, 2 * channels :]
         taps = _correction()
-        felt = [np.convolve(joined[1:, channels + c], taps, mode="valid") for c in range(channels)]
-        return np.asarray(moved + np.stack(felt, axis=1)), np.asarray(moved + points)
+        weighted = [np.convolve(joined[1:, channels + c], taps, mode="valid") for c in range(channels)]
+        return np.asarray(motion + np.stack(weighted, axis=1)), np.asarray(motion + points)

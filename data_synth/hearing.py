@@ -13,9 +13,9 @@ import numpy as np
 
 from data_synth.assembly import Assembly
 from data_synth.integrate import Output
-from data_synth.keeping import Kept
+from data_synth.keeping import ActiveDofs
 from data_synth.layout import planet_angle, planet_of
-from data_synth.listening import Listener, listeners_of, loudness
+from data_synth.listening import Route, route_gains, routes_of
 from data_synth.mechanics import Array, System
 from data_synth.meshing import Gears, declared_of
 from data_synth.passing import window_of
@@ -27,20 +27,20 @@ _ALONG = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Turning:
+class RotatingReading:
     """Two readings that turn with a carrier: ``cos(angle) first + sin(angle) second`` is heard by a listener."""
 
-    listener: int
+    route: int
     first: int
     second: int
     carrier: str
 
 
 @dataclass(frozen=True, kw_only=True)
-class Passing:
+class PassingMesh:
     """A reading of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it."""
 
-    listener: int
+    route: int
     reading: int
     carrier: str
     place_rad: float
@@ -48,7 +48,7 @@ class Passing:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ears:
+class SensorForces:
     """How sensors hear gears.
 
     Attributes
@@ -62,40 +62,40 @@ class Ears:
 
     stage: Stage = field(repr=False)
     output: Output
-    listeners: tuple[Listener, ...]
-    turning: tuple[Turning, ...] = ()
-    passing: tuple[Passing, ...] = ()
+    routes: tuple[Route, ...]
+    rotating: tuple[RotatingReading, ...] = ()
+    passing: tuple[PassingMesh, ...] = ()
     window: PassWindow | None = None
     carriers: dict[str, tuple[float, float]]
 
     @property
-    def turns(self) -> bool:
+    def rotate(self) -> bool:
         """Whether the way to a sensor turns with a carrier."""
-        return bool(self.turning or self.passing)
+        return bool(self.rotating or self.passing)
 
     def forces(self, readings: Array, *, times_s: Array) -> Array:
         """Return the force (n, listeners) that listeners hear, of readings (n, readings)."""
-        count = len(self.listeners)
-        if not self.turns:
+        count = len(self.routes)
+        if not self.rotate:
             return readings
-        heard = readings[:, :count].copy()
+        sensed = readings[:, :count].copy()
         revolutions = self.stage.drive.angle.revolutions(times_s)
         angles = {
             carrier: 2 * np.pi * np.remainder(ratio * revolutions + offset, 1.0)
             for carrier, (ratio, offset) in self.carriers.items()
         }
-        waves = {item.carrier: (np.cos(angles[item.carrier]), np.sin(angles[item.carrier])) for item in self.turning}
-        for item in self.turning:
+        waves = {item.carrier: (np.cos(angles[item.carrier]), np.sin(angles[item.carrier])) for item in self.rotating}
+        for item in self.rotating:
             cosine, sine = waves[item.carrier]
-            heard[:, item.listener] += cosine * readings[:, item.first] + sine * readings[:, item.second]
+            sensed[:, item.route] += cosine * readings[:, item.first] + sine * readings[:, item.second]
         for passes in self.passing:
             assert self.window is not None  # noqa: S101 - planets pass by it
             gain = self.window.gain(angles[passes.carrier] + passes.place_rad)
-            heard[:, passes.listener] += passes.weight * gain * readings[:, passes.reading]
-        return np.asarray(heard)
+            sensed[:, passes.route] += passes.weight * gain * readings[:, passes.reading]
+        return np.asarray(sensed)
 
 
-def ears_of(stage: Stage, gears: Gears, whole: Assembly, kept: Kept) -> Ears:
+def sensor_forces_of(stage: Stage, gears: Gears, whole: Assembly, active: ActiveDofs) -> SensorForces:
     """Return how the sensors of a scene hear its gears.
 
     Parameters
@@ -104,27 +104,29 @@ def ears_of(stage: Stage, gears: Gears, whole: Assembly, kept: Kept) -> Ears:
     gears : Gears
     whole : Assembly
         With all motions.
-    kept : Kept
+    active : Kept
         Those that are simulated.
     """
     scene, parts = stage.scene, whole.parts
     frames = list(dict.fromkeys(contact.carrier for contact in parts.contacts if contact.carrier != parts.frame))
-    rows = _Rows(
-        whole, kept, {name: declared_of(scene).mesh(mesh).damping_n_s_m for name, mesh in gears.meshes.items()}
+    rows = _Readings(
+        whole, active, {name: declared_of(scene).mesh(mesh).damping_n_s_m for name, mesh in gears.meshes.items()}
     )
-    window, turning, passing = window_of(scene), [], []
-    listeners = listeners_of(scene)
-    looks = [_looks_along(stage, whole, sensor, passes=window is not None) for sensor in scene.sensors]
-    directions = [looks[listener.number] for listener in listeners]
-    weights = [loudness(scene, whole, listener, listeners) for listener in listeners]
-    for along, loud in zip(directions, weights, strict=True):
-        rows.add(along, loud, frame=parts.frame, ring=window is None, axial=frames)
+    window, rotating, passing = window_of(scene), [], []
+    routes = routes_of(scene)
+    directions_of_sensors = [
+        _sensitive_direction(stage, whole, sensor, passes=window is not None) for sensor in scene.sensors
+    ]
+    directions = [directions_of_sensors[route.number] for route in routes]
+    weights = [route_gains(scene, whole, route, routes) for route in routes]
+    for along, gains in zip(directions, weights, strict=True):
+        rows.add(along, gains, frame=parts.frame, ring=window is None, axial=frames)
     for carrier in frames:
-        for number, (along, loud) in enumerate(zip(directions, weights, strict=True)):
+        for number, (along, gains) in enumerate(zip(directions, weights, strict=True)):
             x, y, _ = along
-            first = rows.add(np.array([x, y, 0.0]), loud, frame=carrier, ring=window is None)
-            second = rows.add(np.array([y, -x, 0.0]), loud, frame=carrier, ring=window is None)
-            turning.append(Turning(listener=number, first=first, second=second, carrier=carrier))
+            first = rows.add(np.array([x, y, 0.0]), gains, frame=carrier, ring=window is None)
+            second = rows.add(np.array([y, -x, 0.0]), gains, frame=carrier, ring=window is None)
+            rotating.append(RotatingReading(route=number, first=first, second=second, carrier=carrier))
     if window is not None:
         for contact in parts.contacts:
             planet = planet_of(parts.kinematics, contact)
@@ -132,22 +134,22 @@ def ears_of(stage: Stage, gears: Gears, whole: Assembly, kept: Kept) -> Ears:
                 continue
             reading = rows.mesh(contact.name)
             joint = parts.kinematics.joints[parts.kinematics.bodies[contact.links[planet]]]
-            for number, (along, loud) in enumerate(zip(directions, weights, strict=True)):
-                stands = math.atan2(along[1], along[0]) if np.hypot(along[0], along[1]) > _ALONG else 0.0
+            for number, (along, gains) in enumerate(zip(directions, weights, strict=True)):
+                azimuth_rad = math.atan2(along[1], along[0]) if np.hypot(along[0], along[1]) > _ALONG else 0.0
                 passing.append(
-                    Passing(
-                        listener=number,
+                    PassingMesh(
+                        route=number,
                         reading=reading,
                         carrier=contact.carrier,
-                        place_rad=planet_angle(scene.gearbox, joint.axis) - stands,
-                        weight=loud[parts.frame],
+                        place_rad=planet_angle(scene.gearbox, joint.axis) - azimuth_rad,
+                        weight=gains[parts.frame],
                     )
                 )
-    return Ears(
+    return SensorForces(
         stage=stage,
         output=rows.output(scene.rate_hz),
-        listeners=listeners,
-        turning=tuple(turning),
+        routes=routes,
+        rotating=tuple(rotating),
         passing=tuple(passing),
         window=window,
         carriers={
@@ -156,11 +158,11 @@ def ears_of(stage: Stage, gears: Gears, whole: Assembly, kept: Kept) -> Ears:
     )
 
 
-class _Rows:
+class _Readings:
     """Readings of motions and mesh forces, added one by one."""
 
-    def __init__(self, whole: Assembly, kept: Kept, damping: dict[str, float]) -> None:
-        self._whole, self._kept, self._at = whole, kept, whole.coordinates
+    def __init__(self, whole: Assembly, active: ActiveDofs, damping: dict[str, float]) -> None:
+        self._whole, self._active, self._coordinates = whole, active, whole.coordinates
         system: System = whole.system
         self._names = [mesh.name for mesh in system.meshes]
         self._meshes = np.array([mesh.direction for mesh in system.meshes])
@@ -176,28 +178,28 @@ class _Rows:
 
         With it comes what acts along z in the `axial` frames.
         """
-        displacement, velocity = np.zeros((2, len(self._at.names)))
+        displacement, velocity = np.zeros((2, len(self._coordinates.names)))
         mesh_force = np.zeros(len(self._names))
         parts, upright = self._whole.parts, np.array([0.0, 0.0, along[2]])
         for body in (*parts.kinematics.joints, *parts.elastic_links):
             for each in parts.frames(body):
-                heard = along if each == frame else upright if each in (axial or ()) else None
-                if heard is not None and heard.any():
-                    bearing = self._bearing(parts.piece(body, each), heard)
+                sensed = along if each == frame else upright if each in (axial or ()) else None
+                if sensed is not None and sensed.any():
+                    bearing = self._bearing(parts.piece(body, each), sensed)
                     displacement += weights[body] * bearing[0]
                     velocity += weights[body] * bearing[1]
                     mesh_force += weights[body] * bearing[2]
         for contact in parts.contacts if ring else ():
-            heard = along if contact.carrier == frame else upright if contact.carrier in (axial or ()) else None
-            if heard is not None and contact.name in self._whole.on_frame:
-                pressed = float(np.array(self._whole.on_frame[contact.name]) @ heard)
-                mesh_force[self._names.index(contact.name)] += weights[parts.frame] * pressed
-        moving = self._kept.moving
+            sensed = along if contact.carrier == frame else upright if contact.carrier in (axial or ()) else None
+            if sensed is not None and contact.name in self._whole.on_frame:
+                projection = float(np.array(self._whole.on_frame[contact.name]) @ sensed)
+                mesh_force[self._names.index(contact.name)] += weights[parts.frame] * projection
+        moving = self._active.expansion
         return self._append(displacement @ moving, velocity @ moving, mesh_force)
 
     def mesh(self, name: str) -> int:
         """Add the force of a mesh."""
-        none = np.zeros(self._kept.numbers.size)
+        none = np.zeros(self._active.numbers.size)
         return self._append(none, none, np.eye(len(self._names))[self._names.index(name)])
 
     def output(self, rate_hz: float) -> Output:
@@ -220,29 +222,29 @@ class _Rows:
 
     def _bearing(self, body: str, along: Array) -> tuple[Array, Array, Array]:
         """Return how what holds a body to the frame presses it: by displacements, velocities and mesh forces."""
-        displacement, velocity = np.zeros((2, len(self._at.names)))
+        displacement, velocity = np.zeros((2, len(self._coordinates.names)))
         mesh_force = np.zeros(len(self._names))
         for share, motion in zip(along, "xyz", strict=True):
-            number = self._at.index.get((body, motion))
+            number = self._coordinates.index.get((body, motion))
             if number is None or abs(share) < _ALONG or not self._grounded(number):
                 continue
-            if number in self._kept.numbers:
+            if number in self._active.numbers:
                 for spring in self._whole.grounded:
                     if spring.direction[number]:
-                        pressed = share * spring.direction[number] * spring.direction
-                        displacement += spring.stiffness * pressed
-                        velocity += spring.damping * pressed
+                        projection = share * spring.direction[number] * spring.direction
+                        displacement += spring.stiffness * projection
+                        velocity += spring.damping * projection
             else:
-                reach = self._meshes @ self._kept.follow[:, number]
-                mesh_force -= share * reach
-                velocity -= share * (reach * self._damping) @ self._meshes
+                rows = self._meshes @ self._active.constraint[:, number]
+                mesh_force -= share * rows
+                velocity -= share * (rows * self._damping) @ self._meshes
         return displacement, velocity, mesh_force
 
     def _grounded(self, number: int) -> bool:
         return any(spring.direction[number] for spring in self._whole.grounded)
 
 
-def _looks_along(stage: Stage, whole: Assembly, sensor: Sensor, *, passes: bool) -> Array:
+def _sensitive_direction(stage: Stage, whole: Assembly, sensor: Sensor, *, passes: bool) -> Array:
     """Return a sensor's direction, with what it hears across it, in x, y and z of the assembly, (3,)."""
     direction = np.asarray(sensor.direction, dtype=np.float64)
     direction = direction / np.linalg.norm(direction)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_synth.bearing_run import RunningBearing, bearing_of
+from data_synth.bearing_run import BearingSimulation, bearing_simulation
 from data_synth.chain import Sensor
 from data_synth.combs import ComplexArray
 from data_synth.faults import ImpactTrain
@@ -174,11 +174,11 @@ class _Ear:
 
 
 def _add_motion(stage: Stage, number: int, train: ImpactTrain, signal: Array) -> None:
-    bearing = bearing_of(stage, number, train)
+    bearing = bearing_simulation(stage, number, train)
     ears = [_ear(stage, bearing, train, index) for index in range(len(signal))]
     samples, each = signal.shape[1], bearing.per_sample
-    steps = bearing.early + (samples - 1) * each + 1 + max(ear.lag for ear in ears)
-    begun = -bearing.early
+    steps = bearing.settling_steps + (samples - 1) * each + 1 + max(ear.lag for ear in ears)
+    begun = -bearing.settling_steps
     for block in bearing.blocks(steps=steps):
         for ear, values in zip(ears, signal, strict=True):
             heard = ear.push(block[ear.hears])
@@ -192,7 +192,7 @@ def _add_motion(stage: Stage, number: int, train: ImpactTrain, signal: Array) ->
         begun += block["force"].size
 
 
-def _ear(stage: Stage, bearing: RunningBearing, train: ImpactTrain, index: int) -> _Ear:
+def _ear(stage: Stage, bearing: BearingSimulation, train: ImpactTrain, index: int) -> _Ear:
     """Return how a channel hears it: by the acceleration of its resonator, or by its force on a declared way."""
     scene, chain, sensor = stage.scene, stage.chains[index], stage.scene.sensors[index]
     rate_hz = bearing.per_sample * scene.rate_hz

@@ -23,7 +23,7 @@ from data_synth.ways import Way, ways_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class Listener:
+class Route:
     """A way by which a sensor hears gears.
 
     Attributes
@@ -36,25 +36,25 @@ class Listener:
 
     number: int
     source: str | None = None
-    way: Way | None = field(default=None, repr=False)
+    path: Way | None = field(default=None, repr=False)
 
     def response(self, scene: Scene, frequency_hz: Array) -> ComplexArray:
         """Return Z in the channel for 1 N at frequencies, any shape."""
         sensor = scene.sensors[self.number]
-        if self.way is None:
+        if self.path is None:
             return self._housing(scene, sensor, scene.rate_hz).response(frequency_hz)
-        return np.asarray(self.way.response(frequency_hz) * linear_chain(sensor).response(frequency_hz))
+        return np.asarray(self.path.response(frequency_hz) * linear_chain(sensor).response(frequency_hz))
 
-    def at_work(self, scene: Scene, *, rate_hz: float) -> "Hearing":
+    def filter_at(self, scene: Scene, *, rate_hz: float) -> "RouteFilter":
         """Return the way at rest, for a force at `rate_hz`."""
         sensor = scene.sensors[self.number]
-        if isinstance(self.way, MeasuredPath):
-            fir = measured_filter(self.way, linear_chain(sensor), rate_hz=rate_hz, sensor=sensor)
-            return Hearing(push=_Settled(fir).push, lag=round(fir.delay_s * rate_hz))
-        if self.way is None:
-            return Hearing(push=self._housing(scene, sensor, rate_hz).push, lag=AHEAD)
-        poles, residues = through(self.way, linear_chain(sensor), sensor=sensor.name)
-        return Hearing(push=PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=rate_hz).push, lag=AHEAD)
+        if isinstance(self.path, MeasuredPath):
+            fir = measured_filter(self.path, linear_chain(sensor), rate_hz=rate_hz, sensor=sensor)
+            return RouteFilter(push=_StartingConstant(fir).push, lag=round(fir.delay_s * rate_hz))
+        if self.path is None:
+            return RouteFilter(push=self._housing(scene, sensor, rate_hz).push, lag=AHEAD)
+        poles, residues = through(self.path, linear_chain(sensor), sensor=sensor.name)
+        return RouteFilter(push=PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=rate_hz).push, lag=AHEAD)
 
     def _housing(self, scene: Scene, sensor: Sensor, rate_hz: float) -> Housing:
         declared = declared_of(scene)
@@ -64,28 +64,28 @@ class Listener:
 
 
 @dataclass(kw_only=True)
-class Hearing:
+class RouteFilter:
     """A way at work, which may wait for one that lags more."""
 
     push: Callable[..., Array]
     lag: int
     _kept: Array = field(default_factory=lambda: np.empty(0), init=False, repr=False)
 
-    def heard(self, force: Array, *, at_once: Array, lag: int) -> Array:
+    def filtered(self, force: Array, *, at_once: Array, lag: int) -> Array:
         """Return the response (n,) that the next samples (n,) of the force allow, `lag` of them late."""
-        now, waits = self.push(np.ascontiguousarray(force), at_once=at_once), lag - self.lag
-        if not waits:
+        now, extra_lag = self.push(np.ascontiguousarray(force), at_once=at_once), lag - self.lag
+        if not extra_lag:
             return now
-        joined = np.concatenate([self._kept if self._kept.size else np.full(waits, now[0]), now])
+        joined = np.concatenate([self._kept if self._kept.size else np.full(extra_lag, now[0]), now])
         self._kept = joined[now.size :]
         return joined[: now.size]
 
 
-class _Settled:
+class _StartingConstant:
     """A filter of taps whose input was constant before its first sample."""
 
     def __init__(self, fir: FirPath) -> None:
-        self._filter, self._still = fir.filter(), float(np.sum(fir.taps))
+        self._filter, self._static_gain = fir.filter(), float(np.sum(fir.taps))
         self._first: float | None = None
 
     def push(self, force: Array, *, at_once: Array) -> Array:
@@ -93,10 +93,10 @@ class _Settled:
         del at_once
         if self._first is None:
             self._first = float(force[0])
-        return self._filter.push(force - self._first) + self._still * self._first
+        return self._filter.push(force - self._first) + self._static_gain * self._first
 
 
-def listeners_of(scene: Scene) -> tuple[Listener, ...]:
+def routes_of(scene: Scene) -> tuple[Route, ...]:
     """Return how the sensors of a scene hear gears: each through the housing, then by declared ways.
 
     Raises
@@ -106,37 +106,37 @@ def listeners_of(scene: Scene) -> tuple[Listener, ...]:
     """
     numbers = {sensor.name: number for number, sensor in enumerate(scene.sensors)}
     declared = [
-        Listener(number=numbers[sensor], source=source, way=way) for (source, sensor), way in ways_of(scene).items()
+        Route(number=numbers[sensor], source=source, path=path) for (source, sensor), path in ways_of(scene).items()
     ]
-    for listener in declared:
-        if listener.source in {mesh.name for mesh in scene.gearbox.meshes}:
+    for route in declared:
+        if route.source in {mesh.name for mesh in scene.gearbox.meshes}:
             raise SceneError(
-                f'fidelity = "{scene.fidelity}": a transfer starts from the mesh "{listener.source}", but teeth that '
+                f'fidelity = "{scene.fidelity}": a transfer starts from the mesh "{route.source}", but teeth that '
                 "vibrate are heard by what holds their gears; name a link or a bearing."
             )
-    return (*(Listener(number=number) for number in range(len(numbers))), *declared)
+    return (*(Route(number=number) for number in range(len(numbers))), *declared)
 
 
-def loudness(scene: Scene, whole: Assembly, listener: Listener, listeners: tuple[Listener, ...]) -> dict[str, float]:
+def route_gains(scene: Scene, whole: Assembly, route: Route, routes: tuple[Route, ...]) -> dict[str, float]:
     """Return how loud a listener hears what holds each body, and the teeth of the frame.
 
     By a way of its own that is what holds its source; through the housing all that has none to this sensor.
     """
-    sensor = scene.sensors[listener.number]
+    sensor = scene.sensors[route.number]
     weights = _weights(scene, whole, sensor)
-    taken: dict[str, str] = {}
-    for other in listeners:
-        if other.source is None or other.number != listener.number:
+    source_of: dict[str, str] = {}
+    for other in routes:
+        if other.source is None or other.number != route.number:
             continue
         for body in sorted(_holders(scene, whole, other.source)):
-            if taken.setdefault(body, other.source) != other.source:
+            if source_of.setdefault(body, other.source) != other.source:
                 raise SceneError(
-                    f'transfers lead to sensor "{sensor.name}" from "{taken[body]}" and "{other.source}", which both '
+                    f'transfers lead to sensor "{sensor.name}" from "{source_of[body]}" and "{other.source}", which both '
                     f'hold "{body}" and are heard as one; keep one of them.'
                 )
-    mine = _holders(scene, whole, listener.source) if listener.source is not None else set()
+    own_bodies = _holders(scene, whole, route.source) if route.source is not None else set()
     return {
-        body: float(body in mine) if listener.source is not None else weight * (body not in taken)
+        body: float(body in own_bodies) if route.source is not None else weight * (body not in source_of)
         for body, weight in weights.items()
     }
 
@@ -155,27 +155,29 @@ def _weights(scene: Scene, whole: Assembly, sensor: Sensor) -> dict[str, float]:
     """Return how loud a sensor hears what holds each body, and the teeth of the frame."""
     declared, gearbox, parts = declared_of(scene), scene.gearbox, whole.parts
     bodies, frame = parts.kinematics.bodies, parts.frame
-    stands = {sensor.on}
+    links_below = {sensor.on}
     for mesh in gearbox.meshes:
         if mesh.name == sensor.on:
-            stands |= {gear.link for gear in mesh.gears}
+            links_below |= {gear.link for gear in mesh.gears}
     for bearing in gearbox.bearings:
         if sensor.on in bearing.names:
             rings = {link for ring in (bearing.inner_ring, bearing.outer_ring) for link in gearbox.instances(ring)}
-            stands |= {link for link in rings if bodies[link] != frame}
-    near = {parts.body(link) for name in stands if name in _known(scene) for link in gearbox.instances(name)}
-    heard = [*parts.kinematics.joints, *parts.elastic_links, frame]
-    weights = {body: 1.0 if body in near else declared.elsewhere for body in heard}
+            links_below |= {link for link in rings if bodies[link] != frame}
+    bodies_near = {
+        parts.body(link) for name in links_below if name in _links(scene) for link in gearbox.instances(name)
+    }
+    all_bodies = [*parts.kinematics.joints, *parts.elastic_links, frame]
+    weights = {body: 1.0 if body in bodies_near else declared.elsewhere for body in all_bodies}
     for hearing in declared.hearing:
         if hearing.sensor not in [other.name for other in scene.sensors]:
             raise SceneError(f'dynamics.hearing names "{hearing.sensor}", which is no sensor of this scene.')
         for link, weight in hearing.links:
-            if link not in _known(scene):
+            if link not in _links(scene):
                 raise SceneError(f'dynamics.hearing names "{link}", which is no link with bearings in this gearbox.')
             if hearing.sensor == sensor.name:
                 weights |= {parts.body(name): weight for name in gearbox.instances(link)}
     return weights
 
 
-def _known(scene: Scene) -> set[str]:
+def _links(scene: Scene) -> set[str]:
     return {*scene.gearbox.links, *scene.gearbox.copied}

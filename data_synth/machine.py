@@ -18,7 +18,7 @@ from hums.kinematics import Kinematics
 _PARALLEL = 1e-9
 
 
-def machine_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()) -> Assembly:
+def assembly_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()) -> Assembly:
     """Return the gearbox of a scene in the plane, or in space where its axes cross or a mesh has full motion.
 
     What planets make turn is seen from their carrier, with the gyroscopic terms of the mean speed; a run-up, which has
@@ -42,7 +42,7 @@ def machine_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs
     try:
         return assemble_parts(
             kinematics,
-            motions="space" if full or crossed(kinematics) else "plane",
+            motions="space" if full or has_crossed_axes(kinematics) else "plane",
             inertias={
                 name: Inertia(mass_kg=item.mass_kg, inertia_kgm2=item.inertia_kg_m2)
                 for link, item in declared.links
@@ -50,26 +50,26 @@ def machine_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs
             },
             supports=dict(_supports(scene, kinematics)),
             meshes=dict(_meshes(gears, springs)),
-            speed_rad_s=_speed_rad_s(stage, kinematics) if full or carries(kinematics) else 0.0,
+            speed_rad_s=_speed_rad_s(stage, kinematics) if full or has_planets(kinematics) else 0.0,
             rotating_frame="carriers",
         )
     except ValueError as caught:
         raise SceneError(f"dynamics: {caught}") from None
 
 
-def crossed(kinematics: Kinematics) -> bool:
+def has_crossed_axes(kinematics: Kinematics) -> bool:
     """Whether some axis is not parallel to the others."""
     first, *others = (direction_of(kinematics, body) for body in kinematics.joints)
     return any(abs(abs(float(first @ other)) - 1) > _PARALLEL for other in others)
 
 
-def carries(kinematics: Kinematics) -> bool:
+def has_planets(kinematics: Kinematics) -> bool:
     """Whether something turns that carries planets."""
     return any(joint.carried_by != kinematics.mechanism.frame for joint in kinematics.joints.values())
 
 
 def _speed_rad_s(stage: Stage, kinematics: Kinematics) -> float:
-    if stage.scene.speed.run_up is not None and carries(kinematics):
+    if stage.scene.speed.run_up is not None and has_planets(kinematics):
         return 0.0
     return 2 * math.pi * float(np.mean(stage.speed_hz))
 

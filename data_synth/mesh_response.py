@@ -26,9 +26,9 @@ from data_synth.scene import SceneError
 from data_synth.stage import Stage
 
 _POINTS = 64  # to a period of the highest line: what a jump of the stiffness puts there is right to a half percent
-_FEWEST = 512  # points to a mesh cycle
-_LEAST = 0.25  # of the mean stiffness: softer teeth are parting
-_SILENT = 1e-5  # of the largest line of a mesh: -100 dB
+_MIN_POINTS = 512  # points to a mesh cycle
+_MIN_STIFFNESS = 0.25  # of the mean stiffness: softer teeth are parting
+_NEGLIGIBLE = 1e-5  # of the largest line of a mesh: -100 dB
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,12 +67,12 @@ class ToothForces:
         """Return Z of p in N, (line,)."""
         return np.asarray(self.static_n[instant] * self.loaded + self.unloaded)
 
-    def left_over(self, deflection: ComplexArray, instant: int, *, mean: float) -> ComplexArray:
+    def parametric_force(self, deflection: ComplexArray, instant: int, *, mean: float) -> ComplexArray:
         """Return Z (line,) of the force that p lacks where teeth deflect by lines (line,), in m, from their mean."""
         static = self.static_n[instant]
         p = static * (1 - mean / self.stiffness) - mean * self.error
-        moved = _waveform(deflection, self.stiffness.size) + (static - np.mean(p)) / mean
-        return _lines(self.stiffness * (moved - self.error) - mean * moved - p, deflection.size)
+        deflection_values = _waveform(deflection, self.stiffness.size) + (static - np.mean(p)) / mean
+        return _lines(self.stiffness * (deflection_values - self.error) - mean * deflection_values - p, deflection.size)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,9 +97,9 @@ class Response:
 
     motion: Motion
     poles: ComplexArray = field(metadata={"dims": ("pole",), "units": "rad/s"})
-    heard: ComplexArray = field(repr=False, metadata={"dims": ("listener", "pole"), "units": "N"})
-    felt: ComplexArray = field(repr=False, metadata={"dims": ("mesh", "pole"), "units": "m"})
-    pushed: ComplexArray = field(repr=False, metadata={"dims": ("pole", "mesh"), "units": "N-1"})
+    outputs: ComplexArray = field(repr=False, metadata={"dims": ("listener", "pole"), "units": "N"})
+    deflections: ComplexArray = field(repr=False, metadata={"dims": ("mesh", "pole"), "units": "m"})
+    inputs: ComplexArray = field(repr=False, metadata={"dims": ("pole", "mesh"), "units": "N-1"})
     direct: Array = field(repr=False, metadata={"dims": ("listener", "mesh"), "units": "1"})
     means: Array = field(repr=False, metadata={"dims": ("mesh",), "units": "N/m"})
 
@@ -109,20 +109,20 @@ class Response:
 
     def channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return Z in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
-        scene, listeners = self.motion.stage.scene, self.motion.ears.listeners
-        force = self._modal(mesh, frequency_hz) @ self.heard.T + self.direct[:, mesh]
-        heard = np.zeros((len(scene.sensors), *np.shape(frequency_hz)), dtype=np.complex128)
-        for listener, felt in zip(listeners, force.T, strict=True):
-            heard[listener.number] += felt * listener.response(scene, frequency_hz)
-        return heard
+        scene, routes = self.motion.stage.scene, self.motion.sensor_forces.routes
+        force = self._modal(mesh, frequency_hz) @ self.outputs.T + self.direct[:, mesh]
+        outputs = np.zeros((len(scene.sensors), *np.shape(frequency_hz)), dtype=np.complex128)
+        for route, deflections in zip(routes, force.T, strict=True):
+            outputs[route.number] += deflections * route.response(scene, frequency_hz)
+        return outputs
 
     def deflection(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return Z of the mesh's own deflection in m for 1 N of p, (line,)."""
-        return np.asarray(self._modal(mesh, frequency_hz) @ self.felt[mesh])
+        return np.asarray(self._modal(mesh, frequency_hz) @ self.deflections[mesh])
 
     def _modal(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
-        return np.asarray(self.pushed[:, mesh] / (s[:, None] - self.poles))
+        return np.asarray(self.inputs[:, mesh] / (s[:, None] - self.poles))
 
 
 def response_of(motion: Motion) -> Response:
@@ -133,7 +133,7 @@ def response_of(motion: Motion) -> Response:
     SceneError
         For planets, whose way to a sensor turns with their carrier.
     """
-    if motion.ears.turns:
+    if motion.sensor_forces.rotate:
         raise SceneError(
             "planets turn with their carrier on their way to a sensor, which lines cannot tell; write "
             'fidelity = "torsional" or more for every mesh.'
@@ -150,30 +150,30 @@ def response_of(motion: Motion) -> Response:
     matrix[count:, count:] = -(shapes.T @ damping @ shapes)
     poles, vectors = np.linalg.eig(matrix)
     directions = np.array([mesh.direction for mesh in system.meshes])
-    passed = np.zeros((output.channels, means.size)) if output.mesh_force is None else output.mesh_force
-    rows = (passed * means) @ directions
+    direct = np.zeros((output.channels, means.size)) if output.mesh_force is None else output.mesh_force
+    rows = (direct * means) @ directions
     rows = rows if output.displacement is None else rows + output.displacement
-    moving = np.zeros_like(rows) if output.velocity is None else output.velocity
+    velocity_rows = np.zeros_like(rows) if output.velocity is None else output.velocity
     pushes = np.vstack([np.zeros((count, means.size)), -(shapes.T @ directions.T)])
     return Response(
         motion=motion,
         poles=poles.astype(np.complex128),
-        heard=np.hstack([rows @ shapes, moving @ shapes]) @ vectors,
-        felt=(directions @ shapes) @ vectors[:count],
-        pushed=np.linalg.solve(vectors, pushes.astype(np.complex128)),
-        direct=passed,
+        outputs=np.hstack([rows @ shapes, velocity_rows @ shapes]) @ vectors,
+        deflections=(directions @ shapes) @ vectors[:count],
+        inputs=np.linalg.solve(vectors, pushes.astype(np.complex128)),
+        direct=direct,
         means=means,
     )
 
 
-def refuse_lines(motion: Motion, name: str) -> None:
+def check_lines_possible(motion: Motion, name: str) -> None:
     """Raise SceneError for a mesh that lines cannot tell of, and say what to do."""
     mesh = motion.system.meshes[contacts_in(motion.system, name)[0]]
-    if motion.ears.turns:
+    if motion.sensor_forces.rotate:
         why = "planets turn with their carrier"
     elif mesh.history is not None:
         why = "its teeth change with time"
-    elif not np.min(mesh.stiffness(_phases(mesh, _FEWEST * int(mesh.stiffness.period)))) > 0:
+    elif not np.min(mesh.stiffness(_phases(mesh, _MIN_POINTS * int(mesh.stiffness.period)))) > 0:
         why = "its teeth let go of each other"
     else:
         return
@@ -200,9 +200,9 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
     base = stage.scene.exact_orders("gear_mesh")[name] / period
     top_hz = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     lines = max(0, math.ceil(stage.scene.rate_hz / 2 / (float(base) * top_hz)) - 1)
-    phases = _phases(mesh, max(_FEWEST * period, 1 << (points * max(lines, 1) - 1).bit_length()))
+    phases = _phases(mesh, max(_MIN_POINTS * period, 1 << (points * max(lines, 1) - 1).bit_length()))
     mean = mesh.stiffness.mean
-    stiffness = np.maximum(mesh.stiffness(phases), _LEAST * mean)
+    stiffness = np.maximum(mesh.stiffness(phases), _MIN_STIFFNESS * mean)
     error = mesh.error(phases) if mesh.error is not None else np.zeros(phases.size)
     return ToothForces(
         mesh=name,
@@ -229,20 +229,20 @@ def lines_of(response: Response, forces: ToothForces) -> tuple[list[Comb], list[
     stage = response.motion.stage
     number = response.number(forces.mesh)
     steady = bool(np.ptp(stage.speed_hz) == 0)
-    heard = np.empty((len(stage.scene.sensors), forces.orders.size, stage.instants_s.size), dtype=np.complex128)
+    outputs = np.empty((len(stage.scene.sensors), forces.orders.size, stage.instants_s.size), dtype=np.complex128)
     transfer = response.channels(number, forces.orders * stage.speed_hz[0])
     for instant, speed_hz in enumerate(stage.speed_hz):
         if not steady:
             transfer = response.channels(number, forces.orders * speed_hz)
-        heard[:, :, instant] = transfer * forces.at(instant)
-    size = np.max(np.abs(heard), axis=(0, 2), initial=0.0)
-    heard[:, size < _SILENT * np.max(size, initial=0.0)] = 0.0
+        outputs[:, :, instant] = transfer * forces.at(instant)
+    size = np.max(np.abs(outputs), axis=(0, 2), initial=0.0)
+    outputs[:, size < _NEGLIGIBLE * np.max(size, initial=0.0)] = 0.0
     every = round(stage.scene.exact_orders("gear_mesh")[forces.mesh] / forces.base)
     own = np.arange(1, size.size + 1) % every == 0
     damaged = [fault.component for fault in stage.scene.faults if fault.component.rpartition("/")[0] == forces.mesh]
     combs, amplitudes = [], []
     for component, kind, kept in ((forces.mesh, "gear_mesh", own), (" + ".join(damaged), "tooth", ~own)):
-        values = heard * kept[:, None]
+        values = outputs * kept[:, None]
         present = np.flatnonzero(np.any(values != 0, axis=(0, 2)))
         if present.size:
             values = values[:, : present[-1] + 1]
@@ -264,40 +264,40 @@ def with_lines(stage: Stage, response: Response, meshes: list[str]) -> Stage:
     """Return a stage in which these meshes sound as lines."""
     combs, amplitudes = [*stage.combs], [*stage.amplitudes]
     for mesh in meshes:
-        refuse_lines(response.motion, mesh)
-        more, heard = lines_of(response, tooth_forces(response.motion, mesh))
+        check_lines_possible(response.motion, mesh)
+        more, outputs = lines_of(response, tooth_forces(response.motion, mesh))
         combs += more
-        amplitudes += heard
+        amplitudes += outputs
     return replace(stage, combs=combs, amplitudes=amplitudes)
 
 
 def _static(motion: Motion) -> Array:
     """Return the static force of each mesh at the instants of the truth, (mesh, instant) N."""
-    system, load, turned = motion.system, motion.load, motion.turned
+    system, load, drive_load = motion.system, motion.load, motion.drive_load
     times_s = motion.stage.instants_s
-    speeds = 2 * np.pi * np.multiply.outer(motion.stage.speed_hz, turned.rigid * turned.turns)
-    acting = load.constant - speeds @ turned.damping
+    speeds = 2 * np.pi * np.multiply.outer(motion.stage.speed_hz, drive_load.rigid_motion * drive_load.full_rotation)
+    force = load.constant - speeds @ drive_load.damping
     if load.varying is not None:
-        acting = acting + load.varying(times_s)
+        force = force + load.varying(times_s)
     if load.quadratic_drag is not None:
-        acting = acting - load.quadratic_drag * speeds * np.abs(speeds)
+        force = force - load.quadratic_drag * speeds * np.abs(speeds)
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])
     angular, shapes = undamped_modes(system, means)
     elastic = angular > 0
-    modal = (acting @ shapes[:, elastic]) / angular[elastic] ** 2
+    modal = (force @ shapes[:, elastic]) / angular[elastic] ** 2
     directions = np.array([mesh.direction for mesh in system.meshes])
     return np.asarray((means[:, None] * (directions @ shapes[:, elastic])) @ modal.T)
 
 
 def _lines(values: Array, count: int) -> ComplexArray:
     """Return Z of the first lines of values at the middles of even parts of a period, (count,)."""
-    turns = np.arange(1, count + 1) / values.size
-    return np.asarray(np.fft.rfft(values)[1 : count + 1] * (2 / values.size) * np.exp(-1j * np.pi * turns))
+    cycles = np.arange(1, count + 1) / values.size
+    return np.asarray(np.fft.rfft(values)[1 : count + 1] * (2 / values.size) * np.exp(-1j * np.pi * cycles))
 
 
 def _waveform(lines: ComplexArray, points: int) -> Array:
     """Return the values at the middles of even parts of a period whose lines these are."""
-    turns = np.arange(1, lines.size + 1) / points
+    cycles = np.arange(1, lines.size + 1) / points
     spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
-    spectrum[1 : lines.size + 1] = lines * np.exp(1j * np.pi * turns) * points / 2
+    spectrum[1 : lines.size + 1] = lines * np.exp(1j * np.pi * cycles) * points / 2
     return np.asarray(np.fft.irfft(spectrum, n=points))

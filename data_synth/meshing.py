@@ -69,7 +69,7 @@ def declared_of(scene: Scene) -> Dynamics:
     return scene.dynamics or Dynamics()
 
 
-def geared(scene: Scene) -> Kinematics:
+def kinematics_of(scene: Scene) -> Kinematics:
     """Return the mechanism, its meshes with the geometry that `dynamics` adds."""
     dynamics, gearbox = declared_of(scene), scene.gearbox
     known = {mesh.name for mesh in gearbox.meshes}
@@ -331,7 +331,9 @@ def _by_strain_energy(contact: Contact, bore_share: float, mean: float | None, d
     )
 
 
-def passes_s(stage: Stage, teeth: Teeth, *, cycles_per_rev: float, stop_s: float) -> Iterator[tuple[int, Array, float]]:
+def tooth_passes(
+    stage: Stage, teeth: Teeth, *, cycles_per_rev: float, stop_s: float
+) -> Iterator[tuple[int, Array, float]]:
     """Yield, for each damaged tooth, its fault's number, when it is in the middle of its mesh, and half a pass, rev."""
     begin, end = stage.drive.angle.revolutions([0.0, stop_s]) * cycles_per_rev
     for number, first, every, ratio in teeth.passes:

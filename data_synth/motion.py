@@ -12,14 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
-from data_synth.hats import LAG, Hats
-from data_synth.hearing import Ears, ears_of
+from data_synth.hats import LAG, WeightedForces
+from data_synth.hearing import SensorForces, sensor_forces_of
 from data_synth.integrate import Accuracy, IntegrationError, Load, MethodChoice, Output, Problem, Steps, method_for
-from data_synth.keeping import kept_of
-from data_synth.loads import Turned, turned
-from data_synth.machine import machine_of
+from data_synth.keeping import active_dofs_of
+from data_synth.loads import DriveLoad, drive_load_of
+from data_synth.machine import assembly_of
 from data_synth.mechanics import Array, System
-from data_synth.meshing import Gears, Teeth, declared_of, geared, gears_of, passes_s
+from data_synth.meshing import Gears, Teeth, declared_of, gears_of, kinematics_of, tooth_passes
 from data_synth.modal import undamped_modes, with_modal_damping
 from data_synth.scene import Scene, SceneError
 from data_synth.stage import Stage
@@ -55,18 +55,18 @@ class Motion:
 
     stage: Stage
     system: System
-    turned: Turned
-    ears: Ears = field(repr=False)
+    drive_load: DriveLoad
+    sensor_forces: SensorForces = field(repr=False)
     output: Output
     teeth: Mapping[str, Teeth] = field(repr=False)
-    denser: int
+    oversampling: int
     settle_s: float
     error: float
 
     @property
     def load(self) -> Load:
         """What acts on the system."""
-        return self.turned.load
+        return self.drive_load.load
 
     @cached_property
     def method(self) -> MethodChoice:
@@ -84,51 +84,51 @@ class Motion:
         from data_synth.integrate import integrate_blocks  # noqa: PLC0415
 
         scene = self.stage.scene
-        early = math.ceil(self.settle_s * scene.rate_hz)
-        listeners = self.ears.listeners
-        ways = [listener.at_work(scene, rate_hz=self.output.rate_hz) for listener in listeners]
-        hats, late = Hats.of(self.output), (lag := max(way.lag for way in ways))
-        if hats is not None:
-            late += LAG
-        last = (early + samples - 1) * self.denser + late
-        problem = self.problem(-early / scene.rate_hz, last / self.output.rate_hz)
+        settling_samples = math.ceil(self.settle_s * scene.rate_hz)
+        routes = self.sensor_forces.routes
+        filters = [route.filter_at(scene, rate_hz=self.output.rate_hz) for route in routes]
+        weighted, delay = WeightedForces.of(self.output), (lag := max(filter_.lag for filter_ in filters))
+        if weighted is not None:
+            delay += LAG
+        last = (settling_samples + samples - 1) * self.oversampling + delay
+        problem = self.problem(-settling_samples / scene.rate_hz, last / self.output.rate_hz)
         steps = Steps(per_sample=self.steps())
-        output = self.output if hats is None else hats.output
-        dropped = early * self.denser + late
+        output = self.output if weighted is None else weighted.output
+        dropped = settling_samples * self.oversampling + delay
         method = self.method.method
         try:
             for block in integrate_blocks(problem, method=method, output=output, tolerance=steps, block=_BLOCK):
-                times_s = block.times_s - (late - lag) / self.output.rate_hz
-                readings = (block.values, block.values) if hats is None else hats.push(block.values)
-                forces, points = (self.ears.forces(each, times_s=times_s).T for each in readings)
-                heard = np.zeros((len(scene.sensors), block.values.shape[0]))
-                for listener, way, force, point in zip(listeners, ways, forces, points, strict=True):
-                    heard[listener.number] += way.heard(force, at_once=point, lag=lag)
-                count = heard.shape[1]
+                times_s = block.times_s - (delay - lag) / self.output.rate_hz
+                readings = (block.values, block.values) if weighted is None else weighted.push(block.values)
+                forces, points = (self.sensor_forces.forces(each, times_s=times_s).T for each in readings)
+                outputs = np.zeros((len(scene.sensors), block.values.shape[0]))
+                for route, filter_, force, point in zip(routes, filters, forces, points, strict=True):
+                    outputs[route.number] += filter_.filtered(force, at_once=point, lag=lag)
+                count = outputs.shape[1]
                 if dropped < count:
-                    yield heard[:, dropped :: self.denser]
-                dropped = dropped - count if dropped >= count else (dropped - count) % self.denser
+                    yield outputs[:, dropped :: self.oversampling]
+                dropped = dropped - count if dropped >= count else (dropped - count) % self.oversampling
         except IntegrationError as caught:
             raise SceneError(f"the gears cannot be followed in time: {caught}") from None
 
     def steps(self) -> int:
-        """Return how many steps to a sample keep the error, judged on 4096 of them where that is hardest."""
+        """Return how many steps to a sample keep the error, trial_output on 4096 of them where that is hardest."""
         from data_synth.integrate import integrate  # noqa: PLC0415
 
         if self.method.method.order is None:
             return 1
-        scene, judged = self.stage.scene, self.output
-        if self.ears.turns:  # planets may cancel in the readings
-            judged = Output(rate_hz=judged.rate_hz, mesh_force=np.eye(len(self.system.meshes)))
-        hats = Hats.of(judged)
+        scene, trial_output = self.stage.scene, self.output
+        if self.sensor_forces.rotate:  # planets may cancel in the readings
+            trial_output = Output(rate_hz=trial_output.rate_hz, mesh_force=np.eye(len(self.system.meshes)))
+        weighted = WeightedForces.of(trial_output)
         long_s = max(1, min(scene.samples - 1, _TRIAL)) / scene.rate_hz
-        start_s = min(max(0.0, self.hardest_s() - long_s / 2), max(0.0, scene.duration_s - long_s))
+        start_s = min(max(0.0, self.critical_time_s() - long_s / 2), max(0.0, scene.duration_s - long_s))
         try:
             return (
                 integrate(
                     self.problem(start_s, long_s),
                     method=self.method.method,
-                    output=judged if hats is None else hats.judged,
+                    output=trial_output if weighted is None else weighted.trial_output,
                     tolerance=Accuracy(relative=self.error, trial=1.0, about_mean=True),
                 )
                 .checked()
@@ -137,14 +137,14 @@ class Motion:
         except IntegrationError as caught:
             raise SceneError(f"the gears cannot be followed in time: {caught}") from None
 
-    def hardest_s(self) -> float:
+    def critical_time_s(self) -> float:
         """Return when steps have most to resolve: where gaps are crossed as a torque turns round, or at top speed."""
         drive, torque = self.stage.drive, self.stage.drive.torque
         times_s = self.stage.instants_s
         if torque is not None and any(mesh.backlash_m > 0 for mesh in self.system.meshes):
-            rounds = np.flatnonzero(np.diff(np.sign(torque.at(times_s))))
-            if rounds.size:
-                return float(times_s[rounds[0]])
+            reversals = np.flatnonzero(np.diff(np.sign(torque.at(times_s))))
+            if reversals.size:
+                return float(times_s[reversals[0]])
         return float(times_s[np.argmax(drive.angle.speed_hz(times_s))])
 
     def problem(self, start_s: float, duration_s: float) -> Problem:
@@ -155,12 +155,12 @@ class Motion:
             reference=drive.angle,
             load=self.load,
             duration_s=duration_s,
-            start=self.turned.start(self.system, drive, start_s),
+            start=self.drive_load.start(self.system, drive, start_s),
             start_s=start_s,
         )
 
 
-def prepared(stage: Stage) -> Gears:
+def prepared_gears(stage: Stage) -> Gears:
     """Return the gears of a scene, for `motion_of`.
 
     Raises
@@ -168,8 +168,8 @@ def prepared(stage: Stage) -> Gears:
     SceneError
         For what does not vibrate, and for what is missing.
     """
-    kinematics = geared(stage.scene)
-    refuse_unfit(stage.scene)
+    kinematics = kinematics_of(stage.scene)
+    check_supported(stage.scene)
     return gears_of(stage, kinematics)
 
 
@@ -192,13 +192,13 @@ def motion_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs:
     """
     scene, kinematics, teeth = stage.scene, gears.kinematics, gears.teeth
     declared = declared_of(scene)
-    whole = machine_of(stage, gears, levels=levels, springs=springs)
-    kept = kept_of(whole, levels)
+    whole = assembly_of(stage, gears, levels=levels, springs=springs)
+    active = active_dofs_of(whole, levels)
     system = replace(
-        kept.system,
+        active.system,
         meshes=tuple(
             mesh if gears.meshes[mesh.name] in springs else replace(mesh, history=teeth[mesh.name].history_of(mesh))
-            for mesh in kept.system.meshes
+            for mesh in active.system.meshes
         ),
     )
     damped = with_modal_damping(system, ratio=declared.damping_ratio)
@@ -207,25 +207,25 @@ def motion_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs:
         declared.damping_ratio * float(np.min(angular[angular > 0], initial=np.inf)),
         2 * math.pi * declared.mounts.frequency_hz * declared.mounts.damping_ratio,
     )
-    ears = ears_of(stage, gears, whole, kept)
-    denser = 1
-    while denser < _MOST_DENSE and np.max(angular) / (2 * math.pi) > denser * scene.rate_hz / 4:
-        denser *= 2
-    acting = turned(stage, kinematics, system)
+    sensor_forces = sensor_forces_of(stage, gears, whole, active)
+    oversampling = 1
+    while oversampling < _MOST_DENSE and np.max(angular) / (2 * math.pi) > oversampling * scene.rate_hz / 4:
+        oversampling *= 2
+    acting = drive_load_of(stage, kinematics, system)
     return Motion(
         stage=stage,
         system=replace(damped, damping=damped.damping + system.damping + acting.damping),
-        turned=acting,
-        ears=ears,
-        output=replace(ears.output, rate_hz=denser * scene.rate_hz),
+        drive_load=acting,
+        sensor_forces=sensor_forces,
+        output=replace(sensor_forces.output, rate_hz=oversampling * scene.rate_hz),
         teeth=teeth,
-        denser=denser,
-        settle_s=0.0 if acting.turns else math.log(1 / declared.error) / slowest,
+        oversampling=oversampling,
+        settle_s=0.0 if acting.full_rotation else math.log(1 / declared.error) / slowest,
         error=declared.error,
     )
 
 
-def refuse_unfit(scene: Scene) -> None:
+def check_supported(scene: Scene) -> None:
     """Raise SceneError for a scene whose gears cannot vibrate here, and say what to do."""
     what = f'fidelity = "{scene.fidelity}"'
     kinematic = 'write fidelity = "kinematic"'
@@ -248,7 +248,7 @@ def fault_passes(motion: Motion) -> dict[int, tuple[Array, float]]:
     cycles = {mesh.name: mesh.cycles_per_rev for mesh in motion.system.meshes}
     found: dict[int, tuple[Array, float]] = {}
     for name, teeth in motion.teeth.items():
-        for number, times_s, half_rev in passes_s(motion.stage, teeth, cycles_per_rev=cycles[name], stop_s=last_s):
+        for number, times_s, half_rev in tooth_passes(motion.stage, teeth, cycles_per_rev=cycles[name], stop_s=last_s):
             before = found.get(number, (np.empty(0), half_rev))[0]
             found[number] = np.sort(np.concatenate([before, times_s])), half_rev
     return found

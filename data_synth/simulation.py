@@ -9,9 +9,9 @@ import xarray as xr
 from data_synth.combs import ComplexArray, random_stream
 from data_synth.fidelity import Choice, decided
 from data_synth.impacts import add_train
-from data_synth.levels import LEFT_OUT, moved, sounding, whole_of
+from data_synth.levels import LEFT_OUT, most_detailed_motion, simulated_motion, with_kinematic_lines
 from data_synth.meshing import Gears
-from data_synth.motion import Motion, prepared
+from data_synth.motion import Motion, prepared_gears
 from data_synth.profile import Array
 from data_synth.room import refuse_too_large
 from data_synth.scene import Scene, SceneError, Sensor, load_scene
@@ -98,10 +98,10 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
         raise SceneError(f"seed = {seed!r}: a whole number, 0 or more, is needed.")
     refuse_too_large(declared, by_source=by_source, phases=phases)
     stage = staged(declared, draws=partial(random_stream, seed))
-    gears = prepared(stage) if declared.fidelity != "kinematic" else None
+    gears = prepared_gears(stage) if declared.fidelity != "kinematic" else None
     choice = decided(declared) if gears is not None else None
     if gears is not None and choice is not None:
-        stage = sounding(stage, gears, choice.levels)
+        stage = with_kinematic_lines(stage, gears, choice.levels)
     late_s = _late(stage)
     parts = _by_source(stage, late_s=late_s) if by_source else {}
     signal = _clean(stage, late_s=late_s)
@@ -177,9 +177,11 @@ def _with_gears(
 
     With it come attributes: which motions were simulated, and how well the lines of meshes are known.
     """
-    motion = moved(stage, gears, choice.levels)
+    motion = simulated_motion(stage, gears, choice.levels)
     all_move = motion is not None and LEFT_OUT not in choice.levels.values()
-    passes = motion_truth(motion if motion is not None and all_move else whole_of(stage, gears, choice.levels))
+    passes = motion_truth(
+        motion if motion is not None and all_move else most_detailed_motion(stage, gears, choice.levels)
+    )
     if motion is None:
         return truth_of(stage) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
     heard = _in_motion(motion)

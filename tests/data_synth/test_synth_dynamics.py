@@ -15,7 +15,7 @@ from data_synth.chain import AntiAlias, Mode, Sensor
 from data_synth.gear_faults import FaultyGear, ToothChanges, damaged_teeth, errors_of
 from data_synth.gear_geometry import GearPair
 from data_synth.housing import Housing
-from data_synth.motion import motion_of, prepared
+from data_synth.motion import motion_of, prepared_gears
 from data_synth.pole_filter import AHEAD
 from data_synth.simulation import random_stream
 from data_synth.stage import staged
@@ -272,7 +272,9 @@ def test_the_declared_mean_stiffness_is_that_of_healthy_teeth():
     means = []
     for faults in ([], [crack]):
         stage = staged(scene(dynamics=dynamics, fault=faults), draws=partial(random_stream, 1))
-        means.append(motion_of(stage, prepared(stage), levels={"mesh": "torsional"}).system.meshes[0].stiffness.mean)
+        means.append(
+            motion_of(stage, prepared_gears(stage), levels={"mesh": "torsional"}).system.meshes[0].stiffness.mean
+        )
     assert means[0] == pytest.approx(5e8, rel=1e-9)
     assert 0.95 * 5e8 < means[1] < 0.9999 * 5e8
 

@@ -12,9 +12,9 @@ from data_synth import Scene, SceneError, explain, load_scene, simulate
 from data_synth.combs import random_stream
 from data_synth.dynamics import Dynamics
 from data_synth.fidelity import chosen, decided, forget
-from data_synth.levels import moved
-from data_synth.motion import motion_of, prepared
-from data_synth.reduction import without
+from data_synth.levels import simulated_motion
+from data_synth.motion import motion_of, prepared_gears
+from data_synth.reduction import without_meshes
 from data_synth.stage import staged
 
 GEOMETRY = {
@@ -38,13 +38,13 @@ def demo(fidelity="auto", *, meshes=None, **dynamics):
 
 def ready(scene):
     stage = staged(scene, draws=partial(random_stream, 1))
-    return stage, prepared(stage)
+    return stage, prepared_gears(stage)
 
 
 def choice_of(scene):
     stage, gears = ready(scene)
     choice = chosen(stage, gears)
-    return choice, moved(stage, gears, choice.levels)
+    return choice, simulated_motion(stage, gears, choice.levels)
 
 
 def record_of(scene, **also):
@@ -293,7 +293,7 @@ def test_what_is_left_out_turns_along():
     """Teeth that do not give are those of a mesh whose stiffness goes to infinity."""
     stage, gears = ready(demo("lateral"))
     whole = motion_of(stage, gears, levels={"stage 1": "lateral", "stage 2": "torsional"})
-    less = without(whole, ["stage 2"])
+    less = without_meshes(whole, ["stage 2"])
     one, two = whole.system.meshes
     stiff = whole.system.stiffness + one.stiffness.mean * np.outer(one.direction, one.direction)
     stiff = stiff + 1e7 * two.stiffness.mean * np.outer(two.direction, two.direction)

@@ -12,8 +12,8 @@ from scipy.linalg import eigh
 
 from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.integrate import Output, Splitting, Steps, integrate
-from data_synth.loads import strained
-from data_synth.motion import motion_of, prepared
+from data_synth.loads import static_deflection
+from data_synth.motion import motion_of, prepared_gears
 from data_synth.simulation import random_stream
 from data_synth.stage import staged
 from hums.analysis import AnalysisSettings, analyze
@@ -71,7 +71,7 @@ def stage_of(declared, seed=SEED):
 
 def motion(declared, seed=SEED):
     stage = stage_of(declared, seed)
-    return motion_of(stage, prepared(stage), levels={"mesh": declared.fidelity})
+    return motion_of(stage, prepared_gears(stage), levels={"mesh": declared.fidelity})
 
 
 FINE = 40  # steps of the oracle to a sample
@@ -314,7 +314,7 @@ def test_a_speed_that_jumps_is_refused():
 def test_the_start_is_the_equilibrium_of_closed_teeth():
     ready = motion(scene(mesh={"backlash_um": 50}))
     force = ready.load.constant
-    moved = strained(ready.system, force)
+    moved = static_deflection(ready.system, force)
     mean = ready.system.meshes[0].stiffness.mean
     pressed = 130 / BASE[1]
     assert mean * (ready.system.meshes[0].direction @ moved - 25e-6) == pytest.approx(pressed, rel=1e-9)

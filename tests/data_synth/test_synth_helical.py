@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from data_synth import Scene, simulate
 from data_synth.combs import random_stream
 from data_synth.fidelity import chosen
-from data_synth.motion import motion_of, prepared
+from data_synth.motion import motion_of, prepared_gears
 from data_synth.stage import staged
 
 HELIX, NORMAL = np.radians(15), np.radians(20)
@@ -58,7 +58,7 @@ def scene(fidelity="full", *, hand="right", shape="constant", direction=(0, 0, 1
 
 def ready(declared):
     stage = staged(declared, draws=partial(random_stream, SEED))
-    return stage, prepared(stage)
+    return stage, prepared_gears(stage)
 
 
 def motion(declared):

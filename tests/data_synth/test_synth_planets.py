@@ -12,9 +12,9 @@ from data_synth.assembly import assemble_parts
 from data_synth.gear_geometry import GearPair
 from data_synth.integrate import Output, Splitting, Steps, integrate
 from data_synth.layout import contacts_of
-from data_synth.meshing import geared
+from data_synth.meshing import kinematics_of
 from data_synth.modal import solve_modes
-from data_synth.motion import fault_passes, motion_of, prepared
+from data_synth.motion import fault_passes, motion_of, prepared_gears
 from data_synth.simulation import random_stream
 from data_synth.stage import staged
 from data_synth.teeth_in_mesh import teeth_in_mesh
@@ -72,13 +72,13 @@ def scene_of(**changes):
 def moving(**changes):
     scene = scene_of(**changes)
     stage = staged(scene, draws=partial(random_stream, SEED))
-    gears = prepared(stage)
+    gears = prepared_gears(stage)
     return motion_of(stage, gears, levels={mesh.name: scene.fidelity for mesh in scene.gearbox.meshes})
 
 
 def at_rest(motion):
     """Return the static force of each mesh by its name."""
-    strained = motion.turned.start(motion.system, motion.stage.drive, 0.0).displacement
+    strained = motion.drive_load.start(motion.system, motion.stage.drive, 0.0).displacement
     return {mesh.name: mesh.direction @ strained * mesh.stiffness.mean for mesh in motion.system.meshes}
 
 
@@ -163,7 +163,7 @@ def test_teeth_carry_what_statics_asks_of_them(name, loaded, fidelity):
     against = -math.copysign(500, kinematics.relative_speed(loaded, seen_from=declared.frame))
     torques = solve_torques(kinematics, {loaded: against, declared.reference: None})
     loads = torques.tooth_loads
-    contacts = contacts_of(geared(motion.stage.scene), {})
+    contacts = contacts_of(kinematics_of(motion.stage.scene), {})
     forces = at_rest(motion)
     assert len(loads) == len(contacts)
     for load, contact in zip(loads, contacts, strict=True):
@@ -234,7 +234,9 @@ def test_planets_at_unequal_places_are_heard_as_their_phasors_sum():
     multiples = np.arange(82 - 9, 82 + 10)
     weights = [abs(np.mean(window * np.exp(-1j * (m - 82) * angle))) for m in multiples]
     force = weights * np.abs(np.exp(2j * np.pi * np.outer(multiples - 82, turns)) @ first)
-    expected = force * np.abs(motion.ears.listeners[0].response(motion.stage.scene, multiples * 20_000 / (82 * 102)))
+    expected = force * np.abs(
+        motion.sensor_forces.routes[0].response(motion.stage.scene, multiples * 20_000 / (82 * 102))
+    )
     # relative to the largest: 1e-3 of it is 60 dB
     assert_allclose(heard[multiples - 1], expected, atol=1e-3 * expected.max())
     assert heard[multiples[multiples % 3 != 0] - 1].max() > 0.05 * heard[multiples - 1].max()
@@ -441,7 +443,7 @@ def test_a_bevel_pinion_presses_its_bearings_as_textbooks_say(fidelity):
     tangential = 100 * 19 / 34 / middle
     force = at_rest(motion)["bevel"]
     assert force == pytest.approx(tangential / math.cos(angle), rel=1e-12)
-    strained = motion.turned.start(motion.system, motion.stage.drive, 0.0).displacement
+    strained = motion.drive_load.start(motion.system, motion.stage.drive, 0.0).displacement
     maps = motion.output.maps
     pressed = sum(
         maps[name] @ value for name, value in (("displacement", strained), ("mesh_force", [force])) if name in maps
