@@ -1,4 +1,4 @@
-"""Which motions a scene simulates: what it declares, or, where that is "auto", the cheapest that sounds like all."""
+"""Fidelity of each mesh of a scene: as declared or, for "auto", the cheapest within a tolerance of the full motion."""
 
 import math
 from collections.abc import Mapping
@@ -27,16 +27,16 @@ from data_synth.profile import Array
 from data_synth.scene import Excitation, GearFault, Noise, Scene, SceneError
 from data_synth.stage import Stage, staged
 
-_MARGIN_DB = 10.0  # beyond the floor: the linear response tells without a simulation
+_MARGIN_DB = 10.0  # beyond the floor: the linear response decides without a simulation
 _SAME_DB = -150.0
 _SILENT_DB = -400.0
 _COARSE = 8  # values of a stiffness to a period of its highest line
-_INSTANTS = 9  # of a scene at which its linear response is looked at
+_INSTANTS = 9  # of a scene at which its linear response is evaluated
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """What was held against the full motion, and by how many dB its worst channel is apart; in a run, or linearly."""
+    """A candidate compared with the full motion: difference of its worst channel in dB, simulated or predicted."""
 
     levels: Mapping[str, str]
     decibels: float
@@ -51,17 +51,17 @@ class Trial:
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """The motions that are simulated.
+    """The fidelity of each mesh.
 
     Attributes
     ----------
     levels : mapping of mesh to one of `LADDER`
-        "left out": its teeth do not give, and what is behind them turns along; "a spring": teeth of their mean
-        stiffness; "kinematic": the lines of the linear response; else motions in time.
+        "left out": rigid teeth; "a spring": constant mean stiffness; "kinematic": the lines of the linear response;
+        else time integration.
     tried : tuple of Trial
-        All that were compared with the full motion; with `floor_db` None, nothing was.
+        All candidates compared with the full motion; none where `floor_db` is None.
     floor_db : float or None
-        None where the scene itself says what to simulate.
+        Tolerated difference; None where the scene declares its fidelity.
     """
 
     levels: Mapping[str, str]
@@ -75,11 +75,11 @@ class Choice:
 
     @property
     def decibels(self) -> float:
-        """By how many dB the worst channel is apart from the full motion."""
+        """Difference of the worst channel from the full motion in dB."""
         return next((trial.decibels for trial in self.tried if trial.levels == self.levels), _SILENT_DB)
 
     def __str__(self) -> str:
-        """Return what is simulated, and why."""
+        """Return the choice and its reason as text."""
         if self.floor_db is None:
             return f"{self.name}, as declared"
         uniform = ", ".join(str(trial) for trial in self.tried if len(set(trial.levels.values())) == 1)
@@ -93,28 +93,28 @@ class Choice:
 
 
 def named(levels: Mapping[str, str]) -> str:
-    """Return ``lateral``, or ``stage 1 lateral, stage 2 torsional`` where stages differ."""
+    """Return the levels as text: ``lateral``, or ``stage 1 lateral, stage 2 torsional`` where stages differ."""
     if len(set(levels.values())) == 1:
         return next(iter(levels.values()))
     return ", ".join(f"{mesh} {level}" for mesh, level in levels.items())
 
 
 def chosen(stage: Stage, gears: Gears) -> Choice:
-    """Return what a scene simulates.
+    """Return the fidelity of each mesh of a scene.
 
-    With "auto", all stages alike are compared with the full motion, kinematic first; the first whose worst channel
-    differs by less than `floor_db`, RMS of the difference over RMS, is taken. Then each stage, the quietest first, is
-    made less by itself: left out, a spring, kinematic, fewer motions, as long as the channels stay within the floor. A
-    stage that declares a fidelity keeps it.
+    With "auto", equal levels for all stages are compared with the full motion, kinematic first; the first whose worst
+    channel differs by less than `floor_db`, RMS of the difference over RMS, is chosen. Then each stage, that with the
+    weakest lines first, is reduced by itself: left out, a spring, kinematic, fewer motions, as long as the channels
+    stay within the floor. A stage that declares a fidelity keeps it.
 
-    What the linear response tells is not run: a candidate apart by 10 dB more than the floor allows, at instants all
-    over the scene, is refused, and one that moves as the full motion does is taken. The rest is run over the first
+    The linear response decides where it can: a candidate that differs by 10 dB more than the floor at instants all
+    over the scene is rejected, and one equal to the full motion is accepted. Others are simulated over the first
     `decide_s` of the scene.
 
     Raises
     ------
     SceneError
-        A stage that declares more than the scene, or a scene that cannot vibrate.
+        If a stage declares a higher fidelity than the scene, or the scene cannot be integrated.
     """
     scene = stage.scene
     own = {mesh.name: declared_of(scene).mesh(mesh.name).fidelity for mesh in scene.gearbox.meshes}
@@ -142,9 +142,9 @@ def chosen(stage: Stage, gears: Gears) -> Choice:
 
 
 def decided(scene: Scene) -> Choice:
-    """Return what a scene simulates, whatever its seed: `chosen` of its gears alone, with the phases of seed 0.
+    """Return the fidelity of each mesh of a scene, independent of its seed: `chosen` for its gears and seed 0.
 
-    Scenes whose gears, sensors, speed and torque are alike share what was found.
+    Scenes with equal gears, sensors, speed and torque share the cached result.
     """
     gears = tuple(fault for fault in scene.faults if isinstance(fault, GearFault))
     return _decided(scene.model_copy(update={"faults": gears, "noise": Noise(), "excitation": Excitation()}))
@@ -157,7 +157,7 @@ def _decided(scene: Scene) -> Choice:
 
 
 def forget() -> None:
-    """Forget what `decided` found, as before a time is taken."""
+    """Clear the cache of `decided`, as before a measurement of time."""
     _decided.cache_clear()
 
 
@@ -172,26 +172,26 @@ def _within(scene: Scene, mesh: str, own: str | None) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class _Comparison:
-    """Holds candidates against `top`, the most that the scene allows."""
+    """Comparison of candidates with `top`, the highest levels that the scene allows."""
 
     stage: Stage
     gears: Gears
     top: Mapping[str, str]
 
     def compare(self, levels: Mapping[str, str]) -> Trial:
-        """Return how far apart a candidate is."""
+        """Return a candidate with its difference from the full motion."""
         try:
             estimate_db = self._linear_estimate(levels)
             if estimate_db is None:
                 return Trial(
                     levels=levels, decibels=_difference_db(self._channels(levels), self._reference_channels), run=True
                 )
-        except SceneError:  # as of a sensor that looks along shafts, where a lesser motion makes no force
+        except SceneError:  # as of a sensor along the shafts, where a lower level has no force
             estimate_db = math.inf
         return Trial(levels=levels, decibels=estimate_db, run=False)
 
     def _linear_estimate(self, levels: Mapping[str, str]) -> float | None:
-        """Return how far apart a candidate is where linear responses tell, in dB; None where it has to be run."""
+        """Return the predicted difference in dB where it is decisive; None where a simulation is needed."""
         if any(level == KINEMATIC and name in self._no_lines for name, level in levels.items()):
             return math.inf
         prediction, floor_db = self._linear_prediction, declared_of(self.stage.scene).floor_db
@@ -202,7 +202,7 @@ class _Comparison:
         return estimate_db if estimate_db > floor_db + _MARGIN_DB or (uniform and estimate_db < _SAME_DB) else None
 
     def by_line_power(self) -> list[str]:
-        """Return the meshes in the order in which they are made less."""
+        """Return the meshes in order of the power of their lines."""
         if self._linear_prediction is None:
             return [*self.top]
         line_power = self._linear_prediction.line_power
@@ -216,7 +216,7 @@ class _Comparison:
 
     @cached_property
     def _no_lines(self) -> set[str]:
-        """Meshes that cannot be kinematic."""
+        """Names of the meshes that cannot be kinematic."""
         found = set()
         for name in self.top:
             try:
@@ -227,7 +227,7 @@ class _Comparison:
 
     @cached_property
     def _linear_prediction(self) -> LinearPrediction | None:
-        """None where planets turn with their carrier, so that no one linear response is heard."""
+        """Prediction from linear responses; None with planets, whose routes to the sensors rotate."""
         if self._whole.sensor_forces.rotate:
             return None
         last = self.stage.instants_s.size - 1
@@ -262,7 +262,7 @@ class _Comparison:
 
     @cached_property
     def _trial_stage(self) -> Stage:
-        """The first `decide_s` of the scene, with nothing but gears in it."""
+        """The first `decide_s` of the scene, with its gears alone."""
         scene, drive = self.stage.scene, self.stage.drive
         scene = scene.changed(duration_s=min(scene.duration_s, declared_of(scene).decide_s))
         times_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
@@ -287,7 +287,7 @@ class _Comparison:
 
 
 def _difference_db(found: Array, reference: Array) -> float:
-    """Return the RMS of the difference over the RMS, in dB, of the worst channel."""
+    """Return the RMS of the difference over the RMS of the worst channel, in dB."""
     return _ratio_db(np.mean((found - reference) ** 2, axis=1), np.mean(reference**2, axis=1))
 
 

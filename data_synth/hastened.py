@@ -1,8 +1,8 @@
-"""A long scene in little time: whatever a scene counts in seconds goes faster, so that it is counted in a moment.
+"""Time-compressed preview of a long scene, for cost and fidelity.
 
-Speeds, torques and sizes take the values they have in the scene itself, so lines, top speed and refusals are the same;
-turns, pulses and impacts are fewer by the factor that time goes faster. Fluctuations are the same too, but where
-rounding gives them a knot more, or where they have so many that their fastest part is left out.
+Speeds, torques and fault sizes take the values of the scene itself, so lines, top speed and errors are the same;
+revolutions, pulses and impacts are fewer by the factor of compression. Fluctuations are the same too, except that
+rounding may add a point, and that the fastest part of very long ones is left out.
 """
 
 from dataclasses import replace
@@ -19,14 +19,14 @@ from data_synth.stage import Stage, ratio_of
 
 HistoryT = TypeVar("HistoryT", Speed, Torque)
 
-_PREVIEW_S = 10.0  # what a hastened scene lasts
-_MIN_PULSES = 16.0  # of the tachometer that it holds at least, where the scene itself does
+_PREVIEW_S = 10.0  # duration of a preview
+_MIN_PULSES = 16.0  # of the tachometer, at least, where the scene itself has them
 _MAX_POINTS = 2**18  # of a fluctuation; one with more loses its fastest part
-_POINTS_PER_CYCLE, _SPARE_SCALES = 8, 20  # as `data_synth.speeds.fluctuation` spends them
+_POINTS_PER_CYCLE, _SPARE_SCALES = 8, 20  # as `data_synth.speeds.fluctuation` uses them
 
 
 def preview_factor(scene: Scene) -> float:
-    """Return by how much time can go faster: 1 in a scene of ten seconds or less."""
+    """Return the factor by which time is compressed: 1 for a scene of ten seconds or less."""
     factor = max(1.0, scene.duration_s / _PREVIEW_S)
     if factor == 1:
         return factor
@@ -38,7 +38,7 @@ def preview_factor(scene: Scene) -> float:
 
 
 def preview_of(scene: Scene, factor: float) -> Scene:
-    """Return the scene with all of its courses and growth `factor` times as fast, and as much shorter."""
+    """Return the scene with all time histories and growth `factor` times as fast, and as much shorter."""
     if factor == 1:
         return scene
     duration_s = scene.duration_s / factor
@@ -51,7 +51,7 @@ def preview_of(scene: Scene, factor: float) -> Scene:
 
 
 def with_full_duration(stage: Stage, scene: Scene) -> Stage:
-    """Return the stage with the scene's own course, for what depends on it alone: how its gears vibrate."""
+    """Return a preview's stage with the scene's own speed, torque and duration, for the simulation of its gears."""
     if scene is stage.scene:
         return stage
     datum_turn = stage.drive.angle.datum_rev * ratio_of(scene, scene.tachometer.link)
@@ -78,7 +78,7 @@ def _faster_turbulence(turbulence: Turbulence, factor: float, duration_s: float)
 
 
 def _lighter_run_up(speed: Speed, factor: float) -> Speed:
-    """Return a run-up of a lighter train: the same torque brings it to the same speeds, sooner."""
+    """Return a run-up with less inertia: the same torque reaches the same speeds sooner."""
     if speed.run_up is None:
         return speed
     return speed.changed(run_up=speed.run_up.changed(inertia_kg_m2=speed.run_up.inertia_kg_m2 / factor))

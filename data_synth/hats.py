@@ -1,7 +1,7 @@
-"""Mesh forces that jump, as samples that a filter can take: weighted with hats, and set right for that.
+"""Anti-aliasing of mesh forces that jump: triangular weights (linear B-splines), and their inverse filter.
 
-A hat over two samples has the spectrum ``sinc^2``, so of what folds back from beyond half the rate it leaves the square
-of the part that point values would. What lies below is set right by the first terms of ``1 / sinc^2(x / 2) = (asin(s) /
+A triangle over two sample intervals has the spectrum ``sinc^2``, which attenuates aliases. The passband is corrected by
+the first terms of ``1 / sinc^2(x / 2) = (asin(s) /
 s)^2``, ``s = sin(x / 2)``: to 1e-6 up to a tenth of the rate, and to 2e-4 up to a fifth.
 """
 
@@ -29,14 +29,14 @@ def _correction() -> Array:
 
 @dataclass(kw_only=True)
 class WeightedForces:
-    """Adds up, block after block, channels of motions and channels of mesh forces.
+    """Sums channels of motion and channels of weighted mesh forces, block by block.
 
     Attributes
     ----------
     output : Output
-        To be integrated: the channels of motions, then those of mesh forces under hats, then those at samples.
+        Output to integrate: the channels of motion, of weighted mesh forces, and of mesh forces at samples.
     trial_output : Output
-        The same without the last, by which steps are judged.
+        The same without the last, for the choice of the step size.
     """
 
     output: Output
@@ -45,7 +45,7 @@ class WeightedForces:
 
     @classmethod
     def of(cls, output: Output) -> "WeightedForces | None":
-        """Return what takes the place of an output with mesh forces; None where it has none."""
+        """Return the replacement of an output with mesh forces; None where it has none."""
         if output.mesh_force is None:
             return None
         maps = {
@@ -60,16 +60,16 @@ class WeightedForces:
         return cls(output=replace(trial_output, mesh_force=points), trial_output=trial_output)
 
     def push(self, values: Array) -> tuple[Array, Array]:
-        """Return the channels (n, channels) that the next values (n, 3 channels) allow: they lag them by `LAG`.
+        """Return the channels (n, channels), `LAG` samples behind the next values (n, 3 channels).
 
-        First as a filter takes them, then as they are at samples. Before the first values all was as it is there.
+        First free of aliases, for a filter, then as samples. Before the first values they are taken to be constant.
         """
         if not self._buffer.size:
             self._buffer = np.repeat(values[:1], LAG + _TERMS, axis=0)
         joined = np.concatenate([self._buffer, values])
         self._buffer = joined[-LAG - _TERMS :]
         count, channels = values.shape[0], values.shape[1] // 3
-        # hats stand a sample back, and the filter takes as many samples before as after
+        # a triangle is centred one sample back, and the filter is symmetric
         now = joined[_TERMS : _TERMS + count]
         motion, points = now[:, :channels], now[:, 2 * channels :]
         taps = _correction()

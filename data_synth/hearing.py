@@ -1,9 +1,10 @@
-"""What gears that vibrate do to each sensor: a force in N, from motions and mesh forces.
+"""Forces on the housing in the direction of each sensor, from the motion of the gears and the mesh forces.
 
-A bearing feels the springs of a body's motions; along a motion that is held it feels the mesh forces, as in statics.
-Teeth of the frame, as those of a ring in its housing, feel the mesh forces themselves. What turns with a carrier is
-heard along a direction that stands still; and where planets pass the sensors, each ring mesh is heard by the window of
-its angle from the sensor, which stands on the ring where it looks to.
+The force of a bearing is that of its springs; along a degree of freedom that is not simulated it follows from the mesh
+forces by statics. Mesh forces on gears of the frame, as a ring in its housing, act on it directly. Forces in
+coordinates that rotate with a carrier are resolved in the fixed direction of the sensor; and where planets pass the
+sensors, each ring mesh is weighted by the pass window of its angle from the sensor, which is taken to be on the ring in
+the direction of its axis.
 """
 
 import math
@@ -28,7 +29,7 @@ _ALONG = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class RotatingReading:
-    """Two readings that turn with a carrier: ``cos(angle) first + sin(angle) second`` is heard by a listener."""
+    """Two force components that rotate with a carrier: ``cos(angle) first + sin(angle) second`` acts on a route."""
 
     route: int
     first: int
@@ -38,7 +39,7 @@ class RotatingReading:
 
 @dataclass(frozen=True, kw_only=True)
 class PassingMesh:
-    """A reading of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it."""
+    """The force of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it."""
 
     route: int
     reading: int
@@ -49,15 +50,16 @@ class PassingMesh:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorForces:
-    """How sensors hear gears.
+    """Forces that excite the transfer routes to the sensors, as output maps and their combination.
 
     Attributes
     ----------
     output : Output
-        The readings: one for each listener of what stands still, then what `turning` and `passing` make use of.
-    listeners : tuple of Listener
+        Output maps: one for each route in fixed coordinates, then those that `rotating` and `passing` use.
+    routes : tuple of Route
+        Transfer routes.
     carriers : mapping of carrier to (ratio, offset)
-        Turns of its frame for one of the reference, and at revolution zero.
+        Revolutions per revolution of the reference, and at its revolution zero.
     """
 
     stage: Stage = field(repr=False)
@@ -70,11 +72,11 @@ class SensorForces:
 
     @property
     def rotate(self) -> bool:
-        """Whether the way to a sensor turns with a carrier."""
+        """Whether a route to a sensor varies with the angle of a carrier."""
         return bool(self.rotating or self.passing)
 
     def forces(self, readings: Array, *, times_s: Array) -> Array:
-        """Return the force (n, listeners) that listeners hear, of readings (n, readings)."""
+        """Return the forces (n, routes) in N from readings (n, readings)."""
         count = len(self.routes)
         if not self.rotate:
             return readings
@@ -96,14 +98,14 @@ class SensorForces:
 
 
 def sensor_forces_of(stage: Stage, gears: Gears, whole: Assembly, active: ActiveDofs) -> SensorForces:
-    """Return how the sensors of a scene hear its gears.
+    """Return the forces of a scene's gears towards its sensors.
 
     Parameters
     ----------
     stage : Stage
     gears : Gears
     whole : Assembly
-        With all motions.
+        With all degrees of freedom.
     active : Kept
         Those that are simulated.
     """
@@ -159,7 +161,7 @@ def sensor_forces_of(stage: Stage, gears: Gears, whole: Assembly, active: Active
 
 
 class _Readings:
-    """Readings of motions and mesh forces, added one by one."""
+    """Output maps of motion and mesh forces, added one by one."""
 
     def __init__(self, whole: Assembly, active: ActiveDofs, damping: dict[str, float]) -> None:
         self._whole, self._active, self._coordinates = whole, active, whole.coordinates
@@ -174,9 +176,9 @@ class _Readings:
     def add(
         self, along: Array, weights: dict[str, float], *, frame: str, ring: bool, axial: list[str] | None = None
     ) -> int:
-        """Add the force on the frame along a direction of what stands in `frame`, and return its number.
+        """Add the force along a direction of all bodies with coordinates in `frame`, and return its number.
 
-        With it comes what acts along z in the `axial` frames.
+        The axial forces in the `axial` frames are added to it.
         """
         displacement, velocity = np.zeros((2, len(self._coordinates.names)))
         mesh_force = np.zeros(len(self._names))
@@ -198,12 +200,12 @@ class _Readings:
         return self._append(displacement @ moving, velocity @ moving, mesh_force)
 
     def mesh(self, name: str) -> int:
-        """Add the force of a mesh."""
+        """Add the force of a mesh, and return its number."""
         none = np.zeros(self._active.numbers.size)
         return self._append(none, none, np.eye(len(self._names))[self._names.index(name)])
 
     def output(self, rate_hz: float) -> Output:
-        """Return all readings."""
+        """Return the output with all maps."""
         displacement, velocity, mesh_force = (
             np.array(rows) for rows in (self._displacement, self._velocity, self._mesh_force)
         )
@@ -221,7 +223,7 @@ class _Readings:
         return len(self._displacement) - 1
 
     def _bearing(self, body: str, along: Array) -> tuple[Array, Array, Array]:
-        """Return how what holds a body to the frame presses it: by displacements, velocities and mesh forces."""
+        """Return the force of a body's supports on the frame per displacement, velocity and mesh force."""
         displacement, velocity = np.zeros((2, len(self._coordinates.names)))
         mesh_force = np.zeros(len(self._names))
         for share, motion in zip(along, "xyz", strict=True):
@@ -241,11 +243,12 @@ class _Readings:
         return displacement, velocity, mesh_force
 
     def _grounded(self, number: int) -> bool:
+        """Return whether a spring connects a degree of freedom to the frame."""
         return any(spring.direction[number] for spring in self._whole.grounded)
 
 
 def _sensitive_direction(stage: Stage, whole: Assembly, sensor: Sensor, *, passes: bool) -> Array:
-    """Return a sensor's direction, with what it hears across it, in x, y and z of the assembly, (3,)."""
+    """Return a sensor's direction with its cross-axis sensitivity, in x, y and z of the assembly, (3,)."""
     direction = np.asarray(sensor.direction, dtype=np.float64)
     direction = direction / np.linalg.norm(direction)
     if sensor.cross_axis is not None:

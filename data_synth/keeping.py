@@ -1,7 +1,7 @@
-"""Which motions of a gearbox are simulated, and what those that are left out do instead.
+"""Active degrees of freedom of a gearbox at a level of fidelity, and the constraints on the others.
 
-A motion that is left out rests or, where a carrier holds the body, follows the carrier as if its bearing were rigid: so
-a planet that only turns rides on its carrier.
+A degree of freedom that is not active is fixed or, for a body on a carrier, constrained to the carrier as by a rigid
+bearing: so a planet with rotation alone moves with its carrier.
 """
 
 from collections.abc import Mapping
@@ -20,17 +20,17 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class ActiveDofs:
-    """The motions that are simulated.
+    """The active degrees of freedom, with the system reduced to them.
 
     Attributes
     ----------
     system : System
-        Of these motions alone. What a turning frame adds to its stiffness, ``(Omega / omega)^2`` of it, is left out,
-        for it would let what turns freely run away; its gyroscopic terms are in it.
+        Equations of motion of the active degrees of freedom. The centripetal stiffness of a rotating frame, of relative
+        size ``(Omega / omega)^2``, is left out, as it would make free rotations unstable; gyroscopic terms are in it.
     numbers : (k,) array
-        Their numbers among all motions.
-    follow : (dof, dof) array
-        How all motions follow each of them, those that rest included.
+        Numbers of the active degrees of freedom among all.
+    constraint : (dof, dof) array
+        All degrees of freedom as linear functions of each other: the identity but for constrained ones.
     """
 
     system: System
@@ -39,20 +39,20 @@ class ActiveDofs:
 
     @property
     def expansion(self) -> Array:
-        """How all motions follow those that are simulated, (dof, k)."""
+        """All degrees of freedom per active one, (dof, k)."""
         return np.asarray(self.constraint[:, self.numbers])
 
 
 def active_dofs_of(whole: Assembly, levels: Mapping[str, str]) -> ActiveDofs:
-    """Return the motions of a gearbox at these levels.
+    """Return the active degrees of freedom of a gearbox at these levels of fidelity.
 
     Parameters
     ----------
     whole : Assembly
-        In the plane, or in space.
+        Assembled in the plane or in space.
     levels : mapping of mesh to "torsional", "lateral" or "full"
-        A body has the motions of the highest of its meshes, a carrier those of its planets. Where axes cross, lateral
-        motion is that along all three directions, and full motion tilts as well.
+        A body has the motions of the highest level of its meshes, a carrier those of its planets. Where axes cross,
+        lateral motion is translation in all three directions, and full motion has tilt as well.
     """
     coordinates = whole.coordinates
     constraint, numbers = np.eye(len(coordinates.names)), []
@@ -93,7 +93,7 @@ def _highest(whole: Assembly, levels: Mapping[str, str]) -> dict[str, int]:
 
 
 def _carrier_of(whole: Assembly, name: str) -> str | None:
-    """Return the body, or its piece, that holds a body; None where that is the frame."""
+    """Return the carrier of a body, or its piece; None where that is the frame."""
     joint = whole.parts.kinematics.joints.get(name)
     if joint is None or joint.carried_by == whole.parts.frame:
         return None
@@ -101,6 +101,7 @@ def _carrier_of(whole: Assembly, name: str) -> str | None:
 
 
 def _carriers_first(whole: Assembly) -> list[str]:
+    """Return the names of all bodies, each after its carrier."""
     remaining, found = [body.name for body in whole.bodies], list[str]()
     while remaining:
         ready = [name for name in remaining if (carrier := _carrier_of(whole, name)) is None or carrier in found]
@@ -110,7 +111,7 @@ def _carriers_first(whole: Assembly) -> list[str]:
 
 
 def _constraint_row(coordinates: Coordinates, name: str, motion: str, carrier: str) -> Array:
-    """Return the row (dof,) by which a motion of a body follows the one that holds it."""
+    """Return the row (dof,) of a motion of a body that is rigidly connected to its carrier."""
     body = coordinates.bodies[name]
     if motion in _ACROSS:
         return coordinates.displacement_row(carrier, body.centre_m, _ACROSS[motion])
@@ -118,6 +119,7 @@ def _constraint_row(coordinates: Coordinates, name: str, motion: str, carrier: s
 
 
 def _reduced_system(whole: Assembly, expansion: Array, chosen: Array) -> System:
+    """Return the system with ``q = expansion r``: mass ``expansion' M expansion`` and so on."""
     system = whole.system
     plain = np.array_equal(expansion, np.eye(len(system.names))[:, chosen])
 

@@ -1,4 +1,4 @@
-"""What each level of fidelity makes of the meshes of a scene: nothing, a spring, lines, or motion in time."""
+"""Models of the meshes of a scene at each level of fidelity: rigid, a spring, spectral lines, or time integration."""
 
 from collections.abc import Mapping
 
@@ -14,7 +14,7 @@ LADDER = (LEFT_OUT, SPRING, KINEMATIC, *LEVELS)  # from the least to the most
 
 
 def simulated_motion(stage: Stage, gears: Gears, levels: Mapping[str, str]) -> Motion | None:
-    """Return the motion in time that levels ask for; None where they ask for none."""
+    """Return the motion to integrate at these levels; None where no mesh needs time integration."""
     if not set(LEVELS) & set(levels.values()):
         return None
     still = [name for name, level in levels.items() if level not in LEVELS]
@@ -24,13 +24,13 @@ def simulated_motion(stage: Stage, gears: Gears, levels: Mapping[str, str]) -> M
 
 
 def with_kinematic_lines(stage: Stage, gears: Gears, levels: Mapping[str, str]) -> Stage:
-    """Return the stage with the lines of its kinematic meshes, as all that the scene allows to move answers to them."""
+    """Return the stage with the lines of its kinematic meshes, from the response of the most detailed motion."""
     kinematic = [name for name, level in levels.items() if level == KINEMATIC]
     return with_lines(stage, response_of(most_detailed_motion(stage, gears, levels)), kinematic) if kinematic else stage
 
 
 def most_detailed_motion(stage: Stage, gears: Gears, levels: Mapping[str, str]) -> Motion:
-    """Return the motion in which each mesh that is not simulated in time moves as the scene allows at most."""
+    """Return the motion in which meshes without time integration have the highest fidelity that the scene allows."""
     most = stage.scene.fidelity if stage.scene.fidelity in LEVELS else "full"
     moving = {name: level if level in LEVELS else most for name, level in levels.items()}
     return motion_of(stage, gears, levels=moving)

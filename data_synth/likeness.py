@@ -1,4 +1,4 @@
-"""How far cheaper motions are from the full one, as far as linear responses tell it: in a moment, without a run."""
+"""Error of reduced models against the full motion, predicted from their linear responses without integration."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -13,14 +13,16 @@ from data_synth.profile import Array
 
 @dataclass(frozen=True, kw_only=True)
 class LinearPrediction:
-    """Powers in the channels, (sensor,) in squares of their units, means over some instants of the truth.
+    """Powers in the channels, (sensor,) in squares of their units, means over some instants of the scene.
 
     Attributes
     ----------
     whole : Response
-        That of the full motion.
+        Linear response of the full motion.
     forces : mapping of mesh to ToothForces
+        Exciting force of each mesh.
     instants : tuple of int
+        Numbers of the instants of the truth.
     """
 
     whole: Response
@@ -29,27 +31,27 @@ class LinearPrediction:
 
     @cached_property
     def line_power(self) -> dict[str, Array]:
-        """What each mesh puts into the channels."""
+        """Power of the lines of each mesh."""
         return {name: self._power(name, lambda lines_of_mesh, _force, _instant: lines_of_mesh) for name in self.forces}
 
     @cached_property
     def parametric_error(self) -> dict[str, Array]:
-        """What lines of the linear response leave out: the vibration of each mesh, multiplied by its own stiffness."""
+        """Power of the parametric excitation, which the linear response lacks: deflection times varying stiffness."""
         return {name: self._power(name, self._parametric_lines) for name in self.forces}
 
     @property
     def total_power(self) -> Array:
-        """What all meshes put into the channels."""
+        """Power of the lines of all meshes."""
         return np.asarray(np.sum([*self.line_power.values()], axis=0))
 
     @property
     def linear(self) -> bool:
-        """Whether nothing multiplies vibration: constant stiffnesses, and no gap."""
+        """Whether every stiffness is constant and no mesh has backlash."""
         constant = all(np.ptp(force.stiffness) <= 1e-12 * np.max(force.stiffness) for force in self.forces.values())
         return constant and all(mesh.backlash_m == 0 for mesh in self.whole.motion.system.meshes)
 
     def motion_error(self, name: str, other: Response) -> Array:
-        """Return what the lines of a mesh differ by from those of another motion."""
+        """Return the power of the difference between the lines of a mesh in this motion and in another."""
         number = other.number(name)
 
         def difference(lines_of_mesh: ComplexArray, force: ToothForces, instant: int) -> ComplexArray:

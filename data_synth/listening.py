@@ -1,6 +1,6 @@
-"""By which ways sensors hear gears that vibrate: through the housing, or by declared ways from single links.
+"""Transfer routes from vibrating gears to sensors: through the housing, or by declared paths from single links.
 
-A declared way starts from all that holds a link, along the direction of its sensor; the housing then passes the rest.
+A declared path starts from the supports of a link, in the direction of its sensor; the housing transfers the rest.
 """
 
 from collections.abc import Callable
@@ -24,14 +24,14 @@ from data_synth.ways import Way, ways_of
 
 @dataclass(frozen=True, kw_only=True)
 class Route:
-    """A way by which a sensor hears gears.
+    """A transfer route from gears to a sensor.
 
     Attributes
     ----------
     number : int
-        Of the sensor.
+        Number of the sensor.
     source : str or None
-        The link or bearing it comes from; None for the housing, which passes all that have no way of their own.
+        The link or bearing it starts from; None for the housing, which transfers all that have no path of their own.
     """
 
     number: int
@@ -39,14 +39,14 @@ class Route:
     path: Way | None = field(default=None, repr=False)
 
     def response(self, scene: Scene, frequency_hz: Array) -> ComplexArray:
-        """Return Z in the channel for 1 N at frequencies, any shape."""
+        """Return the complex amplitude in the channel for 1 N at frequencies, any shape."""
         sensor = scene.sensors[self.number]
         if self.path is None:
             return self._housing(scene, sensor, scene.rate_hz).response(frequency_hz)
         return np.asarray(self.path.response(frequency_hz) * linear_chain(sensor).response(frequency_hz))
 
     def filter_at(self, scene: Scene, *, rate_hz: float) -> "RouteFilter":
-        """Return the way at rest, for a force at `rate_hz`."""
+        """Return the filter of the route at rest, for a force at `rate_hz`."""
         sensor = scene.sensors[self.number]
         if isinstance(self.path, MeasuredPath):
             fir = measured_filter(self.path, linear_chain(sensor), rate_hz=rate_hz, sensor=sensor)
@@ -65,14 +65,14 @@ class Route:
 
 @dataclass(kw_only=True)
 class RouteFilter:
-    """A way at work, which may wait for one that lags more."""
+    """The filter of a route, with a further delay to align it with others."""
 
     push: Callable[..., Array]
     lag: int
     _kept: Array = field(default_factory=lambda: np.empty(0), init=False, repr=False)
 
     def filtered(self, force: Array, *, at_once: Array, lag: int) -> Array:
-        """Return the response (n,) that the next samples (n,) of the force allow, `lag` of them late."""
+        """Return the response (n,) to the next samples (n,) of the force, delayed by `lag` samples."""
         now, extra_lag = self.push(np.ascontiguousarray(force), at_once=at_once), lag - self.lag
         if not extra_lag:
             return now
@@ -82,14 +82,14 @@ class RouteFilter:
 
 
 class _StartingConstant:
-    """A filter of taps whose input was constant before its first sample."""
+    """A FIR filter whose input was constant before its first sample."""
 
     def __init__(self, fir: FirPath) -> None:
         self._filter, self._static_gain = fir.filter(), float(np.sum(fir.taps))
         self._first: float | None = None
 
     def push(self, force: Array, *, at_once: Array) -> Array:
-        """Return the response (n,) to the next n samples; those `at_once` are for filters that pass some so."""
+        """Return the response (n,) to the next n samples; `at_once` is for filters with a direct part."""
         del at_once
         if self._first is None:
             self._first = float(force[0])
@@ -97,12 +97,12 @@ class _StartingConstant:
 
 
 def routes_of(scene: Scene) -> tuple[Route, ...]:
-    """Return how the sensors of a scene hear gears: each through the housing, then by declared ways.
+    """Return the routes to the sensors of a scene: to each through the housing, then the declared paths.
 
     Raises
     ------
     SceneError
-        A way from a mesh, which is heard by what holds its gears.
+        If a path starts from a mesh; it has to start from a link or a bearing.
     """
     numbers = {sensor.name: number for number, sensor in enumerate(scene.sensors)}
     declared = [
@@ -118,9 +118,9 @@ def routes_of(scene: Scene) -> tuple[Route, ...]:
 
 
 def route_gains(scene: Scene, whole: Assembly, route: Route, routes: tuple[Route, ...]) -> dict[str, float]:
-    """Return how loud a listener hears what holds each body, and the teeth of the frame.
+    """Return the gains of a route for the supports of each body, and for gears of the frame.
 
-    By a way of its own that is what holds its source; through the housing all that has none to this sensor.
+    A declared path has those of its source, the housing all bodies without a path of their own to this sensor.
     """
     sensor = scene.sensors[route.number]
     weights = _weights(scene, whole, sensor)
@@ -131,8 +131,8 @@ def route_gains(scene: Scene, whole: Assembly, route: Route, routes: tuple[Route
         for body in sorted(_holders(scene, whole, other.source)):
             if source_of.setdefault(body, other.source) != other.source:
                 raise SceneError(
-                    f'transfers lead to sensor "{sensor.name}" from "{source_of[body]}" and "{other.source}", which both '
-                    f'hold "{body}" and are heard as one; keep one of them.'
+                    f'transfers lead to sensor "{sensor.name}" from "{source_of[body]}" and "{other.source}", '
+                    f'which both hold "{body}" and are heard as one; keep one of them.'
                 )
     own_bodies = _holders(scene, whole, route.source) if route.source is not None else set()
     return {
@@ -142,7 +142,7 @@ def route_gains(scene: Scene, whole: Assembly, route: Route, routes: tuple[Route
 
 
 def _holders(scene: Scene, whole: Assembly, source: str) -> set[str]:
-    """Return the bodies that a link or bearing stands for: of a bearing the rings that are not the frame."""
+    """Return the bodies of a link or bearing: of a bearing the rings that are not the frame."""
     gearbox, parts = scene.gearbox, whole.parts
     for bearing in gearbox.bearings:
         if source in bearing.names:
@@ -152,7 +152,7 @@ def _holders(scene: Scene, whole: Assembly, source: str) -> set[str]:
 
 
 def _weights(scene: Scene, whole: Assembly, sensor: Sensor) -> dict[str, float]:
-    """Return how loud a sensor hears what holds each body, and the teeth of the frame."""
+    """Return the gains to a sensor for the supports of each body, and for gears of the frame."""
     declared, gearbox, parts = declared_of(scene), scene.gearbox, whole.parts
     bodies, frame = parts.kinematics.bodies, parts.frame
     links_below = {sensor.on}

@@ -1,12 +1,12 @@
-"""The torques on gears that vibrate, and how their bodies turn meanwhile, whatever the course of speed and torque.
+"""Torques on vibrating gears, and their rigid-body rotation, for any time history of speed and torque.
 
-Where a scene declares the speed, gears vibrate about shafts that turn as declared. What speeds them up comes from the
-drive, and each body takes its share of it on the way: ``J w'`` at the drive, ``-I w'`` at each body, nothing in sum.
+Where a scene declares the speed, gears vibrate about shafts of prescribed angle. The torque of acceleration comes from
+the drive, and each body takes its part: ``J w'`` at the drive, ``-I w'`` at each body, zero in sum.
 
-Where a run-up leaves the speed to the torque, bodies turn all the way: the torque drives them, the load law brakes the
-loaded body at the speed it truly has, and what the declared inertia has beyond that of the gears belongs to the driven
-machine, behind a soft coupling: it asks for its share of the torque, and its mass shakes with nothing. Teeth meet at
-the phase of the rigid law, the one that the tachometer sees; vibration turns a shaft by microns of its teeth.
+Where a run-up leaves the speed to the torque, the rotations are full angles: the torque drives them, the load law acts
+on the loaded body at its actual speed, and the declared inertia beyond that of the gears belongs to the driven machine,
+behind a soft coupling: it takes its part of the torque, and its mass does not vibrate. The mesh phase follows the rigid
+rotation, as does the tachometer; vibration changes a shaft's angle by microns at the teeth.
 """
 
 import math
@@ -25,26 +25,26 @@ from data_synth.scene import Scene, SceneError
 from data_synth.stage import Stage
 from hums.kinematics import Kinematics
 
-_INSTANT_S = 1e-9  # about a jump, of which the mean counts: then a jump between steps costs no accuracy
+_INSTANT_S = 1e-9  # to both sides, whose mean is taken: then a jump between steps costs no accuracy
 _NEGLIGIBLE = 1e-6  # of the declared inertia: less is rounding
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveLoad:
-    """What acts on a system, and how it turns.
+    """External torques of a scene on its gears, and their rigid-body rotation.
 
     Attributes
     ----------
     load : Load
-        `varying` holds all of it but what drags.
+        All torques; quadratic drag apart from `varying`.
     damping : (dof, dof) array
-        Of a load that is linear in speed, N m s/rad.
-    rigid : (dof,) array
-        Motion of each degree of freedom for a radian of the reference, teeth and bearings not strained.
-    turns : bool
-        Whether bodies turn all the way, as in a run-up; else they move about the angles of their shafts.
+        Damping of a load that is linear in speed, N m s/rad.
+    rigid_motion : (dof,) array
+        Rigid-body mode: displacement of each degree of freedom per radian of the reference.
+    full_rotation : bool
+        Whether rotations are full angles, as in a run-up; else they are relative to the prescribed shaft angles.
     at_rest : bool
-        Whether the gears stand still, unloaded, at time zero.
+        Whether the gears are at rest and unloaded at time zero.
     """
 
     load: Load
@@ -54,7 +54,7 @@ class DriveLoad:
     at_rest: bool = False
 
     def start(self, system: System, drive: Drive, time_s: float) -> State:
-        """Return the state at a time: at rest, or under what acts then, teeth at their mean stiffness and closed."""
+        """Return the state at a time: at rest, or in static equilibrium with teeth in contact at mean stiffness."""
         if self.at_rest and time_s == 0:
             return State(displacement=np.zeros(system.dof), velocity=np.zeros(system.dof))
         speed = 2 * np.pi * float(drive.angle.speed_hz(time_s)) * self.rigid_motion * self.full_rotation
@@ -67,12 +67,12 @@ class DriveLoad:
 
 
 def drive_load_of(stage: Stage, kinematics: Kinematics, system: System) -> DriveLoad:
-    """Return what the torques of a scene do to its gears.
+    """Return the external torques of a scene on its gears.
 
     Raises
     ------
     SceneError
-        A torque without a way through the gears, a speed that jumps, or a run-up lighter than its gears.
+        If no link takes the power out, the speed jumps, or a run-up has less inertia than its gears.
     """
     scene, bodies = stage.scene, kinematics.bodies
     driving = bodies[str(scene.gearbox.reference)]
@@ -84,7 +84,7 @@ def drive_load_of(stage: Stage, kinematics: Kinematics, system: System) -> Drive
     _check_speed_continuous(stage.drive)
     torque, angle = stage.drive.torque, stage.drive.angle
     assert torque is not None and scene.torque is not None  # noqa: S101, PT018 - refuse_unfit
-    # the same power, wherever a torque is counted
+    # the same power, whichever shaft the torque is given for
     power_ratio = abs(float(scene.ratio(scene.torque.link) / scene.ratio(loaded)))
     unit = np.zeros(system.dof)
     unit[system.names.index(f"{bodies[loaded]} rotation")] = -math.copysign(power_ratio, scene.ratio(loaded))
@@ -102,9 +102,9 @@ def drive_load_of(stage: Stage, kinematics: Kinematics, system: System) -> Drive
 
 
 def static_deflection(system: System, force: Array) -> Array:
-    """Return how far a force (dof,) strains a system that otherwise moves freely, (dof,), gaps closed.
+    """Return the static elastic deflection (dof,) under a force (dof,), teeth in contact at mean stiffness.
 
-    Teeth have their mean stiffness; what the force speeds up as one body is left out.
+    The rigid-body acceleration by the force is left out.
     """
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])
     angular, shapes = undamped_modes(system, means)
@@ -113,12 +113,12 @@ def static_deflection(system: System, force: Array) -> Array:
     deflection = compliance @ force
     rows = np.array([mesh.direction for mesh in system.meshes])
     shifts = np.array([mesh.backlash_m for mesh in system.meshes]) * np.sign(rows @ deflection)
-    # contact begins where the gap is closed: the same forces at a larger deflection
+    # contact begins at half the backlash: the same forces at a larger deflection
     return np.asarray(deflection + compliance @ (rows.T @ (means * shifts)))
 
 
 def _loaded(scene: Scene, kinematics: Kinematics, driving: str) -> str:
-    """Return the link that takes the power out."""
+    """Return the link at which power leaves the gearbox."""
     bodies, frame = kinematics.bodies, kinematics.mechanism.frame
     assert scene.torque is not None  # noqa: S101 - refuse_unfit
     named = [scene.torque.link] if scene.speed.run_up is None else [scene.speed.link, scene.torque.link]
@@ -133,13 +133,14 @@ def _loaded(scene: Scene, kinematics: Kinematics, driving: str) -> str:
 
 
 def _rigid(system: System, driving: int) -> Array:
-    """Return the motion that strains nothing, for a radian of the degree of freedom that drives, (dof,)."""
+    """Return the rigid-body mode per radian of the driving degree of freedom, (dof,)."""
     angular, shapes = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
     free = shapes[:, angular == 0]
     return np.asarray(free @ free[driving] / (free[driving] @ free[driving]))
 
 
 def _check_speed_continuous(drive: Drive) -> None:
+    """Raise SceneError where the prescribed speed jumps."""
     times_s, speeds_hz = getattr(drive.angle, "times_s", np.zeros(1)), getattr(drive.angle, "speeds_hz", np.zeros(1))
     jumps = np.flatnonzero((np.diff(times_s) == 0) & (np.diff(speeds_hz) != 0))
     if jumps.size:
@@ -150,10 +151,12 @@ def _check_speed_continuous(drive: Drive) -> None:
 
 
 def _varying(force: Callable[[Array], Array]) -> Load:
+    """Return a force over time as a load, at a jump the mean of both sides."""
+
     def mean_about(times_s: Array) -> Array:
         return (force(times_s - _INSTANT_S) + force(times_s + _INSTANT_S)) / 2
 
-    # what is constant passes without an error of steps
+    # the constant part has no discretisation error
     first = force(np.zeros(1))[0]
     return Load(constant=first, varying=lambda times_s: mean_about(times_s) - first)
 
@@ -161,7 +164,7 @@ def _varying(force: Callable[[Array], Array]) -> Load:
 def _running_up(
     stage: Stage, law: RunUp, system: System, *, rigid_motion: Array, driving: int, loaded: str
 ) -> DriveLoad:
-    """Return a torque that drives the reference, and a load law, felt at the link of the speed, on a link it loads."""
+    """Return the load of a run-up: a torque on the reference, and the load law on the loaded link."""
     scene, torque, angle = stage.scene, stage.drive.torque, stage.drive.angle
     assert torque is not None and scene.torque is not None  # noqa: S101, PT018 - the scene's own check
     speed_ratio = abs(float(scene.ratio(scene.speed.link)))

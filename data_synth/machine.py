@@ -1,4 +1,4 @@
-"""The gearbox of a scene, assembled: what the scene declares of its bodies, bearings and meshes put together."""
+"""The gearbox of a scene as equations of motion: its declared bodies, bearings and meshes assembled."""
 
 import math
 from collections.abc import Collection, Iterator, Mapping
@@ -21,8 +21,8 @@ _PARALLEL = 1e-9
 def assembly_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()) -> Assembly:
     """Return the gearbox of a scene in the plane, or in space where its axes cross or a mesh has full motion.
 
-    What planets make turn is seen from their carrier, with the gyroscopic terms of the mean speed; a run-up, which has
-    none, leaves them out.
+    Bodies in mesh with planets have coordinates that rotate with the carrier, with the gyroscopic terms of the mean
+    speed; a run-up, which has no mean speed, leaves them out.
 
     Parameters
     ----------
@@ -30,12 +30,12 @@ def assembly_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], spring
     gears : Gears
     levels : mapping of mesh to "torsional", "lateral" or "full"
     springs : collection of mesh
-        Whose teeth are but a spring of their mean stiffness.
+        Meshes of constant mean stiffness without transmission error.
 
     Raises
     ------
     SceneError
-        What `data_synth.assembly.assemble` refuses.
+        If `data_synth.assembly.assemble` raises ValueError.
     """
     scene, kinematics = stage.scene, gears.kinematics
     declared, full = declared_of(scene), "full" in levels.values()
@@ -58,13 +58,13 @@ def assembly_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], spring
 
 
 def has_crossed_axes(kinematics: Kinematics) -> bool:
-    """Whether some axis is not parallel to the others."""
+    """Return whether some axis is not parallel to the others."""
     first, *others = (direction_of(kinematics, body) for body in kinematics.joints)
     return any(abs(abs(float(first @ other)) - 1) > _PARALLEL for other in others)
 
 
 def has_planets(kinematics: Kinematics) -> bool:
-    """Whether something turns that carries planets."""
+    """Return whether there is a rotating planet carrier."""
     return any(joint.carried_by != kinematics.mechanism.frame for joint in kinematics.joints.values())
 
 
@@ -75,7 +75,7 @@ def _speed_rad_s(stage: Stage, kinematics: Kinematics) -> float:
 
 
 def _copies(scene: Scene, name: str) -> tuple[str, ...]:
-    """Return the links that a name stands for, or the name itself."""
+    """Return the links of a declared name with copies, or the name itself."""
     return scene.gearbox.instances(name) if name in scene.gearbox.copied else (name,)
 
 

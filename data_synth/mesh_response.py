@@ -1,13 +1,14 @@
-"""Gears as a linear system that their teeth drive: the lines each mesh puts into the channels.
+"""Linear response of gears to their mesh excitation: the spectral lines of each mesh in the channels.
 
-Under the static force F, teeth of stiffness k and error e, which follow the mesh phase, let gears come nearer by
+Under the static force F, teeth of stiffness k and transmission error e, which follow the mesh phase, deflect by
 F / k + e.
-On a spring of the mean stiffness, that is what a force
+On a spring of the mean stiffness, the same deflection is caused by a force
 
     p = F (1 - k_mean / k) - k_mean e
 
-along the line of action does: the loaded static transmission error as excitation (Ozguven and Houser 1988, J. Sound
-Vib. 125, 71). It leaves out that k multiplies the vibration as well; `ToothForces.left_over` is what that adds next.
+along the line of action: the loaded static transmission error as excitation (Ozguven and Houser 1988, J. Sound
+Vib. 125, 71). It leaves out the parametric excitation by k times the vibration, whose first term is
+`ToothForces.parametric_force`.
 """
 
 import math
@@ -25,29 +26,29 @@ from data_synth.reduction import contacts_in
 from data_synth.scene import SceneError
 from data_synth.stage import Stage
 
-_POINTS = 64  # to a period of the highest line: what a jump of the stiffness puts there is right to a half percent
+_POINTS = 64  # to a period of the highest line, which is then right to half a percent for a stiffness that jumps
 _MIN_POINTS = 512  # points to a mesh cycle
-_MIN_STIFFNESS = 0.25  # of the mean stiffness: softer teeth are parting
+_MIN_STIFFNESS = 0.25  # of the mean stiffness: softer teeth are losing contact
 _NEGLIGIBLE = 1e-5  # of the largest line of a mesh: -100 dB
 
 
 @dataclass(frozen=True, kw_only=True)
 class ToothForces:
-    """The force p of one mesh, as lines at the multiples of `base`.
+    """The exciting force p of one mesh, as spectral lines at the multiples of `base`.
 
     Attributes
     ----------
     mesh : str
     base : Fraction
-        Order of the first line: that of the mesh over the cycles until its teeth are alike again.
+        Order of the first line: that of the mesh over the cycles after which it repeats.
     loaded : (line,) complex array
-        For a static force of 1 N; phase zero is that of the reference's angle.
+        Per N of static force; phase zero is that of the reference's angle.
     unloaded : (line,) complex array
-        Of errors, N.
+        From the transmission error, in N.
     static_n : (instant,) array
         Static force at the instants of the truth.
     stiffness, error : (point,) arrays
-        k in N/m and e in m over a period.
+        k in N/m and e in m at equidistant phases of a period.
     """
 
     mesh: str
@@ -64,11 +65,11 @@ class ToothForces:
         return np.asarray(float(self.base) * np.arange(1, self.loaded.size + 1))
 
     def at(self, instant: int) -> ComplexArray:
-        """Return Z of p in N, (line,)."""
+        """Return the complex amplitudes of p at an instant in N, (line,)."""
         return np.asarray(self.static_n[instant] * self.loaded + self.unloaded)
 
     def parametric_force(self, deflection: ComplexArray, instant: int, *, mean: float) -> ComplexArray:
-        """Return Z (line,) of the force that p lacks where teeth deflect by lines (line,), in m, from their mean."""
+        """Return the lines (line,) in N of the parametric force by dynamic deflections with lines (line,) in m."""
         static = self.static_n[instant]
         p = static * (1 - mean / self.stiffness) - mean * self.error
         deflection_values = _waveform(deflection, self.stiffness.size) + (static - np.mean(p)) / mean
@@ -77,22 +78,23 @@ class ToothForces:
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """What a force p in a mesh does to the channels of gears whose teeth are springs of their mean stiffness.
+    """Linear response of gears at mean mesh stiffness to a force p in a mesh, as a sum over poles.
 
     Attributes
     ----------
     motion : Motion
     poles : (pole,) complex array
-        rad/s; motions that strain nothing are left out: no mesh moves them.
-    heard : (listener, pole) complex array
-        What each pole adds to the forces that listeners hear.
-    felt : (mesh, pole) complex array
-        To the deflections of meshes.
-    pushed : (pole, mesh) complex array
-    direct : (listener, mesh) array
-        What bearings of motions that are held feel of p at once.
+        rad/s; rigid-body modes are left out: no mesh force excites them.
+    outputs : (route, pole) complex array
+        Contribution of each pole to the forces on the routes.
+    deflections : (mesh, pole) complex array
+        Contribution to the deflections of meshes.
+    inputs : (pole, mesh) complex array
+        Excitation of each pole per N of p.
+    direct : (route, mesh) array
+        Static bearing forces of constrained degrees of freedom per N of p.
     means : (mesh,) array
-        N/m.
+        Mean mesh stiffness in N/m.
     """
 
     motion: Motion
@@ -108,7 +110,7 @@ class Response:
         return [mesh.name for mesh in self.motion.system.meshes].index(name)
 
     def channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
-        """Return Z in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
+        """Return the complex amplitudes in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
         scene, routes = self.motion.stage.scene, self.motion.sensor_forces.routes
         force = self._modal(mesh, frequency_hz) @ self.outputs.T + self.direct[:, mesh]
         outputs = np.zeros((len(scene.sensors), *np.shape(frequency_hz)), dtype=np.complex128)
@@ -117,7 +119,7 @@ class Response:
         return outputs
 
     def deflection(self, mesh: int, frequency_hz: Array) -> ComplexArray:
-        """Return Z of the mesh's own deflection in m for 1 N of p, (line,)."""
+        """Return the complex amplitudes of the mesh's own deflection in m for 1 N of p, (line,)."""
         return np.asarray(self._modal(mesh, frequency_hz) @ self.deflections[mesh])
 
     def _modal(self, mesh: int, frequency_hz: Array) -> ComplexArray:
@@ -126,12 +128,12 @@ class Response:
 
 
 def response_of(motion: Motion) -> Response:
-    """Return the linear response of gears: their equations in elastic modes, as a sum of poles.
+    """Return the linear response of gears from their equations of motion in elastic modes.
 
     Raises
     ------
     SceneError
-        For planets, whose way to a sensor turns with their carrier.
+        For planets, whose route to a sensor rotates with their carrier.
     """
     if motion.sensor_forces.rotate:
         raise SceneError(
@@ -167,7 +169,7 @@ def response_of(motion: Motion) -> Response:
 
 
 def check_lines_possible(motion: Motion, name: str) -> None:
-    """Raise SceneError for a mesh that lines cannot tell of, and say what to do."""
+    """Raise SceneError, with a remedy, for a mesh that is not periodic with linear response."""
     mesh = motion.system.meshes[contacts_in(motion.system, name)[0]]
     if motion.sensor_forces.rotate:
         why = "planets turn with their carrier"
@@ -181,9 +183,9 @@ def check_lines_possible(motion: Motion, name: str) -> None:
 
 
 def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothForces:
-    """Return the force p of a mesh, with all lines below half the sampling rate at top speed.
+    """Return the exciting force p of a mesh, with all lines below half the sampling rate at top speed.
 
-    Teeth that change with time are as they are at first; a stiffness below a quarter of the mean counts as that much.
+    Teeth that change in time are taken as they are at first, a stiffness below a quarter of the mean as a quarter.
 
     Parameters
     ----------
@@ -216,15 +218,15 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
 
 
 def _phases(mesh: Mesh, points: int) -> Array:
-    """Return the middles of even parts of the period after which a mesh is as it was, in cycles."""
+    """Return equidistant phases of a period of a mesh, in cycles, half a step from its ends."""
     period = math.lcm(int(mesh.stiffness.period), int(mesh.error.period) if mesh.error is not None else 1)
     return np.asarray((np.arange(points) + 0.5) * period / points)
 
 
 def lines_of(response: Response, forces: ToothForces) -> tuple[list[Comb], list[ComplexArray]]:
-    """Return what a mesh puts into the channels, as combs and their Z (sensor, line, instant).
+    """Return the lines of a mesh in the channels, as harmonic families and their amplitudes (sensor, line, instant).
 
-    The lines at multiples of the mesh's order are its own; those between them are of its damaged gears.
+    The lines at multiples of the mesh order are its own; those between them belong to its damaged gears.
     """
     stage = response.motion.stage
     number = response.number(forces.mesh)
@@ -261,7 +263,7 @@ def lines_of(response: Response, forces: ToothForces) -> tuple[list[Comb], list[
 
 
 def with_lines(stage: Stage, response: Response, meshes: list[str]) -> Stage:
-    """Return a stage in which these meshes sound as lines."""
+    """Return a stage with the lines of these meshes added."""
     combs, amplitudes = [*stage.combs], [*stage.amplitudes]
     for mesh in meshes:
         check_lines_possible(response.motion, mesh)
@@ -290,13 +292,13 @@ def _static(motion: Motion) -> Array:
 
 
 def _lines(values: Array, count: int) -> ComplexArray:
-    """Return Z of the first lines of values at the middles of even parts of a period, (count,)."""
+    """Return the first lines (count,) of values at the phases of `_phases`."""
     cycles = np.arange(1, count + 1) / values.size
     return np.asarray(np.fft.rfft(values)[1 : count + 1] * (2 / values.size) * np.exp(-1j * np.pi * cycles))
 
 
 def _waveform(lines: ComplexArray, points: int) -> Array:
-    """Return the values at the middles of even parts of a period whose lines these are."""
+    """Return the values at the phases of `_phases` of a function with these lines."""
     cycles = np.arange(1, lines.size + 1) / points
     spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
     spectrum[1 : lines.size + 1] = lines * np.exp(1j * np.pi * cycles) * points / 2

@@ -1,8 +1,8 @@
-"""How the gears of a scene vibrate: the assembled system, what drives it, and what its bearings do to the sensors.
+"""Vibration of a scene's gears: equations of motion, external torques, and forces towards the sensors.
 
-Whatever the fidelity, the gearbox is assembled in the plane or in space, and motions that a fidelity lacks are held.
-Bearings feel the springs of the motions that are left, and the mesh forces along those that are held, as in statics:
-so the force of a stiff bearing is the same at every fidelity.
+At every fidelity the gearbox is assembled in the plane or in space, and degrees of freedom that a fidelity lacks are
+constrained. Bearing forces are those of the springs along active degrees of freedom, and follow from the mesh forces by
+statics along constrained ones: so the force of a stiff bearing is the same at every fidelity.
 """
 
 import math
@@ -31,26 +31,24 @@ _MOST_DENSE = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Gears ready to run.
+    """Gears of a scene, ready to be integrated.
 
     Attributes
     ----------
     system : System
-    turned : Turned
-        What acts, and how the bodies turn.
-    ears : Ears
-        How sensors hear it.
+    drive_load : DriveLoad
+        External torques and rigid-body rotation.
+    sensor_forces : SensorForces
+        Forces towards the sensors.
     output : Output
-        The readings of which `ears` make a force in N for each sensor, what moves the housing as it hears it.
+        Output maps from which `sensor_forces` computes a force in N for each route.
     teeth : mapping of contact to Teeth
-    denser : int
-        How many times as densely as the channels the force is sampled, before path and chain: fast modes ring beyond
-        what the channels' rate can tell apart.
+    oversampling : int
+        Rate of the forces over that of the channels, before path and chain: fast modes would alias otherwise.
     settle_s : float
-        How long the motion runs before time zero, so that what is left of its start is less than the error; a run-up
-        begins at time zero.
+        Duration before time zero in which the transient of the start decays below the error; zero for a run-up.
     error : float
-        Relative RMS error of the forces that steps may make.
+        Tolerated relative RMS error of the forces.
     """
 
     stage: Stage
@@ -65,21 +63,21 @@ class Motion:
 
     @property
     def load(self) -> Load:
-        """What acts on the system."""
+        """External load on the system."""
         return self.drive_load.load
 
     @cached_property
     def method(self) -> MethodChoice:
-        """The integrator, and why it is taken."""
+        """The integrator, and the reason of its choice."""
         return method_for(self.problem(0.0, self.stage.scene.duration_s))
 
     def channels(self, *, samples: int) -> Iterator[Array]:
-        """Yield the channels (sensor, n) from time zero in blocks, behind the linear part of their chains.
+        """Yield the channels (sensor, n) from time zero in blocks, after the linear part of their chains.
 
         Raises
         ------
         SceneError
-            Where the motion cannot be integrated.
+            If the integration fails.
         """
         from data_synth.integrate import integrate_blocks  # noqa: PLC0415
 
@@ -118,7 +116,7 @@ class Motion:
         if self.method.method.order is None:
             return 1
         scene, trial_output = self.stage.scene, self.output
-        if self.sensor_forces.rotate:  # planets may cancel in the readings
+        if self.sensor_forces.rotate:  # forces of planets may cancel in the sum
             trial_output = Output(rate_hz=trial_output.rate_hz, mesh_force=np.eye(len(self.system.meshes)))
         weighted = WeightedForces.of(trial_output)
         long_s = max(1, min(scene.samples - 1, _TRIAL)) / scene.rate_hz
@@ -138,7 +136,7 @@ class Motion:
             raise SceneError(f"the gears cannot be followed in time: {caught}") from None
 
     def critical_time_s(self) -> float:
-        """Return when steps have most to resolve: where gaps are crossed as a torque turns round, or at top speed."""
+        """Return the time that needs most steps: a torque reversal with backlash, or the top speed."""
         drive, torque = self.stage.drive, self.stage.drive.torque
         times_s = self.stage.instants_s
         if torque is not None and any(mesh.backlash_m > 0 for mesh in self.system.meshes):
@@ -148,7 +146,7 @@ class Motion:
         return float(times_s[np.argmax(drive.angle.speed_hz(times_s))])
 
     def problem(self, start_s: float, duration_s: float) -> Problem:
-        """Return the equations of motion from a time on, the gears at rest or under what acts on them then."""
+        """Return the initial value problem from a time on, starting at rest or in static equilibrium."""
         drive = self.stage.drive
         return Problem(
             system=self.system,
@@ -161,12 +159,12 @@ class Motion:
 
 
 def prepared_gears(stage: Stage) -> Gears:
-    """Return the gears of a scene, for `motion_of`.
+    """Return the gears of a scene with their teeth, for `motion_of`.
 
     Raises
     ------
     SceneError
-        For what does not vibrate, and for what is missing.
+        If the scene cannot be integrated, or geometry is missing.
     """
     kinematics = kinematics_of(stage.scene)
     check_supported(stage.scene)
@@ -181,14 +179,14 @@ def motion_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs:
     stage : Stage
     gears : Gears
     levels : mapping of mesh to "torsional", "lateral" or "full"
-        A body has the motions of the highest of its meshes.
+        A body has the motions of the highest level of its meshes.
     springs : collection of mesh
-        Whose teeth are but a spring of their mean stiffness.
+        Meshes of constant mean stiffness without transmission error.
 
     Raises
     ------
     SceneError
-        What `data_synth.assembly.assemble` refuses, and a torque or a sensor that is out of place.
+        If the gearbox cannot be assembled, or a torque or sensor does not fit it.
     """
     scene, kinematics, teeth = stage.scene, gears.kinematics, gears.teeth
     declared = declared_of(scene)
@@ -226,7 +224,7 @@ def motion_of(stage: Stage, gears: Gears, *, levels: Mapping[str, str], springs:
 
 
 def check_supported(scene: Scene) -> None:
-    """Raise SceneError for a scene whose gears cannot vibrate here, and say what to do."""
+    """Raise SceneError, with a remedy, for a scene whose gears cannot be integrated."""
     what = f'fidelity = "{scene.fidelity}"'
     kinematic = 'write fidelity = "kinematic"'
     if scene.torque is None:
@@ -239,7 +237,7 @@ def check_supported(scene: Scene) -> None:
 
 
 def fault_passes(motion: Motion) -> dict[int, tuple[Array, float]]:
-    """Return, for each fault of teeth, when its tooth is in the middle of a mesh, s, and half a pass, rev.
+    """Return, for each tooth fault, the times in s of its passes through a mesh, and half a pass in revolutions.
 
     A tooth of a sun or of a ring passes one planet after the other.
     """

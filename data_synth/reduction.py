@@ -1,4 +1,4 @@
-"""Leave stages out: what lies behind teeth that do not give turns along, and the rest feels its inertia and torque."""
+"""Rigid meshes: gear stages whose teeth do not deflect, reduced to inertia and torque on the others."""
 
 import re
 from collections.abc import Collection
@@ -17,16 +17,16 @@ _NEGLIGIBLE = 1e-12
 
 
 def contacts_in(system: System, mesh: str) -> list[int]:
-    """Return the numbers of a mesh in a system: several where it has copies, called like it and numbered."""
+    """Return the numbers of the contacts of a mesh in a system: one for each planet."""
     name = re.compile(rf"{re.escape(mesh)}( \d+)?")
     return [number for number, other in enumerate(system.meshes) if name.fullmatch(other.name)]
 
 
 def without_meshes(motion: Motion, meshes: Collection[str]) -> Motion:
-    """Return a motion in which these meshes neither give nor err.
+    """Return a motion in which these meshes are rigid and without transmission error.
 
-    With ``g . q = 0`` for each of them a rotation follows from the others: ``q = T r``, and ``T' M T`` takes the place
-    of M, and likewise for damping, springs and loads. Bearings of motions that are held no longer feel these meshes.
+    With ``g . q = 0`` for each of them a rotation follows from the others: ``q = T r``, and ``T' M T`` replaces M,
+    likewise for damping, springs and loads. The statics of motions that are not simulated lose these mesh forces.
     """
     if not meshes:
         return motion
@@ -56,7 +56,7 @@ def without_meshes(motion: Motion, meshes: Collection[str]) -> Motion:
 
 
 def _elimination(motion: Motion, rows: Array) -> tuple[Array, Integers]:
-    """Return T (dof, left) and the numbers of the degrees of freedom that are left."""
+    """Return T (dof, remaining) and the numbers of the remaining degrees of freedom, by Gaussian elimination."""
     system, drag = motion.system, motion.load.quadratic_drag
     scene = motion.stage.scene
     reference = scene.kinematics.bodies[str(scene.gearbox.reference)]
@@ -101,11 +101,12 @@ def _reduced_system(system: System, elimination: Array, free: Integers, kept: li
 
 
 def _symmetric(matrix: Array) -> Array:
-    """Return a symmetric matrix without the rounding that makes it otherwise."""
+    """Return a matrix made symmetric to the last digit."""
     return np.asarray((matrix + matrix.T) / 2)
 
 
 def _reduced_output(output: Output, elimination: Array, kept: list[int]) -> Output:
+    """Return the output maps over the remaining degrees of freedom and meshes."""
     maps = {
         name: given[:, kept] if name == "mesh_force" else given @ elimination
         for name, given in output.maps.items()
