@@ -15,9 +15,10 @@ Bevel gears are in contact in the middle of their face, on the line where their 
 their bodies need motions in space.
 """
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from data_synth.bodies import bodies, supports_of
 from data_synth.elements import Coupling, GearMesh
@@ -27,6 +28,9 @@ from data_synth.mesh_parts import mesh_elements
 from data_synth.parts import AttachedRotor, Inertia, MeshProperties, Parts, SupportStiffness
 from hums.gearbox import Gearbox, closest
 from hums.kinematics import Kinematics, solve_kinematics
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
 
 __all__ = ["Assembly", "AttachedRotor", "Inertia", "MeshProperties", "SupportStiffness", "assemble", "assemble_parts"]
 

@@ -260,7 +260,7 @@ def _sensitive_direction(stage: Stage, whole: Assembly, sensor: Sensor, *, passe
     moves = {motion for _, motion in whole.coordinates.index}
     if not passes and not any(value and motion in moves for value, motion in zip(along, "xyz", strict=True)):
         raise SceneError(
-            f'sensor "{sensor.name}" looks along the shafts, where gears that move in a plane make no force; turn '
-            'its direction, or write fidelity = "full".'
+            f'sensor "{sensor.name}" is directed along the shafts, where gears that move in a plane have no force; '
+            'change its direction, or write fidelity = "full".'
         )
     return along

@@ -51,7 +51,7 @@ class Contact:
     cone: Cone | None = None
 
     @property
-    def rolling(self) -> GearPair:
+    def equivalent_pair(self) -> GearPair:
         """The equivalent spur or helical pair: of a bevel pair its virtual spur gears."""
         return self.pair if self.cone is None else self.cone.virtual_spur_gears(self.pair)
 

@@ -111,8 +111,8 @@ def routes_of(scene: Scene) -> tuple[Route, ...]:
     for route in declared:
         if route.source in {mesh.name for mesh in scene.gearbox.meshes}:
             raise SceneError(
-                f'fidelity = "{scene.fidelity}": a transfer starts from the mesh "{route.source}", but teeth that '
-                "vibrate are heard by what holds their gears; name a link or a bearing."
+                f'fidelity = "{scene.fidelity}": a transfer starts from the mesh "{route.source}", but mesh '
+                "forces reach a sensor through the supports of the gears; name a link or a bearing."
             )
     return (*(Route(number=number) for number in range(len(numbers))), *declared)
 
@@ -132,7 +132,7 @@ def route_gains(scene: Scene, whole: Assembly, route: Route, routes: tuple[Route
             if source_of.setdefault(body, other.source) != other.source:
                 raise SceneError(
                     f'transfers lead to sensor "{sensor.name}" from "{source_of[body]}" and "{other.source}", '
-                    f'which both hold "{body}" and are heard as one; keep one of them.'
+                    f'which both support "{body}"; keep one of them.'
                 )
     own_bodies = _holders(scene, whole, route.source) if route.source is not None else set()
     return {

@@ -145,7 +145,7 @@ def _check_speed_continuous(drive: Drive) -> None:
     jumps = np.flatnonzero((np.diff(times_s) == 0) & (np.diff(speeds_hz) != 0))
     if jumps.size:
         raise SceneError(
-            f"speed jumps at {times_s[jumps[0]]:g} s, and no torque takes gears that have a mass along; give "
+            f"speed jumps at {times_s[jumps[0]]:g} s, which gears with inertia cannot follow; give "
             "speed.rise_s, the time that a step takes."
         )
 

@@ -83,8 +83,8 @@ def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, Suppo
     for link, item in declared_of(scene).bearings:
         if kinematics.bodies.get(link) == kinematics.mechanism.frame and not item.torsion_nm_rad:
             raise SceneError(
-                f'dynamics.bearings holds "{link}", which is rigid with "{scene.gearbox.frame}" else, but not against '
-                "turning; give torsion_nm_rad, or leave it out."
+                f'dynamics.bearings makes "{link}", else rigid with "{scene.gearbox.frame}", a body that '
+                "rotates freely; give torsion_nm_rad, or leave it out."
             )
         hold = SupportStiffness(
             radial=item.radial_n_m,

@@ -96,7 +96,7 @@ def _with_planet_phase(
     parts: Parts, contact: Contact, given: MeshProperties
 ) -> tuple[Stiffness, TransmissionError | None]:
     """Return stiffness and transmission error, delayed by the phase of the contact's planet."""
-    stiffness = given.stiffness or Constant(mean=contact.rolling.mean_stiffness())
+    stiffness = given.stiffness or Constant(mean=contact.equivalent_pair.mean_stiffness())
     lag = planet_phase_lag(parts.kinematics, contact, speeds=parts.speeds)
     by = float(-lag % stiffness.period)
     if by:

@@ -137,7 +137,7 @@ def response_of(motion: Motion) -> Response:
     """
     if motion.sensor_forces.rotate:
         raise SceneError(
-            "planets turn with their carrier on their way to a sensor, which lines cannot tell; write "
+            "the routes from planets to a sensor rotate with their carrier, so no linear response exists; write "
             'fidelity = "torsional" or more for every mesh.'
         )
     system, output = motion.system, motion.output
@@ -172,14 +172,16 @@ def check_lines_possible(motion: Motion, name: str) -> None:
     """Raise SceneError, with a remedy, for a mesh that is not periodic with linear response."""
     mesh = motion.system.meshes[contacts_in(motion.system, name)[0]]
     if motion.sensor_forces.rotate:
-        why = "planets turn with their carrier"
+        why = "planets rotate with their carrier"
     elif mesh.history is not None:
         why = "its teeth change with time"
     elif not np.min(mesh.stiffness(_phases(mesh, _MIN_POINTS * int(mesh.stiffness.period)))) > 0:
-        why = "its teeth let go of each other"
+        why = "its teeth lose contact"
     else:
         return
-    raise SceneError(f'mesh "{name}": {why}, which lines cannot tell; write fidelity = "torsional" or more for it.')
+    raise SceneError(
+        f'mesh "{name}": {why}, so it has no linear response; write fidelity = "torsional" or more for it.'
+    )
 
 
 def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothForces:

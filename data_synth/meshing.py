@@ -149,7 +149,7 @@ def _teeth(stage: Stage, kinematics: Kinematics, contact: Contact) -> Teeth:
     scene = stage.scene
     declared = declared_of(scene).mesh(contact.mesh)
     later = float(stage.draws("phase", "gear_mesh", contact.mesh, "teeth").random())
-    half = contact.rolling.contact_ratio / 2
+    half = contact.equivalent_pair.contact_ratio / 2
     broken = []
     for number, fault in enumerate(scene.faults):
         if not isinstance(fault, GearFault) or mesh_name(fault.component) != contact.mesh:
@@ -225,7 +225,7 @@ def _errors(
             parts = [
                 part
                 for item, each in zip(broken, changes, strict=True)
-                for part in errors_of(each, pair=contact.rolling, first=item.first)
+                for part in errors_of(each, pair=contact.equivalent_pair, first=item.first)
             ]
             parts += [ProfileError(harmonics_m=np.array([error_m + 0j]))] if error_m else []
             made[key] = SumOfErrors(parts=tuple(parts), by_cycles=(by_cycles,) * len(parts)) if parts else None
@@ -258,7 +258,7 @@ def _stiffnesses(
 
 
 def _stiffness(scene: Scene, contact: Contact, damaged: list[Damaged], *, by_cycles: float) -> Stiffness:
-    declared, pair = declared_of(scene).mesh(contact.mesh), contact.rolling
+    declared, pair = declared_of(scene).mesh(contact.mesh), contact.equivalent_pair
     known = contact.parallel or contact.cone is not None
     undercut = min(map(abs, pair.teeth)) * math.sin(pair.pressure_angle_rad) ** 2 < 2 * pair.addendum
     spur = known and not undercut and not pair.helix_angle_rad and not any(pair.profile_shift)
@@ -319,9 +319,9 @@ class Knotted:
 
 
 def _by_strain_energy(contact: Contact, bore_share: float, mean: float | None, damaged: list[Damaged]) -> TeethInMesh:
-    one, two = contact.rolling.reference_radii_m
+    one, two = contact.equivalent_pair.reference_radii_m
     try:
-        pair = ToothPair(gears=contact.rolling, bore_radii_m=(bore_share * one, bore_share * two))
+        pair = ToothPair(gears=contact.equivalent_pair, bore_radii_m=(bore_share * one, bore_share * two))
         teeth = teeth_in_mesh(pair, damaged=damaged, teeth=contact.teeth)
     except ValueError as caught:
         raise SceneError(str(caught)) from None

@@ -110,7 +110,7 @@ class Motion:
             raise SceneError(f"the gears cannot be followed in time: {caught}") from None
 
     def steps(self) -> int:
-        """Return how many steps to a sample keep the error, trial_output on 4096 of them where that is hardest."""
+        """Return the steps to a sample that keep the error, from a trial of 4096 samples at the critical time."""
         from data_synth.integrate import integrate  # noqa: PLC0415
 
         if self.method.method.order is None:
@@ -228,7 +228,7 @@ def check_supported(scene: Scene) -> None:
     what = f'fidelity = "{scene.fidelity}"'
     kinematic = 'write fidelity = "kinematic"'
     if scene.torque is None:
-        raise SceneError(f"{what}: teeth that carry nothing stay silent; add torque = {{ link = ..., nm = ... }}.")
+        raise SceneError(f"{what}: without load there is no mesh force; add torque = {{ link = ..., nm = ... }}.")
     if scene.sampling_jitter is not None:
         raise SceneError(f"{what} has no sampling_jitter; leave it out, or {kinematic}.")
     for sensor in scene.sensors:

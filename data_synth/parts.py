@@ -203,7 +203,7 @@ class Parts:
         point = self.axis_points.get(body if body != self.frame and body not in self.elastic_links else carrier)
         if point is None:
             raise ValueError(
-                f'nothing says where the axis of "{body}" stands; give through = [x, y, z] for its axis in the gearbox.'
+                f'the position of the axis of "{body}" is unknown; give its axis through = [x, y, z] in the gearbox.'
             )
         return np.asarray(self.space @ point)
 

@@ -42,7 +42,7 @@ class Readings:
             rows += accelerations @ assembled.flow.generator[size:]
             constant += accelerations @ assembled.flow.drive[size:]
         weights, forces = output.weighted_mesh_force is not None, np.zeros((channels, assembled.backlashes.size))
-        if output.mesh_force is not None and not weights:  # with hats, a stepper reads forces at samples as well
+        if output.mesh_force is not None and not weights:  # else a stepper returns forces at samples as well
             forces = output.mesh_force
         if output.acceleration is not None or forces.any():
             further = [
