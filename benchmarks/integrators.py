@@ -293,7 +293,7 @@ def energies(method: Any, steps: float) -> tuple[float, float, float]:  # noqa: 
         start = State(displacement=np.full(1, x), velocity=np.full(1, np.sqrt((AMPLITUDE - 1) ** 2 - (x - 1) ** 2)))
         problem = Problem(
             system=system,
-            turning=turning(1.0),
+            reference=turning(1.0),
             load=Load(constant=np.zeros(1)),
             duration_s=OSCILLATIONS * PERIOD,
             start=start,

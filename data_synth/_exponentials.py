@@ -1,4 +1,4 @@
-"""Exponentials and products of stacks of small matrices, all of a stack at once."""
+"""Matrix exponentials and products of stacks of small matrices, vectorised over the stack."""
 
 import math
 
@@ -10,7 +10,7 @@ _TERMS = 14  # of a series for matrices of norm 1/2: 0.5^15 / 15! is below round
 
 
 def exponentials(matrices: Array) -> Array:
-    """Return the exponentials of a stack of matrices (n, m, m): halved until small, Taylor's series, squared again."""
+    """Return the exponentials of a stack of matrices (n, m, m): Taylor series with scaling and squaring."""
     halvings = max(0, math.ceil(math.log2(2 * float(np.abs(matrices).sum(axis=2).max()) or 1.0)))
     small = matrices / 2**halvings
     total = np.broadcast_to(np.eye(matrices.shape[1]), matrices.shape)
@@ -22,7 +22,7 @@ def exponentials(matrices: Array) -> Array:
 
 
 def chained(steps: Array) -> Array:
-    """Return the product of a stack of matrices, the last one leftmost, two and two at a time."""
+    """Return the product of a stack of matrices, the last one leftmost, pair by pair."""
     while len(steps) > 1:
         paired = steps[1::2] @ steps[: len(steps) // 2 * 2 : 2]
         steps = np.concatenate([paired, steps[-1:]]) if len(steps) % 2 else paired

@@ -1,4 +1,4 @@
-"""The bodies and supports of a declared gearbox, with what was not declared filled in; see `assembly`."""
+"""Bodies and supports of a declared gearbox, with defaults for undeclared values; see `assembly`."""
 
 import math
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ import numpy as np
 from data_synth.elements import Support, as_vector
 from data_synth.layout import Contact
 from data_synth.mechanics import Body, Vector
-from data_synth.parts import Holding, Inertia, Parts
+from data_synth.parts import Inertia, Parts, SupportStiffness
 from hums.gearbox import Bearing
 
 _STEEL_KG_M3 = 7850.0
@@ -20,9 +20,9 @@ _PARALLEL = 1e-9
 
 
 def bodies(parts: Parts) -> Iterator[Body]:
-    """Yield every body that moves, with the inertia given or that of discs of steel, the pieces of one together."""
-    unit = parts.unit()
-    for name in [*parts.kinematics.joints, *parts.held]:
+    """Yield every moving body with its given inertia, or that of steel discs, the pieces of a body in a row."""
+    reference_speed = parts.reference_speed()
+    for name in [*parts.kinematics.joints, *parts.elastic_links]:
         given = parts.inertias.get(name, Inertia())
         whole = _discs(parts, name)
         polar = whole[1] if given.inertia_kgm2 is None else given.inertia_kgm2
@@ -45,23 +45,23 @@ def bodies(parts: Parts) -> Iterator[Body]:
                 motions=parts.motions,
                 centre_m=parts.centre(name, frame if len(frames) > 1 else None),
                 axis=parts.axis(name),
-                speed_ratio=0.0 if parts.torsion else _speed_ratio(parts, name, unit),
+                speed_ratio=0.0 if parts.torsion else _speed_ratio(parts, name, reference_speed),
                 frame_ratio=parts.frame_ratio(frame),
-                turns_with=name if frame != frames[0] else None,
+                rotates_with=name if frame != frames[0] else None,
             )
 
 
-def _speed_ratio(parts: Parts, name: str, unit: Fraction) -> float:
-    """Return the turns about its axis of a body, as the frame sees it, or, where that has no number, its carrier."""
+def _speed_ratio(parts: Parts, name: str, reference_speed: Fraction) -> float:
+    """Return the speed of a body about its axis relative to the frame, or for a tilted planet axis to the carrier."""
     joints = parts.kinematics.joints
     holder = joints[name].carried_by if name in joints else parts.frame
     if holder == parts.frame or abs(abs(float(np.dot(parts.axis(name), parts.axis(holder)))) - 1) < _PARALLEL:
-        return float(parts.turns(name, parts.frame) / unit)
-    return float(parts.turns(name, holder) / unit)
+        return float(parts.relative_speed(name, parts.frame) / reference_speed)
+    return float(parts.relative_speed(name, holder) / reference_speed)
 
 
 def _share(parts: Parts, body: str, frame: str) -> float:
-    """Return the part of a body's mass that its piece in a frame has: that of the discs there."""
+    """Return the fraction of a body's mass in its piece in a frame: that of the discs there."""
     frames = parts.frames(body)
     if len(frames) == 1:
         return 1.0
@@ -81,7 +81,7 @@ def _discs(parts: Parts, body: str, frame: str | None = None) -> tuple[float, fl
         for contact in parts.contacts:
             planet = _planet_of(parts, contact, body)
             if planet is not None:
-                discs[0.0, 0.0] = _disc(_reach(parts, contact, planet), 0.0, contact.pair.face_width_m)
+                discs[0.0, 0.0] = _disc(_planet_radius(parts, contact, planet), 0.0, contact.pair.face_width_m)
     mass, polar, tilt = np.array([*discs.values(), (0.0, 0.0, 0.0)]).sum(axis=0).tolist()
     return mass, polar, tilt
 
@@ -93,20 +93,20 @@ def _disc(outer: float, inner: float, width: float) -> tuple[float, float, float
 
 
 def _planet_of(parts: Parts, contact: Contact, carrier: str) -> str | None:
-    """Return the body of a contact that a carrier, other than the frame, holds; None if it holds none."""
+    """Return the body of a contact that is a planet of a carrier; None if neither is."""
     joints = parts.kinematics.joints
     held = [body for body in map(parts.body, contact.links) if body in joints and joints[body].carried_by == carrier]
     return held[0] if held and carrier != parts.frame else None
 
 
-def _reach(parts: Parts, contact: Contact, planet: str) -> float:
-    """Return how far from its carrier's axis a planet's centre is; a bevel planet's is at its mate's radius."""
+def _planet_radius(parts: Parts, contact: Contact, planet: str) -> float:
+    """Return the distance of a planet's centre from its carrier's axis; for a bevel planet the radius of its mate."""
     mate = 1 - [parts.body(link) for link in contact.links].index(planet)
     return contact.pair.centre_distance_m if contact.parallel else contact.pair.reference_radii_m[mate]
 
 
 def _carried(parts: Parts, carrier: str) -> float:
-    """Return what planets add to the inertia of their carrier where they only ride on it."""
+    """Return the inertia of planets about their carrier's axis, which torsion adds to the carrier."""
     planets: dict[str, float] = {}
     for contact in parts.contacts:
         planet = _planet_of(parts, contact, carrier)
@@ -114,9 +114,9 @@ def _carried(parts: Parts, carrier: str) -> float:
             mass, _, tilt = _discs(parts, planet)
             given = parts.inertias.get(planet, Inertia())
             mass = mass if given.mass_kg is None else given.mass_kg
-            # a bevel planet turns across the carrier's axis, so all of it turns with the carrier as well
-            apart = _reach(parts, contact, planet)
-            planets[planet] = mass * apart**2 + (0.0 if contact.parallel else tilt)
+            # the axis of a bevel planet is across the carrier's, so all of it rotates with the carrier
+            radius = _planet_radius(parts, contact, planet)
+            planets[planet] = mass * radius**2 + (0.0 if contact.parallel else tilt)
     return sum(planets.values())
 
 
@@ -124,34 +124,36 @@ def _carried(parts: Parts, carrier: str) -> float:
 
 
 def supports_of(parts: Parts) -> Iterator[Support]:
-    """Yield what holds each body to the one that carries its axis: its bearings, or one support in its centre.
+    """Yield the supports between each body and its carrier: its bearings, or one support in its centre.
 
     Further pieces of a body have a support of their own.
     """
     joints = parts.kinematics.joints
-    for body in [*joints, *parts.held]:
+    for body in [*joints, *parts.elastic_links]:
         holder = joints[body].carried_by if body in joints else parts.frame
         first, *others = parts.frames(body)
         own = parts.piece(body, holder) if holder != parts.frame else body
         between = (own, None if holder == parts.frame else parts.piece(holder, holder))
-        if parts.torsion:  # what else a support holds does not move
-            hold = parts.supports.get(body, Holding())
+        if parts.torsion:  # torsion has no other degree of freedom
+            hold = parts.supports.get(body, SupportStiffness())
             yield Support(between=between, torsion=hold.torsion, damping_s=hold.damping_s)
             continue
         bearings = [] if body in parts.supports else list(_bearings_of(parts, body, holder))
         centre = parts.centre(body, first if others else None)
         if not bearings:
-            yield _support(between, centre, parts.supports.get(body, Holding()), axial=True, tilt=True)
+            yield _support(between, centre, parts.supports.get(body, SupportStiffness()), axial=True, tilt=True)
         apart = len({place for _, place, _ in bearings}) > 1
         for name, place, axial in bearings:
-            yield _support(between, place, parts.supports.get(name, Holding()), axial=axial, tilt=not apart)
+            yield _support(between, place, parts.supports.get(name, SupportStiffness()), axial=axial, tilt=not apart)
         for frame in others:
             piece = parts.piece(body, frame)
-            hold = replace(parts.supports.get(body, Holding()), torsion=0.0)
+            hold = replace(parts.supports.get(body, SupportStiffness()), torsion=0.0)
             yield _support((piece, None), parts.centre(body, frame), hold, axial=True, tilt=True)
 
 
-def _support(between: tuple[str, str | None], point: Vector, hold: Holding, *, axial: bool, tilt: bool) -> Support:
+def _support(
+    between: tuple[str, str | None], point: Vector, hold: SupportStiffness, *, axial: bool, tilt: bool
+) -> Support:
     return Support(
         between=between,
         point_m=point,
@@ -166,7 +168,7 @@ def _support(between: tuple[str, str | None], point: Vector, hold: Holding, *, a
 
 
 def _bearings_of(parts: Parts, body: str, holder: str) -> Iterator[tuple[str, Vector, bool]]:
-    """Yield name, place and whether it holds axially, of the bearings between a body and its holder."""
+    """Yield name, position and axial fixity of the bearings between a body and its carrier."""
     gearbox = parts.kinematics.gearbox
 
     def rings(bearing: Bearing) -> set[str]:
@@ -180,5 +182,5 @@ def _bearings_of(parts: Parts, body: str, holder: str) -> Iterator[tuple[str, Ve
             place = parts.centre(body)
             if bearing.position_mm:
                 along = _MM * bearing.position_mm[number] * np.array(parts.axis(body))
-                place = as_vector(parts.station(body, body) + along)
+                place = as_vector(parts.axis_point(body, body) + along)
             yield name, place, name in bearing.takes_axial or not any_axial

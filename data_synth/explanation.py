@@ -1,17 +1,17 @@
-"""What a scene will build, why, and what that will cost, before a sample is computed."""
+"""Sources, lines and cost of a scene, with reasons, before it is simulated."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from data_synth.bearing_run import bearing_of
+from data_synth.bearing_run import bearing_simulation
 from data_synth.combs import HarmonicFamily, random_stream
 from data_synth.faults import ImpactTrain
 from data_synth.fidelity import Choice, decided
 from data_synth.frf import Transfer
-from data_synth.hastened import factor_of, hastened, slowed
-from data_synth.levels import KINEMATIC, LEFT_OUT, SPRING, moved, sounding
+from data_synth.hastened import preview_factor, preview_of, with_full_duration
+from data_synth.levels import KINEMATIC, LEFT_OUT, SPRING, simulated_motion, with_kinematic_lines
 from data_synth.meshing import Gears
 from data_synth.motion import prepare_gears
 from data_synth.reduction import contacts_in
@@ -37,7 +37,21 @@ _CHAIN = ("cross_axis", "resonance", "sensitivity", "hum", "anti_alias", "clippi
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One thing that will be built: what it is, why it is there, and its cost in s."""
+    """One source, sensor or model of a scene: its size, its reason, and its cost.
+
+    Attributes
+    ----------
+    name, what, why : str
+        Component, size and reason, as the table prints them.
+    seconds : float
+        Time to simulate it in s, estimated.
+
+    Examples
+    --------
+    >>> import data_synth
+    >>> data_synth.explain("demo").parts[1].what
+    'input up to 1500 rpm'
+    """
 
     name: str
     what: str
@@ -47,16 +61,22 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """What a scene will build.
+    """Contents and cost of a scene; ``print`` shows it as a table.
 
     Attributes
     ----------
     title : str
+        Gearbox, fidelity, duration, channels and rate.
     parts : tuple of Part
+        Sources, sensors and models, a row of the table each.
     seconds : float
-        To simulate and write it, on one core; an estimate.
+        Time in s to simulate and write it on one core, estimated.
     record_bytes, working_bytes : int
-        Of the channels, and of all that is in memory at once beside them.
+        Memory in bytes of the channels, and of everything else at once.
+
+    Examples
+    --------
+    See `data_synth.explain`, which returns it.
     """
 
     title: str
@@ -81,18 +101,35 @@ class Explanation:
 
 
 def explain(scene: Scene | str | Path) -> Explanation:
-    """Return what a scene will build, why, and what it will cost, in a moment however long the scene is.
+    """Return the sources, lines and estimated cost of a scene without simulating it.
 
-    What fluctuates or slips at random is counted in ten seconds of the scene, its course hastened to fit in them.
+    Random events are counted in a preview of ten seconds, with the time histories of the scene compressed into it.
+
+    Parameters
+    ----------
+    scene : Scene, path or catalogue name
+        The scene.
+
+    Returns
+    -------
+    Explanation
 
     Raises
     ------
     SceneError
-        For a scene that cannot be simulated, as `simulate` does.
+        If the scene cannot be simulated, as `simulate` does.
+
+    Examples
+    --------
+    The demo scene has one channel of 10 s at 50 kHz, 8 bytes a sample:
+
+    >>> import data_synth
+    >>> data_synth.explain("demo").record_bytes == 10 * 50_000 * 8
+    True
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
     counted = count(declared)
-    parts = (*counted.gears, *_parts(counted.stage, declared, counted.faster))
+    parts = (*counted.gears, *_parts(counted.stage, declared, counted.time_factor))
     samples, channels = declared.samples, len(declared.sensors)
     record_bytes = samples * channels * BYTES
     return Explanation(
@@ -109,45 +146,46 @@ def explain(scene: Scene | str | Path) -> Explanation:
 
 @dataclass(frozen=True, kw_only=True)
 class Counted:
-    """What is counted in a moment of a scene, in which time goes `faster`.
+    """Contents of a preview of a scene, in which time is compressed by `time_factor`.
 
     Attributes
     ----------
     stage : PreparedScene
         With the lines of kinematic meshes.
-    faster : float
+    time_factor : float
+        Factor of compression.
     gears : tuple of Part
-        How gears are simulated.
+        Models of the gears.
     working_bytes : int
-        In memory beside the samples.
+        Memory beside the samples.
     """
 
     stage: PreparedScene
-    faster: float
+    time_factor: float
     gears: tuple[Part, ...]
     working_bytes: int
 
 
 def count(scene: Scene) -> Counted:
-    """Return what a scene consists of, counted in a moment of it."""
-    faster = factor_of(scene)
-    stage, vibrating = prepare_scene(hastened(scene, faster), rng_for=partial(random_stream, 0)), 0
+    """Return the contents of a scene, counted in a preview of it."""
+    time_factor = preview_factor(scene)
+    stage, vibrating = prepare_scene(preview_of(scene, time_factor), rng_for=partial(random_stream, 0)), 0
     if scene.fidelity == "kinematic":
         why = "kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated"
         parts: tuple[Part, ...] = (Part(name="fidelity", what="phases and modulations", why=why),)
     else:
-        stage = slowed(stage, scene)
+        stage = with_full_duration(stage, scene)
         gears, choice = prepare_gears(stage), decided(scene)
         parts, vibrating = tuple(_gears(stage, gears, choice)), BYTES * scene.samples * len(scene.sensors)
-        stage = sounding(stage, gears, choice.levels)
+        stage = with_kinematic_lines(stage, gears, choice.levels)
     lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes)
     instants = stage.pulses.times_s.size + sum(train.revolutions.size for _, train in stage.trains)
-    truth = 2 * BYTES * _LINE_COPIES * lines * scene.truth_times + round(BYTES * faster * instants)
-    return Counted(stage=stage, faster=faster, gears=parts, working_bytes=truth + vibrating + _FIXED_BYTES)
+    truth = 2 * BYTES * _LINE_COPIES * lines * scene.truth_times + round(BYTES * time_factor * instants)
+    return Counted(stage=stage, time_factor=time_factor, gears=parts, working_bytes=truth + vibrating + _FIXED_BYTES)
 
 
-def _parts(stage: PreparedScene, scene: Scene, faster: float) -> Iterator[Part]:
-    """Yield the parts of a scene but its gears, from a stage in which time goes `faster`."""
+def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[Part]:
+    """Yield the parts of a scene other than its gears, from a preview compressed by `time_factor`."""
     top = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     yield Part(
         name="speed",
@@ -165,7 +203,7 @@ def _parts(stage: PreparedScene, scene: Scene, faster: float) -> Iterator[Part]:
             seconds=samples * (_PER_LINE * family.coefficients.shape[0] + _PER_SOURCE),
         )
     for number, train in stage.trains:
-        yield _struck(stage, scene, number, train, faster)
+        yield _struck(stage, scene, number, train, time_factor)
     for transfer in scene.transfers:
         yield Part(name=transfer.source, what=f"way of its own to {transfer.sensor}", why=_way(transfer))
     for sensor in scene.sensors:
@@ -177,25 +215,25 @@ def _parts(stage: PreparedScene, scene: Scene, faster: float) -> Iterator[Part]:
     ]
     yield Part(
         name="tachometer",
-        what=_counted(stage.pulses.times_s.size, faster, f"pulses of {scene.tachometer.link}"),
+        what=_counted(stage.pulses.times_s.size, time_factor, f"pulses of {scene.tachometer.link}"),
         why=", ".join(spoilt) or "exact",
     )
 
 
-def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain, faster: float) -> Part:
-    """Return what strikes: impacts that ring, or a bearing that moves."""
+def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain, time_factor: float) -> Part:
+    """Return a train of impacts, or a simulated bearing, as a part."""
     fault, poles = scene.faults[number], sum(2 + chain.poles.size for chain in stage.chains) / 2
-    what = _counted(train.revolutions.size, faster, "entries" if train.is_entry else "impacts")
+    what = _counted(train.revolutions.size, time_factor, "entries" if train.is_entry else "impacts")
     by_ways = all((train.source, sensor.name) in stage.paths for sensor in scene.sensors)
     rings = "heard by its ways" if by_ways else f"rings {scene.resonance.frequency_hz:g} Hz"
     why = f"fault {number + 1}, {fault.kind}: {rings}"
     seconds = scene.samples * poles * _PER_POLE
     if isinstance(fault, BearingFault) and fault.five_dof is not None:
-        bearing = bearing_of(stage, number, train)
+        bearing = bearing_simulation(stage, number, train)
         steps, elements = bearing.per_sample, scene.bearing(fault.component).elements
         what = f"5 degrees of freedom, {steps} steps a sample, {what}"
         why = why.replace("rings", "five_dof, its resonator rings")
-        seconds = (scene.samples * steps + bearing.early) * elements * _PER_CONTACT + seconds * steps
+        seconds = (scene.samples * steps + bearing.settling_steps) * elements * _PER_CONTACT + seconds * steps
     return Part(name=train.component, what=what, why=why, seconds=seconds)
 
 
@@ -205,22 +243,22 @@ def _way(transfer: Transfer) -> str:
     return f"measured, {transfer.lines[0][0]:g} to {transfer.lines[-1][0]:g} Hz"
 
 
-def _counted(number: int, faster: float, things: str) -> str:
-    return f"{number} {things}" if faster == 1 else f"about {number * faster:.3g} {things}"
+def _counted(number: int, time_factor: float, things: str) -> str:
+    return f"{number} {things}" if time_factor == 1 else f"about {number * time_factor:.3g} {things}"
 
 
 def _gears(stage: PreparedScene, gears: Gears, choice: Choice) -> Iterator[Part]:
-    """Yield which motions are simulated, what is left out, and the meshes."""
-    scene, motion = stage.scene, moved(stage, gears, choice.levels)
+    """Yield the fidelity and the model of each mesh as parts."""
+    scene, motion = stage.scene, simulated_motion(stage, gears, choice.levels)
     if motion is None:
         yield Part(name="fidelity", what="lines of the linear response", why=str(choice), seconds=_TEETH_S)
     else:
-        steps, chosen = motion.steps() * motion.denser, motion.method
+        steps, chosen = motion.steps() * motion.oversampling, motion.method
         how, why = f"exact transitions, {steps} a sample", chosen.reason
         if chosen.method.order is not None:
             how = f"{steps} step(s) a sample"
             why = f"splitting, for {chosen.reason}, with an error below {motion.error:g}"
-        running = scene.samples + motion.settle_s * scene.rate_hz
+        running = scene.samples + motion.settling_time_s * scene.rate_hz
         dof, meshes = motion.system.dof, len(motion.system.meshes)
         yield Part(
             name="fidelity",

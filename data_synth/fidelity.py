@@ -1,4 +1,4 @@
-"""Which motions a scene simulates: what it declares, or, where that is "auto", the cheapest that sounds like all."""
+"""Fidelity of each mesh of a scene: as declared or, for "auto", the cheapest within a tolerance of the full motion."""
 
 import math
 from collections.abc import Mapping
@@ -8,27 +8,35 @@ from functools import cached_property, lru_cache, partial
 import numpy as np
 
 from data_synth.combs import random_stream
-from data_synth.hastened import factor_of, hastened, slowed
+from data_synth.hastened import preview_factor, preview_of, with_full_duration
 from data_synth.keeping import LEVELS
-from data_synth.levels import KINEMATIC, LADDER, LEFT_OUT, SPRING, moved, sounding, whole_of
-from data_synth.likeness import Likeness
-from data_synth.mesh_response import refuse_lines, response_of, tooth_forces
+from data_synth.levels import (
+    KINEMATIC,
+    LADDER,
+    LEFT_OUT,
+    SPRING,
+    most_detailed_motion,
+    simulated_motion,
+    with_kinematic_lines,
+)
+from data_synth.likeness import LinearPrediction
+from data_synth.mesh_response import check_lines_possible, response_of, tooth_forces
 from data_synth.meshing import Gears, declared_of
 from data_synth.motion import Motion, prepare_gears
 from data_synth.profile import Array
 from data_synth.scene import Excitation, GearFault, Noise, Scene, SceneError
 from data_synth.stage import PreparedScene, prepare_scene
 
-_CLEARLY_DB = 10.0  # beyond the floor: the linear response tells without a simulation
+_MARGIN_DB = 10.0  # beyond the floor: the linear response decides without a simulation
 _SAME_DB = -150.0
 _SILENT_DB = -400.0
 _COARSE = 8  # values of a stiffness to a period of its highest line
-_INSTANTS = 9  # of a scene at which its linear response is looked at
+_INSTANTS = 9  # of a scene at which its linear response is evaluated
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """What was held against the full motion, and by how many dB its worst channel is apart; in a run, or linearly."""
+    """A candidate compared with the full motion: difference of its worst channel in dB, simulated or predicted."""
 
     levels: Mapping[str, str]
     decibels: float
@@ -43,17 +51,17 @@ class Trial:
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """The motions that are simulated.
+    """The fidelity of each mesh.
 
     Attributes
     ----------
     levels : mapping of mesh to one of `LADDER`
-        "left out": its teeth do not give, and what is behind them turns along; "a spring": teeth of their mean
-        stiffness; "kinematic": the lines of the linear response; else motions in time.
+        "left out": rigid teeth; "a spring": constant mean stiffness; "kinematic": the lines of the linear response;
+        else time integration.
     tried : tuple of Trial
-        All that were compared with the full motion; with `floor_db` None, nothing was.
+        All candidates compared with the full motion; none where `floor_db` is None.
     floor_db : float or None
-        None where the scene itself says what to simulate.
+        Tolerated difference; None where the scene declares its fidelity.
     """
 
     levels: Mapping[str, str]
@@ -67,64 +75,66 @@ class Choice:
 
     @property
     def decibels(self) -> float:
-        """By how many dB the worst channel is apart from the full motion."""
+        """Difference of the worst channel from the full motion in dB."""
         return next((trial.decibels for trial in self.tried if trial.levels == self.levels), _SILENT_DB)
 
     def __str__(self) -> str:
-        """Return what is simulated, and why."""
+        """Return the choice and its reason as text."""
         if self.floor_db is None:
             return f"{self.name}, as declared"
-        alike = ", ".join(str(trial) for trial in self.tried if len(set(trial.levels.values())) == 1)
+        uniform = ", ".join(str(trial) for trial in self.tried if len(set(trial.levels.values())) == 1)
         quiet = "".join(
             f'; teeth of "{mesh}" {level if level == LEFT_OUT else "left out but for their mean"}, below the floor'
             for mesh, level in self.levels.items()
             if level in (LEFT_OUT, SPRING)
         )
         apart = "nothing is lost" if self.decibels < _SAME_DB else f"apart by {self.decibels:.0f} dB"
-        return f"{self.name}: within {self.floor_db:g} dB of full, {apart} (from full: {alike or 'nothing'}){quiet}"
+        return f"{self.name}: within {self.floor_db:g} dB of full, {apart} (from full: {uniform or 'nothing'}){quiet}"
 
 
 def named(levels: Mapping[str, str]) -> str:
-    """Return ``lateral``, or ``stage 1 lateral, stage 2 torsional`` where stages differ."""
+    """Return the levels as text: ``lateral``, or ``stage 1 lateral, stage 2 torsional`` where stages differ."""
     if len(set(levels.values())) == 1:
         return next(iter(levels.values()))
     return ", ".join(f"{mesh} {level}" for mesh, level in levels.items())
 
 
 def chosen(stage: PreparedScene, gears: Gears) -> Choice:
-    """Return what a scene simulates.
+    """Return the fidelity of each mesh of a scene.
 
-    With "auto", all stages alike are compared with the full motion, kinematic first; the first whose worst channel
-    differs by less than `floor_db`, RMS of the difference over RMS, is taken. Then each stage, the quietest first, is
-    made less by itself: left out, a spring, kinematic, fewer motions, as long as the channels stay within the floor. A
-    stage that declares a fidelity keeps it.
+    With "auto", equal levels for all stages are compared with the full motion, kinematic first; the first whose worst
+    channel differs by less than `floor_db`, RMS of the difference over RMS, is chosen. Then each stage, that with the
+    weakest lines first, is reduced by itself: left out, a spring, kinematic, fewer motions, as long as the channels
+    stay within the floor. A stage that declares a fidelity keeps it.
 
-    What the linear response tells is not run: a candidate apart by 10 dB more than the floor allows, at instants all
-    over the scene, is refused, and one that moves as the full motion does is taken. The rest is run over the first
+    The linear response decides where it can: a candidate that differs by 10 dB more than the floor at instants all
+    over the scene is rejected, and one equal to the full motion is accepted. Others are simulated over the first
     `decide_s` of the scene.
 
     Raises
     ------
     SceneError
-        A stage that declares more than the scene, or a scene that cannot vibrate.
+        If a stage declares a higher fidelity than the scene, or the scene cannot be integrated.
     """
     scene = stage.scene
     own = {mesh.name: declared_of(scene).mesh(mesh.name).fidelity for mesh in scene.gearbox.meshes}
     if scene.fidelity != "auto":
         return Choice(levels={name: _within(scene, name, level) for name, level in own.items()})
     floor_db = declared_of(scene).floor_db
-    judge = _Judge(stage=stage, gears=gears, top={name: level or "full" for name, level in own.items()})
+    comparison = _Comparison(stage=stage, gears=gears, top={name: level or "full" for name, level in own.items()})
     tried: list[Trial] = []
 
     def fits(levels: Mapping[str, str]) -> bool:
         known = next((trial for trial in tried if trial.levels == levels), None)
         if known is None:
-            tried.append(known := judge.compared(levels))
+            tried.append(known := comparison.compare(levels))
         return known.decibels <= floor_db
 
-    alike = ({name: level or common for name, level in own.items()} for common in (KINEMATIC, *LEVELS[:-1]))
-    levels = next((candidate for candidate in alike if candidate != judge.top and fits(candidate)), judge.top)
-    for name in judge.quietest_first() if len(own) > 1 else ():
+    uniform = ({name: level or common for name, level in own.items()} for common in (KINEMATIC, *LEVELS[:-1]))
+    levels = next(
+        (candidate for candidate in uniform if candidate != comparison.top and fits(candidate)), comparison.top
+    )
+    for name in comparison.by_line_power() if len(own) > 1 else ():
         if own[name] is None:
             less = ({**levels, name: level} for level in LADDER[: LADDER.index(levels[name])])
             levels = next((candidate for candidate in less if fits(candidate)), levels)
@@ -132,9 +142,9 @@ def chosen(stage: PreparedScene, gears: Gears) -> Choice:
 
 
 def decided(scene: Scene) -> Choice:
-    """Return what a scene simulates, whatever its seed: `chosen` of its gears alone, with the phases of seed 0.
+    """Return the fidelity of each mesh of a scene, independent of its seed: `chosen` for its gears and seed 0.
 
-    Scenes whose gears, sensors, speed and torque are alike share what was found.
+    Scenes with equal gears, sensors, speed and torque share the cached result.
     """
     gears = tuple(fault for fault in scene.faults if isinstance(fault, GearFault))
     return _decided(scene.model_copy(update={"faults": gears, "noise": Noise(), "excitation": Excitation()}))
@@ -142,12 +152,14 @@ def decided(scene: Scene) -> Choice:
 
 @lru_cache(maxsize=64)
 def _decided(scene: Scene) -> Choice:
-    stage = slowed(prepare_scene(hastened(scene, factor_of(scene)), rng_for=partial(random_stream, 0)), scene)
+    stage = with_full_duration(
+        prepare_scene(preview_of(scene, preview_factor(scene)), rng_for=partial(random_stream, 0)), scene
+    )
     return chosen(stage, prepare_gears(stage))
 
 
 def forget() -> None:
-    """Forget what `decided` found, as before a time is taken."""
+    """Clear the cache of `decided`, as before a measurement of time."""
     _decided.cache_clear()
 
 
@@ -161,92 +173,98 @@ def _within(scene: Scene, mesh: str, own: str | None) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Judge:
-    """Holds candidates against `top`, the most that the scene allows."""
+class _Comparison:
+    """Comparison of candidates with `top`, the highest levels that the scene allows."""
 
     stage: PreparedScene
     gears: Gears
     top: Mapping[str, str]
 
-    def compared(self, levels: Mapping[str, str]) -> Trial:
-        """Return how far apart a candidate is."""
+    def compare(self, levels: Mapping[str, str]) -> Trial:
+        """Return a candidate with its difference from the full motion."""
         try:
-            about = self._told(levels)
-            if about is None:
-                return Trial(levels=levels, decibels=_apart_db(self._heard(levels), self._wanted), run=True)
-        except SceneError:  # as of a sensor that looks along shafts, where a lesser motion makes no force
-            about = math.inf
-        return Trial(levels=levels, decibels=about, run=False)
+            estimate_db = self._linear_estimate(levels)
+            if estimate_db is None:
+                return Trial(
+                    levels=levels, decibels=_difference_db(self._channels(levels), self._reference_channels), run=True
+                )
+        except SceneError:  # as of a sensor along the shafts, where a lower level has no force
+            estimate_db = math.inf
+        return Trial(levels=levels, decibels=estimate_db, run=False)
 
-    def _told(self, levels: Mapping[str, str]) -> float | None:
-        """Return how far apart a candidate is where linear responses tell, in dB; None where it has to be run."""
+    def _linear_estimate(self, levels: Mapping[str, str]) -> float | None:
+        """Return the predicted difference in dB where it is decisive; None where a simulation is needed."""
         if any(level == KINEMATIC and name in self._no_lines for name, level in levels.items()):
             return math.inf
-        likeness, floor_db = self._likeness, declared_of(self.stage.scene).floor_db
-        if likeness is None:
+        prediction, floor_db = self._linear_prediction, declared_of(self.stage.scene).floor_db
+        if prediction is None:
             return None
-        about = self._predicted(likeness, levels, floor_db)
-        alike = likeness.linear or all(level in LEVELS for level in levels.values())
-        return about if about > floor_db + _CLEARLY_DB or (alike and about < _SAME_DB) else None
+        estimate_db = self._predicted(prediction, levels, floor_db)
+        uniform = prediction.linear or all(level in LEVELS for level in levels.values())
+        return estimate_db if estimate_db > floor_db + _MARGIN_DB or (uniform and estimate_db < _SAME_DB) else None
 
-    def quietest_first(self) -> list[str]:
-        """Return the meshes in the order in which they are made less."""
-        if self._likeness is None:
+    def by_line_power(self) -> list[str]:
+        """Return the meshes in order of the power of their lines."""
+        if self._linear_prediction is None:
             return [*self.top]
-        loudness = self._likeness.loudness
-        return sorted(self.top, key=lambda name: float(np.max(loudness[name])))
+        line_power = self._linear_prediction.line_power
+        return sorted(self.top, key=lambda name: float(np.max(line_power[name])))
 
     # ---- as linear systems
 
     @cached_property
     def _whole(self) -> Motion:
-        return whole_of(self.stage, self.gears, self.top)
+        return most_detailed_motion(self.stage, self.gears, self.top)
 
     @cached_property
     def _no_lines(self) -> set[str]:
-        """Meshes that cannot be kinematic."""
+        """Names of the meshes that cannot be kinematic."""
         found = set()
         for name in self.top:
             try:
-                refuse_lines(self._whole, name)
+                check_lines_possible(self._whole, name)
             except SceneError:
                 found.add(name)
         return found
 
     @cached_property
-    def _likeness(self) -> Likeness | None:
-        """None where planets turn with their carrier, so that no one linear response is heard."""
-        if self._whole.ears.turns:
+    def _linear_prediction(self) -> LinearPrediction | None:
+        """Prediction from linear responses; None with planets, whose routes to the sensors rotate."""
+        if self._whole.sensor_forces.rotate:
             return None
         last = self.stage.instants_s.size - 1
         steady = np.ptp(self.stage.speed_hz) == 0 and np.ptp(self.stage.load) == 0
         instants = (0,) if steady else tuple(np.unique(np.linspace(0, last, _INSTANTS).round().astype(int)).tolist())
         forces = {name: tooth_forces(self._whole, name, points=_COARSE) for name in self.top}
-        return Likeness(whole=response_of(self._whole), forces=forces, instants=instants)
+        return LinearPrediction(whole=response_of(self._whole), forces=forces, instants=instants)
 
-    def _predicted(self, likeness: Likeness, levels: Mapping[str, str], floor_db: float) -> float:
-        lost = np.zeros(len(self.stage.scene.sensors))
+    def _predicted(self, prediction: LinearPrediction, levels: Mapping[str, str], floor_db: float) -> float:
+        error_power = np.zeros(len(self.stage.scene.sensors))
         for name, level in levels.items():
             if level in (LEFT_OUT, SPRING):
-                lost += likeness.loudness[name]
+                error_power += prediction.line_power[name]
             elif level == KINEMATIC != self.top[name]:
-                lost += likeness.multiplied[name]
-        motion = moved(self.stage, self.gears, levels) if _ratio_db(lost, likeness.total) < floor_db else None
+                error_power += prediction.parametric_error[name]
+        motion = (
+            simulated_motion(self.stage, self.gears, levels)
+            if _ratio_db(error_power, prediction.total_power) < floor_db
+            else None
+        )
         if motion is not None:
             response = response_of(motion)
             for name in [name for name, level in levels.items() if level in LEVELS]:
-                lost += likeness.unlike(name, response)
-        return _ratio_db(lost, likeness.total)
+                error_power += prediction.motion_error(name, response)
+        return _ratio_db(error_power, prediction.total_power)
 
     # ---- in time
 
     @cached_property
-    def _wanted(self) -> Array:
-        return self._heard(self.top)
+    def _reference_channels(self) -> Array:
+        return self._channels(self.top)
 
     @cached_property
-    def _piece(self) -> PreparedScene:
-        """The first `decide_s` of the scene, with nothing but gears in it."""
+    def _trial_stage(self) -> PreparedScene:
+        """The first `decide_s` of the scene, with its gears alone."""
         scene, drive = self.stage.scene, self.stage.drive
         scene = scene.changed(duration_s=min(scene.duration_s, declared_of(scene).decide_s))
         times_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
@@ -260,23 +278,23 @@ class _Judge:
             amplitudes=(),
         )
 
-    def _heard(self, levels: Mapping[str, str]) -> Array:
-        scene = self._piece.scene
+    def _channels(self, levels: Mapping[str, str]) -> Array:
+        scene = self._trial_stage.scene
         signal = np.zeros((len(scene.sensors), scene.samples))
-        sounding(self._piece, self.gears, levels).add_lines(signal)
-        motion = moved(self._piece, self.gears, levels)
+        with_kinematic_lines(self._trial_stage, self.gears, levels).add_lines(signal)
+        motion = simulated_motion(self._trial_stage, self.gears, levels)
         if motion is not None:
             signal += np.concatenate([*motion.channels(samples=scene.samples)], axis=1)
         return signal
 
 
-def _apart_db(found: Array, wanted: Array) -> float:
-    """Return the RMS of the difference over the RMS, in dB, of the worst channel."""
-    return _ratio_db(np.mean((found - wanted) ** 2, axis=1), np.mean(wanted**2, axis=1))
+def _difference_db(found: Array, reference: Array) -> float:
+    """Return the RMS of the difference over the RMS of the worst channel, in dB."""
+    return _ratio_db(np.mean((found - reference) ** 2, axis=1), np.mean(reference**2, axis=1))
 
 
-def _ratio_db(lost: Array, total: Array) -> float:
-    ratios = np.divide(lost, total, out=np.full(total.size, np.inf), where=total > 0)
-    ratios[lost == 0] = 0.0
+def _ratio_db(error_power: Array, total: Array) -> float:
+    ratios = np.divide(error_power, total, out=np.full(total.size, np.inf), where=total > 0)
+    ratios[error_power == 0] = 0.0
     worst = float(np.max(ratios))
     return max(10 * math.log10(worst), _SILENT_DB) if worst > 0 else _SILENT_DB

@@ -1,33 +1,40 @@
-"""Stability of a gearbox under its own mesh stiffness: Floquet's multipliers at constant speed.
+"""Parametric stability of a gearbox under its own mesh stiffness: Floquet multipliers at constant speed.
 
-Over one period of all meshes the state returns as ``z(T) = P z(0)``; the motion is unbounded where an eigenvalue of P,
-a multiplier, lies outside of the unit circle. Where every stiffness is constant between its jumps and nothing damps
-or turns the motion, P is a product of exact transitions: in the modes of each stretch, cosines and sines. Otherwise a
-product of exponentials, exact again between jumps, else of fourth order in their length (the commutator-free method
-of Blanes and Moan 2006, Appl. Numer. Math. 56) and refined until it rests.
+Over one period of all meshes the state becomes ``z(T) = P z(0)``; the motion is unbounded where an eigenvalue of the
+monodromy matrix P, a Floquet multiplier, lies outside of the unit circle. Where every stiffness is constant between
+its jumps and there are no velocity terms, P is a product of exact transition matrices: in the modes of each interval,
+cosines and sines. Otherwise it is a product of matrix exponentials, exact again between jumps, else of fourth order in
+their length (the commutator-free method of Blanes and Moan 2006, Appl. Numer. Math. 56) and refined to convergence.
 
-The state is taken in the modes of mean stiffness, velocities over their frequency: motions that strain nothing are left
-out, as their double multiplier of 1 would be found to half the digits only, and all others count alike, however stiff.
+The state is taken in the modes of mean stiffness, velocities over their frequency. Rigid-body modes are left out,
+because their double multiplier of 1 would be found to half the digits only; the other modes are scaled alike, however
+stiff.
 """
 
+from __future__ import annotations
+
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from data_synth._exponentials import chained, exponentials
-from data_synth.mechanics import Array, System
-from data_synth.mesh import ComplexArray
-from data_synth.modal import mode_pairs
+from data_synth.modal import undamped_modes
 
-_DENOMINATOR = 100_000
-_RATIO = 1e-12
-_SIXTH = math.sqrt(3) / 6
-_FEW, _MOST = 32, 8192  # steps a period at first, and at last
-_STILL = 1e-9  # of the largest entry of P, between two refinements
-_TAME = 1e-6  # growth a period that rounding explains
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from data_synth.mechanics import Array, System
+    from data_synth.mesh import ComplexArray
+
+_MAX_DENOMINATOR = 100_000
+_RATIO_TOLERANCE = 1e-12
+_GAUSS = math.sqrt(3) / 6  # of a step: distance of the two Gauss-Legendre nodes from its middle
+_MIN_STEPS, _MAX_STEPS = 32, 8192  # to a period
+_CONVERGED = 1e-9  # of the largest entry of P, between two refinements
+_ROUNDING = 1e-6  # growth over a period that rounding explains
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,11 +44,27 @@ class Multipliers:
     Attributes
     ----------
     period_s : float
-        After which all meshes repeat.
+        Time in s after which all meshes repeat.
     multipliers : (2 mode,) complex array
-        Largest first; motions that strain nothing are left out.
+        Eigenvalues of the monodromy matrix, largest magnitude first; rigid-body modes are left out.
     monodromy : (2 mode, 2 mode) array
-        P, displacements before velocities, in the modes of mean stiffness.
+        P, displacements before velocities over their frequency, in the modes of mean stiffness.
+
+    Examples
+    --------
+    With a damper the product of the multipliers is ``exp(-trace(M^-1 C) T)`` (Liouville's formula):
+
+    >>> import numpy as np
+    >>> from data_synth.elements import GeneralMesh
+    >>> from data_synth.floquet import floquet
+    >>> from data_synth.mechanics import Body, build_system
+    >>> from data_synth.mesh import Rectangular
+    >>> mass = Body(name="mass", mass_kg=1.0, motions=("x",))
+    >>> k = Rectangular(low=0.7, high=1.3, duty=0.5)
+    >>> mesh = GeneralMesh(name="mesh", motions={("mass", "x"): 1.0}, stiffness=k, damping=0.04)
+    >>> found = floquet(build_system([mass], [mesh]), speed_rad_s=2.0)
+    >>> bool(np.isclose(np.prod(found.multipliers), np.exp(-0.04 * found.period_s)))
+    True
     """
 
     period_s: float
@@ -50,21 +73,26 @@ class Multipliers:
 
     @property
     def largest(self) -> float:
-        """Magnitude of the largest multiplier: above 1 the motion grows by this factor a period."""
+        """Magnitude of the largest multiplier: above 1, the factor by which the motion grows in a period."""
         return float(np.abs(self.multipliers[0]))
 
 
 @dataclass(frozen=True, kw_only=True)
 class StabilityMap:
-    """Largest multiplier over speed, and over a parameter.
+    """Magnitude of the largest Floquet multiplier over speed and over a parameter.
 
     Attributes
     ----------
     speeds_rad_s : (speed,) array
-        Of the reference.
+        Speed of the reference shaft in rad/s.
     parameters : (parameter,) array
+        Values of the parameter, in its own unit.
     growth : (parameter, speed) array
-        Magnitude of the largest multiplier a period.
+        Magnitude of the largest multiplier: growth of the motion in one period.
+
+    Examples
+    --------
+    See `stability_map`, which returns it.
     """
 
     speeds_rad_s: Array = field(metadata={"dims": ("speed",), "units": "rad/s"})
@@ -72,14 +100,26 @@ class StabilityMap:
     growth: Array = field(metadata={"dims": ("parameter", "speed"), "units": "1"})
 
     @property
-    def unstable(self) -> "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]":
-        """Where the motion grows by more than rounding explains, (parameter, speed)."""
-        return np.asarray(self.growth > 1 + _TAME)
+    def unstable(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+        """Whether the motion grows by more than rounding explains, (parameter, speed)."""
+        return np.asarray(self.growth > 1 + _ROUNDING)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tongue:
-    """An interval of speeds of the reference, rad/s, in which motion grows; `growth` is the most that was met."""
+    """An instability tongue: an interval of speeds in which the motion grows.
+
+    Attributes
+    ----------
+    low_rad_s, high_rad_s : float
+        Ends of the interval, speeds of the reference shaft in rad/s.
+    growth : float
+        Largest magnitude of a multiplier at the speeds of the search.
+
+    Examples
+    --------
+    See `instability_tongues`, which returns it.
+    """
 
     low_rad_s: float
     high_rad_s: float
@@ -87,22 +127,45 @@ class Tongue:
 
 
 def floquet(system: System, *, speed_rad_s: float) -> Multipliers:
-    """Return the Floquet multipliers of a system at constant speed.
+    """Return the Floquet multipliers and the monodromy matrix of a system at constant speed.
 
-    Meshes are linear, as if closed by load, and what rubs in them counts; transmission errors and forces do not matter.
+    Teeth are taken to stay in contact; friction between them counts. Transmission errors and forces do not affect the
+    stability of this linear system.
 
     Parameters
     ----------
     system : System
+        Equations of motion with at least one mesh.
     speed_rad_s : float
-        Of the reference; a mesh turns through ``cycles_per_rev`` cycles in each of its revolutions.
+        Speed of the reference shaft in rad/s; a mesh passes ``cycles_per_rev`` cycles in each of its revolutions.
+
+    Returns
+    -------
+    Multipliers
 
     Raises
     ------
     ValueError
-        A speed that is not positive, no mesh, or meshes that never repeat together.
+        If the speed is not positive, the system has no mesh, or the meshes have no common period.
     ArithmeticError
-        A monodromy matrix that 8192 steps a period have not settled.
+        If the monodromy matrix has not converged with 8192 steps to a period.
+
+    Examples
+    --------
+    Meissner's equation, a stiffness a^2 for half of a period of pi and b^2 for the other half, has the trace
+    ``2 cos(pi a/2) cos(pi b/2) - (a/b + b/a) sin(pi a/2) sin(pi b/2)``; beyond -2 the motion is unstable:
+
+    >>> import numpy as np
+    >>> from data_synth.elements import GeneralMesh
+    >>> from data_synth.floquet import floquet
+    >>> from data_synth.mechanics import Body, build_system
+    >>> from data_synth.mesh import Rectangular
+    >>> mass = Body(name="mass", mass_kg=1.0, motions=("x",))
+    >>> k = Rectangular(low=0.7, high=1.3, duty=0.5)
+    >>> mesh = GeneralMesh(name="mesh", motions={("mass", "x"): 1.0}, stiffness=k)
+    >>> found = floquet(build_system([mass], [mesh]), speed_rad_s=2.0)
+    >>> round(float(np.trace(found.monodromy)), 6), found.largest > 1
+    (-2.089829, True)
     """
     if not (math.isfinite(speed_rad_s) and speed_rad_s > 0):
         raise ValueError(f"speed_rad_s = {speed_rad_s!r} has to be a finite number above 0.")
@@ -112,13 +175,42 @@ def floquet(system: System, *, speed_rad_s: float) -> Multipliers:
 def stability_map(
     system_of: Callable[[float], System], *, parameters: Sequence[float] | Array, speeds_rad_s: Sequence[float] | Array
 ) -> StabilityMap:
-    """Return the largest multiplier over speeds, for every value of a parameter.
+    """Return the magnitude of the largest Floquet multiplier over speed, for every value of a parameter.
 
     Parameters
     ----------
     system_of : callable
-        From a parameter (damping ratio, contact ratio, load, ...) to a system.
-    parameters, speeds_rad_s : sequence of float
+        From a value of the parameter (damping ratio, contact ratio, load, ...) to a system.
+    parameters : (parameter,) sequence of float
+        Values of the parameter.
+    speeds_rad_s : (speed,) sequence of float
+        Speeds of the reference shaft in rad/s.
+
+    Returns
+    -------
+    StabilityMap
+
+    Raises
+    ------
+    ValueError, ArithmeticError
+        As `floquet` does.
+
+    Examples
+    --------
+    An oscillator of 1 rad/s whose stiffness varies at twice its natural frequency by a fraction h is unstable where the
+    damping ratio is below about h / 4:
+
+    >>> from data_synth.elements import GeneralMesh
+    >>> from data_synth.floquet import stability_map
+    >>> from data_synth.mechanics import Body, build_system
+    >>> from data_synth.mesh import Fourier
+    >>> mass = Body(name="mass", mass_kg=1.0, motions=("x",))
+    >>> def system_of(ratio):
+    ...     k = Fourier(mean=1.0, harmonics=[0.1])
+    ...     mesh = GeneralMesh(name="mesh", motions={("mass", "x"): 1.0}, stiffness=k, damping=2 * ratio)
+    ...     return build_system([mass], [mesh])
+    >>> stability_map(system_of, parameters=[0.024, 0.026], speeds_rad_s=[1.5, 2.0]).unstable.tolist()
+    [[False, True], [False, False]]
     """
     speeds = np.asarray(speeds_rad_s, dtype=np.float64)
     periodic = (_Periodic(system_of(value)) for value in parameters)
@@ -129,25 +221,54 @@ def stability_map(
 
 
 def instability_tongues(system: System, *, speeds_rad_s: Sequence[float] | Array) -> tuple[Tongue, ...]:
-    """Return the intervals of speed in which motion grows, their ends bisected to 1e-10 of the speed.
+    """Return the intervals of speed in which the motion is unstable, their ends bisected to 1e-10 of the speed.
 
-    A tongue that lies between two of `speeds_rad_s` is not seen. Principal ones stand where the mesh frequency is twice
+    A tongue that lies between two of `speeds_rad_s` is missed. The principal ones lie where the mesh frequency is twice
     a natural frequency, or the sum of two, over a whole number.
 
     Parameters
     ----------
     system : System
-    speeds_rad_s : sequence of float
-        Rising; where to look.
+        Equations of motion with at least one mesh.
+    speeds_rad_s : (speed,) sequence of float
+        Speeds of the reference shaft in rad/s at which stability is decided first, rising.
+
+    Returns
+    -------
+    tuple of Tongue
+        In order of rising speed.
+
+    Raises
+    ------
+    ValueError, ArithmeticError
+        As `floquet` does.
+
+    Examples
+    --------
+    ``x'' + (1 + h cos(W t)) x = 0`` is Mathieu's equation, a = 4 / W^2 and q = 2 h / W^2; its first tongue lies between
+    the characteristic values b1(q) and a1(q):
+
+    >>> from scipy.special import mathieu_a, mathieu_b
+    >>> from data_synth.elements import GeneralMesh
+    >>> from data_synth.floquet import instability_tongues
+    >>> from data_synth.mechanics import Body, build_system
+    >>> from data_synth.mesh import Fourier
+    >>> mass, k = Body(name="mass", mass_kg=1.0, motions=("x",)), Fourier(mean=1.0, harmonics=[0.4])
+    >>> mesh = GeneralMesh(name="mesh", motions={("mass", "x"): 1.0}, stiffness=k)
+    >>> (tongue,) = instability_tongues(build_system([mass], [mesh]), speeds_rad_s=[1.5, 2.0, 2.5])
+    >>> f"{4 / tongue.low_rad_s**2:.5f} {mathieu_a(1, 0.8 / tongue.low_rad_s**2):.5f}"
+    '1.24009 1.24009'
+    >>> f"{4 / tongue.high_rad_s**2:.5f} {mathieu_b(1, 0.8 / tongue.high_rad_s**2):.5f}"
+    '0.83052 0.83052'
     """
     speeds, periodic = [float(speed) for speed in speeds_rad_s], _Periodic(system)
     growth = [periodic.multipliers(speed).largest for speed in speeds]
-    grows = [value > 1 + _TAME for value in growth]
+    grows = [value > 1 + _ROUNDING for value in growth]
 
     def edge(stable: float, unstable: float) -> float:
         while abs(unstable - stable) > 1e-10 * unstable:
             middle = (stable + unstable) / 2
-            inside = periodic.multipliers(middle).largest > 1 + _TAME
+            inside = periodic.multipliers(middle).largest > 1 + _ROUNDING
             stable, unstable = (stable, middle) if inside else (middle, unstable)
         return unstable
 
@@ -164,101 +285,99 @@ def instability_tongues(system: System, *, speeds_rad_s: Sequence[float] | Array
 
 
 class _Periodic:
-    """A system in the modes of its mean stiffness, and how its meshes change over one period."""
+    """A system in the modes of its mean stiffness, and the variation of its meshes over one period."""
 
     def __init__(self, system: System) -> None:
         if not system.meshes:
             raise ValueError("the system has no mesh, so nothing changes with phase; use solve_modes.")
         self.system = system
-        angular, shapes = mode_pairs(system, [mesh.stiffness.mean for mesh in system.meshes])
+        angular, shapes = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
         kept = angular > 0
         velocity = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
         free = shapes[:, ~kept]
         if np.abs(free.T @ velocity).max(initial=0.0) + np.abs(velocity @ free).max(initial=0.0) > 0:
-            kept = np.ones_like(kept)  # a damper that a rigid motion meets couples it to the others
+            kept = np.ones_like(kept)  # a damper against a rigid-body motion couples it to the other modes
         self.shapes, self.velocity = shapes[:, kept], shapes[:, kept].T @ velocity @ shapes[:, kept]
         self.angular = angular[kept]
         self.scale = np.where(self.angular > 0, self.angular, self.angular[self.angular > 0].min(initial=1.0))
-        self.turns = _turns(system)
+        self.revolutions = _revolutions(system)
         self.exact = all(mesh.stiffness.constant_between_jumps and not mesh.friction for mesh in system.meshes)
         self.breaks = self._breaks()
-        self.free_vibration = self.exact and not self.velocity.any() and bool(np.all(self.angular > 0))
-        self.pieces = [self._modes_at(part) for part in self._middles()] if self.free_vibration else []
+        self.undamped = self.exact and not self.velocity.any() and bool(np.all(self.angular > 0))
+        middles = (self.breaks[1:] + self.breaks[:-1]) / 2
+        self.intervals = [self._modes_at(middle) for middle in middles] if self.undamped else []
 
     def _breaks(self) -> Array:
-        """Return the turns of the reference, from 0 to the end of the period, between which nothing jumps."""
-        found = {0.0, float(self.turns)}
+        """Return revolutions of the reference, from 0 to the end of the period, between which no stiffness jumps."""
+        found = {0.0, float(self.revolutions)}
         for mesh in self.system.meshes:
             corners = (*mesh.stiffness.jumps, *getattr(mesh.stiffness, "corners", ()))
-            rubs = {jump for rub in mesh.friction for jump in rub.share.jumps}
-            corners += tuple(jump + cycle for cycle in range(mesh.stiffness.period) for jump in rubs)
+            friction = {jump for force in mesh.friction for jump in force.factor.jumps}
+            corners += tuple(jump + cycle for cycle in range(mesh.stiffness.period) for jump in friction)
             period = mesh.stiffness.period / mesh.cycles_per_rev
-            for repeat in range(round(float(self.turns) / period)):
+            for repeat in range(round(float(self.revolutions) / period)):
                 found |= {corner / mesh.cycles_per_rev + repeat * period for corner in corners}
         points = np.array(sorted(found))
-        return np.asarray(points[np.concatenate([[True], np.diff(points) > _RATIO * points[-1]])])
+        return np.asarray(points[np.concatenate([[True], np.diff(points) > _RATIO_TOLERANCE * points[-1]])])
 
-    def _middles(self) -> Array:
-        return np.asarray((self.breaks[1:] + self.breaks[:-1]) / 2)
-
-    def _constants(self, turns: float) -> list[float]:
-        return [float(mesh.stiffness(mesh.cycles_per_rev * turns)) for mesh in self.system.meshes]
-
-    def _modes_at(self, turns: float) -> tuple[Array, Array]:
-        """Return frequencies and shapes of one stretch, in the modes of mean stiffness."""
-        angular, shapes = mode_pairs(self.system, self._constants(turns))
+    def _modes_at(self, revolutions: float) -> tuple[Array, Array]:
+        """Return frequencies and shapes of one interval, in the modes of mean stiffness."""
+        constants = [float(mesh.stiffness(mesh.cycles_per_rev * revolutions)) for mesh in self.system.meshes]
+        angular, shapes = undamped_modes(self.system, constants)
         return angular, np.asarray(self.shapes.T @ self.system.mass @ shapes)
 
     def multipliers(self, speed: float) -> Multipliers:
         """Return the multipliers at a speed in rad/s."""
-        second = 2 * math.pi / speed  # a turn of the reference
-        if self.free_vibration:
-            product = self._exact(second)
+        period_s = 2 * math.pi / speed  # of the reference shaft
+        if self.undamped:
+            product = self._exact(period_s)
         elif self.exact:
-            product = self._product(second, 0)
+            product = self._product(period_s, 0)
         else:
-            product = self._refined(second)
+            product = self._refined(period_s)
         values = np.asarray(np.linalg.eigvals(product), dtype=np.complex128)
         return Multipliers(
-            period_s=float(self.turns) * second,
+            period_s=float(self.revolutions) * period_s,
             multipliers=values[np.argsort(-np.abs(values), kind="stable")],
             monodromy=product,
         )
 
-    def _exact(self, second: float) -> Array:
+    def _exact(self, period_s: float) -> Array:
+        """Return the monodromy matrix of free undamped vibration, its stiffness constant in each interval."""
         size = self.angular.size
-        product, down = np.eye(2 * size), self.scale[:, None]
-        for (angular, turn), stretch in zip(self.pieces, np.diff(self.breaks) * second, strict=True):
-            cosine = (turn * np.cos(angular * stretch)) @ turn.T
-            sine = (turn * (stretch * np.sinc(angular * stretch / np.pi))) @ turn.T
-            pull = (turn * (-angular * np.sin(angular * stretch))) @ turn.T
-            step = np.block([[cosine, sine * self.scale], [pull / down, cosine * self.scale / down]])
+        product, rows = np.eye(2 * size), self.scale[:, None]
+        for (angular, shapes), time_s in zip(self.intervals, np.diff(self.breaks) * period_s, strict=True):
+            cosine = (shapes * np.cos(angular * time_s)) @ shapes.T
+            sine = (shapes * (time_s * np.sinc(angular * time_s / np.pi))) @ shapes.T
+            restoring = (shapes * (-angular * np.sin(angular * time_s))) @ shapes.T
+            step = np.block([[cosine, sine * self.scale], [restoring / rows, cosine * self.scale / rows]])
             product = step @ product
         return product
 
-    def _refined(self, second: float) -> Array:
-        steps, before = _FEW, None
-        while steps <= _MOST:
-            product = self._product(second, steps)
-            if before is not None and np.abs(product - before).max() < _STILL * max(1.0, np.abs(product).max()):
+    def _refined(self, period_s: float) -> Array:
+        """Return the monodromy matrix of a smooth stiffness, with steps halved until it converges."""
+        steps, before = _MIN_STEPS, None
+        while steps <= _MAX_STEPS:
+            product = self._product(period_s, steps)
+            if before is not None and np.abs(product - before).max() < _CONVERGED * max(1.0, np.abs(product).max()):
                 return product
             steps, before = 2 * steps, product
         raise ArithmeticError(
-            f"{_MOST} steps a period have not settled the monodromy matrix to {_STILL:g}; see whether a stiffness "
-            "jumps without saying so in `jumps`."
+            f"{_MAX_STEPS} steps to a period: the monodromy matrix has not converged to {_CONVERGED:g}; check that "
+            "the `jumps` of every stiffness are complete."
         )
 
-    def _product(self, second: float, steps: int) -> Array:
-        """Return the product of exponentials; `steps` a period, or one each stretch where that is exact."""
+    def _product(self, period_s: float, steps: int) -> Array:
+        """Return the product of matrix exponentials: `steps` to a period, or one to each interval for 0 steps."""
         rates, product = self._mean_rate() / 2, np.eye(2 * self.angular.size)
-        first, other = 0.25 + _SIXTH, 0.25 - _SIXTH
+        near, far = 0.25 + _GAUSS, 0.25 - _GAUSS
         for start, stop in zip(self.breaks[:-1].tolist(), self.breaks[1:].tolist(), strict=True):
-            count = max(1, math.ceil(steps * (stop - start) / float(self.turns)))
+            count = max(1, math.ceil(steps * (stop - start) / float(self.revolutions)))
             length = (stop - start) / count
             middles = start + (np.arange(count) + 0.5) * length
-            early, late = (self._departures(middles + sign * _SIXTH * length) for sign in (-1, 1))
-            halves = np.stack([rates + first * early + other * late, rates + other * early + first * late], axis=1)
-            product = chained(exponentials(length * second * halves.reshape(-1, *rates.shape))) @ product
+            early, late = (self._variation(middles + sign * _GAUSS * length) for sign in (-1, 1))
+            halves = np.stack([rates + near * early + far * late, rates + far * early + near * late], axis=1)
+            product = chained(exponentials(length * period_s * halves.reshape(-1, *rates.shape))) @ product
         return np.asarray(product)
 
     def _mean_rate(self) -> Array:
@@ -270,37 +389,32 @@ class _Periodic:
         rates[size:, size:] = -self.velocity * self.scale / self.scale[:, None]
         return rates
 
-    def _departures(self, turns: Array) -> Array:
-        """Return what the meshes add to A where they are off their means, (turn, 2 mode, 2 mode)."""
+    def _variation(self, revolutions: Array) -> Array:
+        """Return A minus its mean at angles of the reference, (angle, 2 mode, 2 mode)."""
         size = self.angular.size
-        change = np.zeros((turns.size, 2 * size, 2 * size))
+        change = np.zeros((revolutions.size, 2 * size, 2 * size))
         for mesh in self.system.meshes:
-            reach, phase = self.shapes.T @ mesh.direction, mesh.cycles_per_rev * turns
+            modal, phase = self.shapes.T @ mesh.direction, mesh.cycles_per_rev * revolutions
             stiffness = mesh.stiffness(phase)
-            off = stiffness - mesh.stiffness.mean
-            change[:, size:, :size] -= off[:, None, None] * np.outer(reach / self.scale, reach)
-            for rub in mesh.friction:
-                pull = self.shapes.T @ rub.direction / self.scale
-                change[:, size:, :size] += (stiffness * rub.share(phase))[:, None, None] * np.outer(pull, reach)
+            varying = stiffness - mesh.stiffness.mean
+            change[:, size:, :size] -= varying[:, None, None] * np.outer(modal / self.scale, modal)
+            for force in mesh.friction:
+                across = self.shapes.T @ force.direction / self.scale
+                change[:, size:, :size] += (stiffness * force.factor(phase))[:, None, None] * np.outer(across, modal)
         return change
 
 
-def _turns(system: System) -> Fraction:
-    """Return the turns of the reference after which every mesh repeats."""
-    turns = Fraction(0)
+def _revolutions(system: System) -> Fraction:
+    """Return the revolutions of the reference after which every mesh repeats: the least common multiple of periods."""
+    total = Fraction(0)
     for mesh in system.meshes:
-        ratio = Fraction(mesh.cycles_per_rev).limit_denominator(_DENOMINATOR)
-        if ratio <= 0 or abs(float(ratio) / mesh.cycles_per_rev - 1) > _RATIO:
+        ratio = Fraction(mesh.cycles_per_rev).limit_denominator(_MAX_DENOMINATOR)
+        if ratio <= 0 or abs(float(ratio) / mesh.cycles_per_rev - 1) > _RATIO_TOLERANCE:
             raise ValueError(
                 f'mesh "{mesh.name}": cycles_per_rev = {mesh.cycles_per_rev!r} is no ratio of whole numbers below '
-                f"{_DENOMINATOR}, so the meshes have no common period; give it as teeth define it."
+                f"{_MAX_DENOMINATOR}, so the meshes have no common period; give it as teeth define it."
             )
         own = mesh.stiffness.period / ratio
-        turns = own if not turns else _common(turns, own)
-    return turns
-
-
-def _common(one: Fraction, other: Fraction) -> Fraction:
-    """Return the least common multiple of two fractions."""
-    numerator = math.lcm(one.numerator * other.denominator, other.numerator * one.denominator)
-    return Fraction(numerator, one.denominator * other.denominator)
+        numerator = math.lcm(total.numerator * own.denominator, own.numerator * total.denominator)
+        total = Fraction(numerator, total.denominator * own.denominator) if total else own
+    return total

@@ -1,8 +1,8 @@
-"""A long scene in little time: whatever a scene counts in seconds goes faster, so that it is counted in a moment.
+"""Time-compressed preview of a long scene, for cost and fidelity.
 
-Speeds, torques and sizes take the values they have in the scene itself, so lines, top speed and refusals are the same;
-turns, pulses and impacts are fewer by the factor that time goes faster. Fluctuations are the same too, but where
-rounding gives them a knot more, or where they have so many that their fastest part is left out.
+Speeds, torques and fault sizes take the values of the scene itself, so lines, top speed and errors are the same;
+revolutions, pulses and impacts are fewer by the factor of compression. Fluctuations are the same too, except that
+rounding may add a point, and that the fastest part of very long ones is left out.
 """
 
 from dataclasses import replace
@@ -17,41 +17,41 @@ from data_synth.growth import ExponentialGrowth
 from data_synth.scene import Scene
 from data_synth.stage import PreparedScene, ratio_of
 
-CourseT = TypeVar("CourseT", Speed, Torque)
+HistoryT = TypeVar("HistoryT", Speed, Torque)
 
-_LONG_S = 10.0  # what a hastened scene lasts
-_MARKS = 16.0  # of the tachometer that it holds at least, where the scene itself does
-_MOST_KNOTS = 2**18  # of a fluctuation; one with more loses its fastest part
-_KNOTS_PER_CYCLE, _SPARE_SCALES = 8, 20  # as `data_synth.speeds.fluctuation` spends them
+_PREVIEW_S = 10.0  # duration of a preview
+_MIN_PULSES = 16.0  # of the tachometer, at least, where the scene itself has them
+_MAX_POINTS = 2**18  # of a fluctuation; one with more loses its fastest part
+_POINTS_PER_CYCLE, _SPARE_SCALES = 8, 20  # as `data_synth.speeds.fluctuation` uses them
 
 
-def factor_of(scene: Scene) -> float:
-    """Return by how much time can go faster: 1 in a scene of ten seconds or less."""
-    factor = max(1.0, scene.duration_s / _LONG_S)
+def preview_factor(scene: Scene) -> float:
+    """Return the factor by which time is compressed: 1 for a scene of ten seconds or less."""
+    factor = max(1.0, scene.duration_s / _PREVIEW_S)
     if factor == 1:
         return factor
-    short = hastened(scene, factor)
+    short = preview_of(scene, factor)
     rng = np.random.default_rng(0)
     angle = build_drive(short, datum_turn=0.0, speed_rng=rng, torque_rng=rng).angle
     turns = float(angle.revolutions([short.duration_s])[0]) * float(abs(scene.ratio(scene.tachometer.link)))
-    return max(1.0, factor * min(1.0, turns * scene.tachometer.pulses_per_rev / _MARKS))
+    return max(1.0, factor * min(1.0, turns * scene.tachometer.pulses_per_rev / _MIN_PULSES))
 
 
-def hastened(scene: Scene, factor: float) -> Scene:
-    """Return the scene with all of its courses and growth `factor` times as fast, and as much shorter."""
+def preview_of(scene: Scene, factor: float) -> Scene:
+    """Return the scene with all time histories and growth `factor` times as fast, and as much shorter."""
     if factor == 1:
         return scene
     duration_s = scene.duration_s / factor
     return scene.changed(
         duration_s=duration_s,
-        speed=_run_up(_course(scene.speed, factor, duration_s), factor),
-        torque=_course(scene.torque, factor, duration_s) if scene.torque is not None else None,
-        faults=tuple(_fault(fault, factor) for fault in scene.faults),
+        speed=_lighter_run_up(_faster_history(scene.speed, factor, duration_s), factor),
+        torque=_faster_history(scene.torque, factor, duration_s) if scene.torque is not None else None,
+        faults=tuple(_faster_growth(fault, factor) for fault in scene.faults),
     )
 
 
-def slowed(stage: PreparedScene, scene: Scene) -> PreparedScene:
-    """Return the stage with the scene's own course, for what depends on it alone: how its gears vibrate."""
+def with_full_duration(stage: PreparedScene, scene: Scene) -> PreparedScene:
+    """Return a preview's stage with the scene's own speed, torque and duration, for the simulation of its gears."""
     if scene is stage.scene:
         return stage
     datum_turn = stage.drive.angle.datum_rev * ratio_of(scene, scene.tachometer.link)
@@ -62,31 +62,31 @@ def slowed(stage: PreparedScene, scene: Scene) -> PreparedScene:
     return replace(stage, scene=scene, drive=drive, instants_s=instants_s)
 
 
-def _course(course: CourseT, factor: float, duration_s: float) -> CourseT:
-    values: dict[str, object] = {"rise_s": course.rise_s / factor}
+def _faster_history(history: HistoryT, factor: float, duration_s: float) -> HistoryT:
+    values: dict[str, object] = {"rise_s": history.rise_s / factor}
     for key in ("steps", "rpm", "nm"):
-        knots = getattr(course, key, None)
-        if knots is not None:
-            values[key] = tuple((at_s / factor, value) for at_s, value in knots)
-    if course.turbulence is not None:
-        values["turbulence"] = _gusts(course.turbulence, factor, duration_s)
-    return course.changed(**values)
+        points = getattr(history, key, None)
+        if points is not None:
+            values[key] = tuple((at_s / factor, value) for at_s, value in points)
+    if history.turbulence is not None:
+        values["turbulence"] = _faster_turbulence(history.turbulence, factor, duration_s)
+    return history.changed(**values)
 
 
-def _gusts(turbulence: Turbulence, factor: float, duration_s: float) -> Turbulence:
+def _faster_turbulence(turbulence: Turbulence, factor: float, duration_s: float) -> Turbulence:
     scale_s, highest_hz = turbulence.time_scale_s / factor, turbulence.highest_hz * factor
-    knots = _KNOTS_PER_CYCLE * highest_hz * (duration_s + _SPARE_SCALES * scale_s)
-    return turbulence.changed(time_scale_s=scale_s, highest_hz=highest_hz * min(1.0, _MOST_KNOTS / knots))
+    points = _POINTS_PER_CYCLE * highest_hz * (duration_s + _SPARE_SCALES * scale_s)
+    return turbulence.changed(time_scale_s=scale_s, highest_hz=highest_hz * min(1.0, _MAX_POINTS / points))
 
 
-def _run_up(speed: Speed, factor: float) -> Speed:
-    """Return a run-up of a lighter train: the same torque brings it to the same speeds, sooner."""
+def _lighter_run_up(speed: Speed, factor: float) -> Speed:
+    """Return a run-up with less inertia: the same torque reaches the same speeds sooner."""
     if speed.run_up is None:
         return speed
     return speed.changed(run_up=speed.run_up.changed(inertia_kg_m2=speed.run_up.inertia_kg_m2 / factor))
 
 
-def _fault(fault: Fault, factor: float) -> Fault:
+def _faster_growth(fault: Fault, factor: float) -> Fault:
     law = fault.growth
     if law is None:
         return fault

@@ -1,7 +1,7 @@
-"""Mesh forces that jump, as samples that a filter can take: weighted with hats, and set right for that.
+"""Anti-aliasing of mesh forces that jump: triangular weights (linear B-splines), and their inverse filter.
 
-A hat over two samples has the spectrum ``sinc^2``, so of what folds back from beyond half the rate it leaves the square
-of the part that point values would. What lies below is set right by the first terms of ``1 / sinc^2(x / 2) = (asin(s) /
+A triangle over two sample intervals has the spectrum ``sinc^2``, which attenuates aliases. The passband is corrected by
+the first terms of ``1 / sinc^2(x / 2) = (asin(s) /
 s)^2``, ``s = sin(x / 2)``: to 1e-6 up to a tenth of the rate, and to 2e-4 up to a fifth.
 """
 
@@ -28,24 +28,24 @@ def _correction() -> Array:
 
 
 @dataclass(kw_only=True)
-class Hats:
-    """Adds up, block after block, channels of motions and channels of mesh forces.
+class WeightedForces:
+    """Sums channels of motion and channels of weighted mesh forces, block by block.
 
     Attributes
     ----------
     output : Output
-        To be integrated: the channels of motions, then those of mesh forces under hats, then those at samples.
-    judged : Output
-        The same without the last, by which steps are judged.
+        Output to integrate: the channels of motion, of weighted mesh forces, and of mesh forces at samples.
+    trial_output : Output
+        The same without the last, for the choice of the step size.
     """
 
     output: Output
-    judged: Output
-    _kept: Array = field(default_factory=lambda: np.empty((0, 0)), init=False, repr=False)
+    trial_output: Output
+    _buffer: Array = field(default_factory=lambda: np.empty((0, 0)), init=False, repr=False)
 
     @classmethod
-    def of(cls, output: Output) -> "Hats | None":
-        """Return what takes the place of an output with mesh forces; None where it has none."""
+    def of(cls, output: Output) -> "WeightedForces | None":
+        """Return the replacement of an output with mesh forces; None where it has none."""
         if output.mesh_force is None:
             return None
         maps = {
@@ -53,25 +53,25 @@ class Hats:
             for name, value in output.maps.items()
             if name != "mesh_force"
         }
-        silent = np.zeros_like(output.mesh_force)
-        hats = np.vstack([silent, output.mesh_force, silent])
-        judged = Output(rate_hz=output.rate_hz, **maps, hat_mesh_force=hats)
-        points = np.vstack([silent, silent, output.mesh_force])
-        return cls(output=replace(judged, mesh_force=points), judged=judged)
+        zero = np.zeros_like(output.mesh_force)
+        weighted_rows = np.vstack([zero, output.mesh_force, zero])
+        trial_output = Output(rate_hz=output.rate_hz, **maps, weighted_mesh_force=weighted_rows)
+        points = np.vstack([zero, zero, output.mesh_force])
+        return cls(output=replace(trial_output, mesh_force=points), trial_output=trial_output)
 
     def push(self, values: Array) -> tuple[Array, Array]:
-        """Return the channels (n, channels) that the next values (n, 3 channels) allow: they lag them by `LAG`.
+        """Return the channels (n, channels), `LAG` samples behind the next values (n, 3 channels).
 
-        First as a filter takes them, then as they are at samples. Before the first values all was as it is there.
+        First free of aliases, for a filter, then as samples. Before the first values they are taken to be constant.
         """
-        if not self._kept.size:
-            self._kept = np.repeat(values[:1], LAG + _TERMS, axis=0)
-        joined = np.concatenate([self._kept, values])
-        self._kept = joined[-LAG - _TERMS :]
+        if not self._buffer.size:
+            self._buffer = np.repeat(values[:1], LAG + _TERMS, axis=0)
+        joined = np.concatenate([self._buffer, values])
+        self._buffer = joined[-LAG - _TERMS :]
         count, channels = values.shape[0], values.shape[1] // 3
-        # hats stand a sample back, and the filter takes as many samples before as after
+        # a triangle is centred one sample back, and the filter is symmetric
         now = joined[_TERMS : _TERMS + count]
-        moved, points = now[:, :channels], now[:, 2 * channels :]
+        motion, points = now[:, :channels], now[:, 2 * channels :]
         taps = _correction()
-        felt = [np.convolve(joined[1:, channels + c], taps, mode="valid") for c in range(channels)]
-        return np.asarray(moved + np.stack(felt, axis=1)), np.asarray(moved + points)
+        weighted = [np.convolve(joined[1:, channels + c], taps, mode="valid") for c in range(channels)]
+        return np.asarray(motion + np.stack(weighted, axis=1)), np.asarray(motion + points)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_synth.bearing_run import RunningBearing, bearing_of
+from data_synth.bearing_run import BearingSimulation, bearing_simulation
 from data_synth.chain import Sensor
 from data_synth.combs import ComplexArray
 from data_synth.faults import ImpactTrain
@@ -181,11 +181,11 @@ class _ChannelFilter:
 
 
 def _add_motion(prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array) -> None:
-    bearing = bearing_of(prepared, number, train)
+    bearing = bearing_simulation(prepared, number, train)
     filters = [_channel_filter(prepared, bearing, train, index) for index in range(len(signal))]
     samples, each = signal.shape[1], bearing.per_sample
-    steps = bearing.early + (samples - 1) * each + 1 + max(filter_.lag for filter_ in filters)
-    begun = -bearing.early
+    steps = bearing.settling_steps + (samples - 1) * each + 1 + max(filter_.lag for filter_ in filters)
+    begun = -bearing.settling_steps
     for block in bearing.blocks(steps=steps):
         for filter_, values in zip(filters, signal, strict=True):
             response = filter_.push(block[filter_.input_name])
@@ -199,7 +199,9 @@ def _add_motion(prepared: PreparedScene, number: int, train: ImpactTrain, signal
         begun += block["force"].size
 
 
-def _channel_filter(prepared: PreparedScene, bearing: RunningBearing, train: ImpactTrain, index: int) -> _ChannelFilter:
+def _channel_filter(
+    prepared: PreparedScene, bearing: BearingSimulation, train: ImpactTrain, index: int
+) -> _ChannelFilter:
     """Return the filter of a channel: from the resonator's acceleration, or from the force on a declared path."""
     scene, chain, sensor = prepared.scene, prepared.chains[index], prepared.scene.sensors[index]
     rate_hz = bearing.per_sample * scene.rate_hz

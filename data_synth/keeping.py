@@ -1,7 +1,7 @@
-"""Which motions of a gearbox are simulated, and what those that are left out do instead.
+"""Active degrees of freedom of a gearbox at a level of fidelity, and the constraints on the others.
 
-A motion that is left out rests or, where a carrier holds the body, follows the carrier as if its bearing were rigid: so
-a planet that only turns rides on its carrier.
+A degree of freedom that is not active is fixed or, for a body on a carrier, constrained to the carrier as by a rigid
+bearing: so a planet with rotation alone moves with its carrier.
 """
 
 from collections.abc import Mapping
@@ -19,59 +19,61 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kept:
-    """The motions that are simulated.
+class ActiveDofs:
+    """The active degrees of freedom, with the system reduced to them.
 
     Attributes
     ----------
     system : System
-        Of these motions alone. What a turning frame adds to its stiffness, ``(Omega / omega)^2`` of it, is left out,
-        for it would let what turns freely run away; its gyroscopic terms are in it.
+        Equations of motion of the active degrees of freedom. The centripetal stiffness of a rotating frame, of relative
+        size ``(Omega / omega)^2``, is left out, as it would make free rotations unstable; gyroscopic terms are in it.
     numbers : (k,) array
-        Their numbers among all motions.
-    follow : (dof, dof) array
-        How all motions follow each of them, those that rest included.
+        Numbers of the active degrees of freedom among all.
+    constraint : (dof, dof) array
+        All degrees of freedom as linear functions of each other: the identity but for constrained ones.
     """
 
     system: System
     numbers: Array = field(repr=False)
-    follow: Array = field(repr=False)
+    constraint: Array = field(repr=False)
 
     @property
-    def moving(self) -> Array:
-        """How all motions follow those that are simulated, (dof, k)."""
-        return np.asarray(self.follow[:, self.numbers])
+    def expansion(self) -> Array:
+        """All degrees of freedom per active one, (dof, k)."""
+        return np.asarray(self.constraint[:, self.numbers])
 
 
-def kept_of(whole: Assembly, levels: Mapping[str, str]) -> Kept:
-    """Return the motions of a gearbox at these levels.
+def active_dofs_of(whole: Assembly, levels: Mapping[str, str]) -> ActiveDofs:
+    """Return the active degrees of freedom of a gearbox at these levels of fidelity.
 
     Parameters
     ----------
     whole : Assembly
-        In the plane, or in space.
+        Assembled in the plane or in space.
     levels : mapping of mesh to "torsional", "lateral" or "full"
-        A body has the motions of the highest of its meshes, a carrier those of its planets. Where axes cross, lateral
-        motion is that along all three directions, and full motion tilts as well.
+        A body has the motions of the highest level of its meshes, a carrier those of its planets. Where axes cross,
+        lateral motion is translation in all three directions, and full motion has tilt as well.
     """
-    at = whole.at
-    follow, numbers = np.eye(len(at.names)), []
+    coordinates = whole.coordinates
+    constraint, numbers = np.eye(len(coordinates.names)), []
     highest = _highest(whole, levels)
-    crossed = any(abs(body.axis[2]) < _UPRIGHT for body in whole.bodies)
-    lateral = ("x", "y", "z", "rotation") if crossed else ("x", "y", "rotation")
-    kept = {"torsional": ("rotation",), "lateral": lateral, "full": None}
-    for name in _holders_first(whole):
-        body, holder = at.bodies[name], _holder(whole, name)
-        motions = kept[LEVELS[highest.get(name, 0)]]
+    has_crossed_axes = any(abs(body.axis[2]) < _UPRIGHT for body in whole.bodies)
+    lateral = ("x", "y", "z", "rotation") if has_crossed_axes else ("x", "y", "rotation")
+    motions_of_level = {"torsional": ("rotation",), "lateral": lateral, "full": None}
+    for name in _carriers_first(whole):
+        body, carrier = coordinates.bodies[name], _carrier_of(whole, name)
+        motions = motions_of_level[LEVELS[highest.get(name, 0)]]
         for motion in body.motions:
-            number = at.index[name, motion]
+            number = coordinates.index[name, motion]
             if motions is None or motion in motions:
                 numbers.append(number)
-            elif holder is not None:
-                row = _follows(at, name, motion, holder)
-                follow[number] = row @ follow
+            elif carrier is not None:
+                row = _constraint_row(coordinates, name, motion, carrier)
+                constraint[number] = row @ constraint
     chosen = np.unique(numbers)
-    return Kept(system=_reduced(whole, follow[:, chosen], chosen), numbers=chosen, follow=follow)
+    return ActiveDofs(
+        system=_reduced_system(whole, constraint[:, chosen], chosen), numbers=chosen, constraint=constraint
+    )
 
 
 def _highest(whole: Assembly, levels: Mapping[str, str]) -> dict[str, int]:
@@ -90,42 +92,44 @@ def _highest(whole: Assembly, levels: Mapping[str, str]) -> dict[str, int]:
     return found
 
 
-def _holder(whole: Assembly, name: str) -> str | None:
-    """Return the body, or its piece, that holds a body; None where that is the frame."""
+def _carrier_of(whole: Assembly, name: str) -> str | None:
+    """Return the carrier of a body, or its piece; None where that is the frame."""
     joint = whole.parts.kinematics.joints.get(name)
     if joint is None or joint.carried_by == whole.parts.frame:
         return None
     return whole.parts.piece(joint.carried_by, joint.carried_by)
 
 
-def _holders_first(whole: Assembly) -> list[str]:
-    waiting, found = [body.name for body in whole.bodies], list[str]()
-    while waiting:
-        ready = [name for name in waiting if (holder := _holder(whole, name)) is None or holder in found]
+def _carriers_first(whole: Assembly) -> list[str]:
+    """Return the names of all bodies, each after its carrier."""
+    remaining, found = [body.name for body in whole.bodies], list[str]()
+    while remaining:
+        ready = [name for name in remaining if (carrier := _carrier_of(whole, name)) is None or carrier in found]
         found += ready
-        waiting = [name for name in waiting if name not in ready]
+        remaining = [name for name in remaining if name not in ready]
     return found
 
 
-def _follows(at: Coordinates, name: str, motion: str, holder: str) -> Array:
-    """Return the row (dof,) by which a motion of a body follows the one that holds it."""
-    body = at.bodies[name]
+def _constraint_row(coordinates: Coordinates, name: str, motion: str, carrier: str) -> Array:
+    """Return the row (dof,) of a motion of a body that is rigidly connected to its carrier."""
+    body = coordinates.bodies[name]
     if motion in _ACROSS:
-        return at.point(holder, body.centre_m, _ACROSS[motion])
-    return at.turn(holder, body.turning(motion))
+        return coordinates.displacement_row(carrier, body.centre_m, _ACROSS[motion])
+    return coordinates.rotation_row(carrier, body.rotation_axis(motion))
 
 
-def _reduced(whole: Assembly, moving: Array, chosen: Array) -> System:
+def _reduced_system(whole: Assembly, expansion: Array, chosen: Array) -> System:
+    """Return the system with ``q = expansion r``: mass ``expansion' M expansion`` and so on."""
     system = whole.system
-    plain = np.array_equal(moving, np.eye(len(system.names))[:, chosen])
+    plain = np.array_equal(expansion, np.eye(len(system.names))[:, chosen])
 
     def square(matrix: Array) -> Array:
         if plain:
             return np.asarray(matrix[np.ix_(chosen, chosen)])
-        return np.asarray(moving.T @ matrix @ moving)
+        return np.asarray(expansion.T @ matrix @ expansion)
 
     def row(direction: Array) -> Array:
-        found = direction @ moving
+        found = direction @ expansion
         return np.asarray(np.where(np.abs(found) > _ROUNDING * np.max(np.abs(direction)), found, 0.0))
 
     mass = square(system.mass)

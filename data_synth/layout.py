@@ -1,4 +1,4 @@
-"""Where the axes and teeth of a declared gearbox stand: the geometry of its contacts."""
+"""Geometry of a declared gearbox: positions of its axes, and its contacts."""
 
 import math
 from collections.abc import Mapping
@@ -24,21 +24,20 @@ class Contact:
 
     Attributes
     ----------
-    mesh : str
-        Name of the mesh; that of the contact adds the number of the planet.
-    name : str
+    mesh, name : str
+        Names of the mesh and of the contact, which adds the number of the planet.
     links, teeth : pairs
-        Teeth signed as declared.
+        The two gears; teeth signed as declared.
     carrier : str
-        Body in which the contact rests.
+        Body relative to which the contact is at rest.
     pair : GearPair
-        Of bevel gears the section in the middle of the face.
+        Geometry; of bevel gears the section in the middle of the face.
     parallel : bool
-        Whether the axes are.
+        Whether the axes are parallel.
     swapped : bool
-        Whether the gears stand here in the other order than declared.
+        Whether the gears are in the other order than declared.
     cone : Cone or None
-        Where bevel gears touch.
+        Pitch cones of bevel gears.
     """
 
     mesh: str
@@ -52,9 +51,9 @@ class Contact:
     cone: Cone | None = None
 
     @property
-    def rolling(self) -> GearPair:
-        """The gears whose teeth meet: of a bevel pair its virtual spur gears."""
-        return self.pair if self.cone is None else self.cone.rolling(self.pair)
+    def equivalent_pair(self) -> GearPair:
+        """The equivalent spur or helical pair: of a bevel pair its virtual spur gears."""
+        return self.pair if self.cone is None else self.cone.virtual_spur_gears(self.pair)
 
 
 def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> tuple[Contact, ...]:
@@ -63,7 +62,7 @@ def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> t
     Raises
     ------
     ValueError
-        A mesh of one gear, or one whose module, face width or pressure angle is not declared.
+        If a mesh has one gear only, or lacks module, face width or pressure angle.
     """
     declared = {mesh.name: mesh for mesh in kinematics.gearbox.meshes}
     number: dict[str, int] = {}
@@ -82,7 +81,7 @@ def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> t
         swapped = internal and abs(ones) > abs(twos)
         links, teeth = ((two, one), (twos, ones)) if swapped else ((one, two), (ones, twos))
         signed = (abs(teeth[0]), -abs(teeth[1]) if internal else abs(teeth[1]))
-        cone = cone.other_way_round() if cone is not None and swapped else cone
+        cone = cone.reversed() if cone is not None and swapped else cone
         found.append(
             Contact(
                 mesh=contact.mesh,
@@ -119,9 +118,9 @@ def _pair(mesh: Mesh, teeth: tuple[int, int], cone: Cone | None, *, swapped: boo
 
 
 def direction_of(kinematics: Kinematics, link: str) -> Array:
-    """Return the direction of the axis a link turns about, (3,); for a gear of the frame that of its mate's carrier.
+    """Return the direction of a link's axis of rotation, (3,); for a gear of the frame that of its mate's carrier.
 
-    Copies of an axis that is not parallel to that of their carrier stand round it as declared.
+    Copies of an axis that is not parallel to that of their carrier are spaced round it as declared.
     """
     directions, bodies = kinematics.mechanism.directions, kinematics.bodies
     joint = kinematics.joints.get(bodies[link])
@@ -130,7 +129,7 @@ def direction_of(kinematics: Kinematics, link: str) -> Array:
         holder = kinematics.joints.get(joint.carried_by)
         if holder is None:
             return drawn
-        return _turned(drawn, np.array(directions[holder.axis]), planet_angle(kinematics.gearbox, joint.axis))
+        return _rotated(drawn, np.array(directions[holder.axis]), planet_angle(kinematics.gearbox, joint.axis))
     for contact in kinematics.contacts:
         shared = kinematics.mechanism.shared_axis(bodies[link], contact.carrier)
         if shared is not None and link in (gear for gear, _ in contact.gears):
@@ -138,30 +137,30 @@ def direction_of(kinematics: Kinematics, link: str) -> Array:
     return np.array(next(iter(directions.values())))
 
 
-def across(direction: Array) -> tuple[Array, Array]:
-    """Return x and y of a frame whose z is `direction`: the next two directions of space where it is one of them."""
+def transverse_axes(direction: Array) -> tuple[Array, Array]:
+    """Return the x and y axes to a z axis: x, y, z in cyclic order where `direction` is one of them."""
     away = np.roll(np.eye(3)[int(np.argmax(np.abs(direction)))], 1)
     first = away - (away @ direction) * direction
     first /= np.linalg.norm(first)
     return first, np.cross(direction, first)
 
 
-def upright(kinematics: Kinematics) -> Array:
+def z_direction(kinematics: Kinematics) -> Array:
     """Return the direction that is z of the assembly, (3,): the first axis, or that of a carrier not parallel to it."""
     joints, frame = kinematics.joints, kinematics.mechanism.frame
     first = direction_of(kinematics, next(iter(joints)))
     for carrier in dict.fromkeys(joint.carried_by for joint in joints.values() if joint.carried_by != frame):
         axis = direction_of(kinematics, carrier)
-        if not _alike(axis, first):
+        if not _parallel(axis, first):
             return axis
     return first
 
 
-def stations(kinematics: Kinematics, contacts: tuple[Contact, ...]) -> dict[str, Array]:
+def axis_points(kinematics: Kinematics, contacts: tuple[Contact, ...]) -> dict[str, Array]:
     """Return a point of each body's axis in space, (3,) m; the first body's in the origin.
 
-    A declared ``through`` says so. Else planets stand round their carrier as declared, at the centre distance of their
-    mesh, and each other gear beside one that is known, along x; axes of bevel gears meet.
+    It is as declared by ``through``. Else planets are spaced round their carrier as declared, at the centre distance of
+    their mesh, and each other gear is beside one that is known, along x; axes of bevel gears intersect.
     """
     joints, frame = kinematics.joints, kinematics.mechanism.frame
     through = {
@@ -189,7 +188,7 @@ def stations(kinematics: Kinematics, contacts: tuple[Contact, ...]) -> dict[str,
 
 
 def _place(kinematics: Kinematics, contact: Contact, known: dict[str, Array]) -> None:
-    """Put the gear of a contact that has no place yet beside the other one, or through its apex."""
+    """Place the gear of a contact whose position is unknown at the centre distance from its mate, or at the apex."""
     bodies = [kinematics.bodies[link] for link in contact.links]
     starts = [known.get(_axis_body(kinematics, body, contact.carrier)) for body in bodies]
     here = 0 if starts[0] is None else 1
@@ -198,36 +197,36 @@ def _place(kinematics: Kinematics, contact: Contact, known: dict[str, Array]) ->
         return
     axis = direction_of(kinematics, contact.links[1 - here])
     if not contact.parallel:
-        known[bodies[here]] = start + height_m(kinematics, contact) * axis
+        known[bodies[here]] = start + axial_position_m(kinematics, contact) * axis
         return
-    z = upright(kinematics)
-    x, y = across(z if _alike(axis, z) else axis)
+    z = z_direction(kinematics)
+    x, y = transverse_axes(z if _parallel(axis, z) else axis)
     joint = kinematics.joints.get(bodies[here])
     angle = 0.0 if joint is None else planet_angle(kinematics.gearbox, joint.axis)
     known[bodies[here]] = start + contact.pair.centre_distance_m * (math.cos(angle) * x + math.sin(angle) * y)
 
 
-def height_m(kinematics: Kinematics, contact: Contact) -> float:
-    """Return where a mesh stands along the axis of its first gear: the middle of its face, or its apex."""
+def axial_position_m(kinematics: Kinematics, contact: Contact) -> float:
+    """Return the position of a mesh along the axis of its first gear: the middle of its face, or its apex."""
     mesh = next(mesh for mesh in kinematics.gearbox.meshes if mesh.name == contact.mesh)
     return _MM * (mesh.position_mm or 0.0)
 
 
 def _axis_body(kinematics: Kinematics, body: str, carrier: str) -> str:
-    """Return the body whose place a gear on the frame has: another one on the axis of the contact's carrier."""
+    """Return the body with whose axis a gear on the frame is coaxial, the contact's carrier; else the body itself."""
     if body != kinematics.mechanism.frame:
         return body
     shared = kinematics.mechanism.shared_axis(body, carrier)
     return carrier if shared is not None and carrier != body else body
 
 
-def _alike(one: Array, two: Array) -> bool:
+def _parallel(one: Array, two: Array) -> bool:
     return abs(abs(float(one @ two)) - 1) < _PARALLEL
 
 
-def _turned(vector: Array, about: Array, angle: float) -> Array:
-    """Return a vector turned about a unit vector (Rodrigues)."""
-    if not angle or _alike(vector, about):
+def _rotated(vector: Array, about: Array, angle: float) -> Array:
+    """Return a vector rotated about a unit vector (Rodrigues)."""
+    if not angle or _parallel(vector, about):
         return vector
     along = (about @ vector) * about
     return np.asarray(along + math.cos(angle) * (vector - along) + math.sin(angle) * np.cross(about, vector))
@@ -241,36 +240,38 @@ def planet_of(kinematics: Kinematics, contact: Contact) -> int | None:
     return carried.index(True) if sum(carried) == 1 else None
 
 
-def planet_lag(kinematics: Kinematics, contact: Contact, *, speeds: Mapping[str, float] | None = None) -> Fraction:
-    """Return how many mesh cycles later than the first the planet of a contact meets the same teeth.
+def planet_phase_lag(
+    kinematics: Kinematics, contact: Contact, *, speeds: Mapping[str, float] | None = None
+) -> Fraction:
+    """Return the phase lag of a contact behind that of the first planet, in mesh cycles.
 
-    The teeth of the central gear pass a planet at the angle psi by ``Z psi / 2 pi`` cycles later than the first, if
-    they pass in the sense of psi as the carrier sees them, else earlier.
+    The teeth of the central gear pass a planet at the angle psi by ``Z psi / 2 pi`` cycles later than the first if
+    that gear rotates in the sense of psi relative to the carrier, else earlier.
     """
     planet = planet_of(kinematics, contact)
     if planet is None:
         return Fraction(0)
-    z, central = upright(kinematics), contact.links[1 - planet]
-    turn = planet_turn(kinematics.gearbox, kinematics.joints[kinematics.bodies[contact.links[planet]]].axis)
+    z, central = z_direction(kinematics), contact.links[1 - planet]
+    turn = planet_position(kinematics.gearbox, kinematics.joints[kinematics.bodies[contact.links[planet]]].axis)
     passes = kinematics.relative_speed(central, seen_from=contact.carrier, speeds=speeds)
     sense = passes * round(float(direction_of(kinematics, central) @ z))
     return abs(contact.teeth[1 - planet]) * turn * (-1 if sense < 0 else 1)
 
 
 def planet_angle(gearbox: Gearbox, axis_name: str) -> float:
-    """Return `planet_turn` in rad."""
-    return 2 * math.pi * float(planet_turn(gearbox, axis_name))
+    """Return `planet_position` in rad."""
+    return 2 * math.pi * float(planet_position(gearbox, axis_name))
 
 
-def planet_turn(gearbox: Gearbox, axis_name: str) -> Fraction:
-    """Return where one of several alike axes stands round its carrier, in turns from the first; 0 for a single one."""
+def planet_position(gearbox: Gearbox, axis_name: str) -> Fraction:
+    """Return the angle of one of several planet axes round its carrier, in turns from the first; 0 for a single one."""
     for axis in gearbox.axes:
         if axis.copies and axis_name in axis.instances():
             number = axis.instances().index(axis_name)
             given = axis.spacing_deg
             if given is None:
                 return Fraction(number, axis.copies)
-            # as the gearbox reads them: angles begin with 0, gaps do not
+            # as in the gearbox file: angles begin with 0, gaps do not
             degrees = given[number] if given[0] == 0 else sum(given[:number])
             return Fraction(degrees).limit_denominator(_FINE) / 360
     return Fraction(0)

@@ -1,4 +1,4 @@
-"""What each level of fidelity makes of the meshes of a scene: nothing, a spring, lines, or motion in time."""
+"""Models of the meshes of a scene at each level of fidelity: rigid, a spring, spectral lines, or time integration."""
 
 from collections.abc import Mapping
 
@@ -6,31 +6,31 @@ from data_synth.keeping import LEVELS
 from data_synth.mesh_response import response_of, with_lines
 from data_synth.meshing import Gears
 from data_synth.motion import Motion, motion_of
-from data_synth.reduction import without
+from data_synth.reduction import without_meshes
 from data_synth.stage import PreparedScene
 
 LEFT_OUT, SPRING, KINEMATIC = "left out", "a spring", "kinematic"
 LADDER = (LEFT_OUT, SPRING, KINEMATIC, *LEVELS)  # from the least to the most
 
 
-def moved(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> Motion | None:
-    """Return the motion in time that levels ask for; None where they ask for none."""
+def simulated_motion(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> Motion | None:
+    """Return the motion to integrate at these levels; None where no mesh needs time integration."""
     if not set(LEVELS) & set(levels.values()):
         return None
     still = [name for name, level in levels.items() if level not in LEVELS]
     moving = {name: "torsional" if name in still else level for name, level in levels.items()}
     motion = motion_of(stage, gears, levels=moving, springs=still)
-    return without(motion, [name for name, level in levels.items() if level == LEFT_OUT])
+    return without_meshes(motion, [name for name, level in levels.items() if level == LEFT_OUT])
 
 
-def sounding(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> PreparedScene:
-    """Return the stage with the lines of its kinematic meshes, as all that the scene allows to move answers to them."""
+def with_kinematic_lines(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> PreparedScene:
+    """Return the stage with the lines of its kinematic meshes, from the response of the most detailed motion."""
     kinematic = [name for name, level in levels.items() if level == KINEMATIC]
-    return with_lines(stage, response_of(whole_of(stage, gears, levels)), kinematic) if kinematic else stage
+    return with_lines(stage, response_of(most_detailed_motion(stage, gears, levels)), kinematic) if kinematic else stage
 
 
-def whole_of(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> Motion:
-    """Return the motion in which each mesh that is not simulated in time moves as the scene allows at most."""
+def most_detailed_motion(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> Motion:
+    """Return the motion in which meshes without time integration have the highest fidelity that the scene allows."""
     most = stage.scene.fidelity if stage.scene.fidelity in LEVELS else "full"
     moving = {name: level if level in LEVELS else most for name, level in levels.items()}
     return motion_of(stage, gears, levels=moving)

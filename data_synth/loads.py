@@ -1,12 +1,12 @@
-"""The torques on gears that vibrate, and how their bodies turn meanwhile, whatever the course of speed and torque.
+"""Torques on vibrating gears, and their rigid-body rotation, for any time history of speed and torque.
 
-Where a scene declares the speed, gears vibrate about shafts that turn as declared. What speeds them up comes from the
-drive, and each body takes its share of it on the way: ``J w'`` at the drive, ``-I w'`` at each body, nothing in sum.
+Where a scene declares the speed, gears vibrate about shafts of prescribed angle. The torque of acceleration comes from
+the drive, and each body takes its part: ``J w'`` at the drive, ``-I w'`` at each body, zero in sum.
 
-Where a run-up leaves the speed to the torque, bodies turn all the way: the torque drives them, the load law brakes the
-loaded body at the speed it truly has, and what the declared inertia has beyond that of the gears belongs to the driven
-machine, behind a soft coupling: it asks for its share of the torque, and its mass shakes with nothing. Teeth meet at
-the phase of the rigid law, the one that the tachometer sees; vibration turns a shaft by microns of its teeth.
+Where a run-up leaves the speed to the torque, the rotations are full angles: the torque drives them, the load law acts
+on the loaded body at its actual speed, and the declared inertia beyond that of the gears belongs to the driven machine,
+behind a soft coupling: it takes its part of the torque, and its mass does not vibrate. The mesh phase follows the rigid
+rotation, as does the tachometer; vibration changes a shaft's angle by microns at the teeth.
 """
 
 import math
@@ -20,111 +20,111 @@ from data_synth.driving import RunUp
 from data_synth.integrate import Load, State
 from data_synth.mechanics import Array, System
 from data_synth.meshing import declared_of
-from data_synth.modal import mode_pairs
+from data_synth.modal import undamped_modes
 from data_synth.scene import Scene, SceneError
 from data_synth.stage import PreparedScene
 from hums.kinematics import Kinematics
 
-_INSTANT_S = 1e-9  # about a jump, of which the mean counts: then a jump between steps costs no accuracy
-_HEAVIER = 1e-6  # of the declared inertia: less is rounding
+_INSTANT_S = 1e-9  # to both sides, whose mean is taken: then a jump between steps costs no accuracy
+_NEGLIGIBLE = 1e-6  # of the declared inertia: less is rounding
 
 
 @dataclass(frozen=True, kw_only=True)
-class Turned:
-    """What acts on a system, and how it turns.
+class DriveLoad:
+    """External torques of a scene on its gears, and their rigid-body rotation.
 
     Attributes
     ----------
     load : Load
-        `varying` holds all of it but what drags.
+        All torques; quadratic drag apart from `varying`.
     damping : (dof, dof) array
-        Of a load that is linear in speed, N m s/rad.
-    rigid : (dof,) array
-        Motion of each degree of freedom for a radian of the reference, teeth and bearings not strained.
-    turns : bool
-        Whether bodies turn all the way, as in a run-up; else they move about the angles of their shafts.
+        Damping of a load that is linear in speed, N m s/rad.
+    rigid_motion : (dof,) array
+        Rigid-body mode: displacement of each degree of freedom per radian of the reference.
+    full_rotation : bool
+        Whether rotations are full angles, as in a run-up; else they are relative to the prescribed shaft angles.
     at_rest : bool
-        Whether the gears stand still, unloaded, at time zero.
+        Whether the gears are at rest and unloaded at time zero.
     """
 
     load: Load
     damping: Array = field(repr=False)
-    rigid: Array = field(repr=False)
-    turns: bool = False
+    rigid_motion: Array = field(repr=False)
+    full_rotation: bool = False
     at_rest: bool = False
 
     def start(self, system: System, drive: Drive, time_s: float) -> State:
-        """Return the state at a time: at rest, or under what acts then, teeth at their mean stiffness and closed."""
+        """Return the state at a time: at rest, or in static equilibrium with teeth in contact at mean stiffness."""
         if self.at_rest and time_s == 0:
             return State(displacement=np.zeros(system.dof), velocity=np.zeros(system.dof))
-        speed = 2 * np.pi * float(drive.angle.speed_hz(time_s)) * self.rigid * self.turns
+        speed = 2 * np.pi * float(drive.angle.speed_hz(time_s)) * self.rigid_motion * self.full_rotation
         force = self.load.constant.copy()
         if self.load.varying is not None:
             force += self.load.varying(np.array([time_s]))[0]
         if self.load.quadratic_drag is not None:
             force -= self.load.quadratic_drag * speed * np.abs(speed)
-        return State(displacement=strained(system, force - self.damping @ speed), velocity=speed)
+        return State(displacement=static_deflection(system, force - self.damping @ speed), velocity=speed)
 
 
-def turned(stage: PreparedScene, kinematics: Kinematics, system: System) -> Turned:
-    """Return what the torques of a scene do to its gears.
+def drive_load_of(stage: PreparedScene, kinematics: Kinematics, system: System) -> DriveLoad:
+    """Return the external torques of a scene on its gears.
 
     Raises
     ------
     SceneError
-        A torque without a way through the gears, a speed that jumps, or a run-up lighter than its gears.
+        If no link takes the power out, the speed jumps, or a run-up has less inertia than its gears.
     """
     scene, bodies = stage.scene, kinematics.bodies
-    drives = bodies[str(scene.gearbox.reference)]
-    loaded = _loaded(scene, kinematics, drives)
-    place = system.names.index(f"{drives} rotation")
-    rigid = _rigid(system, place)
+    driving = bodies[str(scene.gearbox.reference)]
+    loaded = _loaded(scene, kinematics, driving)
+    place = system.names.index(f"{driving} rotation")
+    rigid_motion = _rigid(system, place)
     if scene.speed.run_up is not None:
-        return _running_up(stage, scene.speed.run_up, system, rigid=rigid, drives=place, loaded=loaded)
-    _refuse_jumps(stage.drive)
+        return _running_up(stage, scene.speed.run_up, system, rigid_motion=rigid_motion, driving=place, loaded=loaded)
+    _check_speed_continuous(stage.drive)
     torque, angle = stage.drive.torque, stage.drive.angle
     assert torque is not None and scene.torque is not None  # noqa: S101, PT018 - refuse_unfit
-    # the same power, wherever a torque is counted
-    share = abs(float(scene.ratio(scene.torque.link) / scene.ratio(loaded)))
+    # the same power, whichever shaft the torque is given for
+    power_ratio = abs(float(scene.ratio(scene.torque.link) / scene.ratio(loaded)))
     unit = np.zeros(system.dof)
-    unit[system.names.index(f"{bodies[loaded]} rotation")] = -math.copysign(share, scene.ratio(loaded))
-    unit[place] = share * abs(float(scene.ratio(loaded)))
-    speeding = -system.mass @ rigid
-    speeding[place] += rigid @ system.mass @ rigid
+    unit[system.names.index(f"{bodies[loaded]} rotation")] = -math.copysign(power_ratio, scene.ratio(loaded))
+    unit[place] = power_ratio * abs(float(scene.ratio(loaded)))
+    inertia_torque = -system.mass @ rigid_motion
+    inertia_torque[place] += rigid_motion @ system.mass @ rigid_motion
 
-    def acting(times_s: Array) -> Array:
-        speeds_up = 2 * np.pi * angle.acceleration_hz_s(times_s)
-        return np.multiply.outer(torque.at(times_s), unit) + np.multiply.outer(speeds_up, speeding)
+    def force(times_s: Array) -> Array:
+        acceleration = 2 * np.pi * angle.acceleration_hz_s(times_s)
+        return np.multiply.outer(torque.at(times_s), unit) + np.multiply.outer(acceleration, inertia_torque)
 
     steady = np.ptp(torque.values) == 0 and np.ptp(stage.speed_hz) == 0
-    load = Load(constant=acting(np.zeros(1))[0]) if steady else _varying(acting)
-    return Turned(load=load, damping=np.zeros((system.dof, system.dof)), rigid=rigid)
+    load = Load(constant=force(np.zeros(1))[0]) if steady else _varying(force)
+    return DriveLoad(load=load, damping=np.zeros((system.dof, system.dof)), rigid_motion=rigid_motion)
 
 
-def strained(system: System, force: Array) -> Array:
-    """Return how far a force (dof,) strains a system that otherwise moves freely, (dof,), gaps closed.
+def static_deflection(system: System, force: Array) -> Array:
+    """Return the static elastic deflection (dof,) under a force (dof,), teeth in contact at mean stiffness.
 
-    Teeth have their mean stiffness; what the force speeds up as one body is left out.
+    The rigid-body acceleration by the force is left out.
     """
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-    angular, shapes = mode_pairs(system, means)
+    angular, shapes = undamped_modes(system, means)
     elastic = shapes[:, angular > 0]
-    give = (elastic / angular[angular > 0] ** 2) @ elastic.T
-    moved = give @ force
+    compliance = (elastic / angular[angular > 0] ** 2) @ elastic.T
+    deflection = compliance @ force
     rows = np.array([mesh.direction for mesh in system.meshes])
-    gaps = np.array([mesh.backlash_m for mesh in system.meshes]) * np.sign(rows @ moved)
-    # contact begins where the gap is closed: the same forces at a larger deflection
-    return np.asarray(moved + give @ (rows.T @ (means * gaps)))
+    shifts = np.array([mesh.backlash_m for mesh in system.meshes]) * np.sign(rows @ deflection)
+    # contact begins at half the backlash: the same forces at a larger deflection
+    return np.asarray(deflection + compliance @ (rows.T @ (means * shifts)))
 
 
-def _loaded(scene: Scene, kinematics: Kinematics, drives: str) -> str:
-    """Return the link that takes the power out."""
+def _loaded(scene: Scene, kinematics: Kinematics, driving: str) -> str:
+    """Return the link at which power leaves the gearbox."""
     bodies, frame = kinematics.bodies, kinematics.mechanism.frame
     assert scene.torque is not None  # noqa: S101 - refuse_unfit
     named = [scene.torque.link] if scene.speed.run_up is None else [scene.speed.link, scene.torque.link]
     load_on = declared_of(scene).load_on
     for link in named if load_on is None else [load_on]:
-        if link in bodies and bodies[link] not in (drives, frame):
+        if link in bodies and bodies[link] not in (driving, frame):
             return link
     raise SceneError(
         f'torque acts on "{scene.torque.link}", and the reference "{scene.gearbox.reference}" drives; name the '
@@ -132,63 +132,68 @@ def _loaded(scene: Scene, kinematics: Kinematics, drives: str) -> str:
     )
 
 
-def _rigid(system: System, drives: int) -> Array:
-    """Return the motion that strains nothing, for a radian of the degree of freedom that drives, (dof,)."""
-    angular, shapes = mode_pairs(system, [mesh.stiffness.mean for mesh in system.meshes])
+def _rigid(system: System, driving: int) -> Array:
+    """Return the rigid-body mode per radian of the driving degree of freedom, (dof,)."""
+    angular, shapes = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
     free = shapes[:, angular == 0]
-    return np.asarray(free @ free[drives] / (free[drives] @ free[drives]))
+    return np.asarray(free @ free[driving] / (free[driving] @ free[driving]))
 
 
-def _refuse_jumps(drive: Drive) -> None:
+def _check_speed_continuous(drive: Drive) -> None:
+    """Raise SceneError where the prescribed speed jumps."""
     times_s, speeds_hz = getattr(drive.angle, "times_s", np.zeros(1)), getattr(drive.angle, "speeds_hz", np.zeros(1))
     jumps = np.flatnonzero((np.diff(times_s) == 0) & (np.diff(speeds_hz) != 0))
     if jumps.size:
         raise SceneError(
-            f"speed jumps at {times_s[jumps[0]]:g} s, and no torque takes gears that have a mass along; give "
+            f"speed jumps at {times_s[jumps[0]]:g} s, which gears with inertia cannot follow; give "
             "speed.rise_s, the time that a step takes."
         )
 
 
-def _varying(acting: Callable[[Array], Array]) -> Load:
-    def between(times_s: Array) -> Array:
-        return (acting(times_s - _INSTANT_S) + acting(times_s + _INSTANT_S)) / 2
+def _varying(force: Callable[[Array], Array]) -> Load:
+    """Return a force over time as a load, at a jump the mean of both sides."""
 
-    # what is constant passes without an error of steps
-    first = acting(np.zeros(1))[0]
-    return Load(constant=first, varying=lambda times_s: between(times_s) - first)
+    def mean_about(times_s: Array) -> Array:
+        return (force(times_s - _INSTANT_S) + force(times_s + _INSTANT_S)) / 2
+
+    # the constant part has no discretisation error
+    first = force(np.zeros(1))[0]
+    return Load(constant=first, varying=lambda times_s: mean_about(times_s) - first)
 
 
-def _running_up(stage: PreparedScene, law: RunUp, system: System, *, rigid: Array, drives: int, loaded: str) -> Turned:
-    """Return a torque that drives the reference, and a load law, felt at the link of the speed, on a link it loads."""
+def _running_up(
+    stage: PreparedScene, law: RunUp, system: System, *, rigid_motion: Array, driving: int, loaded: str
+) -> DriveLoad:
+    """Return the load of a run-up: a torque on the reference, and the load law on the loaded link."""
     scene, torque, angle = stage.scene, stage.drive.torque, stage.drive.angle
     assert torque is not None and scene.torque is not None  # noqa: S101, PT018 - the scene's own check
-    felt = abs(float(scene.ratio(scene.speed.link)))
-    own = float(rigid @ system.mass @ rigid) / felt**2
-    beyond = law.inertia_kg_m2 - own
-    if beyond < -_HEAVIER * law.inertia_kg_m2:
+    speed_ratio = abs(float(scene.ratio(scene.speed.link)))
+    gears_kg_m2 = float(rigid_motion @ system.mass @ rigid_motion) / speed_ratio**2
+    machine_kg_m2 = law.inertia_kg_m2 - gears_kg_m2
+    if machine_kg_m2 < -_NEGLIGIBLE * law.inertia_kg_m2:
         raise SceneError(
-            f'speed.run_up.inertia_kg_m2 = {law.inertia_kg_m2:g}, but the gears alone have {own:.4g} at "'
+            f'speed.run_up.inertia_kg_m2 = {law.inertia_kg_m2:g}, but the gears alone have {gears_kg_m2:.4g} at "'
             f'{scene.speed.link}"; raise it, or declare lighter links in dynamics.links.'
         )
-    turns = abs(float(scene.ratio(loaded))) / felt
+    ratio = abs(float(scene.ratio(loaded))) / speed_ratio
     brake = system.names.index(f"{scene.kinematics.bodies[loaded]} rotation")
-    unit, brought = np.zeros((2, system.dof))
-    unit[brake] = -math.copysign(1 / turns, scene.ratio(loaded))
-    brought[drives] = abs(float(scene.ratio(scene.torque.link)))
+    unit, driving_torque = np.zeros((2, system.dof))
+    unit[brake] = -math.copysign(1 / ratio, scene.ratio(loaded))
+    driving_torque[driving] = abs(float(scene.ratio(scene.torque.link)))
     damping, drag = np.zeros((system.dof, system.dof)), np.zeros(system.dof)
-    damping[brake, brake] = law.load_nm_s / turns**2
-    drag[brake] = law.load_nm_s2 / turns**3
+    damping[brake, brake] = law.load_nm_s / ratio**2
+    drag[brake] = law.load_nm_s2 / ratio**3
 
-    def acting(times_s: Array) -> Array:
+    def force(times_s: Array) -> Array:
         within = np.clip(times_s, 0.0, scene.duration_s)
-        asked = law.load_nm + max(beyond, 0.0) * 2 * np.pi * felt * angle.acceleration_hz_s(within)
-        return np.multiply.outer(torque.at(times_s), brought) + np.multiply.outer(asked, unit)
+        load_torque = law.load_nm + max(machine_kg_m2, 0.0) * 2 * np.pi * speed_ratio * angle.acceleration_hz_s(within)
+        return np.multiply.outer(torque.at(times_s), driving_torque) + np.multiply.outer(load_torque, unit)
 
-    varying = _varying(acting)
-    return Turned(
+    varying = _varying(force)
+    return DriveLoad(
         load=Load(constant=varying.constant, varying=varying.varying, quadratic_drag=drag if law.load_nm_s2 else None),
         damping=damping,
-        rigid=rigid,
-        turns=True,
+        rigid_motion=rigid_motion,
+        full_rotation=True,
         at_rest=law.rpm == 0,
     )

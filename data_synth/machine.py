@@ -1,4 +1,4 @@
-"""The gearbox of a scene, assembled: what the scene declares of its bodies, bearings and meshes put together."""
+"""The gearbox of a scene as equations of motion: its declared bodies, bearings and meshes assembled."""
 
 import math
 from collections.abc import Collection, Iterator, Mapping
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from data_synth.assembly import Assembly, Holding, Inertia, assemble_parts
+from data_synth.assembly import Assembly, Inertia, SupportStiffness, assemble_parts
 from data_synth.layout import direction_of
 from data_synth.mesh import Constant
 from data_synth.meshing import Gears, declared_of
@@ -18,13 +18,13 @@ from hums.kinematics import Kinematics
 _PARALLEL = 1e-9
 
 
-def machine_of(
+def assembly_of(
     stage: PreparedScene, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()
 ) -> Assembly:
     """Return the gearbox of a scene in the plane, or in space where its axes cross or a mesh has full motion.
 
-    What planets make turn is seen from their carrier, with the gyroscopic terms of the mean speed; a run-up, which has
-    none, leaves them out.
+    Bodies in mesh with planets have coordinates that rotate with the carrier, with the gyroscopic terms of the mean
+    speed; a run-up, which has no mean speed, leaves them out.
 
     Parameters
     ----------
@@ -32,19 +32,19 @@ def machine_of(
     gears : Gears
     levels : mapping of mesh to "torsional", "lateral" or "full"
     springs : collection of mesh
-        Whose teeth are but a spring of their mean stiffness.
+        Meshes of constant mean stiffness without transmission error.
 
     Raises
     ------
     SceneError
-        What `data_synth.assembly.assemble` refuses.
+        If `data_synth.assembly.assemble` raises ValueError.
     """
     scene, kinematics = stage.scene, gears.kinematics
     declared, full = declared_of(scene), "full" in levels.values()
     try:
         return assemble_parts(
             kinematics,
-            motions="space" if full or crossed(kinematics) else "plane",
+            motions="space" if full or has_crossed_axes(kinematics) else "plane",
             inertias={
                 name: Inertia(mass_kg=item.mass_kg, inertia_kgm2=item.inertia_kg_m2)
                 for link, item in declared.links
@@ -52,43 +52,43 @@ def machine_of(
             },
             supports=dict(_supports(scene, kinematics)),
             meshes=dict(_meshes(gears, springs)),
-            speed_rad_s=_speed_rad_s(stage, kinematics) if full or carries(kinematics) else 0.0,
-            turning_with="carriers",
+            speed_rad_s=_speed_rad_s(stage, kinematics) if full or has_planets(kinematics) else 0.0,
+            rotating_frame="carriers",
         )
     except ValueError as caught:
         raise SceneError(f"dynamics: {caught}") from None
 
 
-def crossed(kinematics: Kinematics) -> bool:
-    """Whether some axis is not parallel to the others."""
+def has_crossed_axes(kinematics: Kinematics) -> bool:
+    """Return whether some axis is not parallel to the others."""
     first, *others = (direction_of(kinematics, body) for body in kinematics.joints)
     return any(abs(abs(float(first @ other)) - 1) > _PARALLEL for other in others)
 
 
-def carries(kinematics: Kinematics) -> bool:
-    """Whether something turns that carries planets."""
+def has_planets(kinematics: Kinematics) -> bool:
+    """Return whether there is a rotating planet carrier."""
     return any(joint.carried_by != kinematics.mechanism.frame for joint in kinematics.joints.values())
 
 
 def _speed_rad_s(stage: PreparedScene, kinematics: Kinematics) -> float:
-    if stage.scene.speed.run_up is not None and carries(kinematics):
+    if stage.scene.speed.run_up is not None and has_planets(kinematics):
         return 0.0
     return 2 * math.pi * float(np.mean(stage.speed_hz))
 
 
 def _copies(scene: Scene, name: str) -> tuple[str, ...]:
-    """Return the links that a name stands for, or the name itself."""
+    """Return the links of a declared name with copies, or the name itself."""
     return scene.gearbox.instances(name) if name in scene.gearbox.copied else (name,)
 
 
-def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, Holding]]:
+def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, SupportStiffness]]:
     for link, item in declared_of(scene).bearings:
         if kinematics.bodies.get(link) == kinematics.mechanism.frame and not item.torsion_nm_rad:
             raise SceneError(
-                f'dynamics.bearings holds "{link}", which is rigid with "{scene.gearbox.frame}" else, but not against '
-                "turning; give torsion_nm_rad, or leave it out."
+                f'dynamics.bearings makes "{link}", else rigid with "{scene.gearbox.frame}", a body that '
+                "rotates freely; give torsion_nm_rad, or leave it out."
             )
-        hold = Holding(
+        hold = SupportStiffness(
             radial=item.radial_n_m,
             axial=item.axial_n_m,
             tilt=item.tilt_nm_rad,

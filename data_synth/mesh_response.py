@@ -1,13 +1,14 @@
-"""Gears as a linear system that their teeth drive: the lines each mesh puts into the channels.
+"""Linear response of gears to their mesh excitation: the spectral lines of each mesh in the channels.
 
-Under the static force F, teeth of stiffness k and error e, which follow the mesh phase, let gears come nearer by
+Under the static force F, teeth of stiffness k and transmission error e, which follow the mesh phase, deflect by
 F / k + e.
-On a spring of the mean stiffness, that is what a force
+On a spring of the mean stiffness, the same deflection is caused by a force
 
     p = F (1 - k_mean / k) - k_mean e
 
-along the line of action does: the loaded static transmission error as excitation (Ozguven and Houser 1988, J. Sound
-Vib. 125, 71). It leaves out that k multiplies the vibration as well; `ToothForces.left_over` is what that adds next.
+along the line of action: the loaded static transmission error as excitation (Ozguven and Houser 1988, J. Sound
+Vib. 125, 71). It leaves out the parametric excitation by k times the vibration, whose first term is
+`ToothForces.parametric_force`.
 """
 
 import math
@@ -18,36 +19,36 @@ import numpy as np
 
 from data_synth.combs import ComplexArray, HarmonicFamily
 from data_synth.mechanics import Mesh
-from data_synth.modal import mode_pairs
+from data_synth.modal import undamped_modes
 from data_synth.motion import Motion
 from data_synth.profile import Array
 from data_synth.reduction import contacts_in
 from data_synth.scene import SceneError
 from data_synth.stage import PreparedScene
 
-_POINTS = 64  # to a period of the highest line: what a jump of the stiffness puts there is right to a half percent
-_FEWEST = 512  # points to a mesh cycle
-_LEAST = 0.25  # of the mean stiffness: softer teeth are parting
-_SILENT = 1e-5  # of the largest line of a mesh: -100 dB
+_POINTS = 64  # to a period of the highest line, which is then right to half a percent for a stiffness that jumps
+_MIN_POINTS = 512  # points to a mesh cycle
+_MIN_STIFFNESS = 0.25  # of the mean stiffness: softer teeth are losing contact
+_NEGLIGIBLE = 1e-5  # of the largest line of a mesh: -100 dB
 
 
 @dataclass(frozen=True, kw_only=True)
 class ToothForces:
-    """The force p of one mesh, as lines at the multiples of `base_order`.
+    """The exciting force p of one mesh, as spectral lines at the multiples of `base`.
 
     Attributes
     ----------
     mesh : str
     base_order : Fraction
-        Order of the first line: that of the mesh over the cycles until its teeth are alike again.
+        Order of the first line: that of the mesh over the cycles after which it repeats.
     loaded : (line,) complex array
-        For a static force of 1 N; phase zero is that of the reference's angle.
+        Per N of static force; phase zero is that of the reference's angle.
     unloaded : (line,) complex array
-        Of errors, N.
+        From the transmission error, in N.
     static_n : (instant,) array
         Static force at the instants of the truth.
     stiffness, error : (point,) arrays
-        k in N/m and e in m over a period.
+        k in N/m and e in m at equidistant phases of a period.
     """
 
     mesh: str
@@ -64,42 +65,43 @@ class ToothForces:
         return np.asarray(float(self.base_order) * np.arange(1, self.loaded.size + 1))
 
     def at(self, instant: int) -> ComplexArray:
-        """Return Z of p in N, (line,)."""
+        """Return the complex amplitudes of p at an instant in N, (line,)."""
         return np.asarray(self.static_n[instant] * self.loaded + self.unloaded)
 
-    def left_over(self, deflection: ComplexArray, instant: int, *, mean: float) -> ComplexArray:
-        """Return Z (line,) of the force that p lacks where teeth deflect by lines (line,), in m, from their mean."""
+    def parametric_force(self, deflection: ComplexArray, instant: int, *, mean: float) -> ComplexArray:
+        """Return the lines (line,) in N of the parametric force by dynamic deflections with lines (line,) in m."""
         static = self.static_n[instant]
         p = static * (1 - mean / self.stiffness) - mean * self.error
-        moved = _waveform(deflection, self.stiffness.size) + (static - np.mean(p)) / mean
-        return _lines(self.stiffness * (moved - self.error) - mean * moved - p, deflection.size)
+        deflection_values = _waveform(deflection, self.stiffness.size) + (static - np.mean(p)) / mean
+        return _lines(self.stiffness * (deflection_values - self.error) - mean * deflection_values - p, deflection.size)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """What a force p in a mesh does to the channels of gears whose teeth are springs of their mean stiffness.
+    """Linear response of gears at mean mesh stiffness to a force p in a mesh, as a sum over poles.
 
     Attributes
     ----------
     motion : Motion
     poles : (pole,) complex array
-        rad/s; motions that strain nothing are left out: no mesh moves them.
-    heard : (listener, pole) complex array
-        What each pole adds to the forces that listeners hear.
-    felt : (mesh, pole) complex array
-        To the deflections of meshes.
-    pushed : (pole, mesh) complex array
-    direct : (listener, mesh) array
-        What bearings of motions that are held feel of p at once.
+        rad/s; rigid-body modes are left out: no mesh force excites them.
+    outputs : (route, pole) complex array
+        Contribution of each pole to the forces on the routes.
+    deflections : (mesh, pole) complex array
+        Contribution to the deflections of meshes.
+    inputs : (pole, mesh) complex array
+        Excitation of each pole per N of p.
+    direct : (route, mesh) array
+        Static bearing forces of constrained degrees of freedom per N of p.
     means : (mesh,) array
-        N/m.
+        Mean mesh stiffness in N/m.
     """
 
     motion: Motion
     poles: ComplexArray = field(metadata={"dims": ("pole",), "units": "rad/s"})
-    heard: ComplexArray = field(repr=False, metadata={"dims": ("listener", "pole"), "units": "N"})
-    felt: ComplexArray = field(repr=False, metadata={"dims": ("mesh", "pole"), "units": "m"})
-    pushed: ComplexArray = field(repr=False, metadata={"dims": ("pole", "mesh"), "units": "N-1"})
+    outputs: ComplexArray = field(repr=False, metadata={"dims": ("listener", "pole"), "units": "N"})
+    deflections: ComplexArray = field(repr=False, metadata={"dims": ("mesh", "pole"), "units": "m"})
+    inputs: ComplexArray = field(repr=False, metadata={"dims": ("pole", "mesh"), "units": "N-1"})
     direct: Array = field(repr=False, metadata={"dims": ("listener", "mesh"), "units": "1"})
     means: Array = field(repr=False, metadata={"dims": ("mesh",), "units": "N/m"})
 
@@ -108,39 +110,39 @@ class Response:
         return [mesh.name for mesh in self.motion.system.meshes].index(name)
 
     def channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
-        """Return Z in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
-        scene, listeners = self.motion.stage.scene, self.motion.ears.listeners
-        force = self._modal(mesh, frequency_hz) @ self.heard.T + self.direct[:, mesh]
-        heard = np.zeros((len(scene.sensors), *np.shape(frequency_hz)), dtype=np.complex128)
-        for listener, felt in zip(listeners, force.T, strict=True):
-            heard[listener.number] += felt * listener.response(scene, frequency_hz)
-        return heard
+        """Return the complex amplitudes in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
+        scene, routes = self.motion.stage.scene, self.motion.sensor_forces.routes
+        force = self._modal(mesh, frequency_hz) @ self.outputs.T + self.direct[:, mesh]
+        outputs = np.zeros((len(scene.sensors), *np.shape(frequency_hz)), dtype=np.complex128)
+        for route, deflections in zip(routes, force.T, strict=True):
+            outputs[route.number] += deflections * route.response(scene, frequency_hz)
+        return outputs
 
     def deflection(self, mesh: int, frequency_hz: Array) -> ComplexArray:
-        """Return Z of the mesh's own deflection in m for 1 N of p, (line,)."""
-        return np.asarray(self._modal(mesh, frequency_hz) @ self.felt[mesh])
+        """Return the complex amplitudes of the mesh's own deflection in m for 1 N of p, (line,)."""
+        return np.asarray(self._modal(mesh, frequency_hz) @ self.deflections[mesh])
 
     def _modal(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
-        return np.asarray(self.pushed[:, mesh] / (s[:, None] - self.poles))
+        return np.asarray(self.inputs[:, mesh] / (s[:, None] - self.poles))
 
 
 def response_of(motion: Motion) -> Response:
-    """Return the linear response of gears: their equations in elastic modes, as a sum of poles.
+    """Return the linear response of gears from their equations of motion in elastic modes.
 
     Raises
     ------
     SceneError
-        For planets, whose way to a sensor turns with their carrier.
+        For planets, whose route to a sensor rotates with their carrier.
     """
-    if motion.ears.turns:
+    if motion.sensor_forces.rotate:
         raise SceneError(
-            "planets turn with their carrier on their way to a sensor, which lines cannot tell; write "
+            "the routes from planets to a sensor rotate with their carrier, so no linear response exists; write "
             'fidelity = "torsional" or more for every mesh.'
         )
     system, output = motion.system, motion.output
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-    angular, shapes = mode_pairs(system, means)
+    angular, shapes = undamped_modes(system, means)
     angular, shapes = angular[angular > 0], shapes[:, angular > 0]
     damping = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
     count = angular.size
@@ -150,40 +152,42 @@ def response_of(motion: Motion) -> Response:
     matrix[count:, count:] = -(shapes.T @ damping @ shapes)
     poles, vectors = np.linalg.eig(matrix)
     directions = np.array([mesh.direction for mesh in system.meshes])
-    passed = np.zeros((output.channels, means.size)) if output.mesh_force is None else output.mesh_force
-    rows = (passed * means) @ directions
+    direct = np.zeros((output.channels, means.size)) if output.mesh_force is None else output.mesh_force
+    rows = (direct * means) @ directions
     rows = rows if output.displacement is None else rows + output.displacement
-    moving = np.zeros_like(rows) if output.velocity is None else output.velocity
+    velocity_rows = np.zeros_like(rows) if output.velocity is None else output.velocity
     pushes = np.vstack([np.zeros((count, means.size)), -(shapes.T @ directions.T)])
     return Response(
         motion=motion,
         poles=poles.astype(np.complex128),
-        heard=np.hstack([rows @ shapes, moving @ shapes]) @ vectors,
-        felt=(directions @ shapes) @ vectors[:count],
-        pushed=np.linalg.solve(vectors, pushes.astype(np.complex128)),
-        direct=passed,
+        outputs=np.hstack([rows @ shapes, velocity_rows @ shapes]) @ vectors,
+        deflections=(directions @ shapes) @ vectors[:count],
+        inputs=np.linalg.solve(vectors, pushes.astype(np.complex128)),
+        direct=direct,
         means=means,
     )
 
 
-def refuse_lines(motion: Motion, name: str) -> None:
-    """Raise SceneError for a mesh that lines cannot tell of, and say what to do."""
+def check_lines_possible(motion: Motion, name: str) -> None:
+    """Raise SceneError, with a remedy, for a mesh that is not periodic with linear response."""
     mesh = motion.system.meshes[contacts_in(motion.system, name)[0]]
-    if motion.ears.turns:
-        why = "planets turn with their carrier"
-    elif mesh.course is not None:
+    if motion.sensor_forces.rotate:
+        why = "planets rotate with their carrier"
+    elif mesh.history is not None:
         why = "its teeth change with time"
-    elif not np.min(mesh.stiffness(_phases(mesh, _FEWEST * int(mesh.stiffness.period)))) > 0:
-        why = "its teeth let go of each other"
+    elif not np.min(mesh.stiffness(_phases(mesh, _MIN_POINTS * int(mesh.stiffness.period)))) > 0:
+        why = "its teeth lose contact"
     else:
         return
-    raise SceneError(f'mesh "{name}": {why}, which lines cannot tell; write fidelity = "torsional" or more for it.')
+    raise SceneError(
+        f'mesh "{name}": {why}, so it has no linear response; write fidelity = "torsional" or more for it.'
+    )
 
 
 def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothForces:
-    """Return the force p of a mesh, with all lines below half the sampling rate at top speed.
+    """Return the exciting force p of a mesh, with all lines below half the sampling rate at top speed.
 
-    Teeth that change with time are as they are at first; a stiffness below a quarter of the mean counts as that much.
+    Teeth that change in time are taken as they are at first, a stiffness below a quarter of the mean as a quarter.
 
     Parameters
     ----------
@@ -200,9 +204,9 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
     base_order = stage.scene.exact_orders("gear_mesh")[name] / period
     top_hz = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     lines = max(0, math.ceil(stage.scene.rate_hz / 2 / (float(base_order) * top_hz)) - 1)
-    phases = _phases(mesh, max(_FEWEST * period, 1 << (points * max(lines, 1) - 1).bit_length()))
+    phases = _phases(mesh, max(_MIN_POINTS * period, 1 << (points * max(lines, 1) - 1).bit_length()))
     mean = mesh.stiffness.mean
-    stiffness = np.maximum(mesh.stiffness(phases), _LEAST * mean)
+    stiffness = np.maximum(mesh.stiffness(phases), _MIN_STIFFNESS * mean)
     error = mesh.error(phases) if mesh.error is not None else np.zeros(phases.size)
     return ToothForces(
         mesh=name,
@@ -216,36 +220,36 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
 
 
 def _phases(mesh: Mesh, points: int) -> Array:
-    """Return the middles of even parts of the period after which a mesh is as it was, in cycles."""
+    """Return equidistant phases of a period of a mesh, in cycles, half a step from its ends."""
     period = math.lcm(int(mesh.stiffness.period), int(mesh.error.period) if mesh.error is not None else 1)
     return np.asarray((np.arange(points) + 0.5) * period / points)
 
 
 def lines_of(response: Response, forces: ToothForces) -> tuple[list[HarmonicFamily], list[ComplexArray]]:
-    """Return what a mesh puts into the channels, as combs and their Z (sensor, line, instant).
+    """Return the lines of a mesh in the channels, as harmonic families and their amplitudes (sensor, line, instant).
 
-    The lines at multiples of the mesh's order are its own; those between them are of its damaged gears.
+    The lines at multiples of the mesh order are its own; those between them belong to its damaged gears.
     """
     stage = response.motion.stage
     number = response.number(forces.mesh)
     steady = bool(np.ptp(stage.speed_hz) == 0)
-    heard = np.empty((len(stage.scene.sensors), forces.orders.size, stage.instants_s.size), dtype=np.complex128)
+    outputs = np.empty((len(stage.scene.sensors), forces.orders.size, stage.instants_s.size), dtype=np.complex128)
     transfer = response.channels(number, forces.orders * stage.speed_hz[0])
     for instant, speed_hz in enumerate(stage.speed_hz):
         if not steady:
             transfer = response.channels(number, forces.orders * speed_hz)
-        heard[:, :, instant] = transfer * forces.at(instant)
-    size = np.max(np.abs(heard), axis=(0, 2), initial=0.0)
-    heard[:, size < _SILENT * np.max(size, initial=0.0)] = 0.0
+        outputs[:, :, instant] = transfer * forces.at(instant)
+    size = np.max(np.abs(outputs), axis=(0, 2), initial=0.0)
+    outputs[:, size < _NEGLIGIBLE * np.max(size, initial=0.0)] = 0.0
     every = round(stage.scene.exact_orders("gear_mesh")[forces.mesh] / forces.base_order)
     own = np.arange(1, size.size + 1) % every == 0
     damaged = [fault.component for fault in stage.scene.faults if fault.component.rpartition("/")[0] == forces.mesh]
     families, amplitudes = [], []
     for component, kind, kept in ((forces.mesh, "gear_mesh", own), (" + ".join(damaged), "tooth", ~own)):
-        values = heard * kept[:, None]
-        nonzero = np.flatnonzero(np.any(values != 0, axis=(0, 2)))
-        if nonzero.size:
-            values = values[:, : nonzero[-1] + 1]
+        values = outputs * kept[:, None]
+        present = np.flatnonzero(np.any(values != 0, axis=(0, 2)))
+        if present.size:
+            values = values[:, : present[-1] + 1]
             families.append(
                 HarmonicFamily(
                     component=component,
@@ -261,43 +265,43 @@ def lines_of(response: Response, forces: ToothForces) -> tuple[list[HarmonicFami
 
 
 def with_lines(stage: PreparedScene, response: Response, meshes: list[str]) -> PreparedScene:
-    """Return a stage in which these meshes sound as lines."""
+    """Return a stage with the lines of these meshes added."""
     families, amplitudes = [*stage.families], [*stage.amplitudes]
     for mesh in meshes:
-        refuse_lines(response.motion, mesh)
-        more, heard = lines_of(response, tooth_forces(response.motion, mesh))
+        check_lines_possible(response.motion, mesh)
+        more, outputs = lines_of(response, tooth_forces(response.motion, mesh))
         families += more
-        amplitudes += heard
+        amplitudes += outputs
     return replace(stage, families=families, amplitudes=amplitudes)
 
 
 def _static(motion: Motion) -> Array:
     """Return the static force of each mesh at the instants of the truth, (mesh, instant) N."""
-    system, load, turned = motion.system, motion.load, motion.turned
+    system, load, drive_load = motion.system, motion.load, motion.drive_load
     times_s = motion.stage.instants_s
-    speeds = 2 * np.pi * np.multiply.outer(motion.stage.speed_hz, turned.rigid * turned.turns)
-    acting = load.constant - speeds @ turned.damping
+    speeds = 2 * np.pi * np.multiply.outer(motion.stage.speed_hz, drive_load.rigid_motion * drive_load.full_rotation)
+    force = load.constant - speeds @ drive_load.damping
     if load.varying is not None:
-        acting = acting + load.varying(times_s)
+        force = force + load.varying(times_s)
     if load.quadratic_drag is not None:
-        acting = acting - load.quadratic_drag * speeds * np.abs(speeds)
+        force = force - load.quadratic_drag * speeds * np.abs(speeds)
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-    angular, shapes = mode_pairs(system, means)
+    angular, shapes = undamped_modes(system, means)
     elastic = angular > 0
-    modal = (acting @ shapes[:, elastic]) / angular[elastic] ** 2
+    modal = (force @ shapes[:, elastic]) / angular[elastic] ** 2
     directions = np.array([mesh.direction for mesh in system.meshes])
     return np.asarray((means[:, None] * (directions @ shapes[:, elastic])) @ modal.T)
 
 
 def _lines(values: Array, count: int) -> ComplexArray:
-    """Return Z of the first lines of values at the middles of even parts of a period, (count,)."""
-    turns = np.arange(1, count + 1) / values.size
-    return np.asarray(np.fft.rfft(values)[1 : count + 1] * (2 / values.size) * np.exp(-1j * np.pi * turns))
+    """Return the first lines (count,) of values at the phases of `_phases`."""
+    cycles = np.arange(1, count + 1) / values.size
+    return np.asarray(np.fft.rfft(values)[1 : count + 1] * (2 / values.size) * np.exp(-1j * np.pi * cycles))
 
 
 def _waveform(lines: ComplexArray, points: int) -> Array:
-    """Return the values at the middles of even parts of a period whose lines these are."""
-    turns = np.arange(1, lines.size + 1) / points
+    """Return the values at the phases of `_phases` of a function with these lines."""
+    cycles = np.arange(1, lines.size + 1) / points
     spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
-    spectrum[1 : lines.size + 1] = lines * np.exp(1j * np.pi * turns) * points / 2
+    spectrum[1 : lines.size + 1] = lines * np.exp(1j * np.pi * cycles) * points / 2
     return np.asarray(np.fft.irfft(spectrum, n=points))

@@ -1,4 +1,4 @@
-"""The teeth of a scene whose gears vibrate: stiffness and transmission error of each mesh, damage included."""
+"""Mesh stiffness and transmission error of a scene's gears, tooth damage included."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from data_synth.damage import faulty_gear, mesh_name
 from data_synth.dynamics import Dynamics
 from data_synth.gear_faults import GearDamage, GearFault, damaged_teeth, transmission_errors
-from data_synth.layout import Contact, contacts_of, planet_lag
-from data_synth.mechanics import Course, Mesh
+from data_synth.layout import Contact, contacts_of, planet_phase_lag
+from data_synth.mechanics import Mesh, MeshHistory
 from data_synth.mesh import Constant, Shifted, Stiffness, Trapezoidal
 from data_synth.parts import MeshProperties
 from data_synth.profile import Array
@@ -24,33 +24,33 @@ from data_synth.transmission_error import ProfileError, SumOfErrors, Transmissio
 from hums.kinematics import Kinematics, solve_kinematics
 
 _UM = 1e-6
-_NEAR = 1e-9  # cycles: knots nearer than this are one
-_RAMP = 0.1  # cycles over which a pair takes its load up, where its teeth are not modelled
+_NEAR = 1e-9  # cycles: phases nearer than this are one
+_RAMP = 0.1  # cycles over which a pair takes up its load, where its teeth are not modelled
 _HELICAL_HARMONICS = 8
-_INSTANTS = 8193  # at which growth is looked at
-_STRAIGHT = 0.005  # of all growth: what a straight line between two instants may be off
+_INSTANTS = 8193  # at which growth is evaluated
+_STRAIGHT = 0.005  # of all growth: error of linear interpolation between two instants
 _SHARE = 0.125  # of all growth, between two instants
 
 
 @dataclass(frozen=True, kw_only=True)
 class Teeth:
-    """A mesh: its properties, and the mesh phases at which the damaged tooth of each fault is in the middle.
+    """Properties of a mesh, and the mesh phases at which damaged teeth are in the middle of their contact.
 
-    `passes` holds (number of the fault from 0, phase of the first pass, cycles until the next, contact ratio), `course`
-    how the teeth change where damage grows: `properties` are those of the beginning.
+    `passes` holds (number of the fault from 0, phase of the first pass, cycles until the next, contact ratio),
+    `history` the teeth over time where damage grows; `properties` are the initial ones.
     """
 
     properties: MeshProperties
     passes: tuple[tuple[int, float, int, float], ...]
-    course: Course | None = None
+    history: MeshHistory | None = None
 
-    def course_of(self, mesh: Mesh) -> Course | None:
-        """Return the course of one of the meshes, copies alike, whose teeth these are: each in a step of its own."""
-        if self.course is None:
+    def history_of(self, mesh: Mesh) -> MeshHistory | None:
+        """Return the history of one of the contacts of the mesh, with the phase of its planet."""
+        if self.history is None:
             return None
         own, error = self.properties.stiffness, mesh.error
-        stiffnesses: list[Stiffness] = [*self.course.stiffnesses]
-        errors: list[TransmissionError | None] = [*self.course.errors]
+        stiffnesses: list[Stiffness] = [*self.history.stiffnesses]
+        errors: list[TransmissionError | None] = [*self.history.errors]
         if isinstance(mesh.stiffness, Shifted) and mesh.stiffness.of is own:
             by = mesh.stiffness.by_cycles
             made = {id(stage): Shifted(of=stage, by_cycles=by) for stage in stiffnesses}
@@ -59,16 +59,18 @@ class Teeth:
             late = error.by_cycles
             summed = {id(stage): SumOfErrors(parts=(stage,), by_cycles=late) for stage in errors if stage is not None}
             errors = [summed[id(stage)] for stage in errors]
-        return Course(times_s=self.course.times_s, stiffnesses=(mesh.stiffness, *stiffnesses[1:]), errors=tuple(errors))
+        return MeshHistory(
+            times_s=self.history.times_s, stiffnesses=(mesh.stiffness, *stiffnesses[1:]), errors=tuple(errors)
+        )
 
 
 def declared_of(scene: Scene) -> Dynamics:
-    """Return what a scene declares of masses and stiffnesses, or the defaults."""
+    """Return the declared masses and stiffnesses of a scene, or the defaults."""
     return scene.dynamics or Dynamics()
 
 
-def geared(scene: Scene) -> Kinematics:
-    """Return the mechanism, its meshes with the geometry that `dynamics` adds."""
+def kinematics_of(scene: Scene) -> Kinematics:
+    """Return the kinematics of a scene, its meshes with the geometry that `dynamics` adds."""
     dynamics, gearbox = declared_of(scene), scene.gearbox
     known = {mesh.name for mesh in gearbox.meshes}
     for name, _ in dynamics.meshes:
@@ -85,9 +87,9 @@ def geared(scene: Scene) -> Kinematics:
 
 @dataclass(frozen=True, kw_only=True)
 class Gears:
-    """What all motions of a scene's gears have in common: the mechanism with its geometry, and its teeth.
+    """Kinematics of a scene with geometry, and the teeth of its meshes: the same at every fidelity.
 
-    `teeth` are those of each contact by its name, `meshes` the mesh of each: those of planets share one.
+    `teeth` are those of each contact by its name, `meshes` the mesh of each contact: planets share one.
     """
 
     kinematics: Kinematics
@@ -98,7 +100,7 @@ class Gears:
 def gears_of(stage: PreparedScene, kinematics: Kinematics) -> Gears:
     """Return the gears with the teeth of every mesh.
 
-    Each mesh is at a phase of its own at revolution zero, drawn like the phases of a kinematic scene.
+    The phase of each mesh at revolution zero is random, drawn as in a kinematic scene.
     """
     try:
         contacts = contacts_of(kinematics, {})
@@ -116,7 +118,7 @@ def gears_of(stage: PreparedScene, kinematics: Kinematics) -> Gears:
 
 
 def _gear(kinematics: Kinematics, contact: Contact, component: str) -> int | None:
-    """Return which gear of a contact a component such as ``stage 1/pinion`` is; of planets it is the first."""
+    """Return the number of the gear of a contact that a component as ``stage 1/pinion`` names; of planets the first."""
     link = component.rpartition("/")[2]
     first = kinematics.gearbox.instances(link)[0]
     return contact.links.index(first) if first in contact.links else None
@@ -124,7 +126,7 @@ def _gear(kinematics: Kinematics, contact: Contact, component: str) -> int | Non
 
 @dataclass(frozen=True, kw_only=True)
 class _Broken:
-    """A damaged gear of a contact: its fault, which gear, how many teeth, the phase the worst one enters at."""
+    """A damaged gear of a contact: number of the fault and of the gear, teeth, phase at which the worst one enters."""
 
     number: int
     gear: int
@@ -132,7 +134,7 @@ class _Broken:
     first: int
 
     def damage(self, stage: PreparedScene, time_s: float) -> GearDamage:
-        """Return what damage changes on it at a time."""
+        """Return the changes of its teeth at a time."""
         fault = stage.scene.faults[self.number]
         assert isinstance(fault, GearFault)  # noqa: S101 - only those are broken
         gear = faulty_gear(stage.scene, self.number, teeth=self.teeth, rng_for=stage.rng_for)
@@ -147,7 +149,7 @@ def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact) -> Te
     scene = stage.scene
     declared = declared_of(scene).mesh(contact.mesh)
     later = float(stage.rng_for("phase", "gear_mesh", contact.mesh, "teeth").random())
-    half = contact.rolling.contact_ratio / 2
+    half = contact.equivalent_pair.contact_ratio / 2
     broken = []
     for number, fault in enumerate(scene.faults):
         if not isinstance(fault, GearFault) or mesh_name(fault.component) != contact.mesh:
@@ -155,14 +157,14 @@ def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact) -> Te
         gear = _gear(kinematics, contact, fault.component)
         if gear is not None:
             teeth = abs(contact.teeth[gear])
-            # the tooth in the middle of its mesh where the kinematic scene has its worst place, to the nearest tooth
+            # the damaged tooth is in mid-contact where that of the kinematic scene is, to the nearest tooth
             first = round(-stage.offsets[number] * teeth + later - half) % teeth
             broken.append(_Broken(number=number, gear=gear, teeth=teeth, first=first))
     times_s = instants_of_growth(stage, [item.number for item in broken])
     stages = [[item.damage(stage, time_s) for item in broken] for time_s in times_s]
     stiffnesses = _stiffnesses(scene, contact, broken, stages, by_cycles=later)
     errors = _errors(contact, broken, stages, error_m=_UM * declared.error_um, by_cycles=later)
-    late = float(planet_lag(kinematics, contact))
+    late = float(planet_phase_lag(kinematics, contact))
     grows = any(each is not stiffnesses[0] for each in stiffnesses) or any(each is not errors[0] for each in errors)
     return Teeth(
         properties=MeshProperties(
@@ -172,12 +174,12 @@ def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact) -> Te
             damping=declared.damping_n_s_m,
         ),
         passes=tuple((item.number, item.first + half - later + late, item.teeth, 2 * half) for item in broken),
-        course=Course(times_s=times_s, stiffnesses=stiffnesses, errors=errors) if grows else None,
+        history=MeshHistory(times_s=times_s, stiffnesses=stiffnesses, errors=errors) if grows else None,
     )
 
 
 def instants_of_growth(stage: PreparedScene, numbers: Sequence[int]) -> Array:
-    """Return times, rising from zero, between which these faults grow evenly: by an eighth of their growth at most."""
+    """Return times, rising from zero, between which growth is nearly linear, and at most an eighth of the whole."""
     even = np.linspace(0.0, stage.scene.duration_s, _INSTANTS)
     kept = {0}
     for number in numbers:
@@ -188,13 +190,17 @@ def instants_of_growth(stage: PreparedScene, numbers: Sequence[int]) -> Array:
 
 
 def _bends(sizes: Array, first: int, last: int, growth: float) -> Iterator[int]:
-    """Yield the numbers, after the first, of places between which rising sizes are straight and rise but little."""
-    course = sizes[first : last + 1]
-    apart = np.abs(course - np.linspace(course[0], course[-1], course.size))
+    """Yield the numbers, after the first, of points between which rising sizes are nearly linear and rise little."""
+    part_of_sizes = sizes[first : last + 1]
+    apart = np.abs(part_of_sizes - np.linspace(part_of_sizes[0], part_of_sizes[-1], part_of_sizes.size))
     if last - first > 1 and np.max(apart) > _STRAIGHT * growth:
         split = first + int(np.argmax(apart))
-    elif last - first > 1 and course[-1] - course[0] > 1.01 * _SHARE * growth:
-        split = first + int(np.clip(np.searchsorted(course, (course[0] + course[-1]) / 2), 1, course.size - 2))
+    elif last - first > 1 and part_of_sizes[-1] - part_of_sizes[0] > 1.01 * _SHARE * growth:
+        split = first + int(
+            np.clip(
+                np.searchsorted(part_of_sizes, (part_of_sizes[0] + part_of_sizes[-1]) / 2), 1, part_of_sizes.size - 2
+            )
+        )
     else:
         yield last
         return
@@ -219,7 +225,7 @@ def _errors(
             parts = [
                 part
                 for item, each in zip(broken, damage, strict=True)
-                for part in transmission_errors(each, pair=contact.rolling, first=item.first)
+                for part in transmission_errors(each, pair=contact.equivalent_pair, first=item.first)
             ]
             parts += [ProfileError(harmonics_m=np.array([error_m + 0j]))] if error_m else []
             made[key] = SumOfErrors(parts=tuple(parts), by_cycles=(by_cycles,) * len(parts)) if parts else None
@@ -252,7 +258,7 @@ def _stiffnesses(
 
 
 def _stiffness(scene: Scene, contact: Contact, damaged: list[DamagedTooth], *, by_cycles: float) -> Stiffness:
-    declared, pair = declared_of(scene).mesh(contact.mesh), contact.rolling
+    declared, pair = declared_of(scene).mesh(contact.mesh), contact.equivalent_pair
     known = contact.parallel or contact.cone is not None
     undercut = min(map(abs, pair.teeth)) * math.sin(pair.pressure_angle_rad) ** 2 < 2 * pair.addendum
     spur = known and not undercut and not pair.helix_angle_rad and not any(pair.profile_shift)
@@ -315,9 +321,9 @@ class Knotted:
 def _by_strain_energy(
     contact: Contact, bore_share: float, mean: float | None, damaged: list[DamagedTooth]
 ) -> TeethInMesh:
-    one, two = contact.rolling.reference_radii_m
+    one, two = contact.equivalent_pair.reference_radii_m
     try:
-        pair = ToothPair(gears=contact.rolling, bore_radii_m=(bore_share * one, bore_share * two))
+        pair = ToothPair(gears=contact.equivalent_pair, bore_radii_m=(bore_share * one, bore_share * two))
         teeth = teeth_in_mesh(pair, damaged=damaged, teeth=contact.teeth)
     except ValueError as caught:
         raise SceneError(str(caught)) from None
@@ -331,10 +337,10 @@ def _by_strain_energy(
     )
 
 
-def passes_s(
+def tooth_passes(
     stage: PreparedScene, teeth: Teeth, *, cycles_per_rev: float, stop_s: float
 ) -> Iterator[tuple[int, Array, float]]:
-    """Yield, for each damaged tooth, its fault's number, when it is in the middle of its mesh, and half a pass, rev."""
+    """Yield fault number, times in s of its passes through mid-contact, and half a pass in rev, for each tooth."""
     begin, end = stage.drive.angle.revolutions([0.0, stop_s]) * cycles_per_rev
     for number, first, every, ratio in teeth.passes:
         turns = np.arange(math.ceil((begin - first) / every), math.floor((end - first) / every) + 1)

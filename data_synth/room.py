@@ -1,4 +1,4 @@
-"""Whether a record fits into memory and onto the disk, asked before it is made."""
+"""Check before a simulation that the record fits into memory and onto the disk."""
 
 import os
 import shutil
@@ -8,14 +8,14 @@ from data_synth.explanation import BYTES, count
 from data_synth.scene import Scene, SceneError, load_scene
 from data_synth.stage import PreparedScene
 
-_SMALL_BYTES = 100_000_000  # that no machine lacks, so that nothing is asked
+_SMALL_BYTES = 100_000_000  # any machine has this, so smaller records are not checked
 _MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 
 def refuse_too_large(
     scene: Scene | str | Path, out: Path | None = None, *, by_source: bool = False, phases: bool = False
 ) -> None:
-    """Refuse a scene whose record is larger than what is free.
+    """Raise SceneError for a scene whose record is larger than the free memory or disk space.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def _sources(stage: PreparedScene) -> int:
 
 
 def free_memory_bytes() -> int | None:
-    """Return how much memory this process can still have; None where the system does not say."""
+    """Return the memory available to this process in bytes; None where the system does not report it."""
     if _MEMINFO.exists():
         rows = dict(line.split(":", 1) for line in _MEMINFO.read_text(encoding="utf-8").splitlines())
         free = int(rows["MemAvailable"].split()[0]) * 1024

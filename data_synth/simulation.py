@@ -9,7 +9,7 @@ import xarray as xr
 from data_synth.combs import ComplexArray, random_stream
 from data_synth.fidelity import Choice, decided
 from data_synth.impacts import add_impacts
-from data_synth.levels import LEFT_OUT, moved, sounding, whole_of
+from data_synth.levels import LEFT_OUT, most_detailed_motion, simulated_motion, with_kinematic_lines
 from data_synth.meshing import Gears
 from data_synth.motion import Motion, prepare_gears
 from data_synth.profile import Array
@@ -116,7 +116,7 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
     gears = prepare_gears(prepared) if declared.fidelity != "kinematic" else None
     choice = decided(declared) if gears is not None else None
     if gears is not None and choice is not None:
-        prepared = sounding(prepared, gears, choice.levels)
+        prepared = with_kinematic_lines(prepared, gears, choice.levels)
     timing_errors_s = _timing_errors_s(prepared)
     parts = _by_source(prepared, timing_errors_s=timing_errors_s) if by_source else {}
     signal = _clean(prepared, timing_errors_s=timing_errors_s)
@@ -198,9 +198,11 @@ def _with_gears(
 
     The attributes state which motions were simulated, and the error of the amplitudes of the mesh harmonics.
     """
-    motion = moved(prepared, gears, choice.levels)
+    motion = simulated_motion(prepared, gears, choice.levels)
     all_move = motion is not None and LEFT_OUT not in choice.levels.values()
-    passes = tooth_pass_truth(motion if motion is not None and all_move else whole_of(prepared, gears, choice.levels))
+    passes = tooth_pass_truth(
+        motion if motion is not None and all_move else most_detailed_motion(prepared, gears, choice.levels)
+    )
     if motion is None:
         return truth_variables(prepared) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
     gear_signal = _gear_vibration(motion)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from data_synth.integrate import Load, Output, Problem, TiedTo
+from data_synth.integrate import CoupledReference, Load, Output, Problem
 from data_synth.mechanics import Mesh, System
 from data_synth.profile import ShaftAngle
 
@@ -85,7 +85,7 @@ def turning(mesh_rad_s=MESH_RAD_S):
 def driven(system, *, duration_s, drag=0.0, torque_nm=TORQUE_NM, **settings):
     """Return the pair driven by a torque on the pinion."""
     load = Load(constant=np.array([0, torque_nm, 0, 0]), quadratic_drag=np.array([0, 0, 0, drag]) if drag else None)
-    return Problem(**{"turning": turning()} | settings, system=system, load=load, duration_s=duration_s)
+    return Problem(**{"reference": turning()} | settings, system=system, load=load, duration_s=duration_s)
 
 
 def output(rate_hz):
@@ -122,8 +122,8 @@ def by_scipy(problem, read, *, relative=1e-9, absolute=1e-14, method="DOP853"):
 
     It knows nothing of modes, jumps or contacts, and finds its way by making its steps smaller.
     """
-    system, load, turns = problem.system, problem.load, problem.turning
-    dof, tied = len(system.names), isinstance(turns, TiedTo)
+    system, load, turns = problem.system, problem.load, problem.reference
+    dof, tied = len(system.names), isinstance(turns, CoupledReference)
     damping = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
     drag = np.zeros(dof) if load.quadratic_drag is None else load.quadratic_drag
 
@@ -140,7 +140,7 @@ def by_scipy(problem, read, *, relative=1e-9, absolute=1e-14, method="DOP853"):
             force = force - mesh.direction * pressed
             driving = max(pressed, 0.0) if mesh.backlash_m > 0 else pressed
             for rub in mesh.friction:
-                force = force + rub.direction * (driving * rub.share(phase))
+                force = force + rub.direction * (driving * rub.factor(phase))
         return np.concatenate([v, np.linalg.solve(system.mass, force)])
 
     times_s = problem.start_s + np.arange(round(problem.duration_s * read.rate_hz) + 1) / read.rate_hz

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from data_synth.integrate.choice import method_for as method_for
     from data_synth.integrate.exact import Transition as Transition
     from data_synth.integrate.problem import Accuracy as Accuracy
+    from data_synth.integrate.problem import CoupledReference as CoupledReference
     from data_synth.integrate.problem import Integration as Integration
     from data_synth.integrate.problem import IntegrationError as IntegrationError
     from data_synth.integrate.problem import Load as Load
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from data_synth.integrate.problem import Problem as Problem
     from data_synth.integrate.problem import State as State
     from data_synth.integrate.problem import Steps as Steps
-    from data_synth.integrate.problem import TiedTo as TiedTo
     from data_synth.integrate.running import Block as Block
     from data_synth.integrate.running import integrate as integrate
     from data_synth.integrate.running import integrate_blocks as integrate_blocks
@@ -38,7 +38,7 @@ _HOME = {
     "Splitting": "data_synth.integrate.splitting",
     "State": "data_synth.integrate.problem",
     "Steps": "data_synth.integrate.problem",
-    "TiedTo": "data_synth.integrate.problem",
+    "CoupledReference": "data_synth.integrate.problem",
     "Transition": "data_synth.integrate.exact",
     "integrate": "data_synth.integrate.running",
     "integrate_blocks": "data_synth.integrate.running",

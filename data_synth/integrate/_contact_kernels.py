@@ -1,17 +1,17 @@
-"""Compiled exact steps through teeth that part and meet: linear between contacts, whose instants are roots."""
+"""Compiled exact steps with backlash: linear between contact events, whose instants are roots of a power series."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_synth._compile import compiled, compiled_inside
-from data_synth.integrate._transition_kernels import apply_columns, follow_series
+from data_synth.integrate._transition_kernels import add_series, apply_columns
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-NONE = 2.0  # beyond every stretch, which end at 1
-ROUNDS = 60
-MOST_CONTACTS = 64  # in one stretch: beyond, teeth rest on the edge of their gap to the last digit
+NONE = 2.0  # beyond every interval, which end at 1
+MAX_ITERATIONS = 60
+MAX_EVENTS = 64  # in one interval: beyond, teeth rest at the boundary of contact to the last digit
 
 
 @compiled_inside
@@ -25,10 +25,10 @@ def polynomial(c: Array, first: int, s: float) -> tuple[float, float]:
 
 
 @compiled_inside
-def rise_through_zero(c: Array, first: int, low: float, high: float) -> float:
-    """Return where a polynomial that is below zero at `low` and above at `high` is zero: Newton's method, held in."""
+def root_between(c: Array, first: int, low: float, high: float) -> float:
+    """Return the root of a polynomial that is negative at `low`, positive at `high`: Newton's method, bracketed."""
     s = 0.5 * (low + high)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         value, slope = polynomial(c, first, s)
         if value > 0:
             high = s
@@ -44,10 +44,10 @@ def rise_through_zero(c: Array, first: int, low: float, high: float) -> float:
 
 
 @compiled_inside
-def top_of(c: Array, first: int, high: float) -> float:
-    """Return where a polynomial that rises at 0 and falls at `high` is largest."""
+def maximum_of(c: Array, first: int, high: float) -> float:
+    """Return the position of the maximum of a polynomial that rises at 0 and falls at `high`, by bisection."""
     low = 0.0
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         s = 0.5 * (low + high)
         _, slope = polynomial(c, first, s)
         if slope > 0:
@@ -58,115 +58,116 @@ def top_of(c: Array, first: int, high: float) -> float:
 
 
 @compiled_inside
-def crossing(c: Array, part: float, on_edge: bool) -> float:
-    """Return the first place in [0, part] where a polynomial rises above zero, NONE where it does not.
+def first_crossing(c: Array, fraction: float, on_edge: bool) -> float:
+    """Return the first point in [0, fraction] at which a polynomial becomes positive, NONE where it does not.
 
-    On the edge it is zero at the start, whatever rounding says, and what counts is where it goes from there.
+    With `on_edge` its constant term is taken to be zero, free of rounding, and the following terms decide.
     """
     first = 1 if on_edge or c[0] == 0.0 else 0
-    reach, power = c[first], part
+    bound, power = c[first], fraction
     for k in range(first + 1, c.size):
-        reach += abs(c[k]) * power
-        power *= part
-    if reach <= 0.0:
+        bound += abs(c[k]) * power
+        power *= fraction
+    if bound <= 0.0:
         return NONE
     if c[first] >= 0.0:
         return 0.0
-    end, falling = polynomial(c, first, part)
+    end, falling = polynomial(c, first, fraction)
     if end > 0.0:
-        return rise_through_zero(c, first, 0.0, part)
+        return root_between(c, first, 0.0, fraction)
     if c[first + 1] > 0.0 and falling < 0.0:
-        top = top_of(c, first, part)
+        top = maximum_of(c, first, fraction)
         highest, _ = polynomial(c, first, top)
         if highest > 0.0:
-            return rise_through_zero(c, first, 0.0, top)
+            return root_between(c, first, 0.0, top)
     return NONE
 
 
 @compiled_inside
 def next_contact(
-    deflections: Array, half_gaps: Array, touching: Integers, edge: int, part: float, room: Array
+    deflections: Array, half_gaps: Array, contact: Integers, edge: int, fraction: float, buffer: Array
 ) -> tuple[float, int, int]:
-    """Return where in [0, part] teeth first part or meet, of which mesh, and what they touch from there on."""
-    where, who, then = NONE, -1, 0
+    """Return instant in [0, fraction], boundary and new contact state of the first contact event."""
+    instant, mesh, then = NONE, -1, 0
     for m in range(half_gaps.size):
         for side in range(-1, 2, 2):
-            # from contact only one edge is met, from the gap both
-            if touching[m] == side:
-                outwards, after = -side, 0
-            elif touching[m] == 0:
-                outwards, after = side, side
+            # contact ends at one boundary; from free flight both can be reached
+            if contact[m] == side:
+                sign, after = -side, 0
+            elif contact[m] == 0:
+                sign, after = side, side
             else:
                 continue
-            for k in range(room.size):
-                room[k] = outwards * deflections[m, k]
-            room[0] -= outwards * side * half_gaps[m]
-            found = crossing(room, part, edge == 2 * m + (side + 1) // 2)
-            if found < where:
-                where, who, then = found, 2 * m + (side + 1) // 2, after
-    return where, who, then
+            for k in range(buffer.size):
+                buffer[k] = sign * deflections[m, k]
+            buffer[0] -= sign * side * half_gaps[m]
+            found = first_crossing(buffer, fraction, edge == 2 * m + (side + 1) // 2)
+            if found < instant:
+                instant, mesh, then = found, 2 * m + (side + 1) // 2, after
+    return instant, mesh, then
 
 
 @compiled
 def contact_steps(
     x: Array,
-    touching: Integers,
-    readings: Array,
+    contact: Integers,
+    outputs: Array,
     rows: Array,
     constant: Array,
     start: float,
-    unit: float,
-    last: float,
+    sample_s: float,
+    series_fraction: float,
     switches: Array,
-    kinds: Integers,
+    combinations: Integers,
     series: Array,
     series_gains: Array,
-    seen: Array,
+    deflection_rows: Array,
     half_gaps: Array,
-    kept: int,
+    states: int,
 ) -> None:
-    """Advance x (s,) from a time `start` through samples a `unit` apart, and read it at each.
+    """Propagate x (s,) from the time `start` over samples `sample_s` apart, and compute the outputs at each.
 
-    From entry `kept` on, x begins at zero with every sample. ``touching`` (gaps,), advanced too, says which flanks
-    touch: 1 those that drive, -1 their backs, 0 none. ``kinds`` (switches + 1,) are those of the stiffness before the
-    first switching time and after each; for each kind ``series`` (kinds, 3^gaps, s, terms x s) and ``series_gains``
-    (kinds, 3^gaps, terms x s) hold the terms of the power series over ``last`` of a unit, by columns over x, and what
-    the drive adds. ``seen`` (gaps, s) reads the deflections.
+    From entry `states` on (the force integrals), x is zero at the beginning of every sample. ``contact`` (gaps,),
+    updated too, is 1 for contact on the driving flank, -1 on the back flank, 0 for none. ``combinations`` (switches +
+    1,) of mesh stiffnesses are those before the first switching time and after each; for each of them ``series``
+    (combinations, 3^gaps, s, terms x s) and ``series_gains`` (combinations, 3^gaps, terms x s) hold the terms of the
+    power series over ``series_fraction`` of a sample, by columns, and the contribution of the constant load.
+    ``deflection_rows`` (gaps, s) give the deflections.
     """
     size, gaps = x.size, half_gaps.size
     terms = np.empty(series.shape[3])
     count = terms.size // size
-    deflections, room, other = np.empty((gaps, count + 1)), np.empty(count + 1), np.empty(size)
+    deflections, buffer, other = np.empty((gaps, count + 1)), np.empty(count + 1), np.empty(size)
     event, edge = 0, -1
-    for sample in range(readings.shape[0]):
-        now, then = start + sample * unit, start + (sample + 1) * unit
-        for i in range(kept, size):
+    for sample in range(outputs.shape[0]):
+        now, then = start + sample * sample_s, start + (sample + 1) * sample_s
+        for i in range(states, size):
             x[i] = 0.0
         while now < then:
             switching = event < switches.size and switches[event] < then
             stop = switches[event] if switching else then
-            left, contacts = (stop - now) / unit, 0
+            left, events = (stop - now) / sample_s, 0
             while left > 0.0:
                 state = 0
                 for m in range(gaps):
-                    state = 3 * state + touching[m] + 1
-                apply_columns(series[kinds[event], state], series_gains[kinds[event], state], x, terms)
+                    state = 3 * state + contact[m] + 1
+                apply_columns(series[combinations[event], state], series_gains[combinations[event], state], x, terms)
                 for m in range(gaps):
                     for k in range(count + 1):
                         total = 0.0
                         for i in range(size):
-                            total += seen[m, i] * (terms[(k - 1) * size + i] if k else x[i])
+                            total += deflection_rows[m, i] * (terms[(k - 1) * size + i] if k else x[i])
                         deflections[m, k] = total
-                part = min(left / last, 1.0)
-                where, who, after = next_contact(deflections, half_gaps, touching, edge, part, room)
-                meets = where <= part and contacts < MOST_CONTACTS
-                part = where if meets else part
-                follow_series(x, other, terms, part)
-                left = left - part * last if part * last < left else 0.0
-                edge = who if meets else -1
-                if meets:
-                    touching[who // 2] = after
-                    contacts += 1
+                fraction = min(left / series_fraction, 1.0)
+                instant, mesh, after = next_contact(deflections, half_gaps, contact, edge, fraction, buffer)
+                event_found = instant <= fraction and events < MAX_EVENTS
+                fraction = instant if event_found else fraction
+                add_series(x, other, terms, fraction)
+                left = left - fraction * series_fraction if fraction * series_fraction < left else 0.0
+                edge = mesh if event_found else -1
+                if event_found:
+                    contact[mesh // 2] = after
+                    events += 1
             now = stop
             event += switching
         for r in range(rows.shape[0]):
@@ -174,4 +175,4 @@ def contact_steps(
             total = constant[r]
             for i in range(size):
                 total += row[i] * x[i]
-            readings[sample, r] = total
+            outputs[sample, r] = total

@@ -1,4 +1,4 @@
-"""The equations of motion as compiled code reads them."""
+"""The equations of motion in the form that compiled code takes."""
 
 from typing import NamedTuple
 
@@ -12,32 +12,34 @@ Integers = NDArray[np.int64]
 
 
 class Equations(NamedTuple):
-    """What kicks ``x' = generator x + drive``, over x = (scaled modal displacements, modal velocities).
+    """Mesh, friction and drag forces on ``x' = generator x + drive``, x = (scaled displacements, velocities) of modes.
 
-    Meshes come first, then what rubs in them: the mesh force times a share that follows the phase, in a direction of
-    its own; a table of `stiffnesses` then holds stiffness times share. ``pushes`` and ``seen`` (n, meshes): by what a
-    force changes modal velocities, by what scaled displacements deflect its mesh. ``coupling`` (meshes, meshes) is
-    ``seen_i M^-1 pushed_j``. ``held`` (meshes,) are the stiffnesses of the constant part, none for what rubs.
-    ``backlashes`` and ``backs`` (meshes,): half the gap, and where backs of teeth touch, nowhere for what rubs.
-    ``error_of`` (meshes,) says which of `errors` belongs to a mesh, -1 for none. ``stiffness_later`` and
-    ``error_later`` (meshes,) say where the further tables of a mesh begin whose teeth change in time, -1 for none: the
-    first is at its own number, or at ``error_of``. ``drags`` (drags, n) are rows of modal velocities, with
-    ``drag_factors`` (drags,). ``tied`` (2 n,) gives the reference's revolutions from displacements and its speed from
-    velocities; of length zero where it turns as prescribed.
+    Mesh forces come first, then friction forces: the mesh force times a factor that follows the phase, in a direction
+    of its own; their tables in `stiffnesses` hold stiffness times factor.
+
+    ``force_columns`` (n, forces): change of the modal velocities per impulse. ``deflection_rows`` (n, forces):
+    deflection of the mesh per scaled displacement. ``coupling`` (forces, forces): ``g_i M^-1 g_j``.
+    ``mean_stiffnesses`` (forces,): those in the generator, zero for friction. ``backlashes`` and ``back_half_gaps``
+    (forces,): half the backlash towards the driving and the back flank, the latter infinite for friction.
+    ``error_of`` (forces,): number of the transmission error in `errors`, -1 for none. ``later_stiffnesses`` and
+    ``later_errors`` (forces,): number of the second table of a mesh with a history, -1 for none; the first is at its
+    own number, or at ``error_of``. ``drags`` (drags, n): rows of the velocities with drag, and ``drag_factors``
+    (drags,). ``reference_row`` (2 n,): revolutions of the reference per displacement and its speed per velocity; empty
+    where its angle is prescribed.
     """
 
-    pushes: Array
-    seen: Array
+    force_columns: Array
+    deflection_rows: Array
     coupling: Array
     stiffnesses: Waves
     errors: Waves
     error_of: Integers
-    held: Array
+    mean_stiffnesses: Array
     backlashes: Array
-    backs: Array
+    back_half_gaps: Array
     cycles: Array
     drags: Array
     drag_factors: Array
-    tied: Array
-    stiffness_later: Integers
-    error_later: Integers
+    reference_row: Array
+    later_stiffnesses: Integers
+    later_errors: Integers

@@ -1,8 +1,8 @@
-"""Modes with every digit their stiffnesses have, and the exact flow of constant matrices in their coordinates.
+"""Modes to the relative precision of the stiffnesses, and the exact flow of constant matrices in modal coordinates.
 
-A gearbox that turns freely has a rigid mode, whose angle grows without end while meshes deflect by microns; and
-bearings may be 1e10 times as stiff as teeth. Modal coordinates part both: a mesh sees no rigid mode at all, and the
-flow of each mode is a rotation that is as exact for the fastest as for the slowest.
+A gearbox that rotates freely has a rigid-body mode, whose angle grows without bound while meshes deflect by microns;
+and bearings may be 1e10 times as stiff as teeth. Modal coordinates separate both: a mesh force has no component on a
+rigid-body mode, and the flow of each mode is as exact for the fastest as for the slowest.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Modes:
     shapes: Array
 
     def rows(self, physical: Array) -> Array:
-        """Return rows (r, dof) of displacements as rows of modal ones, free of rounding towards rigid modes."""
+        """Return rows (r, dof) over displacements as rows over modes, with rounding on rigid-body modes set to zero."""
         modal = physical @ self.shapes
         sizes = np.linalg.norm(modal, axis=-1, keepdims=True)
         rigid = self.frequencies == 0
@@ -38,7 +38,7 @@ class Modes:
 
     @property
     def scales(self) -> Array:
-        """What modal displacements are multiplied by to be energies' roots: the frequency, 1 where rigid."""
+        """Factors that make modal displacements as large as velocities: the frequency, 1 for rigid-body modes."""
         return np.where(self.frequencies > 0, self.frequencies, 1.0)
 
 
@@ -71,7 +71,7 @@ def modes_of(mass: Array, stiffness: Array) -> Modes:
 
 @dataclass(frozen=True, kw_only=True)
 class Flow:
-    """``x' = generator x + drive`` with x = (scales y, y'), y modal displacements; `classical` where modes stay apart.
+    """``x' = generator x + drive`` with x = (scales y, y'), y modal; `classical` where the damping is diagonal.
 
     `damping` (n, n) is the modal one, 1/s, gyroscopic part included.
     """
@@ -83,7 +83,7 @@ class Flow:
 
     @property
     def generator(self) -> Array:
-        """The matrix, (2 n, 2 n): skew-symmetric where nothing damps and nothing is rigid."""
+        """The matrix, (2 n, 2 n): skew-symmetric without damping and rigid-body modes."""
         size = self.damping.shape[0]
         matrix = np.zeros((2 * size, 2 * size))
         matrix[:size, size:] = np.diag(self.modes.scales)
@@ -92,17 +92,17 @@ class Flow:
         return matrix
 
     def over(self, time_s: float) -> tuple[Array, Array]:
-        """Return the propagator over a time and what the drive adds, ``x(t + time) = P x(t) + d``."""
+        """Return propagator and part of the constant load over a time, ``x(t + time) = P x(t) + d``."""
         if self.classical:
             return self._mode_by_mode(time_s)
         size = self.drive.size
         augmented = np.zeros((size + 1, size + 1))
         augmented[:size, :size], augmented[:size, size] = self.generator, self.drive
-        whole = linalg.expm(augmented * time_s)
-        return whole[:size, :size], whole[:size, size]
+        exponential = linalg.expm(augmented * time_s)
+        return exponential[:size, :size], exponential[:size, size]
 
     def _mode_by_mode(self, t: float) -> tuple[Array, Array]:
-        """Return the same from the closed form of each mode, whose digits no squaring of matrices wears off."""
+        """Return the same from the closed form of each mode, without the rounding of repeated squaring."""
         size = self.damping.shape[0]
         propagator, added = np.zeros((2 * size, 2 * size)), np.zeros(2 * size)
         for i, (w, c) in enumerate(zip(self.modes.frequencies, np.diag(self.damping), strict=True)):
@@ -112,14 +112,14 @@ class Flow:
                 square = (t - slow) / c if abs(c * t) > _CLASSICAL else t * t / 2
                 block, gain = np.array([[1.0, slow], [0.0, np.exp(-c * t)]]), np.array([square, slow])
             else:
-                block = _oscillation(w, c / 2, t)
-                gain = np.array([_risen(w, c / 2, t, block[0, 0]), block[0, 1]]) / w
+                block = _oscillator_propagator(w, c / 2, t)
+                gain = np.array([_step_response(w, c / 2, t, block[0, 0]), block[0, 1]]) / w
             propagator[np.ix_([i, size + i], [i, size + i])] = block
             added[[i, size + i]] = gain * force
         return propagator, added
 
 
-def _oscillation(w: float, decay: float, t: float) -> Array:
+def _oscillator_propagator(w: float, decay: float, t: float) -> Array:
     """Return the propagator of (w y, y') where ``y'' + 2 decay y' + w^2 y = 0``."""
     inner = np.sqrt(complex(w * w - decay * decay))
     swing = np.cos(inner * t).real
@@ -128,8 +128,8 @@ def _oscillation(w: float, decay: float, t: float) -> Array:
     return np.asarray(fading * np.array([[swing + decay * sine, w * sine], [-w * sine, swing - decay * sine]]))
 
 
-def _risen(w: float, decay: float, t: float, p11: float) -> float:
-    """Return ``1 - p11``, how far a step load has brought w y / load: with all its digits where t is short, too."""
+def _step_response(w: float, decay: float, t: float, p11: float) -> float:
+    """Return ``1 - p11``, the step response w y / load, to full relative precision for short times as well."""
     if decay == 0:
         return float(2 * np.sin(w * t / 2) ** 2)
     if (w + 2 * decay) * t > 1:
@@ -146,8 +146,8 @@ def _risen(w: float, decay: float, t: float, p11: float) -> float:
 def flow_of(modes: Modes, damping: Array, force: Array) -> Flow:
     """Return the flow under physical damping (dof, dof) and a constant force (dof,)."""
     modal = modes.shapes.T @ damping @ modes.shapes
-    apart = np.abs(modal - np.diag(np.diag(modal))).max()
-    classical = bool(apart <= _CLASSICAL * np.abs(modal).max())
+    off_diagonal = np.abs(modal - np.diag(np.diag(modal))).max()
+    classical = bool(off_diagonal <= _CLASSICAL * np.abs(modal).max())
     return Flow(
         modes=modes,
         damping=np.diag(np.diag(modal)) if classical else modal,

@@ -1,4 +1,4 @@
-"""Compiled steps of the exponential splitting: exact flow of the constant part, rank-one kicks by the meshes."""
+"""Compiled steps of the exponential splitting: exact flow of the constant part, rank-one impulses by the meshes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,46 +10,48 @@ from data_synth.integrate._waves import Waves
 
 Array = NDArray[np.float64]
 
-BOTH, CROSSED, BENT = 1 / 36, 1 / 180, 1 / 3150  # of the commutator
-EVEN, BULGE = 1 / 24, 1 / 480  # of what the middle lacks
+C00, C02, C22 = 1 / 36, 1 / 180, 1 / 3150  # of the commutator
+M0, M2 = 1 / 24, 1 / 480  # of the correction of the middle deflection
 
 
 @compiled_inside
-def dead_zone(deflection: float, half_gap: float, back: float) -> tuple[float, float]:
-    """Return how far teeth are pressed together, negative on the back flanks, and 1 in contact, else 0."""
+def dead_zone(deflection: float, half_gap: float, back_half_gap: float) -> tuple[float, float]:
+    """Return the elastic compression of the teeth, negative on the back flanks, and 1 in contact, else 0."""
     if half_gap <= 0.0:
         return deflection, 1.0
     if deflection > half_gap:
         return deflection - half_gap, 1.0
-    if deflection < -back:
-        return deflection + back, 1.0
+    if deflection < -back_half_gap:
+        return deflection + back_half_gap, 1.0
     return 0.0, 0.0
 
 
 @compiled_inside
-def flow_by_modes(x: Array, blocks: Array, pushes: Array, impulses: Array, seen: Array, delta: Array) -> None:
-    """Take mesh impulses from the velocities, apply one 2 by 2 block a mode, and leave the new deflections."""
-    size, meshes = pushes.shape
+def modal_flow(
+    x: Array, blocks: Array, force_columns: Array, impulses: Array, deflection_rows: Array, delta: Array
+) -> None:
+    """Apply mesh impulses, propagate each mode by its 2 by 2 block, and compute the new deflections."""
+    size, meshes = force_columns.shape
     for m in range(meshes):
         delta[m] = 0.0
     for i in range(size):
         a, b = x[i], x[size + i]
         for m in range(meshes):
-            b -= pushes[i, m] * impulses[m]
+            b -= force_columns[i, m] * impulses[m]
         c = blocks[i, 0] * a + blocks[i, 1] * b + blocks[i, 4]
         x[i] = c
         x[size + i] = blocks[i, 2] * a + blocks[i, 3] * b + blocks[i, 5]
         for m in range(meshes):
-            delta[m] += seen[i, m] * c
+            delta[m] += deflection_rows[i, m] * c
 
 
 @compiled_inside
-def flow_at_once(
-    x: Array, other: Array, columns: Array, pushes: Array, impulses: Array, seen: Array, delta: Array
+def coupled_flow(
+    x: Array, other: Array, columns: Array, force_columns: Array, impulses: Array, deflection_rows: Array, delta: Array
 ) -> None:
-    """Do the same by a full propagator, whose columns and, last, what the drive adds are the rows of `columns`."""
-    size = pushes.shape[0]
-    push(x, pushes, impulses)
+    """Do the same with a full propagator; the rows of `columns` are its columns and, last, the part of the load."""
+    size = force_columns.shape[0]
+    apply_impulses(x, force_columns, impulses)
     for i in range(2 * size):
         other[i] = columns[2 * size, i]
     for j in range(2 * size):
@@ -58,12 +60,12 @@ def flow_at_once(
             other[i] += column[i] * factor
     for i in range(2 * size):
         x[i] = other[i]
-    deflect(x, seen, delta)
+    compute_deflections(x, deflection_rows, delta)
 
 
 @compiled_inside
-def drag_for(x: Array, time: float, drags: Array, factors: Array, inverse_masses: Array, forward: bool) -> None:
-    """Let ``v' = -(c / m) v abs(v)`` act for a time, exactly, on each dragged velocity."""
+def apply_drag(x: Array, time: float, drags: Array, factors: Array, inverse_masses: Array, forward: bool) -> None:
+    """Integrate ``v' = -(c / m) v abs(v)`` exactly over a time for each velocity with drag."""
     count, size = drags.shape
     for n in range(count):
         d = n if forward else count - 1 - n
@@ -78,40 +80,40 @@ def drag_for(x: Array, time: float, drags: Array, factors: Array, inverse_masses
 
 
 @compiled_inside
-def push(x: Array, pushes: Array, impulses: Array) -> None:
-    """Take mesh impulses from the modal velocities."""
-    size, meshes = pushes.shape
+def apply_impulses(x: Array, force_columns: Array, impulses: Array) -> None:
+    """Subtract mesh impulses from the modal velocities."""
+    size, meshes = force_columns.shape
     for i in range(size):
         for m in range(meshes):
-            x[size + i] -= pushes[i, m] * impulses[m]
+            x[size + i] -= force_columns[i, m] * impulses[m]
 
 
 @compiled_inside
-def deflect(x: Array, seen: Array, delta: Array) -> None:
-    """Leave the deflections of all meshes."""
+def compute_deflections(x: Array, deflection_rows: Array, delta: Array) -> None:
+    """Compute the deflections of all meshes."""
     for m in range(delta.size):
         delta[m] = 0.0
-        for i in range(seen.shape[0]):
-            delta[m] += seen[i, m] * x[i]
+        for i in range(deflection_rows.shape[0]):
+            delta[m] += deflection_rows[i, m] * x[i]
 
 
 @compiled_inside
-def tables_at(first: int, later: int, stage: float) -> tuple[int, int, float]:
-    """Return the tables of the stages before and after a place in the course of a mesh, and where between them it is.
+def history_tables(first: int, later: int, position: float) -> tuple[int, int, float]:
+    """Return the tables before and after a position in the history of a mesh, and the weight of the second.
 
-    Stage 0 is table `first`, stage 1 table `later`, the next ones follow; `later` below zero: nothing changes.
+    Instant 0 has table `first`, instant 1 table `later`, the next ones follow; `later` below zero: nothing changes.
     """
     if later < 0:
         return first, first, 0.0
-    number = int(stage)
-    share = stage - number
+    number = int(position)
+    share = position - number
     before = first if number == 0 else later + number - 1
     return before, before if share == 0.0 else later + number, share
 
 
 @compiled_inside
-def between(waves: Waves, now: int, then: int, share: float, phase: float) -> float:
-    """Return the value between two tables, by the share of the second."""
+def interpolated(waves: Waves, now: int, then: int, share: float, phase: float) -> float:
+    """Return the value interpolated between two tables, by the weight of the second."""
     value = 0.0
     table, part = now, 1.0 - share
     while True:
@@ -123,10 +125,10 @@ def between(waves: Waves, now: int, then: int, share: float, phase: float) -> fl
 
 
 @compiled_inside
-def moments_of_step(
+def legendre_of_step(
     waves: Waves, which: int, begin: float, end: float, at_start: Array, at_stop: Array, first: bool
 ) -> tuple[float, float, float]:
-    """Return the Legendre coefficients of a stiffness over a step; its integrals at the end go on to the next."""
+    """Return the Legendre coefficients of a stiffness over a step; its integrals at the end are kept for the next."""
     if abs(end - begin) < SHORT:
         at_stop[which, 0] = np.nan
         return legendre_short(waves, which, begin, end)
@@ -144,24 +146,24 @@ def moments_of_step(
 
 
 @compiled_inside
-def under_hats(node: int, sub: int, per_sample: int, a0: float, a1: float, a2: float) -> tuple[float, float]:
-    """Return by what the deflection at a node counts in the hat that rises here, and in that and the one that falls.
+def triangular_weights(node: int, sub: int, per_sample: int, a0: float, a1: float, a2: float) -> tuple[float, float]:
+    """Return the weights of a node's force under the rising triangle of this sample, and under both triangles together.
 
-    The integrals over a step of a stiffness, of Legendre coefficients a, times the quadratic polynomials of Lagrange
-    through both ends and the middle, x = -1, 0 and 1; and of the same times x.
+    They are the integrals over a step of a stiffness, of Legendre coefficients a, times the quadratic Lagrange
+    polynomials through both ends and the middle, x = -1, 0 and 1; and of the same times x.
     """
     if node == 1:
-        mean, slant = (a0 - 0.2 * a2) * 2 / 3, a1 * 2 / 15
+        moment, first_moment = (a0 - 0.2 * a2) * 2 / 3, a1 * 2 / 15
     else:
         side = node - 1
-        mean, slant = (a0 + side * a1 + 0.4 * a2) / 6, side * (a0 / 6 + a2 / 15) + a1 / 10
-    return (mean * (sub + 0.5) + 0.5 * slant) / per_sample**2, mean / per_sample
+        moment, first_moment = (a0 + side * a1 + 0.4 * a2) / 6, side * (a0 / 6 + a2 / 15) + a1 / 10
+    return (moment * (sub + 0.5) + 0.5 * first_moment) / per_sample**2, moment / per_sample
 
 
 @compiled
 def split_steps(
     x: Array,
-    readings: Array,
+    outputs: Array,
     rows: Array,
     constant: Array,
     per_sample: int,
@@ -169,67 +171,74 @@ def split_steps(
     classical: bool,
     half: Array,
     equations: Equations,
-    tied_speed: Array,
+    coupled_speed: Array,
     revolutions: Array,
     loads: Array,
-    stages: Array,
-    felt: Array,
-    coming: Array,
+    history_positions: Array,
+    weighted_forces: Array,
+    next_weighted: Array,
 ) -> None:
-    """Advance x through all samples of a block and read it at each.
+    """Propagate x over all samples of a block and compute the outputs at each.
 
-    Per step the meshes kick at both ends and in the middle. Their strengths are integrals of the stiffness times the
-    quadratic polynomials of Lagrange through these nodes, exact across jumps; the middle one also holds the
-    commutator of two mesh forces: h^3 times a quadratic form of their Legendre coefficients.
-    The middle node's deflection lacks `short`, what forces do until then beyond the kick at the start: over the step
-    that evens out, but where a force is felt it is set right.
-    `half` holds a row (6,) a mode where `classical`, else what `flow_at_once` takes; both over half a step.
-    `stages` (steps, meshes) says where in their course meshes are that change in time; (0, meshes) where none does.
-    `felt` (samples, 2 meshes) takes the force of each mesh weighted with a hat from two samples ago to now, then the
-    force now, and `coming` (meshes,) what is felt of the next hat, in which the force now counts most; (0, 2 meshes)
-    where nobody asks. All cases share one compilation: absent parts are empty arrays.
+    In each step the meshes act by impulses at both ends and in the middle. They are integrals of the stiffness times
+    the quadratic Lagrange polynomials through these nodes, exact across jumps; the middle one also has the commutator
+    of two mesh forces: h^3 times a quadratic form of their Legendre coefficients.
+    The deflection at the middle node lacks `correction`, the effect of the forces until then beyond the impulse at the
+    start: over a step it cancels, but weighted mesh forces need it.
+    `half` holds a row (6,) for each mode where `classical`, else the argument of `coupled_flow`; both over half a step.
+    `history_positions` (steps, meshes) are those in the histories of the meshes; (0, meshes) where none has one.
+    `weighted_forces` (samples, 2 meshes) receives the force of each mesh under the triangular weight, then the force
+    at the sample; `next_weighted` (meshes,) is the known part of the next weighted force; (0, 2 meshes) where the
+    output has none. All cases share one compilation: absent parts are empty arrays.
     """
-    pushes, seen, tied, cycles = equations.pushes, equations.seen, equations.tied, equations.cycles
-    stiffnesses, coupling, means = equations.stiffnesses, equations.coupling, equations.held
+    force_columns, deflection_rows, reference_row, cycles = (
+        equations.force_columns,
+        equations.deflection_rows,
+        equations.reference_row,
+        equations.cycles,
+    )
+    stiffnesses, coupling, means = equations.stiffnesses, equations.coupling, equations.mean_stiffnesses
     drags, drag_factors, error_of = equations.drags, equations.drag_factors, equations.error_of
-    size, meshes = pushes.shape
+    size, meshes = force_columns.shape
     other = np.empty(2 * size)
     a0, a1, a2 = np.empty(meshes), np.empty(meshes), np.empty(meshes)
     delta, impulse = np.zeros(meshes), np.zeros(meshes)
     errors = np.zeros((3, meshes))
-    pressed, touching, short = np.zeros(meshes), np.zeros(meshes), np.zeros(meshes)
+    compression, contact, correction = np.zeros(meshes), np.zeros(meshes), np.zeros(meshes)
     tables, inverse_masses = stiffnesses.means.size, np.empty(drag_factors.size)
     for d in range(drag_factors.size):
         inverse_masses[d] = np.sum(drags[d] * drags[d])
     at_start, at_stop = np.full((tables, 3), np.nan), np.full((tables, 3), np.nan)
-    changing, hearing = stages.shape[0] > 0, felt.shape[0] > 0
+    changing, weighting = history_positions.shape[0] > 0, weighted_forces.shape[0] > 0
     sixth, two_thirds, cube = step / 6, step * 2 / 3, step**3
     stop = 0.0
-    deflect(x, seen, delta)
-    for sample in range(readings.shape[0]):
-        if hearing:
-            for m in range(coming.size):
-                felt[sample, m] = coming[m]
-                coming[m] = 0.0
+    compute_deflections(x, deflection_rows, delta)
+    for sample in range(outputs.shape[0]):
+        if weighting:
+            for m in range(next_weighted.size):
+                weighted_forces[sample, m] = next_weighted[m]
+                next_weighted[m] = 0.0
         for sub in range(per_sample):
             number = sample * per_sample + sub
-            if tied.size:
+            if reference_row.size:
                 start = speed = 0.0
                 for i in range(size):
-                    start += tied[i] * x[i]
-                    speed += tied[size + i] * x[size + i]
-                stop = start + step * (speed + 0.5 * (speed - tied_speed[0]))
-                tied_speed[0] = speed
+                    start += reference_row[i] * x[i]
+                    speed += reference_row[size + i] * x[size + i]
+                stop = start + step * (speed + 0.5 * (speed - coupled_speed[0]))
+                coupled_speed[0] = speed
             else:
                 start, stop = revolutions[number], revolutions[number + 1]
             for m in range(meshes):
                 begin, end = cycles[m] * start, cycles[m] * stop
-                stage = stages[number, m] if changing else 0.0
-                now, then, share = tables_at(m, equations.stiffness_later[m], stage)
+                position = history_positions[number, m] if changing else 0.0
+                now, then, share = history_tables(m, equations.later_stiffnesses[m], position)
                 a0[m] = a1[m] = a2[m] = 0.0
                 table, part = now, 1.0 - share
                 while True:
-                    b0, b1, b2 = moments_of_step(stiffnesses, table, begin, end, at_start, at_stop, tied.size > 0)
+                    b0, b1, b2 = legendre_of_step(
+                        stiffnesses, table, begin, end, at_start, at_stop, reference_row.size > 0
+                    )
                     a0[m] += part * b0
                     a1[m] += part * b1
                     a2[m] += part * b2
@@ -240,63 +249,63 @@ def split_steps(
                     table, part = then, share
             for m in range(meshes):
                 if error_of[m] >= 0:
-                    stage = stages[number, m] if changing else 0.0
-                    now, then, share = tables_at(error_of[m], equations.error_later[m], stage)
+                    position = history_positions[number, m] if changing else 0.0
+                    now, then, share = history_tables(error_of[m], equations.later_errors[m], position)
                     for node in range(3):
                         phase = cycles[m] * (start + 0.5 * node * (stop - start))
-                        errors[node, m] = between(equations.errors, now, then, share, phase)
+                        errors[node, m] = interpolated(equations.errors, now, then, share, phase)
             for node in range(3):
                 if node == 1 or node == 2:  # noqa: PLR1714, PLR2004
                     if classical:
-                        flow_by_modes(x, half, pushes, impulse, seen, delta)
+                        modal_flow(x, half, force_columns, impulse, deflection_rows, delta)
                     else:
-                        flow_at_once(x, other, half, pushes, impulse, seen, delta)
+                        coupled_flow(x, other, half, force_columns, impulse, deflection_rows, delta)
                 weight = two_thirds if node == 1 else sixth
                 if node < 2:  # noqa: PLR2004
-                    drag_for(x, two_thirds / 2 if node == 1 else sixth, drags, drag_factors, inverse_masses, True)
+                    apply_drag(x, two_thirds / 2 if node == 1 else sixth, drags, drag_factors, inverse_masses, True)
                 for m in range(meshes):
                     gap = delta[m] - errors[node, m]
-                    pressed[m], touching[m] = dead_zone(gap, equations.backlashes[m], equations.backs[m])
+                    compression[m], contact[m] = dead_zone(gap, equations.backlashes[m], equations.back_half_gaps[m])
                     strength = a0[m] - 0.2 * a2[m] if node == 1 else a0[m] + (node - 1) * a1[m] + 0.4 * a2[m]
-                    impulse[m] = weight * (strength * pressed[m] - means[m] * delta[m])
-                    if hearing:
-                        short[m] = 0.0
+                    impulse[m] = weight * (strength * compression[m] - means[m] * delta[m])
+                    if weighting:
+                        correction[m] = 0.0
                 if node == 1:
                     for i in range(meshes):
-                        g0 = a0[i] * touching[i] - means[i]
-                        g1, g2 = a1[i] * touching[i], a2[i] * touching[i]
+                        g0 = a0[i] * contact[i] - means[i]
+                        g1, g2 = a1[i] * contact[i], a2[i] * contact[i]
                         for j in range(meshes):
-                            f0 = a0[j] * pressed[j] - means[j] * delta[j]
-                            f1, f2 = a1[j] * pressed[j], a2[j] * pressed[j]
-                            form = BOTH * (f0 * g0) - CROSSED * (f0 * g2 + f2 * g0 + f1 * g1) - BENT * f2 * g2
+                            f0 = a0[j] * compression[j] - means[j] * delta[j]
+                            f1, f2 = a1[j] * compression[j], a2[j] * compression[j]
+                            form = C00 * (f0 * g0) - C02 * (f0 * g2 + f2 * g0 + f1 * g1) - C22 * f2 * g2
                             impulse[i] -= cube * coupling[i, j] * form
-                            if hearing:
-                                short[i] += step * step * coupling[i, j] * (EVEN * f0 - BULGE * f2) * touching[i]
-                if hearing:
-                    for m in range(coming.size):
-                        rising, whole = under_hats(node, sub, per_sample, a0[m], a1[m], a2[m])
-                        coming[m] += rising * (pressed[m] - short[m])
-                        felt[sample, m] += (whole - rising) * (pressed[m] - short[m])
+                            if weighting:
+                                correction[i] += step * step * coupling[i, j] * (M0 * f0 - M2 * f2) * contact[i]
+                if weighting:
+                    for m in range(next_weighted.size):
+                        rising_weight, both_weights = triangular_weights(node, sub, per_sample, a0[m], a1[m], a2[m])
+                        next_weighted[m] += rising_weight * (compression[m] - correction[m])
+                        weighted_forces[sample, m] += (both_weights - rising_weight) * (compression[m] - correction[m])
                 if loads.shape[0]:
                     load = loads[2 * number + node]
                     for i in range(size):
                         x[size + i] += weight * load[i]
                 if node == 1 and drag_factors.size:
-                    push(x, pushes, impulse)
-                    drag_for(x, two_thirds / 2, drags, drag_factors, inverse_masses, False)
+                    apply_impulses(x, force_columns, impulse)
+                    apply_drag(x, two_thirds / 2, drags, drag_factors, inverse_masses, False)
                     for m in range(meshes):
                         impulse[m] = 0.0
-            push(x, pushes, impulse)
-            drag_for(x, sixth, drags, drag_factors, inverse_masses, False)
-        if hearing:
-            for m in range(coming.size):
-                stage = stages[(sample + 1) * per_sample - 1, m] if changing else 0.0
-                now, then, share = tables_at(m, equations.stiffness_later[m], stage)
-                strength = between(stiffnesses, now, then, share, cycles[m] * stop)
-                felt[sample, coming.size + m] = strength * pressed[m]
+            apply_impulses(x, force_columns, impulse)
+            apply_drag(x, sixth, drags, drag_factors, inverse_masses, False)
+        if weighting:
+            for m in range(next_weighted.size):
+                position = history_positions[(sample + 1) * per_sample - 1, m] if changing else 0.0
+                now, then, share = history_tables(m, equations.later_stiffnesses[m], position)
+                strength = interpolated(stiffnesses, now, then, share, cycles[m] * stop)
+                weighted_forces[sample, next_weighted.size + m] = strength * compression[m]
         for r in range(rows.shape[0]):
             row = rows[r]
             total = constant[r]
             for i in range(2 * size):
                 total += row[i] * x[i]
-            readings[sample, r] = total
+            outputs[sample, r] = total

@@ -1,4 +1,4 @@
-"""Compiled exact steps through stiffnesses that are constant between switching instants."""
+"""Compiled exact steps for mesh stiffness that is constant between switching instants."""
 
 from typing import NamedTuple
 
@@ -11,23 +11,24 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-class Flows(NamedTuple):
-    """How x (s,) moves on under each of several stiffnesses, kind by kind, and what is read then.
+class Propagators(NamedTuple):
+    """Propagators of the state x (s,), and outputs, for each combination of mesh stiffnesses.
 
-    s is 2 n, and twice the meshes more where their forces are integrated beside (`data_synth.integrate.pieces`). All by
-    columns over x, with what the drive adds apart. Over 1, 2, ... units of time ``powers`` (kinds, units, s,
-    s) and ``gains`` (kinds, units, s); the readings then, one after the other, ``tables`` (kinds, s, units x
-    channels) and ``constants`` (kinds, units x channels). Over half a unit, a quarter, ... ``ladders`` (kinds, rungs,
-    s, s) and ``ladder_gains``; over a share of the last rung's length, ``last`` of a unit, the terms of the power
-    series ``series`` (kinds, s, terms x s) and ``series_gains`` (kinds, terms x s).
+    s is 2 n, and twice the number of meshes more where their forces are integrated (`data_synth.integrate.pieces`). All
+    are stored by columns, the contribution of the constant load apart. Over 1, 2, ... samples: ``powers``
+    (combinations, samples, s, s) and ``gains`` (combinations, samples, s), with the outputs at all of these samples in
+    ``outputs_matrix`` (combinations, s, samples x channels) and ``output_gains`` (combinations, samples x channels).
+    Over 1/2, 1/4, ... of a sample: ``halved`` (combinations, halvings, s, s) and ``halved_gains``. Over any part of the
+    last of these: the terms of the power series ``series`` (combinations, s, terms x s) and ``series_gains``
+    (combinations, terms x s).
     """
 
     powers: Array
     gains: Array
-    tables: Array
-    constants: Array
-    ladders: Array
-    ladder_gains: Array
+    outputs_matrix: Array
+    output_gains: Array
+    halved: Array
+    halved_gains: Array
     series: Array
     series_gains: Array
 
@@ -53,7 +54,7 @@ def apply_columns(columns: Array, added: Array, x: Array, out: Array) -> None:
 
 
 @compiled
-def follow_series(x: Array, other: Array, terms: Array, part: float) -> None:
+def add_series(x: Array, other: Array, terms: Array, fraction: float) -> None:
     """Add the power series whose coefficients are `terms`, one after the other from the first power on, to x."""
     size = x.size
     count = terms.size // size
@@ -61,84 +62,95 @@ def follow_series(x: Array, other: Array, terms: Array, part: float) -> None:
         other[i] = terms[(count - 1) * size + i]
     for term in range(count - 2, -1, -1):
         for i in range(size):
-            other[i] = terms[term * size + i] + part * other[i]
+            other[i] = terms[term * size + i] + fraction * other[i]
     for i in range(size):
-        x[i] += part * other[i]
+        x[i] += fraction * other[i]
 
 
 @compiled_inside
-def pass_time(x: Array, other: Array, terms: Array, flows: Flows, kind: int, share: float) -> None:
-    """Let the flow act for a share below 1 of a unit: by halves, quarters, ..., then by its power series."""
+def propagate_fraction(
+    x: Array, other: Array, terms: Array, propagators: Propagators, combination: int, fraction: float
+) -> None:
+    """Propagate over a fraction below 1 of a sample: by halves, quarters, ..., then by the power series."""
     size, last = x.size, 1.0
-    for rung in range(flows.ladders.shape[1]):
+    for halving in range(propagators.halved.shape[1]):
         last *= 0.5
-        if share >= last:
-            share -= last
-            apply_columns(flows.ladders[kind, rung], flows.ladder_gains[kind, rung], x, other)
+        if fraction >= last:
+            fraction -= last
+            apply_columns(
+                propagators.halved[combination, halving], propagators.halved_gains[combination, halving], x, other
+            )
             for i in range(size):
                 x[i] = other[i]
-    apply_columns(flows.series[kind], flows.series_gains[kind], x, terms)
-    follow_series(x, other, terms, share / last)
+    apply_columns(propagators.series[combination], propagators.series_gains[combination], x, terms)
+    add_series(x, other, terms, fraction / last)
 
 
 @compiled_inside
-def units_before(switch: float, start: float, unit: float, sample: int, count: int) -> int:
-    """Return how many samples after `sample` are reached before, or at, a switching time."""
-    ahead = int(min((switch - (start + sample * unit)) / unit, float(count - sample)))
+def samples_before(switch: float, start: float, sample_s: float, sample: int, count: int) -> int:
+    """Return the number of samples after `sample` that come before, or at, a switching time."""
+    samples_ahead = int(min((switch - (start + sample * sample_s)) / sample_s, float(count - sample)))
     # the quotient may be off by rounding
-    while ahead > 0 and start + (sample + ahead) * unit > switch:
-        ahead -= 1
-    while sample + ahead < count and start + (sample + ahead + 1) * unit <= switch:
-        ahead += 1
-    return ahead
+    while samples_ahead > 0 and start + (sample + samples_ahead) * sample_s > switch:
+        samples_ahead -= 1
+    while sample + samples_ahead < count and start + (sample + samples_ahead + 1) * sample_s <= switch:
+        samples_ahead += 1
+    return samples_ahead
 
 
 @compiled
 def transition_steps(
     x: Array,
-    readings: Array,
+    outputs: Array,
     rows: Array,
     constant: Array,
     start: float,
-    unit: float,
+    sample_s: float,
     switches: Array,
-    kinds: Integers,
-    flows: Flows,
-    kept: int,
+    combinations: Integers,
+    propagators: Propagators,
+    states: int,
 ) -> None:
-    """Advance x (s,) from a time `start` through samples a `unit` apart, and read it at each.
+    """Propagate x (s,) from the time `start` over samples `sample_s` apart, and compute the outputs at each.
 
-    From entry `kept` on, x begins at zero with every sample; so the flow over whole units takes it to be. ``kinds``
-    (switches + 1,) says which of the flows acts before the first switching time and after each.
+    From entry `states` on (the force integrals), x is zero at the beginning of every sample, as the propagators over
+    whole samples assume. ``combinations`` (switches + 1,) are those before the first switching time and after each.
     """
-    size, most = x.size, flows.powers.shape[1]
-    count, channels = readings.shape
-    other, terms = np.empty(size), np.empty(flows.series.shape[2])
-    flat = readings.reshape(count * channels)
+    size, max_samples = x.size, propagators.powers.shape[1]
+    count, channels = outputs.shape
+    other, terms = np.empty(size), np.empty(propagators.series.shape[2])
+    flat = outputs.reshape(count * channels)
     sample = event = 0
     while sample < count:
-        kind = kinds[event]
-        ahead = units_before(switches[event] if event < switches.size else np.inf, start, unit, sample, count)
-        while ahead > 0:
-            units = min(ahead, most)
+        combination = combinations[event]
+        samples_ahead = samples_before(
+            switches[event] if event < switches.size else np.inf, start, sample_s, sample, count
+        )
+        while samples_ahead > 0:
+            samples = min(samples_ahead, max_samples)
             apply_columns(
-                flows.tables[kind], flows.constants[kind], x, flat[sample * channels : (sample + units) * channels]
+                propagators.outputs_matrix[combination],
+                propagators.output_gains[combination],
+                x,
+                flat[sample * channels : (sample + samples) * channels],
             )
-            apply_columns(flows.powers[kind, units - 1], flows.gains[kind, units - 1], x, other)
+            apply_columns(
+                propagators.powers[combination, samples - 1], propagators.gains[combination, samples - 1], x, other
+            )
             for i in range(size):
                 x[i] = other[i]
-            sample += units
-            ahead -= units
+            sample += samples
+            samples_ahead -= samples
         if sample == count:
             break
-        now, then = start + sample * unit, start + (sample + 1) * unit
-        for i in range(kept, size):
+        now, then = start + sample * sample_s, start + (sample + 1) * sample_s
+        for i in range(states, size):
             x[i] = 0.0
         while now < then:
-            # one stretch up to the next switching instant, or to the sample where none is left before it
+            # up to the next switching instant, or to the next sample
             switching = event < switches.size and switches[event] < then
             stop = switches[event] if switching else then
-            pass_time(x, other, terms, flows, kinds[event], (stop - now) / unit)
+            propagate_fraction(x, other, terms, propagators, combinations[event], (stop - now) / sample_s)
             now = stop
             event += switching
         for r in range(channels):
@@ -146,5 +158,5 @@ def transition_steps(
             total = constant[r]
             for i in range(size):
                 total += row[i] * x[i]
-            readings[sample, r] = total
+            outputs[sample, r] = total
         sample += 1

@@ -1,4 +1,4 @@
-"""Compiled look-ups in tables of periodic functions: values, and moments over a stretch of phase."""
+"""Compiled look-ups in tables of periodic functions: values, and moments over an interval of phase."""
 
 import math
 
@@ -10,25 +10,25 @@ from data_synth.integrate._waves import Waves
 
 Array = NDArray[np.float64]
 
-# a stretch shorter than this many cycles is integrated by Gauss's rule: differences of integrals would lose digits
+# below this many cycles, Gauss's rule: the difference of two periodic integrals would lose digits
 SHORT = 1.0 / 512
 _POINTS, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(4)[i] + (1, 0)[i]) for i in range(2))
 POINT0, POINT1, POINT2, POINT3 = (float(p) for p in _POINTS)
-THIRD = 0.5 * math.sqrt(0.6)  # the outer ones of three, from the middle
-SLANT = 5 / 6 * math.sqrt(0.6)
+OUTER_NODE = 0.5 * math.sqrt(0.6)  # the outer ones of three, from the middle
+SLOPE_WEIGHT = 5 / 6 * math.sqrt(0.6)
 WEIGHT0, WEIGHT1, WEIGHT2, WEIGHT3 = (float(w) for w in _WEIGHTS)
 
 
 @compiled_inside
-def located(waves: Waves, which: int, phase: float) -> tuple[int, float]:
-    """Return the segment of a phase and how far into the period it lies."""
+def locate(waves: Waves, which: int, phase: float) -> tuple[int, float]:
+    """Return the segment of a phase, and the phase within the period."""
     period = waves.periods[which]
     x = phase - math.floor(phase / period) * period
     low, last = waves.segments[which], waves.segments[which + 1] - 1
     if low == last:
         return low, x
-    place = waves.signs[which] + int(x * waves.sign_rates[which])
-    low = waves.signposts[min(place, waves.signs[which + 1] - 1)]
+    place = waves.lookup_offsets[which] + int(x * waves.lookup_rates[which])
+    low = waves.lookup[min(place, waves.lookup_offsets[which + 1] - 1)]
     while low < last and waves.starts[low + 1] <= x:
         low += 1
     return low, x
@@ -36,7 +36,7 @@ def located(waves: Waves, which: int, phase: float) -> tuple[int, float]:
 
 @compiled_inside
 def cell_at(waves: Waves, segment: int, x: float) -> tuple[int, float]:
-    """Return the cell at x, and where in it from 0 to 1."""
+    """Return the cell at x, and the position in it from 0 to 1."""
     u = (x - waves.starts[segment]) * waves.densities[segment]
     inside = min(int(u), waves.counts[segment] - 1)
     return waves.firsts[segment] + inside, u - inside
@@ -54,7 +54,7 @@ def value_in(waves: Waves, segment: int, x: float) -> float:
 @compiled_inside
 def value_at(waves: Waves, which: int, phase: float) -> float:
     """Return the function at a phase in cycles."""
-    segment, x = located(waves, which, phase)
+    segment, x = locate(waves, which, phase)
     return value_in(waves, segment, x)
 
 
@@ -62,14 +62,14 @@ def value_at(waves: Waves, which: int, phase: float) -> float:
 def legendre_across(
     waves: Waves, which: int, start: float, stop: float, segment: int, x: float
 ) -> tuple[float, float, float]:
-    """Return what `legendre` does over a stretch with jumps, whose lower end lies at x in a segment."""
+    """Return what `legendre` does over an interval with jumps, whose lower end is at x in a segment."""
     low, high = min(start, stop), max(start, stop)
     whole, at = high - low, low
     sum0 = sum1 = sum2 = 0.0
     while at < high:
         last = segment + 1 == waves.segments[which + 1]
         edge = waves.periods[which] if last else waves.starts[segment + 1]
-        # past an edge by rounding, the stretch up to it is nothing
+        # past an edge by rounding, the interval up to it is empty
         width = min(high - at, max(edge - x, 0.0))
         for point in range(4):
             place = (POINT0, POINT1, POINT2, POINT3)[point]
@@ -91,18 +91,18 @@ def legendre_across(
 
 @compiled_inside
 def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple[float, float, float]:
-    """Return what `legendre` does, stretch by stretch between jumps, by Gauss's rule with four points."""
+    """Return what `legendre` does, interval by interval between jumps, by Gauss's rule with four points."""
     low, high = min(start, stop), max(start, stop)
     whole = high - low
     if whole == 0.0:
         return value_at(waves, which, start), 0.0, 0.0
-    segment, x = located(waves, which, low)
+    segment, x = locate(waves, which, low)
     if segment + 1 < waves.segments[which + 1] and x + whole <= waves.starts[segment + 1]:
         # the usual case: three points between two jumps are enough, and cost a third
-        first = value_in(waves, segment, x + (0.5 - THIRD) * whole)
+        first = value_in(waves, segment, x + (0.5 - OUTER_NODE) * whole)
         middle = value_in(waves, segment, x + 0.5 * whole)
-        last_value = value_in(waves, segment, x + (0.5 + THIRD) * whole)
-        slope = SLANT * (last_value - first)
+        last_value = value_in(waves, segment, x + (0.5 + OUTER_NODE) * whole)
+        slope = SLOPE_WEIGHT * (last_value - first)
         both = first + last_value
         return (5 * both + 8 * middle) * (1 / 18), slope if stop > start else -slope, (both - 2 * middle) * (5 / 9)
     return legendre_across(waves, which, start, stop, segment, x)
@@ -111,11 +111,11 @@ def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple
 @compiled_inside
 def integrals_at(waves: Waves, which: int, phase: float) -> tuple[float, float, float]:
     """Return the three periodic integrals of the function less its mean."""
-    segment, x = located(waves, which, phase)
+    segment, x = locate(waves, which, phase)
     cell, u = cell_at(waves, segment, x)
     c = waves.rows[cell]
     square = u * u
-    # even and odd powers apart: half as long a chain of sums that wait for one another
+    # even and odd powers apart: half as long a chain of dependent sums
     first = c[6] + square * (c[8] + square * (c[10] + square * c[12])) + u * (c[7] + square * (c[9] + square * c[11]))
     second = (
         c[13]
@@ -146,7 +146,7 @@ def legendre(
     width = stop - start
     if abs(width) < SHORT:
         return legendre_short(waves, which, start, stop)
-    per_width = 1.0 / width  # one division, for which the next look-ups need not wait
+    per_width = 1.0 / width  # one division, which the next look-ups need not wait for
     first0 = (after[0] - before[0]) * per_width
     rise1 = (after[1] - before[1]) * per_width
     first1 = (after[0] - rise1) * per_width

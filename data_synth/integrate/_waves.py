@@ -1,7 +1,7 @@
-"""Periodic functions of the mesh phase as tables that compiled code can read and integrate without error.
+"""Tables of periodic functions of the mesh phase, which compiled code evaluates and integrates to rounding.
 
-Between two jumps a function is cut into even cells with one polynomial each. Of the function less its mean, the
-tables also hold the first three periodic integrals, so that its moments over any stretch of phase, across jumps or
+Between two jumps a function is divided into equal cells with one polynomial each. The tables also hold the first three
+periodic integrals of the function less its mean, so that its moments over any interval of phase, across jumps or
 cycles, cost two look-ups.
 """
 
@@ -16,12 +16,12 @@ Integers = NDArray[np.int64]
 
 DEGREE = 5
 WIDTHS = (6, 7, 8, 9)  # coefficients of the function and of its three integrals, side by side in a row
-_SPARSEST, _DENSEST = 16, 2048  # cells to a mesh cycle
+_MIN_DENSITY, _MAX_DENSITY = 16, 2048  # cells to a mesh cycle
 _FIT = 1e-11  # of the largest value: cells are halved until the polynomials are this close
 
 _NODES = (1 - np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))) / 2
 _INTERPOLATE = np.linalg.inv(np.vander(_NODES, increasing=True))
-_BETWEEN = np.array([0.003, 0.24, 0.64, 0.997])  # where the fit is checked: ends of cells and what lies between nodes
+_CHECKED = np.array([0.003, 0.24, 0.64, 0.997])  # where the fit is checked: near the ends of a cell, and between nodes
 
 
 class Waves(NamedTuple):
@@ -29,8 +29,8 @@ class Waves(NamedTuple):
 
     ``periods``, ``means`` (f,); ``segments`` (f + 1,): where the segments of each function begin in ``starts``,
     ``densities`` (cells to a cycle), ``firsts`` (first cell) and ``counts`` (cells), each (segments,); ``rows``
-    (cells, 30). So that a phase finds its segment at once, even parts of each period, ``sign_rates`` (f,) to a cycle,
-    have ``signposts`` (parts,), the segments in which they begin; those of a function begin at ``signs`` (f + 1,).
+    (cells, 30). To find the segment of a phase at once, each period is divided into equal parts, ``lookup_rates`` (f,)
+    to a cycle; ``lookup`` (parts,) has the segment in which each begins, from ``lookup_offsets`` (f + 1,) on.
     """
 
     periods: Array
@@ -41,9 +41,9 @@ class Waves(NamedTuple):
     firsts: Integers
     counts: Integers
     rows: Array
-    signs: Integers
-    sign_rates: Array
-    signposts: Integers
+    lookup_offsets: Integers
+    lookup_rates: Array
+    lookup: Integers
 
 
 class Wave(NamedTuple):
@@ -62,7 +62,7 @@ def tabulated(functions: Sequence[Wave]) -> Waves:
     none = np.zeros(0)
     segments = np.cumsum([0, *counts], dtype=np.int64)
     rates = [starts.size / function.period for (starts, *_), function in zip(tables, functions, strict=True)]
-    posts = [
+    lookups = [
         first + np.searchsorted(starts, np.arange(starts.size) / rate, side="right") - 1
         for first, (starts, *_), rate in zip(segments, tables, rates, strict=False)
     ]
@@ -77,22 +77,23 @@ def tabulated(functions: Sequence[Wave]) -> Waves:
         ),
         counts=np.concatenate([np.zeros(0, dtype=np.int64), *(t[3] for t in tables)]),
         rows=np.concatenate([np.zeros((0, sum(WIDTHS))), *(rows for *_, rows, _ in tables)]),
-        signs=segments,
-        sign_rates=np.array(rates),
-        signposts=np.concatenate([np.zeros(0, dtype=np.int64), *posts]).astype(np.int64),
+        lookup_offsets=segments,
+        lookup_rates=np.array(rates),
+        lookup=np.concatenate([np.zeros(0, dtype=np.int64), *lookups]).astype(np.int64),
     )
 
 
 def _table(function: Wave) -> tuple[Array, Array, Integers, Integers, Array, float]:
+    """Return starts, densities, first cells and cell counts of the segments, rows of the cells, and the mean."""
     breaks = np.unique(np.array([0.0, *function.jumps, function.period]))
-    density = _SPARSEST
+    density = _MIN_DENSITY
     while True:
         starts, widths, counts, rows, error = _fitted(function, breaks, density)
-        if error <= _FIT or density >= _DENSEST:
+        if error <= _FIT or density >= _MAX_DENSITY:
             break
-        # the misfit falls with the power DEGREE + 1, so half of what that asks for is never too much
+        # the misfit falls with the power DEGREE + 1; rounding down the doublings avoids too many cells
         doublings = int(np.log2(error / _FIT) / (DEGREE + 1))
-        density = min(density * 2 ** max(1, doublings), _DENSEST)
+        density = min(density * 2 ** max(1, doublings), _MAX_DENSITY)
     mean, rows = _with_integrals(rows, widths)
     firsts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
     return starts, counts / np.diff(breaks), firsts, counts.astype(np.int64), rows, mean
@@ -106,13 +107,13 @@ def _fitted(function: Wave, breaks: Array, density: int) -> tuple[Array, Array, 
     begins = np.repeat(breaks[:-1], counts) + widths * within
     values = function.value(begins[:, None] + widths[:, None] * _NODES)
     rows = values @ _INTERPOLATE.T
-    fitted = rows @ np.vander(_BETWEEN, DEGREE + 1, increasing=True).T
-    misfit = np.max(np.abs(fitted - function.value(begins[:, None] + widths[:, None] * _BETWEEN)))
+    fitted = rows @ np.vander(_CHECKED, DEGREE + 1, increasing=True).T
+    misfit = np.max(np.abs(fitted - function.value(begins[:, None] + widths[:, None] * _CHECKED)))
     return breaks[:-1], widths, counts, rows, float(misfit / max(np.max(np.abs(values)), np.finfo(float).tiny))
 
 
 def _with_integrals(rows: Array, widths: Array) -> tuple[float, Array]:
-    """Return the mean, and the rows with those of the periodic integrals beside them, each of mean zero."""
+    """Return the mean, and the rows extended by those of the three periodic integrals, each of zero mean."""
 
     def mean_of(polynomials: Array) -> float:
         return float(widths @ (polynomials @ (1 / np.arange(1, polynomials.shape[1] + 1))) / widths.sum())

@@ -1,4 +1,4 @@
-"""A problem as every integrator sees it: modal coordinates, meshes as rank-one forces on them, tables of phases."""
+"""A problem in modal coordinates: constant part, rank-one mesh forces, and tables over the mesh phase."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ import numpy as np
 from data_synth.integrate._equations import Equations, Integers
 from data_synth.integrate._modes import Flow, flow_of, modes_of
 from data_synth.integrate._waves import Wave, Waves, tabulated
-from data_synth.integrate.problem import Array, Problem, State, TiedTo
-from data_synth.mechanics import Mesh, Share
+from data_synth.integrate.problem import Array, CoupledReference, Problem, State
+from data_synth.mechanics import Mesh, PhaseFunction
 from data_synth.mesh import Stiffness
 
 
 @dataclass(frozen=True, kw_only=True)
 class Assembled:
-    """The equations over x = (scales * y, y'), y the modal displacements of the system with its mean mesh stiffness.
+    """The equations of motion in x = (scales * y, y'), y the modal displacements at mean mesh stiffness.
 
         y'' + D y' + w^2 y = drive + loads(t) - sum_m G_m (k_m f(G_m y - e_m) - kmean_m G_m y) - drags
 
@@ -25,37 +25,38 @@ class Assembled:
     ----------
     problem : Problem
     flow : Flow
-        Of everything on the left, and the constant load.
+        Left-hand side and constant load.
     deflections : (meshes, n) array
-        G: also how a mesh force pushes modes, for they are mass-normalised.
-    rubbing : (rubbing, n) array
-        How what rubs pushes modes; `rubs_in` (rubbing,) says in which mesh.
+        G: deflections per modal displacement, and generalised forces per mesh force.
+    friction_rows : (friction, n) array
+        Generalised forces per friction force; `friction_mesh` (friction,) has the number of its mesh.
     stiffnesses, errors : Waves
-        Tables over the phase, of one stiffness for each mesh, of stiffness times share for each force that rubs, then
-        further ones of what changes in time; `error_of` (meshes,) says which error belongs to a mesh, `stiffness_later`
-        (meshes and rubbing,) and `error_later` (meshes,) which is the second of its course, -1 for none.
+        Tables over the phase: the stiffness of each mesh, stiffness times factor of each friction force, then the later
+        ones of histories. `error_of` (meshes,) has the number of the error of a mesh, `later_stiffnesses` (meshes and
+        friction,) and `later_errors` (meshes,) that of the second table of its history; -1 for none.
     backlashes, cycles : (meshes,) arrays
+        Half the backlash in m, and mesh cycles per revolution of the reference.
     drags : (drags, n) array
-        Velocity rows of what has a quadratic drag, and `drag_factors` (drags,).
-    tied : (n,) array
-        Revolutions of the reference per modal displacement; of length zero where it turns as prescribed.
+        Rows of the velocities with quadratic drag; `drag_factors` (drags,).
+    reference_row : (n,) array
+        Revolutions of the reference per modal displacement; empty where its angle is prescribed.
     """
 
     problem: Problem
     flow: Flow
     deflections: Array
-    rubbing: Array
-    rubs_in: Integers
+    friction_rows: Array
+    friction_mesh: Integers
     stiffnesses: Waves
     errors: Waves
     error_of: Integers
-    stiffness_later: Integers
-    error_later: Integers
+    later_stiffnesses: Integers
+    later_errors: Integers
     backlashes: Array
     cycles: Array
     drags: Array
     drag_factors: Array
-    tied: Array
+    reference_row: Array
 
     @property
     def means(self) -> Array:
@@ -69,55 +70,61 @@ class Assembled:
 
     @cached_property
     def equations(self) -> Equations:
-        """The same for compiled code."""
-        scaled = self.tied / self.flow.modes.scales if self.tied.size else self.tied
-        of, none = self.forces_of, np.zeros(self.rubs_in.size)
-        seen, pushes = self.deflections[of], np.vstack([self.deflections, -self.rubbing])
+        """The same equations for compiled code."""
+        scaled = self.reference_row / self.flow.modes.scales if self.reference_row.size else self.reference_row
+        of, none = self.mesh_of_force, np.zeros(self.friction_mesh.size)
+        deflection_rows, force_columns = self.deflections[of], np.vstack([self.deflections, -self.friction_rows])
         return Equations(
-            pushes=np.ascontiguousarray(pushes.T),
-            seen=np.ascontiguousarray((seen / self.flow.modes.scales).T),
-            coupling=np.ascontiguousarray(seen @ pushes.T),
+            force_columns=np.ascontiguousarray(force_columns.T),
+            deflection_rows=np.ascontiguousarray((deflection_rows / self.flow.modes.scales).T),
+            coupling=np.ascontiguousarray(deflection_rows @ force_columns.T),
             stiffnesses=self.stiffnesses,
             errors=self.errors,
             error_of=self.error_of[of],
-            held=np.concatenate([self.means, none]),
+            mean_stiffnesses=np.concatenate([self.means, none]),
             backlashes=self.backlashes[of],
-            backs=np.concatenate([self.backlashes, none + np.inf]),
+            back_half_gaps=np.concatenate([self.backlashes, none + np.inf]),
             cycles=self.cycles[of],
             drags=self.drags,
             drag_factors=self.drag_factors,
-            tied=np.concatenate([scaled, self.tied]),
-            stiffness_later=self.stiffness_later,
-            error_later=self.error_later[of],
+            reference_row=np.concatenate([scaled, self.reference_row]),
+            later_stiffnesses=self.later_stiffnesses,
+            later_errors=self.later_errors[of],
         )
 
     @property
-    def forces_of(self) -> Integers:
-        """The mesh of each force: of every mesh its own, then of what rubs."""
-        return np.concatenate([np.arange(self.backlashes.size), self.rubs_in])
+    def mesh_of_force(self) -> Integers:
+        """Number of the mesh of each force: the mesh forces, then the friction forces."""
+        return np.concatenate([np.arange(self.backlashes.size), self.friction_mesh])
 
     @cached_property
-    def swing(self) -> float:
-        """Largest ``abs(k - kmean) g M^-1 g`` of any mesh, rad2/s2: what the constant part leaves over."""
+    def stiffness_variation(self) -> float:
+        """Largest ``abs(k - kmean) g M^-1 g`` of any mesh in rad2/s2: what the constant part lacks."""
         swings, across = [0.0], np.abs(np.diag(self.equations.coupling))
         for number, mesh in enumerate(self.problem.system.meshes):
             phases = np.linspace(0, mesh.stiffness.period, 512 * int(mesh.stiffness.period))
             ends = (
-                (mesh.stiffness,) if mesh.course is None else mesh.course.stiffnesses[:: len(mesh.course.times_s) - 1]
+                (mesh.stiffness,)
+                if mesh.history is None
+                else mesh.history.stiffnesses[:: len(mesh.history.times_s) - 1]
             )
             values = np.concatenate([stiffness(phases) for stiffness in ends])
             least = 0.0 if mesh.backlash_m > 0 else np.min(values)
             mean = self.means[number]
-            rubs = np.flatnonzero(self.forces_of == number)[1:]
-            most = [np.max(np.abs(rub.share(phases))) for rub in mesh.friction]
-            rubbed = float(np.max(values) * (across[rubs] @ most)) if most else 0.0
-            swings.append(rubbed + float(max(np.max(values) - mean, mean - least) * across[number]))
+            frictions = np.flatnonzero(self.mesh_of_force == number)[1:]
+            most = [np.max(np.abs(force.factor(phases))) for force in mesh.friction]
+            friction = float(np.max(values) * (across[frictions] @ most)) if most else 0.0
+            swings.append(friction + float(max(np.max(values) - mean, mean - least) * across[number]))
         return max(swings)
 
     def revolutions(self, times_s: Array) -> Array:
-        """Return the reference's angle; nothing where it is tied to the motion."""
-        turning = self.problem.turning
-        return np.zeros(0) if isinstance(turning, TiedTo) else np.ascontiguousarray(turning.revolutions(times_s))
+        """Return the angle of the reference in revolutions (times,); empty where it is coupled to the motion."""
+        reference = self.problem.reference
+        return (
+            np.zeros(0)
+            if isinstance(reference, CoupledReference)
+            else np.ascontiguousarray(reference.revolutions(times_s))
+        )
 
     def loads(self, times_s: Array) -> Array:
         """Return the varying load on each mode (times, n); (0, n) where there is none."""
@@ -131,13 +138,13 @@ class Assembled:
             )
         return np.ascontiguousarray(values @ self.flow.modes.shapes)
 
-    def stages(self, times_s: Array) -> Array:
-        """Return where in its course the mesh of each force is, (times, forces); (0, forces) where none has one."""
+    def history_positions(self, times_s: Array) -> Array:
+        """Return the positions in the histories, (times, forces); (0, forces) where no mesh has a history."""
         meshes = self.problem.system.meshes
-        if all(mesh.course is None for mesh in meshes):
-            return np.zeros((0, self.forces_of.size))
-        found = [mesh.course.stage(times_s) if mesh.course else np.zeros(times_s.size) for mesh in meshes]
-        return np.ascontiguousarray(np.stack(found, axis=1)[:, self.forces_of])
+        if all(mesh.history is None for mesh in meshes):
+            return np.zeros((0, self.mesh_of_force.size))
+        found = [mesh.history.position(times_s) if mesh.history else np.zeros(times_s.size) for mesh in meshes]
+        return np.ascontiguousarray(np.stack(found, axis=1)[:, self.mesh_of_force])
 
     def modal(self, state: State | None) -> Array:
         """Return x of a state, at rest where it is None."""
@@ -147,21 +154,21 @@ class Assembled:
         return np.concatenate([self.flow.modes.scales * (into @ state.displacement), into @ state.velocity])
 
     def physical(self, x: Array) -> State:
-        """Return the state of x."""
+        """Return displacements and velocities of x."""
         shapes = self.flow.modes.shapes
         return State(displacement=shapes @ (x[: self.size] / self.flow.modes.scales), velocity=shapes @ x[self.size :])
 
     def displacement_rows(self, rows: Array) -> Array:
-        """Return rows of modal displacements as rows of x."""
+        """Return rows over modal displacements as rows over x."""
         return np.hstack([rows / self.flow.modes.scales, np.zeros_like(rows)])
 
     def velocity_rows(self, rows: Array) -> Array:
-        """Return rows of modal velocities as rows of x."""
+        """Return rows over modal velocities as rows over x."""
         return np.hstack([np.zeros_like(rows), rows])
 
 
 def assemble(problem: Problem) -> Assembled:
-    """Check the matrices and bring the problem into modal coordinates."""
+    """Return a problem in modal coordinates; ValueError for matrices of the wrong shape or without symmetry."""
     system, load = problem.system, problem.load
     dof = len(system.names)
     damping = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
@@ -169,45 +176,45 @@ def assemble(problem: Problem) -> Assembled:
         if matrix.shape != (dof, dof) or not np.all(np.isfinite(matrix)):
             raise ValueError(f"{name} must be a finite ({dof}, {dof}) matrix; it has shape {matrix.shape}.")
         if name != "damping" and not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0):
-            raise ValueError(f"{name} is not symmetric; put what circulates into gyroscopic terms or a load.")
-    waves, stiffness_later = _stiffnesses(system.meshes)
+            raise ValueError(f"{name} is not symmetric; put skew-symmetric terms into gyroscopic or a load.")
+    waves, later_stiffnesses = _stiffnesses(system.meshes)
     directions = np.array([m.direction for m in system.meshes], dtype=np.float64).reshape(-1, dof)
     modes = modes_of(system.mass, system.stiffness + (directions.T * waves.means[: directions.shape[0]]) @ directions)
     flow = flow_of(modes, damping, load.constant)
-    rubs = [rub for m in system.meshes for rub in m.friction]
+    frictions = [force for m in system.meshes for force in m.friction]
     erring = [m for m in system.meshes if m.error is not None]
     errors = [m.error for m in erring if m.error is not None]
-    more, error_later = _further(errors, [m.course.errors if m.course else () for m in erring])
-    error_of = _numbers([m.error is not None for m in system.meshes])
+    more, later_errors = _later_tables(errors, [m.history.errors if m.history else () for m in erring])
+    error_of = _running_numbers([m.error is not None for m in system.meshes])
     dragged = np.flatnonzero(load.quadratic_drag if load.quadratic_drag is not None else np.zeros(dof))
-    tied = np.zeros((0, dof))
-    if isinstance(problem.turning, TiedTo):
-        tied = problem.turning.rev_per_unit * np.eye(dof)[[system.names.index(problem.turning.name)]]
+    reference_row = np.zeros((0, dof))
+    if isinstance(problem.reference, CoupledReference):
+        reference_row = problem.reference.rev_per_unit * np.eye(dof)[[system.names.index(problem.reference.name)]]
     return Assembled(
         problem=problem,
         flow=flow,
         deflections=modes.rows(directions),
-        rubbing=modes.rows(np.array([rub.direction for rub in rubs], dtype=np.float64).reshape(-1, dof)),
-        rubs_in=np.repeat(np.arange(len(system.meshes)), [len(m.friction) for m in system.meshes]),
+        friction_rows=modes.rows(np.array([force.direction for force in frictions], dtype=np.float64).reshape(-1, dof)),
+        friction_mesh=np.repeat(np.arange(len(system.meshes)), [len(m.friction) for m in system.meshes]),
         stiffnesses=waves,
         errors=tabulated([Wave(e, e.period) for e in [*errors, *more]]),
         error_of=error_of,
-        stiffness_later=stiffness_later,
-        error_later=np.array([error_later[of] if of >= 0 else -1 for of in error_of], dtype=np.int64),
+        later_stiffnesses=later_stiffnesses,
+        later_errors=np.array([later_errors[of] if of >= 0 else -1 for of in error_of], dtype=np.int64),
         backlashes=np.array([float(m.backlash_m) for m in system.meshes]),
         cycles=np.array([float(m.cycles_per_rev) for m in system.meshes]),
         drags=np.ascontiguousarray(np.eye(dof)[dragged] @ modes.shapes),
         drag_factors=np.asarray(load.quadratic_drag)[dragged] if dragged.size else np.zeros(0),
-        tied=np.ascontiguousarray((tied @ modes.shapes).ravel()),
+        reference_row=np.ascontiguousarray((reference_row @ modes.shapes).ravel()),
     )
 
 
 @dataclass(frozen=True)
-class Rubbed:
-    """Stiffness times what friction makes of the mesh force, over the phase."""
+class FrictionStiffness:
+    """Mesh stiffness times friction factor over the phase."""
 
     stiffness: Stiffness
-    share: Share
+    factor: PhaseFunction
 
     @property
     def period(self) -> int:
@@ -216,41 +223,48 @@ class Rubbed:
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Those of both."""
+        """Phases at which either jumps."""
         cycles = range(self.period)
-        return tuple(sorted({*self.stiffness.jumps, *(cycle + jump for cycle in cycles for jump in self.share.jumps)}))
+        return tuple(sorted({*self.stiffness.jumps, *(cycle + jump for cycle in cycles for jump in self.factor.jumps)}))
 
     def __call__(self, phase_cycles: Array) -> Array:
-        """Return N/m times the unit of the share."""
-        return np.asarray(self.stiffness(phase_cycles) * self.share(phase_cycles))
+        """Return N/m times the unit of the factor."""
+        return np.asarray(self.stiffness(phase_cycles) * self.factor(phase_cycles))
 
 
 def _stiffnesses(meshes: Sequence[Mesh]) -> tuple[Waves, Integers]:
-    """Return the tables of stiffnesses and of what rubs, and where those of what changes in time begin."""
-    first: list[Stiffness | Rubbed] = [m.stiffness for m in meshes]
-    courses: list[tuple[Stiffness | Rubbed, ...]] = [m.course.stiffnesses if m.course else () for m in meshes]
+    """Return the tables of mesh stiffness and friction, and the number of the second table of each history."""
+    first: list[Stiffness | FrictionStiffness] = [m.stiffness for m in meshes]
+    histories: list[tuple[Stiffness | FrictionStiffness, ...]] = [
+        m.history.stiffnesses if m.history else () for m in meshes
+    ]
     for mesh in meshes:
-        for rub in mesh.friction:
-            first.append(Rubbed(mesh.stiffness, rub.share))
-            courses.append(tuple(Rubbed(k, rub.share) for k in mesh.course.stiffnesses) if mesh.course else ())
-    further, later = _further(first, courses)
-    return tabulated([Wave(k, k.period, k.jumps) for k in [*first, *further]]), later
+        for force in mesh.friction:
+            first.append(FrictionStiffness(mesh.stiffness, force.factor))
+            histories.append(
+                tuple(FrictionStiffness(k, force.factor) for k in mesh.history.stiffnesses) if mesh.history else ()
+            )
+    later_functions, later = _later_tables(first, histories)
+    return tabulated([Wave(k, k.period, k.jumps) for k in [*first, *later_functions]]), later
 
 
 Periodic = TypeVar("Periodic")
 
 
-def _further(first: Sequence[Periodic], stages: Sequence[Sequence[Periodic | None]]) -> tuple[list[Periodic], Integers]:
-    """Return what follows the first of each that changes, and its number in the list of all, -1 where nothing does."""
-    further: list[Periodic] = []
+def _later_tables(
+    first: Sequence[Periodic], history_positions: Sequence[Sequence[Periodic | None]]
+) -> tuple[list[Periodic], Integers]:
+    """Return the later functions of each history, and the number of its second one in the list of all, -1 for none."""
+    later_functions: list[Periodic] = []
     later = []
-    for own, course in zip(first, stages, strict=True):
-        changes = any(stage is not own for stage in course)
-        later.append(len(first) + len(further) if changes else -1)
-        further += [stage for stage in course[1:] if changes and stage is not None]
-    return further, np.array(later, dtype=np.int64)
+    for own, history in zip(first, history_positions, strict=True):
+        changes = any(stage is not own for stage in history)
+        later.append(len(first) + len(later_functions) if changes else -1)
+        later_functions += [stage for stage in history[1:] if changes and stage is not None]
+    return later_functions, np.array(later, dtype=np.int64)
 
 
-def _numbers(present: list[bool]) -> Integers:
+def _running_numbers(present: list[bool]) -> Integers:
+    """Return 0, 1, ... for those that are present, -1 for the others."""
     there = np.array(present, dtype=bool)
     return np.where(there, np.cumsum(there) - 1, -1).astype(np.int64)

@@ -1,28 +1,53 @@
-"""Which integrator a problem takes: exact transitions where they are exact, else splitting."""
+"""Choice of the integrator: exact transition matrices where the problem allows them, else splitting."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from data_synth.integrate.exact import Transition, obstacles
-from data_synth.integrate.problem import Problem
 from data_synth.integrate.splitting import Splitting
-from data_synth.integrate.stepping import Method
+
+if TYPE_CHECKING:
+    from data_synth.integrate.problem import Problem
+    from data_synth.integrate.stepping import Method
 
 
 @dataclass(frozen=True, kw_only=True)
 class MethodChoice:
-    """A method, and in words why it is taken."""
+    """An integrator with the reason of its choice.
+
+    Attributes
+    ----------
+    method : Method
+        `Transition` or `Splitting`.
+    reason : str
+        A phrase for a report.
+
+    Examples
+    --------
+    See `method_for`, which returns it.
+    """
 
     method: Method
     reason: str
 
 
 def method_for(problem: Problem) -> MethodChoice:
-    """Return the integrator for a problem.
+    """Return the integrator for a problem, and why.
 
-    Exact transitions have no error of steps. For the same record they take less than half the time of splitting, and
-    where teeth part about the same (docs/benchmarks/integrators.md). So they are taken wherever every mesh stiffness is
-    constant between jumps and what acts is constant, with at most three gaps. The reason names the first thing that
-    stands in their way.
+    Exact transition matrices have no discretisation error. For the same record they take less than half the time of
+    splitting, and about the same where teeth lose contact (docs/benchmarks/integrators.md). So they are taken wherever
+    every mesh stiffness is constant between its jumps, the load is constant, and at most three meshes have backlash.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    MethodChoice
+        Its reason names the first property of the problem that excludes exact transitions.
 
     Examples
     --------
@@ -34,8 +59,8 @@ def method_for(problem: Problem) -> MethodChoice:
     >>> mesh = Mesh(name="m", direction=np.ones(1), stiffness=Rectangular(low=1.0, high=2.0, duty=0.4))
     >>> zero = np.zeros((1, 1))
     >>> system = System(mass=np.eye(1), damping=zero, stiffness=zero, meshes=(mesh,), names=("x",))
-    >>> turning = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1))
-    >>> problem = Problem(system=system, turning=turning, load=Load(constant=np.ones(1)), duration_s=1.0)
+    >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1))
+    >>> problem = Problem(system=system, reference=steady, load=Load(constant=np.ones(1)), duration_s=1.0)
     >>> method_for(problem).method
     Transition()
     """

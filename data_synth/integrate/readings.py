@@ -1,4 +1,4 @@
-"""What is read of a motion at each sample, and the channels that come of it."""
+"""Output equation: readings of the state at each sample, and the output channels computed from them."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,10 @@ from data_synth.integrate.problem import Array, Output
 
 @dataclass(frozen=True, kw_only=True)
 class Readings:
-    """What a stepper reads from x at each sample, and how readings become the channels asked for.
+    """Linear readings ``rows @ x + constant`` that a stepper computes, and the output channels that follow from them.
 
-    ``rows`` (readings, 2 n) and ``constant`` (readings,): the channels' linear part, then, where accelerations or
-    mesh forces are asked for, the deflections, the dragged velocities and the tied angle.
+    ``rows`` (readings, 2 n) and ``constant`` (readings,): the linear part of the channels, then, where these contain
+    accelerations or mesh forces, the deflections, the velocities with drag and the angle of a coupled reference.
     """
 
     assembled: Assembled
@@ -25,7 +25,7 @@ class Readings:
 
     @classmethod
     def of(cls, assembled: Assembled, output: Output) -> "Readings":
-        """Prepare the rows."""
+        """Return the readings for an output; ValueError for maps of the wrong shape."""
         modes, size, channels = assembled.flow.modes, assembled.size, output.channels
         for name, given in output.maps.items():
             width = assembled.backlashes.size if name.endswith("mesh_force") else size
@@ -41,14 +41,14 @@ class Readings:
             accelerations = output.acceleration @ modes.shapes
             rows += accelerations @ assembled.flow.generator[size:]
             constant += accelerations @ assembled.flow.drive[size:]
-        hats, forces = output.hat_mesh_force is not None, np.zeros((channels, assembled.backlashes.size))
-        if output.mesh_force is not None and not hats:  # with hats, a stepper reads forces at samples as well
+        weights, forces = output.weighted_mesh_force is not None, np.zeros((channels, assembled.backlashes.size))
+        if output.mesh_force is not None and not weights:  # else a stepper returns forces at samples as well
             forces = output.mesh_force
         if output.acceleration is not None or forces.any():
             further = [
                 assembled.displacement_rows(assembled.deflections),
                 assembled.velocity_rows(assembled.drags),
-                assembled.displacement_rows(assembled.tied.reshape(-1, size)),
+                assembled.displacement_rows(assembled.reference_row.reshape(-1, size)),
             ]
             rows = np.vstack([rows, *further])
         constant = np.concatenate([constant, np.zeros(rows.shape[0] - channels)])
@@ -62,42 +62,44 @@ class Readings:
         )
 
     def shares(self) -> Array:
-        """Return how much of each reading (readings, modes) every mode is, where a mesh force jumps: norms are one."""
+        """Return the share of each mode in each reading (readings, modes) after a jump of force; norms are one."""
         a = self.assembled
-        pushed = np.max(np.abs(a.equations.pushes), axis=1, initial=0.0)
-        # a mode that a jump sets off swings by the same in w y and in y'
-        swing = np.where(a.flow.modes.frequencies > 0, pushed / a.flow.modes.scales, 0.0)
-        reach = np.hypot(self.rows[:, : a.size], self.rows[:, a.size :]) * swing
-        whole = np.linalg.norm(reach, axis=1, keepdims=True)
-        return np.asarray(reach / np.where(whole > 0, whole, 1.0))
+        force_column = np.max(np.abs(a.equations.force_columns), axis=1, initial=0.0)
+        # after a jump of force a mode has the same amplitude in w y and in y'
+        amplitude = np.where(a.flow.modes.frequencies > 0, force_column / a.flow.modes.scales, 0.0)
+        sensitivity = np.hypot(self.rows[:, : a.size], self.rows[:, a.size :]) * amplitude
+        whole = np.linalg.norm(sensitivity, axis=1, keepdims=True)
+        return np.asarray(sensitivity / np.where(whole > 0, whole, 1.0))
 
     def at(self, x: Array, time_s: float) -> Array:
         """Return the readings (1, readings) of a state."""
         read = (self.rows @ x + self.constant)[None]
-        if self.output.hat_mesh_force is None:
+        if self.output.weighted_mesh_force is None:
             return np.asarray(read)
         a = self.assembled
-        deflections = x[: a.size] @ a.equations.seen[:, : a.backlashes.size]
+        deflections = x[: a.size] @ a.equations.deflection_rows[:, : a.backlashes.size]
         now = np.array([time_s])
-        turns = a.tied @ (x[: a.size] / a.flow.modes.scales) if a.tied.size else a.revolutions(now)
-        felt = _mesh_forces(a, deflections[None], np.atleast_1d(turns), now)
-        return np.hstack([read, felt, felt])
+        revolutions = (
+            a.reference_row @ (x[: a.size] / a.flow.modes.scales) if a.reference_row.size else a.revolutions(now)
+        )
+        weighted = _mesh_forces(a, deflections[None], np.atleast_1d(revolutions), now)
+        return np.hstack([read, weighted, weighted])
 
     def forces_at(self, deflections: Array, times_s: Array) -> Array:
-        """Return mesh forces (times, meshes) of deflections, where the reference turns as prescribed."""
+        """Return mesh forces (times, meshes) at deflections, for a prescribed angle of the reference."""
         return _mesh_forces(self.assembled, deflections, self.assembled.revolutions(times_s), times_s)
 
     def channels(self, readings: Array, times_s: Array) -> Array:
-        """Return the channels (times, channels) of readings (times, readings)."""
-        hats, forces = self.output.hat_mesh_force, self.output.mesh_force
-        if hats is None:
+        """Return the channels (times, channels) from readings (times, readings)."""
+        weights, forces = self.output.weighted_mesh_force, self.output.mesh_force
+        if weights is None:
             return self._values(readings, times_s)
         count, meshes = self.rows.shape[0], self.assembled.backlashes.size
-        values = self._values(readings[:, :count], times_s) + readings[:, count : count + meshes] @ hats.T
+        values = self._values(readings[:, :count], times_s) + readings[:, count : count + meshes] @ weights.T
         return np.asarray(values if forces is None else values + readings[:, count + meshes :] @ forces.T)
 
     def _values(self, readings: Array, times_s: Array) -> Array:
-        """Return the channels without what a stepper reads of mesh forces."""
+        """Return the channels without the mesh forces that a stepper returns."""
         count = self.output.channels
         if readings.shape[1] == count:
             return readings
@@ -105,12 +107,12 @@ class Readings:
         meshes, drags = a.backlashes.size, a.drag_factors.size
         values, deflections = readings[:, :count].copy(), readings[:, count : count + meshes]
         speeds = readings[:, count + meshes : count + meshes + drags]
-        revolutions = readings[:, -1] if a.tied.size else a.revolutions(times_s)
+        revolutions = readings[:, -1] if a.reference_row.size else a.revolutions(times_s)
         force = _mesh_forces(a, deflections, revolutions, times_s)
-        extra = force - a.means * deflections
-        values += force @ self.forces.T - extra @ (self.accelerations @ a.deflections.T).T
-        if a.rubs_in.size:
-            values += _rubbing_forces(a, force, revolutions) @ (self.accelerations @ a.rubbing.T).T
+        nonlinear = force - a.means * deflections
+        values += force @ self.forces.T - nonlinear @ (self.accelerations @ a.deflections.T).T
+        if a.friction_mesh.size:
+            values += _friction_forces(a, force, revolutions) @ (self.accelerations @ a.friction_rows.T).T
         values -= (a.drag_factors * speeds * np.abs(speeds)) @ (self.accelerations @ a.drags.T).T
         loads = a.loads(times_s)
         return np.asarray(values + loads @ self.accelerations.T if loads.size else values)
@@ -122,16 +124,16 @@ def _mesh_forces(a: Assembled, deflections: Array, revolutions: Array, times_s: 
     for number, mesh in enumerate(a.problem.system.meshes):
         phase = mesh.cycles_per_rev * revolutions
         stiffness, error = mesh.teeth_at(phase, times_s)
-        pressed = deflections[:, number] - error
-        apart = pressed - np.clip(pressed, -mesh.backlash_m, mesh.backlash_m)
-        forces[:, number] = stiffness * apart
+        deflection = deflections[:, number] - error
+        compression = deflection - np.clip(deflection, -mesh.backlash_m, mesh.backlash_m)
+        forces[:, number] = stiffness * compression
     return forces
 
 
-def _rubbing_forces(a: Assembled, forces: Array, revolutions: Array) -> Array:
-    """Return what rubs (times, rubbing), of mesh forces (times, meshes)."""
+def _friction_forces(a: Assembled, forces: Array, revolutions: Array) -> Array:
+    """Return friction forces (times, friction) from mesh forces (times, meshes)."""
     columns = []
     for number, mesh in enumerate(a.problem.system.meshes):
         driving = np.maximum(forces[:, number], 0.0) if mesh.backlash_m > 0 else forces[:, number]
-        columns += [driving * rub.share(mesh.cycles_per_rev * revolutions) for rub in mesh.friction]
+        columns += [driving * force.factor(mesh.cycles_per_rev * revolutions) for force in mesh.friction]
     return np.stack(columns, axis=1)

@@ -1,28 +1,50 @@
-"""Run a method over a problem, block by block, with steps chosen from the error that is asked for."""
+"""Time integration of a problem, block by block, with the step size chosen from the tolerated error."""
 
-from collections.abc import Iterator
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from data_synth.integrate.assembled import Assembled, assemble
-from data_synth.integrate.problem import Accuracy, Array, Integration, Outcome, Output, Problem, State, Steps
+from data_synth.integrate.assembled import assemble
+from data_synth.integrate.problem import Integration, Outcome, Steps
 from data_synth.integrate.readings import Readings
-from data_synth.integrate.stepping import Method, Refusal
+from data_synth.integrate.stepping import Refusal
 
-BLOCK = 8192  # samples: what memory holds of a record, whatever its length
-_STILL = 1e-3  # of the RMS: what moves less about its mean is judged as if it moved so much
-_SAFETY = 0.7  # of the error asked for: a trial's differences are themselves uncertain
-_RESOLVED = 2.0  # rad of a mode that a step may turn: beyond, the forces that swing it are sampled too rarely
-_HEARD = 0.01  # of a channel: modes with less do not matter to it
-_CHANGED = 0.05  # of a channel's RMS, between these steps and finer ones
-_FINEST = 31  # times as many steps, to judge by
-_JUDGED = 256  # samples
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from data_synth.integrate.problem import Accuracy, Array, Output, Problem, State
+    from data_synth.integrate.stepping import Method
+
+BLOCK = 8192  # samples in memory at a time, whatever the length of the record
+_MIN_ALTERNATING = 1e-3  # of the RMS: an alternating part below this is taken to be as large as this
+_SAFETY = 0.7  # of the tolerated error: the error estimate of a trial is itself uncertain
+_MAX_ROTATION = 2.0  # rad of a mode in a step: beyond, the forces that excite it are sampled too rarely
+_MIN_SHARE = 0.01  # of a channel: modes with a smaller share of it need not be resolved
+_MAX_CHANGE = 0.05  # of a channel's RMS, between these steps and finer ones
+_MAX_REFINEMENT = 31  # times as many steps, for the comparison
+_COMPARED_SAMPLES = 256
 
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """Part of a record: channels (n, channels) at times (n,), and the state at the last of them."""
+    """Part of an integrated record.
+
+    Attributes
+    ----------
+    times_s : (n,) array
+        Sample times in s.
+    values : (n, channels) array
+        Output channels.
+    state : State
+        State at the last sample.
+
+    Examples
+    --------
+    See `integrate_blocks`, which yields it.
+    """
 
     times_s: Array
     values: Array
@@ -30,26 +52,51 @@ class Block:
 
 
 def integrate(problem: Problem, *, method: Method, output: Output, tolerance: Steps | Accuracy) -> Integration:
-    """Integrate a problem and return the whole record.
+    """Integrate the equations of motion of a problem and return the whole record.
 
     Parameters
     ----------
     problem : Problem
+        System, reference angle, load, initial state and duration.
     method : Method
-        `Splitting` or `Transition`, or any other that has their three members.
+        `Splitting` or `Transition`, or any other with their three members; `method_for` chooses.
     output : Output
+        Channels and sampling rate.
     tolerance : Steps or Accuracy
+        Number of steps to a sample, or a bound on the error from which it follows.
 
     Returns
     -------
     Integration
-        With `outcome` other than DONE where steps are refused (no values), where the error asked for is out of reach
-        (no values), or where the motion leaves all bounds (values up to there); `checked` raises instead.
+        Its `outcome` is other than DONE where the step size is refused or the tolerated error is out of reach (no
+        values), or where the motion diverges (values up to there); `Integration.checked` raises instead.
 
     Raises
     ------
     ValueError
-        Where the method cannot take the problem at all, or maps do not fit the system.
+        If the method cannot integrate the problem at all, or the output maps do not fit the system.
+
+    Examples
+    --------
+    An oscillator of 2 rad/s released from 1 m moves as ``cos 2 t``:
+
+    >>> import numpy as np
+    >>> from data_synth.integrate import Load, Output, Problem, State, Steps, Transition, integrate
+    >>> from data_synth.mechanics import System
+    >>> from data_synth.profile import ShaftAngle
+    >>> one = np.eye(1)
+    >>> system = System(mass=one, damping=0 * one, stiffness=4 * one, meshes=(), names=("mass x",))
+    >>> problem = Problem(
+    ...     system=system,
+    ...     reference=ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1)),
+    ...     load=Load(constant=np.zeros(1)),
+    ...     duration_s=5.0,
+    ...     start=State(displacement=np.ones(1), velocity=np.zeros(1)),
+    ... )
+    >>> output = Output(rate_hz=10.0, displacement=one)
+    >>> found = integrate(problem, method=Transition(), output=output, tolerance=Steps(per_sample=1))
+    >>> bool(np.allclose(found.values[:, 0], np.cos(2 * found.times_s), atol=1e-12))
+    True
     """
     assembled = assemble(problem)
     readings = Readings.of(assembled, output)
@@ -84,7 +131,18 @@ def integrate(problem: Problem, *, method: Method, output: Output, tolerance: St
 def integrate_blocks(
     problem: Problem, *, method: Method, output: Output, tolerance: Steps | Accuracy, block: int = BLOCK
 ) -> Iterator[Block]:
-    """Yield the record in blocks of `block` samples, so that memory does not grow with its length.
+    """Integrate the equations of motion of a problem and yield the record in blocks, in bounded memory.
+
+    Parameters
+    ----------
+    problem, method, output, tolerance
+        As for `integrate`.
+    block : int
+        Samples to a block.
+
+    Yields
+    ------
+    Block
 
     Raises
     ------
@@ -92,6 +150,28 @@ def integrate_blocks(
         As `integrate` does.
     IntegrationError
         Where `integrate` would return an outcome other than DONE.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from data_synth.integrate import Load, Output, Problem, State, Steps, Transition, integrate_blocks
+    >>> from data_synth.mechanics import System
+    >>> from data_synth.profile import ShaftAngle
+    >>> one = np.eye(1)
+    >>> system = System(mass=one, damping=0 * one, stiffness=4 * one, meshes=(), names=("mass x",))
+    >>> problem = Problem(
+    ...     system=system,
+    ...     reference=ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1)),
+    ...     load=Load(constant=np.zeros(1)),
+    ...     duration_s=5.0,
+    ...     start=State(displacement=np.ones(1), velocity=np.zeros(1)),
+    ... )
+    >>> output = Output(rate_hz=10.0, displacement=one)
+    >>> blocks = integrate_blocks(
+    ...     problem, method=Transition(), output=output, tolerance=Steps(per_sample=1), block=20
+    ... )
+    >>> [part.values.shape for part in blocks]  # 51 samples, the end included
+    [(20, 1), (20, 1), (11, 1)]
     """
     if block < 1:
         raise ValueError(f"block={block}: at least one sample is needed.")
@@ -121,7 +201,7 @@ def _refused(refusal: Refusal, output: Output, steps: int, error: float) -> Inte
 
 
 def samples_of(problem: Problem, rate_hz: float) -> int:
-    """Return how many samples lie after the first: a duration of whole samples includes its end."""
+    """Return the number of samples after the first; a duration of whole sample intervals includes its end."""
     return int(np.floor(problem.duration_s * rate_hz * (1 + 4 * np.finfo(float).eps)))
 
 
@@ -146,7 +226,7 @@ def _blocks(readings: Readings, method: Method, steps: int, size: int) -> Iterat
 
 
 def _steps(readings: Readings, method: Method, tolerance: Steps | Accuracy) -> tuple[int, float, Refusal | None]:
-    """Return steps to a sample, the error expected of them, and why there are none."""
+    """Return steps to a sample, the estimated error, and the refusal where no number of steps will do."""
     if isinstance(tolerance, Steps):
         return tolerance.per_sample, float("nan"), _unresolved(readings, method, tolerance.per_sample)
     if method.order is None:
@@ -155,26 +235,26 @@ def _steps(readings: Readings, method: Method, tolerance: Steps | Accuracy) -> t
     count = samples_of(problem, rate)
     trial = min(count, max(64, int(np.ceil(count * tolerance.trial))))
     steps = 1
-    while steps < tolerance.most_per_sample and (
+    while steps < tolerance.max_per_sample and (
         method.refusal(readings.assembled, 1 / (rate * steps)) or _unresolved(readings, method, steps)
     ):
         steps *= 2
-    wanted, error = _SAFETY * tolerance.relative, np.inf
-    coarse = _trial(readings, method, steps, trial)
-    while 2 * steps <= tolerance.most_per_sample:
-        fine = _trial(readings, method, 2 * steps, trial)
+    tolerated, error = _SAFETY * tolerance.relative, np.inf
+    coarse = _trial_run(readings, method, steps, trial)
+    while 2 * steps <= tolerance.max_per_sample:
+        fine = _trial_run(readings, method, 2 * steps, trial)
         error = _difference(coarse, fine, about_mean=tolerance.about_mean) * count / trial
-        # the error of the coarse steps is nearly all of the difference; that of half the step is 2^-order of it
-        if error <= wanted:
+        # the coarse steps have nearly all of the difference as their error, half the step 2^-order of it
+        if error <= tolerated:
             return steps, error, None
         expected = error / 2**method.order
-        if expected <= wanted:
+        if expected <= tolerated:
             return 2 * steps, expected, None
-        ahead = max(1, int(np.ceil(np.log2(expected / wanted) / method.order))) if np.isfinite(expected) else 1
+        ahead = max(1, int(np.ceil(np.log2(expected / tolerated) / method.order))) if np.isfinite(expected) else 1
         coarse, steps = fine, 2 * steps
-        if ahead > 1 and steps * 2 ** (ahead - 1) <= tolerance.most_per_sample // 2:
+        if ahead > 1 and steps * 2 ** (ahead - 1) <= tolerance.max_per_sample // 2:
             steps *= 2 ** (ahead - 1)
-            coarse = _trial(readings, method, steps, trial)
+            coarse = _trial_run(readings, method, steps, trial)
     detail = (
         f"With {steps} steps to a sample the error of the record would be about {error:.2g}, "
         f"not {tolerance.relative:g}."
@@ -183,34 +263,36 @@ def _steps(readings: Readings, method: Method, tolerance: Steps | Accuracy) -> t
 
 
 def _unresolved(readings: Readings, method: Method, steps: int) -> Refusal | None:
-    """Refuse steps over modes that a channel is made of, where steps that resolve them read otherwise."""
+    """Refuse steps that do not resolve a mode with a share in a channel, if finer steps change that channel."""
     a, rate = readings.assembled, readings.output.rate_hz
     step_s = 1 / (rate * steps)
-    turns = a.flow.modes.frequencies * step_s
-    if method.order is None or not np.any(turns > _RESOLVED) or method.refusal(a, step_s) is not None:
+    rotations = a.flow.modes.frequencies * step_s
+    if method.order is None or not np.any(rotations > _MAX_ROTATION) or method.refusal(a, step_s) is not None:
         return None
-    shares = readings.shares() * (turns > _RESOLVED)
-    heard = np.max(shares, axis=0, initial=0.0) > _HEARD
-    if not heard.any():
+    shares = readings.shares() * (rotations > _MAX_ROTATION)
+    relevant = np.max(shares, axis=0, initial=0.0) > _MIN_SHARE
+    if not relevant.any():
         return None
-    mode = int(np.argmax(turns * heard))
-    # no power of two: kicks in step with a mode are so with half the step as well
-    finer = min(int(np.ceil(turns[mode] / _RESOLVED)), _FINEST)
-    samples = min(samples_of(a.problem, rate), _JUDGED)
-    coarse, fine = (_trial(readings, method, count, samples) for count in (steps, finer * steps))
+    mode = int(np.argmax(rotations * relevant))
+    # no power of two: steps that alias a mode to rest do so with half the step as well
+    finer = min(int(np.ceil(rotations[mode] / _MAX_ROTATION)), _MAX_REFINEMENT)
+    samples = min(samples_of(a.problem, rate), _COMPARED_SAMPLES)
+    coarse, fine = (_trial_run(readings, method, count, samples) for count in (steps, finer * steps))
     changed = _difference(coarse, fine, about_mean=False)
-    if changed <= _CHANGED or not np.isfinite(changed):
+    if changed <= _MAX_CHANGE or not np.isfinite(changed):
         return None
     detail = (
-        f"A step of {step_s:.3g} s turns the mode at {turns[mode] / step_s:.4g} rad/s by {turns[mode]:.3g} rad, and a "
-        f"channel consists of it by {np.max(shares[:, mode]):.2g}: with {finer} times as many it reads otherwise by "
-        f"{changed:.2g} of its RMS. {int(np.ceil(turns[mode] / _RESOLVED * steps))} steps to a sample resolve the mode."
+        f"A step of {step_s:.3g} s turns the mode at {rotations[mode] / step_s:.4g} rad/s by {rotations[mode]:.3g} "
+        f"rad, and its share in a channel is {np.max(shares[:, mode]):.2g}, which {finer} times as many steps change "
+        f"by {changed:.2g} of its RMS. {int(np.ceil(rotations[mode] / _MAX_ROTATION * steps))} steps to a sample "
+        "resolve the mode."
     )
     return Refusal(outcome=Outcome.UNRESOLVED_STEP, detail=detail)
 
 
-def _trial(readings: Readings, method: Method, steps: int, samples: int) -> Array:
-    a: Assembled = readings.assembled
+def _trial_run(readings: Readings, method: Method, steps: int, samples: int) -> Array:
+    """Return the channels of the first samples."""
+    a = readings.assembled
     x = a.modal(a.problem.start)
     read = method.stepper(readings, steps).advance(x, 0, samples)
     times_s = a.problem.start_s + (1 + np.arange(samples)) / readings.output.rate_hz
@@ -218,12 +300,12 @@ def _trial(readings: Readings, method: Method, steps: int, samples: int) -> Arra
 
 
 def _difference(coarse: Array, fine: Array, *, about_mean: bool) -> float:
-    """Return the RMS difference over the RMS, of the worst channel; infinite where either is not finite."""
+    """Return RMS difference over RMS of the worst channel; infinite where a value is not finite."""
     if not (np.isfinite(coarse).all() and np.isfinite(fine).all()):
         return float("inf")
     sizes = np.sqrt(np.mean(fine**2, axis=0))
     if about_mean:
-        sizes = np.maximum(np.std(fine, axis=0), _STILL * sizes)
-    apart = np.sqrt(np.mean((coarse - fine) ** 2, axis=0))
+        sizes = np.maximum(np.std(fine, axis=0), _MIN_ALTERNATING * sizes)
+    differences = np.sqrt(np.mean((coarse - fine) ** 2, axis=0))
     moving = sizes > 0
-    return float(np.max(apart[moving] / sizes[moving], initial=0.0))
+    return float(np.max(differences[moving] / sizes[moving], initial=0.0))

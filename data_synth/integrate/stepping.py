@@ -1,4 +1,4 @@
-"""What every integrator is: a method that prepares a stepper, and a stepper that goes through a block of samples."""
+"""Protocols of an integrator: a method makes a stepper, which integrates over a block of samples."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -12,36 +12,36 @@ from data_synth.integrate.readings import Readings
 
 @dataclass(frozen=True, kw_only=True)
 class Refusal:
-    """Why steps are not taken."""
+    """Why a step size is refused: outcome, and the numbers behind it."""
 
     outcome: Outcome
     detail: str
 
 
 class Stepper(Protocol):
-    """Goes from sample to sample."""
+    """Integrates from sample to sample, and may keep a state of its own beside x."""
 
     def advance(self, x: Array, first: int, samples: int) -> Array:
-        """Return readings (samples, readings) after each further sample, `first` ones on; x is changed in place."""
+        """Return readings (samples, readings) at the samples after number `first`; x is updated in place."""
 
 
 class Method(Protocol):
-    """An integrator and its settings."""
+    """An integrator and its settings: `Splitting`, `Transition`, or one with the same members."""
 
     @property
     def order(self) -> int | None:
-        """Of its global error in the step, where motion and forces are smooth; None where steps add no error."""
+        """Order of the global error in the step size for smooth motion; None without discretisation error."""
 
     def refusal(self, assembled: Assembled, step_s: float) -> Refusal | None:
-        """Return why this step is not taken; None where it is."""
+        """Return why a step size is refused; None where it is not."""
 
     def stepper(self, readings: Readings, per_sample: int) -> Stepper:
-        """Prepare for steps of this size."""
+        """Return a stepper for a number of steps to each sample."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """Where samples and steps lie in time, and what acts there."""
+    """Times of samples and steps."""
 
     assembled: Assembled
     rate_hz: float
@@ -57,6 +57,6 @@ class Grid:
         return self.assembled.problem.start_s + sample * self.per_sample * self.step_s
 
     def edges(self, first: int, samples: int) -> Array:
-        """Return times (steps + 1,) at which steps begin, and the last ends."""
+        """Return the times (steps + 1,) at which steps begin, and the last ends."""
         steps = first * self.per_sample + np.arange(samples * self.per_sample + 1)
         return np.asarray(self.assembled.problem.start_s + steps * self.step_s)

@@ -29,6 +29,7 @@ from gear_pair import (
 
 from data_synth.integrate import (
     Accuracy,
+    CoupledReference,
     IntegrationError,
     Load,
     Outcome,
@@ -37,7 +38,6 @@ from data_synth.integrate import (
     Splitting,
     State,
     Steps,
-    TiedTo,
     Transition,
     integrate,
     integrate_blocks,
@@ -143,7 +143,7 @@ def digits_after(bearings, periods, duty=0.4, low=0.76e6, high=1.36e6):
 def test_stiff_bearings_cost_no_digits(bearings):
     load = Load(constant=np.array([0, 75.0, 0, -75 * 1.75]))
     system = pair(rectangle(), bearings=bearings)
-    problem = Problem(system=system, turning=turning(), load=load, duration_s=500 * PERIOD_S)
+    problem = Problem(system=system, reference=turning(), load=load, duration_s=500 * PERIOD_S)
     values = run(problem, Transition(), rate_hz=30 / PERIOD_S, read=state_output)
     error = np.abs(values[-1] - digits_after(bearings, 500)) / np.sqrt(np.mean(values**2, axis=0))
     assert np.all(error[[2, 4]] < 1.5e-10)  # q and w2: what an exponential step is to keep
@@ -158,7 +158,7 @@ class TestOrders:
         system = pair(smooth, damping=GEAR_DRAG + np.diag([50.0, 0, 50, 0]), error=Wobble())
         load = Load(constant=np.array([0, 75.0, 0, 0]), varying=lambda t: np.outer(np.sin(3000 * t), [10, 1, 0, 0]))
         # 5.4 kHz: 4.07 samples to a mesh cycle, so that errors are well above the 1e-10 that tables of phases cost
-        problem = Problem(system=system, turning=turning(), load=load, duration_s=0.01)
+        problem = Problem(system=system, reference=turning(), load=load, duration_s=0.01)
         reference = by_scipy(problem, output(5.4e3), relative=1e-12, absolute=1e-17)
         errors = [worst(run(problem, Splitting(), steps=s, rate_hz=5.4e3), reference) for s in (1, 2, 4)]
         # 2^4 when the step is halved; a fifth less is left to the next order's share
@@ -229,7 +229,7 @@ class TestTwoEngines:
 
     def test_a_run_up_through_resonances(self):
         ramp = ShaftAngle(times_s=np.array([0.0, 0.05]), speeds_hz=np.array([20.0, 900.0]))
-        problem = driven(pair(ten_harmonics(), damping=GEAR_DRAG), duration_s=0.05, turning=ramp)
+        problem = driven(pair(ten_harmonics(), damping=GEAR_DRAG), duration_s=0.05, reference=ramp)
         assert worst(run(problem, Splitting(), steps=4), by_scipy(problem, output(50e3))) < 1e-6
 
     def test_exact_transitions_of_a_run_up_with_two_meshes(self):
@@ -242,7 +242,7 @@ class TestTwoEngines:
         system = pair(rectangle(), damping=GEAR_DRAG)
         system = replace(system, meshes=(*system.meshes, other))
         ramp = ShaftAngle(times_s=np.array([0.0, 0.2]), speeds_hz=np.array([20.0, 900.0]))
-        problem = driven(system, duration_s=0.2, turning=ramp)
+        problem = driven(system, duration_s=0.2, reference=ramp)
         errors = [worst(run(problem, Splitting(), steps=s), run(problem, Transition())) for s in (1, 2)]
         assert errors[1] < 1e-6
         assert errors[0] > 4 * errors[1]
@@ -250,7 +250,7 @@ class TestTwoEngines:
     def test_start_from_rest_with_the_mesh_tied_to_the_pinion(self):
         system = pair(ten_harmonics(), backlash_m=5e-5)
         system = replace(system, meshes=(replace(system.meshes[0], cycles_per_rev=36.0),))
-        problem = driven(system, duration_s=0.02, drag=DRAG, turning=TiedTo(name="pinion rotation"))
+        problem = driven(system, duration_s=0.02, drag=DRAG, reference=CoupledReference(name="pinion rotation"))
         # contacts within steps of 5 us
         assert worst(run(problem, Splitting(), steps=4), by_scipy(problem, output(50e3), relative=1e-10)) < 5e-6
 
@@ -271,7 +271,7 @@ def test_free_vibration_of_teeth_that_part():
     assert 2 * np.pi / period == pytest.approx(0.821021053874, abs=1e-12)
     start = State(displacement=np.array([half_gap + 3.0]), velocity=np.zeros(1))
     problem = Problem(
-        system=system, turning=turning(1.0), load=Load(constant=np.ones(1)), duration_s=period, start=start
+        system=system, reference=turning(1.0), load=Load(constant=np.ones(1)), duration_s=period, start=start
     )
     read = Output(rate_hz=2000 / period, displacement=np.array([[1.0], [0]]), velocity=np.array([[0.0], [1]]))
     last = integrate(problem, method=Splitting(), output=read, tolerance=ONE).values[-1]
@@ -293,7 +293,7 @@ class TestOutputs:
             varying=lambda t: np.outer(np.sin(3000 * t), [10, 1, 0, 0]),
         )
         system = pair(ten_harmonics(), damping=np.diag([50.0, 0, 50, 1]), error=Wobble())
-        problem = Problem(system=system, turning=turning(), load=load, duration_s=0.01)
+        problem = Problem(system=system, reference=turning(), load=load, duration_s=0.01)
         values = integrate(problem, method=Splitting(), output=maps, tolerance=ONE).values
         v, a, force = values[:, :4], values[:, 4:8], values[:, 8]
         slopes = (8 * (v[3:-1] - v[1:-3]) - (v[4:] - v[:-4])) * 400e3 / 12
@@ -347,7 +347,7 @@ class TestAccuracy:
 
     def test_out_of_reach(self):
         problem = driven(pair(ten_harmonics()), duration_s=0.1)
-        ask = Accuracy(relative=1e-12, most_per_sample=8)
+        ask = Accuracy(relative=1e-12, max_per_sample=8)
         found = integrate(problem, method=Splitting(), output=output(50e3), tolerance=ask)
         assert found.outcome is Outcome.TOLERANCE_NOT_REACHED
         assert found.values.shape == (0, 3)
@@ -369,7 +369,7 @@ class TestRefusals:
         assert found.outcome is Outcome.UNRESOLVED_STEP
         assert f"turns the mode at 2.454e+06 rad/s by {49.08 / steps:.3g} rad" in found.detail
         assert "25 steps to a sample resolve the mode" in found.detail
-        with pytest.raises(IntegrationError, match=r"consists of it by 1: with .* of its RMS.*To do: take more steps"):
+        with pytest.raises(IntegrationError, match=r"share in a channel is 1, .* of its RMS.*To do: take more steps"):
             list(integrate_blocks(problem, method=Splitting(), output=output(50e3), tolerance=Steps(per_sample=steps)))
 
     def test_steps_that_resolve_what_is_read_are_taken(self):
@@ -415,7 +415,7 @@ class TestRefusals:
             ({"load": Load(constant=np.zeros(3))}, "load.constant"),
             ({"load": Load(constant=np.full(4, np.nan))}, "load.constant"),
             ({"load": Load(constant=np.zeros(4), quadratic_drag=-np.ones(4))}, "feeds energy in"),
-            ({"turning": TiedTo(name="motor")}, "'motor', which is none of pinion x"),
+            ({"reference": CoupledReference(name="motor")}, "'motor', which is none of pinion x"),
         ],
     )
     def test_bad_problems(self, change, message):

@@ -10,18 +10,18 @@ from test_synth_gears_in_time import motion, scene
 
 from data_synth import explain
 from data_synth.integrate import (
+    CoupledReference,
     Load,
     MethodChoice,
     Output,
     Splitting,
     Steps,
-    TiedTo,
     Transition,
     integrate,
     integrate_blocks,
     method_for,
 )
-from data_synth.mechanics import Course, Rubbing
+from data_synth.mechanics import FrictionForce, MeshHistory
 from data_synth.mesh import Rectangular
 from data_synth.transmission_error import ProfileError
 
@@ -56,13 +56,16 @@ class TestChoice:
             (driven(pair(ten_harmonics()), duration_s=0.01), "stiffness of mesh 'pair' is not constant between jumps"),
             (driven(pair(rectangle()), duration_s=0.01, drag=DRAG), "the load has a quadratic drag"),
             (replace(JUMPS, load=Load(constant=np.zeros(4), varying=lambda t: np.ones((t.size, 4)))), "load varies"),
-            (replace(JUMPS, turning=TiedTo(name="pinion rotation")), "the reference is tied to the motion"),
+            (
+                replace(JUMPS, reference=CoupledReference(name="pinion rotation")),
+                "reference is coupled to the motion",
+            ),
             (with_mesh(JUMPS, error=ProfileError(harmonics_m=np.array([1e-6 + 0j]))), "has a transmission error"),
-            (with_mesh(JUMPS, friction=(Rubbing(direction=np.ones(4), share=rectangle()),)), "has friction"),
+            (with_mesh(JUMPS, friction=(FrictionForce(direction=np.ones(4), factor=rectangle()),)), "has friction"),
             (
                 with_mesh(
                     JUMPS,
-                    course=Course(times_s=np.arange(2.0), stiffnesses=(rectangle(),) * 2, errors=(None, None)),
+                    history=MeshHistory(times_s=np.arange(2.0), stiffnesses=(rectangle(),) * 2, errors=(None, None)),
                 ),
                 "the teeth of mesh 'pair' change in time",
             ),
@@ -118,7 +121,7 @@ def hats_by_exponentials(*, samples, per_period, fine):
     return hats, np.array(points)[fine::fine]
 
 
-HATS = {"hat_mesh_force": np.array([[1.0], [0.0]]), "mesh_force": np.array([[0.0], [1.0]])}
+HATS = {"weighted_mesh_force": np.array([[1.0], [0.0]]), "mesh_force": np.array([[0.0], [1.0]])}
 
 
 class TestHats:

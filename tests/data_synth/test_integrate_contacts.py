@@ -60,7 +60,7 @@ def free(half_gap, *, x, v=0.0, load=0.0, duration_s):
     """Return the mass let go."""
     return Problem(
         system=mass_between(half_gap),
-        turning=turning(1.0),
+        reference=turning(1.0),
         load=Load(constant=np.full(1, load)),
         duration_s=duration_s,
         start=State(displacement=np.full(1, x), velocity=np.full(1, v)),
@@ -131,7 +131,7 @@ class TestExactContacts:
             backlash_m=1e-5,
         )
         system = pair(rectangle(), damping=np.diag([50.0, 0, 50, 0]), bearings=1e10, backlash_m=2e-5)
-        problem = driven(replace(system, meshes=(*system.meshes, other)), duration_s=0.005, turning=turning(3000.0))
+        problem = driven(replace(system, meshes=(*system.meshes, other)), duration_s=0.005, reference=turning(3000.0))
         exact = integrate(problem, method=Transition(), output=output(20e3), tolerance=ONE).checked().values
         scipys = by_scipy(problem, output(20e3), relative=1e-11, absolute=1e-16)
         # scipy steps over jumps and kinks by trial
@@ -216,7 +216,7 @@ def parametric(speed, start):
     stiffness = Curve(value=lambda p: 1 + 0.1 * np.cos(2 * np.pi * p), mean=1.0)
     return Problem(
         system=mass_between(DEEP, decay=0.02, stiffness=stiffness),
-        turning=turning(speed),
+        reference=turning(speed),
         load=Load(constant=np.ones(1)),
         duration_s=2 * np.pi / speed,
         start=start,

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from data_synth.integrate import Accuracy, Output, Splitting, State, Steps, integrate, integrate_blocks
-from data_synth.mechanics import Course, Mesh, System
+from data_synth.mechanics import Mesh, MeshHistory, System
 from data_synth.mesh import Fourier
 from data_synth.transmission_error import ProfileError
 
@@ -17,12 +17,12 @@ FIRST = Fourier(mean=1e6, harmonics=np.array([2e5, 5e4j]))
 LATER = Fourier(mean=0.8e6, harmonics=np.array([1e5 - 1e5j, 8e4]))
 SMALL, LARGE = (ProfileError(harmonics_m=np.array([size + 0j])) for size in (1e-5, 4e-5))
 TIMES = np.array([0.004, 0.010, 0.012])
-COURSE = Course(times_s=TIMES, stiffnesses=(FIRST, LATER, FIRST), errors=(SMALL, LARGE, LARGE))
+HISTORY = MeshHistory(times_s=TIMES, stiffnesses=(FIRST, LATER, FIRST), errors=(SMALL, LARGE, LARGE))
 
 
-def changing(course=COURSE, **settings):
-    plain = gear_pair.pair(course.stiffnesses[0], error=course.errors[0], **settings)
-    meshes = (Mesh(**{**vars(plain.meshes[0]), "course": course}),)
+def changing(history=HISTORY, **settings):
+    plain = gear_pair.pair(history.stiffnesses[0], error=history.errors[0], **settings)
+    meshes = (Mesh(**{**vars(plain.meshes[0]), "history": history}),)
     return System(**{**vars(plain), "meshes": meshes})
 
 
@@ -46,7 +46,7 @@ def by_scipy(times_s, *, backlash_m):
         return np.concatenate([state[4:], force / m])
 
     found, state = [np.zeros((1, 8))], np.zeros(8)
-    for start, stop in pairwise([0, *TIMES, times_s[-1]]):  # the course has corners there
+    for start, stop in pairwise([0, *TIMES, times_s[-1]]):  # the history has corners there
         at = times_s[(times_s > start) & (times_s <= stop)]
         every = np.union1d(at, [stop])
         solved = solve_ivp(slope, (start, stop), state, "DOP853", t_eval=every, rtol=1e-10, atol=1e-14, max_step=2e-5)
@@ -61,7 +61,7 @@ def test_teeth_change_as_their_course_says(backlash_m, tolerance):
     problem = gear_pair.driven(changing(backlash_m=backlash_m), duration_s=0.016)
     found = integrate(problem, method=Splitting(), output=gear_pair.output(25_000), tolerance=Steps(per_sample=8))
     expected = by_scipy(found.times_s, backlash_m=backlash_m)
-    # a course stands still for a step: second order, as are contacts of teeth that part
+    # a history stands still for a step: second order, as are contacts of teeth that part
     assert gear_pair.worst(found.checked().values, expected) < tolerance
     still = integrate(
         gear_pair.driven(gear_pair.pair(FIRST, error=SMALL), duration_s=0.016),
@@ -74,7 +74,7 @@ def test_teeth_change_as_their_course_says(backlash_m, tolerance):
 
 def test_blocks_cut_a_course_nowhere():
     problem = gear_pair.driven(changing(), duration_s=0.016)
-    hats = Output(rate_hz=25_000, hat_mesh_force=np.ones((1, 1)))
+    hats = Output(rate_hz=25_000, weighted_mesh_force=np.ones((1, 1)))
     whole = integrate(problem, method=Splitting(), output=hats, tolerance=Steps(per_sample=2))
     blocks = [
         *integrate_blocks(problem, method=Splitting(), output=hats, tolerance=Steps(per_sample=2), block=7),
@@ -86,11 +86,11 @@ def test_blocks_cut_a_course_nowhere():
 def test_what_does_not_change_has_no_table_of_its_own():
     from data_synth.integrate.assembled import assemble  # noqa: PLC0415
 
-    course = Course(times_s=TIMES, stiffnesses=(FIRST,) * 3, errors=(SMALL, LARGE, LARGE))
-    ready = assemble(gear_pair.driven(changing(course), duration_s=0.01))
+    history = MeshHistory(times_s=TIMES, stiffnesses=(FIRST,) * 3, errors=(SMALL, LARGE, LARGE))
+    ready = assemble(gear_pair.driven(changing(history), duration_s=0.01))
     assert ready.stiffnesses.means.size == 1
     assert ready.errors.means.size == 3
-    assert list(ready.stiffness_later) == [-1]
+    assert list(ready.later_stiffnesses) == [-1]
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_a_hat_weighs_the_force_of_two_samples(stiffness, tolerances):
     middles = np.arange(fine, dense.size - fine, fine)
     expected = np.array([hat @ dense[at - fine : at + fine + 1] for at in middles])
     for steps, tolerance in tolerances.items():
-        output = Output(rate_hz=rate, hat_mesh_force=np.array([[1.0], [0.0]]), mesh_force=np.array([[0.0], [1.0]]))
+        output = Output(rate_hz=rate, weighted_mesh_force=np.array([[1.0], [0.0]]), mesh_force=np.array([[0.0], [1.0]]))
         found = integrate(problem, method=Splitting(), output=output, tolerance=Steps(per_sample=steps)).values
         assert np.std(found[2:, 0] - expected) < tolerance * np.std(expected)
         # before the start, nothing pressed; the force at samples is that of the fine run, to the error of the steps
@@ -125,9 +125,9 @@ def test_a_hat_weighs_the_force_of_two_samples(stiffness, tolerances):
 
 def test_a_course_is_checked():
     with pytest.raises(ValueError, match="two or more instants are needed, rising"):
-        Course(times_s=TIMES[::-1], stiffnesses=(FIRST,) * 3, errors=(None,) * 3)
+        MeshHistory(times_s=TIMES[::-1], stiffnesses=(FIRST,) * 3, errors=(None,) * 3)
     with pytest.raises(ValueError, match="3 instants need as many stiffnesses and errors"):
-        Course(times_s=TIMES, stiffnesses=(FIRST,) * 3, errors=(None, SMALL, SMALL))
+        MeshHistory(times_s=TIMES, stiffnesses=(FIRST,) * 3, errors=(None, SMALL, SMALL))
 
 
 def test_steps_may_be_judged_by_what_moves():

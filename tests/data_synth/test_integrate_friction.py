@@ -10,7 +10,7 @@ from gear_pair import MASSES, turning, worst
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from data_synth.elements import GearMesh, Link, Support
+from data_synth.elements import Coupling, GearMesh, Support
 from data_synth.floquet import floquet
 from data_synth.friction import SlidingFriction
 from data_synth.gear_geometry import GearPair
@@ -25,7 +25,7 @@ from data_synth.integrate import (
     integrate,
     periodic_state,
 )
-from data_synth.mechanics import PLANE, Body, Course, build_system
+from data_synth.mechanics import PLANE, Body, MeshHistory, build_system
 from data_synth.mesh import Fourier, Rectangular
 from data_synth.modal import solve_modes
 
@@ -66,10 +66,12 @@ def sixteen(*, friction=FRICTION, stiffness=WAVE, backlash_m=0.0, damping_s=0.0,
     elements = [
         *(Support(between=(name.split()[0], name), x=2e8, y=2e8, damping_s=damping_s) for name in BLOCKS),
         *(Support(between=(name, None), x=1e8, y=1e8, damping_s=damping_s) for name in BLOCKS),
-        Link(
+        Coupling(
             motions={("motor", "rotation"): 1.0, ("pinion", "rotation"): -1.0}, stiffness=1e5, damping=1e5 * damping_s
         ),
-        Link(motions={("gear", "rotation"): 1.0, ("load", "rotation"): -1.0}, stiffness=1e5, damping=1e5 * damping_s),
+        Coupling(
+            motions={("gear", "rotation"): 1.0, ("load", "rotation"): -1.0}, stiffness=1e5, damping=1e5 * damping_s
+        ),
         GearMesh(
             name="mesh",
             gears=("pinion", "gear"),
@@ -90,7 +92,7 @@ def started(system, *, duration_s=0.004, **settings):
     load[system.names.index("motor rotation")] = TORQUES[0]
     load[system.names.index("load rotation")] = -TORQUES[1]
     spin = turning(2 * math.pi * MESH_HZ)
-    return Problem(system=system, turning=spin, load=Load(constant=load), duration_s=duration_s, **settings)
+    return Problem(system=system, reference=spin, load=Load(constant=load), duration_s=duration_s, **settings)
 
 
 def everything(rate_hz):
@@ -225,15 +227,17 @@ def test_what_rubs_wears_down_the_motion():
 
 
 def test_teeth_that_change_rub_with_what_they_have():
-    # twice as stiff from the start as the end of a course that has not begun
-    course = Course(times_s=np.array([1.0, 2.0]), stiffnesses=(WAVE, replace(WAVE, mean=2e9)), errors=(None, None))
+    # twice as stiff from the start as the end of a history that has not begun
+    history = MeshHistory(
+        times_s=np.array([1.0, 2.0]), stiffnesses=(WAVE, replace(WAVE, mean=2e9)), errors=(None, None)
+    )
     system = sixteen()
-    system = replace(system, meshes=(replace(system.meshes[0], course=course),))
+    system = replace(system, meshes=(replace(system.meshes[0], history=history),))
     early = run(started(system, duration_s=0.002), Splitting())
     # sums in another order: of motions that cancel, 1e-18 m beside 1e-7 m of the gears is left
     assert_allclose(early, run(started(sixteen(), duration_s=0.002), Splitting()), rtol=1e-12, atol=1e-16)
     late = run(started(system, duration_s=0.002, start_s=2.0), Splitting())
-    stiff = replace(system.meshes[0], stiffness=replace(WAVE, mean=2e9), course=None)
+    stiff = replace(system.meshes[0], stiffness=replace(WAVE, mean=2e9), history=None)
     same = run(started(replace(system, meshes=(stiff,)), duration_s=0.002, start_s=2.0), Splitting())
     assert worst(late, same) < 1e-5  # flows of different constant parts, by fourth-order steps
 
@@ -255,5 +259,5 @@ def test_friction_of_other_gears_or_without_a_driver_is_refused():
         sixteen(friction=other)
     with pytest.raises(ValueError, match=r"mesh 'mesh' has friction.*Use Splitting"):
         run(started(sixteen(stiffness=Rectangular(low=7e8, high=1.2e9, duty=0.4))), Transition())
-    with pytest.raises(IntegrationError, match="kicks too hard"):
+    with pytest.raises(IntegrationError, match="s is unstable: the variation"):
         run(started(sixteen()), Splitting(), rate_hz=2e3)

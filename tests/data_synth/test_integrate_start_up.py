@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 from data_synth.campbell import eigenvalues
 from data_synth.elements import GearMesh, Support
-from data_synth.integrate import Splitting, Steps, TiedTo, integrate, periodic_state
+from data_synth.integrate import CoupledReference, Splitting, Steps, integrate, periodic_state
 from data_synth.mechanics import Body, build_system
 from data_synth.mesh import Constant
 from data_synth.modal import solve_modes
@@ -121,7 +121,7 @@ def test_tied_to_the_pinion_the_start_up_parts_the_teeth():
     settings = {"duration_s": 0.5, "drag": DRAG}
     system = pair(rectangle(), backlash_m=5e-5)
     system = replace(system, meshes=(replace(system.meshes[0], cycles_per_rev=36.0),))
-    tied = driven(system, **settings, turning=TiedTo(name="pinion rotation"))
+    tied = driven(system, **settings, reference=CoupledReference(name="pinion rotation"))
     smooth = replace(tied, system=replace(system, meshes=(replace(system.meshes[0], stiffness=ten_harmonics()),)))
     for problem in (tied, smooth):
         found = integrate(problem, method=Splitting(), output=output(20e3), tolerance=Steps(per_sample=4)).checked()

@@ -10,9 +10,9 @@ from mpmath import mp
 from numpy.testing import assert_allclose
 from scipy import linalg
 
-from data_synth.assembly import Attached, Holding, Inertia, MeshProperties, assemble
+from data_synth.assembly import AttachedRotor, Inertia, MeshProperties, SupportStiffness, assemble
 from data_synth.campbell import eigenvalues
-from data_synth.elements import GearMesh, Link, LinkedMesh, Shaft, Support, line_of_action
+from data_synth.elements import Coupling, GearMesh, GeneralMesh, Shaft, Support, line_of_action
 from data_synth.friction import SlidingFriction
 from data_synth.gear_geometry import GearPair
 from data_synth.integrate import Load, Output, Problem, Splitting, State, Steps, integrate
@@ -105,8 +105,8 @@ def chaari():
         bodies,
         [
             *(Support(between=(name, None), x=1e8, y=1e8) for name in ("pinion", "gear")),
-            *(Link(motions={one: 1.0, other: -1.0}, stiffness=1e5) for one, other in joints),
-            LinkedMesh(name="mesh", motions=mesh, stiffness=Constant(mean=1e8)),
+            *(Coupling(motions={one: 1.0, other: -1.0}, stiffness=1e5) for one, other in joints),
+            GeneralMesh(name="mesh", motions=mesh, stiffness=Constant(mean=1e8)),
         ],
     )
 
@@ -130,9 +130,9 @@ def test_sixteen_degrees_of_freedom_in_howard_s_layout():
     elements = [
         *(Support(between=(name.split()[0], name), x=2e8, y=2e8) for name in blocks),
         *(Support(between=(name, None), x=1e8, y=1e8) for name in blocks),
-        Link(motions={("motor", "rotation"): 1.0, ("pinion", "rotation"): -1.0}, stiffness=1e5),
-        Link(motions={("gear", "rotation"): 1.0, ("load", "rotation"): -1.0}, stiffness=1e5),
-        LinkedMesh(name="mesh", motions=mesh, stiffness=Constant(mean=1e9)),
+        Coupling(motions={("motor", "rotation"): 1.0, ("pinion", "rotation"): -1.0}, stiffness=1e5),
+        Coupling(motions={("gear", "rotation"): 1.0, ("load", "rotation"): -1.0}, stiffness=1e5),
+        GeneralMesh(name="mesh", motions=mesh, stiffness=Constant(mean=1e9)),
     ]
     system = build_system(bodies, elements)
     assert system.dof == 16
@@ -176,7 +176,7 @@ def planetary(count, *, teeth=(24, 36, 96), error=None, **changes):
     settings = {
         "motions": "plane",
         "inertias": inertias,
-        "supports": {"ring": Holding(torsion=1e9 * base["ring"] ** 2)},
+        "supports": {"ring": SupportStiffness(torsion=1e9 * base["ring"] ** 2)},
         "meshes": {
             name: MeshProperties(geometry=pair, stiffness=Constant(mean=5e8), error=error)
             for name, pair in geometry.items()
@@ -268,7 +268,7 @@ def test_the_step_of_the_meshes_chooses_the_kind_of_mode(harmonic):
 
 
 def test_a_turning_carrier_splits_translational_modes_and_keeps_the_others_real():
-    system = planetary(3, speed_rad_s=500.0, turning_with="carrier")
+    system = planetary(3, speed_rad_s=500.0, rotating_frame="carrier")
     assert_allclose(system.gyroscopic, -system.gyroscopic.T, atol=0)
     place = system.names.index("sun x")
     # 2 m Omega, the carrier at a fifth of the sun's 500 rad/s
@@ -338,7 +338,7 @@ def test_a_helical_mesh_follows_the_rules_of_the_thumb_and_of_conjugate_motion(f
     direction, point = line_of_action(
         centre_m=(0, 0, 0),
         pitch_radius_m=radius,
-        towards_rad=towards,
+        azimuth_rad=towards,
         pressure_angle_rad=pair.working_angle_rad,
         flank=flank,
         base_helix_rad=pair.base_helix_rad,
@@ -371,7 +371,7 @@ def test_a_helical_mesh_follows_the_rules_of_the_thumb_and_of_conjugate_motion(f
     screw[[2, 5]] = lead, 1.0
     assert abs(row @ screw) < 1e-12
     with pytest.raises(ValueError, match="hand = None"):
-        line_of_action(centre_m=(0, 0, 0), pitch_radius_m=1, towards_rad=0, pressure_angle_rad=0.3, base_helix_rad=0.1)
+        line_of_action(centre_m=(0, 0, 0), pitch_radius_m=1, azimuth_rad=0, pressure_angle_rad=0.3, base_helix_rad=0.1)
 
 
 # ---- from a gearbox alone ----------------------------------------------------------------------------------------
@@ -474,7 +474,7 @@ def test_space_holds_the_modes_of_torsion_where_bearings_are_rigid():
     meshes = with_geometry(gearbox)
     stiff = {
         "supports": {
-            name: Holding(radial=1e18, axial=1e18, tilt=1e18)
+            name: SupportStiffness(radial=1e18, axial=1e18, tilt=1e18)
             for name in ("sun", "carrier", "planet 1", "planet 2", "planet 3")
         }
     }
@@ -502,7 +502,7 @@ def test_defaults_are_discs_of_steel_and_the_mean_stiffness_of_iso_6336():
 
 def test_attached_rotors_turn_with_their_link():
     gearbox = load_gearbox("wijianto-pair")
-    motor = Attached(name="motor", to="pinion", inertia_kgm2=0.5, stiffness=2e5, damping=3.0)
+    motor = AttachedRotor(name="motor", to="pinion", inertia_kgm2=0.5, stiffness=2e5, damping=3.0)
     system = assemble(gearbox, motions="torsion", attached=[motor])
     assert system.names[-1] == "motor rotation"
     assert_allclose(system.stiffness[np.ix_([0, 2], [0, 2])], 2e5 * np.array([[1, -1], [-1, 1]]))
@@ -514,7 +514,7 @@ def test_attached_rotors_turn_with_their_link():
     [
         ({"motions": "flat"}, 'motions = "flat" is not one of torsion, plane, space'),
         ({"motions": "plane", "meshes": {"no": MeshProperties()}}, 'meshes names "no"'),
-        ({"motions": "plane", "supports": {"pinoin": Holding()}}, 'supports names "pinoin".*pinion'),
+        ({"motions": "plane", "supports": {"pinoin": SupportStiffness()}}, 'supports names "pinoin".*pinion'),
         ({"motions": "plane", "meshes": {"pinion-gear": MeshProperties(driver="x")}}, "none of its gears"),
     ],
 )
@@ -539,7 +539,7 @@ def test_bodies_and_elements_refuse_what_they_cannot_be():
     with pytest.raises(ValueError, match='no body is called "disk"'):
         build_system([disc], [Support(between=("disk", None), x=1.0)])
     with pytest.raises(ValueError, match='does not move along "y"'):
-        build_system([disc], [Link(motions={("disc", "y"): 1.0}, stiffness=1.0)])
+        build_system([disc], [Coupling(motions={("disc", "y"): 1.0}, stiffness=1.0)])
 
 
 # ---- teeth that part ---------------------------------------------------------------------------------------------
@@ -554,7 +554,7 @@ def test_force_takes_gap_and_error_off_the_deflection():
         start = State(displacement=np.array([drive, 0.0, 0, 0]), velocity=np.zeros(4))
         problem = Problem(
             system=replace(system, meshes=(mesh,)),
-            turning=ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1)),
+            reference=ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1)),
             load=Load(constant=np.zeros(4)),
             duration_s=1e-5,
             start=start,

@@ -11,7 +11,7 @@ from test_mechanics import RADII, chaari, planetary, wijianto
 
 from data_synth._exponentials import chained, exponentials
 from data_synth.campbell import campbell, eigenvalues
-from data_synth.elements import LinkedMesh, Support
+from data_synth.elements import GeneralMesh, Support
 from data_synth.floquet import floquet, instability_tongues, stability_map
 from data_synth.mechanics import Body, System, build_system
 from data_synth.mesh import Fourier, Rectangular, Shifted, Trapezoidal
@@ -23,7 +23,9 @@ STEPS = Rectangular(low=0.76e6, high=1.36e6, duty=0.4)
 def oscillator(stiffness, *, damping=0.0, backlash=0.0):
     """One mass of 1 kg on a mesh."""
     mass = Body(name="mass", mass_kg=1.0, motions=("x",))
-    mesh = LinkedMesh(name="k", motions={("mass", "x"): 1.0}, stiffness=stiffness, damping=damping, backlash_m=backlash)
+    mesh = GeneralMesh(
+        name="k", motions={("mass", "x"): 1.0}, stiffness=stiffness, damping=damping, backlash_m=backlash
+    )
     return build_system([mass], [mesh])
 
 
@@ -87,7 +89,7 @@ class TestCampbell:
 
     def test_lin_and_parker_s_translational_modes_split_and_rotational_ones_stay_single(self):
         diagram = campbell(
-            lambda speed: planetary(3, speed_rad_s=speed, turning_with="carrier"), speeds_rad_s=[0.0, 1000.0]
+            lambda speed: planetary(3, speed_rad_s=speed, rotating_frame="carrier"), speeds_rad_s=[0.0, 1000.0]
         )
         still, turning = diagram.frequencies_hz
         assert_allclose(still, solve_modes(planetary(3)).frequencies_hz, rtol=1e-10)
@@ -195,7 +197,7 @@ class TestFloquet:
     def test_meshes_of_several_orders_repeat_together(self):
         mass = Body(name="mass", mass_kg=1.0, motions=("x",))
         meshes = [
-            LinkedMesh(
+            GeneralMesh(
                 name=name,
                 motions={("mass", "x"): 1.0},
                 stiffness=Shifted(of=STEPS, by_cycles=0.3),

@@ -12,9 +12,9 @@ from data_synth import Scene, SceneError, explain, load_scene, simulate
 from data_synth.combs import random_stream
 from data_synth.dynamics import Dynamics
 from data_synth.fidelity import chosen, decided, forget
-from data_synth.levels import moved
+from data_synth.levels import simulated_motion
 from data_synth.motion import motion_of, prepare_gears
-from data_synth.reduction import without
+from data_synth.reduction import without_meshes
 from data_synth.stage import prepare_scene
 
 GEOMETRY = {
@@ -44,7 +44,7 @@ def ready(scene):
 def choice_of(scene):
     stage, gears = ready(scene)
     choice = chosen(stage, gears)
-    return choice, moved(stage, gears, choice.levels)
+    return choice, simulated_motion(stage, gears, choice.levels)
 
 
 def record_of(scene, **also):
@@ -247,10 +247,10 @@ def test_a_damaged_tooth_puts_lines_a_turn_apart():
 @pytest.mark.parametrize(
     ("fault", "sentence"),
     [
-        ({"kind": "missing_tooth", "size_mm": 1.0}, "its teeth let go of each other, which lines cannot tell"),
+        ({"kind": "missing_tooth", "size_mm": 1.0}, "its teeth lose contact, so it has no linear response"),
         (
             {"kind": "tooth_crack", "depth_mm": 1.0, "growth": {"law": "linear", "rate_mm_per_s": 1, "largest_mm": 2}},
-            "its teeth change with time, which lines cannot tell",
+            "its teeth change with time, so it has no linear response",
         ),
     ],
 )
@@ -293,7 +293,7 @@ def test_what_is_left_out_turns_along():
     """Teeth that do not give are those of a mesh whose stiffness goes to infinity."""
     stage, gears = ready(demo("lateral"))
     whole = motion_of(stage, gears, levels={"stage 1": "lateral", "stage 2": "torsional"})
-    less = without(whole, ["stage 2"])
+    less = without_meshes(whole, ["stage 2"])
     one, two = whole.system.meshes
     stiff = whole.system.stiffness + one.stiffness.mean * np.outer(one.direction, one.direction)
     stiff = stiff + 1e7 * two.stiffness.mean * np.outer(two.direction, two.direction)
@@ -301,7 +301,7 @@ def test_what_is_left_out_turns_along():
     expected = eigh(stiff, whole.system.mass, eigvals_only=True)[1:-1]
     # 1e-7 softer than rigid teeth, and the digits that the stiff spring takes from the eigenvalues
     assert_allclose(eigh(less.system.mean_stiffness(), less.system.mass, eigvals_only=True)[1:], expected, rtol=1e-5)
-    # the torque and the inertia of what is left out are felt where it is driven
+    # the torque and the inertia of what is left out are felt where it is build_drive
     names = whole.system.names
     ratio = 19 / 61
     inertia = np.diag(whole.system.mass)[[names.index("intermediate rotation"), names.index("output rotation")]]

@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 
 from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.integrate import Output, Splitting, Steps, integrate
-from data_synth.loads import strained
+from data_synth.loads import static_deflection
 from data_synth.motion import motion_of, prepare_gears
 from data_synth.simulation import random_stream
 from data_synth.stage import prepare_scene
@@ -314,7 +314,7 @@ def test_a_speed_that_jumps_is_refused():
 def test_the_start_is_the_equilibrium_of_closed_teeth():
     ready = motion(scene(mesh={"backlash_um": 50}))
     force = ready.load.constant
-    moved = strained(ready.system, force)
+    moved = static_deflection(ready.system, force)
     mean = ready.system.meshes[0].stiffness.mean
     pressed = 130 / BASE[1]
     assert mean * (ready.system.meshes[0].direction @ moved - 25e-6) == pytest.approx(pressed, rel=1e-9)
@@ -357,7 +357,7 @@ def test_teeth_are_at_each_time_as_large_as_damage_is_then(kind):
         if still.error is not None:
             expected = still.error(phases)
             assert_allclose(error, expected, atol=0.01 * np.max(np.abs(expected)))
-    assert mesh.course.times_s.size < 20
+    assert mesh.history.times_s.size < 20
 
 
 def test_two_faults_of_a_mesh_grow_each_by_its_law():

@@ -12,7 +12,7 @@ from data_synth.assembly import assemble_parts
 from data_synth.gear_geometry import GearPair
 from data_synth.integrate import Output, Splitting, Steps, integrate
 from data_synth.layout import contacts_of
-from data_synth.meshing import geared
+from data_synth.meshing import kinematics_of
 from data_synth.modal import solve_modes
 from data_synth.motion import fault_passes, motion_of, prepare_gears
 from data_synth.simulation import random_stream
@@ -78,14 +78,14 @@ def moving(**changes):
 
 def at_rest(motion):
     """Return the static force of each mesh by its name."""
-    strained = motion.turned.start(motion.system, motion.stage.drive, 0.0).displacement
+    strained = motion.drive_load.start(motion.system, motion.stage.drive, 0.0).displacement
     return {mesh.name: mesh.direction @ strained * mesh.stiffness.mean for mesh in motion.system.meshes}
 
 
 def mesh_forces(motion, duration_s, *, rate_hz):
     """Return times and the force of every mesh, each the mean under a hat of two samples, (n,) and (n, meshes)."""
-    output = Output(rate_hz=rate_hz, hat_mesh_force=np.eye(len(motion.system.meshes)))
-    problem = motion.problem(-motion.settle_s, motion.settle_s + duration_s)
+    output = Output(rate_hz=rate_hz, weighted_mesh_force=np.eye(len(motion.system.meshes)))
+    problem = motion.problem(-motion.settling_time_s, motion.settling_time_s + duration_s)
     found = integrate(problem, method=Splitting(), output=output, tolerance=Steps(per_sample=2)).checked()
     return found.times_s, found.values
 
@@ -163,7 +163,7 @@ def test_teeth_carry_what_statics_asks_of_them(name, loaded, fidelity):
     against = -math.copysign(500, kinematics.relative_speed(loaded, seen_from=declared.frame))
     torques = solve_torques(kinematics, {loaded: against, declared.reference: None})
     loads = torques.tooth_loads
-    contacts = contacts_of(geared(motion.stage.scene), {})
+    contacts = contacts_of(kinematics_of(motion.stage.scene), {})
     forces = at_rest(motion)
     assert len(loads) == len(contacts)
     for load, contact in zip(loads, contacts, strict=True):
@@ -234,7 +234,9 @@ def test_planets_at_unequal_places_are_heard_as_their_phasors_sum():
     multiples = np.arange(82 - 9, 82 + 10)
     weights = [abs(np.mean(window * np.exp(-1j * (m - 82) * angle))) for m in multiples]
     force = weights * np.abs(np.exp(2j * np.pi * np.outer(multiples - 82, turns)) @ first)
-    expected = force * np.abs(motion.ears.listeners[0].response(motion.stage.scene, multiples * 20_000 / (82 * 102)))
+    expected = force * np.abs(
+        motion.sensor_forces.routes[0].response(motion.stage.scene, multiples * 20_000 / (82 * 102))
+    )
     # relative to the largest: 1e-3 of it is 60 dB
     assert_allclose(heard[multiples - 1], expected, atol=1e-3 * expected.max())
     assert heard[multiples[multiples % 3 != 0] - 1].max() > 0.05 * heard[multiples - 1].max()
@@ -251,7 +253,7 @@ def test_the_phasing_rule_chooses_the_modes_that_move():
     names, rows = motion.system.names, np.zeros((3, motion.system.dof))
     for row, name in zip(rows, ("sun x", "sun y", "sun rotation"), strict=True):
         row[names.index(name)] = 1.0
-    problem = motion.problem(-motion.settle_s, motion.settle_s + 0.1)
+    problem = motion.problem(-motion.settling_time_s, motion.settling_time_s + 0.1)
     output = Output(rate_hz=20_000, displacement=rows)
     found = integrate(problem, method=Splitting(), output=output, tolerance=Steps(per_sample=4)).checked().values
     spectrum = np.abs(np.fft.rfft(found[-2000:] - found[-2000:].mean(axis=0), axis=0))[20::20]  # harmonics of 200 Hz
@@ -373,25 +375,25 @@ def test_what_is_heard_across_its_axis_turns_a_sensor():
 def test_rigid_gears_roll_without_strain_in_space(name, speeds, turning):
     declared = load_gearbox(name)
     declared = declared.changed(meshes=tuple(mesh.changed(**SIZE | {"face_width_mm": 20}) for mesh in declared.meshes))
-    whole = assemble_parts(declared, motions="space", speeds=speeds, turning_with=turning)
+    whole = assemble_parts(declared, motions="space", speeds=speeds, rotating_frame=turning)
     parts, system = whole.parts, whole.system
     joints, motion = parts.kinematics.joints, np.zeros(system.dof)
     spins = parts.kinematics.vectors(speeds)
     for body in whole.bodies:
-        name = body.turns_with or body.name
+        name = body.rotates_with or body.name
         holder = joints[name].carried_by
         own, held = (parts.space @ spins.sel(link=link).values for link in (name, holder))
         velocity = np.zeros(3)
         if holder != parts.frame:
-            velocity = np.cross(held, np.array(body.centre_m) - parts.station(holder, holder))
-        for place, number in whole.at.index.items():
-            if place[0] != body.name or (place[1] == "rotation" and body.turns_with):
+            velocity = np.cross(held, np.array(body.centre_m) - parts.axis_point(holder, holder))
+        for place, number in whole.coordinates.index.items():
+            if place[0] != body.name or (place[1] == "rotation" and body.rotates_with):
                 continue
             if place[1] in ("x", "y", "z"):
                 motion[number] = velocity["xyz".index(place[1])]
             else:
                 # tilts are those of the body that holds it, round its own axis it turns by itself
-                motion[number] = body.turning(place[1]) @ (own if place[1] == "rotation" else held)
+                motion[number] = body.rotation_axis(place[1]) @ (own if place[1] == "rotation" else held)
     for mesh in system.meshes:
         assert abs(mesh.direction @ motion) < 1e-12 * np.abs(mesh.direction * motion).max()
     strain = system.mean_stiffness() @ motion
@@ -441,7 +443,7 @@ def test_a_bevel_pinion_presses_its_bearings_as_textbooks_say(fidelity):
     tangential = 100 * 19 / 34 / middle
     force = at_rest(motion)["bevel"]
     assert force == pytest.approx(tangential / math.cos(angle), rel=1e-12)
-    strained = motion.turned.start(motion.system, motion.stage.drive, 0.0).displacement
+    strained = motion.drive_load.start(motion.system, motion.stage.drive, 0.0).displacement
     maps = motion.output.maps
     pressed = sum(
         maps[name] @ value for name, value in (("displacement", strained), ("mesh_force", [force])) if name in maps
@@ -470,7 +472,7 @@ def test_a_cracked_bevel_tooth_passes_once_a_turn():
             {"gearbox": {**BEVEL["gearbox"], "mesh": [BEVEL["gearbox"]["mesh"][0] | {"face_width_mm": 90}]}},
             "does not fit a cone",
         ),
-        ({"dynamics": {"bearings": {"housing": {}}}}, "not against turning; give torsion_nm_rad"),
+        ({"dynamics": {"bearings": {"housing": {}}}}, "rotates freely; give torsion_nm_rad"),
     ],
 )
 @pytest.mark.filterwarnings("ignore::hums.gearbox.GearboxWarning")
