@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.bands import choose_band
-from signals.cyclostationary import spectral_correlation
-from signals.envelope import envelope, stream_envelope
-from signals.kurtogram import fast_kurtogram
+from signals.demodulation.band_selection import choose_band
+from signals.demodulation.envelope import envelope, stream_envelope
+from signals.demodulation.kurtogram import fast_kurtogram
+from signals.spectra.cyclostationary import spectral_correlation
 
 RATE_HZ = 20_000.0
 RESONANCE_HZ, EVERY = 4200.0, 400

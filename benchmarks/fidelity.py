@@ -25,13 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth import Plan, Scene, load_scene, make_dataset, simulate
-from data_synth.dynamics import Dynamics
-from data_synth.fidelity import decided, forget
-from data_synth.keeping import LEVELS
-from data_synth.levels import KINEMATIC, LADDER
+from data_synth.dynamics.active_dofs import LEVELS
+from data_synth.fidelity.choice import KINEMATIC, LADDER, decided, forget
 from data_synth.plan import parse_plan
+from data_synth.scene.dynamics import Dynamics
 from hums.plots import save_figure
-from hums.store import save_record
+from hums.records.store import save_record
 
 Array = NDArray[np.float64]
 

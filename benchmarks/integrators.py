@@ -43,18 +43,11 @@ from integrator_peers import DORMAND_PRINCE_8, RK4, Explicit, Pair, explicit, ge
 from numpy.typing import NDArray
 from scipy.integrate import odeint
 
-from data_synth.integrate import (
-    Accuracy,
-    Load,
-    Output,
-    Problem,
-    Splitting,
-    State,
-    Steps,
-    Transition,
-    integrate,
-)
-from data_synth.mechanics import Mesh, System
+from data_synth.dynamics.system import Mesh, System
+from data_synth.integrators.driver import integrate
+from data_synth.integrators.exact_transition import Transition
+from data_synth.integrators.problem import Accuracy, Load, Output, Problem, State, Steps
+from data_synth.integrators.splitting import Splitting
 from hums.plots import save_figure
 
 Array = NDArray[np.float64]

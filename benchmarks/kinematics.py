@@ -18,8 +18,8 @@ import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
 
-from hums.gearbox import Gearbox
-from hums.kinematics import Kinematics, solve_kinematics
+from hums.gearbox.kinematics import Kinematics, solve_kinematics
+from hums.gearbox.model import Gearbox
 from hums.plots import save_figure
 
 LINKS = (10, 30, 100, 300, 1000)

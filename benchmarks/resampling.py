@@ -29,10 +29,10 @@ from scipy.interpolate import CubicSpline
 
 from hums.plots import save_figure
 from hums.plots.style import FAINT, INK, LINE, MARK
-from signals._resampling_kernel import invert
-from signals._warp import Map, Method, Warp
-from signals.phase import ShaftPhase
-from signals.resampling import angle_map, angular_resample
+from signals.resampling._engine import Map, Method, Warp
+from signals.resampling._engine_kernels import invert
+from signals.resampling.resampling import angle_map, angular_resample
+from signals.shaft.phase import ShaftPhase
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

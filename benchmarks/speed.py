@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import ShortTimeFFT, lfilter
 
-from signals.phase import ShaftPhase
-from signals.phase_demodulation import refine_phase
-from signals.speed import estimate_speed
+from signals.shaft.phase import ShaftPhase
+from signals.shaft.phase_demodulation import refine_phase
+from signals.shaft.tacholess import estimate_speed
 
 Floats = NDArray[np.float64]
 Answer = tuple[str, Floats, Floats]  # status, times, speeds

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator, make_interp_spline
 
-from signals.tachometer import shaft_phase
+from signals.shaft.tachometer import shaft_phase
 
 Array = NDArray[np.float64]
 Method = Callable[[Array, Array], Array]

@@ -4,24 +4,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from data_synth.cost import explain as explain
     from data_synth.dataset import make_dataset as make_dataset
-    from data_synth.explanation import explain as explain
     from data_synth.plan import Plan as Plan
     from data_synth.plan import PlanError as PlanError
     from data_synth.plan import load_plan as load_plan
-    from data_synth.scene import Scene as Scene
-    from data_synth.scene import SceneError as SceneError
-    from data_synth.scene import load_scene as load_scene
+    from data_synth.scene.scene import Scene as Scene
+    from data_synth.scene.scene import SceneError as SceneError
+    from data_synth.scene.scene import load_scene as load_scene
     from data_synth.simulation import simulate as simulate
 
 _HOME = {
     "Plan": "data_synth.plan",
     "PlanError": "data_synth.plan",
-    "Scene": "data_synth.scene",
-    "SceneError": "data_synth.scene",
-    "explain": "data_synth.explanation",
+    "Scene": "data_synth.scene.scene",
+    "SceneError": "data_synth.scene.scene",
+    "explain": "data_synth.cost",
     "load_plan": "data_synth.plan",
-    "load_scene": "data_synth.scene",
+    "load_scene": "data_synth.scene.scene",
     "make_dataset": "data_synth.dataset",
     "simulate": "data_synth.simulation",
 }

@@ -16,10 +16,10 @@ from typing import Any
 import xarray as xr
 
 from data_synth.plan import Plan, PlanError, load_plan, parse_plan
-from data_synth.scene import SceneError
+from data_synth.scene.scene import SceneError
 from data_synth.simulation import simulate
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
-from hums.store import atomic_write, open_shard, remove_partial_files, write_shard, write_tree
+from hums.records.store import atomic_write, open_shard, remove_partial_files, write_shard, write_tree
 
 SCHEMA = "hums-dataset/1"
 _SHARD = "shards/{:06d}.h5"

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from data_synth.plan import PlanTable
-from data_synth.scene import FIDELITIES, Scene
+from data_synth.scene.scene import FIDELITIES, Scene
 
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 _HISTORIES = {"Speed": ("rpm", "steps", "csv", "run_up"), "Torque": ("nm", "steps", "csv")}
@@ -16,8 +16,8 @@ def scene_schema(gearbox: Mapping[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     gearbox : mapping
-        The schema of a gearbox file, `hums.schema.gearbox_schema()`: a scene may contain a gearbox instead of naming
-        one.
+        The schema of a gearbox file, `hums.gearbox.model.gearbox_schema()`: a scene may contain a gearbox instead of
+        naming one.
 
     Returns
     -------

@@ -6,27 +6,25 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from data_synth.combs import ComplexArray, random_stream
-from data_synth.fidelity import Choice, decided
-from data_synth.impacts import add_impacts
-from data_synth.levels import LEFT_OUT, most_detailed_motion, simulated_motion, with_kinematic_lines
-from data_synth.meshing import Gears
-from data_synth.motion import Motion, prepare_gears
-from data_synth.profile import Array
-from data_synth.room import refuse_too_large
-from data_synth.scene import Scene, SceneError, Sensor, load_scene
-from data_synth.sensors import (
-    AllPoleFilter,
-    add_noise,
-    clip,
-    drop_outs,
-    hum_lines,
-    linear_chain,
-    quantise,
+from data_synth.cost import refuse_too_large
+from data_synth.fidelity.choice import (
+    LEFT_OUT,
+    Choice,
+    decided,
+    most_detailed_motion,
+    simulated_motion,
+    with_kinematic_lines,
 )
-from data_synth.stage import PreparedScene, prepare_scene
+from data_synth.kinematic.harmonics import ComplexArray, random_stream
+from data_synth.operation.shaft_angle import Array
+from data_synth.scene.scene import Scene, SceneError, Sensor, load_scene
+from data_synth.sources.impacts import add_impacts
+from data_synth.sources.prepared import PreparedScene, prepare_scene
+from data_synth.transfer.acquisition import AllPoleFilter, add_noise, clip, drop_outs, hum_lines, linear_chain, quantise
 from data_synth.truth import angle_truth, mesh_lines, tooth_pass_truth, truth_variables
-from hums.record import Channel, PulseTimes, make_record
+from data_synth.vibration.meshes import Gears
+from data_synth.vibration.run import Motion, prepare_gears
+from hums.records.record import Channel, PulseTimes, make_record
 
 _BLOCK = 65536  # samples computed at once: what is only needed on the way does not grow with the record
 
@@ -58,8 +56,8 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
             zero at the first tachometer mark, after the filters and the sensitivity of the channel. Between the
             instants of truth_time Z is linear: the signal is built so, without approximation. Sources at one exact
             order are added. The part of a tooth's impacts at the listed orders is included
-            (`data_synth.path.impact_line` states the error); the further orders of impacts are not listed, and a
-            bearing with slip has no line.
+            (`data_synth.transfer.paths.impact_line` states the error); the further orders of impacts are not listed,
+            and a bearing with slip has no line.
         ``truth_component``, ``truth_kind`` (truth_order)
             The sources at that order, largest first, joined by " + ".
         ``truth_chain_response`` (truth_channel, truth_order, truth_time), complex

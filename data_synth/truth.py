@@ -8,15 +8,14 @@ import numpy as np
 import xarray as xr
 from numpy.polynomial.chebyshev import chebval
 
-from data_synth.combs import ComplexArray, common_base
-from data_synth.damage import last_s
-from data_synth.faults import ImpactTrain
-from data_synth.motion import Motion, fault_passes
-from data_synth.passing import pass_orders
-from data_synth.path import impact_line
-from data_synth.profile import Array
-from data_synth.rolling import signed_cage_order
-from data_synth.stage import PreparedScene
+from data_synth.bearings.impacts import signed_cage_order
+from data_synth.kinematic.gear_faults import ImpactTrain
+from data_synth.kinematic.harmonics import ComplexArray, common_base
+from data_synth.kinematic.planet_pass import pass_orders
+from data_synth.operation.shaft_angle import Array
+from data_synth.sources.prepared import PreparedScene, last_s
+from data_synth.transfer.paths import impact_line
+from data_synth.vibration.run import Motion, fault_passes
 
 _STEADY = 1e-12  # of the speed: what rounding may change
 _NUTTALL = (0.3635819, -0.4891775, 0.1365995, -0.0106411)

@@ -10,14 +10,66 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
 import typer
 
-from hums.printing import print_orders, print_record
-
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
+    from hums.analysis.settings import AnalysisSettings
+    from hums.gearbox.kinematics import Kinematics
     from hums.jobs import Workers
-    from hums.kinematics import Kinematics
-    from hums.settings import AnalysisSettings
+
+__all__ = ["main", "print_orders", "print_record"]
+
+
+# ---- Console output of tables of orders and of records ---------------------------------------------------------------
+
+
+def print_orders(table: "pd.DataFrame", *, csv: bool, json: bool) -> None:
+    """Print a table of orders as text, CSV or JSON."""
+    fractions = table["exact"].map(str, na_action="ignore")
+    if csv:
+        spacings = table["sidebands"].map(lambda row: " ".join(map(str, row)))
+        typer.echo(table.assign(sidebands=spacings).to_csv(index=False), nl=False)
+    elif json:
+        spacings = table["sidebands"].map(lambda row: [float(spacing) for spacing in row])
+        plain = table.assign(exact=fractions, sidebands=spacings)
+        typer.echo(plain.to_json(orient="records", double_precision=15))
+    else:
+        plain = table.assign(exact=fractions.fillna("")).drop(columns="sidebands")
+        typer.echo(plain.to_string(index=False, formatters={"order": "{:.6f}".format}))
+
+
+def print_record(record: "xr.Dataset") -> None:
+    """Print what a record holds, a line for each channel and tachometer."""
+    from hums.records.record import nominal_speed, sampling, speed_percentiles, tachometers, vibration_channels  # noqa: PLC0415
+
+    for label, key in (("machine", "machine"), ("recorded at", "recorded_at")):
+        if record.attrs.get(key):
+            typer.echo(f"{label:<12} {record.attrs[key]}")
+    for name in vibration_channels(record):
+        when, attrs = sampling(record, name), record[name].attrs
+        where = "".join(f", {attrs[key]}" for key in ("sensor", "direction") if key in attrs)
+        typer.echo(
+            f"{'channel':<12} {name}: {when.count} samples at {when.rate_hz:g} Hz, "
+            f"{when.count / when.rate_hz:.3f} s from {when.start_s:g} s, in {attrs['units']}{where}"
+        )
+    for name in tachometers(record):
+        attrs, speeds = record[name].attrs, speed_percentiles(record[name])
+        about = "" if speeds is None else ", about {:.4g} rev/s (98 % of revolutions {:.4g} to {:.4g})".format(*speeds)
+        typer.echo(
+            f"{'tachometer':<12} {name}: {record[name].size} pulses, {attrs['pulses_per_rev']} a revolution of "
+            f"{attrs['shaft']}{about}"
+        )
+    declared = nominal_speed(record)
+    if declared is not None:
+        typer.echo(f"{'speed':<12} {float(declared) * 60:g} rpm of {declared.attrs['shaft']}, declared (nominal)")
+    truth = [str(name) for name in record.data_vars if str(name).startswith("truth_")]
+    if truth:
+        typer.echo(f"{'truth':<12} {', '.join(truth)}")
+
+
+# ---- Cli -------------------------------------------------------------------------------------------------------------
+
 
 app = typer.Typer(
     name="hums",
@@ -88,9 +140,9 @@ def orders(
     ] = None,
 ) -> None:
     """Print the defect orders of a gearbox."""
-    from hums.gearbox import load_gearbox  # noqa: PLC0415
-    from hums.kinematics import solve_kinematics  # noqa: PLC0415
-    from hums.orders import defect_orders  # noqa: PLC0415
+    from hums.gearbox.kinematics import solve_kinematics  # noqa: PLC0415
+    from hums.gearbox.model import load_gearbox  # noqa: PLC0415
+    from hums.gearbox.orders import defect_orders  # noqa: PLC0415
 
     if csv and json:
         raise ValueError("--csv and --json are both given; keep one.")
@@ -116,7 +168,7 @@ def schema(
     import json  # noqa: PLC0415
 
     from data_synth.schema import plan_schema, scene_schema  # noqa: PLC0415
-    from hums.schema import gearbox_schema  # noqa: PLC0415
+    from hums.gearbox.model import gearbox_schema  # noqa: PLC0415
 
     gearbox = gearbox_schema()
     schemas = {"gearbox": lambda: gearbox, "scene": lambda: scene_schema(gearbox), "plan": plan_schema}
@@ -150,7 +202,7 @@ def convert(
 ) -> None:
     """Turn another program's file into a record."""
     from hums.readers import convert as read  # noqa: PLC0415
-    from hums.store import save_record  # noqa: PLC0415
+    from hums.records.store import save_record  # noqa: PLC0415
 
     if source.exists() and target.exists() and source.samefile(target):
         raise ValueError(f"{target}: the record would overwrite its own source, {source}; name another target.")
@@ -179,7 +231,7 @@ def convert(
 @app.command()
 def info(record: Annotated[Path, typer.Argument(help="A record, .h5.")]) -> None:
     """Print what is inside a record."""
-    from hums.store import open_record  # noqa: PLC0415
+    from hums.records.store import open_record  # noqa: PLC0415
 
     with open_record(record) as opened:
         print_record(opened)
@@ -208,12 +260,11 @@ def analyze(
     track_bandwidth: Annotated[float | None, typer.Option(help="Bandwidth of amplitude tracks, orders.")] = None,
 ) -> None:
     """Analyse a record and write the report."""
-    from hums.analysis import analyze as run  # noqa: PLC0415
-    from hums.gearbox import load_gearbox  # noqa: PLC0415
-    from hums.layout import open_analysis  # noqa: PLC0415
+    from hums.analysis.analyze import analyze as run  # noqa: PLC0415
+    from hums.analysis.result import open_analysis, summary  # noqa: PLC0415
+    from hums.gearbox.model import load_gearbox  # noqa: PLC0415
+    from hums.records.store import open_record  # noqa: PLC0415
     from hums.report import prepare_folder, write_report  # noqa: PLC0415
-    from hums.store import open_record  # noqa: PLC0415
-    from hums.tables import summary  # noqa: PLC0415
 
     settings = _settings(
         channels=tuple(channel) if channel else None,
@@ -259,8 +310,8 @@ def synth(
     """Make a synthetic record with its truth."""
     from data_synth import explain as explained  # noqa: PLC0415
     from data_synth import simulate  # noqa: PLC0415
-    from data_synth.room import refuse_too_large  # noqa: PLC0415
-    from hums.store import save_record  # noqa: PLC0415
+    from data_synth.cost import refuse_too_large  # noqa: PLC0415
+    from hums.records.store import save_record  # noqa: PLC0415
 
     if explain:
         typer.echo(str(explained(scene)))
@@ -311,7 +362,7 @@ def fleet(
     scheduler: Scheduler = None,
 ) -> None:
     """Analyse many records into one table with its trends; the same again goes on, with new records too."""
-    from hums.fleet import analyze_fleet  # noqa: PLC0415
+    from hums.fleet.fleet import analyze_fleet  # noqa: PLC0415
 
     settings = _settings(
         channels=tuple(channel) if channel else None,
@@ -348,13 +399,13 @@ def demo(
 ) -> None:
     """Simulate a gearbox with a cracked tooth and an inner-race fault, analyse it, and compare with the truth."""
     from data_synth import load_scene, simulate  # noqa: PLC0415
-    from hums.analysis import AnalysisSettings  # noqa: PLC0415
-    from hums.analysis import analyze as run  # noqa: PLC0415
-    from hums.gearbox import load_gearbox  # noqa: PLC0415
+    from hums.analysis.analyze import AnalysisSettings  # noqa: PLC0415
+    from hums.analysis.analyze import analyze as run  # noqa: PLC0415
+    from hums.analysis.result import findings_table  # noqa: PLC0415
+    from hums.analysis.score import score  # noqa: PLC0415
+    from hums.gearbox.model import load_gearbox  # noqa: PLC0415
+    from hums.records.store import open_record, save_record  # noqa: PLC0415
     from hums.report import prepare_folder, write_report  # noqa: PLC0415
-    from hums.scoring import score  # noqa: PLC0415
-    from hums.store import open_record, save_record  # noqa: PLC0415
-    from hums.tables import findings_table  # noqa: PLC0415
 
     scene = load_scene("demo")
     prepare_folder(out)
@@ -419,7 +470,7 @@ def _workers(count: int | None, scheduler: str | None) -> "Workers":
 
 def _settings(*, no_envelope: bool, **chosen: Any) -> "AnalysisSettings":  # noqa: ANN401  (each option keeps its own type)
     """Return the settings given by options; the others keep their defaults."""
-    from hums.settings import AnalysisSettings  # noqa: PLC0415
+    from hums.analysis.settings import AnalysisSettings  # noqa: PLC0415
 
     if chosen["envelope_band_hz"] and no_envelope:
         raise ValueError("--envelope-band and --no-envelope are both given; keep one.")

@@ -1,7 +1,7 @@
 """Jobs that write one file each: in this process, in several, or on a Dask cluster.
 
 A run that was stopped at any instant resumes: the same call again writes the files that are missing. For that, the
-function has to write its file atomically, as `hums.store` does, and the file may depend on its item alone.
+function has to write its file atomically, as `hums.records.store` does, and the file may depend on its item alone.
 """
 
 import os
@@ -17,7 +17,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from hums.store import remove_partial_files
+from hums.records.store import remove_partial_files
 
 __all__ = ["Cluster", "Job", "JobError", "Processes", "Serial", "Tally", "Workers", "run_jobs"]
 

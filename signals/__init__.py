@@ -7,178 +7,178 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from signals.averaging import RunningAverage as RunningAverage
-    from signals.averaging import SynchronousAverage as SynchronousAverage
-    from signals.averaging import synchronous_average as synchronous_average
-    from signals.bands import Band as Band
-    from signals.bands import choose_band as choose_band
-    from signals.combs import CombAdvice as CombAdvice
-    from signals.combs import HuntingPeriod as HuntingPeriod
-    from signals.combs import comb_gain as comb_gain
-    from signals.combs import hunting_period as hunting_period
-    from signals.combs import quietest_revolutions as quietest_revolutions
-    from signals.cyclostationary import CyclicSpectrum as CyclicSpectrum
-    from signals.cyclostationary import SpectralCorrelation as SpectralCorrelation
-    from signals.cyclostationary import enhanced_envelope_spectrum as enhanced_envelope_spectrum
-    from signals.cyclostationary import improved_envelope_spectrum as improved_envelope_spectrum
-    from signals.cyclostationary import spectral_correlation as spectral_correlation
-    from signals.envelope import envelope_order_spectrum as envelope_order_spectrum
-    from signals.envelope import envelope_spectrum as envelope_spectrum
-    from signals.envelope import stream_envelope as stream_envelope
+    from signals.angle.averaging import CombAdvice as CombAdvice
+    from signals.angle.averaging import HuntingPeriod as HuntingPeriod
+    from signals.angle.averaging import RunningAverage as RunningAverage
+    from signals.angle.averaging import SynchronousAverage as SynchronousAverage
+    from signals.angle.averaging import comb_gain as comb_gain
+    from signals.angle.averaging import hunting_period as hunting_period
+    from signals.angle.averaging import quietest_revolutions as quietest_revolutions
+    from signals.angle.averaging import synchronous_average as synchronous_average
+    from signals.angle.planets import PassAngle as PassAngle
+    from signals.angle.planets import PassWindow as PassWindow
+    from signals.angle.planets import PlanetaryTeeth as PlanetaryTeeth
+    from signals.angle.planets import WindowedAverage as WindowedAverage
+    from signals.angle.planets import pass_angle as pass_angle
+    from signals.angle.planets import planet_average as planet_average
+    from signals.angle.planets import sun_average as sun_average
+    from signals.angle.residual import DifferenceSignal as DifferenceSignal
+    from signals.angle.residual import MeshBand as MeshBand
+    from signals.angle.residual import RegularSignal as RegularSignal
+    from signals.angle.residual import ResidualSignal as ResidualSignal
+    from signals.angle.residual import difference_signal as difference_signal
+    from signals.angle.residual import mesh_band as mesh_band
+    from signals.angle.residual import regular_signal as regular_signal
+    from signals.angle.residual import residual_signal as residual_signal
+    from signals.demodulation.band_selection import Band as Band
+    from signals.demodulation.band_selection import choose_band as choose_band
+    from signals.demodulation.envelope import envelope_order_spectrum as envelope_order_spectrum
+    from signals.demodulation.envelope import envelope_spectrum as envelope_spectrum
+    from signals.demodulation.envelope import stream_envelope as stream_envelope
+    from signals.demodulation.kurtogram import Kurtogram as Kurtogram
+    from signals.demodulation.kurtogram import SpectralKurtosis as SpectralKurtosis
+    from signals.demodulation.kurtogram import fast_kurtogram as fast_kurtogram
+    from signals.demodulation.kurtogram import spectral_kurtosis as spectral_kurtosis
+    from signals.demodulation.separation import CepstrumPrewhitening as CepstrumPrewhitening
+    from signals.demodulation.separation import DiscreteRandomSeparation as DiscreteRandomSeparation
+    from signals.demodulation.separation import LinearPrediction as LinearPrediction
+    from signals.demodulation.separation import PredictionOrders as PredictionOrders
+    from signals.demodulation.separation import SeparatedSignal as SeparatedSignal
+    from signals.demodulation.separation import cepstrum_prewhitening as cepstrum_prewhitening
+    from signals.demodulation.separation import discrete_random_separation as discrete_random_separation
+    from signals.demodulation.separation import linear_prediction as linear_prediction
+    from signals.demodulation.separation import prediction_orders as prediction_orders
     from signals.harmonics import OrderTracks as OrderTracks
     from signals.harmonics import track_orders as track_orders
-    from signals.harmonics.likelihood import likely_bandwidth as likely_bandwidth
+    from signals.harmonics.bandwidth_selection import likely_bandwidth as likely_bandwidth
     from signals.health import SensorHealth as SensorHealth
     from signals.health import sensor_health as sensor_health
     from signals.indicators import INDICATORS as INDICATORS
     from signals.indicators import VarianceHistory as VarianceHistory
-    from signals.integration import Integrated as Integrated
-    from signals.integration import displacement as displacement
-    from signals.integration import velocity as velocity
-    from signals.kurtogram import Kurtogram as Kurtogram
-    from signals.kurtogram import SpectralKurtosis as SpectralKurtosis
-    from signals.kurtogram import fast_kurtogram as fast_kurtogram
-    from signals.kurtogram import spectral_kurtosis as spectral_kurtosis
-    from signals.lines import Line as Line
-    from signals.lines import find_line as find_line
-    from signals.order_map import OrderMap as OrderMap
-    from signals.order_map import map_orders as map_orders
-    from signals.phase import ShaftPhase as ShaftPhase
-    from signals.phase import constant_speed as constant_speed
-    from signals.phase_demodulation import RefinedPhase as RefinedPhase
-    from signals.phase_demodulation import refine_phase as refine_phase
-    from signals.planet_averaging import WindowedAverage as WindowedAverage
-    from signals.planet_averaging import planet_average as planet_average
-    from signals.planet_averaging import sun_average as sun_average
-    from signals.planet_passes import PassAngle as PassAngle
-    from signals.planet_passes import PassWindow as PassWindow
-    from signals.planet_passes import PlanetaryTeeth as PlanetaryTeeth
-    from signals.planet_passes import pass_angle as pass_angle
-    from signals.pulses import PulseTrain as PulseTrain
-    from signals.pulses import pulse_times as pulse_times
-    from signals.quadrature import QuadratureEdges as QuadratureEdges
-    from signals.quadrature import quadrature_direction as quadrature_direction
-    from signals.repairs import PulseRepairs as PulseRepairs
-    from signals.resampling import AngularSignal as AngularSignal
-    from signals.resampling import TimeSignal as TimeSignal
-    from signals.resampling import angular_resample as angular_resample
-    from signals.resampling import time_resample as time_resample
-    from signals.resampling_stream import AngularStream as AngularStream
-    from signals.resampling_stream import angular_blocks as angular_blocks
-    from signals.residues import DifferenceSignal as DifferenceSignal
-    from signals.residues import MeshBand as MeshBand
-    from signals.residues import RegularSignal as RegularSignal
-    from signals.residues import ResidualSignal as ResidualSignal
-    from signals.residues import difference_signal as difference_signal
-    from signals.residues import mesh_band as mesh_band
-    from signals.residues import regular_signal as regular_signal
-    from signals.residues import residual_signal as residual_signal
-    from signals.separation import CepstrumPrewhitening as CepstrumPrewhitening
-    from signals.separation import DiscreteRandomSeparation as DiscreteRandomSeparation
-    from signals.separation import LinearPrediction as LinearPrediction
-    from signals.separation import PredictionOrders as PredictionOrders
-    from signals.separation import SeparatedSignal as SeparatedSignal
-    from signals.separation import cepstrum_prewhitening as cepstrum_prewhitening
-    from signals.separation import discrete_random_separation as discrete_random_separation
-    from signals.separation import linear_prediction as linear_prediction
-    from signals.separation import prediction_orders as prediction_orders
-    from signals.smoothing import PhaseSmoothing as PhaseSmoothing
-    from signals.spectra import AmplitudeSpectrum as AmplitudeSpectrum
-    from signals.spectra import AveragedSpectrum as AveragedSpectrum
-    from signals.spectra import amplitude_spectrum as amplitude_spectrum
-    from signals.spectra import averaged_order_spectrum as averaged_order_spectrum
-    from signals.spectra import averaged_spectrum as averaged_spectrum
-    from signals.spectra import order_spectrum as order_spectrum
-    from signals.speed import SpeedEstimate as SpeedEstimate
-    from signals.speed import estimate_speed as estimate_speed
-    from signals.tachometer import shaft_phase as shaft_phase
+    from signals.resampling.resampling import AngularSignal as AngularSignal
+    from signals.resampling.resampling import TimeSignal as TimeSignal
+    from signals.resampling.resampling import angular_resample as angular_resample
+    from signals.resampling.resampling import time_resample as time_resample
+    from signals.resampling.stream import AngularStream as AngularStream
+    from signals.resampling.stream import angular_blocks as angular_blocks
+    from signals.shaft.phase import ShaftPhase as ShaftPhase
+    from signals.shaft.phase import constant_speed as constant_speed
+    from signals.shaft.phase_demodulation import RefinedPhase as RefinedPhase
+    from signals.shaft.phase_demodulation import refine_phase as refine_phase
+    from signals.shaft.phase_smoothing import PhaseSmoothing as PhaseSmoothing
+    from signals.shaft.pulse_repair import PulseRepairs as PulseRepairs
+    from signals.shaft.pulses import PulseTrain as PulseTrain
+    from signals.shaft.pulses import QuadratureEdges as QuadratureEdges
+    from signals.shaft.pulses import pulse_times as pulse_times
+    from signals.shaft.pulses import quadrature_direction as quadrature_direction
+    from signals.shaft.tacholess import SpeedEstimate as SpeedEstimate
+    from signals.shaft.tacholess import estimate_speed as estimate_speed
+    from signals.shaft.tachometer import shaft_phase as shaft_phase
+    from signals.spectra.cyclostationary import CyclicSpectrum as CyclicSpectrum
+    from signals.spectra.cyclostationary import SpectralCorrelation as SpectralCorrelation
+    from signals.spectra.cyclostationary import enhanced_envelope_spectrum as enhanced_envelope_spectrum
+    from signals.spectra.cyclostationary import improved_envelope_spectrum as improved_envelope_spectrum
+    from signals.spectra.cyclostationary import spectral_correlation as spectral_correlation
+    from signals.spectra.integration import Integrated as Integrated
+    from signals.spectra.integration import displacement as displacement
+    from signals.spectra.integration import velocity as velocity
+    from signals.spectra.lines import Line as Line
+    from signals.spectra.lines import find_line as find_line
+    from signals.spectra.order_map import OrderMap as OrderMap
+    from signals.spectra.order_map import map_orders as map_orders
+    from signals.spectra.spectra import AmplitudeSpectrum as AmplitudeSpectrum
+    from signals.spectra.spectra import AveragedSpectrum as AveragedSpectrum
+    from signals.spectra.spectra import amplitude_spectrum as amplitude_spectrum
+    from signals.spectra.spectra import averaged_order_spectrum as averaged_order_spectrum
+    from signals.spectra.spectra import averaged_spectrum as averaged_spectrum
+    from signals.spectra.spectra import order_spectrum as order_spectrum
 
 _HOME = {
-    "AmplitudeSpectrum": "signals.spectra",
-    "AngularSignal": "signals.resampling",
-    "AngularStream": "signals.resampling_stream",
-    "AveragedSpectrum": "signals.spectra",
-    "Band": "signals.bands",
-    "CepstrumPrewhitening": "signals.separation",
-    "CombAdvice": "signals.combs",
-    "CyclicSpectrum": "signals.cyclostationary",
-    "DifferenceSignal": "signals.residues",
-    "DiscreteRandomSeparation": "signals.separation",
-    "HuntingPeriod": "signals.combs",
+    "AmplitudeSpectrum": "signals.spectra.spectra",
+    "AngularSignal": "signals.resampling.resampling",
+    "AngularStream": "signals.resampling.stream",
+    "AveragedSpectrum": "signals.spectra.spectra",
+    "Band": "signals.demodulation.band_selection",
+    "CepstrumPrewhitening": "signals.demodulation.separation",
+    "CombAdvice": "signals.angle.averaging",
+    "CyclicSpectrum": "signals.spectra.cyclostationary",
+    "DifferenceSignal": "signals.angle.residual",
+    "DiscreteRandomSeparation": "signals.demodulation.separation",
+    "HuntingPeriod": "signals.angle.averaging",
     "INDICATORS": "signals.indicators",
-    "Integrated": "signals.integration",
-    "Kurtogram": "signals.kurtogram",
-    "Line": "signals.lines",
-    "LinearPrediction": "signals.separation",
-    "MeshBand": "signals.residues",
-    "OrderMap": "signals.order_map",
+    "Integrated": "signals.spectra.integration",
+    "Kurtogram": "signals.demodulation.kurtogram",
+    "Line": "signals.spectra.lines",
+    "LinearPrediction": "signals.demodulation.separation",
+    "MeshBand": "signals.angle.residual",
+    "OrderMap": "signals.spectra.order_map",
     "OrderTracks": "signals.harmonics",
-    "PassAngle": "signals.planet_passes",
-    "PassWindow": "signals.planet_passes",
-    "PhaseSmoothing": "signals.smoothing",
-    "PlanetaryTeeth": "signals.planet_passes",
-    "PredictionOrders": "signals.separation",
-    "PulseRepairs": "signals.repairs",
-    "PulseTrain": "signals.pulses",
-    "QuadratureEdges": "signals.quadrature",
-    "RefinedPhase": "signals.phase_demodulation",
-    "RegularSignal": "signals.residues",
-    "ResidualSignal": "signals.residues",
-    "RunningAverage": "signals.averaging",
+    "PassAngle": "signals.angle.planets",
+    "PassWindow": "signals.angle.planets",
+    "PhaseSmoothing": "signals.shaft.phase_smoothing",
+    "PlanetaryTeeth": "signals.angle.planets",
+    "PredictionOrders": "signals.demodulation.separation",
+    "PulseRepairs": "signals.shaft.pulse_repair",
+    "PulseTrain": "signals.shaft.pulses",
+    "QuadratureEdges": "signals.shaft.pulses",
+    "RefinedPhase": "signals.shaft.phase_demodulation",
+    "RegularSignal": "signals.angle.residual",
+    "ResidualSignal": "signals.angle.residual",
+    "RunningAverage": "signals.angle.averaging",
     "SensorHealth": "signals.health",
-    "SeparatedSignal": "signals.separation",
-    "ShaftPhase": "signals.phase",
-    "SpectralCorrelation": "signals.cyclostationary",
-    "SpectralKurtosis": "signals.kurtogram",
-    "SpeedEstimate": "signals.speed",
-    "SynchronousAverage": "signals.averaging",
-    "TimeSignal": "signals.resampling",
+    "SeparatedSignal": "signals.demodulation.separation",
+    "ShaftPhase": "signals.shaft.phase",
+    "SpectralCorrelation": "signals.spectra.cyclostationary",
+    "SpectralKurtosis": "signals.demodulation.kurtogram",
+    "SpeedEstimate": "signals.shaft.tacholess",
+    "SynchronousAverage": "signals.angle.averaging",
+    "TimeSignal": "signals.resampling.resampling",
     "VarianceHistory": "signals.indicators",
-    "WindowedAverage": "signals.planet_averaging",
-    "amplitude_spectrum": "signals.spectra",
-    "angular_blocks": "signals.resampling_stream",
-    "angular_resample": "signals.resampling",
-    "averaged_order_spectrum": "signals.spectra",
-    "averaged_spectrum": "signals.spectra",
-    "cepstrum_prewhitening": "signals.separation",
-    "choose_band": "signals.bands",
-    "comb_gain": "signals.combs",
-    "constant_speed": "signals.phase",
-    "difference_signal": "signals.residues",
-    "discrete_random_separation": "signals.separation",
-    "displacement": "signals.integration",
-    "enhanced_envelope_spectrum": "signals.cyclostationary",
-    "envelope_order_spectrum": "signals.envelope",
-    "envelope_spectrum": "signals.envelope",
-    "estimate_speed": "signals.speed",
-    "fast_kurtogram": "signals.kurtogram",
-    "find_line": "signals.lines",
-    "hunting_period": "signals.combs",
-    "improved_envelope_spectrum": "signals.cyclostationary",
-    "likely_bandwidth": "signals.harmonics.likelihood",
-    "linear_prediction": "signals.separation",
-    "map_orders": "signals.order_map",
-    "mesh_band": "signals.residues",
-    "order_spectrum": "signals.spectra",
-    "pass_angle": "signals.planet_passes",
-    "planet_average": "signals.planet_averaging",
-    "prediction_orders": "signals.separation",
-    "pulse_times": "signals.pulses",
-    "quadrature_direction": "signals.quadrature",
-    "quietest_revolutions": "signals.combs",
-    "refine_phase": "signals.phase_demodulation",
-    "regular_signal": "signals.residues",
-    "residual_signal": "signals.residues",
+    "WindowedAverage": "signals.angle.planets",
+    "amplitude_spectrum": "signals.spectra.spectra",
+    "angular_blocks": "signals.resampling.stream",
+    "angular_resample": "signals.resampling.resampling",
+    "averaged_order_spectrum": "signals.spectra.spectra",
+    "averaged_spectrum": "signals.spectra.spectra",
+    "cepstrum_prewhitening": "signals.demodulation.separation",
+    "choose_band": "signals.demodulation.band_selection",
+    "comb_gain": "signals.angle.averaging",
+    "constant_speed": "signals.shaft.phase",
+    "difference_signal": "signals.angle.residual",
+    "discrete_random_separation": "signals.demodulation.separation",
+    "displacement": "signals.spectra.integration",
+    "enhanced_envelope_spectrum": "signals.spectra.cyclostationary",
+    "envelope_order_spectrum": "signals.demodulation.envelope",
+    "envelope_spectrum": "signals.demodulation.envelope",
+    "estimate_speed": "signals.shaft.tacholess",
+    "fast_kurtogram": "signals.demodulation.kurtogram",
+    "find_line": "signals.spectra.lines",
+    "hunting_period": "signals.angle.averaging",
+    "improved_envelope_spectrum": "signals.spectra.cyclostationary",
+    "likely_bandwidth": "signals.harmonics.bandwidth_selection",
+    "linear_prediction": "signals.demodulation.separation",
+    "map_orders": "signals.spectra.order_map",
+    "mesh_band": "signals.angle.residual",
+    "order_spectrum": "signals.spectra.spectra",
+    "pass_angle": "signals.angle.planets",
+    "planet_average": "signals.angle.planets",
+    "prediction_orders": "signals.demodulation.separation",
+    "pulse_times": "signals.shaft.pulses",
+    "quadrature_direction": "signals.shaft.pulses",
+    "quietest_revolutions": "signals.angle.averaging",
+    "refine_phase": "signals.shaft.phase_demodulation",
+    "regular_signal": "signals.angle.residual",
+    "residual_signal": "signals.angle.residual",
     "sensor_health": "signals.health",
-    "shaft_phase": "signals.tachometer",
-    "spectral_correlation": "signals.cyclostationary",
-    "spectral_kurtosis": "signals.kurtogram",
-    "stream_envelope": "signals.envelope",
-    "sun_average": "signals.planet_averaging",
-    "synchronous_average": "signals.averaging",
-    "time_resample": "signals.resampling",
+    "shaft_phase": "signals.shaft.tachometer",
+    "spectral_correlation": "signals.spectra.cyclostationary",
+    "spectral_kurtosis": "signals.demodulation.kurtogram",
+    "stream_envelope": "signals.demodulation.envelope",
+    "sun_average": "signals.angle.planets",
+    "synchronous_average": "signals.angle.averaging",
+    "time_resample": "signals.resampling.resampling",
     "track_orders": "signals.harmonics",
-    "velocity": "signals.integration",
+    "velocity": "signals.spectra.integration",
 }
 __all__ = sorted(_HOME)  # noqa: PLE0605
 

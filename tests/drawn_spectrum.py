@@ -5,7 +5,7 @@ The noise is Gaussian, so its power is exponentially distributed about the level
 
 import numpy as np
 
-from signals.spectra import AmplitudeSpectrum, amplitude_spectrum
+from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum
 
 PER_REV = 64
 REVOLUTIONS = 64

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from data_synth.integrate import CoupledReference, Load, Output, Problem
-from data_synth.mechanics import Mesh, System
-from data_synth.profile import ShaftAngle
+from data_synth.dynamics.system import Mesh, System
+from data_synth.integrators.problem import CoupledReference, Load, Output, Problem
+from data_synth.operation.shaft_angle import ShaftAngle
 
 MASSES = np.array([5.4221023337128938, 0.011246309345072218, 16.605188396995737, 0.10547808100593123])
 RADII = (0.064407457476496844, 0.11271305058386948)
@@ -118,7 +118,7 @@ def worst(values, reference):
 
 
 def by_scipy(problem, read, *, relative=1e-9, absolute=1e-14, method="DOP853"):
-    """Read displacements and velocities of the equations as `data_synth.mechanics` writes them, solved by scipy.
+    """Read displacements and velocities of the equations as `data_synth.dynamics.system` writes them, solved by scipy.
 
     It knows nothing of modes, jumps or contacts, and finds its way by making its steps smaller.
     """

@@ -1,6 +1,6 @@
 """Figures: functions that draw on given matplotlib Axes, and functions that write a figure as SVG text or a file."""
 
-from hums.plots.chart import speed_order_chart
+from hums.plots.analysis import plot_spectrum, plot_speed, plot_tracks
 from hums.plots.dynamics import (
     plot_campbell,
     plot_frequencies,
@@ -9,9 +9,9 @@ from hums.plots.dynamics import (
     plot_multipliers,
     plot_stability_map,
 )
-from hums.plots.figures import save_figure, svg
+from hums.plots.export import save_figure, svg
 from hums.plots.graph import mechanism_graph
-from hums.plots.records import plot_spectrum, plot_speed, plot_tracks
+from hums.plots.speed_chart import speed_order_chart
 from hums.plots.style import KIND_COLOURS
 from hums.plots.velocities import velocity_diagram
 

@@ -13,9 +13,9 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from hums.kinematics import Kinematics
+from hums.gearbox.kinematics import Kinematics
+from hums.plots.graph_layout import LayoutProblem, inside, place, ring
 from hums.plots.labels import LabelSpace, apply_layout, point_size
-from hums.plots.placing import LayoutProblem, inside, place, ring
 from hums.plots.style import FAINT, INK, TRACK_COLOURS, minus
 
 _SHADE = "#64748b"

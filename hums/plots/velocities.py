@@ -11,7 +11,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 from matplotlib.transforms import Bbox
 
-from hums.kinematics import Kinematics
+from hums.gearbox.kinematics import Kinematics
 from hums.plots.labels import LabelSpace, apply_layout, point_size
 from hums.plots.style import FAINT, INK, LINE, MARK, minus
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hums.readers.clocks import check_time_column, rate_hz_of, start_and_epoch
-from hums.readers.foreign import Field, ForeignFile, Stated
-from hums.record import (
+from hums.readers.columns import Field, ForeignFile, Stated
+from hums.readers.time_axis import check_time_column, rate_hz_of, start_and_epoch
+from hums.records.record import (
     UNITS,
     Angle,
     Channel,
@@ -26,7 +26,7 @@ from hums.record import (
     UnknownAngle,
     make_record,
 )
-from hums.store import existing_file
+from hums.records.store import existing_file
 
 if TYPE_CHECKING:
     from datetime import datetime

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.record import RecordError
+from hums.records.record import RecordError
 
 if TYPE_CHECKING:
     import pandas as pd

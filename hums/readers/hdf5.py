@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hums.readers.foreign import Field, Stated
-from hums.record import SCHEMA, RecordError
-from hums.store import open_hdf5
+from hums.readers.columns import Field, Stated
+from hums.records.record import SCHEMA, RecordError
+from hums.records.store import open_hdf5
 
 __all__ = ["read"]
 

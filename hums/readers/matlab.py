@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.record import RecordError
-from hums.store import is_hdf5, open_hdf5
+from hums.records.record import RecordError
+from hums.records.store import is_hdf5, open_hdf5
 
 __all__ = ["read"]
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hums.readers.foreign import Field, Stated, rate_of_step
-from hums.record import RecordError
+from hums.readers.columns import Field, Stated, rate_of_step
+from hums.records.record import RecordError
 
 __all__ = ["read"]
 

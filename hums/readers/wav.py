@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.record import RecordError
+from hums.records.record import RecordError
 
 __all__ = ["read"]
 

@@ -11,14 +11,22 @@ from typing import Any
 import xarray as xr
 from jinja2 import Environment, StrictUndefined
 
-from hums.findings import DIAGNOSED
-from hums.layout import Analysis, check_analysis, group, save_analysis
-from hums.orders import BEARING_KINDS
+from hums.analysis.findings import DIAGNOSED
+from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
+from hums.analysis.result import (
+    Analysis,
+    check_analysis,
+    envelope_bands,
+    group,
+    indicator_table,
+    line_table,
+    save_analysis,
+    summary,
+)
+from hums.gearbox.orders import BEARING_KINDS
 from hums.plots import plot_spectrum, plot_speed, plot_tracks, svg
+from hums.records.store import atomic_write
 from hums.report.indicators import indicator_tables
-from hums.search import ENVELOPE, ORDER_SPECTRUM
-from hums.store import atomic_write
-from hums.tables import envelope_bands, indicator_table, line_table, summary
 
 
 def prepare_folder(folder: str | Path) -> Path:

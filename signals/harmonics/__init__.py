@@ -8,9 +8,7 @@ if TYPE_CHECKING:
     from signals.harmonics.bandwidth import isolated_std as isolated_std
     from signals.harmonics.bandwidth import process_variance as process_variance
     from signals.harmonics.bandwidth import smoother_bandwidth as smoother_bandwidth
-    from signals.harmonics.likelihood import likely_bandwidth as likely_bandwidth
-    from signals.harmonics.slip import SlippingTrack as SlippingTrack
-    from signals.harmonics.slip import track_slipping_order as track_slipping_order
+    from signals.harmonics.bandwidth_selection import likely_bandwidth as likely_bandwidth
     from signals.harmonics.stream import OrderTracker as OrderTracker
     from signals.harmonics.tracker import track_orders as track_orders
     from signals.harmonics.tracks import OrderTracks as OrderTracks
@@ -18,21 +16,23 @@ if TYPE_CHECKING:
     from signals.harmonics.vold_kalman import vold_kalman_filter as vold_kalman_filter
     from signals.harmonics.waveform import order_waveform as order_waveform
     from signals.harmonics.waveform import residual_record as residual_record
+    from signals.slipping_order.tracker import SlippingTrack as SlippingTrack
+    from signals.slipping_order.tracker import track_slipping_order as track_slipping_order
 
 _HOME = {
     "Bandwidth": "signals.harmonics.bandwidth",
     "OrderTracks": "signals.harmonics.tracks",
     "OrderTracker": "signals.harmonics.stream",
     "OutputFlag": "signals.harmonics.tracks",
-    "SlippingTrack": "signals.harmonics.slip",
+    "SlippingTrack": "signals.slipping_order.tracker",
     "isolated_std": "signals.harmonics.bandwidth",
-    "likely_bandwidth": "signals.harmonics.likelihood",
+    "likely_bandwidth": "signals.harmonics.bandwidth_selection",
     "order_waveform": "signals.harmonics.waveform",
     "process_variance": "signals.harmonics.bandwidth",
     "residual_record": "signals.harmonics.waveform",
     "smoother_bandwidth": "signals.harmonics.bandwidth",
     "track_orders": "signals.harmonics.tracker",
-    "track_slipping_order": "signals.harmonics.slip",
+    "track_slipping_order": "signals.slipping_order.tracker",
     "vold_kalman_filter": "signals.harmonics.vold_kalman",
 }
 __all__ = sorted(_HOME)  # noqa: PLE0605

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._checks import choice, positive, whole
+from signals._validation import choice, positive, whole
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

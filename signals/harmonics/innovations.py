@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics.inputs import SMALLEST
+from signals.harmonics._validation import SMALLEST
 from signals.harmonics.model import LAGS, Complexes, Estimate, Floats, Patterns
 
 

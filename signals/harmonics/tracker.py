@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from signals._checks import choice, positive, whole
-from signals.harmonics import inputs
+from signals._validation import choice, positive, whole
+from signals.harmonics import _validation
 from signals.harmonics.bandwidth import MOST_POLES
-from signals.harmonics.blocks import block_length, blurs, exact, exact_length, fast, scattered_share
+from signals.harmonics.block_smoother import block_length, blurs, exact, exact_length, fast, scattered_share
 from signals.harmonics.innovations import statistics
 from signals.harmonics.kalman_filter import covariance_filter, ripple, steady_state_filter
 from signals.harmonics.model import PRIOR_STD, Estimate, Estimator, Floats, HarmonicModel, Method, Order, Patterns, lost
@@ -116,16 +116,16 @@ def track_orders(
     >>> print(np.abs(tracks.complex_amplitude[:, 2500]).round(3))
     [0. 2.]
     """
-    record = inputs.check_record(x)
+    record = _validation.check_record(x)
     samples = record.shape[1]
-    order_numbers, shafts, shaft, phases = inputs.check_orders(orders, phase_rad, samples=samples)
-    bandwidth = inputs.check_bandwidth(
+    order_numbers, shafts, shaft, phases = _validation.check_orders(orders, phase_rad, samples=samples)
+    bandwidth = _validation.check_bandwidth(
         bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
         samples_per_rev=samples_per_rev, shaft=shaft, phases=phases,
     )  # fmt: skip
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     choice(method, name="method", choices=("auto", "exact", "fast", "reference"))
-    noise = None if noise_variance is None else inputs.check_noise_variance(noise_variance)
+    noise = None if noise_variance is None else _validation.check_noise_variance(noise_variance)
     prior_std = PRIOR_STD
     if initial_std is not None:
         if noise is None:
@@ -133,7 +133,7 @@ def track_orders(
                 f"initial_std={positive(initial_std, name='initial_std'):g} weighs against the noise, whose variance "
                 "is not given; pass noise_variance too, or neither."
             )
-        prior_std = inputs.check_initial_std(initial_std, noise=noise)
+        prior_std = _validation.check_initial_std(initial_std, noise=noise)
     model = HarmonicModel(
         orders=order_numbers, shaft=shaft, phases=phases, bandwidth=bandwidth.cycles,
         poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=prior_std,
@@ -148,7 +148,7 @@ def track_orders(
         model=model, estimator=estimator, output_every=whole(output_every, name="output_every", least=1),
         coupled=coupled, rtol=rtol, noise_variance=noise_variance, innovations=innovations,
     )  # fmt: skip
-    phase_std = inputs.check_phase_std(phase_std_rad, shafts=shafts, samples=samples)
+    phase_std = _validation.check_phase_std(phase_std_rad, shafts=shafts, samples=samples)
     phase_every = task.output_every if phase_std is not None and phase_std.shape[1] > 1 else 1
     patterns = Patterns.of(record)
     chosen = _choose(method, task, patterns.seen)

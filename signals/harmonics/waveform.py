@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from signals.harmonics import _block_kernels
-from signals.harmonics.grid import pieces_between
-from signals.harmonics.inputs import check_orders, check_record
+from signals.harmonics._validation import check_orders, check_record
+from signals.harmonics.block_grid import pieces_between
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

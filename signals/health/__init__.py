@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from signals._checks import Samples, positive, real_samples
-from signals.health.faults import SensorFault
-from signals.health.levels import jumps
-from signals.health.samples import clipping, dropouts, spikes
+from signals._validation import Samples, positive, real_samples
+from signals.health.samples import SensorFault, clipping, dropouts, jumps, spikes
 from signals.health.spectrum import amplitudes, hum, ski_slope
 
 if TYPE_CHECKING:

@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 from scipy import fft
 
-from signals._checks import Samples
-from signals._plans import forget_plans
-from signals.health.faults import SensorFault, graded
+from signals._fft_plans import forget_plans
+from signals._validation import Samples
+from signals.health.samples import SensorFault, graded
 
 _MAINS_HZ = (50.0, 60.0)
 _STRAY_HZ = 0.1  # largest deviation of the grid's frequency in normal operation

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from signals._checks import Array, positive, whole
+from signals._validation import Array, positive, whole
 from signals.indicators._kinds import expect
-from signals.spectra import AmplitudeSpectrum
+from signals.spectra.spectra import AmplitudeSpectrum
 
 _LOBE_BINS = 3.0  # half width of the main lobe of Hann's window, and a bin
 _FEWEST = 8  # points of background, at least

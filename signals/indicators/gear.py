@@ -10,13 +10,13 @@ systems", Acta Polytechnica 45(6).
 
 import numpy as np
 
-from signals._checks import Array, whole
-from signals.averaging import SynchronousAverage
+from signals._validation import Array, whole
+from signals.angle.averaging import SynchronousAverage
+from signals.angle.residual import DifferenceSignal, MeshBand, RegularSignal, ResidualSignal
 from signals.indicators._kinds import expect
 from signals.indicators.history import VarianceHistory
 from signals.indicators.shaft import line_amplitude
 from signals.indicators.statistics import normalized_moment, teager_energy
-from signals.residues import DifferenceSignal, MeshBand, RegularSignal, ResidualSignal
 
 
 def fm0(average: SynchronousAverage, *, teeth: int, harmonics: int) -> float:

@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from signals._checks import positive, whole
-from signals.residues import MeshBand, ResidualSignal
+from signals._validation import positive, whole
+from signals.angle.residual import MeshBand, ResidualSignal
 
 Kind = Literal["residual", "mesh envelope"]
 

@@ -8,12 +8,12 @@ J. Vib. Acoust. 108(2), 165-170: a crack makes the mesh lag and weaken while its
 import numpy as np
 from scipy import fft
 
-from signals._checks import Array
+from signals._validation import Array
+from signals.angle.residual import MeshBand
 from signals.indicators._kinds import expect
 from signals.indicators.gear import over_history
 from signals.indicators.history import VarianceHistory
 from signals.indicators.statistics import normalized_moment
-from signals.residues import MeshBand
 
 
 def narrowband_kurtosis(band: MeshBand) -> float:

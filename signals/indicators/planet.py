@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._checks import Array, whole
-from signals.averaging import SynchronousAverage
+from signals._validation import Array, whole
+from signals.angle.averaging import SynchronousAverage
 from signals.indicators._kinds import expect
 from signals.indicators.shaft import line_amplitude
 

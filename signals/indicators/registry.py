@@ -7,10 +7,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from signals.averaging import SynchronousAverage
+from signals.angle.averaging import SynchronousAverage
+from signals.angle.residual import DifferenceSignal, MeshBand, RegularSignal, ResidualSignal
 from signals.indicators import bearing, gear, mesh, planet, shaft, statistics
-from signals.residues import DifferenceSignal, MeshBand, RegularSignal, ResidualSignal
-from signals.spectra import AmplitudeSpectrum
+from signals.spectra.spectra import AmplitudeSpectrum
 
 Part = Literal["channel", "shaft", "gear", "bearing", "planetary"]
 

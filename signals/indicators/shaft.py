@@ -3,8 +3,8 @@
 Večeř, Kreidl & Šmíd (2005), "Condition indicators for gearbox condition monitoring systems", Acta Polytechnica 45(6).
 """
 
-from signals._checks import whole
-from signals.averaging import SynchronousAverage
+from signals._validation import whole
+from signals.angle.averaging import SynchronousAverage
 from signals.indicators._kinds import expect
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from signals._checks import Array, Samples, real_samples
-from signals.averaging import SynchronousAverage
+from signals._validation import Array, Samples, real_samples
+from signals.angle.averaging import SynchronousAverage
 
 _BLOCK = 2**15
 

@@ -18,8 +18,8 @@ import hums
 from data_synth import PlanError, SceneError, make_dataset, simulate
 from data_synth.plan import parse_plan
 from hums.jobs import Processes, Serial, Tally
-from hums.record import RecordError
-from hums.store import open_record, save_record
+from hums.records.record import RecordError
+from hums.records.store import open_record, save_record
 
 SMALL = """
 records = 7

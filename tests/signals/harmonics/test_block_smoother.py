@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from signals.harmonics import blocks, process_variance, track_orders
+from signals.harmonics import block_smoother, process_variance, track_orders
 
 RATE = 1000.0
 
@@ -61,13 +61,13 @@ def test_blocks_of_the_exact_setting_get_shorter_until_amplitudes_that_move_lose
     x = envelope * np.cos(phase) + np.random.default_rng(0).standard_normal(n.size)
     settings = {"phase_rad": phase, "orders": [1.0, 2.2], "bandwidth_hz": 1e-3, "rate_hz": 1.0, "noise_variance": 1.0}
     settings |= {"poles": 2, "method": "exact", "output_every": 50}
-    assert blocks.LONGEST_EXACT[1] / 1e-3 > 15
+    assert block_smoother.LONGEST_EXACT[1] / 1e-3 > 15
     found = track_orders(x, **settings)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(blocks, "exact_length", lambda *_: 1)
+        patch.setattr(block_smoother, "exact_length", lambda *_: 1)
         single = track_orders(x, **settings)
-        patch.setattr(blocks, "exact_length", lambda *_: 15)
-        patch.setattr(blocks, "LARGEST_DROOP", np.inf)
+        patch.setattr(block_smoother, "exact_length", lambda *_: 15)
+        patch.setattr(block_smoother, "LARGEST_DROOP", np.inf)
         long = track_orders(x, **settings)
     off = [
         np.sqrt(np.mean(np.abs((tracks.complex_amplitude - single.complex_amplitude) / single.std) ** 2))

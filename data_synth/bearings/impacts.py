@@ -1,0 +1,406 @@
+"""Impacts of a rolling-element bearing fault: their times and forces.
+
+The intervals between impacts slip (`data_synth.bearings.impacts`); the force follows from the load at the defect
+(`data_synth.bearings.impacts`).
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from data_synth.operation.shaft_angle import Array
+
+if TYPE_CHECKING:
+    from hums.gearbox.orders import BearingOrders
+
+
+# ---- Slip of a rolling bearing: impacts with independent random intervals, whose errors add up -----------------------
+# The impacts have no exact period: their times deviate like a random walk (Antoni and Randall 2003, J. Vib. Acoust.
+# 125, 282-289).
+
+
+_BLOCK = 4096  # intervals drawn at once
+
+
+class SlipModel(Protocol):
+    """Mean and scatter of the intervals between impacts: `Slip`, or a declared fault."""
+
+    @property
+    def mean_slip(self) -> float:
+        """Relative reduction of the mean rate below that of pure rolling."""
+
+    @property
+    def slip_std(self) -> float:
+        """Standard deviation of an interval over the mean interval."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slip:
+    """Slip as a renewal process: independent Gaussian intervals ``(1 + slip_std g) / (order (1 - mean_slip))``.
+
+    The power spectral density of the impacts at harmonic k of their mean rate is, over that rate, the hyperbolic
+    cotangent of ``(2 pi k slip_std)^2 / 4``: lines broaden into the background as k grows.
+    """
+
+    mean_slip: float = 0.0
+    slip_std: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.slip_std <= 0.1:  # noqa: PLR2004
+            raise ValueError(f"slip_std = {self.slip_std:g}: 0 to 0.1 keeps impacts in their order; lower it")
+        if not self.mean_slip < 1:
+            raise ValueError(f"mean_slip = {self.mean_slip:g}: at 1 nothing rolls; keep it below")
+
+
+def renewal_process(
+    *,
+    order: float,
+    slip: SlipModel,
+    span_rev: tuple[float, float],
+    rng: np.random.Generator,
+    since_rev: float | None = None,
+) -> tuple[Array, int]:
+    """Draw the angles of the reference shaft at which a defect is struck.
+
+    Parameters
+    ----------
+    order : float
+        Impacts per revolution of the reference shaft under pure rolling.
+    slip : Slip or alike
+    span_rev : (float, float)
+        First and last revolution of interest.
+    rng : numpy.random.Generator
+    since_rev : float, optional
+        Revolution from which earlier impacts are drawn too; those within the span do not depend on it.
+
+    Returns
+    -------
+    revolutions : (n,) array
+        Rising: the last impact before the interval, those in it, and the first after it.
+    first : int
+        Number of the first of them: the first within the span has number 0.
+    """
+    first, last = span_rev
+    interval = 1 / (order * (1 - slip.mean_slip))
+    begin, elapsed = first - interval * rng.random(), 0.0
+    drawn = [np.array([begin])]
+    while begin + interval * elapsed <= last:
+        counted = elapsed + np.cumsum(1 + slip.slip_std * rng.standard_normal(_BLOCK))
+        elapsed = float(counted[-1])
+        drawn.append(begin + interval * counted)
+    impacts = np.concatenate(drawn)
+    within = np.searchsorted(impacts, first), np.searchsorted(impacts, last, side="right")
+    impacts = impacts[max(int(within[0]) - 1, 0) : int(within[1]) + 1]
+    before = (
+        _impacts_before(impacts[0], interval, slip, since_rev, rng.spawn(1)[0])
+        if since_rev is not None
+        else np.empty(0)
+    )
+    return np.concatenate([before, impacts]), -1 - before.size
+
+
+def _impacts_before(
+    begin: float, interval: float, slip: SlipModel, since_rev: float, rng: np.random.Generator
+) -> Array:
+    """Return the impacts before `begin`, rising, back to the last one before `since_rev`."""
+    drawn, begin = [np.empty(0)], float(begin)
+    while begin >= since_rev:
+        drawn.insert(0, begin - interval * np.cumsum(1 + slip.slip_std * rng.standard_normal(_BLOCK))[::-1])
+        begin = float(drawn[0][0])
+    impacts = np.concatenate(drawn)
+    return impacts[max(int(np.searchsorted(impacts, since_rev)) - 1, 0) :]
+
+
+# ---- Stribeck's distribution of the load on a bearing over its elements ----------------------------------------------
+
+
+_POINT_CONTACT = 1.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadZone:
+    """Stribeck's distribution: ``(1 - (1 - cos psi) / (2 e)) ** exponent`` within the load zone, zero outside.
+
+    ``e = (1 - cos half_angle) / 2``: 90 degrees without clearance, less with, more under preload. The exponent is 3/2
+    for balls and 10/9 for rollers (Harris 2001, Rolling Bearing Analysis).
+    """
+
+    half_angle_rad: float = math.pi / 2
+    exponent: float = _POINT_CONTACT
+
+    def __post_init__(self) -> None:
+        if not 0 < self.half_angle_rad <= math.pi:
+            raise ValueError(f"half_angle_rad = {self.half_angle_rad:g} is not above 0 and at most pi")
+
+    @classmethod
+    def of(cls, *, distribution: float, exponent: float = _POINT_CONTACT) -> "LoadZone":
+        """Return the load zone of Stribeck's factor e, above 0 and at most 1: 0.5 where half of the ring is loaded."""
+        return cls(half_angle_rad=math.acos(1 - 2 * distribution), exponent=exponent)
+
+    def share(self, angle_rad: ArrayLike) -> Array:
+        """Return the load relative to the largest, at `angle_rad` (n,) from the middle of the zone."""
+        lowest = (1 - math.cos(self.half_angle_rad)) / 2
+        return stribeck_load(angle_rad, distribution=lowest, exponent=self.exponent)
+
+
+def stribeck_load(angle_rad: ArrayLike, *, distribution: float, exponent: float = _POINT_CONTACT) -> Array:
+    """Return the load on an element relative to the largest: ``max(0, 1 - (1 - cos psi) / (2 eps)) ** exponent``.
+
+    Parameters
+    ----------
+    angle_rad : (n,) array
+        psi, from the middle of the load zone, in rad.
+    distribution : float
+        eps: 0.5 where half of the ring is loaded, less with clearance, more with preload.
+    exponent : float
+        3/2 for point contact, 10/9 for line contact.
+    """
+    lowered = (1 - np.cos(np.asarray(angle_rad, dtype=np.float64))) / (2 * distribution)
+    return np.asarray(np.maximum(0.0, 1 - lowered) ** exponent)
+
+
+# ---- Exact position of the parts of a bearing whose defect is struck with slip ---------------------------------------
+# One slip applies to all parts: between two impacts, cage and elements advance by exactly what pure rolling gives them
+# from one to the next, in proportion to the reference shaft. So their position follows from the impacts.
+
+
+KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
+
+
+def defect_order(kind: str, rates: "BearingOrders") -> float:
+    """Return the impacts of a defect in a revolution of the reference shaft under pure rolling.
+
+    Raises
+    ------
+    ValueError
+        An unknown kind, or one that is never struck.
+    """
+    if kind not in KINDS:
+        raise ValueError(f'kind = "{kind}" is no bearing fault; valid: {", ".join(KINDS)}')
+    order = float(getattr(rates, kind))
+    if order == 0:
+        raise ValueError(f'{kind} of "{rates.name}" is never struck: its parts stand still against each other')
+    return order
+
+
+def signed_cage_order(rates: "BearingOrders") -> float:
+    """Return the order of the cage under pure rolling relative to the load zone, signed like those of the rings."""
+    return rates.outer_ring + _sense(rates) * rates.cage_to_outer
+
+
+def _sense(rates: "BearingOrders") -> float:
+    """Return the sense of the inner ring's rotation relative to the outer ring, +1 or -1."""
+    return math.copysign(1.0, rates.inner_ring - rates.outer_ring)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RollingKinematics:
+    """Kinematics of a bearing by the impacts of one defect.
+
+    All turns are seen from the carrier of the bearing, as the load zone is, and signed like those of the reference
+    shaft.
+
+    Attributes
+    ----------
+    kind : {"inner_race", "outer_race", "rolling_element", "cage"}
+    rates : BearingOrders
+        Orders under pure rolling.
+    impacts_rev : (n,) array
+        Revolutions of the reference shaft at the impacts, rising: the last before the interval of interest, those in
+        it, and the first after it.
+    first_number : int
+        Number of the first of them: impact 0 is the first within the record, or nearly so.
+    place_turns : float
+        Place of the defect at revolution zero, in turns from the largest load: that of a ring, or of the cage at impact
+        0 for a defect of an element or of the cage.
+    """
+
+    kind: str
+    rates: "BearingOrders"
+    impacts_rev: Array = field(repr=False, metadata={"dims": ("knot",), "units": "rev"})
+    first_number: int
+    place_turns: float
+
+    def defect_phase(self, revolutions: ArrayLike) -> Array:
+        """Return the phase of the defect in cycles (n,): whole at impacts, linear in the shaft's angle between."""
+        return np.asarray(
+            np.interp(np.asarray(revolutions), self.impacts_rev, self.first_number + np.arange(self.impacts_rev.size))
+        )
+
+    def defect_turns(self, revolutions: ArrayLike) -> Array:
+        """Return the place of the defect in turns (n,), from the largest load."""
+        return self._spot(np.asarray(revolutions, dtype=np.float64), self.defect_phase(revolutions))
+
+    def cage_turns(self, revolutions: ArrayLike) -> Array:
+        """Return the turns of the cage (n,): at whole ones element 1 of Z has the largest load."""
+        return self._cage(np.asarray(revolutions, dtype=np.float64), self.defect_phase(revolutions))
+
+    def element_turns(self, revolutions: ArrayLike) -> Array:
+        """Return the turns (n,) of an element about its own axis, relative to the cage; it meets both races in one."""
+        order = defect_order(self.kind, self.rates)
+        return np.asarray(self.rates.rolling_element / 2 / order * self.defect_phase(revolutions))
+
+    @property
+    def numbers(self) -> NDArray[np.int_]:
+        """Numbers of the impacts of interest, (n - 2,)."""
+        return self.first_number + 1 + np.arange(self.impacts_rev.size - 2)
+
+    def at_impacts(self) -> tuple[Array, Array]:
+        """Return the turns of defect and cage, (n - 2,), at the impacts of interest."""
+        revolutions, number = self.impacts_rev[1:-1], self.numbers
+        return self._spot(revolutions, number), self._cage(revolutions, number)
+
+    def _spot(self, revolutions: Array, defect_phase: ArrayLike) -> Array:
+        if self.kind == "outer_race":
+            return np.asarray(self.place_turns + self.rates.outer_ring * revolutions)
+        if self.kind == "inner_race":
+            return np.asarray(self.place_turns + self.rates.inner_ring * revolutions)
+        cage = signed_cage_order(self.rates)
+        advance = 1.0 if self.kind == "cage" else abs(cage) / self.rates.rolling_element
+        return np.asarray(self.place_turns + math.copysign(advance, cage) * np.asarray(defect_phase))
+
+    def _cage(self, revolutions: Array, defect_phase: ArrayLike) -> Array:
+        spot, sense = self._spot(revolutions, defect_phase), _sense(self.rates)
+        ahead = {"outer_race": sense, "inner_race": -sense}.get(self.kind, 0.0)
+        return np.asarray(spot + ahead * np.asarray(defect_phase) / self.rates.elements) if ahead else spot
+
+
+# ---- Impacts ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class BearingImpacts:
+    """Impacts of one bearing defect, and the exact position of the rolling elements.
+
+    Attributes
+    ----------
+    revolutions : (n,) array
+        Of the reference shaft, rising.
+    weights : (n,) array
+        Relative force: 1 in the middle of the load zone.
+    cage_turns : (n,) array
+        Rotation of the cage from the middle of the load zone, seen from the carrier of the bearing; element 1 of Z is
+        there at whole turns (for a race defect: the element that strikes, so that 1/Z of a turn is ambiguous).
+    rolling : RollingKinematics
+        Position of the parts of the bearing at any angle of the reference shaft.
+    rate : float
+        True mean rate in the record: intervals over the revolutions they take; NaN below two impacts.
+    expected_rate : float
+        Expected impacts a revolution: those of pure rolling less the mean slip.
+    """
+
+    revolutions: Array = field(metadata={"dims": ("impact",), "units": "rev"})
+    weights: Array = field(metadata={"dims": ("impact",), "units": "1"})
+    cage_turns: Array = field(metadata={"dims": ("impact",), "units": "rev"})
+    rolling: RollingKinematics
+    rate: float
+    expected_rate: float
+
+
+def bearing_impacts(
+    kind: str,
+    *,
+    rates: "BearingOrders",
+    slip: SlipModel,
+    zone: LoadZone,
+    span_rev: tuple[float, float],
+    rng: np.random.Generator,
+    place_turns: float = 0.0,
+    inner_share: float = 1.0,
+    zone_order: float = 0.0,
+    since_rev: float | None = None,
+) -> BearingImpacts:
+    """Draw the impacts of a defect, their force and the exact position of the cage.
+
+    A defect of the outer ring is struck by each element that passes, under the load at its place; one of the inner ring
+    likewise, its place rotating with the ring. A defect of an element strikes both races in one revolution of it, under
+    the load at its place in the cage. A broken cage strikes once in its revolution, independent of the load.
+
+    Parameters
+    ----------
+    kind : {"inner_race", "outer_race", "rolling_element", "cage"}
+    rates : BearingOrders
+        Orders of the bearing.
+    slip : Slip or alike
+    zone : LoadZone
+    span_rev : (float, float)
+        First and last revolution of the reference shaft.
+    rng : numpy.random.Generator
+    place_turns : float
+        Place of a defect of the outer ring at revolution zero, in turns from the middle of the load zone. That of a
+        defect of the inner ring or of an element is drawn.
+    inner_share : float
+        Force of an impact on the inner race over one on the outer race, both at the housing (rolling element).
+    zone_order : float
+        Order of the load zone's rotation, seen from the carrier of the bearing: 0 under weight or tooth forces, that of
+        the shaft under an imbalance.
+    since_rev : float, optional
+        Revolution from which earlier impacts are drawn too; those within the span do not depend on it.
+
+    Raises
+    ------
+    ValueError
+        An unknown kind, or one that is never struck.
+    """
+    order = defect_order(kind, rates)
+    initial_turns = rng.random()
+    revolutions, first_number = renewal_process(order=order, slip=slip, span_rev=span_rev, rng=rng, since_rev=since_rev)
+    rolling = RollingKinematics(
+        kind=kind,
+        rates=rates,
+        impacts_rev=revolutions,
+        first_number=first_number,
+        place_turns=place_turns if kind == "outer_race" else initial_turns,
+    )
+    impacts_rev = revolutions[1:-1]
+    place, cage_turns = rolling.at_impacts()
+    weights = (
+        np.ones(impacts_rev.size) if kind == "cage" else zone.share(2 * np.pi * (place - zone_order * impacts_rev))
+    )
+    if kind == "rolling_element":
+        weights = weights * np.where(rolling.numbers % 2, inner_share, 1.0)
+    span = impacts_rev[-1] - impacts_rev[0] if impacts_rev.size > 1 else math.nan
+    return BearingImpacts(
+        revolutions=impacts_rev,
+        weights=weights,
+        cage_turns=cage_turns,
+        rolling=rolling,
+        rate=float((impacts_rev.size - 1) / span),
+        expected_rate=order * (1 - slip.mean_slip),
+    )
+
+
+def passage_revolutions(
+    kind: str,
+    *,
+    rates: "BearingOrders",
+    size_m: float,
+    pitch_diameter_m: float,
+    element_diameter_m: float,
+    contact_angle_rad: float = 0.0,
+) -> float:
+    """Return the rotation of the reference shaft while a contact passes a spall of `size_m`, in revolutions.
+
+    ``size / (pi D / 2 (1 - (d cos a / D)^2) relative)``: under pure rolling the contact moves over the outer race, the
+    inner race and the element with the same speed, and `relative` is that of the rings in orders. The time from entry
+    to impact is half of it for an element that bridges the spall (Sawalhi and Randall 2011, Mech. Syst. Signal Process.
+    25, 846-870).
+
+    Raises
+    ------
+    ValueError
+        A spall so long that the next element enters before the last one has left.
+    """
+    along = element_diameter_m * math.cos(contact_angle_rad) / pitch_diameter_m
+    defect_phase = math.pi * pitch_diameter_m / 2 * (1 - along**2) * rates.relative
+    turned = size_m / defect_phase
+    soonest = 1 / defect_order(kind, rates)
+    if not turned < soonest:
+        raise ValueError(
+            f'size_m = {size_m:g} takes {turned:g} rev to pass, but {kind} of "{rates.name}" is struck every '
+            f"{soonest:g} rev; keep it below {soonest * defect_phase:g}"
+        )
+    return turned

@@ -1,0 +1,369 @@
+"""Sources, lines and cost of a scene, with reasons, before it is simulated."""
+
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from data_synth.fidelity.choice import (
+    KINEMATIC,
+    LEFT_OUT,
+    SPRING,
+    Choice,
+    decided,
+    simulated_motion,
+    with_kinematic_lines,
+)
+from data_synth.fidelity.preview import preview_factor, preview_of, with_full_duration
+from data_synth.kinematic.gear_faults import ImpactTrain
+from data_synth.kinematic.harmonics import HarmonicFamily, random_stream
+from data_synth.scene.scene import BearingFault, Fault, Scene, SceneError, Sensor, load_scene
+from data_synth.scene.transfer_paths import Transfer
+from data_synth.sources.impacts import bearing_simulation
+from data_synth.sources.prepared import PreparedScene, prepare_scene
+from data_synth.vibration.meshes import Gears
+from data_synth.vibration.run import contacts_in, prepare_gears
+
+# Seconds on one core of a 2020s server, from runs of the demo and of scenes with many lines; a rough guide elsewhere.
+_SETUP_S, _WRITE_S, _WRITE_S_PER_BYTE = 0.02, 0.05, 2e-9
+_PER_LINE, _PER_SOURCE, _PER_POLE, _PER_NOISE = 0.5e-9, 8e-9, 5e-9, 12e-9  # s a sample and channel
+_PER_CONTACT = 0.14e-6  # s a step and element of a bearing that moves
+_TEETH_S = 0.3  # s for teeth of gears that vibrate, and s a step of time, for each motion, and each pair of meshes:
+_PER_STEP, _PER_DEGREE, _PER_PAIR = 0.5e-6, 0.015e-6, 0.06e-6
+_TEETH = {LEFT_OUT: "nothing", SPRING: "a spring", KINEMATIC: "lines"}
+_LEVELS = {
+    LEFT_OUT: "no sensor hears it above the floor: what is behind its teeth turns along",
+    SPRING: "no sensor hears its teeth above the floor",
+    KINEMATIC: "amplitudes of the linear response at each speed",
+}
+BYTES = 8  # of a sample in memory
+_LINE_COPIES, _FIXED_BYTES = 3, 40_000_000  # what was measured beside the channels of the demo of 1 s to 200 s
+_CHAIN = ("cross_axis", "resonance", "sensitivity", "hum", "anti_alias", "clipping", "quantisation", "drop_outs")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One source, sensor or model of a scene: its size, its reason, and its cost.
+
+    Attributes
+    ----------
+    name, what, why : str
+        Component, size and reason, as the table prints them.
+    seconds : float
+        Time to simulate it in s, estimated.
+
+    Examples
+    --------
+    >>> import data_synth
+    >>> data_synth.explain("demo").parts[1].what
+    'input up to 1500 rpm'
+    """
+
+    name: str
+    what: str
+    why: str
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """Contents and cost of a scene; ``print`` shows it as a table.
+
+    Attributes
+    ----------
+    title : str
+        Gearbox, fidelity, duration, channels and rate.
+    parts : tuple of Part
+        Sources, sensors and models, a row of the table each.
+    seconds : float
+        Time in s to simulate and write it on one core, estimated.
+    record_bytes, working_bytes : int
+        Memory in bytes of the channels, and of everything else at once.
+
+    Examples
+    --------
+    See `data_synth.explain`, which returns it.
+    """
+
+    title: str
+    parts: tuple[Part, ...]
+    seconds: float
+    record_bytes: int
+    working_bytes: int
+
+    def __str__(self) -> str:
+        """Return a table for people."""
+        widths = [max(len(getattr(part, column)) for part in self.parts) for column in ("name", "what")]
+        rows = [
+            f"  {part.name:<{widths[0]}}  {part.what:<{widths[1]}}  {part.why}"
+            + (f"  ({part.seconds * 1e3:.0f} ms)" if part.seconds else "")
+            for part in self.parts
+        ]
+        cost = (
+            f"about {self.seconds:.2g} s on one core, {self.record_bytes / 1e6:.3g} MB of samples, "
+            f"{self.working_bytes / 1e6:.3g} MB beside them"
+        )
+        return "\n".join([self.title, *rows, cost])
+
+
+def explain(scene: Scene | str | Path) -> Explanation:
+    """Return the sources, lines and estimated cost of a scene without simulating it.
+
+    Random events are counted in a preview of ten seconds, with the time histories of the scene compressed into it.
+
+    Parameters
+    ----------
+    scene : Scene, path or catalogue name
+        The scene.
+
+    Returns
+    -------
+    Explanation
+
+    Raises
+    ------
+    SceneError
+        If the scene cannot be simulated, as `simulate` does.
+
+    Examples
+    --------
+    The demo scene has one channel of 10 s at 50 kHz, 8 bytes a sample:
+
+    >>> import data_synth
+    >>> data_synth.explain("demo").record_bytes == 10 * 50_000 * 8
+    True
+    """
+    declared = scene if isinstance(scene, Scene) else load_scene(scene)
+    counted = count(declared)
+    parts = (*counted.gears, *_parts(counted.stage, declared, counted.time_factor))
+    samples, channels = declared.samples, len(declared.sensors)
+    record_bytes = samples * channels * BYTES
+    return Explanation(
+        title=(
+            f"{declared.gearbox.name}, {declared.fidelity}: {declared.duration_s:g} s of {channels} channel(s) at "
+            f"{declared.rate_hz:g} Hz, {samples} samples each"
+        ),
+        parts=parts,
+        seconds=_SETUP_S + _WRITE_S + _WRITE_S_PER_BYTE * record_bytes + sum(part.seconds for part in parts),
+        record_bytes=record_bytes,
+        working_bytes=counted.working_bytes,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Counted:
+    """Contents of a preview of a scene, in which time is compressed by `time_factor`.
+
+    Attributes
+    ----------
+    stage : PreparedScene
+        With the lines of kinematic meshes.
+    time_factor : float
+        Factor of compression.
+    gears : tuple of Part
+        Models of the gears.
+    working_bytes : int
+        Memory beside the samples.
+    """
+
+    stage: PreparedScene
+    time_factor: float
+    gears: tuple[Part, ...]
+    working_bytes: int
+
+
+def count(scene: Scene) -> Counted:
+    """Return the contents of a scene, counted in a preview of it."""
+    time_factor = preview_factor(scene)
+    stage, vibrating = prepare_scene(preview_of(scene, time_factor), rng_for=partial(random_stream, 0)), 0
+    if scene.fidelity == "kinematic":
+        why = "kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated"
+        parts: tuple[Part, ...] = (Part(name="fidelity", what="phases and modulations", why=why),)
+    else:
+        stage = with_full_duration(stage, scene)
+        gears, choice = prepare_gears(stage), decided(scene)
+        parts, vibrating = tuple(_gears(stage, gears, choice)), BYTES * scene.samples * len(scene.sensors)
+        stage = with_kinematic_lines(stage, gears, choice.levels)
+    lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes)
+    instants = stage.pulses.times_s.size + sum(train.revolutions.size for _, train in stage.trains)
+    truth = 2 * BYTES * _LINE_COPIES * lines * scene.truth_times + round(BYTES * time_factor * instants)
+    return Counted(stage=stage, time_factor=time_factor, gears=parts, working_bytes=truth + vibrating + _FIXED_BYTES)
+
+
+def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[Part]:
+    """Yield the parts of a scene other than its gears, from a preview compressed by `time_factor`."""
+    top = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
+    yield Part(
+        name="speed",
+        what=f"{scene.gearbox.reference} up to {60 * top:.5g} rpm",
+        why=f"orders up to {scene.rate_hz / 2 / top:.4g} fit the sampling rate",
+    )
+    samples = scene.samples * len(scene.sensors)
+    faulty = {fault.component: fault for fault in scene.faults}
+    for family in stage.families:
+        lines = int(family.nonzero.sum())
+        yield Part(
+            name=family.component,
+            what=f"{lines} line(s) from order {_first(family):.6g}",
+            why=_why(family, faulty),
+            seconds=samples * (_PER_LINE * family.coefficients.shape[0] + _PER_SOURCE),
+        )
+    for number, train in stage.trains:
+        yield _struck(stage, scene, number, train, time_factor)
+    for transfer in scene.transfers:
+        yield Part(name=transfer.source, what=f"way of its own to {transfer.sensor}", why=_way(transfer))
+    for sensor in scene.sensors:
+        yield Part(
+            name=sensor.name, what=f"sensor on {sensor.on}", why=_chain(sensor), seconds=scene.samples * _PER_NOISE
+        )
+    spoilt = [
+        name for name in ("uneven", "missing", "spurious", "jitter") if getattr(scene.tachometer, name) is not None
+    ]
+    yield Part(
+        name="tachometer",
+        what=_counted(stage.pulses.times_s.size, time_factor, f"pulses of {scene.tachometer.link}"),
+        why=", ".join(spoilt) or "exact",
+    )
+
+
+def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain, time_factor: float) -> Part:
+    """Return a train of impacts, or a simulated bearing, as a part."""
+    fault, poles = scene.faults[number], sum(2 + chain.poles.size for chain in stage.chains) / 2
+    what = _counted(train.revolutions.size, time_factor, "entries" if train.is_entry else "impacts")
+    by_ways = all((train.source, sensor.name) in stage.paths for sensor in scene.sensors)
+    rings = "heard by its ways" if by_ways else f"rings {scene.resonance.frequency_hz:g} Hz"
+    why = f"fault {number + 1}, {fault.kind}: {rings}"
+    seconds = scene.samples * poles * _PER_POLE
+    if isinstance(fault, BearingFault) and fault.five_dof is not None:
+        bearing = bearing_simulation(stage, number, train)
+        steps, elements = bearing.per_sample, scene.bearing(fault.component).elements
+        what = f"5 degrees of freedom, {steps} steps a sample, {what}"
+        why = why.replace("rings", "five_dof, its resonator rings")
+        seconds = (scene.samples * steps + bearing.settling_steps) * elements * _PER_CONTACT + seconds * steps
+    return Part(name=train.component, what=what, why=why, seconds=seconds)
+
+
+def _way(transfer: Transfer) -> str:
+    if transfer.lines is None:
+        return f"{len(transfer.modes or ())} mode(s)"
+    return f"measured, {transfer.lines[0][0]:g} to {transfer.lines[-1][0]:g} Hz"
+
+
+def _counted(number: int, time_factor: float, things: str) -> str:
+    return f"{number} {things}" if time_factor == 1 else f"about {number * time_factor:.3g} {things}"
+
+
+def _gears(stage: PreparedScene, gears: Gears, choice: Choice) -> Iterator[Part]:
+    """Yield the fidelity and the model of each mesh as parts."""
+    scene, motion = stage.scene, simulated_motion(stage, gears, choice.levels)
+    if motion is None:
+        yield Part(name="fidelity", what="lines of the linear response", why=str(choice), seconds=_TEETH_S)
+    else:
+        steps, chosen = motion.steps() * motion.oversampling, motion.method
+        how, why = f"exact transitions, {steps} a sample", chosen.reason
+        if chosen.method.order is not None:
+            how = f"{steps} step(s) a sample"
+            why = f"splitting, for {chosen.reason}, with an error below {motion.error:g}"
+        running = scene.samples + motion.settling_time_s * scene.rate_hz
+        dof, meshes = motion.system.dof, len(motion.system.meshes)
+        yield Part(
+            name="fidelity",
+            what=f"{dof} degrees of freedom, {how}",
+            why=f"{choice}; {why}",
+            seconds=_TEETH_S + running * steps * (_PER_STEP + _PER_DEGREE * dof + _PER_PAIR * meshes**2),
+        )
+    for name, level in choice.levels.items():
+        if level in _TEETH or motion is None:
+            yield Part(name=name, what=_TEETH[level], why=_LEVELS[level])
+            continue
+        stiffness = motion.system.meshes[contacts_in(motion.system, name)[0]].stiffness
+        yield Part(name=name, what=f"teeth, mean {stiffness.mean:.4g} N/m", why=f"{level} motion")
+
+
+def _first(family: HarmonicFamily) -> float:
+    return float(
+        next((order for order, speaks in zip(family.orders, family.nonzero, strict=True) if speaks), family.base_order)
+    )
+
+
+def _why(family: HarmonicFamily, faulty: Mapping[str, Fault]) -> str:
+    if family.kind == "shaft" and family.coefficients.ndim == 1:
+        return "a shaft that turns"
+    if family.kind == "gear_mesh":
+        return "gears in mesh"
+    return faulty[family.component].kind if family.component in faulty else family.kind
+
+
+def _chain(sensor: Sensor) -> str:
+    parts = [part for part in _CHAIN if getattr(sensor, part) is not None]
+    return "noise" + "".join(f", {part}" for part in parts)
+
+
+# ---- Check before a simulation that the record fits into memory and onto the disk ------------------------------------
+
+
+_SMALL_BYTES = 100_000_000  # any machine has this, so smaller records are not checked
+_MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
+
+
+def refuse_too_large(
+    scene: Scene | str | Path, out: Path | None = None, *, by_source: bool = False, phases: bool = False
+) -> None:
+    """Raise SceneError for a scene whose record is larger than the free memory or disk space.
+
+    Parameters
+    ----------
+    scene : Scene, path or catalogue name
+    out : Path, optional
+        Where the record is to be written; left out, it only has to fit into memory.
+    by_source, phases : bool
+        As for `simulate`.
+
+    Raises
+    ------
+    SceneError
+        With what it needs, what is free, and how long a record would fit.
+    """
+    declared = scene if isinstance(scene, Scene) else load_scene(scene)
+    rows = len(declared.sensors)
+    if phases:
+        rows += len(declared.gearbox.links) + 2 * sum(len(bearing.names) for bearing in declared.gearbox.bearings)
+    if not by_source and rows * declared.samples * BYTES <= _SMALL_BYTES:
+        return
+    counted = count(declared)
+    rows += len(declared.sensors) * _sources(counted.stage) if by_source else 0
+    samples = rows * declared.samples * BYTES
+    places = [(samples + counted.working_bytes, free_memory_bytes(), "of memory")]
+    if out is not None:
+        folder = next(parent for parent in out.absolute().parents if parent.exists())
+        places.append((samples, shutil.disk_usage(folder).free, f"on the disk of {folder}"))
+    for need, free, where in places:
+        if free is not None and need > free:
+            raise SceneError(
+                f"duration_s = {declared.duration_s:g}: the record has {declared.samples} samples of {rows} row(s) and "
+                f"needs {need / 1e9:.3g} GB {where}, but {free / 1e9:.3g} GB are free; shorten it to about "
+                f"{0.9 * declared.duration_s * free / need:.2g} s, lower rate_hz, or make several records."
+            )
+
+
+def _sources(stage: PreparedScene) -> int:
+    sources = {(family.component, family.kind) for family in stage.families}
+    sources |= {(train.component, train.kind) for _, train in stage.trains}
+    return len(sources) + (stage.scene.fidelity != "kinematic")
+
+
+def free_memory_bytes() -> int | None:
+    """Return the memory available to this process in bytes; None where the system does not report it."""
+    if _MEMINFO.exists():
+        rows = dict(line.split(":", 1) for line in _MEMINFO.read_text(encoding="utf-8").splitlines())
+        free = int(rows["MemAvailable"].split()[0]) * 1024
+    elif "SC_PHYS_PAGES" in getattr(os, "sysconf_names", {}):
+        free = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    else:
+        return None
+    limit, used = _CGROUP / "memory.max", _CGROUP / "memory.current"
+    if limit.exists() and used.exists() and (text := limit.read_text(encoding="utf-8").strip()).isdigit():
+        free = min(free, max(0, int(text) - int(used.read_text(encoding="utf-8"))))
+    return free

@@ -1,0 +1,1 @@
+"""A gearbox as equations of motion, with their modes and their stability."""

@@ -1,0 +1,479 @@
+"""From a declared gearbox to its equations of motion.
+
+Teeth, axes and geometry come from `hums.gearbox.model.Gearbox`; masses and stiffnesses that are not given have these
+defaults, all of steel and none of them more than a first guess:
+
+- A gear is a solid disc of its reference circle (of a bevel that of its middle) and face width, an internal gear a rim
+  of 4 modules outside it, a carrier a solid disc through the centres of its planets, as thick as they are. All that is
+  on one link adds up to one body.
+- A link has supports of 1e8 N/m radially and axially and 1e5 N m/rad against tilt, one for each bearing of the
+  gearbox that names it, else one in its centre: the order of magnitude that Chaari's gear pair and the planetary set of
+  Lin and Parker (1999) have. Its rotation is free.
+- A mesh has the constant mean stiffness of ISO 6336-1, a bevel mesh that of its virtual spur gears.
+
+Bevel gears are in contact in the middle of their face, on the line where their pitch cones touch; their axes cross, so
+their bodies need motions in space.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from data_synth.dynamics.elements import Coupling, GearMesh, Support, as_vector
+from data_synth.dynamics.parts import AttachedRotor, Inertia, MeshProperties, Parts, SupportStiffness, mesh_elements
+from data_synth.dynamics.placement import Contact, axis_points, contacts_of, direction_of
+from data_synth.dynamics.system import PLANE, SPACE, TORSION, Body, Coordinates, Spring, System, Vector, build_system
+from hums.gearbox.components import Bearing, closest
+from hums.gearbox.kinematics import Kinematics, solve_kinematics
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from fractions import Fraction
+
+    from hums.gearbox.model import Gearbox
+
+__all__ = ["Assembly", "AttachedRotor", "Inertia", "MeshProperties", "SupportStiffness", "assemble", "assemble_parts"]
+
+
+# ---- Bodies and supports of a declared gearbox, with defaults for undeclared values; see `assembly` ------------------
+
+
+_STEEL_KG_M3 = 7850.0
+_RIM_MODULES = 4.0
+_MM = 1e-3
+_PARALLEL = 1e-9
+
+
+def bodies(parts: Parts) -> Iterator[Body]:
+    """Yield every moving body with its given inertia, or that of steel discs, the pieces of a body in a row."""
+    reference_speed = parts.reference_speed()
+    for name in [*parts.kinematics.joints, *parts.elastic_links]:
+        given = parts.inertias.get(name, Inertia())
+        whole = _discs(parts, name)
+        polar = whole[1] if given.inertia_kgm2 is None else given.inertia_kgm2
+        if parts.torsion:
+            polar += _carried(parts, name)
+        if not polar > 0:
+            raise ValueError(
+                f'"{name}" has no gear and carries none, so no inertia follows from its teeth; give '
+                f'inertias={{"{name}": Inertia(...)}}.'
+            )
+        frames = parts.frames(name)
+        for frame in frames:
+            share = _share(parts, name, frame)
+            mass, tilt = whole[0] * share, whole[2] * share
+            yield Body(
+                name=parts.piece(name, frame),
+                mass_kg=mass if given.mass_kg is None else given.mass_kg * share,
+                inertia_kgm2=polar * share if len(frames) > 1 and frame != frames[0] else polar,
+                tilt_inertia_kgm2=tilt if given.tilt_inertia_kgm2 is None else given.tilt_inertia_kgm2 * share,
+                motions=parts.motions,
+                centre_m=parts.centre(name, frame if len(frames) > 1 else None),
+                axis=parts.axis(name),
+                speed_ratio=0.0 if parts.torsion else _speed_ratio(parts, name, reference_speed),
+                frame_ratio=parts.frame_ratio(frame),
+                rotates_with=name if frame != frames[0] else None,
+            )
+
+
+def _speed_ratio(parts: Parts, name: str, reference_speed: Fraction) -> float:
+    """Return the speed of a body about its axis relative to the frame, or for a tilted planet axis to the carrier."""
+    joints = parts.kinematics.joints
+    holder = joints[name].carried_by if name in joints else parts.frame
+    if holder == parts.frame or abs(abs(float(np.dot(parts.axis(name), parts.axis(holder)))) - 1) < _PARALLEL:
+        return float(parts.relative_speed(name, parts.frame) / reference_speed)
+    return float(parts.relative_speed(name, holder) / reference_speed)
+
+
+def _share(parts: Parts, body: str, frame: str) -> float:
+    """Return the fraction of a body's mass in its piece in a frame: that of the discs there."""
+    frames = parts.frames(body)
+    if len(frames) == 1:
+        return 1.0
+    masses = [_discs(parts, body, each)[0] for each in frames]
+    return masses[frames.index(frame)] / sum(masses) if all(masses) else 1 / len(frames)
+
+
+def _discs(parts: Parts, body: str, frame: str | None = None) -> tuple[float, float, float]:
+    """Return mass, polar and transverse moment of a body, or its piece: its gears, each once, and a carrier's disc."""
+    discs: dict[tuple[float, float], tuple[float, float, float]] = {}
+    for contact, number in parts.gears(body, frame):
+        radius, width = contact.pair.reference_radii_m[number], contact.pair.face_width_m
+        internal = number == 1 and contact.pair.teeth[1] < 0
+        outer = radius + _RIM_MODULES * contact.pair.module_m if internal else radius
+        discs[radius, width] = _disc(outer, radius if internal else 0.0, width)
+    if frame in (None, body):
+        for contact in parts.contacts:
+            planet = _planet_of(parts, contact, body)
+            if planet is not None:
+                discs[0.0, 0.0] = _disc(_planet_radius(parts, contact, planet), 0.0, contact.pair.face_width_m)
+    mass, polar, tilt = np.array([*discs.values(), (0.0, 0.0, 0.0)]).sum(axis=0).tolist()
+    return mass, polar, tilt
+
+
+def _disc(outer: float, inner: float, width: float) -> tuple[float, float, float]:
+    mass = _STEEL_KG_M3 * math.pi * (outer**2 - inner**2) * width
+    polar = mass * (outer**2 + inner**2) / 2
+    return mass, polar, polar / 2 + mass * width**2 / 12
+
+
+def _planet_of(parts: Parts, contact: Contact, carrier: str) -> str | None:
+    """Return the body of a contact that is a planet of a carrier; None if neither is."""
+    joints = parts.kinematics.joints
+    held = [body for body in map(parts.body, contact.links) if body in joints and joints[body].carried_by == carrier]
+    return held[0] if held and carrier != parts.frame else None
+
+
+def _planet_radius(parts: Parts, contact: Contact, planet: str) -> float:
+    """Return the distance of a planet's centre from its carrier's axis; for a bevel planet the radius of its mate."""
+    mate = 1 - [parts.body(link) for link in contact.links].index(planet)
+    return contact.pair.centre_distance_m if contact.parallel else contact.pair.reference_radii_m[mate]
+
+
+def _carried(parts: Parts, carrier: str) -> float:
+    """Return the inertia of planets about their carrier's axis, which torsion adds to the carrier."""
+    planets: dict[str, float] = {}
+    for contact in parts.contacts:
+        planet = _planet_of(parts, contact, carrier)
+        if planet is not None and contact.carrier == carrier and planet not in planets:
+            mass, _, tilt = _discs(parts, planet)
+            given = parts.inertias.get(planet, Inertia())
+            mass = mass if given.mass_kg is None else given.mass_kg
+            # the axis of a bevel planet is across the carrier's, so all of it rotates with the carrier
+            radius = _planet_radius(parts, contact, planet)
+            planets[planet] = mass * radius**2 + (0.0 if contact.parallel else tilt)
+    return sum(planets.values())
+
+
+# ---- supports ----------------------------------------------------------------------------------------------
+
+
+def supports_of(parts: Parts) -> Iterator[Support]:
+    """Yield the supports between each body and its carrier: its bearings, or one support in its centre.
+
+    Further pieces of a body have a support of their own.
+    """
+    joints = parts.kinematics.joints
+    for body in [*joints, *parts.elastic_links]:
+        holder = joints[body].carried_by if body in joints else parts.frame
+        first, *others = parts.frames(body)
+        own = parts.piece(body, holder) if holder != parts.frame else body
+        between = (own, None if holder == parts.frame else parts.piece(holder, holder))
+        if parts.torsion:  # torsion has no other degree of freedom
+            hold = parts.supports.get(body, SupportStiffness())
+            yield Support(between=between, torsion=hold.torsion, damping_s=hold.damping_s)
+            continue
+        bearings = [] if body in parts.supports else list(_bearings_of(parts, body, holder))
+        centre = parts.centre(body, first if others else None)
+        if not bearings:
+            yield _support(between, centre, parts.supports.get(body, SupportStiffness()), axial=True, tilt=True)
+        apart = len({place for _, place, _ in bearings}) > 1
+        for name, place, axial in bearings:
+            yield _support(between, place, parts.supports.get(name, SupportStiffness()), axial=axial, tilt=not apart)
+        for frame in others:
+            piece = parts.piece(body, frame)
+            hold = replace(parts.supports.get(body, SupportStiffness()), torsion=0.0)
+            yield _support((piece, None), parts.centre(body, frame), hold, axial=True, tilt=True)
+
+
+def _support(
+    between: tuple[str, str | None], point: Vector, hold: SupportStiffness, *, axial: bool, tilt: bool
+) -> Support:
+    return Support(
+        between=between,
+        point_m=point,
+        x=hold.radial,
+        y=hold.radial,
+        z=hold.axial if axial else 0.0,
+        tilt_x=hold.tilt if tilt else 0.0,
+        tilt_y=hold.tilt if tilt else 0.0,
+        torsion=hold.torsion,
+        damping_s=hold.damping_s,
+    )
+
+
+def _bearings_of(parts: Parts, body: str, holder: str) -> Iterator[tuple[str, Vector, bool]]:
+    """Yield name, position and axial fixity of the bearings between a body and its carrier."""
+    gearbox = parts.kinematics.gearbox
+
+    def rings(bearing: Bearing) -> set[str]:
+        links = (bearing.inner_ring, bearing.outer_ring)
+        return {parts.kinematics.bodies[link] for ring in links for link in gearbox.instances(ring)}
+
+    mine = [bearing for bearing in gearbox.bearings if {body, holder} <= rings(bearing)]
+    any_axial = any(bearing.takes_axial for bearing in mine)
+    for bearing in mine:
+        for number, name in enumerate(bearing.names):
+            place = parts.centre(body)
+            if bearing.position_mm:
+                along = _MM * bearing.position_mm[number] * np.array(parts.axis(body))
+                place = as_vector(parts.axis_point(body, body) + along)
+            yield name, place, name in bearing.takes_axial or not any_axial
+
+
+# ---- Assembly --------------------------------------------------------------------------------------------------------
+
+
+MOTIONS = {"torsion": TORSION, "plane": PLANE, "space": SPACE}
+Motions = Literal["torsion", "plane", "space"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assembly:
+    """The equations of motion of a gearbox with the bodies and springs they were assembled from.
+
+    Attributes
+    ----------
+    system : System
+        Equations of motion.
+    parts : Parts
+        Inputs and geometry.
+    bodies : tuple of Body
+        Bodies, in the order of the degrees of freedom.
+    springs, grounded : tuple of Spring
+        All springs, and those between a body and the frame.
+    on_frame : mapping of contact to vector
+        Direction of the mesh force on each gear that is fixed to the frame.
+    """
+
+    system: System
+    parts: Parts
+    bodies: tuple[Body, ...]
+    springs: tuple[Spring, ...] = field(repr=False)
+    grounded: tuple[Spring, ...] = field(repr=False)
+    on_frame: Mapping[str, Vector]
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """The degrees of freedom of the system."""
+        return Coordinates(self.bodies)
+
+
+def assemble(
+    gearbox: Gearbox | Kinematics,
+    *,
+    motions: Motions,
+    inertias: Mapping[str, Inertia] | None = None,
+    supports: Mapping[str, SupportStiffness] | None = None,
+    meshes: Mapping[str, MeshProperties] | None = None,
+    attached: Sequence[AttachedRotor] = (),
+    speeds: Mapping[str, float] | None = None,
+    speed_rad_s: float = 0.0,
+    rotating_frame: str | None = None,
+) -> System:
+    """Return the equations of motion of a declared gearbox.
+
+    Parameters
+    ----------
+    gearbox : Gearbox or Kinematics
+        Teeth, axes and, for meshes without `MeshProperties.geometry`, modules, face widths and pressure angles.
+    motions : {"torsion", "plane", "space"}
+        Degrees of freedom of each body: rotation; x and y across the common direction of all axes as well; axial motion
+        and tilt as well. Axes that are not parallel allow torsion or space. In torsion, planets have no motion of their
+        own across their axis, and the carrier has their mass.
+    inertias : mapping of link to Inertia, optional
+        Masses and moments of inertia, in place of the defaults.
+    supports : mapping of link or bearing to SupportStiffness, optional
+        Stiffness of bearings, in place of the defaults. A link that is rigid with the frame and named here or in
+        `inertias` is a body of its own: a ring in an elastic housing.
+    meshes : mapping of mesh, or of one contact, to MeshProperties, optional
+        Mesh stiffness, transmission error, backlash, damping and geometry.
+    attached : sequence of AttachedRotor
+        Rotors outside of the gearbox, as motor and load.
+    speeds : mapping of link to speed, optional
+        As `Kinematics.rates` takes them; one turn of the reference if left out. They decide which flanks are in
+        contact, and the mesh cycles per revolution of the reference.
+    speed_rad_s : float
+        Speed of the reference in rad/s: other than 0 adds gyroscopic terms.
+    rotating_frame : str, optional
+        A carrier with which all coordinates rotate, as those of Lin and Parker; ``"carriers"``: those of each body
+        rotate with the carrier of its meshes. Then a link with gears on several carriers has a piece for each, and the
+        pieces share nothing but their rotation, as shafts that a toothed coupling joins.
+
+    Returns
+    -------
+    System
+        Meshes are named like the contacts, ``sun-planet 1`` and so on, with the phase differences of their planets
+        (``gamma = Z psi / 2 pi`` cycles, Z the central gear's signed teeth; Parker and Lin 2004, J. Mech. Des. 126).
+
+    Raises
+    ------
+    ValueError
+        If a name is not in the gearbox, geometry is missing, or the axes need other motions.
+
+    Examples
+    --------
+    A torsional gear pair with base radii r1 and r2: ``omega^2 = k (r1^2 / J1 + r2^2 / J2)``:
+
+    >>> import math
+    >>> from data_synth.dynamics.assembly import Inertia, MeshProperties, assemble
+    >>> from data_synth.gears.mesh_stiffness import Constant
+    >>> from data_synth.dynamics.modes import solve_modes
+    >>> from hums.gearbox.model import Gearbox
+    >>> axes = {name: {"direction": [1, 0, 0], "links": ["housing", name]} for name in ("pinion", "wheel")}
+    >>> mesh = {"teeth": {"pinion": 20, "wheel": 40}, "module_mm": 4, "face_width_mm": 30, "pressure_angle_deg": 20}
+    >>> table = {"name": "pair", "frame": "housing", "reference": "pinion", "axes": axes, "mesh": [mesh]}
+    >>> gearbox = Gearbox.from_mapping(table)
+    >>> system = assemble(
+    ...     gearbox,
+    ...     motions="torsion",
+    ...     inertias={"pinion": Inertia(inertia_kgm2=0.01), "wheel": Inertia(inertia_kgm2=0.04)},
+    ...     meshes={"pinion-wheel": MeshProperties(stiffness=Constant(mean=2e8))},
+    ... )
+    >>> r1, r2 = 0.04 * math.cos(math.radians(20)), 0.08 * math.cos(math.radians(20))
+    >>> math.isclose(solve_modes(system).angular[1], math.sqrt(2e8 * (r1**2 / 0.01 + r2**2 / 0.04)))
+    True
+    """
+    return assemble_parts(
+        gearbox,
+        motions=motions,
+        inertias=inertias,
+        supports=supports,
+        meshes=meshes,
+        attached=attached,
+        speeds=speeds,
+        speed_rad_s=speed_rad_s,
+        rotating_frame=rotating_frame,
+    ).system
+
+
+def assemble_parts(
+    gearbox: Gearbox | Kinematics,
+    *,
+    motions: Motions,
+    inertias: Mapping[str, Inertia] | None = None,
+    supports: Mapping[str, SupportStiffness] | None = None,
+    meshes: Mapping[str, MeshProperties] | None = None,
+    attached: Sequence[AttachedRotor] = (),
+    speeds: Mapping[str, float] | None = None,
+    speed_rad_s: float = 0.0,
+    rotating_frame: str | None = None,
+) -> Assembly:
+    """Return the equations of motion with the bodies and springs they were assembled from; see `assemble`."""
+    kinematics = gearbox if isinstance(gearbox, Kinematics) else solve_kinematics(gearbox)
+    if motions not in MOTIONS:
+        raise ValueError(f'motions = "{motions}" is not one of {", ".join(MOTIONS)}.')
+    given = dict(meshes or {})
+    geometries = {name: item.geometry for name, item in given.items() if item.geometry is not None}
+    contacts = contacts_of(kinematics, geometries)
+    _refuse_unknown(
+        kinematics,
+        links={
+            "inertias": list(inertias or {}),
+            "supports": list(supports or {}),
+            "attached": [item.to for item in attached],
+        },
+        meshes=list(given),
+        contacts=[contact.name for contact in contacts],
+    )
+    if motions == "plane":
+        _refuse_crossed(kinematics)
+    frame = kinematics.mechanism.frame
+    named = dict.fromkeys([*(inertias or {}), *(supports or {})])
+    parts = Parts(
+        kinematics=kinematics,
+        contacts=contacts,
+        motions=MOTIONS[motions],
+        inertias=inertias or {},
+        supports=supports or {},
+        meshes=given,
+        elastic_links=tuple(link for link in named if kinematics.bodies.get(link) == frame),
+        axis_points=axis_points(kinematics, contacts) if motions != "torsion" else {},
+        speeds=speeds,
+        rotating_coordinates=rotating_frame == "carriers",
+    )
+    _refuse_nested(parts)
+    rotors = [
+        Body(name=item.name, inertia_kgm2=item.inertia_kgm2, motions=TORSION, axis=parts.axis(item.to))
+        for item in attached
+    ]
+    couplings = [
+        Coupling(
+            motions={(item.name, "rotation"): 1.0, (parts.body(item.to), "rotation"): -1.0},
+            stiffness=item.stiffness,
+            damping=item.damping,
+        )
+        for item in attached
+    ]
+    every, holds, teeth = [*bodies(parts), *rotors], [*supports_of(parts)], [*mesh_elements(parts)]
+    coordinates, elements = Coordinates(every), [*holds, *teeth, *couplings]
+    common_frame = None if parts.rotating_coordinates else rotating_frame
+    return Assembly(
+        system=build_system(
+            every,
+            elements,
+            speed_rad_s=speed_rad_s,
+            frame_ratio=0.0 if common_frame is None else parts.frame_ratio(common_frame),
+        ),
+        parts=parts,
+        bodies=tuple(every),
+        springs=tuple(term for element in elements for term in element.terms(coordinates) if isinstance(term, Spring)),
+        grounded=tuple(spring for hold in holds if hold.between[1] is None for spring in hold.terms(coordinates)),
+        on_frame={
+            mesh.name: _force_direction(mesh) for mesh in teeth if isinstance(mesh, GearMesh) and None in mesh.gears
+        },
+    )
+
+
+def _force_direction(mesh: GearMesh) -> Vector:
+    """Return the direction of the mesh force on the gear of the frame."""
+    x, y, z = mesh.direction
+    return (-x, -y, -z) if mesh.gears[0] is None else (x, y, z)
+
+
+def _refuse_unknown(
+    kinematics: Kinematics,
+    *,
+    links: Mapping[str, Sequence[str]],
+    meshes: Sequence[str],
+    contacts: Sequence[str],
+) -> None:
+    """Raise ValueError for a name that the gearbox lacks, or for a link that belongs to a body of another name."""
+    gearbox = kinematics.gearbox
+    bearings = [name for bearing in gearbox.bearings for name in bearing.names]
+    for word, names in links.items():
+        known = {*kinematics.links, *(bearings if word == "supports" else ())}
+        for name in names:
+            if name not in known:
+                raise ValueError(f'{word} names "{name}", which is not in the gearbox{closest(name, sorted(known))}.')
+            body = kinematics.bodies.get(name, name)
+            if body not in (name, kinematics.mechanism.frame):
+                raise ValueError(f'{word} names "{name}", which is one body with "{body}"; write "{body}".')
+    known = {*(mesh.name for mesh in gearbox.meshes), *contacts}
+    for name in meshes:
+        if name not in known:
+            raise ValueError(f'meshes names "{name}", which is not in the gearbox{closest(name, sorted(known))}.')
+
+
+def _refuse_crossed(kinematics: Kinematics) -> None:
+    """Raise ValueError where an axis is not parallel to the first."""
+    bodies_ = list(kinematics.joints)
+    first = direction_of(kinematics, bodies_[0])
+    for body in bodies_[1:]:
+        if abs(abs(float(direction_of(kinematics, body) @ first)) - 1) > _PARALLEL:
+            raise ValueError(
+                f'motions = "plane" needs parallel axes, but those of "{bodies_[0]}" and "{body}" are not; use '
+                '"torsion" or "space".'
+            )
+
+
+def _refuse_nested(parts: Parts) -> None:
+    """Raise ValueError where a carrier is carried itself, or rotates about an axis that is not z."""
+    for body in parts.kinematics.joints:
+        for carrier in parts.frames(body):
+            if carrier == parts.frame:
+                continue
+            if parts.kinematics.joints[carrier].carried_by != parts.frame:
+                raise ValueError(
+                    f'"{carrier}" carries planets and is carried itself, which a kinematic scene or motions = '
+                    '"torsion" allow, but no motion across axes.'
+                )
+            if abs(abs(parts.cosine_to_z(carrier)) - 1) > _PARALLEL:
+                raise ValueError(
+                    f'"{carrier}" carries planets, but other carriers turn about another direction, which a kinematic '
+                    'scene or motions = "torsion" allow, but no motion across axes.'
+                )

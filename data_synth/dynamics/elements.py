@@ -1,0 +1,466 @@
+"""Elements between the bodies of a gearbox: supports, shafts, couplings and meshes, each a few springs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from data_synth.dynamics.system import FrictionForce, Mesh, Spring
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from data_synth.dynamics.system import Array, Coordinates, Vector
+    from data_synth.gears.friction import SlidingFriction
+    from data_synth.gears.mesh_stiffness import Stiffness
+    from data_synth.gears.transmission_error import TransmissionError
+
+Place = tuple[str, str]  # a body and one of its motions
+_SAME_GEARS = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coupling:
+    """A spring and damper between degrees of freedom: its deflection is the sum of ``factor x motion``.
+
+    Attributes
+    ----------
+    motions : mapping of (body, motion) to factor
+        As ``{("motor", "rotation"): 1.0, ("pinion", "rotation"): -1.0}``.
+    stiffness, damping : float
+        N/m and N s/m, or N m/rad and N m s/rad where the deflection is an angle.
+
+    Examples
+    --------
+    >>> from data_synth.dynamics.elements import Coupling
+    >>> from data_synth.dynamics.system import Body, build_system
+    >>> rotors = [Body(name=name, inertia_kgm2=0.1, motions=("rotation",)) for name in ("motor", "pinion")]
+    >>> twist = {("motor", "rotation"): 1.0, ("pinion", "rotation"): -1.0}
+    >>> build_system(rotors, [Coupling(motions=twist, stiffness=2000.0)]).stiffness.tolist()
+    [[2000.0, -2000.0], [-2000.0, 2000.0]]
+    """
+
+    motions: Mapping[Place, float]
+    stiffness: float
+    damping: float = 0.0
+
+    def terms(self, coordinates: Coordinates) -> Iterator[Spring]:
+        """Yield the spring."""
+        yield Spring(direction=row_of(self.motions, coordinates), stiffness=self.stiffness, damping=self.damping)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeneralMesh:
+    """A mesh whose deflection is given as a sum of ``factor x motion``, as in torsional models.
+
+    Attributes
+    ----------
+    name : str
+        Name of the mesh.
+    motions : mapping of (body, motion) to factor
+        Deflection along the line of action, in m/m or m/rad: of a torsional pair
+        ``{("pinion", "rotation"): r_b1, ("wheel", "rotation"): -r_b2}``.
+    stiffness, error, backlash_m, cycles_per_rev
+        As in `data_synth.dynamics.system.Mesh`.
+    damping : float
+        N s/m along the line of action, in contact or not.
+
+    Examples
+    --------
+    >>> from data_synth.dynamics.elements import GeneralMesh
+    >>> from data_synth.dynamics.system import Body, build_system
+    >>> from data_synth.gears.mesh_stiffness import Constant
+    >>> rotors = [Body(name=name, inertia_kgm2=0.1, motions=("rotation",)) for name in ("pinion", "wheel")]
+    >>> row = {("pinion", "rotation"): 0.05, ("wheel", "rotation"): -0.1}
+    >>> mesh = GeneralMesh(name="m", motions=row, stiffness=Constant(mean=1e8))
+    >>> build_system(rotors, [mesh]).meshes[0].direction.tolist()
+    [0.05, -0.1]
+    """
+
+    name: str
+    motions: Mapping[Place, float]
+    stiffness: Stiffness
+    error: TransmissionError | None = None
+    backlash_m: float = 0.0
+    damping: float = 0.0
+    cycles_per_rev: float = 1.0
+
+    def terms(self, coordinates: Coordinates) -> Iterator[Spring | Mesh]:
+        """Yield the mesh, and the damper in it."""
+        yield from _mesh_terms(self, row_of(self.motions, coordinates))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Support:
+    """A bearing: springs between a point of one body and the same point of another, or the ground.
+
+    Attributes
+    ----------
+    between : pair of body names; None for the ground
+        The two bodies.
+    point_m : vector of 3 or None
+        Position in m; the first body's centre if left out.
+    x, y, z : float
+        Stiffness in N/m along x, y and z where the first body's axis is z, else along its "tilt x" and "tilt y"
+        directions and its axis.
+    tilt_x, tilt_y, torsion : float
+        Stiffness about the same directions in N m/rad.
+    damping_s : float
+        Damping over stiffness in s, the same for all of them.
+
+    Examples
+    --------
+    Two bearings at a = 0.2 m from the centre resist tilt with ``2 k a^2``:
+
+    >>> import numpy as np
+    >>> from data_synth.dynamics.elements import Support
+    >>> from data_synth.dynamics.system import Body, build_system
+    >>> shaft = Body(name="shaft", mass_kg=5.0, tilt_inertia_kgm2=0.1, motions=("x", "tilt y"))
+    >>> bearings = [Support(between=("shaft", None), point_m=(0, 0, z), x=1e8) for z in (-0.2, 0.2)]
+    >>> np.round(build_system([shaft], bearings).stiffness).tolist()
+    [[200000000.0, 0.0], [0.0, 8000000.0]]
+    """
+
+    between: tuple[str, str | None]
+    point_m: Vector | None = None
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    tilt_x: float = 0.0
+    tilt_y: float = 0.0
+    torsion: float = 0.0
+    damping_s: float = 0.0
+
+    def terms(self, coordinates: Coordinates) -> Iterator[Spring]:
+        """Yield a spring for each direction that has a stiffness."""
+        one, other = self.between
+        body = coordinates.body(one)
+        point = self.point_m or body.centre_m
+        x, y, z = (body.rotation_axis(motion) for motion in ("tilt x", "tilt y", "rotation"))
+        for value, along in ((self.x, x), (self.y, y), (self.z, z)):
+            yield from self._spring(
+                value,
+                coordinates.displacement_row(one, point, along) - coordinates.displacement_row(other, point, along),
+            )
+        for value, about in ((self.tilt_x, x), (self.tilt_y, y), (self.torsion, z)):
+            yield from self._spring(
+                value, coordinates.rotation_row(one, about) - coordinates.rotation_row(other, about)
+            )
+
+    def _spring(self, value: float, row: Array) -> Iterator[Spring]:
+        if value and row.any():
+            yield Spring(direction=row, stiffness=value, damping=self.damping_s * value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shaft:
+    """A round shaft between the centres of two bodies on one axis: Timoshenko's beam, massless.
+
+    Its six deformations are independent of each other, so they are six springs: axial EA/L, torsional GJ/L, and in each
+    plane the symmetric bending EI/L of ``t2 - t1`` and the antisymmetric ``3 EI / (L (1 + Phi))`` of
+    ``t1 + t2 - 2 (v2 - v1) / L``, with ``Phi = 12 EI / (kappa G A L^2)`` and Cowper's ``kappa = 6 (1 + nu) / (7 + 6
+    nu)`` for a solid section, used for hollow ones as well. (Przemieniecki 1968, Theory of Matrix Structural Analysis,
+    sec. 5.6; Cowper 1966, J. Appl. Mech. 33.)
+
+    Attributes
+    ----------
+    between : pair of body names
+        The bodies at its ends.
+    diameter_m, bore_m : float
+        Outer and inner diameter in m.
+    length_m : float or None
+        Length in m; the distance of the centres if left out. Bending and tension need this distance, another length
+        gives torsion only.
+    young_pa, poisson : float
+        Young's modulus in Pa and Poisson's ratio; of steel if left out.
+    damping_s : float
+        Damping over stiffness in s.
+
+    Examples
+    --------
+    The torsional stiffness is ``G pi d^4 / (32 L)``:
+
+    >>> import math
+    >>> from data_synth.dynamics.elements import Shaft
+    >>> from data_synth.dynamics.system import Body, build_system
+    >>> rotors = [Body(name=name, inertia_kgm2=0.1, motions=("rotation",)) for name in ("motor", "pinion")]
+    >>> shaft = Shaft(between=("motor", "pinion"), diameter_m=0.05, length_m=0.4, young_pa=206e9, poisson=0.3)
+    >>> stiffness = build_system(rotors, [shaft]).stiffness[0, 0]
+    >>> math.isclose(stiffness, 206e9 / 2.6 * math.pi * 0.05**4 / (32 * 0.4))
+    True
+    """
+
+    between: tuple[str, str]
+    diameter_m: float
+    bore_m: float = 0.0
+    length_m: float | None = None
+    young_pa: float = 206e9
+    poisson: float = 0.3
+    damping_s: float = 0.0
+
+    def terms(self, coordinates: Coordinates) -> Iterator[Spring]:
+        """Yield a spring for each deformation that the motions of the bodies allow; ValueError for a length of zero."""
+        one, other = (coordinates.body(name) for name in self.between)
+        span = np.asarray(other.centre_m) - np.asarray(one.centre_m)
+        distance = float(np.linalg.norm(span))
+        length = distance if self.length_m is None else self.length_m
+        if not length > 0:
+            raise ValueError(
+                f"shaft {' - '.join(self.between)}: the centres of its bodies coincide; give length_m for its "
+                "torsion, or centre_m for each body."
+            )
+        along = span / distance if distance else one.rotation_axis("rotation")
+        for value, row in self._deformations(coordinates, along, length, bends=math.isclose(distance, length)):
+            if row.any():
+                yield Spring(direction=row, stiffness=value, damping=self.damping_s * value)
+
+    def _deformations(
+        self, coordinates: Coordinates, along: Array, length: float, *, bends: bool
+    ) -> Iterator[tuple[float, Array]]:
+        """Yield stiffness and row of torsion, tension and bending in two planes."""
+        (a, b), young = self.between, self.young_pa
+        shear = young / (2 * (1 + self.poisson))
+        area = math.pi / 4 * (self.diameter_m**2 - self.bore_m**2)
+        bending = young * math.pi / 64 * (self.diameter_m**4 - self.bore_m**4)
+        yield (
+            2 * bending / young * shear / length,
+            coordinates.rotation_row(b, along) - coordinates.rotation_row(a, along),
+        )
+        if not bends:
+            return
+        here, there = coordinates.body(a).centre_m, coordinates.body(b).centre_m
+        yield (
+            young * area / length,
+            coordinates.displacement_row(b, there, along) - coordinates.displacement_row(a, here, along),
+        )
+        kappa = 6 * (1 + self.poisson) / (7 + 6 * self.poisson)
+        shear_factor = 1 + 12 * bending / (kappa * shear * area * length**2)
+        for across in (coordinates.body(a).rotation_axis("tilt x"), coordinates.body(a).rotation_axis("tilt y")):
+            about = np.cross(along, across)  # v' = t about this
+            rise = (
+                coordinates.displacement_row(b, there, across) - coordinates.displacement_row(a, here, across)
+            ) / length
+            tilts = coordinates.rotation_row(a, about), coordinates.rotation_row(b, about)
+            yield bending / length, tilts[1] - tilts[0]
+            yield 3 * bending / (length * shear_factor), tilts[0] + tilts[1] - 2 * rise
+
+
+@dataclass(frozen=True, kw_only=True)
+class GearMesh:
+    """A mesh in space: a line of action through a point of contact.
+
+    The deflection is ``n . (u_a(P) - u_b(P))``, the approach of the flanks; `line_of_action` gives n and P for gears
+    on parallel axes. With gear a driving counter-clockwise, ``n`` points from a to b.
+
+    Attributes
+    ----------
+    name : str
+        Name of the mesh.
+    gears : pair of body names; None for a gear fixed to the ground
+        Gears a and b.
+    direction : vector of 3
+        n: a unit vector, or for helical gears one whose transverse part has unit length, so that `stiffness` belongs to
+        the transverse deflection, as in ISO 6336-1.
+    point_m : vector of 3
+        P in m.
+    stiffness, error, backlash_m, cycles_per_rev
+        As in `data_synth.dynamics.system.Mesh`.
+    damping : float
+        N s/m along the line of action, of the displacements alone, in contact or not.
+    friction : SlidingFriction or None
+        Sliding friction of the same geometry, gear a driving.
+
+    Examples
+    --------
+    Along a line of action at the base radius, the deflection is ``r_b theta``:
+
+    >>> import math
+    >>> from data_synth.dynamics.elements import GearMesh, line_of_action
+    >>> from data_synth.dynamics.system import PLANE, Body, build_system
+    >>> from data_synth.gears.mesh_stiffness import Constant
+    >>> n, point = line_of_action(
+    ...     centre_m=(0, 0, 0), pitch_radius_m=0.1, azimuth_rad=0.0, pressure_angle_rad=math.radians(20)
+    ... )
+    >>> gear = Body(name="gear", mass_kg=1.0, inertia_kgm2=0.01, motions=PLANE)
+    >>> mesh = GearMesh(name="m", gears=("gear", None), direction=n, point_m=point, stiffness=Constant(mean=1e8))
+    >>> build_system([gear], [mesh]).meshes[0].direction.round(6).tolist()  # sin 20, cos 20, r_b
+    [0.34202, 0.939693, 0.093969]
+    """
+
+    name: str
+    gears: tuple[str | None, str | None]
+    direction: Vector
+    point_m: Vector
+    stiffness: Stiffness
+    error: TransmissionError | None = None
+    backlash_m: float = 0.0
+    damping: float = 0.0
+    cycles_per_rev: float = 1.0
+    friction: SlidingFriction | None = None
+
+    def terms(self, coordinates: Coordinates) -> Iterator[Spring | Mesh]:
+        """Yield the mesh, and the damper in it."""
+        one, other = self.gears
+        row = coordinates.displacement_row(one, self.point_m, self.direction) - coordinates.displacement_row(
+            other, self.point_m, self.direction
+        )
+        yield from _mesh_terms(
+            self, row, () if self.friction is None else self._friction_forces(coordinates, self.friction)
+        )
+
+    def _friction_forces(
+        self, coordinates: Coordinates, friction: SlidingFriction
+    ) -> tuple[FrictionForce, FrictionForce]:
+        """Return the friction force at the tangent point of gear a, and its moment per metre beyond that point."""
+        if self.gears[0] is None:
+            raise ValueError(f'mesh "{self.name}": friction needs a driver; name the driving gear first.')
+        driver = coordinates.body(self.gears[0])
+        axis, along = driver.rotation_axis("rotation"), np.asarray(self.direction, dtype=np.float64)
+        along = along - (along @ axis) * axis
+        from_centre = np.asarray(self.point_m) - np.asarray(driver.centre_m)
+        on_path, moment = from_centre @ along, axis @ np.cross(from_centre, along)
+        radius = friction.gears.base_radii_m[0]
+        if not math.isclose(abs(moment), radius, rel_tol=_SAME_GEARS):
+            raise ValueError(
+                f'mesh "{self.name}": its line of action passes "{driver.name}" at {abs(moment):.6g} m, but the first '
+                f"gear of its friction has a base radius of {radius:.6g} m; give the same geometry to both."
+            )
+        across = as_vector(math.copysign(1.0, moment) * np.cross(axis, along))
+
+        def sliding(distance_m: float) -> Array:
+            point = np.asarray(self.point_m) + (distance_m - on_path) * along
+            return coordinates.displacement_row(self.gears[0], point, across) - coordinates.displacement_row(
+                self.gears[1], point, across
+            )
+
+        sideways, lever = friction.shares
+        return FrictionForce(direction=sliding(0.0), factor=sideways), FrictionForce(
+            direction=sliding(1.0) - sliding(0.0), factor=lever
+        )
+
+
+def line_of_action(
+    *,
+    centre_m: Vector,
+    pitch_radius_m: float,
+    azimuth_rad: float,
+    pressure_angle_rad: float,
+    flank: int = 1,
+    base_helix_rad: float = 0.0,
+    hand: str | None = None,
+) -> tuple[Vector, Vector]:
+    """Return direction of the line of action and pitch point for gear a on an axis along z.
+
+    With e from the centre of gear a to the pitch point and t = z x e the direction is
+    ``flank cos(alpha) t + sin(alpha) e``: flanks in contact push gears apart, and an internal gear outwards. The helix
+    adds ``-+ flank tan(beta_b)`` along z for a right- or left-handed gear a (thrust on a right-handed driver follows
+    the thumb of the right hand whose fingers follow its rotation).
+
+    Parameters
+    ----------
+    centre_m : vector of 3
+        Centre of gear a in m.
+    pitch_radius_m : float
+        Working pitch radius of gear a in m.
+    azimuth_rad : float
+        Direction from the centre of gear a to the pitch point, counted from x: towards the centre of gear b, but away
+        from it where a is external and b internal.
+    pressure_angle_rad : float
+        Transverse working pressure angle in rad.
+    flank : 1 or -1
+        1 where gear a drives counter-clockwise or is driven clockwise.
+    base_helix_rad : float
+        Base helix angle in rad.
+    hand : {"left", "right"} or None
+        Hand of gear a's helix; needed where `base_helix_rad` is not zero.
+
+    Returns
+    -------
+    direction, point_m : vectors of 3
+        For `GearMesh`.
+
+    Raises
+    ------
+    ValueError
+        If a helix has no hand.
+
+    Examples
+    --------
+    >>> import math
+    >>> from data_synth.dynamics.elements import line_of_action
+    >>> direction, point = line_of_action(
+    ...     centre_m=(0, 0, 0), pitch_radius_m=0.1, azimuth_rad=0.0, pressure_angle_rad=math.radians(20)
+    ... )
+    >>> [round(value, 4) for value in direction], point  # sin 20, cos 20
+    ([0.342, 0.9397, 0.0], (0.1, 0.0, 0.0))
+    """
+    away = np.array([math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0])
+    direction = line_of_action_direction(
+        along=np.array([0.0, 0.0, 1.0]),
+        away=away,
+        pressure_angle_rad=pressure_angle_rad,
+        flank=flank,
+        base_helix_rad=base_helix_rad,
+        hand=hand,
+    )
+    point = np.asarray(centre_m) + pitch_radius_m * away
+    return as_vector(direction), as_vector(point)
+
+
+def line_of_action_direction(
+    *, along: Array, away: Array, pressure_angle_rad: float, flank: int, base_helix_rad: float, hand: str | None
+) -> Array:
+    """Return the direction (3,) of the force of gear a on gear b; see `line_of_action`.
+
+    Parameters
+    ----------
+    along, away : (3,) arrays
+        Unit vectors along the line where the pitch surfaces touch, and across it from gear a into gear b.
+    pressure_angle_rad, base_helix_rad, hand
+        As in `line_of_action`.
+    flank : 1 or -1
+        1 where gear a drives with a positive rotation about `along`.
+    """
+    sense = {"right": -1.0, "left": 1.0}.get(hand or "", 0.0)
+    if base_helix_rad and not sense:
+        raise ValueError(f'hand = {hand!r}: a mesh with a helix needs "left" or "right", of its first gear.')
+    across = np.cross(along, away)
+    direction = flank * math.cos(pressure_angle_rad) * across + math.sin(pressure_angle_rad) * away
+    return np.asarray(direction + sense * flank * math.tan(base_helix_rad) * along)
+
+
+def as_vector(values: Array) -> Vector:
+    """Return three numbers as a tuple."""
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def row_of(motions: Mapping[Place, float], coordinates: Coordinates) -> Array:
+    """Return ``sum factor x motion`` as a row of the degrees of freedom, (dof,)."""
+    row = np.zeros(len(coordinates.names))
+    for (name, motion), factor in motions.items():
+        coordinates.body(name)
+        if (name, motion) not in coordinates.index:
+            raise ValueError(
+                f'body "{name}" does not move along "{motion}"; it has {", ".join(coordinates.body(name).motions)}.'
+            )
+        row[coordinates.index[name, motion]] += factor
+    return row
+
+
+def _mesh_terms(
+    element: GearMesh | GeneralMesh, row: Array, friction: tuple[FrictionForce, ...] = ()
+) -> Iterator[Spring | Mesh]:
+    yield Mesh(
+        name=element.name,
+        direction=row,
+        stiffness=element.stiffness,
+        error=element.error,
+        backlash_m=element.backlash_m,
+        cycles_per_rev=element.cycles_per_rev,
+        friction=friction,
+    )
+    if element.damping:
+        yield Spring(direction=row, stiffness=0.0, damping=element.damping)

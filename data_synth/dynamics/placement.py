@@ -1,0 +1,365 @@
+"""Geometry of a declared gearbox: positions of its axes, and its contacts."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+
+from data_synth.dynamics.elements import as_vector
+from data_synth.dynamics.system import Array, Vector
+from data_synth.gears.geometry import GearPair
+from hums.gearbox.components import Mesh
+from hums.gearbox.kinematics import Kinematics
+from hums.gearbox.model import Gearbox
+
+# ---- Pitch cones of bevel gears: their line of contact and their virtual spur gears ----------------------------------
+
+
+_MAX_TEETH = 2000  # of a virtual gear: a crown wheel would be a rack
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cone:
+    """The pitch cones of a bevel pair, which roll on each other along one line.
+
+    Attributes
+    ----------
+    element : vector of 3
+        Direction in space from the apex along the line of contact of the cones.
+    axes : pair of vectors
+        Directions of the gears' axes.
+    internal : bool
+        Whether one of them is an internal gear.
+    """
+
+    element: Vector
+    axes: tuple[Vector, Vector]
+    internal: bool
+
+    @property
+    def cosines(self) -> tuple[float, float]:
+        """Cosines of the pitch angles, between each axis and the element."""
+        one, two = (float(np.dot(self.element, axis)) for axis in self.axes)
+        return one, two
+
+    @property
+    def sines(self) -> tuple[float, float]:
+        """Sines of the pitch angles: pitch radii over the distance from the apex."""
+        one, two = (math.sqrt(1 - cosine**2) for cosine in self.cosines)
+        return one, two
+
+    @property
+    def away(self) -> Array:
+        """Unit vector (3,) across the element, from the first gear, an external one, into the second."""
+        cosine, sine = self.cosines[0], self.sines[0]
+        outwards = (cosine * np.array(self.element) - np.array(self.axes[0])) / sine
+        return np.asarray(outwards if cosine >= 0 else -outwards)
+
+    def distance_m(self, middle: GearPair) -> float:
+        """Return the mean cone distance: from the apex to the middle of the face."""
+        return middle.reference_radii_m[0] / self.sines[0]
+
+    def middle(self, outer: GearPair, mesh: str) -> GearPair:
+        """Return the section in the middle of the face of a pair whose module is that of the outer end."""
+        cone_distance_m = self.distance_m(outer)
+        if not outer.face_width_m < cone_distance_m:
+            raise ValueError(
+                f'mesh "{mesh}": a face of {1e3 * outer.face_width_m:.4g} mm does not fit a cone of '
+                f"{1e3 * cone_distance_m:.4g} mm from its apex; correct face_width_mm or module_mm."
+            )
+        return replace(outer, module_m=outer.module_m * (1 - outer.face_width_m / 2 / cone_distance_m))
+
+    def virtual_spur_gears(self, middle: GearPair) -> GearPair:
+        """Return the virtual spur gears, ``z / cos(delta)`` rounded to whole teeth (Tredgold; ISO 10300-1)."""
+        one, two = (
+            min(_MAX_TEETH, round(abs(teeth) / max(abs(cosine), 1 / _MAX_TEETH)))
+            for teeth, cosine in zip(middle.teeth, self.cosines, strict=True)
+        )
+        return replace(middle, teeth=(one, -two if self.internal else two))
+
+    def reversed(self) -> "Cone":
+        """Return the same cones with the gears in the other order."""
+        return replace(self, axes=(self.axes[1], self.axes[0]))
+
+
+def cone_of(axes: tuple[Array, Array], teeth: tuple[int, int]) -> Cone:
+    """Return the pitch cones of two gears on axes of given directions, with signs as in ``Z_i w_i + Z_j w_j = 0``.
+
+    Relative rotation is about the element, so it is along ``Z_j a_i + Z_i a_j``; a gear with a minus is on the negative
+    side of the apex, or internal.
+    """
+    along = math.copysign(1.0, teeth[0] * teeth[1]) * (teeth[1] * axes[0] + teeth[0] * axes[1])
+    element = along / np.linalg.norm(along)
+    cosines = [float(element @ axis) for axis in axes]
+    # both cones on one side of the element: one is inside the other
+    inside = math.copysign(1.0, cosines[0] * cosines[1]) * (float(axes[0] @ axes[1]) - cosines[0] * cosines[1]) > 0
+    return Cone(element=as_vector(element), axes=(as_vector(axes[0]), as_vector(axes[1])), internal=inside)
+
+
+# ---- Placement -------------------------------------------------------------------------------------------------------
+
+
+_PARALLEL = 1e-9
+_MM = 1e-3
+_FINE = 10_000  # parts of a degree
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """One contact of the expanded gearbox, the gear with teeth outside first.
+
+    Attributes
+    ----------
+    mesh, name : str
+        Names of the mesh and of the contact, which adds the number of the planet.
+    links, teeth : pairs
+        The two gears; teeth signed as declared.
+    carrier : str
+        Body relative to which the contact is at rest.
+    pair : GearPair
+        Geometry; of bevel gears the section in the middle of the face.
+    parallel : bool
+        Whether the axes are parallel.
+    swapped : bool
+        Whether the gears are in the other order than declared.
+    cone : Cone or None
+        Pitch cones of bevel gears.
+    """
+
+    mesh: str
+    name: str
+    links: tuple[str, str]
+    teeth: tuple[int, int]
+    carrier: str
+    pair: GearPair
+    parallel: bool
+    swapped: bool
+    cone: Cone | None = None
+
+    @property
+    def equivalent_pair(self) -> GearPair:
+        """The equivalent spur or helical pair: of a bevel pair its virtual spur gears."""
+        return self.pair if self.cone is None else self.cone.virtual_spur_gears(self.pair)
+
+
+def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> tuple[Contact, ...]:
+    """Return every contact with its geometry, from `geometries` by the name of the mesh or as declared.
+
+    Raises
+    ------
+    ValueError
+        If a mesh has one gear only, or lacks module, face width or pressure angle.
+    """
+    declared = {mesh.name: mesh for mesh in kinematics.gearbox.meshes}
+    number: dict[str, int] = {}
+    copies = {name: sum(other.mesh == name for other in kinematics.contacts) for name in declared}
+    found = []
+    for contact in kinematics.contacts:
+        if len(contact.gears) != 2:  # noqa: PLR2004
+            raise ValueError(f'mesh "{contact.mesh}" has one gear; a mesh with a stiffness needs both of them.')
+        number[contact.mesh] = number.get(contact.mesh, 0) + 1
+        (one, ones), (two, twos) = contact.gears
+        axes = direction_of(kinematics, one), direction_of(kinematics, two)
+        along = float(axes[0] @ axes[1])
+        parallel = abs(abs(along) - 1) < _PARALLEL
+        cone = None if parallel or declared[contact.mesh].kind else cone_of(axes, (ones, twos))
+        internal = ones * twos * along < 0 if cone is None else cone.internal
+        swapped = internal and abs(ones) > abs(twos)
+        links, teeth = ((two, one), (twos, ones)) if swapped else ((one, two), (ones, twos))
+        signed = (abs(teeth[0]), -abs(teeth[1]) if internal else abs(teeth[1]))
+        cone = cone.reversed() if cone is not None and swapped else cone
+        found.append(
+            Contact(
+                mesh=contact.mesh,
+                name=f"{contact.mesh} {number[contact.mesh]}" if copies[contact.mesh] > 1 else contact.mesh,
+                links=links,
+                teeth=teeth,
+                carrier=contact.carrier,
+                pair=geometries.get(contact.mesh) or _pair(declared[contact.mesh], signed, cone, swapped=swapped),
+                parallel=parallel,
+                swapped=swapped,
+                cone=cone,
+            )
+        )
+    return tuple(found)
+
+
+def _pair(mesh: Mesh, teeth: tuple[int, int], cone: Cone | None, *, swapped: bool) -> GearPair:
+    missing = [key for key in ("module_mm", "face_width_mm", "pressure_angle_deg") if getattr(mesh, key) is None]
+    if missing:
+        raise ValueError(
+            f'mesh "{mesh.name}" declares no {" and no ".join(missing)}, without which it has neither radii nor '
+            "stiffness; declare it in the gearbox, or give MeshProperties(geometry=GearPair(...))."
+        )
+    shift = mesh.profile_shift or (0.0, 0.0)
+    pair = GearPair(
+        teeth=teeth,
+        module_m=_MM * (mesh.module_mm or 0.0),
+        face_width_m=_MM * (mesh.face_width_mm or 0.0),
+        pressure_angle_rad=math.radians(mesh.pressure_angle_deg or 0.0),
+        helix_angle_rad=math.radians(abs(mesh.helix_angle_deg or 0.0)),
+        profile_shift=(shift[1], shift[0]) if swapped else (shift[0], shift[1]),
+    )
+    return pair if cone is None else cone.middle(pair, mesh.name)
+
+
+def direction_of(kinematics: Kinematics, link: str) -> Array:
+    """Return the direction of a link's axis of rotation, (3,); for a gear of the frame that of its mate's carrier.
+
+    Copies of an axis that is not parallel to that of their carrier are spaced round it as declared.
+    """
+    directions, bodies = kinematics.mechanism.directions, kinematics.bodies
+    joint = kinematics.joints.get(bodies[link])
+    if joint is not None:
+        drawn = np.array(directions[joint.axis])
+        holder = kinematics.joints.get(joint.carried_by)
+        if holder is None:
+            return drawn
+        return _rotated(drawn, np.array(directions[holder.axis]), planet_angle(kinematics.gearbox, joint.axis))
+    for contact in kinematics.contacts:
+        shared = kinematics.mechanism.shared_axis(bodies[link], contact.carrier)
+        if shared is not None and link in (gear for gear, _ in contact.gears):
+            return np.array(directions[shared])
+    return np.array(next(iter(directions.values())))
+
+
+def transverse_axes(direction: Array) -> tuple[Array, Array]:
+    """Return the x and y axes to a z axis: x, y, z in cyclic order where `direction` is one of them."""
+    away = np.roll(np.eye(3)[int(np.argmax(np.abs(direction)))], 1)
+    first = away - (away @ direction) * direction
+    first /= np.linalg.norm(first)
+    return first, np.cross(direction, first)
+
+
+def z_direction(kinematics: Kinematics) -> Array:
+    """Return the direction that is z of the assembly, (3,): the first axis, or that of a carrier not parallel to it."""
+    joints, frame = kinematics.joints, kinematics.mechanism.frame
+    first = direction_of(kinematics, next(iter(joints)))
+    for carrier in dict.fromkeys(joint.carried_by for joint in joints.values() if joint.carried_by != frame):
+        axis = direction_of(kinematics, carrier)
+        if not _parallel(axis, first):
+            return axis
+    return first
+
+
+def axis_points(kinematics: Kinematics, contacts: tuple[Contact, ...]) -> dict[str, Array]:
+    """Return a point of each body's axis in space, (3,) m; the first body's in the origin.
+
+    It is as declared by ``through``. Else planets are spaced round their carrier as declared, at the centre distance of
+    their mesh, and each other gear is beside one that is known, along x; axes of bevel gears intersect.
+    """
+    joints, frame = kinematics.joints, kinematics.mechanism.frame
+    through = {
+        name: np.array(axis.through) * _MM
+        for axis in kinematics.gearbox.axes
+        if axis.through is not None and axis.copies is None
+        for name in axis.instances()
+    }
+    known = {body: through[joint.axis] for body, joint in joints.items() if joint.axis in through}
+    known.setdefault(next(iter(joints)), np.zeros(3))
+    coaxial = {
+        (body, other)
+        for members in kinematics.mechanism.levels.values()
+        for body in members
+        for other in members
+        if frame not in (body, other) and joints[body].axis == joints[other].axis
+    }
+    for _ in range(len(joints)):
+        for body, other in coaxial:
+            if body in known:
+                known.setdefault(other, known[body])
+        for contact in contacts:
+            _place(kinematics, contact, known)
+    return known
+
+
+def _place(kinematics: Kinematics, contact: Contact, known: dict[str, Array]) -> None:
+    """Place the gear of a contact whose position is unknown at the centre distance from its mate, or at the apex."""
+    bodies = [kinematics.bodies[link] for link in contact.links]
+    starts = [known.get(_axis_body(kinematics, body, contact.carrier)) for body in bodies]
+    here = 0 if starts[0] is None else 1
+    start = starts[1 - here]
+    if starts[here] is not None or start is None:
+        return
+    axis = direction_of(kinematics, contact.links[1 - here])
+    if not contact.parallel:
+        known[bodies[here]] = start + axial_position_m(kinematics, contact) * axis
+        return
+    z = z_direction(kinematics)
+    x, y = transverse_axes(z if _parallel(axis, z) else axis)
+    joint = kinematics.joints.get(bodies[here])
+    angle = 0.0 if joint is None else planet_angle(kinematics.gearbox, joint.axis)
+    known[bodies[here]] = start + contact.pair.centre_distance_m * (math.cos(angle) * x + math.sin(angle) * y)
+
+
+def axial_position_m(kinematics: Kinematics, contact: Contact) -> float:
+    """Return the position of a mesh along the axis of its first gear: the middle of its face, or its apex."""
+    mesh = next(mesh for mesh in kinematics.gearbox.meshes if mesh.name == contact.mesh)
+    return _MM * (mesh.position_mm or 0.0)
+
+
+def _axis_body(kinematics: Kinematics, body: str, carrier: str) -> str:
+    """Return the body with whose axis a gear on the frame is coaxial, the contact's carrier; else the body itself."""
+    if body != kinematics.mechanism.frame:
+        return body
+    shared = kinematics.mechanism.shared_axis(body, carrier)
+    return carrier if shared is not None and carrier != body else body
+
+
+def _parallel(one: Array, two: Array) -> bool:
+    return abs(abs(float(one @ two)) - 1) < _PARALLEL
+
+
+def _rotated(vector: Array, about: Array, angle: float) -> Array:
+    """Return a vector rotated about a unit vector (Rodrigues)."""
+    if not angle or _parallel(vector, about):
+        return vector
+    along = (about @ vector) * about
+    return np.asarray(along + math.cos(angle) * (vector - along) + math.sin(angle) * np.cross(about, vector))
+
+
+def planet_of(kinematics: Kinematics, contact: Contact) -> int | None:
+    """Return which gear of a contact, 0 or 1, is a planet of its carrier; None where neither or both are."""
+    joints, bodies = kinematics.joints, [kinematics.bodies[link] for link in contact.links]
+    frame = kinematics.mechanism.frame
+    carried = [body in joints and joints[body].carried_by == contact.carrier != frame for body in bodies]
+    return carried.index(True) if sum(carried) == 1 else None
+
+
+def planet_phase_lag(
+    kinematics: Kinematics, contact: Contact, *, speeds: Mapping[str, float] | None = None
+) -> Fraction:
+    """Return the phase lag of a contact behind that of the first planet, in mesh cycles.
+
+    The teeth of the central gear pass a planet at the angle psi by ``Z psi / 2 pi`` cycles later than the first if
+    that gear rotates in the sense of psi relative to the carrier, else earlier.
+    """
+    planet = planet_of(kinematics, contact)
+    if planet is None:
+        return Fraction(0)
+    z, central = z_direction(kinematics), contact.links[1 - planet]
+    turn = planet_position(kinematics.gearbox, kinematics.joints[kinematics.bodies[contact.links[planet]]].axis)
+    passes = kinematics.relative_speed(central, seen_from=contact.carrier, speeds=speeds)
+    sense = passes * round(float(direction_of(kinematics, central) @ z))
+    return abs(contact.teeth[1 - planet]) * turn * (-1 if sense < 0 else 1)
+
+
+def planet_angle(gearbox: Gearbox, axis_name: str) -> float:
+    """Return `planet_position` in rad."""
+    return 2 * math.pi * float(planet_position(gearbox, axis_name))
+
+
+def planet_position(gearbox: Gearbox, axis_name: str) -> Fraction:
+    """Return the angle of one of several planet axes round its carrier, in turns from the first; 0 for a single one."""
+    for axis in gearbox.axes:
+        if axis.copies and axis_name in axis.instances():
+            number = axis.instances().index(axis_name)
+            given = axis.spacing_deg
+            if given is None:
+                return Fraction(number, axis.copies)
+            # as in the gearbox file: angles begin with 0, gaps do not
+            degrees = given[number] if given[0] == 0 else sum(given[:number])
+            return Fraction(degrees).limit_denominator(_FINE) / 360
+    return Fraction(0)

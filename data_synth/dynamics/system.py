@@ -1,0 +1,508 @@
+"""The equations of motion of a gearbox: bodies and elements assembled into mass, damping, stiffness and meshes.
+
+    M q'' + (C + G) q' + K q + sum_m g_m k_m(phi_m) f(g_m . q - e_m(phi_m)) = F(t)
+
+with one row g_m per mesh, k_m its stiffness and e_m its transmission error at the mesh phase phi_m, and f the dead
+zone of half width `Mesh.backlash_m`. Bodies are rigid and have the motions they are given; a motion that a body lacks
+is held at zero. Every element that joins bodies is a row g, which turns displacements into one deflection, and a
+constant k. Bearings and shafts give several such springs, a mesh one whose constant follows the mesh phase. The springs
+are kept beside their sum ``K = sum k g g'``, in which stiff ones take the last digits from soft ones
+(`System.springs`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from data_synth.gears.mesh_stiffness import Stiffness
+    from data_synth.gears.transmission_error import TransmissionError
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+TORSION = ("rotation",)
+PLANE = ("x", "y", "rotation")
+SPACE = ("x", "y", "z", "tilt x", "tilt y", "rotation")
+_TRANSLATIONS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_ALONG_Z = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshHistory:
+    """Teeth that change slowly in time, as by a growing fault: given at some instants, linear between them.
+
+    Attributes
+    ----------
+    times_s : (j,) array
+        Instants in s, rising, two or more; before the first and after the last nothing changes.
+    stiffnesses : tuple of j Stiffness
+        Mesh stiffness over the mesh phase at each instant.
+    errors : tuple of j TransmissionError or None
+        Transmission error over the mesh phase at each instant; all of them given, or none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from data_synth.dynamics.system import MeshHistory
+    >>> from data_synth.gears.mesh_stiffness import Constant
+    >>> teeth = Constant(mean=2e8), Constant(mean=1e8)
+    >>> history = MeshHistory(times_s=np.array([0.0, 10.0]), stiffnesses=teeth, errors=(None, None))
+    >>> history.position(np.array([5.0])).tolist()
+    [0.5]
+    """
+
+    times_s: Array = field(metadata={"dims": ("stage",), "units": "s"})
+    stiffnesses: tuple[Stiffness, ...]
+    errors: tuple[TransmissionError | None, ...]
+
+    def __post_init__(self) -> None:
+        count = len(self.times_s)
+        if count < 2 or not np.all(np.diff(self.times_s) > 0):  # noqa: PLR2004
+            raise ValueError(f"times_s = {self.times_s}: two or more instants are needed, rising.")
+        if (len(self.stiffnesses), len(self.errors)) != (count, count) or len({e is None for e in self.errors}) != 1:
+            raise ValueError(
+                f"{count} instants need as many stiffnesses and errors, these all or none of them None; there are "
+                f"{len(self.stiffnesses)} and {len(self.errors)}."
+            )
+
+    def position(self, times_s: Array) -> Array:
+        """Return the fractional number of the instant at each time (n,): 1.5 is halfway from the second to the third.
+
+        Parameters
+        ----------
+        times_s : (n,) array
+            Times in s.
+        """
+        return np.interp(times_s, self.times_s, np.arange(len(self.times_s)))
+
+
+class PhaseFunction(Protocol):
+    """A number that follows the mesh phase, cycle after cycle."""
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Phases in [0, 1), rising, at which it jumps."""
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return it at phases in mesh cycles, any shape."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionForce:
+    """Tooth friction: a force of ``direction x factor(phase)`` times the normal force between the driving flanks.
+
+    Attributes
+    ----------
+    direction : (dof,) array
+        Generalised force per unit of friction force.
+    factor : PhaseFunction
+        Friction force over normal force at each mesh phase.
+
+    Examples
+    --------
+    `data_synth.dynamics.elements.GearMesh` makes the friction forces of a gear pair from a `SlidingFriction`.
+    """
+
+    direction: Array = field(metadata={"dims": ("dof",), "units": "1 or m, over factor"})
+    factor: PhaseFunction
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mesh:
+    """One gear mesh in the equations of motion.
+
+    Attributes
+    ----------
+    name : str
+        Name of the contact, as "sun-planet 1".
+    direction : (dof,) array
+        g: the deflection along the line of action is ``g . q``, positive where teeth are pressed together. In m/m for
+        translations, m/rad for rotations.
+    stiffness : Stiffness
+        Mesh stiffness k over the mesh phase in cycles, in N/m.
+    error : TransmissionError or None
+        Transmission error e over the mesh phase in m, subtracted from the deflection.
+    backlash_m : float
+        Half the backlash in m. 0: teeth stay in contact, and the mesh is linear.
+    cycles_per_rev : float
+        Mesh cycles per revolution of the reference; the phase is zero where the reference's angle is.
+    history : MeshHistory or None
+        Change of the teeth in time; it starts with `stiffness` and `error`.
+    friction : tuple of FrictionForce
+        Friction forces, proportional to the mesh force and across its direction. Contact of the back flanks has none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from data_synth.dynamics.system import Mesh
+    >>> from data_synth.gears.mesh_stiffness import Rectangular
+    >>> stiffness = Rectangular.by_contact_ratio(pair_stiffness=2e8, contact_ratio=1.6)
+    >>> mesh = Mesh(name="pinion-wheel", direction=np.array([0.03, -0.06]), stiffness=stiffness, cycles_per_rev=20)
+    >>> mesh.stiffness([0.1, 0.9]).tolist()  # two pairs in contact, then one
+    [400000000.0, 200000000.0]
+    """
+
+    name: str
+    direction: Array = field(metadata={"dims": ("dof",), "units": "m/m or m/rad"})
+    stiffness: Stiffness
+    error: TransmissionError | None = None
+    backlash_m: float = 0.0
+    cycles_per_rev: float = 1.0
+    history: MeshHistory | None = None
+    friction: tuple[FrictionForce, ...] = ()
+
+    def teeth_at(self, phase_cycles: Array, times_s: Array) -> tuple[Array, Array]:
+        """Return mesh stiffness in N/m and transmission error in m at phases and times.
+
+        Parameters
+        ----------
+        phase_cycles : (n,) array
+            Mesh phase in cycles.
+        times_s : (n,) array
+            Times in s, for teeth that have a history.
+        """
+        zero = np.zeros(np.shape(phase_cycles))
+        if self.history is None:
+            return self.stiffness(phase_cycles), zero if self.error is None else self.error(phase_cycles)
+        position = self.history.position(times_s)
+        weights = [np.maximum(1 - np.abs(position - number), 0) for number in range(len(self.history.times_s))]
+        errors = [zero if error is None else error(phase_cycles) for error in self.history.errors]
+        stiffness = sum((w * k(phase_cycles) for w, k in zip(weights, self.history.stiffnesses, strict=True)), zero)
+        return stiffness, sum((w * e for w, e in zip(weights, errors, strict=True)), zero)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spring:
+    """A linear spring with a parallel damper: force ``-g (stiffness g . q + damping g . q')``.
+
+    Attributes
+    ----------
+    direction : (dof,) array
+        g: the deflection is ``g . q``.
+    stiffness, damping : float
+        N/m and N s/m, or N m/rad and N m s/rad where the deflection is an angle.
+
+    Examples
+    --------
+    `System.springs` holds those of an assembled system:
+
+    >>> from data_synth.dynamics.elements import Support
+    >>> from data_synth.dynamics.system import Body, build_system
+    >>> gear = Body(name="gear", mass_kg=2.0, motions=("x", "y"))
+    >>> springs = build_system([gear], [Support(between=("gear", None), x=1e8, y=2e8)]).springs
+    >>> [(spring.direction.tolist(), spring.stiffness) for spring in springs]
+    [([1.0, 0.0], 100000000.0), ([0.0, 1.0], 200000000.0)]
+    """
+
+    direction: Array = field(metadata={"dims": ("dof",), "units": "m/m or m/rad"})
+    stiffness: float
+    damping: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class System:
+    """Matrices and meshes of ``M q'' + (C + G) q' + K q + sum_m g_m k_m(phi_m) f(g_m . q - e_m(phi_m)) = F(t)``.
+
+    Attributes
+    ----------
+    mass, damping, stiffness : (dof, dof) arrays
+        The constant parts, without meshes: kg, N s/m, N/m for translations, and likewise for rotations.
+    gyroscopic : (dof, dof) array or None
+        Skew-symmetric part of the velocity terms, at the speed the system was assembled for.
+    meshes : tuple of Mesh
+        The gear meshes, whose stiffness follows the mesh phase.
+    names : tuple of str
+        Degrees of freedom, each a body and a motion, as "pinion x" or "pinion rotation".
+    springs : tuple of Spring
+        The springs whose sum is `stiffness`; empty where it has other terms.
+
+    Examples
+    --------
+    One mass on a spring of 9 N/m, written as matrices:
+
+    >>> import numpy as np
+    >>> from data_synth.dynamics.system import System
+    >>> from data_synth.dynamics.modes import solve_modes
+    >>> one = np.eye(1)
+    >>> system = System(mass=one, damping=0 * one, stiffness=9 * one, meshes=(), names=("mass x",))
+    >>> solve_modes(system).angular.round(6).tolist()
+    [3.0]
+    """
+
+    mass: Array = field(metadata={"dims": ("dof", "dof"), "units": "kg or kg m2"})
+    damping: Array = field(metadata={"dims": ("dof", "dof"), "units": "N s/m or N m s"})
+    stiffness: Array = field(metadata={"dims": ("dof", "dof"), "units": "N/m or N m"})
+    gyroscopic: Array | None = None
+    meshes: tuple[Mesh, ...]
+    names: tuple[str, ...]
+    springs: tuple[Spring, ...] = ()
+
+    @property
+    def dof(self) -> int:
+        """Number of degrees of freedom."""
+        return len(self.names)
+
+    def mean_stiffness(self) -> Array:
+        """Return K with every mesh in contact at its mean stiffness, (dof, dof)."""
+        total = self.stiffness.copy()
+        for mesh in self.meshes:
+            total += mesh.stiffness.mean * np.outer(mesh.direction, mesh.direction)
+        return total
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """A rigid body that is axisymmetric about its axis.
+
+    Attributes
+    ----------
+    name : str
+        Unique name.
+    mass_kg : float
+        Mass in kg; needed where the body translates.
+    inertia_kgm2 : float
+        Moment of inertia about the axis in kg m2; needed where the body rotates.
+    tilt_inertia_kgm2 : float
+        Moment of inertia about any diameter through the centre in kg m2; needed where the body tilts.
+    motions : tuple of str
+        Degrees of freedom, any of "x", "y", "z" (along the directions of space), "rotation" (about the axis), "tilt x",
+        "tilt y" (about two directions across the axis: x and y themselves for an axis along z).
+    centre_m : vector of 3
+        Centre in m.
+    axis : vector of 3
+        Direction of the axis, of any length.
+    speed_ratio : float
+        Speed about the axis over that of the reference, in the inertial frame; for gyroscopic terms only.
+    frame_ratio : float
+        Speed of the body's x and y coordinates about z, over that of the reference.
+    rotates_with : str or None
+        Another body to which this one is fixed in rotation: both have one degree of freedom "rotation".
+
+    Examples
+    --------
+    A solid steel disc of 0.1 m radius and 0.02 m width, free to translate in its plane and to rotate:
+
+    >>> import math
+    >>> from data_synth.dynamics.system import PLANE, Body
+    >>> mass = 7800 * math.pi * 0.1**2 * 0.02
+    >>> Body(name="wheel", mass_kg=mass, inertia_kgm2=mass * 0.1**2 / 2, motions=PLANE).motions
+    ('x', 'y', 'rotation')
+    """
+
+    name: str
+    mass_kg: float = 0.0
+    inertia_kgm2: float = 0.0
+    tilt_inertia_kgm2: float = 0.0
+    motions: tuple[str, ...]
+    centre_m: Vector = (0.0, 0.0, 0.0)
+    axis: Vector = (0.0, 0.0, 1.0)
+    speed_ratio: float = 0.0
+    frame_ratio: float = 0.0
+    rotates_with: str | None = None
+
+    def __post_init__(self) -> None:
+        for motion in self.motions:
+            if motion not in SPACE:
+                raise ValueError(f'body "{self.name}": the motion "{motion}" is not one of {", ".join(SPACE)}.')
+            if not self.inertia(motion) > 0 and (motion != "rotation" or self.rotates_with is None):
+                what = "mass_kg" if motion in _TRANSLATIONS else "inertia_kgm2"
+                what = "tilt_inertia_kgm2" if motion.startswith("tilt") else what
+                raise ValueError(
+                    f'body "{self.name}": {what} = {self.inertia(motion)!r} cannot move along "{motion}"; give a '
+                    "positive number, or leave the motion out."
+                )
+
+    def inertia(self, motion: str) -> float:
+        """Return the mass in kg or moment of inertia in kg m2 of one of the motions."""
+        if motion in _TRANSLATIONS:
+            return self.mass_kg
+        return self.inertia_kgm2 if motion == "rotation" else self.tilt_inertia_kgm2
+
+    def rotation_axis(self, motion: str) -> Array:
+        """Return the unit vector about which "rotation", "tilt x" or "tilt y" rotates the body, (3,)."""
+        axis = np.asarray(self.axis, dtype=np.float64) / np.linalg.norm(self.axis)
+        if motion == "rotation":
+            return np.asarray(axis)
+        first = np.array([1.0, 0.0, 0.0]) if np.hypot(axis[0], axis[1]) < _ALONG_Z else np.cross([0, 0, 1], axis)
+        first = first / np.linalg.norm(first)
+        if motion == "tilt x":
+            return np.asarray(first)
+        second = np.array([0.0, 1.0, 0.0]) if np.hypot(axis[0], axis[1]) < _ALONG_Z else np.cross(axis, first)
+        return np.asarray(second, dtype=np.float64)
+
+
+class Coordinates:
+    """The vector q of all degrees of freedom: number of each motion, and displacements of points as rows of it.
+
+    ``index`` maps (body, motion) to the number in q, ``names`` has one name for each number.
+    """
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        names = [body.name for body in bodies]
+        twice = {name for name in names if names.count(name) > 1}
+        if twice:
+            raise ValueError(f'two bodies are called "{min(twice)}"; name each once.')
+        self.bodies = {body.name: body for body in bodies}
+        places = [
+            (body.name, motion)
+            for body in bodies
+            for motion in body.motions
+            if motion != "rotation" or body.rotates_with is None
+        ]
+        self.index = {place: number for number, place in enumerate(places)}
+        self.names = tuple(f"{name} {motion}" for name, motion in places)
+        for body in bodies:
+            if body.rotates_with is not None:
+                self.index[body.name, "rotation"] = self.index[body.rotates_with, "rotation"]
+
+    def body(self, name: str) -> Body:
+        """Return a body by its name; ValueError with the names there are if it is unknown."""
+        if name not in self.bodies:
+            raise ValueError(f'no body is called "{name}"; there are {", ".join(self.bodies)}.')
+        return self.bodies[name]
+
+    def displacement_row(self, name: str | None, point_m: Vector | Array, direction: Vector | Array) -> Array:
+        """Return the row g of the displacement of a point of a body along a direction d, (dof,).
+
+        ``g . q = d . (u + theta x (P - centre))``; zero for None, the ground.
+        """
+        row = np.zeros(len(self.names))
+        if name is None:
+            return row
+        body, along = self.body(name), np.asarray(direction, dtype=np.float64)
+        moment = np.cross(np.asarray(point_m) - np.asarray(body.centre_m), along)
+        for motion in body.motions:
+            rotates = motion not in _TRANSLATIONS
+            row[self.index[name, motion]] = (
+                body.rotation_axis(motion) @ moment if rotates else np.asarray(_TRANSLATIONS[motion]) @ along
+            )
+        return row
+
+    def rotation_row(self, name: str | None, direction: Vector | Array) -> Array:
+        """Return the row g of the rotation of a body about a direction, (dof,); zero for None, the ground."""
+        row = np.zeros(len(self.names))
+        if name is not None:
+            body = self.body(name)
+            for motion in body.motions:
+                if motion not in _TRANSLATIONS:
+                    row[self.index[name, motion]] = body.rotation_axis(motion) @ np.asarray(direction, dtype=np.float64)
+        return row
+
+
+class Element(Protocol):
+    """A connection between bodies that adds springs and meshes to the system."""
+
+    def terms(self, at: Coordinates) -> Iterator[Spring | Mesh]:
+        """Yield its springs and meshes in the coordinates of the system."""
+
+
+def build_system(
+    bodies: Sequence[Body],
+    elements: Iterable[Element],
+    *,
+    speed_rad_s: float = 0.0,
+    frame_ratio: float = 0.0,
+) -> System:
+    """Assemble bodies and the elements between them into the equations of motion.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        Rigid bodies, each with its own degrees of freedom.
+    elements : iterable of Element
+        Bearings, shafts, couplings and meshes; see `data_synth.dynamics.elements`.
+    speed_rad_s : float
+        Speed of the reference shaft in rad/s. Other than zero, gyroscopic terms are added.
+    frame_ratio : float
+        Speed of a rotating frame about z, over that of the reference, for all coordinates, in place of each body's own:
+        the carrier's speed ratio for a planetary stage. Mass times ``2 Omega`` then couples x and y, and ``-Omega^2``
+        times the mass is added to the stiffness (Lin and Parker 1999, eq. 1). Supports outside of a rotating frame
+        have to be isotropic in x and y.
+
+    Returns
+    -------
+    System
+
+    Raises
+    ------
+    ValueError
+        If two bodies have one name, or an element names a body or motion that there is not.
+
+    Examples
+    --------
+    A gear pair of base radii 0.05 m and 0.1 m, torsional: ``omega^2 = k (r1^2 / J1 + r2^2 / J2)``:
+
+    >>> from data_synth.dynamics.elements import GeneralMesh
+    >>> from data_synth.dynamics.system import Body, build_system
+    >>> from data_synth.gears.mesh_stiffness import Constant
+    >>> from data_synth.dynamics.modes import solve_modes
+    >>> pinion = Body(name="pinion", inertia_kgm2=0.005, motions=("rotation",))
+    >>> wheel = Body(name="wheel", inertia_kgm2=0.02, motions=("rotation",))
+    >>> row = {("pinion", "rotation"): 0.05, ("wheel", "rotation"): -0.1}
+    >>> system = build_system([pinion, wheel], [GeneralMesh(name="m", motions=row, stiffness=Constant(mean=1e8))])
+    >>> solve_modes(system).angular.round(4).tolist()
+    [0.0, 10000.0]
+    """
+    if frame_ratio:
+        bodies = [replace(body, frame_ratio=frame_ratio) for body in bodies]
+    coordinates = Coordinates(bodies)
+    terms = [term for element in elements for term in element.terms(coordinates)]
+    springs = tuple(term for term in terms if isinstance(term, Spring))
+    size = len(coordinates.names)
+    own = [
+        (body, motion) for body in bodies for motion in body.motions if motion != "rotation" or not body.rotates_with
+    ]
+    mass = np.diag([body.inertia(motion) for body, motion in own])
+    stiffness, damping = np.zeros((size, size)), np.zeros((size, size))
+    for spring in springs:
+        square = np.outer(spring.direction, spring.direction)
+        stiffness += spring.stiffness * square
+        damping += spring.damping * square
+    gyroscopic, centripetal = _rotation_terms(coordinates, speed_rad_s)
+    return System(
+        mass=mass,
+        damping=damping,
+        stiffness=stiffness + centripetal,
+        gyroscopic=gyroscopic if gyroscopic.any() else None,
+        meshes=tuple(term for term in terms if isinstance(term, Mesh)),
+        names=coordinates.names,
+        springs=() if centripetal.any() else springs,
+    )
+
+
+def _rotation_terms(coordinates: Coordinates, speed: float) -> tuple[Array, Array]:
+    """Return the gyroscopic and the centripetal matrix.
+
+    With z = x + jy in a frame that rotates at Omega, the inertia force of a mass is ``m (z'' + 2j Omega z' - Omega^2
+    z)``, and the moment of a tilt t, the body spinning at w, ``I (t'' + 2j Omega t' - Omega^2 t) - j J w (t' + j Omega
+    t)``; where the axis is not along z, as that of a bevel planet, the rotation of the frame is left out of its tilt.
+    """
+    size = len(coordinates.names)
+    gyroscopic, centripetal = np.zeros((size, size)), np.zeros((size, size))
+    for body in coordinates.bodies.values():
+        frame = body.frame_ratio * speed
+        upright = np.hypot(body.axis[0], body.axis[1]) <= _ALONG_Z
+        across = np.cross(body.rotation_axis("tilt x"), body.rotation_axis("tilt y")) @ body.rotation_axis("rotation")
+        spin = across * body.inertia_kgm2 * body.speed_ratio * speed
+        for pair, inertia, momentum in (
+            (("x", "y"), body.mass_kg, 0.0),
+            (("tilt x", "tilt y"), body.tilt_inertia_kgm2, spin),
+        ):
+            if frame and not upright and pair[0] != "x":
+                continue
+            numbers = [coordinates.index.get((body.name, motion)) for motion in pair]
+            for number in (found for found in numbers if found is not None):
+                centripetal[number, number] = frame * (momentum - inertia * frame)
+            if None not in numbers:
+                first, second = numbers
+                gyroscopic[second, first] = 2 * inertia * frame - momentum
+                gyroscopic[first, second] = -gyroscopic[second, first]
+    return gyroscopic, centripetal

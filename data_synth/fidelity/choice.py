@@ -1,0 +1,329 @@
+"""Fidelity of each mesh of a scene: as declared or, for "auto", the cheapest within a tolerance of the full motion."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial
+
+import numpy as np
+
+from data_synth.dynamics.active_dofs import LEVELS
+from data_synth.fidelity.linear_response import (
+    LinearPrediction,
+    check_lines_possible,
+    response_of,
+    tooth_forces,
+    with_lines,
+)
+from data_synth.fidelity.preview import preview_factor, preview_of, with_full_duration
+from data_synth.kinematic.harmonics import random_stream
+from data_synth.operation.shaft_angle import Array
+from data_synth.scene.scene import Excitation, GearFault, Noise, Scene, SceneError
+from data_synth.sources.prepared import PreparedScene, prepare_scene
+from data_synth.vibration.meshes import Gears, declared_of
+from data_synth.vibration.run import Motion, motion_of, prepare_gears, without_meshes
+
+# Models of the meshes of a scene at each level of fidelity: rigid, a spring, spectral lines, or time integration.
+
+
+LEFT_OUT, SPRING, KINEMATIC = "left out", "a spring", "kinematic"
+LADDER = (LEFT_OUT, SPRING, KINEMATIC, *LEVELS)  # from the least to the most
+
+
+def simulated_motion(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> Motion | None:
+    """Return the motion to integrate at these levels; None where no mesh needs time integration."""
+    if not set(LEVELS) & set(levels.values()):
+        return None
+    still = [name for name, level in levels.items() if level not in LEVELS]
+    moving = {name: "torsional" if name in still else level for name, level in levels.items()}
+    motion = motion_of(stage, gears, levels=moving, springs=still)
+    return without_meshes(motion, [name for name, level in levels.items() if level == LEFT_OUT])
+
+
+def with_kinematic_lines(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> PreparedScene:
+    """Return the stage with the lines of its kinematic meshes, from the response of the most detailed motion."""
+    kinematic = [name for name, level in levels.items() if level == KINEMATIC]
+    return with_lines(stage, response_of(most_detailed_motion(stage, gears, levels)), kinematic) if kinematic else stage
+
+
+def most_detailed_motion(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> Motion:
+    """Return the motion in which meshes without time integration have the highest fidelity that the scene allows."""
+    most = stage.scene.fidelity if stage.scene.fidelity in LEVELS else "full"
+    moving = {name: level if level in LEVELS else most for name, level in levels.items()}
+    return motion_of(stage, gears, levels=moving)
+
+
+# ---- Choice ----------------------------------------------------------------------------------------------------------
+
+
+_MARGIN_DB = 10.0  # beyond the floor: the linear response decides without a simulation
+_SAME_DB = -150.0
+_SILENT_DB = -400.0
+_COARSE = 8  # values of a stiffness to a period of its highest line
+_INSTANTS = 9  # of a scene at which its linear response is evaluated
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """A candidate compared with the full motion: difference of its worst channel in dB, simulated or predicted."""
+
+    levels: Mapping[str, str]
+    decibels: float
+    run: bool
+
+    def __str__(self) -> str:
+        """Return as in ``torsional about 16 dB``."""
+        if math.isinf(self.decibels):
+            return f"{named(self.levels)} out of the question"
+        return f"{named(self.levels)} {'' if self.run else 'about '}{self.decibels:.0f} dB"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """The fidelity of each mesh.
+
+    Attributes
+    ----------
+    levels : mapping of mesh to one of `LADDER`
+        "left out": rigid teeth; "a spring": constant mean stiffness; "kinematic": the lines of the linear response;
+        else time integration.
+    tried : tuple of Trial
+        All candidates compared with the full motion; none where `floor_db` is None.
+    floor_db : float or None
+        Tolerated difference; None where the scene declares its fidelity.
+    """
+
+    levels: Mapping[str, str]
+    tried: tuple[Trial, ...] = ()
+    floor_db: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the levels in words."""
+        return named(self.levels)
+
+    @property
+    def decibels(self) -> float:
+        """Difference of the worst channel from the full motion in dB."""
+        return next((trial.decibels for trial in self.tried if trial.levels == self.levels), _SILENT_DB)
+
+    def __str__(self) -> str:
+        """Return the choice and its reason as text."""
+        if self.floor_db is None:
+            return f"{self.name}, as declared"
+        uniform = ", ".join(str(trial) for trial in self.tried if len(set(trial.levels.values())) == 1)
+        quiet = "".join(
+            f'; teeth of "{mesh}" {level if level == LEFT_OUT else "left out but for their mean"}, below the floor'
+            for mesh, level in self.levels.items()
+            if level in (LEFT_OUT, SPRING)
+        )
+        apart = "nothing is lost" if self.decibels < _SAME_DB else f"apart by {self.decibels:.0f} dB"
+        return f"{self.name}: within {self.floor_db:g} dB of full, {apart} (from full: {uniform or 'nothing'}){quiet}"
+
+
+def named(levels: Mapping[str, str]) -> str:
+    """Return the levels as text: ``lateral``, or ``stage 1 lateral, stage 2 torsional`` where stages differ."""
+    if len(set(levels.values())) == 1:
+        return next(iter(levels.values()))
+    return ", ".join(f"{mesh} {level}" for mesh, level in levels.items())
+
+
+def chosen(stage: PreparedScene, gears: Gears) -> Choice:
+    """Return the fidelity of each mesh of a scene.
+
+    With "auto", equal levels for all stages are compared with the full motion, kinematic first; the first whose worst
+    channel differs by less than `floor_db`, RMS of the difference over RMS, is chosen. Then each stage, that with the
+    weakest lines first, is reduced by itself: left out, a spring, kinematic, fewer motions, as long as the channels
+    stay within the floor. A stage that declares a fidelity keeps it.
+
+    The linear response decides where it can: a candidate that differs by 10 dB more than the floor at instants all
+    over the scene is rejected, and one equal to the full motion is accepted. Others are simulated over the first
+    `decide_s` of the scene.
+
+    Raises
+    ------
+    SceneError
+        If a stage declares a higher fidelity than the scene, or the scene cannot be integrated.
+    """
+    scene = stage.scene
+    own = {mesh.name: declared_of(scene).mesh(mesh.name).fidelity for mesh in scene.gearbox.meshes}
+    if scene.fidelity != "auto":
+        return Choice(levels={name: _within(scene, name, level) for name, level in own.items()})
+    floor_db = declared_of(scene).floor_db
+    comparison = _Comparison(stage=stage, gears=gears, top={name: level or "full" for name, level in own.items()})
+    tried: list[Trial] = []
+
+    def fits(levels: Mapping[str, str]) -> bool:
+        known = next((trial for trial in tried if trial.levels == levels), None)
+        if known is None:
+            tried.append(known := comparison.compare(levels))
+        return known.decibels <= floor_db
+
+    uniform = ({name: level or common for name, level in own.items()} for common in (KINEMATIC, *LEVELS[:-1]))
+    levels = next(
+        (candidate for candidate in uniform if candidate != comparison.top and fits(candidate)), comparison.top
+    )
+    for name in comparison.by_line_power() if len(own) > 1 else ():
+        if own[name] is None:
+            less = ({**levels, name: level} for level in LADDER[: LADDER.index(levels[name])])
+            levels = next((candidate for candidate in less if fits(candidate)), levels)
+    return Choice(levels=levels, tried=tuple(tried), floor_db=floor_db)
+
+
+def decided(scene: Scene) -> Choice:
+    """Return the fidelity of each mesh of a scene, independent of its seed: `chosen` for its gears and seed 0.
+
+    Scenes with equal gears, sensors, speed and torque share the cached result.
+    """
+    gears = tuple(fault for fault in scene.faults if isinstance(fault, GearFault))
+    return _decided(scene.model_copy(update={"faults": gears, "noise": Noise(), "excitation": Excitation()}))
+
+
+@lru_cache(maxsize=64)
+def _decided(scene: Scene) -> Choice:
+    stage = with_full_duration(
+        prepare_scene(preview_of(scene, preview_factor(scene)), rng_for=partial(random_stream, 0)), scene
+    )
+    return chosen(stage, prepare_gears(stage))
+
+
+def forget() -> None:
+    """Clear the cache of `decided`, as before a measurement of time."""
+    _decided.cache_clear()
+
+
+def _within(scene: Scene, mesh: str, own: str | None) -> str:
+    if own is not None and LADDER.index(own) > LADDER.index(scene.fidelity):
+        raise SceneError(
+            f'dynamics.meshes: "{mesh}" has fidelity = "{own}", more than the scene\'s "{scene.fidelity}"; write '
+            f'fidelity = "{own}" for the scene, and less for the other stages.'
+        )
+    return own or scene.fidelity
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Comparison:
+    """Comparison of candidates with `top`, the highest levels that the scene allows."""
+
+    stage: PreparedScene
+    gears: Gears
+    top: Mapping[str, str]
+
+    def compare(self, levels: Mapping[str, str]) -> Trial:
+        """Return a candidate with its difference from the full motion."""
+        try:
+            estimate_db = self._linear_estimate(levels)
+            if estimate_db is None:
+                return Trial(
+                    levels=levels, decibels=_difference_db(self._channels(levels), self._reference_channels), run=True
+                )
+        except SceneError:  # as of a sensor along the shafts, where a lower level has no force
+            estimate_db = math.inf
+        return Trial(levels=levels, decibels=estimate_db, run=False)
+
+    def _linear_estimate(self, levels: Mapping[str, str]) -> float | None:
+        """Return the predicted difference in dB where it is decisive; None where a simulation is needed."""
+        if any(level == KINEMATIC and name in self._no_lines for name, level in levels.items()):
+            return math.inf
+        prediction, floor_db = self._linear_prediction, declared_of(self.stage.scene).floor_db
+        if prediction is None:
+            return None
+        estimate_db = self._predicted(prediction, levels, floor_db)
+        uniform = prediction.linear or all(level in LEVELS for level in levels.values())
+        return estimate_db if estimate_db > floor_db + _MARGIN_DB or (uniform and estimate_db < _SAME_DB) else None
+
+    def by_line_power(self) -> list[str]:
+        """Return the meshes in order of the power of their lines."""
+        if self._linear_prediction is None:
+            return [*self.top]
+        line_power = self._linear_prediction.line_power
+        return sorted(self.top, key=lambda name: float(np.max(line_power[name])))
+
+    # ---- as linear systems
+
+    @cached_property
+    def _whole(self) -> Motion:
+        return most_detailed_motion(self.stage, self.gears, self.top)
+
+    @cached_property
+    def _no_lines(self) -> set[str]:
+        """Names of the meshes that cannot be kinematic."""
+        found = set()
+        for name in self.top:
+            try:
+                check_lines_possible(self._whole, name)
+            except SceneError:
+                found.add(name)
+        return found
+
+    @cached_property
+    def _linear_prediction(self) -> LinearPrediction | None:
+        """Prediction from linear responses; None with planets, whose routes to the sensors rotate."""
+        if self._whole.sensor_forces.rotate:
+            return None
+        last = self.stage.instants_s.size - 1
+        steady = np.ptp(self.stage.speed_hz) == 0 and np.ptp(self.stage.load) == 0
+        instants = (0,) if steady else tuple(np.unique(np.linspace(0, last, _INSTANTS).round().astype(int)).tolist())
+        forces = {name: tooth_forces(self._whole, name, points=_COARSE) for name in self.top}
+        return LinearPrediction(whole=response_of(self._whole), forces=forces, instants=instants)
+
+    def _predicted(self, prediction: LinearPrediction, levels: Mapping[str, str], floor_db: float) -> float:
+        error_power = np.zeros(len(self.stage.scene.sensors))
+        for name, level in levels.items():
+            if level in (LEFT_OUT, SPRING):
+                error_power += prediction.line_power[name]
+            elif level == KINEMATIC != self.top[name]:
+                error_power += prediction.parametric_error[name]
+        motion = (
+            simulated_motion(self.stage, self.gears, levels)
+            if _ratio_db(error_power, prediction.total_power) < floor_db
+            else None
+        )
+        if motion is not None:
+            response = response_of(motion)
+            for name in [name for name, level in levels.items() if level in LEVELS]:
+                error_power += prediction.motion_error(name, response)
+        return _ratio_db(error_power, prediction.total_power)
+
+    # ---- in time
+
+    @cached_property
+    def _reference_channels(self) -> Array:
+        return self._channels(self.top)
+
+    @cached_property
+    def _trial_stage(self) -> PreparedScene:
+        """The first `decide_s` of the scene, with its gears alone."""
+        scene, drive = self.stage.scene, self.stage.drive
+        scene = scene.changed(duration_s=min(scene.duration_s, declared_of(scene).decide_s))
+        times_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
+        return replace(
+            self.stage,
+            scene=scene,
+            instants_s=times_s,
+            speed_hz=drive.angle.speed_hz(times_s),
+            load=drive.load(times_s),
+            families=(),
+            amplitudes=(),
+        )
+
+    def _channels(self, levels: Mapping[str, str]) -> Array:
+        scene = self._trial_stage.scene
+        signal = np.zeros((len(scene.sensors), scene.samples))
+        with_kinematic_lines(self._trial_stage, self.gears, levels).add_lines(signal)
+        motion = simulated_motion(self._trial_stage, self.gears, levels)
+        if motion is not None:
+            signal += np.concatenate([*motion.channels(samples=scene.samples)], axis=1)
+        return signal
+
+
+def _difference_db(found: Array, reference: Array) -> float:
+    """Return the RMS of the difference over the RMS of the worst channel, in dB."""
+    return _ratio_db(np.mean((found - reference) ** 2, axis=1), np.mean(reference**2, axis=1))
+
+
+def _ratio_db(error_power: Array, total: Array) -> float:
+    ratios = np.divide(error_power, total, out=np.full(total.size, np.inf), where=total > 0)
+    ratios[error_power == 0] = 0.0
+    worst = float(np.max(ratios))
+    return max(10 * math.log10(worst), _SILENT_DB) if worst > 0 else _SILENT_DB

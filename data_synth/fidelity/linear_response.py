@@ -1,0 +1,379 @@
+"""Linear response of gears to their mesh excitation: the spectral lines of each mesh in the channels.
+
+Under the static force F, teeth of stiffness k and transmission error e, which follow the mesh phase, deflect by
+F / k + e.
+On a spring of the mean stiffness, the same deflection is caused by a force
+
+    p = F (1 - k_mean / k) - k_mean e
+
+along the line of action: the loaded static transmission error as excitation (Ozguven and Houser 1988, J. Sound
+Vib. 125, 71). It leaves out the parametric excitation by k times the vibration, whose first term is
+`ToothForces.parametric_force`.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import cached_property
+
+import numpy as np
+
+from data_synth.dynamics.modes import undamped_modes
+from data_synth.dynamics.system import Mesh
+from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily
+from data_synth.operation.shaft_angle import Array
+from data_synth.scene.scene import SceneError
+from data_synth.sources.prepared import PreparedScene
+from data_synth.vibration.run import Motion, contacts_in
+
+_POINTS = 64  # to a period of the highest line, which is then right to half a percent for a stiffness that jumps
+_MIN_POINTS = 512  # points to a mesh cycle
+_MIN_STIFFNESS = 0.25  # of the mean stiffness: softer teeth are losing contact
+_NEGLIGIBLE = 1e-5  # of the largest line of a mesh: -100 dB
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToothForces:
+    """The exciting force p of one mesh, as spectral lines at the multiples of `base`.
+
+    Attributes
+    ----------
+    mesh : str
+    base_order : Fraction
+        Order of the first line: that of the mesh over the cycles after which it repeats.
+    loaded : (line,) complex array
+        Per N of static force; phase zero is that of the reference's angle.
+    unloaded : (line,) complex array
+        From the transmission error, in N.
+    static_n : (instant,) array
+        Static force at the instants of the truth.
+    stiffness, error : (point,) arrays
+        k in N/m and e in m at equidistant phases of a period.
+    """
+
+    mesh: str
+    base_order: Fraction
+    loaded: ComplexArray = field(metadata={"dims": ("line",), "units": "1"})
+    unloaded: ComplexArray = field(metadata={"dims": ("line",), "units": "N"})
+    static_n: Array = field(metadata={"dims": ("instant",), "units": "N"})
+    stiffness: Array = field(repr=False, metadata={"dims": ("point",), "units": "N/m"})
+    error: Array = field(repr=False, metadata={"dims": ("point",), "units": "m"})
+
+    @property
+    def orders(self) -> Array:
+        """Orders of all lines, (line,)."""
+        return np.asarray(float(self.base_order) * np.arange(1, self.loaded.size + 1))
+
+    def at(self, instant: int) -> ComplexArray:
+        """Return the complex amplitudes of p at an instant in N, (line,)."""
+        return np.asarray(self.static_n[instant] * self.loaded + self.unloaded)
+
+    def parametric_force(self, deflection: ComplexArray, instant: int, *, mean: float) -> ComplexArray:
+        """Return the lines (line,) in N of the parametric force by dynamic deflections with lines (line,) in m."""
+        static = self.static_n[instant]
+        p = static * (1 - mean / self.stiffness) - mean * self.error
+        deflection_values = _waveform(deflection, self.stiffness.size) + (static - np.mean(p)) / mean
+        return _lines(self.stiffness * (deflection_values - self.error) - mean * deflection_values - p, deflection.size)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Response:
+    """Linear response of gears at mean mesh stiffness to a force p in a mesh, as a sum over poles.
+
+    Attributes
+    ----------
+    motion : Motion
+    poles : (pole,) complex array
+        rad/s; rigid-body modes are left out: no mesh force excites them.
+    outputs : (route, pole) complex array
+        Contribution of each pole to the forces on the routes.
+    deflections : (mesh, pole) complex array
+        Contribution to the deflections of meshes.
+    inputs : (pole, mesh) complex array
+        Excitation of each pole per N of p.
+    direct : (route, mesh) array
+        Static bearing forces of constrained degrees of freedom per N of p.
+    means : (mesh,) array
+        Mean mesh stiffness in N/m.
+    """
+
+    motion: Motion
+    poles: ComplexArray = field(metadata={"dims": ("pole",), "units": "rad/s"})
+    outputs: ComplexArray = field(repr=False, metadata={"dims": ("listener", "pole"), "units": "N"})
+    deflections: ComplexArray = field(repr=False, metadata={"dims": ("mesh", "pole"), "units": "m"})
+    inputs: ComplexArray = field(repr=False, metadata={"dims": ("pole", "mesh"), "units": "N-1"})
+    direct: Array = field(repr=False, metadata={"dims": ("listener", "mesh"), "units": "1"})
+    means: Array = field(repr=False, metadata={"dims": ("mesh",), "units": "N/m"})
+
+    def number(self, name: str) -> int:
+        """Return the number of a mesh."""
+        return [mesh.name for mesh in self.motion.system.meshes].index(name)
+
+    def channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
+        """Return the complex amplitudes in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
+        scene, routes = self.motion.stage.scene, self.motion.sensor_forces.routes
+        force = self._modal(mesh, frequency_hz) @ self.outputs.T + self.direct[:, mesh]
+        outputs = np.zeros((len(scene.sensors), *np.shape(frequency_hz)), dtype=np.complex128)
+        for route, deflections in zip(routes, force.T, strict=True):
+            outputs[route.number] += deflections * route.response(scene, frequency_hz)
+        return outputs
+
+    def deflection(self, mesh: int, frequency_hz: Array) -> ComplexArray:
+        """Return the complex amplitudes of the mesh's own deflection in m for 1 N of p, (line,)."""
+        return np.asarray(self._modal(mesh, frequency_hz) @ self.deflections[mesh])
+
+    def _modal(self, mesh: int, frequency_hz: Array) -> ComplexArray:
+        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
+        return np.asarray(self.inputs[:, mesh] / (s[:, None] - self.poles))
+
+
+def response_of(motion: Motion) -> Response:
+    """Return the linear response of gears from their equations of motion in elastic modes.
+
+    Raises
+    ------
+    SceneError
+        For planets, whose route to a sensor rotates with their carrier.
+    """
+    if motion.sensor_forces.rotate:
+        raise SceneError(
+            "the routes from planets to a sensor rotate with their carrier, so no linear response exists; write "
+            'fidelity = "torsional" or more for every mesh.'
+        )
+    system, output = motion.system, motion.output
+    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
+    angular, shapes = undamped_modes(system, means)
+    angular, shapes = angular[angular > 0], shapes[:, angular > 0]
+    damping = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
+    count = angular.size
+    matrix = np.zeros((2 * count, 2 * count))
+    matrix[:count, count:] = np.eye(count)
+    matrix[count:, :count] = -np.diag(angular**2)
+    matrix[count:, count:] = -(shapes.T @ damping @ shapes)
+    poles, vectors = np.linalg.eig(matrix)
+    directions = np.array([mesh.direction for mesh in system.meshes])
+    direct = np.zeros((output.channels, means.size)) if output.mesh_force is None else output.mesh_force
+    rows = (direct * means) @ directions
+    rows = rows if output.displacement is None else rows + output.displacement
+    velocity_rows = np.zeros_like(rows) if output.velocity is None else output.velocity
+    pushes = np.vstack([np.zeros((count, means.size)), -(shapes.T @ directions.T)])
+    return Response(
+        motion=motion,
+        poles=poles.astype(np.complex128),
+        outputs=np.hstack([rows @ shapes, velocity_rows @ shapes]) @ vectors,
+        deflections=(directions @ shapes) @ vectors[:count],
+        inputs=np.linalg.solve(vectors, pushes.astype(np.complex128)),
+        direct=direct,
+        means=means,
+    )
+
+
+def check_lines_possible(motion: Motion, name: str) -> None:
+    """Raise SceneError, with a remedy, for a mesh that is not periodic with linear response."""
+    mesh = motion.system.meshes[contacts_in(motion.system, name)[0]]
+    if motion.sensor_forces.rotate:
+        why = "planets rotate with their carrier"
+    elif mesh.history is not None:
+        why = "its teeth change with time"
+    elif not np.min(mesh.stiffness(_phases(mesh, _MIN_POINTS * int(mesh.stiffness.period)))) > 0:
+        why = "its teeth lose contact"
+    else:
+        return
+    raise SceneError(
+        f'mesh "{name}": {why}, so it has no linear response; write fidelity = "torsional" or more for it.'
+    )
+
+
+def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothForces:
+    """Return the exciting force p of a mesh, with all lines below half the sampling rate at top speed.
+
+    Teeth that change in time are taken as they are at first, a stiffness below a quarter of the mean as a quarter.
+
+    Parameters
+    ----------
+    motion : Motion
+        Without planets.
+    name : str
+    points : int
+        Values of the stiffness to a period of the highest line.
+    """
+    stage = motion.stage
+    number = contacts_in(motion.system, name)[0]
+    mesh = motion.system.meshes[number]
+    period = math.lcm(int(mesh.stiffness.period), int(mesh.error.period) if mesh.error is not None else 1)
+    base_order = stage.scene.exact_orders("gear_mesh")[name] / period
+    top_hz = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
+    lines = max(0, math.ceil(stage.scene.rate_hz / 2 / (float(base_order) * top_hz)) - 1)
+    phases = _phases(mesh, max(_MIN_POINTS * period, 1 << (points * max(lines, 1) - 1).bit_length()))
+    mean = mesh.stiffness.mean
+    stiffness = np.maximum(mesh.stiffness(phases), _MIN_STIFFNESS * mean)
+    error = mesh.error(phases) if mesh.error is not None else np.zeros(phases.size)
+    return ToothForces(
+        mesh=name,
+        base_order=base_order,
+        loaded=_lines(1 - mean / stiffness, lines),
+        unloaded=_lines(-mean * error, lines),
+        static_n=_static(motion)[number],
+        stiffness=stiffness,
+        error=error,
+    )
+
+
+def _phases(mesh: Mesh, points: int) -> Array:
+    """Return equidistant phases of a period of a mesh, in cycles, half a step from its ends."""
+    period = math.lcm(int(mesh.stiffness.period), int(mesh.error.period) if mesh.error is not None else 1)
+    return np.asarray((np.arange(points) + 0.5) * period / points)
+
+
+def lines_of(response: Response, forces: ToothForces) -> tuple[list[HarmonicFamily], list[ComplexArray]]:
+    """Return the lines of a mesh in the channels, as harmonic families and their amplitudes (sensor, line, instant).
+
+    The lines at multiples of the mesh order are its own; those between them belong to its damaged gears.
+    """
+    stage = response.motion.stage
+    number = response.number(forces.mesh)
+    steady = bool(np.ptp(stage.speed_hz) == 0)
+    outputs = np.empty((len(stage.scene.sensors), forces.orders.size, stage.instants_s.size), dtype=np.complex128)
+    transfer = response.channels(number, forces.orders * stage.speed_hz[0])
+    for instant, speed_hz in enumerate(stage.speed_hz):
+        if not steady:
+            transfer = response.channels(number, forces.orders * speed_hz)
+        outputs[:, :, instant] = transfer * forces.at(instant)
+    size = np.max(np.abs(outputs), axis=(0, 2), initial=0.0)
+    outputs[:, size < _NEGLIGIBLE * np.max(size, initial=0.0)] = 0.0
+    every = round(stage.scene.exact_orders("gear_mesh")[forces.mesh] / forces.base_order)
+    own = np.arange(1, size.size + 1) % every == 0
+    damaged = [fault.component for fault in stage.scene.faults if fault.component.rpartition("/")[0] == forces.mesh]
+    families, amplitudes = [], []
+    for component, kind, kept in ((forces.mesh, "gear_mesh", own), (" + ".join(damaged), "tooth", ~own)):
+        values = outputs * kept[:, None]
+        present = np.flatnonzero(np.any(values != 0, axis=(0, 2)))
+        if present.size:
+            values = values[:, : present[-1] + 1]
+            families.append(
+                HarmonicFamily(
+                    component=component,
+                    kind=kind,
+                    source=forces.mesh,
+                    base_order=forces.base_order,
+                    coefficients=values[0],
+                    load_dependent=True,
+                )
+            )
+            amplitudes.append(values)
+    return families, amplitudes
+
+
+def with_lines(stage: PreparedScene, response: Response, meshes: list[str]) -> PreparedScene:
+    """Return a stage with the lines of these meshes added."""
+    families, amplitudes = [*stage.families], [*stage.amplitudes]
+    for mesh in meshes:
+        check_lines_possible(response.motion, mesh)
+        more, outputs = lines_of(response, tooth_forces(response.motion, mesh))
+        families += more
+        amplitudes += outputs
+    return replace(stage, families=families, amplitudes=amplitudes)
+
+
+def _static(motion: Motion) -> Array:
+    """Return the static force of each mesh at the instants of the truth, (mesh, instant) N."""
+    system, load, drive_load = motion.system, motion.load, motion.drive_load
+    times_s = motion.stage.instants_s
+    speeds = 2 * np.pi * np.multiply.outer(motion.stage.speed_hz, drive_load.rigid_motion * drive_load.full_rotation)
+    force = load.constant - speeds @ drive_load.damping
+    if load.varying is not None:
+        force = force + load.varying(times_s)
+    if load.quadratic_drag is not None:
+        force = force - load.quadratic_drag * speeds * np.abs(speeds)
+    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
+    angular, shapes = undamped_modes(system, means)
+    elastic = angular > 0
+    modal = (force @ shapes[:, elastic]) / angular[elastic] ** 2
+    directions = np.array([mesh.direction for mesh in system.meshes])
+    return np.asarray((means[:, None] * (directions @ shapes[:, elastic])) @ modal.T)
+
+
+def _lines(values: Array, count: int) -> ComplexArray:
+    """Return the first lines (count,) of values at the phases of `_phases`."""
+    cycles = np.arange(1, count + 1) / values.size
+    return np.asarray(np.fft.rfft(values)[1 : count + 1] * (2 / values.size) * np.exp(-1j * np.pi * cycles))
+
+
+def _waveform(lines: ComplexArray, points: int) -> Array:
+    """Return the values at the phases of `_phases` of a function with these lines."""
+    cycles = np.arange(1, lines.size + 1) / points
+    spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
+    spectrum[1 : lines.size + 1] = lines * np.exp(1j * np.pi * cycles) * points / 2
+    return np.asarray(np.fft.irfft(spectrum, n=points))
+
+
+# ---- Error of reduced models against the full motion, predicted from their linear responses without integration ------
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearPrediction:
+    """Powers in the channels, (sensor,) in squares of their units, means over some instants of the scene.
+
+    Attributes
+    ----------
+    whole : Response
+        Linear response of the full motion.
+    forces : mapping of mesh to ToothForces
+        Exciting force of each mesh.
+    instants : tuple of int
+        Numbers of the instants of the truth.
+    """
+
+    whole: Response
+    forces: Mapping[str, ToothForces] = field(repr=False)
+    instants: tuple[int, ...]
+
+    @cached_property
+    def line_power(self) -> dict[str, Array]:
+        """Power of the lines of each mesh."""
+        return {name: self._power(name, lambda lines_of_mesh, _force, _instant: lines_of_mesh) for name in self.forces}
+
+    @cached_property
+    def parametric_error(self) -> dict[str, Array]:
+        """Power of the parametric excitation, which the linear response lacks: deflection times varying stiffness."""
+        return {name: self._power(name, self._parametric_lines) for name in self.forces}
+
+    @property
+    def total_power(self) -> Array:
+        """Power of the lines of all meshes."""
+        return np.asarray(np.sum([*self.line_power.values()], axis=0))
+
+    @property
+    def linear(self) -> bool:
+        """Whether every stiffness is constant and no mesh has backlash."""
+        constant = all(np.ptp(force.stiffness) <= 1e-12 * np.max(force.stiffness) for force in self.forces.values())
+        return constant and all(mesh.backlash_m == 0 for mesh in self.whole.motion.system.meshes)
+
+    def motion_error(self, name: str, other: Response) -> Array:
+        """Return the power of the difference between the lines of a mesh in this motion and in another."""
+        number = other.number(name)
+
+        def difference(lines_of_mesh: ComplexArray, force: ToothForces, instant: int) -> ComplexArray:
+            return np.asarray(
+                other.channels(number, self._frequencies_hz(force, instant)) * force.at(instant) - lines_of_mesh
+            )
+
+        return self._power(name, difference)
+
+    def _parametric_lines(self, _lines_of_mesh: ComplexArray, force: ToothForces, instant: int) -> ComplexArray:
+        number, frequencies = self.whole.number(force.mesh), self._frequencies_hz(force, instant)
+        deflection = self.whole.deflection(number, frequencies) * force.at(instant)
+        remainder = force.parametric_force(deflection, instant, mean=float(self.whole.means[number]))
+        return np.asarray(self.whole.channels(number, frequencies) * remainder)
+
+    def _power(self, name: str, lines: Callable[[ComplexArray, ToothForces, int], ComplexArray]) -> Array:
+        force, number = self.forces[name], self.whole.number(name)
+        powers = []
+        for instant in self.instants:
+            lines_of_mesh = self.whole.channels(number, self._frequencies_hz(force, instant)) * force.at(instant)
+            powers.append(np.sum(np.abs(lines(lines_of_mesh, force, instant)) ** 2, axis=1) / 2)
+        return np.asarray(np.mean(powers, axis=0))
+
+    def _frequencies_hz(self, force: ToothForces, instant: int) -> Array:
+        return np.asarray(force.orders * self.whole.motion.stage.speed_hz[instant])

@@ -1,0 +1,1 @@
+"""Gears by themselves: geometry, stiffness, transmission error and friction of the mesh."""

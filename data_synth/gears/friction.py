@@ -1,0 +1,89 @@
+"""Sliding friction between teeth: its moments on the gears and its transverse force, over the mesh force."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_synth.gears.geometry import GearPair
+from data_synth.gears.mesh_stiffness import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlidingFriction:
+    """Coulomb friction on the flanks of external spur or helical gears, the pairs in contact sharing the load equally.
+
+    With the mesh force along n, from the counter-clockwise driver to the driven gear, flanks slide along z x n. Sliding
+    changes its sense at the pitch point: before it the driven flank is faster, after it the driver's. At the distance s
+    from the tangent point on the driver's base circle friction has the moment arm s about the driver and ``a sin(alpha)
+    - s`` about the driven gear, the moments M_fp and M_fg of Howard, Jia and Wang (2001, Mech. Syst. Signal Process.
+    15).
+
+    Attributes
+    ----------
+    gears : GearPair
+        The driver first.
+    coefficient : float
+        Coefficient of friction.
+    """
+
+    gears: GearPair
+    coefficient: float
+
+    def __post_init__(self) -> None:
+        if self.gears.teeth[1] < 0:
+            raise ValueError(f"teeth = {self.gears.teeth}: friction is worked out for teeth outside.")
+        if not 0 <= self.coefficient < 1:
+            raise ValueError(f"coefficient = {self.coefficient!r} has to be at least 0 and below 1.")
+
+    def moment_arms_m(self, phase_cycles: ArrayLike) -> tuple[Array, Array]:
+        """Return friction moment over mesh force on driver and driven gear, m, each positive in its sense of rotation.
+
+        Friction slows the faster flank and drives the slower one: the signs differ, and the sum of the powers is a
+        loss.
+        """
+        on_path, sense, in_contact = self._contact_lines(phase_cycles)
+        whole = self.gears.centre_distance_m * math.sin(self.gears.working_angle_rad)
+        share = self.coefficient * sense / in_contact.sum(axis=0)
+        return np.asarray((share * on_path).sum(axis=0)), np.asarray(-(share * (whole - on_path)).sum(axis=0))
+
+    def sideways(self, phase_cycles: ArrayLike) -> Array:
+        """Return the friction force on the driver along z x n, over the mesh force; opposite on the driven gear."""
+        _, sense, in_contact = self._contact_lines(phase_cycles)
+        return np.asarray(self.coefficient * sense.sum(axis=0) / in_contact.sum(axis=0))
+
+    @property
+    def shares(self) -> "tuple[FrictionShare, FrictionShare]":
+        """Transverse force and driver's moment over the mesh force, from which the friction on both gears follows."""
+        return FrictionShare(friction=self, moment=False), FrictionShare(friction=self, moment=True)
+
+    def _contact_lines(self, phase_cycles: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return, for every pair, place on the path, sense of friction (0 out of contact), and contact (0 or 1)."""
+        begin, end = self.gears.path_m
+        pitch_point = self.gears.base_radii_m[0] * math.tan(self.gears.working_angle_rad)
+        since = np.remainder(np.asarray(phase_cycles, dtype=np.float64), 1.0)
+        older = np.arange(math.ceil(self.gears.contact_ratio)).reshape(-1, *(1,) * since.ndim)
+        on_path = begin + (since + older) * self.gears.base_pitch_m
+        in_contact = (on_path < end).astype(np.float64)
+        return np.asarray(on_path), np.asarray(in_contact * np.sign(pitch_point - on_path)), in_contact
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionShare:
+    """Transverse friction force, or the driver's friction moment, over the mesh force, against the mesh phase."""
+
+    friction: SlidingFriction
+    moment: bool
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Phases at which a pair enters, leaves, or passes the pitch point."""
+        gears = self.friction.gears
+        begin, end = gears.path_m
+        pitch_point = gears.base_radii_m[0] * math.tan(gears.working_angle_rad)
+        return tuple(sorted({0.0, *((place - begin) / gears.base_pitch_m % 1.0 for place in (end, pitch_point))}))
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return the ratio at phases in mesh cycles, any shape."""
+        return self.friction.moment_arms_m(phase_cycles)[0] if self.moment else self.friction.sideways(phase_cycles)

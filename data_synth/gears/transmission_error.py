@@ -1,0 +1,163 @@
+"""Transmission errors: departure of a rigid, unloaded mesh from conjugate motion, along its line of action.
+
+An error e(phase) is subtracted from the deflection of a mesh. Phases are in mesh cycles; the error of a gear has the
+period of as many cycles as it has teeth.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_synth.gears.mesh_stiffness import Array, ComplexArray
+
+
+class TransmissionError(Protocol):
+    """Departure from conjugate motion along the line of action, m."""
+
+    @property
+    def period(self) -> int:
+        """Mesh cycles after which it repeats."""
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return m at phases in mesh cycles, any shape."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileError:
+    """An error that all teeth of a gear have alike (relief, wear, pressure angle): harmonics of the mesh.
+
+    ``e = Re sum_h harmonics_m[h - 1] exp(2j pi h phase)``.
+    """
+
+    harmonics_m: ComplexArray = field(metadata={"dims": ("harmonic",), "units": "m"})
+    period: int = field(default=1, init=False)
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return m at phases in mesh cycles, any shape."""
+        turn = np.exp(2j * np.pi * np.asarray(phase_cycles, dtype=np.float64))
+        total = np.zeros_like(turn)
+        for value in np.asarray(self.harmonics_m)[::-1]:
+            total = (total + value) * turn
+        return np.asarray(total.real)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PitchError:
+    """Cumulative pitch error of each tooth of a gear.
+
+    Attributes
+    ----------
+    teeth_m : (z,) array
+        Cumulative pitch error of each tooth along the line of action, m; tooth j enters at phase j.
+    handover : float
+        Part of the cycle, after a pair enters, over which the error passes from one tooth to the next: ``contact ratio
+        - 1`` for fewer than two pairs. 0: at once.
+    """
+
+    teeth_m: Array = field(metadata={"dims": ("tooth",), "units": "m"})
+    handover: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.handover <= 1:
+            raise ValueError(f"handover = {self.handover!r} cycles has to lie between 0 and 1.")
+
+    @property
+    def period(self) -> int:
+        """The number of teeth."""
+        return int(np.size(self.teeth_m))
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return m at phases in mesh cycles, any shape."""
+        phase, teeth = np.asarray(phase_cycles, dtype=np.float64), np.asarray(self.teeth_m, dtype=np.float64)
+        whole = np.floor(phase)
+        tooth = whole.astype(np.int64) % teeth.size
+        share = np.minimum((phase - whole) / self.handover, 1.0) if self.handover else np.ones_like(phase)
+        return np.asarray(share * teeth[tooth] + (1 - share) * teeth[tooth - 1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Eccentricity:
+    """Eccentricity of a gear: ``e = eccentricity sin(2 pi phase / teeth + phase_rad)``.
+
+    Along the line of action a displaced base circle moves by the component of the displacement along it, so the
+    amplitude is the eccentricity itself.
+    """
+
+    teeth: int
+    eccentricity_m: float
+    phase_rad: float = 0.0
+
+    @property
+    def period(self) -> int:
+        """The number of teeth."""
+        return self.teeth
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return m at phases in mesh cycles, any shape."""
+        turn = 2 * np.pi / self.teeth * np.asarray(phase_cycles, dtype=np.float64) + self.phase_rad
+        return np.asarray(self.eccentricity_m * np.sin(turn))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Misalignment:
+    """Misalignment in the plane of action: one end of the face touches first, half a face width from the middle.
+
+    An angle fixed in space (a housing bored askew) gives the constant ``e = angle face / 2``. A gear that wobbles on
+    its shaft gives ``e = |angle cos(2 pi phase / teeth + phase_rad)| face / 2``: the ends alternate, twice a
+    revolution.
+
+    Attributes
+    ----------
+    angle_rad : float
+        In the plane of action.
+    face_width_m : float
+    teeth : int or None
+        Of the gear that wobbles; None: the angle is fixed in space.
+    phase_rad : float
+    """
+
+    angle_rad: float
+    face_width_m: float
+    teeth: int | None = None
+    phase_rad: float = 0.0
+
+    @property
+    def period(self) -> int:
+        """The number of teeth, or one cycle."""
+        return self.teeth or 1
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return m at phases in mesh cycles, any shape."""
+        phase = np.asarray(phase_cycles, dtype=np.float64)
+        turn = np.ones_like(phase) if self.teeth is None else np.cos(2 * np.pi / self.teeth * phase + self.phase_rad)
+        return np.asarray(np.abs(self.angle_rad * turn) * self.face_width_m / 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SumOfErrors:
+    """Sum of several errors, of either gear, each shifted by its own number of cycles if `by_cycles` is given."""
+
+    parts: tuple[TransmissionError, ...]
+    by_cycles: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.by_cycles is not None and len(self.by_cycles) != len(self.parts):
+            raise ValueError(
+                f"by_cycles has {len(self.by_cycles)} values for {len(self.parts)} parts; give one each, or none."
+            )
+
+    @property
+    def period(self) -> int:
+        """The least common multiple of its parts' periods."""
+        return math.lcm(*(part.period for part in self.parts))
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return m at phases in mesh cycles, any shape."""
+        phase = np.asarray(phase_cycles, dtype=np.float64)
+        shifts = self.by_cycles or (0.0,) * len(self.parts)
+        return np.asarray(
+            sum((part(phase + by) for part, by in zip(self.parts, shifts, strict=True)), np.zeros_like(phase))
+        )

@@ -1,0 +1,158 @@
+"""Compiled look-ups in tables of periodic functions: values, and moments over an interval of phase."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_synth._compile import compiled, compiled_inside
+from data_synth.integrators.modal_problem import Waves
+
+Array = NDArray[np.float64]
+
+# below this many cycles, Gauss's rule: the difference of two periodic integrals would lose digits
+SHORT = 1.0 / 512
+_POINTS, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(4)[i] + (1, 0)[i]) for i in range(2))
+POINT0, POINT1, POINT2, POINT3 = (float(p) for p in _POINTS)
+OUTER_NODE = 0.5 * math.sqrt(0.6)  # the outer ones of three, from the middle
+SLOPE_WEIGHT = 5 / 6 * math.sqrt(0.6)
+WEIGHT0, WEIGHT1, WEIGHT2, WEIGHT3 = (float(w) for w in _WEIGHTS)
+
+
+@compiled_inside
+def locate(waves: Waves, which: int, phase: float) -> tuple[int, float]:
+    """Return the segment of a phase, and the phase within the period."""
+    period = waves.periods[which]
+    x = phase - math.floor(phase / period) * period
+    low, last = waves.segments[which], waves.segments[which + 1] - 1
+    if low == last:
+        return low, x
+    place = waves.lookup_offsets[which] + int(x * waves.lookup_rates[which])
+    low = waves.lookup[min(place, waves.lookup_offsets[which + 1] - 1)]
+    while low < last and waves.starts[low + 1] <= x:
+        low += 1
+    return low, x
+
+
+@compiled_inside
+def cell_at(waves: Waves, segment: int, x: float) -> tuple[int, float]:
+    """Return the cell at x, and the position in it from 0 to 1."""
+    u = (x - waves.starts[segment]) * waves.densities[segment]
+    inside = min(int(u), waves.counts[segment] - 1)
+    return waves.firsts[segment] + inside, u - inside
+
+
+@compiled_inside
+def value_in(waves: Waves, segment: int, x: float) -> float:
+    """Return the function at x, by the polynomial of a known segment."""
+    cell, u = cell_at(waves, segment, x)
+    c = waves.rows[cell]
+    value: float = c[0] + u * (c[1] + u * (c[2] + u * (c[3] + u * (c[4] + u * c[5]))))
+    return value
+
+
+@compiled_inside
+def value_at(waves: Waves, which: int, phase: float) -> float:
+    """Return the function at a phase in cycles."""
+    segment, x = locate(waves, which, phase)
+    return value_in(waves, segment, x)
+
+
+@compiled
+def legendre_across(
+    waves: Waves, which: int, start: float, stop: float, segment: int, x: float
+) -> tuple[float, float, float]:
+    """Return what `legendre` does over an interval with jumps, whose lower end is at x in a segment."""
+    low, high = min(start, stop), max(start, stop)
+    whole, at = high - low, low
+    sum0 = sum1 = sum2 = 0.0
+    while at < high:
+        last = segment + 1 == waves.segments[which + 1]
+        edge = waves.periods[which] if last else waves.starts[segment + 1]
+        # past an edge by rounding, the interval up to it is empty
+        width = min(high - at, max(edge - x, 0.0))
+        for point in range(4):
+            place = (POINT0, POINT1, POINT2, POINT3)[point]
+            weight = (WEIGHT0, WEIGHT1, WEIGHT2, WEIGHT3)[point]
+            share = weight * width / whole * value_in(waves, segment, x + place * width)
+            t = 2 * (at - low + place * width) / whole - 1
+            sum0 += share
+            sum1 += share * t
+            sum2 += share * (1.5 * t * t - 0.5)
+        if edge - x >= high - at:
+            break
+        at += width
+        segment = waves.segments[which] if last else segment + 1
+        x = waves.starts[segment]
+    if stop < start:
+        sum1 = -sum1
+    return sum0, 3 * sum1, 5 * sum2
+
+
+@compiled_inside
+def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple[float, float, float]:
+    """Return what `legendre` does, interval by interval between jumps, by Gauss's rule with four points."""
+    low, high = min(start, stop), max(start, stop)
+    whole = high - low
+    if whole == 0.0:
+        return value_at(waves, which, start), 0.0, 0.0
+    segment, x = locate(waves, which, low)
+    if segment + 1 < waves.segments[which + 1] and x + whole <= waves.starts[segment + 1]:
+        # the usual case: three points between two jumps are enough, and cost a third
+        first = value_in(waves, segment, x + (0.5 - OUTER_NODE) * whole)
+        middle = value_in(waves, segment, x + 0.5 * whole)
+        last_value = value_in(waves, segment, x + (0.5 + OUTER_NODE) * whole)
+        slope = SLOPE_WEIGHT * (last_value - first)
+        both = first + last_value
+        return (5 * both + 8 * middle) * (1 / 18), slope if stop > start else -slope, (both - 2 * middle) * (5 / 9)
+    return legendre_across(waves, which, start, stop, segment, x)
+
+
+@compiled_inside
+def integrals_at(waves: Waves, which: int, phase: float) -> tuple[float, float, float]:
+    """Return the three periodic integrals of the function less its mean."""
+    segment, x = locate(waves, which, phase)
+    cell, u = cell_at(waves, segment, x)
+    c = waves.rows[cell]
+    square = u * u
+    # even and odd powers apart: half as long a chain of dependent sums
+    first = c[6] + square * (c[8] + square * (c[10] + square * c[12])) + u * (c[7] + square * (c[9] + square * c[11]))
+    second = (
+        c[13]
+        + square * (c[15] + square * (c[17] + square * c[19]))
+        + u * (c[14] + square * (c[16] + square * (c[18] + square * c[20])))
+    )
+    third = (
+        c[21]
+        + square * (c[23] + square * (c[25] + square * (c[27] + square * c[29])))
+        + u * (c[22] + square * (c[24] + square * (c[26] + square * c[28])))
+    )
+    return first, second, third
+
+
+@compiled_inside
+def legendre(
+    waves: Waves,
+    which: int,
+    start: float,
+    stop: float,
+    before: tuple[float, float, float],
+    after: tuple[float, float, float],
+) -> tuple[float, float, float]:
+    """Return a0, a1, a2 of the best ``a0 + a1 P1(x) + a2 P2(x)``, x from -1 at `start` to 1 at `stop`.
+
+    `before` and `after` are the function's integrals there; by parts, ``int t^n f dt`` needs no more.
+    """
+    width = stop - start
+    if abs(width) < SHORT:
+        return legendre_short(waves, which, start, stop)
+    per_width = 1.0 / width  # one division, which the next look-ups need not wait for
+    first0 = (after[0] - before[0]) * per_width
+    rise1 = (after[1] - before[1]) * per_width
+    first1 = (after[0] - rise1) * per_width
+    first2 = (after[0] - 2 * (after[1] - (after[2] - before[2]) * per_width) * per_width) * per_width
+    return (
+        first0 + waves.means[which],
+        3 * (2 * first1 - first0),
+        5 * (6 * first2 - 6 * first1 + first0),
+    )

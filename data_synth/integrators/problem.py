@@ -1,0 +1,350 @@
+"""Frozen objects of a time integration: the problem, its output, its tolerance and its result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike
+
+    from data_synth.dynamics.system import System
+
+Array = NDArray[np.float64]
+
+
+class ReferenceAngle(Protocol):
+    """Prescribed angle of the reference shaft over time, as `data_synth.operation.shaft_angle.ShaftAngle`."""
+
+    def revolutions(self, times_s: ArrayLike) -> Array:
+        """Return the angle in revolutions at times in s (n,)."""
+
+    def times(self, revolutions: ArrayLike) -> Array:
+        """Return the times in s at which the shaft reaches revolutions (n,)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoupledReference:
+    """Angle of the reference shaft that is a degree of freedom: the mesh phase then follows the vibration.
+
+    Attributes
+    ----------
+    name : str
+        Degree of freedom, one of ``system.names``.
+    rev_per_unit : float
+        Revolutions of the reference per unit of displacement; 1 / (2 pi) for a rotation in rad.
+
+    Examples
+    --------
+    >>> from data_synth.integrators import CoupledReference
+    >>> round(CoupledReference(name="pinion rotation").rev_per_unit, 6)
+    0.159155
+    """
+
+    name: str
+    rev_per_unit: float = 1 / (2 * np.pi)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """External forces: ``F(t) = constant + varying(t) - quadratic_drag v abs(v)``, entry by entry.
+
+    Attributes
+    ----------
+    constant : (dof,) array
+        N and N m.
+    quadratic_drag : (dof,) array or None
+        N s2/m2 and N m s2/rad2, none below zero: as of a fan or a propeller.
+    varying : callable or None
+        From times in s (n,) to forces (n, dof) in N and N m.
+
+    Examples
+    --------
+    A driving torque of 75 N m, and a load that grows with the square of the speed:
+
+    >>> import numpy as np
+    >>> from data_synth.integrators import Load
+    >>> load = Load(constant=np.array([75.0, 0.0]), quadratic_drag=np.array([0.0, 0.0075]))
+    >>> load.varying is None
+    True
+    """
+
+    constant: Array = field(metadata={"dims": ("dof",), "units": "N or N m"})
+    quadratic_drag: Array | None = None
+    varying: Callable[[Array], Array] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """Displacements and velocities of all degrees of freedom at one instant.
+
+    Attributes
+    ----------
+    displacement : (dof,) array
+        m and rad.
+    velocity : (dof,) array
+        m/s and rad/s.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from data_synth.integrators import State
+    >>> State(displacement=np.array([1e-3]), velocity=np.zeros(1)).displacement.tolist()
+    [0.001]
+    """
+
+    displacement: Array = field(metadata={"dims": ("dof",), "units": "m or rad"})
+    velocity: Array = field(metadata={"dims": ("dof",), "units": "m/s or rad/s"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """An initial value problem of the equations of motion.
+
+    Attributes
+    ----------
+    system : System
+        Equations of motion.
+    reference : ReferenceAngle or CoupledReference
+        Angle of the reference shaft, which the mesh phases follow: prescribed, or a degree of freedom.
+    load : Load
+        External forces.
+    duration_s : float
+        Duration in s.
+    start : State or None
+        Initial state; at rest without displacement if left out.
+    start_s : float
+        Initial time in s.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from data_synth.integrators import Load, Problem
+    >>> from data_synth.dynamics.system import System
+    >>> from data_synth.operation.shaft_angle import ShaftAngle
+    >>> one = np.eye(1)
+    >>> system = System(mass=one, damping=0 * one, stiffness=4 * one, meshes=(), names=("mass x",))
+    >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.array([25.0]))  # 25 Hz from 0 s on
+    >>> problem = Problem(system=system, reference=steady, load=Load(constant=np.zeros(1)), duration_s=1.0)
+    >>> problem.reference.revolutions([0.5]).tolist()
+    [12.5]
+    """
+
+    system: System
+    reference: ReferenceAngle | CoupledReference
+    load: Load
+    duration_s: float
+    start: State | None = None
+    start_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        dof = len(self.system.names)
+        if not (np.isfinite(self.duration_s) and self.duration_s > 0):
+            raise ValueError(f"duration_s={self.duration_s} must be finite and above zero.")
+        drag = self.load.quadratic_drag
+        start = self.start or State(displacement=np.zeros(dof), velocity=np.zeros(dof))
+        for name, value in (
+            ("load.constant", self.load.constant),
+            ("load.quadratic_drag", np.zeros(dof) if drag is None else drag),
+            ("start.displacement", start.displacement),
+            ("start.velocity", start.velocity),
+        ):
+            if np.shape(value) != (dof,) or not np.all(np.isfinite(value)):
+                raise ValueError(f"{name}={value} must hold {dof} finite numbers, one per degree of freedom.")
+        if drag is not None and np.any(drag < 0):
+            raise ValueError(f"load.quadratic_drag={drag} feeds energy in where it is below zero; give the magnitude.")
+        if isinstance(self.reference, CoupledReference) and self.reference.name not in self.system.names:
+            raise ValueError(
+                f"the reference is coupled to {self.reference.name!r}, which is none of {', '.join(self.system.names)}."
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """Output channels and their sampling rate: the sum of linear maps of motion and mesh forces.
+
+    Attributes
+    ----------
+    rate_hz : float
+        Sampling rate in Hz; samples are at ``start_s + i / rate_hz``, i = 0, 1, ...
+    displacement, velocity, acceleration : (channels, dof) arrays or None
+        Maps of the motion.
+    mesh_force : (channels, meshes) array or None
+        Map of the elastic force in each mesh, ``k f(g . q - e)`` in N.
+    weighted_mesh_force : (channels, meshes) array or None
+        Map of the mean of that force under a triangular weight (linear B-spline) over the last two sample intervals,
+        its peak at the sample before; the force is taken to have been constant before the start. The stiffness's jumps
+        alias far less in it than in samples of the force.
+
+    Examples
+    --------
+    The extension of a spring between two degrees of freedom, and the velocity of the first:
+
+    >>> import numpy as np
+    >>> from data_synth.integrators import Output
+    >>> Output(
+    ...     rate_hz=1000.0,
+    ...     displacement=np.array([[1.0, -1.0], [0.0, 0.0]]),
+    ...     velocity=np.array([[0.0, 0.0], [1.0, 0.0]]),
+    ... ).channels
+    2
+    """
+
+    rate_hz: float
+    displacement: Array | None = None
+    velocity: Array | None = None
+    acceleration: Array | None = None
+    mesh_force: Array | None = None
+    weighted_mesh_force: Array | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
+            raise ValueError(f"rate_hz={self.rate_hz} must be finite and above zero.")
+        shapes = {np.shape(m)[0] for m in self.maps.values()}
+        if len(shapes) != 1:
+            raise ValueError(f"the maps {[*self.maps]} need one row per channel each; they have {sorted(shapes)}.")
+
+    @property
+    def maps(self) -> dict[str, Array]:
+        """The maps that are given, by name."""
+        names = ("displacement", "velocity", "acceleration", "mesh_force", "weighted_mesh_force")
+        named = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in named.items() if value is not None}
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return int(next(iter(self.maps.values())).shape[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Steps:
+    """A fixed number of integration steps to each sample of the output.
+
+    Attributes
+    ----------
+    per_sample : int
+        At least 1.
+
+    Examples
+    --------
+    >>> from data_synth.integrators import Steps
+    >>> Steps(per_sample=4).per_sample
+    4
+    """
+
+    per_sample: int
+
+    def __post_init__(self) -> None:
+        if self.per_sample < 1:
+            raise ValueError(f"per_sample={self.per_sample}: at least one step is needed to each sample.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accuracy:
+    """A bound on the RMS error of every channel, from which the number of steps follows.
+
+    A trial run integrates the beginning of the record with one step size and with half of it. Phase errors grow with
+    time, so their difference is scaled up to the whole record.
+
+    Attributes
+    ----------
+    relative : float
+        RMS error over RMS of the channel, between 0 and 1.
+    trial : float
+        Part of the record that the trial run takes, above 0 and at most 1.
+    max_per_sample : int
+        Largest number of steps to a sample.
+    about_mean : bool
+        Whether the RMS is that about the mean (but at least a thousandth of the total), for channels of which only the
+        alternating part matters.
+
+    Examples
+    --------
+    >>> from data_synth.integrators import Accuracy
+    >>> Accuracy(relative=1e-3).max_per_sample
+    256
+    """
+
+    relative: float
+    trial: float = 0.04
+    max_per_sample: int = 256
+    about_mean: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 < self.relative < 1 or not 0 < self.trial <= 1:
+            raise ValueError(f"relative={self.relative} and trial={self.trial} must lie between zero and one.")
+
+
+class Outcome(Enum):
+    """How an integration ended; the value is the remedy.
+
+    Examples
+    --------
+    >>> from data_synth.integrators import Outcome
+    >>> Outcome.UNSTABLE_STEP.value
+    'take more steps to a sample'
+    """
+
+    DONE = "nothing to do"
+    UNSTABLE_STEP = "take more steps to a sample"
+    UNRESOLVED_STEP = "take more steps to a sample, so that each mesh cycle and each mode is resolved"
+    TOLERANCE_NOT_REACHED = "ask for less, or allow more steps to a sample (max_per_sample)"
+    NOT_CONVERGED = "start nearer to a solution, or follow it from a case that converges in smaller changes"
+    DIVERGED = "check the load and the damping: the motion itself grows, or take more steps to a sample"
+
+
+class IntegrationError(ArithmeticError):
+    """An integration that failed, with the numbers and the remedy of its outcome.
+
+    Examples
+    --------
+    `Integration.checked` and `integrate_blocks` raise it.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Integration:
+    """Result of a time integration.
+
+    Attributes
+    ----------
+    times_s : (n,) array
+        Sample times in s.
+    values : (n, channels) array
+        Channels, in the units of their maps; empty where the step size was refused.
+    outcome : Outcome
+        DONE, or why the integration failed.
+    detail : str
+        The numbers behind the outcome.
+    final : State or None
+        State at the last sample.
+    steps_per_sample : int
+        Steps taken to each sample.
+    estimated_error : float
+        RMS error over RMS of the worst channel; NaN where the number of steps was given.
+
+    Examples
+    --------
+    See `data_synth.integrators.integrate`, which returns it.
+    """
+
+    times_s: Array = field(metadata={"dims": ("time",), "units": "s"})
+    values: Array = field(metadata={"dims": ("time", "channel"), "units": "of the maps"})
+    outcome: Outcome
+    detail: str
+    final: State | None
+    steps_per_sample: int
+    estimated_error: float = float("nan")
+
+    def checked(self) -> Integration:
+        """Return the result itself, or raise IntegrationError with outcome and remedy where it is not DONE."""
+        if self.outcome is not Outcome.DONE:
+            raise IntegrationError(f"{self.detail} To do: {self.outcome.value}.")
+        return self

@@ -1,0 +1,1 @@
+"""Lines and impact trains that follow from the angle of the shafts."""

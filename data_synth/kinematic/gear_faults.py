@@ -1,0 +1,208 @@
+"""Sidebands and impacts that each fault adds in a kinematic scene."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from data_synth.bearings.impacts import BearingImpacts
+from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily, common_base
+from data_synth.operation.shaft_angle import Array
+from data_synth.scene.faults import FaultyGear, GearFault, von_mises_window
+
+SIDEBAND_CUTOFF = 1e-4
+"""Sidebands below this share of the largest are not in the signal at all, so the truth lists every one."""
+
+_POINTS_PER_FEATURE = 64  # of the modulation over a turn: its spectrum has fallen to rounding by 8 per feature
+_PROBES = 9  # sizes of growing damage, from least to most, by which sidebands are retained
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpactTrain:
+    """The impacts of one fault.
+
+    Attributes
+    ----------
+    component, kind : str
+        What is struck, as the defect orders name it.
+    source : str
+        Source of the transfer functions to the sensors.
+    revolutions : (n,) array
+        Angle of the reference shaft at each impact, in rev.
+    amplitudes : (n,) array
+        Amplitude of the impulse response at full load, in the sensors' units.
+    order : Fraction or None
+        Impacts per revolution where they repeat exactly; None with slip.
+    offset : float
+        Phase of the train at revolution zero, in cycles: impacts are where ``order * revolutions + offset`` is whole.
+    bearing : BearingImpacts or None
+        Of a bearing: exact position of its rolling elements, and the true mean rate.
+    duration_rev : (n,) array or None
+        Rotation of the reference shaft during each impact; None for an impulse.
+    is_entry : bool
+        Whether these are the entries into a spall, before its impacts.
+    """
+
+    component: str
+    kind: str
+    source: str
+    revolutions: Array
+    amplitudes: Array
+    order: Fraction | None = None
+    offset: float = 0.0
+    bearing: BearingImpacts | None = None
+    duration_rev: Array | None = None
+    is_entry: bool = False
+
+
+def tooth_window(angle_rad: ArrayLike, *, teeth: float) -> Array:
+    """Return ``exp(kappa (cos angle - 1))``: 1 where the tooth is in mesh, 1/2 half a tooth pitch away.
+
+    Parameters
+    ----------
+    angle_rad : (n,) array
+        Angle between two contacts of the tooth, 2 pi from one to the next, in rad.
+    teeth : float
+        Tooth pitches between two contacts.
+    """
+    return von_mises_window(np.asarray(angle_rad, dtype=np.float64) / (2 * np.pi), width_turns=1 / teeth)
+
+
+def gear_damage_family(
+    fault: GearFault,
+    *,
+    gear: FaultyGear,
+    mesh: HarmonicFamily,
+    tooth: Fraction,
+    offset: float,
+    rise: ArrayLike,
+    lag_rad: ArrayLike,
+) -> HarmonicFamily:
+    """Return the sidebands that a damaged gear adds to its mesh: mesh harmonics +- multiples of the gear's rotation.
+
+    Harmonic h of the mesh is multiplied by ``(1 + a s_h w) exp(-j h b w)``, w the modulation function over a turn, a
+    and b `rise` and `lag_rad`, s_h the weight of the harmonic; the difference to 1 gives the sidebands. Their
+    coefficients are those of a smooth periodic function of the gear's angle, so that the discrete Fourier transform is
+    exact to rounding. Negative orders are folded to positive ones; order zero, which no accelerometer measures, is left
+    out.
+
+    Growing damage retains the sidebands that are above the cutoff at one of its sizes.
+
+    Parameters
+    ----------
+    fault : GearFault
+    gear : FaultyGear
+    mesh : HarmonicFamily
+        The healthy mesh, its coefficients (k,).
+    tooth : Fraction
+        Order at which a tooth of the gear is in mesh.
+    offset : float
+        Turns of the gear at revolution zero; the worst place is in mesh where ``tooth * rev + offset`` is whole.
+    rise, lag_rad : float or (instant,) array
+        a, relative, and b in rad: for one size, or at each instant of the truth as the damage grows.
+    """
+    base_order = common_base(mesh.base_order, tooth)
+    harmonics = np.arange(1, mesh.coefficients.shape[0] + 1)
+    modulated = _Modulation.of(fault, gear, harmonics=harmonics)
+    turned = mesh.coefficients[:, None] * np.exp(2j * np.pi * offset * modulated.sidebands)
+    pairs = np.stack(np.broadcast_arrays(np.atleast_1d(rise), np.atleast_1d(lag_rad)), axis=1).astype(np.float64)
+    sizes, of_instant = np.unique(pairs, axis=0, return_inverse=True)
+    probes = np.unique(np.linspace(0, len(sizes) - 1, _PROBES).round().astype(int))
+    largest = np.max([np.abs(turned * modulated.shares(*sizes[probe])) for probe in probes], axis=0)
+    retained = (largest >= SIDEBAND_CUTOFF * np.max(largest)) & (largest > 0)
+    lines = np.stack([(turned * modulated.shares(*size))[retained] for size in sizes], axis=1)
+    multiples = int(mesh.base_order / base_order) * harmonics[:, None] + int(tooth / base_order) * modulated.sidebands
+    coefficients = _fold_negative_orders(multiples[retained], lines[:, of_instant.ravel()])
+    return HarmonicFamily(
+        component=fault.component,
+        kind="tooth",
+        source=mesh.source,
+        base_order=base_order,
+        coefficients=coefficients[:, 0] if coefficients.shape[1] == 1 else coefficients,
+        load_dependent=mesh.load_dependent,
+        speed_exponent=mesh.speed_exponent,
+        reference_speed_hz=mesh.reference_speed_hz,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Modulation:
+    """Modulation of mesh harmonics (h,) by damage: its function over a turn of the gear, and sideband numbers (m,)."""
+
+    modulation: Array
+    harmonic_weights: Array
+    harmonics: NDArray[np.int_]
+    sidebands: NDArray[np.int_]
+
+    @classmethod
+    def of(cls, fault: GearFault, gear: FaultyGear, *, harmonics: NDArray[np.int_]) -> "_Modulation":
+        """Return the modulation by a fault, sampled finely enough for its narrowest feature."""
+        count = 1 << int(
+            np.ceil(np.log2(max(_POINTS_PER_FEATURE / fault.narrowest_feature(gear), 2 * _POINTS_PER_FEATURE)))
+        )
+        return cls(
+            modulation=fault.modulation(np.arange(count) / count, gear),
+            harmonic_weights=fault.harmonic_weights(harmonics),
+            harmonics=harmonics,
+            sidebands=np.arange(-count // 2, count // 2),
+        )
+
+    def shares(self, rise: float, lag_rad: float) -> ComplexArray:
+        """Return the Fourier coefficients (h, m) of the relative change of each harmonic."""
+        modulated = 1 + rise * np.outer(self.harmonic_weights, self.modulation)
+        phase_factor = np.exp(-1j * lag_rad * np.outer(self.harmonics, self.modulation))
+        spectra: ComplexArray = np.fft.fft(modulated * phase_factor - 1, axis=1) / self.modulation.size
+        return np.fft.fftshift(spectra, axes=1)
+
+
+def _fold_negative_orders(multiples: NDArray[np.int_], lines: ComplexArray) -> ComplexArray:
+    """Sum lines (m, instant) at whole multiples (m,) of a base order to (k, instant); negative ones are conjugated."""
+    coefficients = np.zeros((int(np.max(np.abs(multiples), initial=1)) + 1, lines.shape[1]), dtype=np.complex128)
+    np.add.at(coefficients, np.abs(multiples), np.where(multiples[:, None] < 0, lines.conj(), lines))
+    return coefficients[1:]
+
+
+def damage_trains(
+    fault: GearFault,
+    *,
+    gear: FaultyGear,
+    source: str,
+    tooth: Fraction,
+    offset: float,
+    span_rev: tuple[float, float],
+) -> list[ImpactTrain]:
+    """Return the impact trains of a damaged gear: one for each of its impacts in a turn.
+
+    Parameters
+    ----------
+    fault : GearFault
+    gear : FaultyGear
+    source : str
+        Its mesh.
+    tooth, offset
+        As for `gear_damage_family`.
+    span_rev : (float, float)
+        First and last revolution of the reference shaft.
+
+    Returns
+    -------
+    list of ImpactTrain
+        With the amplitudes of the initial size; where the damage grows, they are proportional to its size.
+    """
+    trains, amplitude = [], fault.initial_mm * fault.impact_per_mm
+    for at, share in fault.impacts(gear):
+        first, last = (float(tooth) * rev + offset - at for rev in span_rev)
+        turns = np.arange(np.ceil(first), np.floor(last) + 1)
+        trains.append(
+            ImpactTrain(
+                component=fault.component,
+                kind="tooth",
+                source=source,
+                revolutions=(turns - (offset - at)) / float(tooth),
+                amplitudes=np.full(turns.size, amplitude * share),
+                order=tooth,
+                offset=offset - at,
+            )
+        )
+    return trains

@@ -1,0 +1,106 @@
+"""Harmonic families of a base order: those of a healthy gearbox, and their sum as a signal.
+
+In a kinematic scene each shaft and each mesh is a periodic source in the angle of the reference shaft, with harmonics
+of declared amplitudes and random phases. A healthy source is not modulated, so it has no sidebands.
+"""
+
+import math
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_synth.operation.shaft_angle import Array
+
+ComplexArray = NDArray[np.complex128]
+RandomStreams = Callable[..., np.random.Generator]  # a generator of its own for every word it is called with
+
+
+def random_stream(seed: int, *words: str) -> np.random.Generator:
+    """Return the random generator that belongs to `words`."""
+    keys = tuple(zlib.crc32(word.encode()) for word in words)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=keys))
+
+
+@dataclass(frozen=True, kw_only=True)
+class HarmonicFamily:
+    """Harmonics of a source that is periodic in the angle of the reference shaft.
+
+    Attributes
+    ----------
+    component, kind : str
+        The source, as the defect orders name it.
+    source : str
+        Source of the transfer functions to the sensors: families with one source share their gains.
+    base_order : Fraction
+        Order of the first harmonic.
+    coefficients : (k,) or (k, instant) complex array
+        Peak amplitude and phase of harmonics 1 to k of `base_order`, in the units of the sensors; one column for each
+        instant of the truth where the source changes.
+    load_dependent : bool
+        Whether the amplitude is proportional to the tooth load.
+    speed_exponent : int
+        Exponent of the speed in the amplitude: 2 for an imbalance.
+    reference_speed_hz : float
+        Speed of the reference shaft, rev s-1, at which `coefficients` hold where they depend on it.
+    """
+
+    component: str
+    kind: str
+    source: str
+    base_order: Fraction
+    coefficients: ComplexArray
+    load_dependent: bool
+    speed_exponent: int = 0
+    reference_speed_hz: float = 1.0
+
+    @property
+    def orders(self) -> list[Fraction]:
+        """Orders of all harmonics, exact."""
+        return [multiple * self.base_order for multiple in range(1, self.coefficients.shape[0] + 1)]
+
+    @property
+    def nonzero(self) -> NDArray[np.bool_]:
+        """Whether each harmonic is non-zero at some instant, (k,)."""
+        return np.asarray(np.any(np.atleast_2d(self.coefficients.T) != 0, axis=0))
+
+
+def common_base(first: Fraction, second: Fraction) -> Fraction:
+    """Return the largest order of which both orders are integer multiples."""
+    (p, q), (r, s) = first.as_integer_ratio(), second.as_integer_ratio()
+    return Fraction(math.gcd(p * s, r * q), q * s)
+
+
+def add_lines(
+    signal: Array, amplitudes: ComplexArray, *, base_order: Fraction, revolutions: Array, position: Array
+) -> None:
+    """Add ``Re sum_k Z_k exp(j 2 pi k base_order revolutions)`` to a signal, Z linear between its instants.
+
+    Parameters
+    ----------
+    signal : (channel, n) array
+        Changed in place.
+    amplitudes : (channel, k, instant) complex array
+        Z of harmonics 1 to k of `base_order`.
+    base_order : Fraction
+        Order of the first harmonic.
+    revolutions : (n,) array
+        Angle of the reference shaft at the samples, in rev.
+    position : (n,) array
+        Times of the samples in units of the instants' spacing: 2.5 is halfway between the third and the fourth.
+    """
+    from data_synth.kinematic._harmonics_kernels import add_series  # noqa: PLC0415 - loads numba
+
+    last = amplitudes.shape[2] - 2
+    first, final = (min(max(int(place), 0), last) for place in (position[0], position[-1]))
+    inner = np.searchsorted(position, np.arange(first + 1, final + 1))
+    edges = np.concatenate([[0], inner, [position.size]]).astype(np.int64)
+    turns = float(base_order) * revolutions
+    turns -= np.floor(turns)
+    for channel, lines in zip(signal, amplitudes, strict=True):
+        instants = lines.T[first : final + 2]
+        real, imaginary = np.ascontiguousarray(instants.real), np.ascontiguousarray(instants.imag)
+        add_series(channel, real, imaginary, turns, position - first, edges)

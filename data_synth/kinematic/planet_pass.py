@@ -1,0 +1,313 @@
+"""Modulation of ring meshes by planets that pass a sensor on the ring gear, and the lines it makes.
+
+Planet n is at ``theta + psi_n`` from the sensor, theta the angle of the carrier. The phase of its mesh with the ring is
+``z_r (theta + psi_n)``, and its gain is the window of the same angle. So line ``l z_r + j`` of the carrier is ``C_l W_j
+sum_n a_n exp(1j (l z_r + j) psi_n)``: with N equal and evenly spaced planets only those with ``(l z_r + j) mod N = 0``
+reach the sensor (McFadden and Smith 1985, Proc. Inst. Mech. Eng. C 199, 65-70).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from data_synth.kinematic.harmonics import HarmonicFamily, RandomStreams
+from data_synth.operation.shaft_angle import Array
+from data_synth.scene.scene import Scene, SceneError
+from hums.gearbox.components import Axis
+
+ComplexArray = NDArray[np.complex128]
+
+_SMALLEST = 1e-6  # coefficients of a window below this share of the largest are left out of the lines
+_ROUNDING = 1e-12  # what is left of phasors that cancel, relative to the largest line
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassWindow:
+    """Gain of a planet at an angle from the sensor: ``floor + (1 - floor) exp(kappa (cos angle - 1))``.
+
+    Attributes
+    ----------
+    half_width_rad : float
+        Angle at which the modulated part is one half, above 0 and below pi.
+    floor : float
+        Gain that does not depend on the angle, 0 to 1.
+    """
+
+    half_width_rad: float
+    floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.half_width_rad < math.pi:
+            raise ValueError(f"half_width_rad = {self.half_width_rad:g} has to lie between 0 and pi")
+        if not 0 <= self.floor <= 1:
+            raise ValueError(f"floor = {self.floor:g} has to lie between 0 and 1")
+
+    @property
+    def kappa(self) -> float:
+        """Concentration of the window."""
+        return math.log(2) / (1 - math.cos(self.half_width_rad))
+
+    def gain(self, angle_rad: ArrayLike) -> Array:
+        """Return the gain (n,) of a planet at `angle_rad` (n,) from the sensor."""
+        passing = np.exp(self.kappa * (np.cos(np.asarray(angle_rad, dtype=np.float64)) - 1))
+        return np.asarray(self.floor + (1 - self.floor) * passing)
+
+    def coefficients(self) -> Array:
+        """Return W_0, W_1, ... of ``gain = sum_j W_j exp(1j j angle)``, j of both signs, to 1e-6 of the largest."""
+        count = 64 * max(1, math.ceil(math.sqrt(self.kappa)))  # the spectrum is a bell of width sqrt(kappa)
+        lines = np.fft.rfft(self.gain(2 * np.pi * np.arange(count) / count)).real / count
+        superpose = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
+        return np.asarray(lines[: superpose[-1] + 1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistanceWindow:
+    """Gain of a planet by its distance from the sensor: ``(1 / distance) ** exponent``, 1 where it is nearest.
+
+    Attributes
+    ----------
+    planet_radius_m : float
+        Radius of the circle on which the ring meshes lie.
+    sensor_radius_m : float
+        Radius at which the sensor is, larger.
+    exponent : float
+        Decay of the vibration with distance: 1/2 over a surface, 1 through a body.
+    """
+
+    planet_radius_m: float
+    sensor_radius_m: float
+    exponent: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.planet_radius_m < self.sensor_radius_m:
+            raise ValueError(
+                f"sensor_radius_m = {self.sensor_radius_m:g} has to lie outside of planet_radius_m = "
+                f"{self.planet_radius_m:g}"
+            )
+
+    def gain(self, angle_rad: ArrayLike) -> Array:
+        """Return the gain (n,) of a planet at `angle_rad` (n,) from the sensor."""
+        near, far = self.planet_radius_m, self.sensor_radius_m
+        # the law of cosines, the square of the difference kept whole for sensors close by
+        half = np.sin(np.asarray(angle_rad, dtype=np.float64) / 2)
+        relative = 1 + 4 * near * far * half**2 / (far - near) ** 2
+        return np.asarray(relative ** (-self.exponent / 2))
+
+    def coefficients(self) -> Array:
+        """Return W_0, W_1, ... of ``gain = sum_j W_j exp(1j j angle)``, j of both signs, to 1e-6 of the largest."""
+        # the gain is analytic up to where the distance is zero, so lines fall by near / far each
+        fall = -math.log(self.planet_radius_m / self.sensor_radius_m)
+        count = 1 << math.ceil(math.log2(max(64.0, 80 / fall)))
+        lines = np.fft.rfft(self.gain(2 * np.pi * np.arange(count) / count)).real / count
+        superpose = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
+        return np.asarray(lines[: superpose[-1] + 1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovingPath:
+    """Transfer path of each planet to a sensor on the ring gear, modulated by the rotation of the carrier.
+
+    Attributes
+    ----------
+    window : PassWindow or DistanceWindow
+    places_rad : (N,) array
+        Angles of the planets on the carrier: psi_n.
+    strengths : (N,) array
+        Relative amplitude of each: 1 where they are equal.
+    """
+
+    window: PassWindow | DistanceWindow
+    places_rad: Array = field(metadata={"dims": ("planet",), "units": "rad"})
+    strengths: Array = field(metadata={"dims": ("planet",), "units": "1"})
+
+    def __post_init__(self) -> None:
+        if np.ndim(self.places_rad) != 1 or np.shape(self.places_rad) != np.shape(self.strengths):
+            raise ValueError(
+                f"places_rad and strengths have shapes {np.shape(self.places_rad)} and {np.shape(self.strengths)}; "
+                "give one of each for every planet"
+            )
+
+    @classmethod
+    def even(cls, planets: int, *, window: PassWindow | DistanceWindow) -> "MovingPath":
+        """Return the path of equal and evenly spaced planets, the first at the sensor at turn 0."""
+        return cls(window=window, places_rad=2 * np.pi * np.arange(planets) / planets, strengths=np.ones(planets))
+
+    def gains(self, carrier_turns: ArrayLike) -> Array:
+        """Return the gain of each planet (N, n) at turns (n,) of the carrier."""
+        angles = 2 * np.pi * np.asarray(carrier_turns, dtype=np.float64) + np.asarray(self.places_rad)[:, None]
+        return np.asarray(np.asarray(self.strengths)[:, None] * self.window.gain(angles))
+
+    def superpose(self, sources: ArrayLike, *, carrier_turns: ArrayLike) -> Array:
+        """Return the sensor's response (n,) to the planets' signals (N, n), sample by sample, so in any blocks."""
+        return np.asarray(np.sum(self.gains(carrier_turns) * np.asarray(sources, dtype=np.float64), axis=0))
+
+    def phasor_sum(self, lines: ArrayLike) -> ComplexArray:
+        """Return ``sum_n strengths_n exp(1j line psi_n)`` at lines (k,) of the carrier."""
+        turns = np.exp(1j * np.multiply.outer(np.asarray(lines, dtype=np.float64), np.asarray(self.places_rad)))
+        return np.asarray(turns @ np.asarray(self.strengths))
+
+
+def mesh_phases_rad(places_rad: ArrayLike, *, teeth: int) -> Array:
+    """Return the phase of each planet's mesh relative to the first's, ``teeth (psi_n - psi_0)``, within a turn, (N,).
+
+    Parameters
+    ----------
+    places_rad : (N,) array
+        Angles of the planets on the carrier, in its sense of rotation.
+    teeth : int
+        Of the ring gear; for the meshes with the sun, minus its teeth.
+    """
+    places = np.asarray(places_rad, dtype=np.float64)
+    return np.asarray(np.remainder(teeth * (places - places[0]), 2 * np.pi))
+
+
+def planet_pass_family(
+    path: MovingPath,
+    *,
+    component: str,
+    source: str,
+    coefficients: ComplexArray,
+    ring_teeth: int,
+    carrier_order: Fraction,
+    carrier_offset: float = 0.0,
+) -> HarmonicFamily:
+    """Return the lines of the ring meshes at a sensor on the ring gear; they replace the harmonics of the mesh.
+
+    Line ``m = l z_r + j`` of the carrier sums ``C_l W_j`` over all l and j that make m, times the phasor sum of m.
+
+    Parameters
+    ----------
+    path : MovingPath
+    component, source : str
+        The mesh, and the source of its transfer functions.
+    coefficients : (k,) complex array
+        C_l of one planet's mesh at the sensor, l from 1.
+    ring_teeth : int
+        z_r.
+    carrier_order : Fraction
+        Revolutions of the carrier, in the frame, for one of the reference shaft: its absolute value.
+    carrier_offset : float
+        Turns of the carrier at revolution zero.
+    """
+    windows = path.window.coefficients()
+    sidebands = np.arange(-windows.size + 1, windows.size)
+    multiples = ring_teeth * np.arange(1, coefficients.size + 1)[:, None] + sidebands
+    lines = np.asarray(coefficients)[:, None] * windows[np.abs(sidebands)]
+    lines = lines * path.phasor_sum(multiples) * np.exp(2j * np.pi * carrier_offset * multiples)
+    summed = np.zeros(int(np.max(np.abs(multiples))) + 1, dtype=np.complex128)
+    np.add.at(summed, np.abs(multiples), np.where(multiples < 0, lines.conj(), lines))
+    summed[np.abs(summed) < _ROUNDING * np.max(np.abs(summed), initial=0.0)] = 0.0
+    return HarmonicFamily(
+        component=component,
+        kind="gear_mesh",
+        source=source,
+        base_order=abs(carrier_order),
+        coefficients=summed[1:],
+        load_dependent=True,
+    )
+
+
+def even_places_rad(planets: int, *, errors_rad: Sequence[float] | None = None) -> Array:
+    """Return evenly spaced angles on the carrier, each displaced by its error, (N,)."""
+    even = 2 * np.pi * np.arange(planets) / planets
+    return even if errors_rad is None else even + np.asarray(errors_rad, dtype=np.float64)
+
+
+# ---- Planet pass modulation in a scene: the lines of its ring meshes at the sensors ----------------------------------
+
+
+_RETAINED = 1e-4
+
+
+def with_planet_pass(
+    scene: Scene, families: Sequence[HarmonicFamily], *, rng_for: RandomStreams
+) -> list[HarmonicFamily]:
+    """Return the harmonic families, those of planets on a stationary ring gear modulated by the planet pass.
+
+    Raises
+    ------
+    SceneError
+        A scene that asks for planet pass modulation of a gearbox without such planets.
+    """
+    if scene.planet_pass is None:
+        return [*families]
+    rings = _rings(scene)
+    if not rings:
+        raise SceneError(
+            f'planet_pass asks for planets on a ring at rest, but gearbox "{scene.gearbox.name}" has none; '
+            "leave it out."
+        )
+    window = pass_window(scene)
+    assert window is not None  # noqa: S101 - planet_pass is there
+    return [
+        _ring_mesh_family(scene, family, window, rings, rng_for) if family.component in rings else family
+        for family in families
+    ]
+
+
+def pass_window(scene: Scene) -> PassWindow | None:
+    """Return the gain of a planet by its angle from a sensor; None in a scene without planet pass modulation."""
+    declared = scene.planet_pass
+    if declared is None:
+        return None
+    return PassWindow(half_width_rad=math.radians(declared.half_width_deg), floor=declared.floor)
+
+
+def pass_orders(scene: Scene, mesh: str) -> tuple[Fraction, int]:
+    """Return the order of a mesh's carrier, and the number of sidebands at its multiples beside each mesh harmonic.
+
+    Those are the lines of the planet pass window down to -80 dB; without a window it is the first, from the rotating
+    direction of the mesh force. A mesh whose carrier is the frame has none.
+    """
+    carrier = next(contact.carrier for contact in scene.kinematics.contacts if contact.mesh == mesh)
+    if carrier == scene.kinematics.mechanism.frame:
+        return Fraction(0), 0
+    window = pass_window(scene)
+    if window is None:
+        return abs(scene.ratio(carrier)), 1
+    lines = np.abs(window.coefficients())
+    return abs(scene.ratio(carrier)), int(np.flatnonzero(lines >= _RETAINED * lines[0])[-1])
+
+
+def _ring_mesh_family(
+    scene: Scene, family: HarmonicFamily, window: PassWindow, rings: dict[str, tuple[str, int]], rng_for: RandomStreams
+) -> HarmonicFamily:
+    """Return the lines of one ring mesh at the sensors."""
+    planet, teeth = rings[family.component]
+    axis = next(axis for axis in scene.gearbox.axes if planet in axis.links)
+    places = _places_rad(axis)
+    path = MovingPath(window=window, places_rad=places, strengths=np.ones(places.size))
+    return planet_pass_family(
+        path,
+        component=family.component,
+        source=family.source,
+        coefficients=family.coefficients / places.size,  # the scene's amplitude is that of all planets together
+        ring_teeth=teeth,
+        carrier_order=family.base_order / teeth,
+        carrier_offset=float(rng_for("planet pass", family.component).random()),
+    )
+
+
+def _places_rad(axis: Axis) -> Array:
+    """Return the angles of planets on their carrier, from the first: even, or as declared by angles or by gaps."""
+    count = axis.copies or 1
+    if axis.spacing_deg is None:
+        return even_places_rad(count)
+    given = np.array(axis.spacing_deg)
+    return np.asarray(np.radians(given if given[0] == 0 else np.cumsum(given) - given))
+
+
+def _rings(scene: Scene) -> dict[str, tuple[str, int]]:
+    """Return planet and ring teeth of each mesh of planets with a stationary ring gear."""
+    found = {}
+    copied = scene.gearbox.copied
+    for mesh in scene.gearbox.meshes:
+        planets = [gear.link for gear in mesh.gears if gear.link in copied]
+        others = [gear for gear in mesh.gears if gear.link not in copied]
+        if len(planets) == 1 and len(others) == 1 and scene.ratio(others[0].link) == 0:
+            found[mesh.name] = planets[0], abs(others[0].teeth)
+    return found

@@ -1,0 +1,133 @@
+"""Angle of the reference shaft and tooth load against time, from what a scene declares."""
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_synth.operation.piecewise import FirstOrder, Kaimal, PiecewiseLinear, fluctuation, sum_of
+from data_synth.operation.run_up import LoadLaw, PolynomialAngle, run_up
+from data_synth.operation.shaft_angle import Angle, Array, ShaftAngle
+from data_synth.scene.operation import TimeHistory, Turbulence
+from data_synth.scene.scene import Scene, SceneError
+
+_RPM = 60.0
+
+
+class ReferenceAngle(Angle, Protocol):
+    """The angle of the reference shaft, which does not reverse, as a function of time."""
+
+    def times(self, revolutions: ArrayLike) -> Array:
+        """Return the times in s at which the shaft passes `revolutions` (n,)."""
+
+    def acceleration_hz_s(self, times_s: ArrayLike) -> Array:
+        """Return the acceleration in rev s-2 at `times_s` (n,)."""
+
+    def top_speed_hz(self, start_s: float, stop_s: float) -> float:
+        """Return the largest absolute speed from `start_s` to `stop_s`, in rev s-1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """Angle of the reference shaft, and torque, against time.
+
+    Attributes
+    ----------
+    angle : ShaftAngle or PolynomialAngle
+        Of the reference shaft, revolution zero at the tachometer's first mark.
+    torque : PiecewiseLinear or None
+        Torque on the link that the scene names, N m.
+    unloaded_share : float
+        Tooth load without torque, relative to full load.
+    full_load_nm : float
+        Largest absolute declared torque, without turbulence, N m.
+    start_s : float
+        Time from which the angle is known, s.
+    """
+
+    angle: ReferenceAngle
+    torque: PiecewiseLinear | None = None
+    unloaded_share: float = 0.0
+    full_load_nm: float = 1.0
+    start_s: float = -np.inf
+
+    def load(self, times_s: ArrayLike) -> Array:
+        """Return the tooth load at `times_s` (n,) relative to full load: ``u + (1 - u) abs(T) / T_full``."""
+        times = np.asarray(times_s, dtype=np.float64)
+        if self.torque is None:
+            return np.ones_like(times)
+        relative = np.abs(self.torque.at(times)) / self.full_load_nm
+        return np.asarray(self.unloaded_share + (1 - self.unloaded_share) * relative)
+
+
+def build_drive(
+    scene: Scene, *, datum_turn: float, speed_rng: np.random.Generator, torque_rng: np.random.Generator
+) -> Drive:
+    """Return the drive of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    datum_turn : float
+        Revolutions of the tachometer's link from time zero to its first mark.
+    speed_rng, torque_rng : numpy.random.Generator
+        For turbulence.
+    """
+    torque = _time_history(scene.torque, scene, torque_rng) if scene.torque is not None else None
+    datum = datum_turn / float(abs(scene.ratio(scene.tachometer.link)))
+    if scene.speed.run_up is None:
+        turns = float(abs(scene.ratio(scene.speed.link))) * _RPM
+        speed = _time_history(scene.speed, scene, speed_rng)
+        angle = ShaftAngle(times_s=speed.times_s, speeds_hz=speed.values / turns, datum_rev=datum)
+        if angle.speeds_hz.min() <= 0:
+            raise SceneError("speed.turbulence brings the shaft to a stop; lower its rms.")
+        return _with_torque(Drive(angle=angle), scene, torque)
+    return _with_torque(Drive(angle=replace(_run_up_angle(scene, torque), datum_rev=datum), start_s=0.0), scene, torque)
+
+
+def _with_torque(drive: Drive, scene: Scene, torque: PiecewiseLinear | None) -> Drive:
+    """Return the drive with the scene's torque, where it has one."""
+    if scene.torque is None:
+        return drive
+    full = max(abs(nm) for _, nm in scene.torque.rows)
+    return replace(drive, torque=torque, unloaded_share=scene.torque.unloaded_share, full_load_nm=full)
+
+
+def _time_history(history: TimeHistory, scene: Scene, rng: np.random.Generator) -> PiecewiseLinear:
+    """Return a declared time history, with its turbulence."""
+    times, values = np.array(history.knots).T
+    declared = PiecewiseLinear(times_s=times, values=values)
+    if history.turbulence is None:
+        return declared
+    return sum_of(declared, _turbulence(history.turbulence, scene.duration_s, rng))
+
+
+def _turbulence(turbulence: Turbulence, duration_s: float, rng: np.random.Generator) -> PiecewiseLinear:
+    law = Kaimal if turbulence.spectrum == "kaimal" else FirstOrder
+    spectrum = law(rms=turbulence.rms, time_scale_s=turbulence.time_scale_s)
+    return fluctuation(spectrum, duration_s=duration_s, highest_hz=turbulence.highest_hz, rng=rng)
+
+
+def _run_up_angle(scene: Scene, torque: PiecewiseLinear | None) -> PolynomialAngle:
+    """Return the angle of the reference shaft in a run-up, counted from time zero."""
+    law, declared = scene.speed.run_up, scene.torque
+    if law is None or declared is None or torque is None:  # the scene's own check holds them together
+        raise SceneError("a run-up needs speed.run_up and torque.")
+    to_reference = float(abs(scene.ratio(scene.speed.link)))
+    # the power of a torque is the same wherever it is counted
+    brought = torque.scaled(float(abs(scene.ratio(declared.link))) / to_reference)
+    of_link = run_up(
+        brought,
+        load=LoadLaw(constant_nm=law.load_nm, linear_nm_s=law.load_nm_s, quadratic_nm_s2=law.load_nm_s2),
+        inertia_kg_m2=law.inertia_kg_m2,
+        duration_s=scene.duration_s,
+        speed_hz=law.rpm / _RPM,
+    )
+    lowest = float(np.min(of_link.speed_hz(np.linspace(0.0, scene.duration_s, 1001))))
+    if lowest < 0:
+        raise SceneError(
+            f"speed.run_up: the load turns the shaft back, at {lowest * _RPM:.3g} rpm; raise the torque or lower "
+            "the load."
+        )
+    return of_link.scaled(1 / to_reference)

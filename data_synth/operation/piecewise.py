@@ -1,0 +1,189 @@
+"""Piecewise-linear time histories of speed or torque: constant, ramp, steps, and random fluctuation."""
+
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_synth.operation.shaft_angle import Array
+
+_KNOTS_PER_CYCLE = 8  # of the fastest fluctuation: straight lines between them keep 95 % of its size
+_SPARE_SCALES = 20  # time scales by which the period of a fluctuation exceeds what is asked of it
+
+
+@dataclass(frozen=True, kw_only=True)
+class PiecewiseLinear:
+    """A quantity against time: linear between knots, constant outside them; two knots at one time are a jump.
+
+    Attributes
+    ----------
+    times_s : (m,) array
+        Times of the knots in s, rising.
+    values : (m,) array
+        Values at the knots, in the unit of the quantity.
+    """
+
+    times_s: Array = field(metadata={"dims": ("knot",), "units": "s"})
+    values: Array = field(metadata={"dims": ("knot",), "units": "any"})
+
+    def __post_init__(self) -> None:
+        if self.times_s.ndim != 1 or self.times_s.shape != self.values.shape or not self.times_s.size:
+            raise ValueError(
+                f"times_s and values have shapes {self.times_s.shape} and {self.values.shape}; "
+                "give two vectors of one length"
+            )
+        if not (np.all(np.isfinite(self.times_s)) and np.all(np.isfinite(self.values))):
+            raise ValueError("times_s or values holds NaN or infinity; give finite knots")
+        if np.any(np.diff(self.times_s) < 0):
+            raise ValueError("times_s falls somewhere; sort the knots by time")
+
+    def at(self, times_s: ArrayLike) -> Array:
+        """Return the values at `times_s` (n,); at a jump, the one after it."""
+        times = np.asarray(times_s, dtype=np.float64)
+        after = np.searchsorted(self.times_s, times, side="right")
+        left = np.clip(after - 1, 0, self.times_s.size - 1)
+        right = np.clip(after, 0, self.times_s.size - 1)
+        gap = self.times_s[right] - self.times_s[left]
+        share = np.divide(times - self.times_s[left], gap, out=np.zeros(times.shape), where=gap > 0)
+        return np.asarray(self.values[left] + share * (self.values[right] - self.values[left]))
+
+    def scaled(self, factor: float) -> "PiecewiseLinear":
+        """Return the time history multiplied by `factor`."""
+        return PiecewiseLinear(times_s=self.times_s, values=self.values * factor)
+
+
+def constant(value: float) -> PiecewiseLinear:
+    """Return a constant time history."""
+    return PiecewiseLinear(times_s=np.zeros(1), values=np.array([value]))
+
+
+def ramp(begin: float, end: float, *, start_s: float = 0.0, stop_s: float) -> PiecewiseLinear:
+    """Return a linear ramp from `begin` to `end`, constant before and after."""
+    if not stop_s > start_s:
+        raise ValueError(f"stop_s = {stop_s:g} is not after start_s = {start_s:g}; a ramp takes time")
+    return PiecewiseLinear(times_s=np.array([start_s, stop_s]), values=np.array([begin, end]))
+
+
+def steps(levels: ArrayLike, *, at_s: ArrayLike, rise_s: float = 0.0) -> PiecewiseLinear:
+    """Return a time history that changes from level to level.
+
+    Parameters
+    ----------
+    levels : (m,) array
+        Levels, in the unit of the quantity.
+    at_s : (m - 1,) array
+        Times in s, rising, at which the change to each level but the first begins.
+    rise_s : float
+        Duration of each change in s; 0 is a jump.
+    """
+    values, starts = np.asarray(levels, dtype=np.float64), np.asarray(at_s, dtype=np.float64)
+    if values.ndim != 1 or starts.shape != (values.size - 1,):
+        raise ValueError(f"{values.size} levels need {values.size - 1} times between them, not {starts.size}")
+    if any(after < before + rise_s for before, after in pairwise(starts)) or rise_s < 0:
+        raise ValueError(f"rise_s = {rise_s:g} must be 0 or more and fit between the steps; shorten it")
+    if values.size == 1:
+        return constant(float(values[0]))
+    return PiecewiseLinear(
+        times_s=np.stack([starts, starts + rise_s], axis=1).ravel(), values=np.repeat(values, 2)[1:-1]
+    )
+
+
+def sum_of(first: PiecewiseLinear, second: PiecewiseLinear) -> PiecewiseLinear:
+    """Return the sum of two time histories, exact: with the knots and the jumps of both."""
+    unique = np.union1d(first.times_s, second.times_s)
+    jumps = np.concatenate([knots.times_s[1:][np.diff(knots.times_s) == 0] for knots in (first, second)])
+    doubled = np.isin(unique, jumps)
+    times = np.repeat(unique, 1 + doubled)
+    before = np.concatenate([(times[1:] == times[:-1]), [False]])
+    values = np.where(
+        before, _left_limits(first, times) + _left_limits(second, times), first.at(times) + second.at(times)
+    )
+    return PiecewiseLinear(times_s=times, values=values)
+
+
+def _left_limits(knots: PiecewiseLinear, times: Array) -> Array:
+    """Return the left-hand limits of the values at `times`."""
+    mirrored = PiecewiseLinear(times_s=-knots.times_s[::-1], values=knots.values[::-1])
+    return mirrored.at(-times)
+
+
+class Spectrum(Protocol):
+    """Power spectral density of a random fluctuation."""
+
+    @property
+    def time_scale_s(self) -> float:
+        """Integral time scale of the fluctuation in s."""
+
+    def density(self, frequency_hz: ArrayLike) -> Array:
+        """Return the one-sided power spectral density per Hz."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kaimal:
+    """Kaimal spectrum of the longitudinal wind: ``4 s^2 T / (1 + 6 f T)^(5/3)``, s = `rms`, T = `time_scale_s`.
+
+    T is the length scale over the mean wind speed (Kaimal, Wyngaard, Izumi and Cote 1972, Q. J. R. Meteorol. Soc. 98,
+    563-589, in the form of IEC 61400-1).
+    """
+
+    rms: float
+    time_scale_s: float
+
+    def density(self, frequency_hz: ArrayLike) -> Array:
+        """Return the one-sided power spectral density per Hz; its integral from zero is ``rms ** 2``."""
+        reduced = np.asarray(frequency_hz, dtype=np.float64) * self.time_scale_s
+        return np.asarray(4 * self.rms**2 * self.time_scale_s / (1 + 6 * reduced) ** (5 / 3))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirstOrder:
+    """White noise through a first-order lag: ``4 s^2 T / (1 + (2 pi f T)^2)``; autocorrelation ``exp(-t / T)``."""
+
+    rms: float
+    time_scale_s: float
+
+    def density(self, frequency_hz: ArrayLike) -> Array:
+        """Return the one-sided power spectral density per Hz; its integral from zero is ``rms ** 2``."""
+        reduced = np.asarray(frequency_hz, dtype=np.float64) * self.time_scale_s
+        return np.asarray(4 * self.rms**2 * self.time_scale_s / (1 + (2 * np.pi * reduced) ** 2))
+
+
+def fluctuation(
+    spectrum: Spectrum, *, duration_s: float, highest_hz: float, rng: np.random.Generator
+) -> PiecewiseLinear:
+    """Draw a zero-mean Gaussian fluctuation without components above `highest_hz`, as knots from 0 to `duration_s`.
+
+    A sum of cosines at equally spaced frequencies with independent Gaussian coefficients (Rice 1944), by one inverse
+    FFT. Its period is `duration_s` and twenty time scales, so that its end is not correlated with its beginning;
+    components slower than that period are left out, with the mean. Between the knots, eight to a period of the highest
+    frequency, the fluctuation *is* linear, so the angle of a shaft that follows it is exact; components at `highest_hz`
+    are 5 % smaller for it.
+
+    Parameters
+    ----------
+    spectrum : Kaimal, FirstOrder or alike
+        Its power spectral density.
+    duration_s, highest_hz : float
+        Above zero.
+    rng : numpy.random.Generator
+
+    Raises
+    ------
+    ValueError
+        A duration or a highest frequency that is not above zero.
+    """
+    if not (duration_s > 0 and highest_hz > 0):
+        raise ValueError(f"duration_s = {duration_s:g} and highest_hz = {highest_hz:g}: both have to be above zero")
+    spacing = 1 / (_KNOTS_PER_CYCLE * highest_hz)
+    count = math.ceil((duration_s + _SPARE_SCALES * spectrum.time_scale_s) / spacing)
+    frequencies = np.arange(count // 2 + 1) / (count * spacing)
+    # one cosine a line: its mean square is the density times the spacing of lines
+    deviations = np.sqrt(spectrum.density(frequencies) / (count * spacing))
+    deviations[(frequencies == 0) | (frequencies > highest_hz)] = 0.0
+    parts = rng.standard_normal((2, frequencies.size))
+    values = np.fft.irfft(deviations * (parts[0] + 1j * parts[1]) * (count / 2), n=count)
+    kept = math.ceil(duration_s / spacing) + 1
+    return PiecewiseLinear(times_s=np.asarray(np.arange(kept) * spacing), values=values[:kept])

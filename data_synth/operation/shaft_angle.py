@@ -1,0 +1,274 @@
+"""The exact angle of a shaft against time, and its exact inverse.
+
+Speed is linear between knots, so that the angle is quadratic there and both directions have a closed form. A shaft may
+stand still, and reverse.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+class Angle(Protocol):
+    """The angle of a shaft as a function of time."""
+
+    @property
+    def datum_rev(self) -> float:
+        """Revolutions from time zero to revolution zero."""
+
+    def revolutions(self, times_s: ArrayLike) -> Array:
+        """Return the angle in revolutions at `times_s` (n,)."""
+
+    def speed_hz(self, times_s: ArrayLike) -> Array:
+        """Return the speed in rev s-1 at `times_s` (n,), negative where the shaft turns back."""
+
+    def turning_points_s(self) -> Array:
+        """Return the rising times between which the angle is monotone or constant."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShaftAngle:
+    """Angle of a shaft whose speed is linear between knots and constant before the first and after the last.
+
+    Attributes
+    ----------
+    times_s : (m,) array
+        Times of the knots in s, rising; two equal ones are a jump of the speed.
+    speeds_hz : (m,) array
+        Speeds at the knots in rev s-1; zero at standstill, negative in reverse.
+    datum_rev : float
+        Revolutions from time zero to revolution zero.
+
+    Raises
+    ------
+    ValueError
+        Knots that are not two finite vectors of one length, or times that fall.
+    """
+
+    times_s: Array
+    speeds_hz: Array
+    datum_rev: float = 0.0
+
+    def __post_init__(self) -> None:
+        shapes = np.shape(self.times_s), np.shape(self.speeds_hz)
+        if len(shapes[0]) != 1 or shapes[0] != shapes[1] or not shapes[0][0]:
+            raise ValueError(
+                f"times_s and speeds_hz have shapes {shapes[0]} and {shapes[1]}; give two vectors of one length"
+            )
+        if not (np.all(np.isfinite(self.times_s)) and np.all(np.isfinite(self.speeds_hz))):
+            raise ValueError("times_s or speeds_hz holds NaN or infinity; give finite knots")
+        back = np.flatnonzero(np.diff(self.times_s) < 0)
+        if back.size:
+            raise ValueError(
+                f"times_s falls from {self.times_s[back[0]]:g} s to {self.times_s[back[0] + 1]:g} s; sort the knots"
+            )
+
+    @cached_property
+    def _starts_s(self) -> Array:
+        """Time at which each quadratic piece begins; for the piece before the first knot, that knot."""
+        return np.concatenate([self.times_s[:1], self.times_s])
+
+    @cached_property
+    def _start_speeds_hz(self) -> Array:
+        """Speed at those times in rev s-1."""
+        return np.concatenate([self.speeds_hz[:1], self.speeds_hz])
+
+    @cached_property
+    def _slopes(self) -> Array:
+        """Acceleration in each piece in rev s-2; zero outside the knots, and in a jump, which has no length."""
+        gaps = np.diff(self.times_s)
+        slopes = np.divide(np.diff(self.speeds_hz), gaps, out=np.zeros(gaps.size), where=gaps > 0)
+        return np.concatenate([[0.0], slopes, [0.0]])
+
+    @cached_property
+    def _knots_rev(self) -> Array:
+        """Revolutions at the knots, counted from time zero."""
+        mean_speeds = (self.speeds_hz[1:] + self.speeds_hz[:-1]) / 2
+        knots = np.concatenate([[0.0], np.cumsum(mean_speeds * np.diff(self.times_s))])
+        return np.asarray(knots - self._since_first_knot(np.zeros(1), knots)[0])
+
+    def _since_first_knot(self, times_s: Array, knots_rev: Array) -> Array:
+        """Return the revolutions at times (n,), given those at the knots."""
+        if self.times_s.size == 1:
+            return np.asarray(knots_rev[0] + self.speeds_hz[0] * (times_s - self.times_s[0]))
+        piece = np.searchsorted(self.times_s, times_s, side="right")
+        since = times_s - self._starts_s[piece]
+        starts_rev = np.concatenate([knots_rev[:1], knots_rev])[piece]
+        slope = self._start_speeds_hz[piece] + self._slopes[piece] * since / 2
+        return np.asarray(starts_rev + slope * since)
+
+    def revolutions(self, times_s: ArrayLike) -> Array:
+        """Return the angle in revolutions at `times_s` (n,)."""
+        times = np.asarray(times_s, dtype=np.float64)
+        return self._since_first_knot(times, self._knots_rev) - self.datum_rev
+
+    def times(self, revolutions: ArrayLike) -> Array:
+        """Return the times in s at which the shaft passes `revolutions` (n,), exactly.
+
+        Where it stands still at one of them, the time at which it starts again.
+
+        Raises
+        ------
+        ValueError
+            A shaft that reverses, so that an angle has several times (use
+            `data_synth.operation.shaft_angle.crossings`), or that stands still for ever before it gets there.
+        """
+        if np.any(self.speeds_hz < 0):
+            raise ValueError(
+                f"the shaft turns back, at {np.min(self.speeds_hz):g} rev/s, so an angle has no one time; "
+                "ask `passages` for all of them"
+            )
+        from_zero = np.asarray(revolutions, dtype=np.float64) + self.datum_rev
+        piece = np.searchsorted(self._knots_rev, from_zero, side="right")
+        turn = from_zero - np.concatenate([self._knots_rev[:1], self._knots_rev])[piece]
+        speed = self._start_speeds_hz[piece]
+        # the root of a t^2 / 2 + v t = turn in the form that loses no digits where a is small; rounding may take
+        # the square below zero where the shaft comes to rest
+        twice_mean = speed + np.sqrt(np.maximum(speed**2 + 2 * self._slopes[piece] * turn, 0.0))
+        never = (twice_mean == 0) & (turn != 0)
+        if np.any(never):
+            raise ValueError(
+                f"revolution {np.asarray(revolutions)[never].flat[0]:g} is never reached: the shaft stands still; "
+                "ask for revolutions between those of its profile"
+            )
+        since = np.divide(2 * turn, twice_mean, out=np.zeros(np.shape(turn)), where=twice_mean != 0)
+        return np.asarray(self._starts_s[piece] + since)
+
+    def speed_hz(self, times_s: ArrayLike) -> Array:
+        """Return the speed in rev s-1 at `times_s` (n,); at a jump, the one after it."""
+        times = np.asarray(times_s, dtype=np.float64)
+        piece = np.searchsorted(self.times_s, times, side="right")
+        since = times - self._starts_s[piece]
+        return np.asarray(self._start_speeds_hz[piece] + self._slopes[piece] * since)
+
+    def acceleration_hz_s(self, times_s: ArrayLike) -> Array:
+        """Return the acceleration in rev s-2 at `times_s` (n,); at a knot, the one after it."""
+        piece = np.searchsorted(self.times_s, np.asarray(times_s, dtype=np.float64), side="right")
+        return np.asarray(self._slopes[piece])
+
+    def top_speed_hz(self, start_s: float, stop_s: float) -> float:
+        """Return the largest absolute speed from `start_s` to `stop_s`, in rev s-1."""
+        inside = (self.times_s >= start_s) & (self.times_s <= stop_s)  # jumps: knots before and after count
+        return float(np.max(np.abs([*self.speed_hz([start_s, stop_s]), *self.speeds_hz[inside]])))
+
+    def turning_points_s(self) -> Array:
+        """Return the rising times between which the angle is monotone or constant."""
+        before, after = self.speeds_hz[:-1], self.speeds_hz[1:]
+        passing = np.flatnonzero(before * after < 0)
+        share = before[passing] / (before[passing] - after[passing])
+        zeros = self.times_s[passing] + share * np.diff(self.times_s)[passing]
+        return np.unique(np.concatenate([zeros, self.times_s[self.speeds_hz == 0]]))
+
+    def scaled(self, ratio: float) -> "ShaftAngle":
+        """Return the angle of a shaft with the signed speed ratio `ratio` to this one."""
+        return ShaftAngle(times_s=self.times_s, speeds_hz=self.speeds_hz * ratio, datum_rev=self.datum_rev * ratio)
+
+    def travelled(self) -> "ShaftAngle":
+        """Return the accumulated revolutions since time zero in either sense, by which parts wear, roll and slip."""
+        zeros = np.setdiff1d(self.turning_points_s(), self.times_s)
+        at = np.searchsorted(self.times_s, zeros)
+        return ShaftAngle(
+            times_s=np.insert(self.times_s, at, zeros), speeds_hz=np.abs(np.insert(self.speeds_hz, at, 0.0))
+        )
+
+
+# ---- Times at which a shaft passes given angles, through standstill and reversal -------------------------------------
+
+
+_MAX_ITERATIONS = 120  # of Newton's rule or bisection: more than the bits of a double
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crossings:
+    """Times at which a shaft passes equally spaced angles.
+
+    Attributes
+    ----------
+    times_s : (m,) array
+        Rising, in s.
+    numbers : (m,) int array
+        Number of each angle, zero at revolution zero; falling in reverse.
+    directions : (m,) int array
+        +1 where the angle rises, -1 where it falls.
+    """
+
+    times_s: Array = field(metadata={"dims": ("passage",), "units": "s"})
+    numbers: NDArray[np.int64] = field(metadata={"dims": ("passage",), "units": "1"})
+    directions: NDArray[np.int64] = field(metadata={"dims": ("passage",), "units": "1"})
+
+
+def crossings(angle: Angle, *, per_rev: float, start_s: float, stop_s: float, offset: float = 0.0) -> Crossings:
+    """Return all times from `start_s` to `stop_s` at which ``per_rev * revolutions + offset`` is an integer.
+
+    A shaft that reverses at one of these angles passes it once; one that stands still there, when it starts again.
+
+    Parameters
+    ----------
+    angle : Angle
+        Angle of the shaft.
+    per_rev : float
+        Angles in one revolution, above zero.
+    start_s, stop_s : float
+        Ends of the interval in s, both included.
+    offset : float
+        Value of the counted angle at revolution zero.
+
+    Raises
+    ------
+    ValueError
+        `per_rev` that is not above zero, or an end before the start.
+    """
+    if not per_rev > 0:
+        raise ValueError(f"per_rev = {per_rev:g} is not above zero; give the marks of one revolution")
+    if not stop_s >= start_s:
+        raise ValueError(f"stop_s = {stop_s:g} lies before start_s = {start_s:g}; give a span of time")
+    turning = angle.turning_points_s()
+    edges = np.concatenate([[start_s], turning[(turning > start_s) & (turning < stop_s)], [stop_s]])
+    marks = per_rev * angle.revolutions(edges) + offset
+    found = []
+    for run in range(edges.size - 1):
+        numbers, direction = _numbers(marks[run], marks[run + 1], last=run == edges.size - 2)
+        if numbers.size:
+            targets: Array = np.asarray((numbers - offset) / per_rev, dtype=np.float64)
+            times = crossing_times(angle, targets, start_s=edges[run], stop_s=edges[run + 1], direction=direction)
+            found.append((times, numbers, np.full(numbers.size, direction)))
+    if not found:
+        return Crossings(times_s=np.empty(0), numbers=np.empty(0, np.int64), directions=np.empty(0, np.int64))
+    times, numbers, directions = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return Crossings(times_s=times, numbers=numbers, directions=directions)
+
+
+def _numbers(begin: float, end: float, *, last: bool) -> tuple[NDArray[np.int64], int]:
+    """Return the integers from `begin` to `end` in order, and the direction; `end` itself only in the last piece."""
+    if begin == end:
+        return np.empty(0, np.int64), 0
+    if end > begin:
+        numbers = np.arange(np.ceil(begin), np.floor(end) + 1, dtype=np.int64)
+        return (numbers if last else numbers[numbers < end]), 1
+    numbers = np.arange(np.floor(begin), np.ceil(end) - 1, -1, dtype=np.int64)
+    return (numbers if last else numbers[numbers > end]), -1
+
+
+def crossing_times(angle: Angle, targets: Array, *, start_s: float, stop_s: float, direction: int) -> Array:
+    """Return the times (n,) at which the angle is `targets` (n,) in a monotone piece: Newton's method in a bracket."""
+    low, high = np.full(targets.size, start_s), np.full(targets.size, stop_s)
+    ends = angle.revolutions([start_s, stop_s])
+    times = start_s + (stop_s - start_s) * np.clip((targets - ends[0]) / (ends[1] - ends[0]), 0, 1)
+    before = np.full(targets.size, stop_s - start_s)
+    for _ in range(_MAX_ITERATIONS):
+        ahead = direction * (angle.revolutions(times) - targets)
+        low, high = np.where(ahead <= 0, times, low), np.where(ahead >= 0, times, high)
+        speed = direction * angle.speed_hz(times)
+        quick = (speed > 0) & (np.abs(ahead) <= speed * before / 2)  # steps that do not halve may run in a circle
+        newton = times - np.divide(ahead, speed, out=np.zeros(times.size), where=quick)
+        better = np.where(quick & (newton >= low) & (newton <= high), newton, (low + high) / 2)
+        before = moved = np.abs(better - times)
+        times = better
+        if np.all(moved <= 2 * np.spacing(np.abs(times))):
+            break
+    return np.asarray(times)

@@ -1,0 +1,1 @@
+"""What a scene declares, each table checked."""

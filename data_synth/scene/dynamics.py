@@ -1,0 +1,107 @@
+"""Masses, stiffnesses and the structure up to the sensors, as a scene whose gears vibrate declares them.
+
+A kinematic scene needs none of it. What is left out has the defaults of `data_synth.dynamics.assembly`, a first guess
+in steel from module and face width, or those below.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, PlainSerializer
+
+from data_synth.scene.operation import NotNegative, Share
+from data_synth.scene.sensors import Mode
+from hums.gearbox.components import Declared, Name, Positive
+
+
+def _pairs(value: Any) -> Any:  # noqa: ANN401
+    return tuple(value.items()) if isinstance(value, Mapping) else value
+
+
+class LinkDynamics(Declared):
+    """Mass of a link with everything on it, and its moment of inertia about the axis."""
+
+    mass_kg: Positive | None = None
+    inertia_kg_m2: Positive | None = None
+
+
+class MeshDynamics(Declared):
+    """Stiffness, damping and errors of a mesh.
+
+    Geometry may be declared here where the gearbox leaves it out. `stiffness_n_m` is the mean mesh stiffness along the
+    line of action; `shape` its variation over a mesh cycle: from the strain energy of the teeth (spur gears without
+    undercut or profile shift, whose bodies are held at `bore_share` of the reference radius), trapezoidal by the
+    contact ratio, or constant. Left out, it is the first of these that the geometry allows. `error_um` is the amplitude
+    of the first mesh harmonic of the transmission error; `fidelity` that of this mesh, where it is lower than the
+    scene's.
+    """
+
+    module_mm: Positive | None = None
+    face_width_mm: Positive | None = None
+    pressure_angle_deg: Positive | None = None
+    profile_shift: tuple[float, float] | None = None
+    shape: Literal["teeth", "trapezoid", "constant"] | None = None
+    stiffness_n_m: Positive | None = None
+    damping_n_s_m: NotNegative = 0.0
+    backlash_um: NotNegative = 0.0
+    error_um: NotNegative = 0.0
+    bore_share: Annotated[float, Field(gt=0, lt=0.8)] = 0.4
+    fidelity: Literal["kinematic", "torsional", "lateral", "full"] | None = None
+
+
+class SupportDynamics(Declared):
+    """Support stiffness of a bearing, or of a link without one; `damping_s` is damping over stiffness.
+
+    A ring gear that is rigid with the housing becomes a body of its own where it is named here, with the torsional
+    stiffness `torsion_nm_rad`.
+    """
+
+    radial_n_m: Positive = 1e8
+    axial_n_m: Positive = 1e8
+    tilt_nm_rad: Positive = 1e5
+    torsion_nm_rad: NotNegative = 0.0
+    damping_s: NotNegative = 0.0
+
+
+Links = Annotated[tuple[tuple[Name, LinkDynamics], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
+Meshes = Annotated[tuple[tuple[Name, MeshDynamics], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
+Supports = Annotated[tuple[tuple[Name, SupportDynamics], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
+Weights = Annotated[tuple[tuple[Name, NotNegative], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
+
+
+class Hearing(Declared):
+    """Weights of the bearing forces of each link at a sensor: 1 is the response of the rigid housing."""
+
+    sensor: Name
+    links: Weights
+
+
+class Dynamics(Declared):
+    """Masses, stiffnesses, and the structure between bearings and sensors.
+
+    Bearing forces move a housing of `housing_kg` on its `mounts`. A sensor responds in full to the bearing forces of
+    its own link (both links of a mesh), and with the weight `elsewhere` to those of others, unless `hearing` gives the
+    weights; the response then passes the scene's `path`. Every mode of the gears has `damping_ratio`, to which the
+    damping of bearings and meshes is added. The scene's torque acts on its link, or on `load_on` where that is the
+    reference itself; the reference shaft drives.
+
+    `error` is the relative RMS error of the channels that time stepping may cause. ``fidelity = "auto"`` allows
+    differences up to `floor_db` from the full motion, determined on the first `decide_s` of the scene.
+    """
+
+    links: Links = ()
+    meshes: Meshes = ()
+    bearings: Supports = ()
+    damping_ratio: Annotated[float, Field(gt=0, lt=1)] = 0.03
+    load_on: Name | None = None
+    housing_kg: Positive = 20.0
+    mounts: Mode = Mode(frequency_hz=20.0, damping_ratio=0.2)
+    elsewhere: Share = 0.3
+    hearing: tuple[Hearing, ...] = ()
+    error: Annotated[float, Field(gt=0, lt=0.1)] = 1e-3
+    floor_db: Annotated[float, Field(lt=0)] = -40.0
+    decide_s: Positive = 0.25
+
+    def mesh(self, name: str) -> MeshDynamics:
+        """Return the declaration of a mesh, or the defaults."""
+        return dict(self.meshes).get(name, MeshDynamics())

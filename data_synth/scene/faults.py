@@ -1,0 +1,590 @@
+"""Faults, as a scene declares them: kind, component, size, and growth of the size."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, Self, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
+
+from data_synth.gears import transmission_error
+from data_synth.gears.geometry import GearPair
+from data_synth.gears.mesh_stiffness import Array
+from data_synth.gears.tooth_compliance import CrackedSection, DamagedTooth, Tooth, ToothPair
+from data_synth.gears.transmission_error import PitchError, ProfileError, TransmissionError
+from data_synth.scene.fault_growth import GrowingFault
+from data_synth.scene.operation import NotNegative, Share
+from hums.gearbox.components import Declared, Name, Positive
+
+# ---- Faults of gears: what a scene declares of each, and what each changes -------------------------------------------
+# Each fault has a modulation function of the angle of its gear, 1 where the damage is worst. In a kinematic scene it
+# modulates the mesh harmonics (`data_synth.kinematic.gear_faults.gear_damage_family`) and causes impacts
+# (`damage_trains`). In a scene with gear dynamics, `GearDamage` lists for each tooth what is cracked, missing or worn
+# off: `damaged_teeth` turns it into tooth compliance, `transmission_errors` into transmission errors.
+#
+# Turns are revolutions of the gear, counted from where the damaged tooth is in the middle of its mesh.
+
+
+ImpactPlaces = tuple[tuple[float, float], ...]
+Length = Annotated[float, Field(gt=0, le=1)]
+
+_CRACK_ANGLE_DEG = 45.0  # to the middle of the tooth; cracks of gears with a thick rim run at about this angle
+_ROOT_TANGENT = math.radians(30)  # the critical section of ISO 6336-3
+_BISECTIONS = 60
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultyGear:
+    """Properties of a gear on which its faults depend.
+
+    Attributes
+    ----------
+    teeth : float
+        Tooth pitches from one contact of a tooth to its next.
+    face_width_m : float
+        Infinite where it is not declared.
+    rng : callable
+        Returns a generator in the same state at every call, so that draws are reproducible.
+    """
+
+    teeth: float
+    face_width_m: float = math.inf
+    rng: Callable[[], np.random.Generator] = field(default=lambda: np.random.default_rng(0), repr=False, compare=False)
+
+    def face_fraction(self, size_m: float) -> float:
+        """Return `size_m` as a fraction of the face width."""
+        if not 0 <= size_m <= self.face_width_m:
+            raise ValueError(f"size_m = {size_m:g} is not within the face width of {self.face_width_m:g} m")
+        return size_m / self.face_width_m
+
+
+@dataclass(frozen=True, kw_only=True)
+class GearDamage:
+    """Damage of a gear, tooth by tooth from the damaged one on.
+
+    Attributes
+    ----------
+    crack_m : (z,) array
+        Depth of a crack in the root of each tooth, m: reduces its stiffness by the tooth model.
+    contact_fraction : (z,) array
+        Fraction of the face width of each tooth in contact; stiffness is proportional. 1 is healthy, 0 a missing tooth.
+    removed_m : (z,) array
+        Material removed from each flank along the line of action, m: a transmission error while the tooth is in
+        contact.
+    runout_m : float
+        Eccentricity of the pitch circle, m: a transmission error ``runout_m cos(2 pi turns)``.
+    profile_m : float
+        Material worn alike from every flank where it slides, none at the pitch point: a transmission error
+        ``profile_m (1 - cos(4 pi phase)) / 2`` in the phase of the mesh, the pitch point at phase 0.
+    crack_angle_rad : float
+        Between cracks and the centre line of their tooth.
+    """
+
+    crack_m: Array = field(metadata={"dims": ("tooth",), "units": "m"})
+    contact_fraction: Array = field(metadata={"dims": ("tooth",), "units": "1"})
+    removed_m: Array = field(metadata={"dims": ("tooth",), "units": "m"})
+    runout_m: float = 0.0
+    profile_m: float = 0.0
+    crack_angle_rad: float = math.radians(_CRACK_ANGLE_DEG)
+
+    @classmethod
+    def on(cls, gear: FaultyGear, **damage: float) -> "GearDamage":
+        """Return the damage of a gear that is healthy but for what is given."""
+        teeth = round(gear.teeth)
+        return cls(crack_m=np.zeros(teeth), contact_fraction=np.ones(teeth), removed_m=np.zeros(teeth), **damage)
+
+
+def von_mises_window(turns: ArrayLike, *, width_turns: float) -> Array:
+    """Return ``exp(kappa (cos 2 pi turns - 1))``: 1 at whole turns, 1/2 half a width beside them.
+
+    It is smooth and periodic; its Fourier coefficients, ``exp(-kappa) I_k(kappa)``, fall fast.
+    """
+    kappa = math.log(2) / (1 - math.cos(math.pi * width_turns))
+    return np.asarray(np.exp(kappa * (np.cos(2 * np.pi * np.asarray(turns, dtype=np.float64)) - 1)))
+
+
+def phase_of_error(error_m: float, *, module_m: float, pressure_angle_rad: float) -> float:
+    """Return the phase lag in rad of the first mesh harmonic by an error along the line of action."""
+    return 2 * math.pi * error_m / (math.pi * module_m * math.cos(pressure_angle_rad))
+
+
+class GearFault(GrowingFault):
+    """A fault of a gear: of one tooth, active while that tooth is in mesh, unless its class says otherwise.
+
+    The size in mm times each of the three factors gives the relative rise of the mesh amplitude, the phase lag of the
+    first mesh harmonic (harmonic h: h times), and the amplitude of the impact, at full load. The factors are
+    illustrative: a kinematic scene has no tooth stiffness to derive them from.
+    """
+
+    amplitude_per_mm: NotNegative = 0.2
+    phase_rad_per_mm: NotNegative = 0.1
+    impact_per_mm: NotNegative = 1.0
+
+    def width_pitches(self) -> float:
+        """Return the width of the modulation window, in tooth pitches."""
+        return 1.0
+
+    def narrowest_feature(self, gear: FaultyGear) -> float:
+        """Return the width of the narrowest feature of the modulation, in turns."""
+        return self.width_pitches() / gear.teeth
+
+    def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:
+        """Return the modulation function at `turns` (n,) of the gear: 1 where the damage is worst."""
+        return von_mises_window(turns, width_turns=self.width_pitches() / gear.teeth)
+
+    def harmonic_weights(self, harmonic: ArrayLike) -> Array:
+        """Return the relative rise of mesh harmonics (k,), numbered from 1; 1 for the first."""
+        return np.ones(np.shape(harmonic))
+
+    def impacts(self, gear: FaultyGear) -> ImpactPlaces:  # noqa: ARG002 - others need it
+        """Return the impacts of one turn: place in turns, and relative amplitude."""
+        return ((0.0, 1.0),)
+
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
+        """Return the damage of a gear with a fault of `size_m`, for the dynamics.
+
+        Raises
+        ------
+        ValueError
+            A size that the gear does not have.
+        """
+        raise NotImplementedError
+
+
+class ToothCrack(GearFault):
+    """A cracked tooth root: modulation once a revolution over about one tooth, and one impact in it.
+
+    Where gears vibrate, the crack runs at `angle_deg` to the centre line of its tooth, and reduces its stiffness.
+    """
+
+    kind: Literal["tooth_crack"]
+    depth_mm: Positive
+    angle_deg: Annotated[float, Field(gt=0, le=90)] = _CRACK_ANGLE_DEG
+
+    @property
+    def initial_mm(self) -> float:
+        """Size at the beginning of the record, mm."""
+        return self.depth_mm
+
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
+        """Return the crack, which makes the tooth more compliant."""
+        found = GearDamage.on(gear, crack_angle_rad=math.radians(self.angle_deg))
+        found.crack_m[0] = size_m
+        return found
+
+
+class SizedGearFault(GearFault):
+    """A gear fault whose size is `size_mm`."""
+
+    size_mm: Positive
+
+    @property
+    def initial_mm(self) -> float:
+        """Size at the beginning of the record, mm."""
+        return self.size_mm
+
+
+class Chipping(SizedGearFault):
+    """A corner of one tooth broken off; the size is the lost face width."""
+
+    kind: Literal["chipping"]
+
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
+        """Return the fraction of the face that is still in contact."""
+        found = GearDamage.on(gear)
+        found.contact_fraction[0] = 1 - gear.face_fraction(size_m)
+        return found
+
+
+class MissingTooth(SizedGearFault):
+    """One tooth missing; the size scales the impact on the next one."""
+
+    kind: Literal["missing_tooth"]
+
+    def impacts(self, gear: FaultyGear) -> ImpactPlaces:
+        """Return one impact a turn, where the next tooth comes into contact."""
+        return ((1 / (2 * gear.teeth), 1.0),)
+
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:  # noqa: ARG002 - a tooth is there or not
+        """Return the missing tooth."""
+        found = GearDamage.on(gear)
+        found.contact_fraction[0] = 0.0
+        return found
+
+
+class Spall(SizedGearFault):
+    """A spall on the flank of one tooth, `length_pitches` long in parts of a tooth pitch.
+
+    The contact enters it at one end, with `entry_share` of the impact at the other.
+    """
+
+    kind: Literal["spall"]
+    length_pitches: Length = 0.3
+    entry_share: Annotated[float, Field(ge=-1, le=1)] = -0.5
+
+    def width_pitches(self) -> float:
+        """Return the length of the spall, in tooth pitches."""
+        return self.length_pitches
+
+    def impacts(self, gear: FaultyGear) -> ImpactPlaces:
+        """Return two impacts a turn, at entry and at exit."""
+        half = self.length_pitches / (2 * gear.teeth)
+        return ((-half, self.entry_share), (half, 1.0))
+
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
+        """Return the removed material."""
+        found = GearDamage.on(gear)
+        found.removed_m[0] = size_m
+        return found
+
+
+class Pitting(SizedGearFault):
+    """Pits on `count` of `spread` adjacent teeth, `length_pitches` long: one the worst, others half as deep or more."""
+
+    kind: Literal["pitting"]
+    length_pitches: Length = 0.3
+    count: Annotated[int, Field(ge=1)] = 3
+    spread: Annotated[int, Field(ge=1)] = 5
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.count > self.spread:
+            raise ValueError(f"count = {self.count} pitted teeth do not fit among spread = {self.spread} neighbours")
+        return self
+
+    def pits(self, gear: FaultyGear) -> tuple[tuple[int, float], ...]:
+        """Return tooth number, from the one at turn 0, and relative depth of each pit."""
+        rng = gear.rng()
+        others = np.sort(1 + rng.permutation(self.spread - 1)[: self.count - 1])
+        shares = 0.5 + 0.5 * rng.random(self.count - 1)
+        drawn = zip(others, shares, strict=True)
+        return ((0, 1.0), *((int(place), float(share)) for place, share in drawn))
+
+    def width_pitches(self) -> float:
+        """Return the length of a pit, in tooth pitches."""
+        return self.length_pitches
+
+    def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:
+        """Return the sum of the windows of all pits."""
+        at = np.asarray(turns, dtype=np.float64)
+        width = self.length_pitches / gear.teeth
+        windows = (
+            share * von_mises_window(at - place / gear.teeth, width_turns=width) for place, share in self.pits(gear)
+        )
+        return np.asarray(sum(windows))
+
+    def impacts(self, gear: FaultyGear) -> ImpactPlaces:
+        """Return one impact a turn for each pitted tooth."""
+        return tuple((place / gear.teeth, share) for place, share in self.pits(gear))
+
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
+        """Return the removed material."""
+        found = GearDamage.on(gear)
+        for place, share in self.pits(gear):
+            found.removed_m[place % found.removed_m.size] = size_m * share
+        return found
+
+
+class _DistributedFault(SizedGearFault):
+    """A distributed fault of the whole gear, without impacts."""
+
+    def narrowest_feature(self, gear: FaultyGear) -> float:  # noqa: ARG002 - local damage needs it
+        """Return the width of the narrowest feature of the modulation, in turns."""
+        return 0.25
+
+    def impacts(self, gear: FaultyGear) -> ImpactPlaces:  # noqa: ARG002 - local damage needs it
+        """Return no impacts."""
+        return ()
+
+
+class Eccentricity(_DistributedFault):
+    """A pitch circle whose centre is off the axis by the size: modulation once a revolution."""
+
+    kind: Literal["eccentricity"]
+
+    def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:  # noqa: ARG002 - local damage needs it
+        """Return ``cos(2 pi turns)``."""
+        return np.cos(2 * np.pi * np.asarray(turns, dtype=np.float64))
+
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
+        """Return the runout."""
+        return GearDamage.on(gear, runout_m=size_m)
+
+
+class Misalignment(_DistributedFault):
+    """A tilted gear axis: modulation once and twice a turn; the size is the face width without contact at the worst.
+
+    `twice` is the fraction of the modulation that is twice a turn. The second mesh harmonic rises most.
+    """
+
+    kind: Literal["misalignment"]
+    twice: Share = 0.5
+
+    def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:  # noqa: ARG002 - local damage needs it
+        """Return ``(1 - twice) cos(2 pi turns) + twice cos(4 pi turns)``."""
+        angle = 2 * np.pi * np.asarray(turns, dtype=np.float64)
+        return np.asarray((1 - self.twice) * np.cos(angle) + self.twice * np.cos(2 * angle))
+
+    def harmonic_weights(self, harmonic: ArrayLike) -> Array:
+        """Return 2 for the second mesh harmonic, 1 for the others (k,)."""
+        return np.where(np.asarray(harmonic) == 2, 2.0, 1.0)  # noqa: PLR2004
+
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
+        """Return the fraction of each tooth's face that is in contact."""
+        found = GearDamage.on(gear)
+        teeth = found.contact_fraction.size
+        swing = (1 + self.modulation(np.arange(teeth) / teeth, gear)) / 2
+        found.contact_fraction[:] -= gear.face_fraction(size_m) * swing
+        return found
+
+
+class Wear(_DistributedFault):
+    """Uniform wear of depth `size_mm`: mesh harmonics rise in proportion to their number, without sidebands."""
+
+    kind: Literal["wear"]
+
+    def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:  # noqa: ARG002 - local damage needs it
+        """Return 1: all teeth are alike."""
+        return np.ones(np.shape(turns))
+
+    def harmonic_weights(self, harmonic: ArrayLike) -> Array:
+        """Return the number of the mesh harmonic (k,)."""
+        return np.asarray(harmonic, dtype=np.float64)
+
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
+        """Return the worn profile."""
+        return GearDamage.on(gear, profile_m=size_m)
+
+
+GEAR_FAULTS = ToothCrack | Chipping | MissingTooth | Spall | Pitting | Eccentricity | Misalignment | Wear
+
+
+# ---- what changes the compliance of a pair of teeth ------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class RootCrack:
+    """A crack through the whole face, from the fillet of the loaded flank into the tooth.
+
+    It starts where the fillet's tangent is at 30 degrees to the centre line of the tooth. Material between the surface
+    and a line through the crack tip, parallel to the centre line, carries neither bending nor shear (Wu, Zuo and Parey
+    2008, J. Sound Vib. 317; Chaari, Fakhfakh and Haddar 2009, Eur. J. Mech. A 28); compression closes the crack.
+
+    Attributes
+    ----------
+    depth_m : float
+        Length of the crack.
+    angle_rad : float
+        Between the crack and the centre line of the tooth.
+    """
+
+    depth_m: float
+    angle_rad: float
+
+    def added_compliance(self, pair: ToothPair, gear: int, phase_cycles: Array) -> Array:
+        """Return the added compliance of a pair, (n,) m/N."""
+        tooth = pair.teeth[gear]
+        angles = pair.angles_rad(phase_cycles)[gear]
+        return np.asarray(tooth.compliance(angles, remaining=self.section(tooth)) - tooth.compliance(angles))
+
+    def jump_phases(self, pair: ToothPair, gear: int) -> tuple[float, ...]:  # noqa: ARG002
+        """Return no phases: the compliance of a cracked tooth is continuous."""
+        return ()
+
+    def section(self, tooth: Tooth) -> CrackedSection:
+        """Return the cracked half of a tooth.
+
+        Raises
+        ------
+        ValueError
+            A crack through the tooth.
+        """
+        half, height = _critical_section(tooth)
+        remaining = half - self.depth_m * math.sin(self.angle_rad)
+        tip = height - self.depth_m * math.cos(self.angle_rad)
+        if self.depth_m < 0 or remaining <= -half:
+            raise ValueError(
+                f"depth_m = {self.depth_m:g} at {math.degrees(self.angle_rad):.3g} degrees leaves nothing of a tooth "
+                f"{2e3 * half:.3g} mm thick; make it smaller, or let the tooth be missing."
+            )
+
+        return CrackedSection(remaining_m=remaining, tip_m=tip)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartialFaceContact:
+    """A tooth in contact over a fraction of its face only: stiffness is proportional; with 0 there is no contact."""
+
+    share: float
+
+    def added_compliance(self, pair: ToothPair, gear: int, phase_cycles: Array) -> Array:  # noqa: ARG002
+        """Return the added compliance of a pair, (n,) m/N."""
+        if self.share <= 0:
+            return np.full(phase_cycles.shape, math.inf)
+        return np.asarray((1 / self.share - 1) * pair.compliance(phase_cycles))
+
+    def jump_phases(self, pair: ToothPair, gear: int) -> tuple[float, ...]:  # noqa: ARG002
+        """Return no phases: the factor is the same all along the path."""
+        return ()
+
+
+def damaged_teeth(damage: GearDamage, *, gear: int, first: int) -> Iterator[DamagedTooth]:
+    """Yield the teeth whose stiffness changes; tooth 0 of `damage` is number `first` of the mesh."""
+    teeth = damage.contact_fraction.size
+    for place in range(teeth):
+        tooth = (first + place) % teeth
+        if damage.crack_m[place] > 0:
+            crack = RootCrack(depth_m=float(damage.crack_m[place]), angle_rad=damage.crack_angle_rad)
+            yield DamagedTooth(gear=gear, tooth=tooth, fault=crack)
+        share = float(damage.contact_fraction[place])
+        if share < 1:
+            yield DamagedTooth(gear=gear, tooth=tooth, fault=PartialFaceContact(share=share))
+
+
+def transmission_errors(damage: GearDamage, *, pair: GearPair, first: int) -> Iterator[TransmissionError]:
+    """Yield the transmission errors of a damaged gear; tooth 0 of `damage` enters the mesh at phase `first`.
+
+    Removed material lets the gears approach, so errors are positive. The mean of the uniform wear, ``profile_m / 2``,
+    moves no tooth against another and is left out.
+    """
+    teeth = damage.removed_m.size
+    if np.any(damage.removed_m):
+        handover = min(pair.contact_ratio - 1, 1.0)
+        yield PitchError(teeth_m=np.roll(damage.removed_m, first), handover=max(handover, 0.0))
+    if damage.runout_m:
+        middle = first + pair.contact_ratio / 2  # turn 0 is where the damaged tooth is in the middle of its mesh
+        yield transmission_error.Eccentricity(
+            teeth=teeth, eccentricity_m=damage.runout_m, phase_rad=math.pi / 2 - 2 * math.pi * middle / teeth
+        )
+    if damage.profile_m:
+        pitch_point = pair.base_radii_m[0] * math.tan(pair.working_angle_rad)
+        at = (pitch_point - pair.path_m[0]) / pair.base_pitch_m
+        second = -damage.profile_m / 2 * np.exp(-4j * np.pi * at)
+        yield ProfileError(harmonics_m=np.array([0.0, second]))
+
+
+def _critical_section(tooth: Tooth) -> tuple[float, float]:
+    """Return half thickness and height where the fillet's tangent is at 30 degrees, by bisection."""
+    low, high = tooth.pressure_angle_rad, math.pi / 2 - 1e-9
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        turn = (tooth._rack_tip[1] / math.tan(middle) + tooth._rack_tip[2]) / tooth.radius_m  # noqa: SLF001
+        # the rack's tip leans by `middle` in space, and the tooth has turned by `turn` meanwhile
+        low, high = (middle, high) if middle - turn < _ROOT_TANGENT else (low, middle)
+    half, height, _ = tooth.fillet_at(np.array(low))
+    return float(half), float(height)
+
+
+# ---- Faults ----------------------------------------------------------------------------------------------------------
+
+
+class _Sized(GrowingFault):
+    """A fault whose initial size is `size_mm`, and which may grow."""
+
+    size_mm: Positive
+
+    @property
+    def initial_mm(self) -> float:
+        """Size at the beginning of the record, mm."""
+        return self.size_mm
+
+
+class ShaftFault(_Sized):
+    """A shaft fault: harmonics of the shaft, `size_mm` times `amplitude_per_mm` at top speed, an illustrative factor.
+
+    `imbalance` (size: the eccentricity) excites the first harmonic with the square of speed; `bent_shaft` mostly the
+    first and `shaft_misalignment` mostly the second, independent of speed.
+    """
+
+    kind: Literal["imbalance", "bent_shaft", "shaft_misalignment"]
+    amplitude_per_mm: NotNegative = 1.0
+
+
+class Suspended(Declared):
+    """A mass on a spring and a damper to the ground."""
+
+    mass_kg: Positive
+    damping_n_s_m: Positive
+    stiffness_n_m: NotNegative
+
+
+class FiveDof(Declared):
+    """A bearing with five degrees of freedom, after Sawalhi and Randall (2008, Mech. Syst. Signal Process. 22).
+
+    The equations are in `data_synth.bearings.five_dof`. `load_n` presses the shaft down at full load. The contact force
+    of an element is `contact_n_m` times its compression to the power `load_exponent` of the fault, after half the
+    diametral clearance, `clearance_um`, is closed. A spall of `size_mm` is `depth_um` deep in the middle; if left out,
+    as deep as an element that bridges it can sink in, ``size^2 / (4 d)``. The acceleration of `resonator_kg` on the
+    pedestal, which has the scene's `resonance`, is what the sensors measure.
+    """
+
+    load_n: Positive = 500.0
+    contact_n_m: Positive = 8e9
+    clearance_um: float = 2.0
+    depth_um: Positive | None = None
+    shaft: Suspended = Suspended(mass_kg=3.0, damping_n_s_m=800.0, stiffness_n_m=1e5)
+    pedestal: Suspended = Suspended(mass_kg=7.0, damping_n_s_m=2500.0, stiffness_n_m=1.5e7)
+    resonator_kg: Positive = 0.5
+
+
+class BearingFault(_Sized):
+    """A localised defect of a rolling bearing, with slip.
+
+    Intervals between impacts have the relative standard deviation `slip_std`, independently, so that their errors add
+    up (Antoni and Randall 2003, J. Vib. Acoust. 125); `mean_slip` lowers the mean rate below that of pure rolling.
+    Where the defect moves through the load zone, impacts follow Stribeck's load distribution with the factor
+    `load_distribution` (0.5: half of the ring is loaded) and `load_exponent` (3/2 for balls, 10/9 for rollers). The
+    zone is stationary, as under weight and tooth forces, or rotates with the link `load_turns_with`, as under an
+    imbalance. The impact amplitude at full load is `size_mm` times `impact_per_mm`, an illustrative factor.
+
+    A defect of the outer ring is at `place_deg` from the middle of the load zone. Impacts of an element on the inner
+    race are `inner_share` of those on the outer race. An element that enters a spall of a race causes, before the
+    impact at the far end, one of `entry_share`. An impact is an impulse, or a constant force for `pulse_share` of the
+    time to pass the spall, which excites high modes less. With `five_dof` the impacts follow from the motion of the
+    bearing instead: `load_distribution`, `inner_share`, `entry_share`, `pulse_share` and `impact_per_mm` are not used.
+    """
+
+    kind: Literal["inner_race", "outer_race", "rolling_element", "cage"]
+    slip_std: Annotated[float, Field(ge=0, le=0.1)] = 0.01
+    mean_slip: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
+    load_distribution: Annotated[float, Field(gt=0, le=1)] = 0.5
+    load_exponent: Annotated[float, Field(ge=1, le=2)] = 1.5
+    load_turns_with: Name | None = None
+    place_deg: Annotated[float, Field(ge=-180, le=360)] = 0.0
+    inner_share: NotNegative = 1.0
+    entry_share: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    pulse_share: Share = 0.0
+    impact_per_mm: NotNegative = 1.0
+    five_dof: FiveDof | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for key, kinds in _ONLY.items():
+            if getattr(self, key) != type(self).model_fields[key].default and self.kind not in kinds:
+                raise ValueError(f"{key} is a matter of {' and '.join(kinds)}, not of {self.kind}; leave it out")
+        return self
+
+
+_ONLY = {
+    "place_deg": ("outer_race",),
+    "inner_share": ("rolling_element",),
+    "entry_share": ("inner_race", "outer_race"),
+    "pulse_share": ("inner_race", "outer_race", "rolling_element"),
+    "five_dof": ("inner_race", "outer_race", "rolling_element"),
+}
+"""The kinds of bearing fault that have a key."""
+
+
+Fault = Annotated[GEAR_FAULTS | ShaftFault | BearingFault, Field(discriminator="kind")]
+
+
+def _kinds(model: type[Declared]) -> tuple[str, ...]:
+    return get_args(model.model_fields["kind"].annotation)
+
+
+_GEAR_KINDS = tuple(kind for model in get_args(GEAR_FAULTS) for kind in _kinds(model))
+FAULT_KINDS = (*_GEAR_KINDS[:1], *_kinds(BearingFault), *_GEAR_KINDS[1:], *_kinds(ShaftFault))
+ROW_OF = dict.fromkeys(_GEAR_KINDS, "tooth") | dict.fromkeys(_kinds(ShaftFault), "shaft")
+"""The kind of defect order that a fault repeats at, where not its own name."""

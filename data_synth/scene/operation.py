@@ -1,0 +1,286 @@
+"""The drive, as a scene declares it: time histories of speed and torque, and the tachometer."""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from hums.gearbox.components import Declared, Name, Positive
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Rows = tuple[tuple[float, float], ...]
+
+
+def _rows(value: Any) -> Any:  # noqa: ANN401
+    """Return a single number as a constant time history."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return ((0.0, value),) if is_number else value
+
+
+def _rising(rows: Rows) -> Rows:
+    for (before, _), (after, _) in pairwise(rows):
+        if after <= before:
+            raise ValueError(f"the times must rise, but {after:g} s follows {before:g} s; sort the knots")
+    return rows
+
+
+Knots = Annotated[
+    tuple[tuple[Finite, Finite], ...], Field(min_length=1), BeforeValidator(_rows), AfterValidator(_rising)
+]
+
+
+class Turbulence(Declared):
+    """A Gaussian random fluctuation added to a time history, with no spectrum above `highest_hz`.
+
+    `rms` is in the unit of the time history (rpm or N m), `time_scale_s` its time constant. `spectrum` is that of the
+    longitudinal wind component (`kaimal`) or of white noise through a first-order lag (`first_order`).
+    """
+
+    rms: Positive
+    time_scale_s: Positive
+    highest_hz: Positive = 1.0
+    spectrum: Literal["kaimal", "first_order"] = "kaimal"
+
+
+def read_time_history(table: Any, value: str) -> Any:  # noqa: ANN401
+    """Refuse a time history given twice, as knots, steps or a file; read it where it is in a file."""
+    if not isinstance(table, dict):
+        return table
+    given = [key for key in (value, "steps", "csv", "run_up") if table.get(key) is not None]
+    if len(given) != 1:
+        raise ValueError(
+            f"{' and '.join(given)} are both given; keep one"
+            if given
+            else f"nothing says what it is; write {value} = a number or [[s, {value}], ...], steps or csv"
+        )
+    if "csv" in table:
+        table = {key: item for key, item in table.items() if key != "csv"} | {
+            value: csv_rows(Path(table["csv"]), value)
+        }
+    return table
+
+
+def csv_rows(path: Path, value: str) -> Rows:
+    """Read two columns, s and `value`, with or without a header line."""
+    try:
+        lines = [line.split(",") for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"csv = {str(path)!r} cannot be read ({error}); name a text file of s, {value}") from None
+    try:
+        rows = tuple((float(time_s), float(number)) for time_s, number in lines[1:])
+        return ((float(lines[0][0]), float(lines[0][1])), *rows) if _is_number(lines[0][0]) else rows
+    except (ValueError, IndexError):
+        raise ValueError(
+            f"csv = {str(path)!r} does not hold two columns of numbers, s and {value}, in every line"
+        ) from None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+class TimeHistory(Declared):
+    """The fields that speed and torque have in common: link, steps instead of knots, added turbulence."""
+
+    link: Name
+    steps: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=1), AfterValidator(_rising)] | None = None
+    rise_s: NotNegative = 0.0
+    turbulence: Turbulence | None = None
+
+    @property
+    def rows(self) -> Rows:
+        """Times in s and values, of knots or steps; empty in a run-up."""
+        return self.steps or ()
+
+    @property
+    def knots(self) -> Rows:
+        """Times in s and values between which the history is linear; a step without rise is two knots at one time."""
+        if self.steps is None:
+            return self.rows
+        pairs = pairwise(self.steps)
+        return (
+            self.steps[0],
+            *(knot for (_, low), (at, high) in pairs for knot in ((at, low), (at + self.rise_s, high))),
+        )
+
+    @model_validator(mode="after")
+    def _check_steps(self) -> Self:
+        if self.rise_s and self.steps is None:
+            raise ValueError(
+                f"rise_s = {self.rise_s:g} says how long a step takes, but there are no steps; leave it out"
+            )
+        for (before, _), (after, _) in pairwise(self.steps or ()):
+            if after < before + self.rise_s:
+                raise ValueError(
+                    f"rise_s = {self.rise_s:g}: the step at {before:g} s would last beyond the next one at "
+                    f"{after:g} s; shorten it to {after - before:g} or less"
+                )
+        return self
+
+
+class RunUp(Declared):
+    """A run-up under the scene's torque, the drive train one rigid body: ``J w' = T - (a + b w + c w abs(w))``.
+
+    J = `inertia_kg_m2`, a = `load_nm`, b = `load_nm_s` and c = `load_nm_s2` of the whole train are referred to the link
+    of the speed; w is the speed of that link in rad s-1, T the torque referred to it by the speed ratio. It begins at
+    `rpm`.
+    """
+
+    inertia_kg_m2: Positive
+    load_nm: NotNegative = 0.0
+    load_nm_s: NotNegative = 0.0
+    load_nm_s2: NotNegative = 0.0
+    rpm: NotNegative = 0.0
+
+
+class Speed(TimeHistory):
+    """Speed of a link against time.
+
+    ``rpm = [[s, rpm], ...]`` is linear between knots and constant outside, or one number; ``csv`` the same in a file;
+    ``steps = [[s, rpm], ...]`` changes to each level at its time, within `rise_s`; ``run_up`` computes it from the
+    torque.
+    """
+
+    rpm: Knots | None = None
+    run_up: RunUp | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, table: Any) -> Any:  # noqa: ANN401
+        return read_time_history(table, "rpm")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.run_up is not None:
+            if self.turbulence is not None:
+                raise ValueError("a run-up follows from its torque; give the torque the turbulence")
+            return self
+        slowest = min(rpm for _, rpm in self.rows)
+        if slowest <= 0:
+            raise ValueError(f"rpm = {slowest:g} at some time, but the shaft has to turn; keep rpm above 0")
+        if self.turbulence is not None and slowest <= _DEVIATIONS * self.turbulence.rms:
+            raise ValueError(
+                f"turbulence.rms = {self.turbulence.rms:g}: {_DEVIATIONS} times that would stop a shaft at "
+                f"{slowest:g} rpm; lower it below {slowest / _DEVIATIONS:g}"
+            )
+        return self
+
+    @property
+    def rows(self) -> Rows:
+        """Times in s and rpm, of knots or steps; none in a run-up."""
+        return self.rpm or self.steps or ()
+
+
+_DEVIATIONS = 8  # a Gaussian fluctuation goes beyond once in 1e15
+
+
+class Torque(TimeHistory):
+    """Torque on a link against time, declared as a speed is: ``nm``, ``csv`` or ``steps``.
+
+    The tooth load is proportional to ``u + (1 - u) abs(T) / max abs(T)``, u = `unloaded_share`, the largest torque
+    being that of knots or steps: an unloaded mesh still rattles. A scene without torque is at full load.
+    """
+
+    nm: Knots | None = None
+    unloaded_share: Share = 0.3
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, table: Any) -> Any:  # noqa: ANN401
+        return read_time_history(table, "nm")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not any(nm for _, nm in self.rows):
+            raise ValueError("nm is 0 throughout, so no load can be relative to it; leave torque out")
+        return self
+
+    @property
+    def rows(self) -> Rows:
+        """Times in s and N m, of knots or steps."""
+        return self.nm or self.steps or ()
+
+
+class Missing(Declared):
+    """Missing pulses: each but the first is lost with probability `share`."""
+
+    share: Annotated[float, Field(gt=0, lt=1)]
+
+
+class Spurious(Declared):
+    """Spurious pulses at random instants after the first pulse, on average `per_second`."""
+
+    per_second: Positive
+
+
+class PulseJitter(Declared):
+    """Gaussian errors of the pulse times, independent of each other."""
+
+    std_s: Positive
+
+
+class Uneven(Declared):
+    """Unevenly spaced marks: each but the first is displaced by the same angle in every revolution.
+
+    Displacements are drawn once, Gaussian with `std_deg` of the link's own angle; or given, one number for each mark.
+    """
+
+    std_deg: Positive | None = None
+    deg: tuple[Finite, ...] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.std_deg is None) == (self.deg is None):
+            raise ValueError("give either std_deg, to draw the errors of marks, or deg, one for each mark")
+        return self
+
+
+class Tachometer(Declared):
+    """Tachometer pulses of a link. The first pulse is revolution zero of every phase in the record.
+
+    `offset_rev` is the rotation of the link between the first sample and that pulse; drawn at random if left out.
+    Errors are applied in the order of the fields: uneven spacing of marks, missing pulses, spurious pulses, jitter of
+    each pulse time. Revolution zero stays at the true passage of the first mark.
+    """
+
+    link: Name
+    pulses_per_rev: Annotated[int, Field(ge=1)]
+    offset_rev: NotNegative | None = None
+    uneven: Uneven | None = None
+    missing: Missing | None = None
+    spurious: Spurious | None = None
+    jitter: PulseJitter | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        spacing = 1 / self.pulses_per_rev
+        if self.offset_rev is not None and self.offset_rev >= spacing:
+            raise ValueError(f"offset_rev = {self.offset_rev:g} is a pulse spacing or more; keep it below {spacing:g}")
+        if self.uneven is not None:
+            self._check_marks(self.uneven)
+        return self
+
+    def _check_marks(self, uneven: Uneven) -> None:
+        spacing_deg = 360 / self.pulses_per_rev
+        if uneven.std_deg is not None and _DEVIATIONS * uneven.std_deg >= spacing_deg / 2:
+            raise ValueError(
+                f"uneven.std_deg = {uneven.std_deg:g} lets marks {spacing_deg:g} degrees apart change places; "
+                f"keep it below {spacing_deg / 2 / _DEVIATIONS:g}"
+            )
+        if uneven.deg is None:
+            return
+        if len(uneven.deg) != self.pulses_per_rev:
+            raise ValueError(
+                f"uneven.deg has {len(uneven.deg)} numbers for pulses_per_rev = {self.pulses_per_rev}; "
+                "give one for each mark"
+            )
+        places = [spacing_deg * mark + off for mark, off in enumerate((*uneven.deg, uneven.deg[0]))]
+        if any(after <= before for before, after in pairwise(places)):
+            raise ValueError(f"uneven.deg lets marks {spacing_deg:g} degrees apart change places; keep their order")

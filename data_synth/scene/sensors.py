@@ -1,0 +1,158 @@
+"""The measurement chain from the machine's surface to the file, as a scene declares it; every part is optional.
+
+The order is that of the hardware. A sensor responds to the motion along its axis and to a part of the transverse motion
+(`cross_axis`), resonates on its mount (`resonance`), and gives volts (`sensitivity`); the cable adds `hum`; the
+recorder filters (`anti_alias`), samples with jitter (`sampling_jitter` of the scene: one clock for all channels), adds
+its noise (`noise` of the scene), saturates (`clipping`), quantises (`quantisation`) and loses samples (`drop_outs`).
+Levels after the sensor are in the units of the channel.
+"""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from data_synth.scene.operation import NotNegative, Share
+from hums.gearbox.components import Declared, Name, Positive, Vector
+
+
+class Mode(Declared):
+    """One damped mode: undamped natural frequency and damping ratio."""
+
+    frequency_hz: Positive
+    damping_ratio: Annotated[float, Field(gt=0, lt=1)]
+
+
+class PlanetPass(Declared):
+    """Amplitude modulation of planet meshes as the planets pass a sensor on a stationary ring gear.
+
+    The gain is 1 where a planet is nearest, and halfway to `floor` at `half_width_deg`. It applies to the meshes of
+    planets with the ring; what a damaged gear adds to such a mesh is not modulated.
+    """
+
+    half_width_deg: Annotated[float, Field(gt=0, lt=180)]
+    floor: Share = 0.0
+
+
+class CrossAxis(Declared):
+    """Transverse sensitivity: `share` of the transverse motion is added to that along the axis.
+
+    In a kinematic scene the transverse motion is drawn like that of another sensor at the place: a gain for each
+    source. Where gears vibrate, the transverse direction is drawn.
+    """
+
+    share: Annotated[float, Field(gt=0, lt=1)]
+
+
+class Sensitivity(Declared):
+    """Output of the channel for one unit of motion, as ``{ value = 0.1, units = "V" }`` for 100 mV a unit."""
+
+    value: Annotated[float, Field(allow_inf_nan=False)]
+    units: Literal["V", "mV"]
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.value == 0:
+            raise ValueError("value = 0: such a sensor hears nothing; give its volts for one unit of motion")
+        return self
+
+
+class Hum(Declared):
+    """Mains hum in the cable: harmonic k of `frequency_hz` has ``amplitude decay ** (k - 1)`` and a random phase."""
+
+    frequency_hz: Positive = 50.0
+    amplitude: Positive
+    harmonics: Annotated[int, Field(ge=1)] = 3
+    decay: Share = 0.5
+
+
+class AntiAlias(Declared):
+    """A Butterworth low-pass filter of `order`, -3 dB at `frequency_hz`."""
+
+    frequency_hz: Positive
+    order: Annotated[int, Field(ge=1, le=12)] = 8
+
+
+class SamplingJitter(Declared):
+    """Gaussian errors of the sampling instants, independent of each other, the same for all channels."""
+
+    std_s: Positive
+
+
+class Clipping(Declared):
+    """Saturation of an amplifier at plus and minus `level`."""
+
+    level: Positive
+
+
+class Quantisation(Declared):
+    """An analogue-to-digital converter of `bits` over plus and minus `full_scale`: it rounds, and saturates."""
+
+    bits: Annotated[int, Field(ge=2, le=32)]
+    full_scale: Positive
+
+
+class DropOuts(Declared):
+    """Missing samples: gaps of `duration_s`, on average `per_second`.
+
+    They read NaN; or zero, or the last value before the gap (``hold``), as some recorders write.
+    """
+
+    per_second: Positive
+    duration_s: Positive
+    reads: Literal["nan", "zero", "hold"] = "nan"
+
+
+class Sensor(Declared):
+    """An accelerometer on a bearing, link or mesh, and its channel.
+
+    In a kinematic scene place and direction are labels. `units` are those of the motion; with a `sensitivity` the
+    channel is in its units.
+    """
+
+    name: Name
+    on: Name
+    direction: Vector | None = None
+    units: Literal["g", "m s-2"]
+    cross_axis: CrossAxis | None = None
+    resonance: Mode | None = None
+    sensitivity: Sensitivity | None = None
+    hum: Hum | None = None
+    anti_alias: AntiAlias | None = None
+    clipping: Clipping | None = None
+    quantisation: Quantisation | None = None
+    drop_outs: DropOuts | None = None
+
+    @property
+    def channel_units(self) -> str:
+        """Units of the channel."""
+        return self.sensitivity.units if self.sensitivity is not None else self.units
+
+
+class Noise(Declared):
+    """White Gaussian noise of each channel, `rms` in the units of the motion."""
+
+    rms: NotNegative = 0.05
+
+
+def check_chain(sensor: Sensor, *, first: Sensor, rate_hz: float) -> None:
+    """Raise ValueError for a channel whose units differ from the first one's, or that its sampling rate cannot hold."""
+    who = f'sensor "{sensor.name}"'
+    for units, other in ((sensor.units, first.units), (sensor.channel_units, first.channel_units)):
+        if units != other:
+            raise ValueError(
+                f'{who} has units "{units}" and "{first.name}" "{other}"; amplitudes are in the units of the '
+                "sensors, so use one for all"
+            )
+    for part in ("anti_alias", "hum"):
+        value = getattr(sensor, part)
+        top = value.frequency_hz * getattr(value, "harmonics", 1) if value is not None else 0.0
+        if top >= rate_hz / 2:
+            raise ValueError(
+                f"{who}: {part} reaches {top:g} Hz, which is not below half of rate_hz = {rate_hz:g}; lower it"
+            )
+    drops = sensor.drop_outs
+    if drops is not None and drops.per_second * drops.duration_s >= 1:
+        raise ValueError(
+            f"{who}: drop_outs.per_second = {drops.per_second:g} of {drops.duration_s:g} s each leave nothing; "
+            "lower one of them"
+        )

@@ -1,0 +1,1 @@
+"""The scene, prepared: everything but moving gears."""

@@ -1,0 +1,378 @@
+"""A scene prepared for simulation: its drive, sources, impacts and transfer paths, but for gears that vibrate."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from data_synth.kinematic.bearing_faults import bearing_impact_trains, settling_time_s
+from data_synth.kinematic.gear_faults import ImpactTrain, damage_trains, gear_damage_family
+from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily, RandomStreams, add_lines
+from data_synth.kinematic.planet_pass import with_planet_pass
+from data_synth.kinematic.shaft_faults import (
+    ShaftExcitation,
+    bent_shaft,
+    imbalance,
+    shaft_fault_family,
+    shaft_misalignment,
+)
+from data_synth.operation.drive import Drive, build_drive
+from data_synth.operation.shaft_angle import Array
+from data_synth.operation.tachometer import Pulses, recorded_pulses
+from data_synth.scene.faults import FaultyGear, GearFault
+from data_synth.scene.scene import BearingFault, Scene, SceneError, ShaftFault
+from data_synth.scene.sensors import Sensor
+from data_synth.transfer.acquisition import AllPoleFilter, linear_chain
+from data_synth.transfer.paths import (
+    TransferPaths,
+    line_amplitudes,
+    longest_ringing_s,
+    ringing_time_s,
+    sensor_gains,
+    transfer_paths,
+)
+
+# ---- Harmonics and impacts of the faults that a scene declares -------------------------------------------------------
+
+
+def last_s(scene: Scene) -> float:
+    """Return the time of the last sample."""
+    return (scene.samples - 1) / scene.rate_hz
+
+
+def harmonic_families(
+    scene: Scene, drive: Drive, *, offsets: Sequence[float], relative_sizes: Sequence[Array], rng_for: RandomStreams
+) -> list[HarmonicFamily]:
+    """Return the harmonics of the healthy gearbox, then those that each fault adds.
+
+    Two faults of one mesh do not modulate each other. `relative_sizes` has, for each fault, its size over the initial
+    one: (instant,), or (1,) for a fault that does not grow.
+    """
+    healthy = healthy_families(scene, rng_for=rng_for)
+    meshes = {family.component: family for family in healthy if family.kind == "gear_mesh"}
+    teeth = scene.exact_orders("tooth")
+    added = []
+    for number, (fault, offset, relative_size) in enumerate(zip(scene.faults, offsets, relative_sizes, strict=True)):
+        size = fault.initial_mm * relative_size
+        if isinstance(fault, GearFault):
+            mesh, tooth = meshes[mesh_name(fault.component)], teeth[fault.component]
+            family = gear_damage_family(
+                fault,
+                gear=faulty_gear(scene, number, teeth=float(mesh.base_order / tooth), rng_for=rng_for),
+                mesh=mesh,
+                tooth=tooth,
+                offset=offset,
+                rise=size * fault.amplitude_per_mm,
+                lag_rad=size * fault.phase_rad_per_mm,
+            )
+            added.append(family)
+        elif isinstance(fault, ShaftFault):
+            family = shaft_fault_family(
+                _EXCITATIONS[fault.kind](),
+                component=fault.component,
+                order=scene.exact_orders("shaft")[fault.component],
+                amplitude=size * fault.amplitude_per_mm,
+                reference_speed_hz=drive.angle.top_speed_hz(0.0, scene.duration_s),
+                offset=offset,
+            )
+            added.append(family)
+    return with_planet_pass(scene, healthy, rng_for=rng_for) + added
+
+
+_EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
+    "imbalance": imbalance,
+    "bent_shaft": bent_shaft,
+    "shaft_misalignment": shaft_misalignment,
+}
+
+
+def faulty_gear(scene: Scene, number: int, *, teeth: float, rng_for: RandomStreams) -> FaultyGear:
+    """Return the properties of the gear of fault `number` (from 0) on which the fault depends."""
+    width_m = face_width_m(scene, scene.faults[number].component)
+    return FaultyGear(teeth=teeth, face_width_m=width_m, rng=lambda: rng_for("pits", str(number)))
+
+
+def face_width_m(scene: Scene, component: str) -> float:
+    """Return the face width of the mesh of a gear such as ``stage 1/pinion``; infinite where it is not declared."""
+    declared = {mesh.name: mesh.face_width_mm for mesh in scene.gearbox.meshes}[mesh_name(component)]
+    return declared / 1000 if declared is not None else math.inf
+
+
+def mesh_name(component: str) -> str:
+    """Return the mesh of a gear such as ``stage 1/pinion``."""
+    return component.rpartition("/")[0]
+
+
+def impact_trains(
+    scene: Scene,
+    drive: Drive,
+    families: Sequence[HarmonicFamily],
+    *,
+    offsets: Sequence[float],
+    rng_for: RandomStreams,
+) -> list[tuple[int, ImpactTrain]]:
+    """Return the number of the fault and the impacts of each train whose response reaches into the record."""
+    bases = {family.component: float(family.base_order) for family in families if family.kind == "gear_mesh"}
+    trains: list[tuple[int, ImpactTrain]] = []
+    for number, (fault, offset) in enumerate(zip(scene.faults, offsets, strict=True)):
+        if isinstance(fault, BearingFault):
+            before_s = max(longest_ringing_s(scene, fault.component), settling_time_s(scene, fault))
+            found = bearing_impact_trains(
+                scene,
+                number,
+                drive=drive,
+                span_rev=_span_rev(scene, drive, ringing_time_s(scene.resonance)),
+                since_rev=_span_rev(scene, drive, before_s)[0],
+                rng=rng_for("impacts", str(number)),
+            )
+        elif isinstance(fault, ShaftFault):
+            continue
+        else:
+            mesh, tooth = mesh_name(fault.component), scene.exact_orders("tooth")[fault.component]
+            found = damage_trains(
+                fault,
+                gear=faulty_gear(scene, number, teeth=bases[mesh] / float(tooth), rng_for=rng_for),
+                source=mesh,
+                tooth=tooth,
+                offset=offset,
+                span_rev=_span_rev(scene, drive, longest_ringing_s(scene, mesh)),
+            )
+        trains += [(number, train) for train in found]
+    return trains
+
+
+def _span_rev(scene: Scene, drive: Drive, before_s: float) -> tuple[float, float]:
+    """Return the revolutions at `before_s` before the record, or the first known, and at its last sample."""
+    first_rev, last_rev = drive.angle.revolutions([max(-before_s, drive.start_s), last_s(scene)])
+    return float(first_rev), float(last_rev)
+
+
+def healthy_families(scene: Scene, *, rng_for: RandomStreams) -> list[HarmonicFamily]:
+    """Return one family for each shaft that rotates in the frame and one for each mesh."""
+    families = []
+    for kind in ("shaft", "gear_mesh"):
+        for component, order in scene.exact_orders(kind).items():
+            harmonics = np.arange(scene.excitation.harmonics)
+            turns = rng_for("phase", kind, component).random(harmonics.size)
+            families.append(
+                HarmonicFamily(
+                    component=component,
+                    kind=kind,
+                    source=component,
+                    base_order=order,
+                    coefficients=scene.excitation.amplitude(kind, component)
+                    * scene.excitation.decay**harmonics
+                    * np.exp(2j * np.pi * turns),
+                    load_dependent=kind == "gear_mesh",
+                )
+            )
+    return families
+
+
+# ---- Prepared --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class PreparedScene:
+    """The drive, sources, impacts and transfer paths of a scene.
+
+    Attributes
+    ----------
+    scene : Scene
+    rng_for : callable
+        Returns the random generator that belongs to its words.
+    drive : Drive
+    instants_s, speed_hz : (instant,) array
+        Time axis of the truth in s, and the reference shaft's speed there in rev s-1.
+    load : (instant,) array
+        Tooth load relative to full load.
+    families : sequence of HarmonicFamily
+    amplitudes : sequence of (sensor, line, instant) complex array
+        Z of their harmonics in the channels, after the linear part of the chain.
+    trains : sequence of (int, ImpactTrain)
+        Impacts with the number of their fault, from 0.
+    offsets : sequence of float
+        Turns of each fault's component at revolution zero from its worst place.
+    gains : mapping of source to (sensor,) complex array
+        Drawn gains to the sensors.
+    paths : mapping of (source, sensor) to ModalPath or MeasuredPath
+        Declared transfer paths, which replace gains and modes.
+    chains : sequence of AllPoleFilter
+        The linear part of each sensor's chain.
+    pulses : Pulses
+    """
+
+    scene: Scene
+    rng_for: RandomStreams
+    drive: Drive
+    instants_s: Array
+    speed_hz: Array
+    load: Array
+    families: Sequence[HarmonicFamily]
+    amplitudes: Sequence[ComplexArray]
+    trains: Sequence[tuple[int, ImpactTrain]]
+    offsets: Sequence[float]
+    gains: dict[str, ComplexArray]
+    paths: TransferPaths
+    chains: Sequence[AllPoleFilter]
+    pulses: Pulses
+
+    def add_lines(
+        self,
+        signal: Array,
+        *,
+        first: int = 0,
+        timing_errors_s: Array | None = None,
+        only: tuple[str, str] | None = None,
+    ) -> None:
+        """Add the harmonics of all families, or of one component and kind, to samples from number `first` on.
+
+        Parameters
+        ----------
+        signal : (sensor, n) array
+            Changed in place.
+        first : int
+        timing_errors_s : (n,) array or None
+            Errors of the sampling instants, s.
+        only : pair of component and kind, optional
+        """
+        family_amplitudes = [
+            (family, amplitudes)
+            for family, amplitudes in zip(self.families, self.amplitudes, strict=True)
+            if only in (None, (family.component, family.kind))
+        ]
+        if not family_amplitudes:
+            return
+        times_s = np.arange(first, first + signal.shape[1]) / self.scene.rate_hz
+        position = times_s * ((self.scene.truth_times - 1) / self.scene.duration_s)
+        revolutions = self.drive.angle.revolutions(times_s if timing_errors_s is None else times_s + timing_errors_s)
+        for family, amplitudes in family_amplitudes:
+            add_lines(signal, amplitudes, base_order=family.base_order, revolutions=revolutions, position=position)
+
+    def impacts_at_source(self, number: int, train: ImpactTrain) -> tuple[Array, Array]:
+        """Return the times (m,) in s of a train of fault `number`, and the amplitudes of its impacts at the source."""
+        times_s = self.drive.angle.times(train.revolutions)
+        return times_s, train.amplitudes * self.impact_factor(number, times_s)
+
+    def impact_factor(self, number: int, times_s: Array) -> Array:
+        """Return the factor of load, speed and growth in the impacts of a fault at `times_s` (m,)."""
+        share = self.drive.load(times_s) * _speed_factor(self.scene, self.drive, times_s)
+        return np.asarray(share * self.scene.faults[number].relative_size(times_s))
+
+
+def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
+    """Prepare a scene for simulation; `rng_for` returns the random generator that belongs to its words."""
+    tachometer = scene.tachometer
+    spacing = 1 / tachometer.pulses_per_rev
+    turn = tachometer.offset_rev if tachometer.offset_rev is not None else spacing * rng_for("tachometer").random()
+    drive = build_drive(scene, datum_turn=turn, speed_rng=rng_for("speed"), torque_rng=rng_for("torque"))
+    instants_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
+    offsets = [float(rng_for("offset", str(number)).random()) for number in range(len(scene.faults))]
+    relative_sizes = [
+        fault.relative_size(instants_s if fault.growth is not None else np.zeros(1)) for fault in scene.faults
+    ]
+    families = harmonic_families(scene, drive, offsets=offsets, relative_sizes=relative_sizes, rng_for=rng_for)
+    trains = impact_trains(scene, drive, families, offsets=offsets, rng_for=rng_for)
+    if scene.fidelity != "kinematic":  # what meshes do is then left to the mechanics
+        meshes = {mesh.name for mesh in scene.gearbox.meshes}
+        families = [family for family in families if family.source not in meshes]
+        trains = [(number, train) for number, train in trains if train.source not in meshes]
+    _check_rate(scene, families, drive)
+    sources = dict.fromkeys([family.source for family in families] + [train.source for _, train in trains])
+    gains, paths = _gains(scene, [*sources], rng_for=rng_for), transfer_paths(scene)
+    chains = [linear_chain(sensor) for sensor in scene.sensors]
+    speed_hz, load = drive.angle.speed_hz(instants_s), drive.load(instants_s)
+    factor = _speed_factor(scene, drive, instants_s)
+    amplitudes = []
+    for family in families:
+        at_place = line_amplitudes(family, gains=gains[family.source], speed_hz=speed_hz, load=load, mode=scene.path)
+        for row, sensor in enumerate(scene.sensors):
+            if (path := paths.get((family.source, sensor.name))) is not None:
+                at_place[row] = line_amplitudes(family, gains=np.ones(1), speed_hz=speed_hz, load=load, mode=path)[0]
+        amplitudes.append(_in_channels(family, at_place * factor, chains=chains, speed_hz=speed_hz))
+    return PreparedScene(
+        scene=scene,
+        rng_for=rng_for,
+        drive=drive,
+        instants_s=instants_s,
+        speed_hz=speed_hz,
+        load=load,
+        families=families,
+        amplitudes=amplitudes,
+        trains=trains,
+        offsets=offsets,
+        gains=gains,
+        paths=paths,
+        chains=chains,
+        pulses=_pulses(scene, drive, rng=rng_for("pulses")),
+    )
+
+
+def ratio_of(scene: Scene, link: str) -> float:
+    """Return the absolute speed ratio of a link to the reference shaft."""
+    return float(abs(scene.ratio(link)))
+
+
+def _pulses(scene: Scene, drive: Drive, *, rng: np.random.Generator) -> Pulses:
+    link = scene.tachometer.link
+    pulses = recorded_pulses(
+        drive.angle, scene.tachometer, turns_per_rev=ratio_of(scene, link), stop_s=last_s(scene), rng=rng
+    )
+    if pulses.times_s.size < 2:  # noqa: PLR2004 - a speed is a difference
+        raise SceneError(
+            f"duration_s = {scene.duration_s:g} holds {pulses.times_s.size} pulse(s) of the tachometer, but a speed "
+            "needs 2; lengthen the scene."
+        )
+    return pulses
+
+
+def _speed_factor(scene: Scene, drive: Drive, times_s: Array) -> Array:
+    """Return the declared dependence of source amplitudes on speed, at times (n,)."""
+    exponent = scene.excitation.speed_exponent
+    if exponent == 0:
+        return np.ones(np.shape(times_s))
+    top = drive.angle.top_speed_hz(0.0, scene.duration_s)
+    return np.asarray((np.abs(drive.angle.speed_hz(times_s)) / top) ** exponent)
+
+
+def _gains(scene: Scene, sources: list[str], *, rng_for: RandomStreams) -> dict[str, ComplexArray]:
+    """Return the gain of each source to each sensor, with the transverse motion of the sensor."""
+    along = sensor_gains(sources, sensors=len(scene.sensors), rng_for=rng_for)
+    shares = np.array([_cross_axis_share(sensor) for sensor in scene.sensors])
+    if not shares.any():
+        return along
+    # one sensor more, whose gain is not held at 1
+    across = sensor_gains(sources, sensors=shares.size + 1, rng_for=lambda *words: rng_for(*words, "across"))
+    return {source: gains + shares * across[source][1:] for source, gains in along.items()}
+
+
+def _cross_axis_share(sensor: Sensor) -> float:
+    """Return the transverse sensitivity of a sensor."""
+    return sensor.cross_axis.share if sensor.cross_axis is not None else 0.0
+
+
+def _in_channels(
+    family: HarmonicFamily, amplitudes: ComplexArray, *, chains: Sequence[AllPoleFilter], speed_hz: Array
+) -> ComplexArray:
+    """Return the amplitudes of a family after the linear chain of each channel."""
+    frequencies = np.outer([float(order) for order in family.orders], speed_hz)
+    family_amplitudes = [chain.response(frequencies) for chain in chains]
+    return np.asarray(amplitudes * np.stack(family_amplitudes))
+
+
+def _check_rate(scene: Scene, families: Sequence[HarmonicFamily], drive: Drive) -> None:
+    """Raise SceneError where the highest line is above half the sampling rate."""
+    top_hz = drive.angle.top_speed_hz(0.0, scene.duration_s)
+    highest = max((float(family.orders[-1]) for family in families), default=0.0)
+    what, lower = f"highest line, order {highest:g}", "excitation.harmonics"
+    if scene.fidelity != "kinematic":
+        mesh, order = max(scene.exact_orders("gear_mesh").items(), key=lambda item: item[1])
+        if order > highest:
+            highest, what, lower = float(order), f'order of "{mesh}", {float(order):g}', "the speed"
+    need = 2 * highest * top_hz
+    if scene.rate_hz <= need:
+        raise SceneError(
+            f"rate_hz = {scene.rate_hz:g} is not above {need:.0f} Hz, twice the {what}, at top speed; raise rate_hz, "
+            f"or lower {lower}: the highest order that fits is {scene.rate_hz / 2 / top_hz:.4g}."
+        )

@@ -1,0 +1,1 @@
+"""From source to sensor, and from sensor to samples."""

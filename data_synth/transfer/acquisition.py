@@ -1,0 +1,238 @@
+"""The measurement chain from the machine's surface to the file, part by part.
+
+The linear filters are exact: their frequency response for harmonics, whose amplitudes change slowly, and their poles
+for impacts, whose response is a sum of decaying exponentials. Nonlinear parts change the samples in place, and return
+what they did.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from data_synth.operation.shaft_angle import Array
+from data_synth.scene.scene import SceneError
+from data_synth.scene.sensors import AntiAlias, DropOuts, Hum, Mode, Quantisation, Sensor
+from data_synth.transfer.paths import ModalPath, mode_pole
+
+ComplexArray = NDArray[np.complex128]
+
+_BLOCK = 65536  # samples worked on at once
+_APART = 1e-6  # poles nearer to each other than this part of their size leave the residues no digits
+
+
+@dataclass(frozen=True, kw_only=True)
+class AllPoleFilter:
+    """All-pole filters in series, ``gain prod_i p_i / (p_i - s)``; their static gain is `gain`.
+
+    Attributes
+    ----------
+    gain : float
+    poles : (p,) complex array
+        In rad s-1; complex ones in pairs.
+    """
+
+    gain: float = 1.0
+    poles: ComplexArray = field(
+        default_factory=lambda: np.empty(0, np.complex128), metadata={"dims": ("pole",), "units": "rad s-1"}
+    )
+
+    def at(self, s: ArrayLike) -> ComplexArray:
+        """Return the transfer function at `s` in rad s-1, of any shape."""
+        points = np.asarray(s, dtype=np.complex128)
+        passed = np.full(points.shape, self.gain, dtype=np.complex128)
+        for pole in self.poles:
+            passed = passed * (pole / (pole - points))
+        return passed
+
+    def response(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return the frequency response at `frequency_hz`, of any shape."""
+        return self.at(2j * np.pi * np.asarray(frequency_hz, dtype=np.float64))
+
+    def residue(self, index: int) -> complex:
+        """Return the residue ``lim (s - p) H(s)`` at the pole with this number."""
+        pole = self.poles[index]
+        return complex(-pole * AllPoleFilter(gain=self.gain, poles=np.delete(self.poles, index)).at(pole))
+
+
+def linear_chain(sensor: Sensor) -> AllPoleFilter:
+    """Return resonance, sensitivity and anti-aliasing filter of a sensor as one filter."""
+    poles: list[complex] = []
+    if sensor.resonance is not None:
+        pole = mode_pole(sensor.resonance)
+        poles += [pole, pole.conjugate()]
+    if sensor.anti_alias is not None:
+        poles += butterworth_poles(sensor.anti_alias)
+    gain = sensor.sensitivity.value if sensor.sensitivity is not None else 1.0
+    return AllPoleFilter(gain=gain, poles=np.array(poles, dtype=np.complex128))
+
+
+def butterworth_poles(filter_: AntiAlias) -> list[complex]:
+    """Return the poles of a Butterworth low-pass filter: evenly on the left half of a circle (Butterworth 1930)."""
+    radius, order = 2 * math.pi * filter_.frequency_hz, filter_.order
+    angles = [math.pi * (2 * k + order + 1) / (2 * order) for k in range(order)]
+    return [
+        radius * complex(math.cos(angle), 0.0 if 2 * k + 1 == order else math.sin(angle))
+        for k, angle in enumerate(angles)
+    ]
+
+
+def ringing_residues(mode: Mode, chain: AllPoleFilter, *, sensor: str = "") -> tuple[ComplexArray, ComplexArray]:
+    """Return poles (p,) and residues (p,) of ``exp(-zeta w_n t) sin(w_d t)`` after a chain.
+
+    The response is ``Re sum_p residue exp(pole t)``, one of each conjugate pair with twice its residue.
+
+    Raises
+    ------
+    SceneError
+        Two nearly equal poles, so that the sum of exponentials has no digits left.
+    """
+    own = mode_pole(mode)
+    every = np.array([own, own.conjugate(), *chain.poles])
+    _require_distinct_poles(
+        every, abs(own), f"the resonance of {mode.frequency_hz:g} Hz that impacts ring", sensor=sensor
+    )
+    kept = np.flatnonzero(every.imag >= 0)
+    residues = []
+    for index in kept.tolist():
+        pole = every[index]
+        if index == 0:
+            residue = chain.at(pole) / 2j
+        else:
+            residue = chain.residue(index - 2) * own.imag / ((pole - own) * (pole - own.conjugate()))
+        residues.append(residue * (2 if pole.imag > 0 else 1))
+    return every[kept], np.array(residues, dtype=np.complex128)
+
+
+def path_residues(path: ModalPath, chain: AllPoleFilter, *, sensor: str = "") -> tuple[ComplexArray, ComplexArray]:
+    """Return poles (p,) and residues (p,) of a path with a chain behind it.
+
+    The response to an impulse of 1 N s is ``Re sum_p residue exp(pole t)``, one of each conjugate pair with twice its
+    residue.
+
+    Raises
+    ------
+    SceneError
+        Two nearly equal poles.
+    """
+    own = path.poles
+    every = np.concatenate([own, own.conj(), chain.poles])
+    _require_distinct_poles(every, float(np.min(np.abs(own))), "a mode of its transfer", sensor=sensor)
+    passed = [residue * chain.at(pole) for pole, residue in zip(own, path.residues, strict=True)]
+    passed += [residue * chain.at(pole) for pole, residue in zip(own.conj(), np.conj(path.residues), strict=True)]
+    passed += [chain.residue(index) * path.at(pole) for index, pole in enumerate(chain.poles)]
+    kept = every.imag >= 0
+    return every[kept], np.array(passed)[kept] * np.where(every[kept].imag > 0, 2, 1)
+
+
+def partial_fractions(chain: AllPoleFilter) -> tuple[ComplexArray, ComplexArray, float]:
+    """Return poles (p,) and residues (p,) of a chain as `path_residues` does, and its direct feedthrough."""
+    kept = np.flatnonzero(chain.poles.imag >= 0)
+    residues = [chain.residue(index) * (2 if chain.poles[index].imag > 0 else 1) for index in kept.tolist()]
+    return chain.poles[kept], np.array(residues, dtype=np.complex128), 0.0 if chain.poles.size else chain.gain
+
+
+def _require_distinct_poles(poles: ComplexArray, size: float, what: str, *, sensor: str) -> None:
+    """Raise SceneError where two poles are nearer to each other than `_APART` times `size`."""
+    gaps = np.abs(poles[:, None] - poles) + np.diag(np.full(poles.size, np.inf))
+    if np.min(gaps) < _APART * size:
+        raise SceneError(
+            f'sensor "{sensor}": its resonance or filter coincides with {what}; move one of them by a thousandth.'
+        )
+
+
+def add_ringing(
+    signal: Array,
+    *,
+    times_s: Array,
+    amplitudes: Array,
+    poles: ComplexArray,
+    residues: ComplexArray,
+    rate_hz: float,
+    timing_errors_s: Array | None = None,
+) -> None:
+    """Add ``amplitude Re sum_p residue exp(pole (t - time))`` after each impact, exact at instants between samples.
+
+    Parameters
+    ----------
+    signal : (n,) array
+        Changed in place; sample i at ``i / rate_hz + timing_errors_s[i]``.
+    times_s, amplitudes : (m,) array
+        Times of the impacts in s, rising; the response to those before the first sample begins there.
+    poles, residues : (p,) complex array
+    rate_hz : float
+    timing_errors_s : (n,) array or None
+        Errors of the sampling instants. An impact between a sample's nominal and actual instant begins with the next
+        one.
+    """
+    from data_synth.transfer._acquisition_kernels import add_decays  # noqa: PLC0415 - loads numba
+
+    firsts = np.maximum(np.ceil(times_s * rate_hz), 0).astype(np.int64)
+    initial_states = amplitudes[:, None] * residues * np.exp(poles * (firsts / rate_hz - times_s)[:, None])
+    timing_errors_s = timing_errors_s if timing_errors_s is not None else np.empty(0)
+    add_decays(signal, firsts, initial_states, np.exp(poles / rate_hz), poles, timing_errors_s)
+
+
+def add_noise(signal: Array, *, rms: float, rng: np.random.Generator) -> None:
+    """Add white Gaussian noise of `rms`, in the signal's units, to a signal (n,) in place."""
+    if rms > 0:
+        for part in _blocks(signal):
+            part[:] += rms * rng.standard_normal(part.size)
+
+
+def _blocks(signal: Array) -> Iterator[Array]:
+    """Yield views of a signal (n,), so that temporary arrays do not grow with it."""
+    for start in range(0, signal.size, _BLOCK):
+        yield signal[start : start + _BLOCK]
+
+
+def hum_lines(hum: Hum, chain: AllPoleFilter, *, rng: np.random.Generator) -> ComplexArray:
+    """Return Z (h,) of the mains' harmonics after the recorder's filter, ``Re{Z exp(2 pi j h f t)}``."""
+    harmonics = np.arange(1, hum.harmonics + 1)
+    at_cable = hum.amplitude * hum.decay ** (harmonics - 1) * np.exp(2j * np.pi * rng.random(harmonics.size))
+    return np.asarray(at_cable * chain.response(hum.frequency_hz * harmonics))
+
+
+def clip(signal: Array, *, level: float) -> int:
+    """Clip a signal (n,) to plus and minus `level`, in place; return the number of samples clipped."""
+    out_of_range = 0
+    for part in _blocks(signal):
+        out_of_range += int(np.count_nonzero(np.abs(part) > level))
+        np.clip(part, -level, level, out=part)
+    return out_of_range
+
+
+def quantise(signal: Array, converter: Quantisation) -> int:
+    """Quantise a signal (n,) in place; return the number of samples beyond the range of the converter."""
+    half = 2 ** (converter.bits - 1)
+    step, out_of_range = converter.full_scale / half, 0
+    for part in _blocks(signal):
+        codes = np.rint(part / step)
+        out_of_range += int(np.count_nonzero((codes < -half) | (codes > half - 1)))
+        np.clip(codes, -half, half - 1, out=codes)
+        part[:] = codes * step
+    return out_of_range
+
+
+def drop_outs(signal: Array, drops: DropOuts, *, rate_hz: float, rng: np.random.Generator) -> Array:
+    """Remove random gaps from a signal (n,), in place; return their begins and ends, (m, 2) in s.
+
+    They begin independently of each other (a Poisson process); overlapping ones are one gap.
+    """
+    duration_s = signal.size / rate_hz
+    initial_states = np.sort(duration_s * rng.random(rng.poisson(drops.per_second * duration_s)))
+    firsts = np.ceil(initial_states * rate_hz).astype(np.int64)
+    ends = np.minimum(firsts + max(1, round(drops.duration_s * rate_hz)), signal.size)
+    spans: list[list[int]] = []
+    for first, end in zip(firsts, ends, strict=True):
+        if first < end:
+            if spans and first <= spans[-1][1]:
+                spans[-1][1] = max(spans[-1][1], int(end))
+            else:
+                spans.append([int(first), int(end)])
+    for first, end in spans:
+        held = signal[first - 1] if first else 0.0
+        signal[first:end] = {"nan": np.nan, "zero": 0.0, "hold": held}[drops.reads]
+    return np.array(spans, dtype=np.float64).reshape(-1, 2) / rate_hz

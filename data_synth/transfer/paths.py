@@ -1,0 +1,358 @@
+"""Transfer from a source to the accelerometer: one mode of the structure, and a gain for each pair of the two.
+
+Shaft and mesh harmonics change slowly, so the frequency response of the mode applies to them. Impacts are short, so the
+mode responds in time: ``a exp(-zeta w_n t) sin(w_d t)`` from the very instant of the impact. That response is sampled
+without an anti-aliasing filter; its spectrum falls with the square of frequency, so the alias is about
+``2 zeta (f_n / rate) ** 2`` of the peak.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from data_synth.kinematic.gear_faults import ImpactTrain
+from data_synth.kinematic.harmonics import HarmonicFamily, RandomStreams
+from data_synth.operation.shaft_angle import Array
+from data_synth.scene.scene import Mode, Scene
+from data_synth.scene.transfer_paths import ModeOfPath, Transfer
+
+# ---- Transfer paths from force to accelerometer, modal or measured ---------------------------------------------------
+# The response through a modal path follows from its poles (`data_synth.transfer.acquisition.path_residues`). A measured
+# path becomes a causal FIR filter of the length it needs, with the least delay it allows, and works block after block
+# in constant memory.
+
+
+ComplexArray = NDArray[np.complex128]
+
+_DECAYED = 1e-12  # of its initial amplitude
+
+
+def _finite(values: ArrayLike) -> Array:
+    """Return values as an array; raise ValueError for NaN or infinity, whose response would never end."""
+    given = np.asarray(values, dtype=np.float64)
+    if not np.all(np.isfinite(given)):
+        raise ValueError("a force or an instant is NaN or infinite, which a path would never forget; mend it before")
+    return given
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalPath:
+    """A sum of damped modes: ``H(w) = sum_r A_r / (j w - p_r) + conj(A_r) / (j w - conj(p_r))``.
+
+    ``p = -zeta w_n + j w_n sqrt(1 - zeta^2)``. The response to an impulse of 1 N s is ``2 Re sum_r A_r exp(p_r t)``.
+
+    Attributes
+    ----------
+    frequencies_hz : (r,) array
+        Undamped natural frequencies.
+    damping_ratios : (r,) array
+        Between 0 and 1.
+    residues : (r,) complex array
+        A_r, in response per N s. For a displacement they are ``-j phi_i phi_j / (2 m w_d)``.
+    """
+
+    frequencies_hz: Array = field(metadata={"dims": ("mode",), "units": "Hz"})
+    damping_ratios: Array = field(metadata={"dims": ("mode",), "units": "1"})
+    residues: ComplexArray = field(metadata={"dims": ("mode",), "units": "response N-1 s-1"})
+
+    def __post_init__(self) -> None:
+        shapes = {np.shape(part) for part in (self.frequencies_hz, self.damping_ratios, self.residues)}
+        if len(shapes) != 1 or len(next(iter(shapes))) != 1:
+            raise ValueError(f"frequencies, damping ratios and residues have shapes {sorted(shapes)}; give one of each")
+        if not np.all(np.asarray(self.frequencies_hz) > 0):
+            raise ValueError("frequencies_hz has to be above zero throughout")
+        damped = np.asarray(self.damping_ratios)
+        if not np.all((damped > 0) & (damped < 1)):
+            raise ValueError("damping_ratios have to lie between 0 and 1: without damping a path never forgets")
+
+    @property
+    def poles(self) -> ComplexArray:
+        """The poles p_r in rad s-1, (r,)."""
+        natural, zeta = 2 * np.pi * np.asarray(self.frequencies_hz), np.asarray(self.damping_ratios)
+        return natural * (-zeta + 1j * np.sqrt(1 - zeta**2))
+
+    def response(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return H at `frequency_hz`, of any shape."""
+        return self.at(2j * np.pi * np.asarray(frequency_hz, dtype=np.float64))
+
+    def at(self, s: ArrayLike) -> ComplexArray:
+        """Return H at `s` in rad s-1, of any shape."""
+        at = np.asarray(s, dtype=np.complex128)[..., None]
+        parts = self.residues / (at - self.poles) + np.conj(self.residues) / (at - np.conj(self.poles))
+        return np.asarray(np.sum(parts, axis=-1))
+
+    def impulse(self, times_s: ArrayLike) -> Array:
+        """Return the response (n,) to 1 N s at time zero; nothing before."""
+        times = np.asarray(times_s, dtype=np.float64)
+        response = np.exp(np.multiply.outer(np.maximum(times, 0.0), self.poles)) @ np.asarray(self.residues)
+        return np.where(times >= 0, 2 * response.real, 0.0)
+
+    def ringing_time_s(self) -> float:
+        """Return the time after which an impulse response has decayed to 1e-12."""
+        return float(math.log(_DECAYED) / np.max(self.poles.real))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredPath:
+    """A measured frequency response: linear between its lines, in real and imaginary part, and zero outside them.
+
+    Attributes
+    ----------
+    frequencies_hz : (n,) array
+        Rising, not negative. A phase that changes by more than a radian from line to line is too coarse to interpolate.
+    values : (n,) complex array
+        Response per force.
+    """
+
+    frequencies_hz: Array = field(metadata={"dims": ("frequency",), "units": "Hz"})
+    values: ComplexArray = field(metadata={"dims": ("frequency",), "units": "response N-1"})
+
+    def __post_init__(self) -> None:
+        frequencies, values = np.asarray(self.frequencies_hz), np.asarray(self.values)
+        if frequencies.ndim != 1 or frequencies.shape != values.shape or frequencies.size < 2:  # noqa: PLR2004
+            raise ValueError(
+                f"frequencies and values have shapes {frequencies.shape} and {values.shape}; give two alike"
+            )
+        if not np.all(np.isfinite(frequencies)) or not np.all(np.isfinite(values)):
+            raise ValueError("frequencies_hz or values holds NaN or infinity; cut or mend those lines")
+        if frequencies[0] < 0 or np.any(np.diff(frequencies) <= 0):
+            raise ValueError("frequencies_hz has to rise from 0 or above; sort the lines")
+
+    def ringing_time_s(self) -> float:
+        """Return the length of the impulse response of a piecewise-linear spectrum: one over its line spacing."""
+        return float(1 / np.min(np.diff(self.frequencies_hz)))
+
+    def response(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return H at `frequency_hz`, of any shape."""
+        at = np.asarray(frequency_hz, dtype=np.float64)
+        real, imaginary = (
+            np.interp(at, self.frequencies_hz, part, left=0.0, right=0.0)
+            for part in (np.real(self.values), np.imag(self.values))
+        )
+        return np.asarray(real + 1j * imaginary)
+
+    def fir(self, *, rate_hz: float, taps: int, leakage: float = 1e-3) -> "FirPath":
+        """Return the path as a causal FIR filter at `rate_hz`.
+
+        The impulse response is the inverse transform of H; its part before time zero, which exists because H ends at
+        half the rate or at its last line, is kept by a delay: the fewest samples that leave out no more than `leakage`
+        of its RMS. What comes after `taps` is cut off.
+
+        Parameters
+        ----------
+        rate_hz : float
+        taps : int
+            Length of the filter.
+        leakage : float
+            Between 0 and 1.
+
+        Raises
+        ------
+        ValueError
+            A filter too short to hold the response to the same `leakage`: with what it leaves out.
+        """
+        if taps < 2 or not 0 < leakage < 1:  # noqa: PLR2004
+            raise ValueError(f"taps = {taps} and leakage = {leakage:g}: 2 or more, and between 0 and 1, are needed")
+        spacing = float(np.min(np.diff(self.frequencies_hz)))
+        count = 1 << math.ceil(math.log2(max(4 * taps, 2 * rate_hz / spacing)))
+        lines = self.response(np.arange(count // 2 + 1) * rate_hz / count)
+        impulse_response = np.fft.irfft(lines, n=count)
+        energy = impulse_response**2
+        early = np.cumsum(energy[::-1])[: count // 2]  # in the samples before zero, from the last on: -1, -2, ...
+        ahead = np.concatenate([[early[-1]], early[-1] - early])  # what a delay of 0, 1, 2, ... leaves out
+        total = float(np.sum(energy))
+        delay = int(np.argmax(ahead <= leakage**2 * total))
+        kept = np.roll(impulse_response, delay)[:taps]
+        left = math.sqrt(max(0.0, 1 - float(np.sum(kept**2)) / total)) if total else 0.0
+        if left > 2 * leakage:
+            raise ValueError(
+                f"taps = {taps} leave out {left:.2g} of the response, more than twice leakage = {leakage:g}; "
+                "give more taps"
+            )
+        return FirPath(taps=kept, delay_s=delay / rate_hz, left_out=left)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirPath:
+    """A causal FIR filter that approximates a measured path.
+
+    Attributes
+    ----------
+    taps : (n,) array
+        Impulse response.
+    delay_s : float
+        Its delay.
+    left_out : float
+        RMS of the part left out, over that of the whole impulse response.
+    """
+
+    taps: Array = field(metadata={"dims": ("tap",), "units": "response N-1"})
+    delay_s: float
+    left_out: float
+
+    def filter(self) -> "FirFilter":
+        """Return the filter, at rest."""
+        return FirFilter(self.taps)
+
+
+class FirFilter:
+    """A `FirPath` with its state: overlap-add by FFT."""
+
+    def __init__(self, taps: Array) -> None:
+        self._taps = taps
+        self._tail = np.zeros(taps.size - 1)
+
+    def push(self, force: ArrayLike) -> Array:
+        """Return the response (n,) to the next n samples of the force."""
+        from scipy.signal import oaconvolve  # noqa: PLC0415
+
+        samples = _finite(force)
+        if not samples.size:
+            return np.empty(0)
+        response = oaconvolve(samples, self._taps)
+        response[: self._tail.size] += self._tail
+        self._tail = response[samples.size :].copy()
+        return np.asarray(response[: samples.size])
+
+
+# ---- Paths -----------------------------------------------------------------------------------------------------------
+
+
+_DECAYED_NEPERS = 30.0  # decay in nepers after which a ringing has ended: 1e-13 of its amplitude
+
+
+def sensor_gains(sources: list[str], *, sensors: int, rng_for: RandomStreams) -> dict[str, ComplexArray]:
+    """Draw the complex gain (sensors,) from each source to each sensor.
+
+    The scene's amplitudes are those at the first sensor, so its gain is 1; each other gain is log-uniform between a
+    half and two, with a uniform phase. For impacts its absolute value applies.
+    """
+    gains = {}
+    for source in sources:
+        octaves, turns = rng_for("gain", source).random((sensors, 2)).T
+        gains[source] = np.exp2(2 * octaves - 1) * np.exp(2j * np.pi * turns)
+        gains[source][0] = 1.0
+    return gains
+
+
+def mode_response(mode: Mode | ModalPath | MeasuredPath | None, frequency_hz: ArrayLike) -> ComplexArray:
+    """Return ``1 / (1 - r^2 + 2 j zeta r)``, r = frequency / natural frequency; 1 without a mode.
+
+    For a transfer path, its declared response.
+    """
+    if mode is None:
+        return np.ones(np.shape(frequency_hz), dtype=np.complex128)
+    if isinstance(mode, ModalPath | MeasuredPath):
+        return mode.response(frequency_hz)
+    ratio = np.asarray(frequency_hz, dtype=np.float64) / mode.frequency_hz
+    return np.asarray(1 / (1 - ratio**2 + 2j * mode.damping_ratio * ratio))
+
+
+def line_amplitudes(
+    family: HarmonicFamily,
+    *,
+    gains: ArrayLike,
+    speed_hz: Array,
+    load: Array,
+    mode: Mode | ModalPath | MeasuredPath | None,
+) -> ComplexArray:
+    """Return Z of a harmonic family at the sensors, (sensor, line, instant), in the sensors' units.
+
+    Parameters
+    ----------
+    family : HarmonicFamily
+    gains : (sensor,) complex array
+    speed_hz, load : (instant,) array
+        Speed of the reference shaft in rev s-1, and tooth load relative to full load.
+    mode : Mode, ModalPath, MeasuredPath or None
+        The mode of the path, or a transfer path.
+    """
+    response = mode_response(mode, np.outer([float(order) for order in family.orders], speed_hz))
+    coefficients = family.coefficients if family.coefficients.ndim > 1 else family.coefficients[:, None]
+    at_source = coefficients * response * (load if family.load_dependent else 1.0)
+    if family.speed_exponent:
+        at_source = at_source * (speed_hz / family.reference_speed_hz) ** family.speed_exponent
+    return np.asarray(np.asarray(gains)[:, None, None] * at_source)
+
+
+def mode_pole(mode: Mode) -> complex:
+    """Return the pole of a mode, ``-zeta w_n + j w_d`` in rad s-1."""
+    return 2 * math.pi * mode.frequency_hz * complex(-mode.damping_ratio, math.sqrt(1 - mode.damping_ratio**2))
+
+
+def ringing_time_s(mode: Mode) -> float:
+    """Return the time after which an impulse response has decayed to 1e-13."""
+    return _DECAYED_NEPERS / -mode_pole(mode).real
+
+
+def ringing_spectrum(mode: Mode | ModalPath | MeasuredPath, frequency_hz: ArrayLike) -> ComplexArray:
+    """Return the Fourier transform of the impulse response, ``w_d / (w_n^2 - w^2 + 2 j zeta w_n w)``, in s.
+
+    For a transfer path it is its response, for an impact in N s.
+    """
+    if isinstance(mode, ModalPath | MeasuredPath):
+        return mode.response(frequency_hz)
+    shifted = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) - mode_pole(mode)
+    conjugate = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) - mode_pole(mode).conjugate()
+    return np.asarray(mode_pole(mode).imag / (shifted * conjugate))
+
+
+def impact_line(
+    train: ImpactTrain, *, harmonic: int, speed_hz: Array, load: Array, mode: Mode | ModalPath | MeasuredPath
+) -> ComplexArray:
+    """Return Z (instant,) of a harmonic of a strictly periodic train of impacts.
+
+    ``2 a f H(m f) exp(j 2 pi m offset)`` with impacts at rate f through the spectrum H of the impulse response: exact
+    at constant speed and load. When f changes at f' per second, the relative error is about ``f' / f`` times the decay
+    time ``1 / (zeta w_n)``, and ``2 pi m f'`` times its square: 1e-4 in a run-up of 1 rev/s per second.
+    """
+    if train.order is None or not train.amplitudes.any():
+        return np.zeros(speed_hz.size, dtype=np.complex128)
+    rate = float(train.order) * speed_hz
+    turn = np.exp(2j * np.pi * harmonic * train.offset)
+    return np.asarray(2 * train.amplitudes[0] * load * rate * ringing_spectrum(mode, harmonic * rate) * turn)
+
+
+# ---- Transfer paths that a scene declares from sources to sensors, in the units of the sensors -----------------------
+
+
+_STANDARD_GRAVITY = 9.80665
+TransferPath = ModalPath | MeasuredPath
+TransferPaths = dict[tuple[str, str], TransferPath]
+
+
+def transfer_paths(scene: Scene) -> TransferPaths:
+    """Return the declared paths by source and sensor: response, in the units of the sensors' motion, for one N."""
+    return {(item.source, item.sensor): _transfer_path(item, scene.sensors[0].units) for item in scene.transfers}
+
+
+def longest_ringing_s(scene: Scene, source: str) -> float:
+    """Return the time after an impact at a source at which its response has decayed in every channel."""
+    ringing = [path.ringing_time_s() for (of, _), path in transfer_paths(scene).items() if of == source]
+    return max([ringing_time_s(scene.resonance), *ringing])
+
+
+def _transfer_path(transfer: Transfer, units: str) -> TransferPath:
+    """Return a declared path in the units of the sensors."""
+    one = {("m s-2", "g"): 1 / _STANDARD_GRAVITY, ("g", "m s-2"): _STANDARD_GRAVITY}
+    factor = one.get((transfer.units, units), 1.0)
+    if transfer.lines is not None:
+        hz, real, imaginary = np.array(transfer.lines).T
+        return MeasuredPath(frequencies_hz=hz, values=factor * (real + 1j * imaginary))
+    modes = transfer.modes or ()
+    return ModalPath(
+        frequencies_hz=np.array([mode.frequency_hz for mode in modes]),
+        damping_ratios=np.array([mode.damping_ratio for mode in modes]),
+        residues=factor * np.array([_residue(mode) for mode in modes], dtype=np.complex128),
+    )
+
+
+def _residue(mode: ModeOfPath) -> complex:
+    """Return the residue of a mode, from ``gain w_n^2 / (w_n^2 - w^2 + 2 j zeta w_n w)`` where its gain is declared."""
+    if mode.residue is not None:
+        return complex(*mode.residue)
+    # of gain w_n^2 / (w_n^2 - w^2 + 2 j zeta w_n w)
+    natural = 2 * math.pi * mode.frequency_hz
+    return -0.5j * (mode.gain or 0.0) * natural / math.sqrt(1 - mode.damping_ratio**2)

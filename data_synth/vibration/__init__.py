@@ -1,0 +1,1 @@
+"""Gears that vibrate: meshes, torques, motion, and the forces at the sensors."""

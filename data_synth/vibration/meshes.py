@@ -1,0 +1,346 @@
+"""Mesh stiffness and transmission error of a scene's gears, tooth damage included."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_synth.dynamics.parts import MeshProperties
+from data_synth.dynamics.placement import Contact, contacts_of, planet_phase_lag
+from data_synth.dynamics.system import Mesh, MeshHistory
+from data_synth.gears.mesh_stiffness import Constant, Shifted, Stiffness, Trapezoidal
+from data_synth.gears.tooth_compliance import DamagedTooth, TeethInMesh, ToothPair, helical, teeth_in_mesh
+from data_synth.gears.transmission_error import ProfileError, SumOfErrors, TransmissionError
+from data_synth.operation.shaft_angle import Array
+from data_synth.scene.dynamics import Dynamics
+from data_synth.scene.faults import GearDamage, GearFault, damaged_teeth, transmission_errors
+from data_synth.scene.scene import Scene, SceneError
+from data_synth.sources.prepared import PreparedScene, faulty_gear, mesh_name
+from hums.gearbox.kinematics import Kinematics, solve_kinematics
+
+_UM = 1e-6
+_NEAR = 1e-9  # cycles: phases nearer than this are one
+_RAMP = 0.1  # cycles over which a pair takes up its load, where its teeth are not modelled
+_HELICAL_HARMONICS = 8
+_INSTANTS = 8193  # at which growth is evaluated
+_STRAIGHT = 0.005  # of all growth: error of linear interpolation between two instants
+_SHARE = 0.125  # of all growth, between two instants
+
+
+@dataclass(frozen=True, kw_only=True)
+class Teeth:
+    """Properties of a mesh, and the mesh phases at which damaged teeth are in the middle of their contact.
+
+    `passes` holds (number of the fault from 0, phase of the first pass, cycles until the next, contact ratio),
+    `history` the teeth over time where damage grows; `properties` are the initial ones.
+    """
+
+    properties: MeshProperties
+    passes: tuple[tuple[int, float, int, float], ...]
+    history: MeshHistory | None = None
+
+    def history_of(self, mesh: Mesh) -> MeshHistory | None:
+        """Return the history of one of the contacts of the mesh, with the phase of its planet."""
+        if self.history is None:
+            return None
+        own, error = self.properties.stiffness, mesh.error
+        stiffnesses: list[Stiffness] = [*self.history.stiffnesses]
+        errors: list[TransmissionError | None] = [*self.history.errors]
+        if isinstance(mesh.stiffness, Shifted) and mesh.stiffness.of is own:
+            by = mesh.stiffness.by_cycles
+            made = {id(stage): Shifted(of=stage, by_cycles=by) for stage in stiffnesses}
+            stiffnesses = [made[id(stage)] for stage in stiffnesses]
+        if isinstance(error, SumOfErrors) and error.parts == (self.properties.error,):
+            late = error.by_cycles
+            summed = {id(stage): SumOfErrors(parts=(stage,), by_cycles=late) for stage in errors if stage is not None}
+            errors = [summed[id(stage)] for stage in errors]
+        return MeshHistory(
+            times_s=self.history.times_s, stiffnesses=(mesh.stiffness, *stiffnesses[1:]), errors=tuple(errors)
+        )
+
+
+def declared_of(scene: Scene) -> Dynamics:
+    """Return the declared masses and stiffnesses of a scene, or the defaults."""
+    return scene.dynamics or Dynamics()
+
+
+def kinematics_of(scene: Scene) -> Kinematics:
+    """Return the kinematics of a scene, its meshes with the geometry that `dynamics` adds."""
+    dynamics, gearbox = declared_of(scene), scene.gearbox
+    known = {mesh.name for mesh in gearbox.meshes}
+    for name, _ in dynamics.meshes:
+        if name not in known:
+            raise SceneError(f'dynamics.meshes names "{name}", which is no mesh of gearbox "{gearbox.name}".')
+    geometry = ("module_mm", "face_width_mm", "pressure_angle_deg", "profile_shift")
+    meshes = []
+    for mesh in gearbox.meshes:
+        declared = dynamics.mesh(mesh.name)
+        given = {key: getattr(declared, key) for key in geometry if getattr(declared, key) is not None}
+        meshes.append(mesh.changed(**given) if given else mesh)
+    return solve_kinematics(gearbox.changed(meshes=tuple(meshes)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gears:
+    """Kinematics of a scene with geometry, and the teeth of its meshes: the same at every fidelity.
+
+    `teeth` are those of each contact by its name, `meshes` the mesh of each contact: planets share one.
+    """
+
+    kinematics: Kinematics
+    teeth: Mapping[str, Teeth] = field(repr=False)
+    meshes: Mapping[str, str]
+
+
+def gears_of(stage: PreparedScene, kinematics: Kinematics) -> Gears:
+    """Return the gears with the teeth of every mesh.
+
+    The phase of each mesh at revolution zero is random, drawn as in a kinematic scene.
+    """
+    try:
+        contacts = contacts_of(kinematics, {})
+    except ValueError as caught:
+        words = str(caught).split(", without")[0]
+        raise SceneError(
+            f'{words}; declare it in the gearbox, or as dynamics.meshes = {{ "{stage.scene.gearbox.meshes[0].name}" = '
+            "{ module_mm = ..., face_width_mm = ..., pressure_angle_deg = ... } }."
+        ) from None
+    return Gears(
+        kinematics=kinematics,
+        teeth={contact.name: _teeth(stage, kinematics, contact) for contact in contacts},
+        meshes={contact.name: contact.mesh for contact in contacts},
+    )
+
+
+def _gear(kinematics: Kinematics, contact: Contact, component: str) -> int | None:
+    """Return the number of the gear of a contact that a component as ``stage 1/pinion`` names; of planets the first."""
+    link = component.rpartition("/")[2]
+    first = kinematics.gearbox.instances(link)[0]
+    return contact.links.index(first) if first in contact.links else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Broken:
+    """A damaged gear of a contact: number of the fault and of the gear, teeth, phase at which the worst one enters."""
+
+    number: int
+    gear: int
+    teeth: int
+    first: int
+
+    def damage(self, stage: PreparedScene, time_s: float) -> GearDamage:
+        """Return the changes of its teeth at a time."""
+        fault = stage.scene.faults[self.number]
+        assert isinstance(fault, GearFault)  # noqa: S101 - only those are broken
+        gear = faulty_gear(stage.scene, self.number, teeth=self.teeth, rng_for=stage.rng_for)
+        size_m = 1e-3 * fault.initial_mm * float(fault.relative_size(time_s))
+        try:
+            return fault.damage(size_m, gear)
+        except ValueError as caught:
+            raise SceneError(f"fault {self.number + 1} at {time_s:g} s: {caught}") from None
+
+
+def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact) -> Teeth:
+    scene = stage.scene
+    declared = declared_of(scene).mesh(contact.mesh)
+    later = float(stage.rng_for("phase", "gear_mesh", contact.mesh, "teeth").random())
+    half = contact.equivalent_pair.contact_ratio / 2
+    broken = []
+    for number, fault in enumerate(scene.faults):
+        if not isinstance(fault, GearFault) or mesh_name(fault.component) != contact.mesh:
+            continue
+        gear = _gear(kinematics, contact, fault.component)
+        if gear is not None:
+            teeth = abs(contact.teeth[gear])
+            # the damaged tooth is in mid-contact where that of the kinematic scene is, to the nearest tooth
+            first = round(-stage.offsets[number] * teeth + later - half) % teeth
+            broken.append(_Broken(number=number, gear=gear, teeth=teeth, first=first))
+    times_s = instants_of_growth(stage, [item.number for item in broken])
+    stages = [[item.damage(stage, time_s) for item in broken] for time_s in times_s]
+    stiffnesses = _stiffnesses(scene, contact, broken, stages, by_cycles=later)
+    errors = _errors(contact, broken, stages, error_m=_UM * declared.error_um, by_cycles=later)
+    late = float(planet_phase_lag(kinematics, contact))
+    grows = any(each is not stiffnesses[0] for each in stiffnesses) or any(each is not errors[0] for each in errors)
+    return Teeth(
+        properties=MeshProperties(
+            stiffness=stiffnesses[0],
+            error=errors[0],
+            backlash_m=_UM * declared.backlash_um / 2,
+            damping=declared.damping_n_s_m,
+        ),
+        passes=tuple((item.number, item.first + half - later + late, item.teeth, 2 * half) for item in broken),
+        history=MeshHistory(times_s=times_s, stiffnesses=stiffnesses, errors=errors) if grows else None,
+    )
+
+
+def instants_of_growth(stage: PreparedScene, numbers: Sequence[int]) -> Array:
+    """Return times, rising from zero, between which growth is nearly linear, and at most an eighth of the whole."""
+    even = np.linspace(0.0, stage.scene.duration_s, _INSTANTS)
+    kept = {0}
+    for number in numbers:
+        sizes = stage.scene.faults[number].relative_size(even)
+        if sizes[-1] > sizes[0]:
+            kept |= set(_bends(sizes, 0, sizes.size - 1, float(sizes[-1] - sizes[0])))
+    return even[sorted(kept)]
+
+
+def _bends(sizes: Array, first: int, last: int, growth: float) -> Iterator[int]:
+    """Yield the numbers, after the first, of points between which rising sizes are nearly linear and rise little."""
+    part_of_sizes = sizes[first : last + 1]
+    apart = np.abs(part_of_sizes - np.linspace(part_of_sizes[0], part_of_sizes[-1], part_of_sizes.size))
+    if last - first > 1 and np.max(apart) > _STRAIGHT * growth:
+        split = first + int(np.argmax(apart))
+    elif last - first > 1 and part_of_sizes[-1] - part_of_sizes[0] > 1.01 * _SHARE * growth:
+        split = first + int(
+            np.clip(
+                np.searchsorted(part_of_sizes, (part_of_sizes[0] + part_of_sizes[-1]) / 2), 1, part_of_sizes.size - 2
+            )
+        )
+    else:
+        yield last
+        return
+    yield from _bends(sizes, first, split, growth)
+    yield from _bends(sizes, split, last, growth)
+
+
+def _errors(
+    contact: Contact,
+    broken: Sequence[_Broken],
+    stages: Sequence[Sequence[GearDamage]],
+    *,
+    error_m: float,
+    by_cycles: float,
+) -> tuple[TransmissionError | None, ...]:
+    """Return the transmission error of each stage; one object where they are the same."""
+    made: dict[tuple[object, ...], TransmissionError | None] = {}
+    found = []
+    for damage in stages:
+        key = tuple((each.removed_m.tobytes(), each.runout_m, each.profile_m) for each in damage)
+        if key not in made:
+            parts = [
+                part
+                for item, each in zip(broken, damage, strict=True)
+                for part in transmission_errors(each, pair=contact.equivalent_pair, first=item.first)
+            ]
+            parts += [ProfileError(harmonics_m=np.array([error_m + 0j]))] if error_m else []
+            made[key] = SumOfErrors(parts=tuple(parts), by_cycles=(by_cycles,) * len(parts)) if parts else None
+        found.append(made[key])
+    return tuple(found)
+
+
+def _stiffnesses(
+    scene: Scene,
+    contact: Contact,
+    broken: Sequence[_Broken],
+    stages: Sequence[Sequence[GearDamage]],
+    *,
+    by_cycles: float,
+) -> tuple[Stiffness, ...]:
+    """Return the stiffness of each stage; one object where they are the same."""
+    made: dict[tuple[object, ...], Stiffness] = {}
+    found = []
+    for damage in stages:
+        key = tuple((each.crack_m.tobytes(), each.contact_fraction.tobytes()) for each in damage)
+        if key not in made:
+            damaged = [
+                tooth
+                for item, each in zip(broken, damage, strict=True)
+                for tooth in damaged_teeth(each, gear=item.gear, first=item.first)
+            ]
+            made[key] = _stiffness(scene, contact, damaged, by_cycles=by_cycles)
+        found.append(made[key])
+    return tuple(found)
+
+
+def _stiffness(scene: Scene, contact: Contact, damaged: list[DamagedTooth], *, by_cycles: float) -> Stiffness:
+    declared, pair = declared_of(scene).mesh(contact.mesh), contact.equivalent_pair
+    known = contact.parallel or contact.cone is not None
+    undercut = min(map(abs, pair.teeth)) * math.sin(pair.pressure_angle_rad) ** 2 < 2 * pair.addendum
+    spur = known and not undercut and not pair.helix_angle_rad and not any(pair.profile_shift)
+    shape = declared.shape or ("teeth" if spur else "trapezoid")
+    if damaged and shape != "teeth":
+        raise SceneError(
+            f'mesh "{contact.mesh}": a tooth that is softer needs shape = "teeth", which is for straight teeth '
+            'without undercut or profile shift; its shape is "' + shape + '".'
+        )
+    if shape == "teeth":
+        teeth = _by_strain_energy(contact, declared.bore_share, declared.stiffness_n_m, damaged)
+        return Knotted(of=teeth, by_cycles=by_cycles, period=teeth.period)
+    mean = declared.stiffness_n_m or pair.mean_stiffness()
+    if shape == "constant" or pair.contact_ratio % 1 == 0:
+        return Constant(mean=mean)
+    duty = pair.contact_ratio % 1
+    ramp = min(_RAMP, duty, 1 - duty)
+    trapezoid = Trapezoidal.by_contact_ratio(
+        pair_stiffness=mean / pair.contact_ratio, contact_ratio=pair.contact_ratio, ramp=ramp
+    )
+    if not pair.helix_angle_rad:
+        return Shifted(of=trapezoid, by_cycles=by_cycles)
+    slices = helical(trapezoid, overlap_ratio=pair.overlap_ratio, harmonics=_HELICAL_HARMONICS)
+    return Shifted(of=slices, by_cycles=by_cycles)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knotted:
+    """`TeethInMesh`, later by some cycles, with its kinks among its jumps: between two of them it is smooth.
+
+    So few cells tabulate it. `period` is that of the teeth.
+    """
+
+    of: TeethInMesh
+    by_cycles: float
+    period: int
+    constant_between_jumps: bool = field(default=False, init=False)
+    harmonics: None = field(default=None, init=False)
+
+    @cached_property
+    def mean(self) -> float:
+        """Mean over a period in N/m."""
+        return self.of.mean
+
+    @cached_property
+    def jumps(self) -> tuple[float, ...]:
+        """Phases at which it or its slope jumps."""
+        within = np.remainder(self.of.path_cycles, 1.0)
+        kinks = (np.arange(self.period)[:, None] + within).ravel()
+        every = np.concatenate([self.of.jumps, kinks])
+        every = np.sort(np.remainder(every - self.by_cycles, self.period))
+        apart = np.concatenate([[True], np.diff(every) > _NEAR])
+        return tuple(every[apart].tolist())
+
+    def __call__(self, phase_cycles: ArrayLike) -> Array:
+        """Return N/m at phases in mesh cycles, any shape."""
+        return self.of(np.asarray(phase_cycles, dtype=np.float64) + self.by_cycles)
+
+
+def _by_strain_energy(
+    contact: Contact, bore_share: float, mean: float | None, damaged: list[DamagedTooth]
+) -> TeethInMesh:
+    one, two = contact.equivalent_pair.reference_radii_m
+    try:
+        pair = ToothPair(gears=contact.equivalent_pair, bore_radii_m=(bore_share * one, bore_share * two))
+        teeth = teeth_in_mesh(pair, damaged=damaged, teeth=contact.teeth)
+    except ValueError as caught:
+        raise SceneError(str(caught)) from None
+    if mean is None:
+        return teeth
+    softer = replace(teeth, damaged=()).mean / mean
+    return replace(
+        teeth,
+        compliance=teeth.compliance * softer,
+        damaged=tuple((count, tooth, edges, added * softer) for count, tooth, edges, added in teeth.damaged),
+    )
+
+
+def tooth_passes(
+    stage: PreparedScene, teeth: Teeth, *, cycles_per_rev: float, stop_s: float
+) -> Iterator[tuple[int, Array, float]]:
+    """Yield fault number, times in s of its passes through mid-contact, and half a pass in rev, for each tooth."""
+    begin, end = stage.drive.angle.revolutions([0.0, stop_s]) * cycles_per_rev
+    for number, first, every, ratio in teeth.passes:
+        turns = np.arange(math.ceil((begin - first) / every), math.floor((end - first) / every) + 1)
+        revolutions = (first + every * turns) / cycles_per_rev
+        yield number, stage.drive.angle.times(revolutions), ratio / 2 / cycles_per_rev

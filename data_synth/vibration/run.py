@@ -1,0 +1,464 @@
+"""Vibration of a scene's gears: equations of motion, external torques, and forces towards the sensors.
+
+At every fidelity the gearbox is assembled in the plane or in space, and degrees of freedom that a fidelity lacks are
+constrained. Bearing forces are those of the springs along active degrees of freedom, and follow from the mesh forces by
+statics along constrained ones: so the force of a stiff bearing is the same at every fidelity.
+"""
+
+import math
+import re
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_synth.dynamics.active_dofs import active_dofs_of
+from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, assemble_parts
+from data_synth.dynamics.modes import undamped_modes, with_modal_damping
+from data_synth.dynamics.parts import MeshProperties
+from data_synth.dynamics.placement import direction_of
+from data_synth.dynamics.system import Array, System
+from data_synth.gears.mesh_stiffness import Constant
+from data_synth.integrators.choice import MethodChoice, method_for
+from data_synth.integrators.problem import Accuracy, IntegrationError, Load, Output, Problem, Steps
+from data_synth.scene.scene import Scene, SceneError
+from data_synth.sources.prepared import PreparedScene
+from data_synth.vibration.meshes import Gears, Teeth, declared_of, gears_of, kinematics_of, tooth_passes
+from data_synth.vibration.sensor_forces import LAG, SensorForces, WeightedForces, sensor_forces_of
+from data_synth.vibration.torques import DriveLoad, drive_load_of
+from hums.gearbox.kinematics import Kinematics
+
+# ---- The gearbox of a scene as equations of motion: its declared bodies, bearings and meshes assembled ---------------
+
+
+_PARALLEL = 1e-9
+
+
+def assembly_of(
+    stage: PreparedScene, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()
+) -> Assembly:
+    """Return the gearbox of a scene in the plane, or in space where its axes cross or a mesh has full motion.
+
+    Bodies in mesh with planets have coordinates that rotate with the carrier, with the gyroscopic terms of the mean
+    speed; a run-up, which has no mean speed, leaves them out.
+
+    Parameters
+    ----------
+    stage : PreparedScene
+    gears : Gears
+    levels : mapping of mesh to "torsional", "lateral" or "full"
+    springs : collection of mesh
+        Meshes of constant mean stiffness without transmission error.
+
+    Raises
+    ------
+    SceneError
+        If `data_synth.dynamics.assembly.assemble` raises ValueError.
+    """
+    scene, kinematics = stage.scene, gears.kinematics
+    declared, full = declared_of(scene), "full" in levels.values()
+    try:
+        return assemble_parts(
+            kinematics,
+            motions="space" if full or has_crossed_axes(kinematics) else "plane",
+            inertias={
+                name: Inertia(mass_kg=item.mass_kg, inertia_kgm2=item.inertia_kg_m2)
+                for link, item in declared.links
+                for name in _copies(scene, link)
+            },
+            supports=dict(_supports(scene, kinematics)),
+            meshes=dict(_meshes(gears, springs)),
+            speed_rad_s=_speed_rad_s(stage, kinematics) if full or has_planets(kinematics) else 0.0,
+            rotating_frame="carriers",
+        )
+    except ValueError as caught:
+        raise SceneError(f"dynamics: {caught}") from None
+
+
+def has_crossed_axes(kinematics: Kinematics) -> bool:
+    """Return whether some axis is not parallel to the others."""
+    first, *others = (direction_of(kinematics, body) for body in kinematics.joints)
+    return any(abs(abs(float(first @ other)) - 1) > _PARALLEL for other in others)
+
+
+def has_planets(kinematics: Kinematics) -> bool:
+    """Return whether there is a rotating planet carrier."""
+    return any(joint.carried_by != kinematics.mechanism.frame for joint in kinematics.joints.values())
+
+
+def _speed_rad_s(stage: PreparedScene, kinematics: Kinematics) -> float:
+    if stage.scene.speed.run_up is not None and has_planets(kinematics):
+        return 0.0
+    return 2 * math.pi * float(np.mean(stage.speed_hz))
+
+
+def _copies(scene: Scene, name: str) -> tuple[str, ...]:
+    """Return the links of a declared name with copies, or the name itself."""
+    return scene.gearbox.instances(name) if name in scene.gearbox.copied else (name,)
+
+
+def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, SupportStiffness]]:
+    for link, item in declared_of(scene).bearings:
+        if kinematics.bodies.get(link) == kinematics.mechanism.frame and not item.torsion_nm_rad:
+            raise SceneError(
+                f'dynamics.bearings makes "{link}", else rigid with "{scene.gearbox.frame}", a body that '
+                "rotates freely; give torsion_nm_rad, or leave it out."
+            )
+        hold = SupportStiffness(
+            radial=item.radial_n_m,
+            axial=item.axial_n_m,
+            tilt=item.tilt_nm_rad,
+            torsion=item.torsion_nm_rad,
+            damping_s=item.damping_s,
+        )
+        yield from ((name, hold) for name in _copies(scene, link))
+
+
+def _meshes(gears: Gears, springs: Collection[str]) -> Iterator[tuple[str, MeshProperties]]:
+    for name, teeth in gears.teeth.items():
+        given = teeth.properties
+        if gears.meshes[name] in springs and given.stiffness is not None:
+            given = replace(given, stiffness=Constant(mean=given.stiffness.mean), error=None)
+        yield name, given
+
+
+# ---- Run -------------------------------------------------------------------------------------------------------------
+
+
+_BLOCK = 8192
+_TRIAL = 4096
+_MOST_DENSE = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """Gears of a scene, ready to be integrated.
+
+    Attributes
+    ----------
+    system : System
+    drive_load : DriveLoad
+        External torques and rigid-body rotation.
+    sensor_forces : SensorForces
+        Forces towards the sensors.
+    output : Output
+        Output maps from which `sensor_forces` computes a force in N for each route.
+    teeth : mapping of contact to Teeth
+    oversampling : int
+        Rate of the forces over that of the channels, before path and chain: fast modes would alias otherwise.
+    settling_time_s : float
+        Duration before time zero in which the transient of the start decays below the error; zero for a run-up.
+    error : float
+        Tolerated relative RMS error of the forces.
+    """
+
+    stage: PreparedScene
+    system: System
+    drive_load: DriveLoad
+    sensor_forces: SensorForces = field(repr=False)
+    output: Output
+    teeth: Mapping[str, Teeth] = field(repr=False)
+    oversampling: int
+    settling_time_s: float
+    error: float
+
+    @property
+    def load(self) -> Load:
+        """External load on the system."""
+        return self.drive_load.load
+
+    @cached_property
+    def method(self) -> MethodChoice:
+        """The integrator, and the reason of its choice."""
+        return method_for(self.problem(0.0, self.stage.scene.duration_s))
+
+    def channels(self, *, samples: int) -> Iterator[Array]:
+        """Yield the channels (sensor, n) from time zero in blocks, after the linear part of their chains.
+
+        Raises
+        ------
+        SceneError
+            If the integration fails.
+        """
+        from data_synth.integrators.driver import integrate_blocks  # noqa: PLC0415
+
+        scene = self.stage.scene
+        settling_samples = math.ceil(self.settling_time_s * scene.rate_hz)
+        routes = self.sensor_forces.routes
+        filters = [route.filter_at(scene, rate_hz=self.output.rate_hz) for route in routes]
+        weighted, delay = WeightedForces.of(self.output), (lag := max(filter_.lag for filter_ in filters))
+        if weighted is not None:
+            delay += LAG
+        last = (settling_samples + samples - 1) * self.oversampling + delay
+        problem = self.problem(-settling_samples / scene.rate_hz, last / self.output.rate_hz)
+        steps = Steps(per_sample=self.steps())
+        output = self.output if weighted is None else weighted.output
+        dropped = settling_samples * self.oversampling + delay
+        method = self.method.method
+        try:
+            for block in integrate_blocks(problem, method=method, output=output, tolerance=steps, block=_BLOCK):
+                times_s = block.times_s - (delay - lag) / self.output.rate_hz
+                readings = (block.values, block.values) if weighted is None else weighted.push(block.values)
+                forces, points = (self.sensor_forces.forces(each, times_s=times_s).T for each in readings)
+                outputs = np.zeros((len(scene.sensors), block.values.shape[0]))
+                for route, filter_, force, point in zip(routes, filters, forces, points, strict=True):
+                    outputs[route.number] += filter_.filtered(force, at_once=point, lag=lag)
+                count = outputs.shape[1]
+                if dropped < count:
+                    yield outputs[:, dropped :: self.oversampling]
+                dropped = dropped - count if dropped >= count else (dropped - count) % self.oversampling
+        except IntegrationError as caught:
+            raise SceneError(f"the gears cannot be followed in time: {caught}") from None
+
+    def steps(self) -> int:
+        """Return the steps to a sample that keep the error, from a trial of 4096 samples at the critical time."""
+        from data_synth.integrators.driver import integrate  # noqa: PLC0415
+
+        if self.method.method.order is None:
+            return 1
+        scene, trial_output = self.stage.scene, self.output
+        if self.sensor_forces.rotate:  # forces of planets may cancel in the sum
+            trial_output = Output(rate_hz=trial_output.rate_hz, mesh_force=np.eye(len(self.system.meshes)))
+        weighted = WeightedForces.of(trial_output)
+        long_s = max(1, min(scene.samples - 1, _TRIAL)) / scene.rate_hz
+        start_s = min(max(0.0, self.critical_time_s() - long_s / 2), max(0.0, scene.duration_s - long_s))
+        try:
+            return (
+                integrate(
+                    self.problem(start_s, long_s),
+                    method=self.method.method,
+                    output=trial_output if weighted is None else weighted.trial_output,
+                    tolerance=Accuracy(relative=self.error, trial=1.0, about_mean=True),
+                )
+                .checked()
+                .steps_per_sample
+            )
+        except IntegrationError as caught:
+            raise SceneError(f"the gears cannot be followed in time: {caught}") from None
+
+    def critical_time_s(self) -> float:
+        """Return the time that needs most steps: a torque reversal with backlash, or the top speed."""
+        drive, torque = self.stage.drive, self.stage.drive.torque
+        times_s = self.stage.instants_s
+        if torque is not None and any(mesh.backlash_m > 0 for mesh in self.system.meshes):
+            reversals = np.flatnonzero(np.diff(np.sign(torque.at(times_s))))
+            if reversals.size:
+                return float(times_s[reversals[0]])
+        return float(times_s[np.argmax(drive.angle.speed_hz(times_s))])
+
+    def problem(self, start_s: float, duration_s: float) -> Problem:
+        """Return the initial value problem from a time on, starting at rest or in static equilibrium."""
+        drive = self.stage.drive
+        return Problem(
+            system=self.system,
+            reference=drive.angle,
+            load=self.load,
+            duration_s=duration_s,
+            start=self.drive_load.start(self.system, drive, start_s),
+            start_s=start_s,
+        )
+
+
+def prepare_gears(stage: PreparedScene) -> Gears:
+    """Return the gears of a scene with their teeth, for `motion_of`.
+
+    Raises
+    ------
+    SceneError
+        If the scene cannot be integrated, or geometry is missing.
+    """
+    kinematics = kinematics_of(stage.scene)
+    check_supported(stage.scene)
+    return gears_of(stage, kinematics)
+
+
+def motion_of(
+    stage: PreparedScene, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()
+) -> Motion:
+    """Return the motion of a scene's gears.
+
+    Parameters
+    ----------
+    stage : PreparedScene
+    gears : Gears
+    levels : mapping of mesh to "torsional", "lateral" or "full"
+        A body has the motions of the highest level of its meshes.
+    springs : collection of mesh
+        Meshes of constant mean stiffness without transmission error.
+
+    Raises
+    ------
+    SceneError
+        If the gearbox cannot be assembled, or a torque or sensor does not fit it.
+    """
+    scene, kinematics, teeth = stage.scene, gears.kinematics, gears.teeth
+    declared = declared_of(scene)
+    whole = assembly_of(stage, gears, levels=levels, springs=springs)
+    active = active_dofs_of(whole, levels)
+    system = replace(
+        active.system,
+        meshes=tuple(
+            mesh if gears.meshes[mesh.name] in springs else replace(mesh, history=teeth[mesh.name].history_of(mesh))
+            for mesh in active.system.meshes
+        ),
+    )
+    damped = with_modal_damping(system, ratio=declared.damping_ratio)
+    angular, _ = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
+    slowest = min(
+        declared.damping_ratio * float(np.min(angular[angular > 0], initial=np.inf)),
+        2 * math.pi * declared.mounts.frequency_hz * declared.mounts.damping_ratio,
+    )
+    sensor_forces = sensor_forces_of(stage, gears, whole, active)
+    oversampling = 1
+    while oversampling < _MOST_DENSE and np.max(angular) / (2 * math.pi) > oversampling * scene.rate_hz / 4:
+        oversampling *= 2
+    acting = drive_load_of(stage, kinematics, system)
+    return Motion(
+        stage=stage,
+        system=replace(damped, damping=damped.damping + system.damping + acting.damping),
+        drive_load=acting,
+        sensor_forces=sensor_forces,
+        output=replace(sensor_forces.output, rate_hz=oversampling * scene.rate_hz),
+        teeth=teeth,
+        oversampling=oversampling,
+        settling_time_s=0.0 if acting.full_rotation else math.log(1 / declared.error) / slowest,
+        error=declared.error,
+    )
+
+
+def check_supported(scene: Scene) -> None:
+    """Raise SceneError, with a remedy, for a scene whose gears cannot be integrated."""
+    what = f'fidelity = "{scene.fidelity}"'
+    kinematic = 'write fidelity = "kinematic"'
+    if scene.torque is None:
+        raise SceneError(f"{what}: without load there is no mesh force; add torque = {{ link = ..., nm = ... }}.")
+    if scene.sampling_jitter is not None:
+        raise SceneError(f"{what} has no sampling_jitter; leave it out, or {kinematic}.")
+    for sensor in scene.sensors:
+        if sensor.direction is None:
+            raise SceneError(f'{what}: sensor "{sensor.name}" needs a direction, as [x, y, z] across the shafts.')
+
+
+def fault_passes(motion: Motion) -> dict[int, tuple[Array, float]]:
+    """Return, for each tooth fault, the times in s of its passes through a mesh, and half a pass in revolutions.
+
+    A tooth of a sun or of a ring passes one planet after the other.
+    """
+    scene = motion.stage.scene
+    last_s = (scene.samples - 1) / scene.rate_hz
+    cycles = {mesh.name: mesh.cycles_per_rev for mesh in motion.system.meshes}
+    found: dict[int, tuple[Array, float]] = {}
+    for name, teeth in motion.teeth.items():
+        for number, times_s, half_rev in tooth_passes(motion.stage, teeth, cycles_per_rev=cycles[name], stop_s=last_s):
+            before = found.get(number, (np.empty(0), half_rev))[0]
+            found[number] = np.sort(np.concatenate([before, times_s])), half_rev
+    return found
+
+
+# ---- Rigid meshes: gear stages whose teeth do not deflect, reduced to inertia and torque on the others ---------------
+
+
+Integers = NDArray[np.intp]
+
+_NEGLIGIBLE = 1e-12
+
+
+def contacts_in(system: System, mesh: str) -> list[int]:
+    """Return the numbers of the contacts of a mesh in a system: one for each planet."""
+    name = re.compile(rf"{re.escape(mesh)}( \d+)?")
+    return [number for number, other in enumerate(system.meshes) if name.fullmatch(other.name)]
+
+
+def without_meshes(motion: Motion, meshes: Collection[str]) -> Motion:
+    """Return a motion in which these meshes are rigid and without transmission error.
+
+    With ``g . q = 0`` for each of them a rotation follows from the others: ``q = T r``, and ``T' M T`` replaces M,
+    likewise for damping, springs and loads. The statics of motions that are not simulated lose these mesh forces.
+    """
+    if not meshes:
+        return motion
+    system = motion.system
+    removed = [number for name in meshes for number in contacts_in(system, name)]
+    elimination, free = _elimination(motion, np.array([system.meshes[number].direction for number in removed]))
+    kept = [number for number in range(len(system.meshes)) if number not in removed]
+    drive_load, varying = motion.drive_load, motion.load.varying
+    drag = motion.load.quadratic_drag
+    load = Load(
+        constant=motion.load.constant @ elimination,
+        quadratic_drag=None if drag is None else drag[free],
+        varying=None if varying is None else lambda times_s: varying(times_s) @ elimination,
+    )
+    return replace(
+        motion,
+        system=_reduced_system(system, elimination, free, kept),
+        drive_load=replace(
+            drive_load,
+            load=load,
+            damping=elimination.T @ drive_load.damping @ elimination,
+            rigid_motion=drive_load.rigid_motion[free],
+        ),
+        output=_reduced_output(motion.output, elimination, kept),
+        teeth={mesh.name: motion.teeth[mesh.name] for number, mesh in enumerate(system.meshes) if number in kept},
+    )
+
+
+def _elimination(motion: Motion, rows: Array) -> tuple[Array, Integers]:
+    """Return T (dof, remaining) and the numbers of the remaining degrees of freedom, by Gaussian elimination."""
+    system, drag = motion.system, motion.load.quadratic_drag
+    scene = motion.stage.scene
+    reference = scene.kinematics.bodies[str(scene.gearbox.reference)]
+    may_be_eliminated = np.array(
+        [name.endswith(" rotation") and name != f"{reference} rotation" for name in system.names]
+    )
+    if drag is not None:
+        may_be_eliminated &= drag == 0
+    elimination, remaining = np.eye(system.dof), np.ones(system.dof, dtype=bool)
+    for row in rows:
+        coefficients = row @ elimination
+        weight = np.where(may_be_eliminated & remaining, np.abs(coefficients), 0.0)
+        eliminated = int(np.argmax(weight))
+        if weight[eliminated] <= _NEGLIGIBLE * np.max(np.abs(row)):
+            continue
+        remaining[eliminated] = False
+        others = -coefficients / coefficients[eliminated]
+        others[eliminated] = 0.0
+        elimination = elimination + np.outer(elimination[:, eliminated], others)
+        elimination[:, eliminated] = 0.0
+    free = np.flatnonzero(remaining)
+    return elimination[:, free], free
+
+
+def _reduced_system(system: System, elimination: Array, free: Integers, kept: list[int]) -> System:
+    gyroscopic = None if system.gyroscopic is None else elimination.T @ system.gyroscopic @ elimination
+    return System(
+        mass=_symmetric(elimination.T @ system.mass @ elimination),
+        damping=elimination.T @ system.damping @ elimination,
+        stiffness=_symmetric(elimination.T @ system.stiffness @ elimination),
+        gyroscopic=gyroscopic,
+        meshes=tuple(
+            replace(mesh, direction=mesh.direction @ elimination) for mesh in map(system.meshes.__getitem__, kept)
+        ),
+        names=tuple(system.names[number] for number in free),
+        springs=tuple(
+            replace(spring, direction=spring.direction @ elimination)
+            for spring in system.springs
+            if (spring.direction @ elimination).any()
+        ),
+    )
+
+
+def _symmetric(matrix: Array) -> Array:
+    """Return a matrix made symmetric to the last digit."""
+    return np.asarray((matrix + matrix.T) / 2)
+
+
+def _reduced_output(output: Output, elimination: Array, kept: list[int]) -> Output:
+    """Return the output maps over the remaining degrees of freedom and meshes."""
+    maps = {
+        name: given[:, kept] if name == "mesh_force" else given @ elimination
+        for name, given in output.maps.items()
+        if name != "mesh_force" or kept
+    }
+    return Output(rate_hz=output.rate_hz, **maps)

@@ -1,0 +1,511 @@
+"""Forces on the housing in the direction of each sensor, from the motion of the gears and the mesh forces.
+
+The force of a bearing is that of its springs; along a degree of freedom that is not simulated it follows from the mesh
+forces by statics. Mesh forces on gears of the frame, as a ring in its housing, act on it directly. Forces in
+coordinates that rotate with a carrier are resolved in the fixed direction of the sensor; and where planets pass the
+sensors, each ring mesh is weighted by the pass window of its angle from the sensor, which is taken to be on the ring in
+the direction of its axis.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from data_synth.dynamics.active_dofs import ActiveDofs
+from data_synth.dynamics.assembly import Assembly
+from data_synth.dynamics.placement import planet_angle, planet_of
+from data_synth.dynamics.system import Array, System
+from data_synth.integrators.problem import Output
+from data_synth.kinematic.harmonics import ComplexArray
+from data_synth.kinematic.planet_pass import PassWindow, pass_window
+from data_synth.scene.scene import Scene, SceneError
+from data_synth.scene.sensors import Sensor
+from data_synth.sources.impacts import measured_filter
+from data_synth.sources.prepared import PreparedScene
+from data_synth.transfer.acquisition import linear_chain, path_residues
+from data_synth.transfer.housing import AHEAD, Housing, PoleFilter
+from data_synth.transfer.paths import FirPath, MeasuredPath, TransferPath, transfer_paths
+from data_synth.vibration.meshes import Gears, declared_of
+
+# ---- Transfer routes from vibrating gears to sensors: through the housing, or by declared paths from single links ----
+# A declared path starts from the supports of a link, in the direction of its sensor; the housing transfers the rest.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Route:
+    """A transfer route from gears to a sensor.
+
+    Attributes
+    ----------
+    number : int
+        Number of the sensor.
+    source : str or None
+        The link or bearing it starts from; None for the housing, which transfers all that have no path of their own.
+    """
+
+    number: int
+    source: str | None = None
+    path: TransferPath | None = field(default=None, repr=False)
+
+    def response(self, scene: Scene, frequency_hz: Array) -> ComplexArray:
+        """Return the complex amplitude in the channel for 1 N at frequencies, any shape."""
+        sensor = scene.sensors[self.number]
+        if self.path is None:
+            return self._housing(scene, sensor, scene.rate_hz).response(frequency_hz)
+        return np.asarray(self.path.response(frequency_hz) * linear_chain(sensor).response(frequency_hz))
+
+    def filter_at(self, scene: Scene, *, rate_hz: float) -> "RouteFilter":
+        """Return the filter of the route at rest, for a force at `rate_hz`."""
+        sensor = scene.sensors[self.number]
+        if isinstance(self.path, MeasuredPath):
+            fir = measured_filter(self.path, linear_chain(sensor), rate_hz=rate_hz, sensor=sensor)
+            return RouteFilter(push=_StartingConstant(fir).push, lag=round(fir.delay_s * rate_hz))
+        if self.path is None:
+            return RouteFilter(push=self._housing(scene, sensor, rate_hz).push, lag=AHEAD)
+        poles, residues = path_residues(self.path, linear_chain(sensor), sensor=sensor.name)
+        return RouteFilter(push=PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=rate_hz).push, lag=AHEAD)
+
+    def _housing(self, scene: Scene, sensor: Sensor, rate_hz: float) -> Housing:
+        declared = declared_of(scene)
+        return Housing(
+            mass_kg=declared.housing_kg, mounts=declared.mounts, path=scene.path, sensor=sensor, rate_hz=rate_hz
+        )
+
+
+@dataclass(kw_only=True)
+class RouteFilter:
+    """The filter of a route, with a further delay to align it with others."""
+
+    push: Callable[..., Array]
+    lag: int
+    _kept: Array = field(default_factory=lambda: np.empty(0), init=False, repr=False)
+
+    def filtered(self, force: Array, *, at_once: Array, lag: int) -> Array:
+        """Return the response (n,) to the next samples (n,) of the force, delayed by `lag` samples."""
+        now, extra_lag = self.push(np.ascontiguousarray(force), at_once=at_once), lag - self.lag
+        if not extra_lag:
+            return now
+        joined = np.concatenate([self._kept if self._kept.size else np.full(extra_lag, now[0]), now])
+        self._kept = joined[now.size :]
+        return joined[: now.size]
+
+
+class _StartingConstant:
+    """A FIR filter whose input was constant before its first sample."""
+
+    def __init__(self, fir: FirPath) -> None:
+        self._filter, self._static_gain = fir.filter(), float(np.sum(fir.taps))
+        self._first: float | None = None
+
+    def push(self, force: Array, *, at_once: Array) -> Array:
+        """Return the response (n,) to the next n samples; `at_once` is for filters with a direct part."""
+        del at_once
+        if self._first is None:
+            self._first = float(force[0])
+        return self._filter.push(force - self._first) + self._static_gain * self._first
+
+
+def routes_of(scene: Scene) -> tuple[Route, ...]:
+    """Return the routes to the sensors of a scene: to each through the housing, then the declared paths.
+
+    Raises
+    ------
+    SceneError
+        If a path starts from a mesh; it has to start from a link or a bearing.
+    """
+    numbers = {sensor.name: number for number, sensor in enumerate(scene.sensors)}
+    declared = [
+        Route(number=numbers[sensor], source=source, path=path)
+        for (source, sensor), path in transfer_paths(scene).items()
+    ]
+    for route in declared:
+        if route.source in {mesh.name for mesh in scene.gearbox.meshes}:
+            raise SceneError(
+                f'fidelity = "{scene.fidelity}": a transfer starts from the mesh "{route.source}", but mesh '
+                "forces reach a sensor through the supports of the gears; name a link or a bearing."
+            )
+    return (*(Route(number=number) for number in range(len(numbers))), *declared)
+
+
+def route_gains(scene: Scene, whole: Assembly, route: Route, routes: tuple[Route, ...]) -> dict[str, float]:
+    """Return the gains of a route for the supports of each body, and for gears of the frame.
+
+    A declared path has those of its source, the housing all bodies without a path of their own to this sensor.
+    """
+    sensor = scene.sensors[route.number]
+    weights = _weights(scene, whole, sensor)
+    source_of: dict[str, str] = {}
+    for other in routes:
+        if other.source is None or other.number != route.number:
+            continue
+        for body in sorted(_holders(scene, whole, other.source)):
+            if source_of.setdefault(body, other.source) != other.source:
+                raise SceneError(
+                    f'transfers lead to sensor "{sensor.name}" from "{source_of[body]}" and "{other.source}", '
+                    f'which both support "{body}"; keep one of them.'
+                )
+    own_bodies = _holders(scene, whole, route.source) if route.source is not None else set()
+    return {
+        body: float(body in own_bodies) if route.source is not None else weight * (body not in source_of)
+        for body, weight in weights.items()
+    }
+
+
+def _holders(scene: Scene, whole: Assembly, source: str) -> set[str]:
+    """Return the bodies of a link or bearing: of a bearing the rings that are not the frame."""
+    gearbox, parts = scene.gearbox, whole.parts
+    for bearing in gearbox.bearings:
+        if source in bearing.names:
+            rings = {link for ring in (bearing.inner_ring, bearing.outer_ring) for link in gearbox.instances(ring)}
+            return {parts.body(link) for link in rings} - {parts.frame}
+    return {parts.body(link) for link in gearbox.instances(source)}
+
+
+def _weights(scene: Scene, whole: Assembly, sensor: Sensor) -> dict[str, float]:
+    """Return the gains to a sensor for the supports of each body, and for gears of the frame."""
+    declared, gearbox, parts = declared_of(scene), scene.gearbox, whole.parts
+    bodies, frame = parts.kinematics.bodies, parts.frame
+    links_below = {sensor.on}
+    for mesh in gearbox.meshes:
+        if mesh.name == sensor.on:
+            links_below |= {gear.link for gear in mesh.gears}
+    for bearing in gearbox.bearings:
+        if sensor.on in bearing.names:
+            rings = {link for ring in (bearing.inner_ring, bearing.outer_ring) for link in gearbox.instances(ring)}
+            links_below |= {link for link in rings if bodies[link] != frame}
+    bodies_near = {
+        parts.body(link) for name in links_below if name in _links(scene) for link in gearbox.instances(name)
+    }
+    all_bodies = [*parts.kinematics.joints, *parts.elastic_links, frame]
+    weights = {body: 1.0 if body in bodies_near else declared.elsewhere for body in all_bodies}
+    for hearing in declared.hearing:
+        if hearing.sensor not in [other.name for other in scene.sensors]:
+            raise SceneError(f'dynamics.hearing names "{hearing.sensor}", which is no sensor of this scene.')
+        for link, weight in hearing.links:
+            if link not in _links(scene):
+                raise SceneError(f'dynamics.hearing names "{link}", which is no link with bearings in this gearbox.')
+            if hearing.sensor == sensor.name:
+                weights |= {parts.body(name): weight for name in gearbox.instances(link)}
+    return weights
+
+
+def _links(scene: Scene) -> set[str]:
+    return {*scene.gearbox.links, *scene.gearbox.copied}
+
+
+# ---- Anti-aliasing of mesh forces that jump: triangular weights (linear B-splines), and their inverse filter ---------
+# A triangle over two sample intervals has the spectrum ``sinc^2``, which attenuates aliases. The passband is corrected
+# by the first terms of ``1 / sinc^2(x / 2) = (asin(s) / s)^2``, ``s = sin(x / 2)``: to 1e-6 up to a tenth of the rate,
+# and to 2e-4 up to a fifth.
+
+
+_TERMS = 6
+LAG = _TERMS + 1  # samples
+
+
+def _correction() -> Array:
+    """Return the symmetric filter (2 terms + 1,) with the response ``sum_n 2^(2n+1) n!^2 / (2n+2)! s^2n``."""
+    taps, power = np.zeros(2 * _TERMS + 1), np.ones(1)
+    for n in range(_TERMS + 1):
+        share = 2 ** (2 * n + 1) * math.factorial(n) ** 2 / math.factorial(2 * n + 2)
+        taps[_TERMS - n : _TERMS + n + 1] += share * power
+        power = np.convolve(power, [-0.25, 0.5, -0.25])
+    return taps
+
+
+@dataclass(kw_only=True)
+class WeightedForces:
+    """Sums channels of motion and channels of weighted mesh forces, block by block.
+
+    Attributes
+    ----------
+    output : Output
+        Output to integrate: the channels of motion, of weighted mesh forces, and of mesh forces at samples.
+    trial_output : Output
+        The same without the last, for the choice of the step size.
+    """
+
+    output: Output
+    trial_output: Output
+    _buffer: Array = field(default_factory=lambda: np.empty((0, 0)), init=False, repr=False)
+
+    @classmethod
+    def of(cls, output: Output) -> "WeightedForces | None":
+        """Return the replacement of an output with mesh forces; None where it has none."""
+        if output.mesh_force is None:
+            return None
+        maps = {
+            name: np.vstack([value, np.zeros((2 * output.channels, value.shape[1]))])
+            for name, value in output.maps.items()
+            if name != "mesh_force"
+        }
+        zero = np.zeros_like(output.mesh_force)
+        weighted_rows = np.vstack([zero, output.mesh_force, zero])
+        trial_output = Output(rate_hz=output.rate_hz, **maps, weighted_mesh_force=weighted_rows)
+        points = np.vstack([zero, zero, output.mesh_force])
+        return cls(output=replace(trial_output, mesh_force=points), trial_output=trial_output)
+
+    def push(self, values: Array) -> tuple[Array, Array]:
+        """Return the channels (n, channels), `LAG` samples behind the next values (n, 3 channels).
+
+        First free of aliases, for a filter, then as samples. Before the first values they are taken to be constant.
+        """
+        if not self._buffer.size:
+            self._buffer = np.repeat(values[:1], LAG + _TERMS, axis=0)
+        joined = np.concatenate([self._buffer, values])
+        self._buffer = joined[-LAG - _TERMS :]
+        count, channels = values.shape[0], values.shape[1] // 3
+        # a triangle is centred one sample back, and the filter is symmetric
+        now = joined[_TERMS : _TERMS + count]
+        motion, points = now[:, :channels], now[:, 2 * channels :]
+        taps = _correction()
+        weighted = [np.convolve(joined[1:, channels + c], taps, mode="valid") for c in range(channels)]
+        return np.asarray(motion + np.stack(weighted, axis=1)), np.asarray(motion + points)
+
+
+# ---- Sensor forces ---------------------------------------------------------------------------------------------------
+
+
+_ALONG = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotatingReading:
+    """Two force components that rotate with a carrier: ``cos(angle) first + sin(angle) second`` acts on a route."""
+
+    route: int
+    first: int
+    second: int
+    carrier: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassingMesh:
+    """The force of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it."""
+
+    route: int
+    reading: int
+    carrier: str
+    place_rad: float
+    weight: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorForces:
+    """Forces that excite the transfer routes to the sensors, as output maps and their combination.
+
+    Attributes
+    ----------
+    output : Output
+        Output maps: one for each route in fixed coordinates, then those that `rotating` and `passing` use.
+    routes : tuple of Route
+        Transfer routes.
+    carriers : mapping of carrier to (ratio, offset)
+        Revolutions per revolution of the reference, and at its revolution zero.
+    """
+
+    stage: PreparedScene = field(repr=False)
+    output: Output
+    routes: tuple[Route, ...]
+    rotating: tuple[RotatingReading, ...] = ()
+    passing: tuple[PassingMesh, ...] = ()
+    window: PassWindow | None = None
+    carriers: dict[str, tuple[float, float]]
+
+    @property
+    def rotate(self) -> bool:
+        """Whether a route to a sensor varies with the angle of a carrier."""
+        return bool(self.rotating or self.passing)
+
+    def forces(self, readings: Array, *, times_s: Array) -> Array:
+        """Return the forces (n, routes) in N from readings (n, readings)."""
+        count = len(self.routes)
+        if not self.rotate:
+            return readings
+        sensed = readings[:, :count].copy()
+        revolutions = self.stage.drive.angle.revolutions(times_s)
+        angles = {
+            carrier: 2 * np.pi * np.remainder(ratio * revolutions + offset, 1.0)
+            for carrier, (ratio, offset) in self.carriers.items()
+        }
+        waves = {item.carrier: (np.cos(angles[item.carrier]), np.sin(angles[item.carrier])) for item in self.rotating}
+        for item in self.rotating:
+            cosine, sine = waves[item.carrier]
+            sensed[:, item.route] += cosine * readings[:, item.first] + sine * readings[:, item.second]
+        for passes in self.passing:
+            assert self.window is not None  # noqa: S101 - planets pass by it
+            gain = self.window.gain(angles[passes.carrier] + passes.place_rad)
+            sensed[:, passes.route] += passes.weight * gain * readings[:, passes.reading]
+        return np.asarray(sensed)
+
+
+def sensor_forces_of(stage: PreparedScene, gears: Gears, whole: Assembly, active: ActiveDofs) -> SensorForces:
+    """Return the forces of a scene's gears towards its sensors.
+
+    Parameters
+    ----------
+    stage : PreparedScene
+    gears : Gears
+    whole : Assembly
+        With all degrees of freedom.
+    active : Kept
+        Those that are simulated.
+    """
+    scene, parts = stage.scene, whole.parts
+    frames = list(dict.fromkeys(contact.carrier for contact in parts.contacts if contact.carrier != parts.frame))
+    rows = _Readings(
+        whole, active, {name: declared_of(scene).mesh(mesh).damping_n_s_m for name, mesh in gears.meshes.items()}
+    )
+    window, rotating, passing = pass_window(scene), [], []
+    routes = routes_of(scene)
+    directions_of_sensors = [
+        _sensitive_direction(stage, whole, sensor, passes=window is not None) for sensor in scene.sensors
+    ]
+    directions = [directions_of_sensors[route.number] for route in routes]
+    weights = [route_gains(scene, whole, route, routes) for route in routes]
+    for along, gains in zip(directions, weights, strict=True):
+        rows.add(along, gains, frame=parts.frame, ring=window is None, axial=frames)
+    for carrier in frames:
+        for number, (along, gains) in enumerate(zip(directions, weights, strict=True)):
+            x, y, _ = along
+            first = rows.add(np.array([x, y, 0.0]), gains, frame=carrier, ring=window is None)
+            second = rows.add(np.array([y, -x, 0.0]), gains, frame=carrier, ring=window is None)
+            rotating.append(RotatingReading(route=number, first=first, second=second, carrier=carrier))
+    if window is not None:
+        for contact in parts.contacts:
+            planet = planet_of(parts.kinematics, contact)
+            if contact.name not in whole.on_frame or planet is None:
+                continue
+            reading = rows.mesh(contact.name)
+            joint = parts.kinematics.joints[parts.kinematics.bodies[contact.links[planet]]]
+            for number, (along, gains) in enumerate(zip(directions, weights, strict=True)):
+                azimuth_rad = math.atan2(along[1], along[0]) if np.hypot(along[0], along[1]) > _ALONG else 0.0
+                passing.append(
+                    PassingMesh(
+                        route=number,
+                        reading=reading,
+                        carrier=contact.carrier,
+                        place_rad=planet_angle(scene.gearbox, joint.axis) - azimuth_rad,
+                        weight=gains[parts.frame],
+                    )
+                )
+    return SensorForces(
+        stage=stage,
+        output=rows.output(scene.rate_hz),
+        routes=routes,
+        rotating=tuple(rotating),
+        passing=tuple(passing),
+        window=window,
+        carriers={
+            carrier: (parts.frame_ratio(carrier), float(stage.rng_for("carrier", carrier).random()))
+            for carrier in frames
+        },
+    )
+
+
+class _Readings:
+    """Output maps of motion and mesh forces, added one by one."""
+
+    def __init__(self, whole: Assembly, active: ActiveDofs, damping: dict[str, float]) -> None:
+        self._whole, self._active, self._coordinates = whole, active, whole.coordinates
+        system: System = whole.system
+        self._names = [mesh.name for mesh in system.meshes]
+        self._meshes = np.array([mesh.direction for mesh in system.meshes])
+        self._damping = np.array([damping[name] for name in self._names])
+        self._displacement: list[Array] = []
+        self._velocity: list[Array] = []
+        self._mesh_force: list[Array] = []
+
+    def add(
+        self, along: Array, weights: dict[str, float], *, frame: str, ring: bool, axial: list[str] | None = None
+    ) -> int:
+        """Add the force along a direction of all bodies with coordinates in `frame`, and return its number.
+
+        The axial forces in the `axial` frames are added to it.
+        """
+        displacement, velocity = np.zeros((2, len(self._coordinates.names)))
+        mesh_force = np.zeros(len(self._names))
+        parts, upright = self._whole.parts, np.array([0.0, 0.0, along[2]])
+        for body in (*parts.kinematics.joints, *parts.elastic_links):
+            for each in parts.frames(body):
+                sensed = along if each == frame else upright if each in (axial or ()) else None
+                if sensed is not None and sensed.any():
+                    bearing = self._bearing(parts.piece(body, each), sensed)
+                    displacement += weights[body] * bearing[0]
+                    velocity += weights[body] * bearing[1]
+                    mesh_force += weights[body] * bearing[2]
+        for contact in parts.contacts if ring else ():
+            sensed = along if contact.carrier == frame else upright if contact.carrier in (axial or ()) else None
+            if sensed is not None and contact.name in self._whole.on_frame:
+                projection = float(np.array(self._whole.on_frame[contact.name]) @ sensed)
+                mesh_force[self._names.index(contact.name)] += weights[parts.frame] * projection
+        moving = self._active.expansion
+        return self._append(displacement @ moving, velocity @ moving, mesh_force)
+
+    def mesh(self, name: str) -> int:
+        """Add the force of a mesh, and return its number."""
+        none = np.zeros(self._active.numbers.size)
+        return self._append(none, none, np.eye(len(self._names))[self._names.index(name)])
+
+    def output(self, rate_hz: float) -> Output:
+        """Return the output with all maps."""
+        displacement, velocity, mesh_force = (
+            np.array(rows) for rows in (self._displacement, self._velocity, self._mesh_force)
+        )
+        return Output(
+            rate_hz=rate_hz,
+            displacement=displacement,
+            velocity=velocity if velocity.any() else None,
+            mesh_force=mesh_force if mesh_force.any() else None,
+        )
+
+    def _append(self, displacement: Array, velocity: Array, mesh_force: Array) -> int:
+        self._displacement.append(displacement)
+        self._velocity.append(velocity)
+        self._mesh_force.append(mesh_force)
+        return len(self._displacement) - 1
+
+    def _bearing(self, body: str, along: Array) -> tuple[Array, Array, Array]:
+        """Return the force of a body's supports on the frame per displacement, velocity and mesh force."""
+        displacement, velocity = np.zeros((2, len(self._coordinates.names)))
+        mesh_force = np.zeros(len(self._names))
+        for share, motion in zip(along, "xyz", strict=True):
+            number = self._coordinates.index.get((body, motion))
+            if number is None or abs(share) < _ALONG or not self._grounded(number):
+                continue
+            if number in self._active.numbers:
+                for spring in self._whole.grounded:
+                    if spring.direction[number]:
+                        projection = share * spring.direction[number] * spring.direction
+                        displacement += spring.stiffness * projection
+                        velocity += spring.damping * projection
+            else:
+                rows = self._meshes @ self._active.constraint[:, number]
+                mesh_force -= share * rows
+                velocity -= share * (rows * self._damping) @ self._meshes
+        return displacement, velocity, mesh_force
+
+    def _grounded(self, number: int) -> bool:
+        """Return whether a spring connects a degree of freedom to the frame."""
+        return any(spring.direction[number] for spring in self._whole.grounded)
+
+
+def _sensitive_direction(stage: PreparedScene, whole: Assembly, sensor: Sensor, *, passes: bool) -> Array:
+    """Return a sensor's direction with its cross-axis sensitivity, in x, y and z of the assembly, (3,)."""
+    direction = np.asarray(sensor.direction, dtype=np.float64)
+    direction = direction / np.linalg.norm(direction)
+    if sensor.cross_axis is not None:
+        drawn = stage.rng_for("cross axis", sensor.name).standard_normal(3)
+        across = drawn - (drawn @ direction) * direction
+        direction = direction + sensor.cross_axis.share * across / np.linalg.norm(across)
+    along = np.asarray(whole.parts.space @ direction)
+    along[np.abs(along) < _ALONG] = 0.0
+    moves = {motion for _, motion in whole.coordinates.index}
+    if not passes and not any(value and motion in moves for value, motion in zip(along, "xyz", strict=True)):
+        raise SceneError(
+            f'sensor "{sensor.name}" is directed along the shafts, where gears that move in a plane have no force; '
+            'change its direction, or write fidelity = "full".'
+        )
+    return along

@@ -1,0 +1,235 @@
+"""Periodic steady states by shooting: fixed points of the map over one period, found by Newton's method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import linalg
+
+from data_synth.integrators.driver import integrate
+from data_synth.integrators.method import Readings
+from data_synth.integrators.modal_problem import assemble
+from data_synth.integrators.problem import CoupledReference, Outcome, State, Steps
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from data_synth.integrators.method import Method, Stepper
+    from data_synth.integrators.modal_problem import Assembled
+    from data_synth.integrators.problem import Array, Integration, Output, Problem
+
+_TOLERANCE = 1e-11  # of the state: its change over a period
+_MAX_ITERATIONS = 40
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeriodicState:
+    """A periodic motion, up to the common angle that rigid-body rotation adds in each period.
+
+    Attributes
+    ----------
+    start : State
+        State at the start of the period.
+    waveform : Integration
+        Output channels over one period, both ends included.
+    multipliers : (2 n - rigid modes,) complex array
+        Floquet multipliers of the linearised map over a period: stable where none exceeds 1 in magnitude.
+    iterations : int
+        Newton iterations.
+    residual : float
+        Norm of the change of the state over a period, over the norm of the state.
+    outcome : Outcome
+        DONE, NOT_CONVERGED, or why the method refuses the step size.
+    detail : str
+        The numbers behind the outcome.
+
+    Examples
+    --------
+    See `periodic_state`, which returns it.
+    """
+
+    start: State
+    waveform: Integration
+    multipliers: NDArray[np.complex128] = field(metadata={"dims": ("multiplier",), "units": "1"})
+    iterations: int
+    residual: float
+    outcome: Outcome
+    detail: str
+
+    @property
+    def stable(self) -> bool:
+        """Whether no multiplier exceeds 1 in magnitude, to 1e-9: the rounding of a free rotation's multiplier 1."""
+        return bool(np.all(np.abs(self.multipliers) <= 1 + 1e-9))
+
+
+def periodic_state(
+    problem: Problem, *, method: Method, output: Output, samples: int, steps: Steps | None = None
+) -> PeriodicState:
+    """Return the periodic steady state of a problem by shooting: Newton's method on the map over one period.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its duration is the period in s: a whole number of periods of every mesh. Its start, if given, is the first
+        estimate, and selects one of several periodic motions; else the static equilibrium under mean mesh stiffness
+        and drag is.
+    method : Method
+        `Splitting` or `Transition`.
+    output : Output
+        Channels of the waveform; its rate is replaced by `samples` to the period.
+    samples : int
+        Samples to the period.
+    steps : Steps, optional
+        Integration steps to each sample; one if left out.
+
+    Returns
+    -------
+    PeriodicState
+
+    Raises
+    ------
+    ValueError
+        If the reference is coupled to the motion, so that the period is unknown, or `method` cannot integrate the
+        problem.
+
+    Examples
+    --------
+    A mass on a mesh whose transmission error of 1 um excites it at its natural frequency of 10 rad/s: the amplitude
+    is k / (c omega) = 10 um:
+
+    >>> import numpy as np
+    >>> from data_synth.integrators import Load, Output, Problem, Splitting, Steps, periodic_state
+    >>> from data_synth.dynamics.system import Mesh, System
+    >>> from data_synth.gears.mesh_stiffness import Constant
+    >>> from data_synth.operation.shaft_angle import ShaftAngle
+    >>> from data_synth.gears.transmission_error import ProfileError
+    >>> one, error = np.eye(1), ProfileError(harmonics_m=np.array([1e-6]))
+    >>> mesh = Mesh(name="m", direction=np.ones(1), stiffness=Constant(mean=100.0), error=error)
+    >>> system = System(mass=one, damping=one, stiffness=0 * one, meshes=(mesh,), names=("mass x",))
+    >>> turning = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.array([10 / (2 * np.pi)]))
+    >>> problem = Problem(system=system, reference=turning, load=Load(constant=np.zeros(1)), duration_s=np.pi / 5)
+    >>> read = Output(rate_hz=1.0, displacement=one)
+    >>> state = periodic_state(problem, method=Splitting(), output=read, samples=64, steps=Steps(per_sample=2))
+    >>> f"{np.ptp(state.waveform.values) / 2:.3e}", state.stable
+    ('1.000e-05', True)
+    """
+    if isinstance(problem.reference, CoupledReference):
+        raise ValueError("a reference coupled to the motion has no period known beforehand; prescribe its angle.")  # noqa: TRY004
+    assembled = assemble(problem)
+    output = replace(output, rate_hz=samples / problem.duration_s)
+    tolerance = steps or Steps(per_sample=1)
+    readings = Readings.of(assembled, output)
+    periodic = _periodic_entries(assembled)
+    linear = not assembled.drag_factors.size and not np.any(assembled.backlashes > 0)
+    refusal = method.refusal(assembled, problem.duration_s / samples / tolerance.per_sample)
+    start = assembled.modal(problem.start) if problem.start is not None else equilibrium(assembled)
+    x, residual, jacobian, iterations = start, np.inf, np.zeros((0, 0)), 0
+    if refusal is None:
+
+        def stepper() -> Stepper:
+            return method.stepper(readings, tolerance.per_sample)
+
+        x, residual, jacobian, iterations = _newton(stepper, start, periodic, samples, linear)
+    state = assembled.physical(x)
+    waveform = integrate(replace(problem, start=state), method=method, output=output, tolerance=tolerance)
+    outcome = waveform.outcome if residual <= _TOLERANCE or refusal is not None else Outcome.NOT_CONVERGED
+    if outcome is Outcome.DONE:
+        detail = f"The state is periodic to {residual:.2g} of its norm after {iterations} iterations."
+    elif outcome is not Outcome.NOT_CONVERGED:
+        detail = waveform.detail
+    else:
+        detail = f"After {iterations} iterations the state still changes by {residual:.2g} of its norm over a period."
+    return PeriodicState(
+        start=state,
+        waveform=waveform,
+        multipliers=np.asarray(linalg.eigvals(jacobian), dtype=np.complex128)
+        if jacobian.size
+        else np.zeros(0, complex),
+        iterations=iterations,
+        residual=float(residual),
+        outcome=outcome,
+        detail=detail,
+    )
+
+
+def _periodic_entries(assembled: Assembled) -> NDArray[np.bool_]:
+    """Return which entries of x are periodic: all but the displacements of rigid-body modes."""
+    return np.concatenate([assembled.flow.modes.frequencies > 0, np.ones(assembled.size, dtype=bool)])
+
+
+def equilibrium(assembled: Assembled) -> Array:
+    """Return x of steady rotation under the constant load, with mean mesh stiffness, drag and teeth in contact."""
+    periodic, size = _periodic_entries(assembled), assembled.size
+    generator = assembled.flow.generator[np.ix_(periodic, periodic)]
+    rows = assembled.velocity_rows(assembled.drags)[:, periodic]
+    push = np.vstack([np.zeros((size, assembled.drag_factors.size)), assembled.drags.T])[periodic]
+    z = np.zeros(int(periodic.sum()))
+    speeds = np.ones(assembled.drag_factors.size)
+    for _ in range(60):
+        # Newton's method; for a single drag it is Heron's square root
+        slope = generator - push @ (2 * assembled.drag_factors * np.abs(speeds) * rows.T).T
+        force = assembled.flow.drive[periodic] + push @ (assembled.drag_factors * speeds * np.abs(speeds))
+        z = linalg.lstsq(slope, -force, cond=1e-13)[0]
+        if np.allclose(rows @ z, speeds, rtol=1e-13, atol=0):
+            break
+        speeds = rows @ z
+    x = np.zeros(2 * size)
+    x[periodic] = z
+    shift = np.zeros_like(assembled.backlashes)
+    for number, half_gap in enumerate(assembled.backlashes):
+        deflection = assembled.deflections[number] @ (x[:size] / assembled.flow.modes.scales)
+        shift[number] = half_gap * np.sign(deflection)
+    if np.any(shift):
+        # contact begins at half the backlash: the same forces at a larger deflection
+        forces = assembled.deflections.T @ (assembled.means * shift)
+        w = assembled.flow.modes.frequencies
+        x[:size] += np.divide(forces, w, out=np.zeros(size), where=w > 0)
+    return x
+
+
+def _newton(
+    stepper: Callable[[], Stepper], start: Array, periodic: NDArray[np.bool_], samples: int, linear: bool
+) -> tuple[Array, float, Array, int]:
+    """Return x, its residual, the Jacobian of the map P over a period, and the iterations: solve ``P(z) - z = 0``."""
+
+    def after_period(z: Array) -> Array:
+        x = np.zeros(periodic.size)
+        x[periodic] = z
+        stepper().advance(x, 0, samples)
+        return x[periodic]
+
+    def change_over_period(z: Array) -> tuple[Array, float]:
+        change = after_period(z) - z
+        norm = float(np.linalg.norm(z))
+        relative = float(np.linalg.norm(change)) / norm if norm else float(np.linalg.norm(change))
+        return change, relative if np.isfinite(relative) else np.inf
+
+    z = start[periodic]
+    change, residual = change_over_period(z)
+    jacobian = np.zeros((z.size, z.size))
+    for iteration in range(1, _MAX_ITERATIONS + 1):
+        norm = max(float(np.linalg.norm(z)), 1e-9)
+        if iteration == 1 or not linear:
+            shift = norm if linear else 1e-7 * norm
+            base = change + z
+            jacobian = np.column_stack([(after_period(z + shift * e) - base) / shift for e in np.eye(z.size)])
+        if residual <= _TOLERANCE * 1e-2 or not np.isfinite(residual):
+            break
+        step = linalg.lstsq(np.eye(z.size) - jacobian, change, cond=1e-13)[0]
+        # backtracking: shorter steps until the residual falls
+        factor = 1.0
+        while factor > 1e-3:  # noqa: PLR2004
+            new_change, new_residual = change_over_period(z + factor * step)
+            if new_residual < residual:
+                break
+            factor /= 2
+        else:
+            break
+        z, change, residual = z + factor * step, new_change, new_residual
+    x = np.zeros(periodic.size)
+    x[periodic] = z
+    return x, residual, jacobian, iteration

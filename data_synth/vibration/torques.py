@@ -1,0 +1,199 @@
+"""Torques on vibrating gears, and their rigid-body rotation, for any time history of speed and torque.
+
+Where a scene declares the speed, gears vibrate about shafts of prescribed angle. The torque of acceleration comes from
+the drive, and each body takes its part: ``J w'`` at the drive, ``-I w'`` at each body, zero in sum.
+
+Where a run-up leaves the speed to the torque, the rotations are full angles: the torque drives them, the load law acts
+on the loaded body at its actual speed, and the declared inertia beyond that of the gears belongs to the driven machine,
+behind a soft coupling: it takes its part of the torque, and its mass does not vibrate. The mesh phase follows the rigid
+rotation, as does the tachometer; vibration changes a shaft's angle by microns at the teeth.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from data_synth.dynamics.modes import undamped_modes
+from data_synth.dynamics.system import Array, System
+from data_synth.integrators.problem import Load, State
+from data_synth.operation.drive import Drive
+from data_synth.scene.operation import RunUp
+from data_synth.scene.scene import Scene, SceneError
+from data_synth.sources.prepared import PreparedScene
+from data_synth.vibration.meshes import declared_of
+from hums.gearbox.kinematics import Kinematics
+
+_INSTANT_S = 1e-9  # to both sides, whose mean is taken: then a jump between steps costs no accuracy
+_NEGLIGIBLE = 1e-6  # of the declared inertia: less is rounding
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveLoad:
+    """External torques of a scene on its gears, and their rigid-body rotation.
+
+    Attributes
+    ----------
+    load : Load
+        All torques; quadratic drag apart from `varying`.
+    damping : (dof, dof) array
+        Damping of a load that is linear in speed, N m s/rad.
+    rigid_motion : (dof,) array
+        Rigid-body mode: displacement of each degree of freedom per radian of the reference.
+    full_rotation : bool
+        Whether rotations are full angles, as in a run-up; else they are relative to the prescribed shaft angles.
+    at_rest : bool
+        Whether the gears are at rest and unloaded at time zero.
+    """
+
+    load: Load
+    damping: Array = field(repr=False)
+    rigid_motion: Array = field(repr=False)
+    full_rotation: bool = False
+    at_rest: bool = False
+
+    def start(self, system: System, drive: Drive, time_s: float) -> State:
+        """Return the state at a time: at rest, or in static equilibrium with teeth in contact at mean stiffness."""
+        if self.at_rest and time_s == 0:
+            return State(displacement=np.zeros(system.dof), velocity=np.zeros(system.dof))
+        speed = 2 * np.pi * float(drive.angle.speed_hz(time_s)) * self.rigid_motion * self.full_rotation
+        force = self.load.constant.copy()
+        if self.load.varying is not None:
+            force += self.load.varying(np.array([time_s]))[0]
+        if self.load.quadratic_drag is not None:
+            force -= self.load.quadratic_drag * speed * np.abs(speed)
+        return State(displacement=static_deflection(system, force - self.damping @ speed), velocity=speed)
+
+
+def drive_load_of(stage: PreparedScene, kinematics: Kinematics, system: System) -> DriveLoad:
+    """Return the external torques of a scene on its gears.
+
+    Raises
+    ------
+    SceneError
+        If no link takes the power out, the speed jumps, or a run-up has less inertia than its gears.
+    """
+    scene, bodies = stage.scene, kinematics.bodies
+    driving = bodies[str(scene.gearbox.reference)]
+    loaded = _loaded(scene, kinematics, driving)
+    place = system.names.index(f"{driving} rotation")
+    rigid_motion = _rigid(system, place)
+    if scene.speed.run_up is not None:
+        return _running_up(stage, scene.speed.run_up, system, rigid_motion=rigid_motion, driving=place, loaded=loaded)
+    _check_speed_continuous(stage.drive)
+    torque, angle = stage.drive.torque, stage.drive.angle
+    assert torque is not None and scene.torque is not None  # noqa: S101, PT018 - refuse_unfit
+    # the same power, whichever shaft the torque is given for
+    power_ratio = abs(float(scene.ratio(scene.torque.link) / scene.ratio(loaded)))
+    unit = np.zeros(system.dof)
+    unit[system.names.index(f"{bodies[loaded]} rotation")] = -math.copysign(power_ratio, scene.ratio(loaded))
+    unit[place] = power_ratio * abs(float(scene.ratio(loaded)))
+    inertia_torque = -system.mass @ rigid_motion
+    inertia_torque[place] += rigid_motion @ system.mass @ rigid_motion
+
+    def force(times_s: Array) -> Array:
+        acceleration = 2 * np.pi * angle.acceleration_hz_s(times_s)
+        return np.multiply.outer(torque.at(times_s), unit) + np.multiply.outer(acceleration, inertia_torque)
+
+    steady = np.ptp(torque.values) == 0 and np.ptp(stage.speed_hz) == 0
+    load = Load(constant=force(np.zeros(1))[0]) if steady else _varying(force)
+    return DriveLoad(load=load, damping=np.zeros((system.dof, system.dof)), rigid_motion=rigid_motion)
+
+
+def static_deflection(system: System, force: Array) -> Array:
+    """Return the static elastic deflection (dof,) under a force (dof,), teeth in contact at mean stiffness.
+
+    The rigid-body acceleration by the force is left out.
+    """
+    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
+    angular, shapes = undamped_modes(system, means)
+    elastic = shapes[:, angular > 0]
+    compliance = (elastic / angular[angular > 0] ** 2) @ elastic.T
+    deflection = compliance @ force
+    rows = np.array([mesh.direction for mesh in system.meshes])
+    shifts = np.array([mesh.backlash_m for mesh in system.meshes]) * np.sign(rows @ deflection)
+    # contact begins at half the backlash: the same forces at a larger deflection
+    return np.asarray(deflection + compliance @ (rows.T @ (means * shifts)))
+
+
+def _loaded(scene: Scene, kinematics: Kinematics, driving: str) -> str:
+    """Return the link at which power leaves the gearbox."""
+    bodies, frame = kinematics.bodies, kinematics.mechanism.frame
+    assert scene.torque is not None  # noqa: S101 - refuse_unfit
+    named = [scene.torque.link] if scene.speed.run_up is None else [scene.speed.link, scene.torque.link]
+    load_on = declared_of(scene).load_on
+    for link in named if load_on is None else [load_on]:
+        if link in bodies and bodies[link] not in (driving, frame):
+            return link
+    raise SceneError(
+        f'torque acts on "{scene.torque.link}", and the reference "{scene.gearbox.reference}" drives; name the '
+        "link that takes the power out as dynamics.load_on."
+    )
+
+
+def _rigid(system: System, driving: int) -> Array:
+    """Return the rigid-body mode per radian of the driving degree of freedom, (dof,)."""
+    angular, shapes = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
+    free = shapes[:, angular == 0]
+    return np.asarray(free @ free[driving] / (free[driving] @ free[driving]))
+
+
+def _check_speed_continuous(drive: Drive) -> None:
+    """Raise SceneError where the prescribed speed jumps."""
+    times_s, speeds_hz = getattr(drive.angle, "times_s", np.zeros(1)), getattr(drive.angle, "speeds_hz", np.zeros(1))
+    jumps = np.flatnonzero((np.diff(times_s) == 0) & (np.diff(speeds_hz) != 0))
+    if jumps.size:
+        raise SceneError(
+            f"speed jumps at {times_s[jumps[0]]:g} s, which gears with inertia cannot follow; give "
+            "speed.rise_s, the time that a step takes."
+        )
+
+
+def _varying(force: Callable[[Array], Array]) -> Load:
+    """Return a force over time as a load, at a jump the mean of both sides."""
+
+    def mean_about(times_s: Array) -> Array:
+        return (force(times_s - _INSTANT_S) + force(times_s + _INSTANT_S)) / 2
+
+    # the constant part has no discretisation error
+    first = force(np.zeros(1))[0]
+    return Load(constant=first, varying=lambda times_s: mean_about(times_s) - first)
+
+
+def _running_up(
+    stage: PreparedScene, law: RunUp, system: System, *, rigid_motion: Array, driving: int, loaded: str
+) -> DriveLoad:
+    """Return the load of a run-up: a torque on the reference, and the load law on the loaded link."""
+    scene, torque, angle = stage.scene, stage.drive.torque, stage.drive.angle
+    assert torque is not None and scene.torque is not None  # noqa: S101, PT018 - the scene's own check
+    speed_ratio = abs(float(scene.ratio(scene.speed.link)))
+    gears_kg_m2 = float(rigid_motion @ system.mass @ rigid_motion) / speed_ratio**2
+    machine_kg_m2 = law.inertia_kg_m2 - gears_kg_m2
+    if machine_kg_m2 < -_NEGLIGIBLE * law.inertia_kg_m2:
+        raise SceneError(
+            f'speed.run_up.inertia_kg_m2 = {law.inertia_kg_m2:g}, but the gears alone have {gears_kg_m2:.4g} at "'
+            f'{scene.speed.link}"; raise it, or declare lighter links in dynamics.links.'
+        )
+    ratio = abs(float(scene.ratio(loaded))) / speed_ratio
+    brake = system.names.index(f"{scene.kinematics.bodies[loaded]} rotation")
+    unit, driving_torque = np.zeros((2, system.dof))
+    unit[brake] = -math.copysign(1 / ratio, scene.ratio(loaded))
+    driving_torque[driving] = abs(float(scene.ratio(scene.torque.link)))
+    damping, drag = np.zeros((system.dof, system.dof)), np.zeros(system.dof)
+    damping[brake, brake] = law.load_nm_s / ratio**2
+    drag[brake] = law.load_nm_s2 / ratio**3
+
+    def force(times_s: Array) -> Array:
+        within = np.clip(times_s, 0.0, scene.duration_s)
+        load_torque = law.load_nm + max(machine_kg_m2, 0.0) * 2 * np.pi * speed_ratio * angle.acceleration_hz_s(within)
+        return np.multiply.outer(torque.at(times_s), driving_torque) + np.multiply.outer(load_torque, unit)
+
+    varying = _varying(force)
+    return DriveLoad(
+        load=Load(constant=varying.constant, varying=varying.varying, quadratic_drag=drag if law.load_nm_s2 else None),
+        damping=damping,
+        rigid_motion=rigid_motion,
+        full_rotation=True,
+        at_rest=law.rpm == 0,
+    )

@@ -1,0 +1,1 @@
+"""A record and its gearbox become an analysis."""

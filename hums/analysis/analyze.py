@@ -1,0 +1,302 @@
+"""Analysis of one record: from record, gearbox and settings to spectra, lines, tracks, indicators and findings.
+
+An analysis is an `xarray.DataTree` with the groups `/speed`, `/health`, `/order_spectrum`, `/envelope`, `/tracks`,
+`/indicators` and `/findings` (see `hums.analysis.result`); reports and scores are made from it alone.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from hums.analysis.baseline import HISTORIES, read_baseline
+from hums.analysis.caveats import notes
+from hums.analysis.channel import AnalysedChannel, analyse_channel, excluded_channels, selected_channels, varying_values
+from hums.analysis.detection import AssessedLine, LineAssessor
+from hums.analysis.findings import Finding, findings
+from hums.analysis.indicators import channel_indicators, fm4_by_gear
+from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
+from hums.analysis.reference_angle import Machine, prepare_machine
+from hums.analysis.result import (
+    SCHEMA,
+    Analysis,
+    AnalysisError,
+    IndicatorValue,
+    SensorCondition,
+    check_analysis,
+    rows_dataset,
+    spectrum_dataset,
+)
+from hums.analysis.settings import AnalysisSettings
+from hums.analysis.tracks import lines_to_track, track_lines
+from hums.gearbox.model import Gearbox
+from hums.records.record import channel_values, check_record
+from signals.health import SensorHealth
+
+__all__ = ["AnalysisSettings", "analyze"]
+
+
+def analyze(
+    record: xr.Dataset,
+    gearbox: Gearbox,
+    *,
+    settings: AnalysisSettings | None = None,
+    baseline: Analysis | None = None,
+) -> Analysis:
+    """Return spectra, lines, amplitude tracks, condition indicators and findings of a record.
+
+    Parameters
+    ----------
+    record : xarray.Dataset
+        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`.
+    gearbox : Gearbox
+        The gearbox, with one degree of freedom; the record's tachometer or declared speed is that of one of its links.
+    settings : AnalysisSettings, optional
+        Defaults to ``AnalysisSettings()``.
+    baseline : xarray.DataTree, optional
+        Analysis of the previous record of this machine. It holds the variances of all earlier records, to which NA4
+        and NB4 refer; the result holds them updated by this record. Without it the history starts at this record.
+
+    Returns
+    -------
+    xarray.DataTree
+        Groups ``/speed``, ``/health``, ``/order_spectrum``, ``/envelope``, ``/tracks``, ``/indicators`` and
+        ``/findings``; `line_table`, `findings_table`, `indicator_table`, `health_table` and `summary` read them.
+
+    Raises
+    ------
+    AnalysisError
+        If a channel or shaft does not exist, every channel is constant or has NaN, the speed cannot be estimated, or
+        the record is shorter than one revolution of the reference.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> times_s = np.arange(8000) / 4000
+    >>> tone = 0.5 * np.cos(2 * np.pi * 23 * 20 * times_s)  # 23 teeth at 20 rev/s
+    >>> noise = np.random.default_rng(0).normal(0, 0.05, times_s.size)
+    >>> pulses = hums.PulseTimes(times_s=np.arange(41) / 20, shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"housing": tone + noise}, rate_hz=4000, units="g", angle=pulses)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> lines = hums.line_table(analysis, "order_spectrum")
+    >>> mesh = lines[(lines["component"] == "stage 1") & (lines["harmonic"] == 1)].iloc[0]
+    >>> print(f"order {mesh['order']:g}: {mesh['amplitude']:.2f} {mesh['units']}")
+    order 23: 0.50 g
+    """
+    settings = settings or AnalysisSettings()
+    if not isinstance(settings, AnalysisSettings):
+        raise AnalysisError(f"settings is a {type(settings).__name__}; pass hums.AnalysisSettings(...).")
+    check_record(record)
+    chosen = selected_channels(record, settings)
+    gapped, constant = excluded_channels(record, chosen)
+    names = [name for name in chosen if name not in gapped and name not in constant]
+    histories = read_baseline(baseline, settings, units={name: record[name].attrs["units"] for name in names})
+    machine = prepare_machine(record, gearbox, settings.model_copy(update={"channels": tuple(names)}))
+    expected = expected_lines(machine.kinematics, _plan(machine, settings))
+    channels: list[AnalysedChannel] = []
+    indicators: list[IndicatorValue] = []
+    for name in names:
+        values = varying_values(record, name)
+        channel = analyse_channel(record, name, values, machine, expected, settings)
+        channels.append(channel)
+        indicators += channel_indicators(record, channel, values, machine, settings, histories)
+    assessor = LineAssessor(
+        {bearing.name: bearing for bearing in machine.bearings},
+        settings.false_alarm_probability,
+        _healthy_spacings(machine),
+    )
+    assessed = assessor.assess([line for channel in channels for line in channel.lines])
+    found = findings(
+        assessed,
+        fm4=fm4_by_gear(indicators, _best_channels(assessed), harmonics=settings.harmonics),
+        faulty=[channel.name for channel in channels if channel.faulty],
+    )
+    excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
+    excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
+    tree = xr.DataTree.from_dict(
+        {
+            "/": xr.Dataset(attrs=_root_attrs(record, gearbox, machine, settings, channels, excluded)),
+            "/speed": _speed_dataset(machine),
+            "/health": rows_dataset(
+                _sensor_conditions(record, channels, gapped, constant, machine), SensorCondition, dim="item"
+            ),
+            f"/{ORDER_SPECTRUM}": _spectra(channels, ORDER_SPECTRUM, assessed),
+            f"/{ENVELOPE}": _spectra(channels, ENVELOPE, assessed),
+            "/tracks": _tracks_dataset(record, channels, machine, assessed, settings),
+            "/indicators": rows_dataset(indicators, IndicatorValue, dim="row").assign_attrs(
+                {HISTORIES: histories.to_json()}
+            ),
+            "/findings": rows_dataset(found, Finding, dim="finding"),
+        }
+    )
+    check_analysis(tree)
+    return tree
+
+
+def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:
+    band = settings.envelope_band_hz
+    return SearchPlan(
+        harmonics=settings.harmonics,
+        sidebands=settings.sidebands,
+        slip=settings.slip,
+        speed_tolerance=settings.nominal_speed_tolerance if machine.phase.nominal else 0.0,
+        envelope=isinstance(band, tuple) or (band is not None and bool(machine.bearings)),
+    )
+
+
+def _healthy_spacings(machine: Machine) -> dict[str, tuple[float, ...]]:
+    """Return the sideband spacings of a healthy planetary stage at a sensor on the frame, by gear, in orders."""
+    planet_pass = tuple(row.order for row in machine.defect_orders if row.kind == "planet_pass")
+    shaft_order = {row.component: row.order for row in machine.defect_orders if row.kind == "shaft"}
+    frame = machine.kinematics.gearbox.frame
+    return {
+        row.component: (*planet_pass, *([shaft_order[row.seen_from]] if row.seen_from in shaft_order else []))
+        for row in machine.defect_orders
+        if row.kind == "tooth" and row.seen_from != frame
+    }
+
+
+def _best_channels(assessed: Sequence[AssessedLine]) -> dict[str, str]:
+    """Return the channel with the highest signal-to-noise ratio of significant sidebands, by gear."""
+    best: dict[str, AssessedLine] = {}
+    for line in assessed:
+        if line.significant and line.measured.expected.kind == "tooth" and line.measured.expected.sideband:
+            name = line.measured.expected.component
+            if name not in best or line.measured.line.snr > best[name].measured.line.snr:
+                best[name] = line
+    return {name: line.measured.channel for name, line in best.items()}
+
+
+def _sensor_conditions(
+    record: xr.Dataset,
+    channels: Sequence[AnalysedChannel],
+    gapped: Mapping[str, str],
+    constant: Mapping[str, SensorHealth],
+    machine: Machine,
+) -> list[SensorCondition]:
+    """Return the condition of every sensor: channels with gaps first, the tachometer last."""
+    rows = [
+        SensorCondition(
+            name=name,
+            sensor="vibration",
+            status="sick",
+            reasons=f"It drops out: it has {gaps}.",
+            missing=float(np.mean(~np.isfinite(channel_values(record, name)))),
+        )
+        for name, gaps in gapped.items()
+    ]
+    checked = {channel.name: channel.health for channel in channels if channel.health is not None}
+    rows += [
+        SensorCondition(
+            name=name,
+            sensor="vibration",
+            status=health.status,
+            reasons=" ".join(reason[0].upper() + reason[1:] for reason in health.reasons),
+            missing=float(health.missing.mean()),
+            not_judged="; ".join(health.not_judged),
+        )
+        for name, health in (*checked.items(), *constant.items())
+    ]
+    if machine.source.tachometer:
+        status, reasons = machine.tachometer_condition
+        rows.append(
+            SensorCondition(
+                name=machine.source.tachometer, sensor="tachometer", status=status, reasons=" ".join(reasons)
+            )
+        )
+    return rows
+
+
+def _root_attrs(
+    record: xr.Dataset,
+    gearbox: Gearbox,
+    machine: Machine,
+    settings: AnalysisSettings,
+    channels: Sequence[AnalysedChannel],
+    excluded: Sequence[str],
+) -> dict[str, Any]:
+    """Return the attributes of the analysis: its inputs, settings and caveats."""
+    return {
+        "schema": SCHEMA,
+        "record": Path(str(record.encoding.get("source", ""))).name,
+        "version": version("hums-toolkit"),
+        "channels_json": json.dumps(
+            [
+                {"name": c.name, "units": c.units, "rate_hz": c.rate_hz, "duration_s": c.duration_s}
+                | {
+                    key: str(record[c.name].attrs[key])
+                    for key in ("sensor", "direction")
+                    if key in record[c.name].attrs
+                }
+                for c in channels
+            ]
+        ),
+        "machine": record.attrs.get("machine", ""),
+        "recorded_at": record.attrs.get("recorded_at", ""),
+        "gearbox": gearbox.name,
+        "gearbox_json": gearbox.model_dump_json(exclude_none=True),
+        "reference": machine.reference,
+        "settings_json": settings.model_dump_json(),
+        "notes_json": json.dumps([*notes(machine, settings, channels), *excluded]),
+    }
+
+
+def _speed_dataset(machine: Machine) -> xr.Dataset:
+    """Return the mean speed of the reference over each revolution, with its source."""
+    phase, found = machine.phase, machine.source.estimated
+    speed = phase.mean_speed_per_revolution_hz()
+    midpoints = float(phase.revolutions[0]) + 0.5 + np.arange(speed.size)
+    attrs = {
+        "shaft": machine.reference,
+        "measured_on": machine.source.shaft,
+        "tachometer": machine.source.tachometer,
+        "nominal": int(phase.nominal),
+        "stripe_positions_rev": machine.source.phase.stripe_positions_rev,
+    }
+    if found is not None:
+        attrs |= {
+            "estimated_from": found.channel,
+            "status": found.speed.status,
+            "confidence": found.confidence,
+            "phase_std_rev": found.speed.phase_std_rev,
+        }
+    return xr.Dataset(
+        {"speed_hz": ("revolution", speed, {"units": "rev s-1", "long_name": "mean over each revolution"})},
+        coords={"time_s": ("revolution", phase.times_at(midpoints), {"units": "s"})},
+        attrs=attrs,
+    )
+
+
+def _spectra(channels: Sequence[AnalysedChannel], name: str, assessed: Sequence[AssessedLine]) -> xr.Dataset:
+    spectra = [(channel.name, channel.units, channel.spectra[name]) for channel in channels if name in channel.spectra]
+    bands = {channel.name: channel.band for channel in channels if channel.band is not None}
+    lines = [line for line in assessed if line.measured.expected.spectrum == name]
+    return spectrum_dataset(spectra, lines, bands=bands if name == ENVELOPE else None)
+
+
+def _tracks_dataset(
+    record: xr.Dataset,
+    channels: Sequence[AnalysedChannel],
+    machine: Machine,
+    assessed: Sequence[AssessedLine],
+    settings: AnalysisSettings,
+) -> xr.Dataset:
+    """Return the amplitude tracks of the strongest significant lines of every channel."""
+    tracks = []
+    for channel in channels:
+        own = [line for line in assessed if line.measured.channel == channel.name]
+        lines = lines_to_track(own, most=settings.most_tracks)
+        if lines:
+            bandwidth = settings.track_bandwidth_orders
+            tracks.append(track_lines(record, channel, machine, lines, bandwidth_orders=bandwidth))
+    if not tracks:
+        return xr.Dataset()
+    # channels of other rates may end a revolution earlier
+    shared = min(track.sizes["output"] for track in tracks)
+    tracks = [track.isel(output=slice(shared)) for track in tracks]
+    return xr.concat(tracks, dim="track", data_vars="minimal", coords="minimal", compat="override", join="override")

@@ -1,0 +1,209 @@
+"""Significance of measured lines, and attribution of each line to its strongest explanation.
+
+The rule, fixed on the wind turbine and CWRU records:
+
+1. A line is *detected* when the probability that noise alone exceeds it, at any line of the record that can raise a
+   finding, is below the false-alarm probability of the settings.
+2. Detected lines are assessed in descending order of level (amplitude over background; a bearing's with its harmonics
+   and sidebands). A detected line is *significant* (column ``claimed``) unless one of these explains it:
+
+   - leakage: through the window, a larger line contributes half of its amplitude or more;
+   - it lies within the main lobe (two bins) of a harmonic of a stronger significant line, of a sideband of that line
+     spaced by a ring's rotation or the cage, or of a multiple of the cage order which that line implies. The defect
+     order of one race is itself such a multiple for the other race; there the weaker line is explained only below a
+     third of the stronger, since comparable lines on both races are evidence of two defects. A damaged rolling element
+     also produces a line at the cage order;
+   - in the envelope, impacts once per revolution of a shaft, or once per contact of a planet's damaged tooth, produce
+     any multiple of that order;
+   - it is a sideband that the planet pass produces in a healthy stage.
+3. Harmonics and sidebands of a bearing line are significant only together with it, at the right spacing. A line that
+   would be a harmonic of two significant fundamentals supports neither.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from hums.analysis.lines import ENVELOPE, TOOTH_KINDS, MeasuredLine
+from hums.gearbox.orders import BEARING_KINDS, BearingOrders
+from signals.spectra.lines import record_probability
+
+__all__ = ["OF_CAGE", "RIVAL_FACTOR", "AssessedLine", "LineAssessor", "implied_cage", "is_support", "supports"]
+
+RIVAL_FACTOR = 3.0
+LOBE_BINS = 2.0
+LEAKAGE_SHARE = 0.5
+OF_CAGE = "times the cage rate implied by"
+_EXPLAINED_HARMONICS = 3
+_EXPLAINED_SIDEBANDS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class AssessedLine:
+    """A measured line with its significance, and the stronger line that explains it otherwise."""
+
+    measured: MeasuredLine
+    false_alarm_probability: float
+    significant: bool
+    explained_by: str = ""
+
+
+@dataclass(frozen=True)
+class LineAssessor:
+    """Assessment of the lines of one record by the rule of this module.
+
+    `healthy_spacings` are the sideband spacings of each gear of a healthy planetary stage, in orders.
+    """
+
+    bearings: Mapping[str, BearingOrders]
+    false_alarm_probability: float
+    healthy_spacings: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    def assess(self, lines: Sequence[MeasuredLine]) -> list[AssessedLine]:
+        """Return whether each line is significant, or which stronger line explains it, in the given order."""
+        searches = max(1, sum(line.expected.fundamental for line in lines))
+        probability = [record_probability(line.line.false_alarm_probability, searches=searches) for line in lines]
+        result = [
+            AssessedLine(measured=line, false_alarm_probability=p, significant=False)
+            for line, p in zip(lines, probability, strict=True)
+        ]
+        significant: list[MeasuredLine] = []
+        detected = [i for i in range(len(lines)) if probability[i] < self.false_alarm_probability]
+        level = _combined_levels([lines[i] for i in detected])
+        # a bearing's harmonics and sidebands follow all lines that can be significant alone
+        for i in sorted(detected, key=lambda i: (is_support(lines[i]), -level(lines[i]))):
+            line = lines[i]
+            parents = [other for other in significant if supports(line, other)] if is_support(line) else []
+            if parents and not self._belongs_to_other(line, significant):
+                result[i] = replace(result[i], significant=True)
+                continue
+            cause = self._healthy_cause(line)
+            cause = cause or next((text for other in significant if (text := self._explanation(line, other))), "")
+            result[i] = replace(result[i], significant=not cause and not is_support(line), explained_by=cause)
+            if result[i].significant:
+                significant.append(line)
+        return result
+
+    def _healthy_cause(self, line: MeasuredLine) -> str:
+        """Return the cause that produces this line without any defect, or an empty string."""
+        if line.line.leakage > LEAKAGE_SHARE * line.line.amplitude:
+            return "the flank of a stronger line beside it"
+        if line.expected.kind == "tooth":
+            centre = line.expected.order - line.expected.sideband * line.expected.spacing
+            for spacing in self.healthy_spacings.get(line.expected.component, ()):
+                side = round((line.line.found - centre) / spacing)
+                if side and _near(line, centre + side * spacing):
+                    return f"sideband {side:+d} x {spacing:.4g} of the mesh, which the planets' passing makes in health"
+        return ""
+
+    def _belongs_to_other(self, line: MeasuredLine, significant: Iterable[MeasuredLine]) -> bool:
+        """Whether a bearing harmonic is also one of another significant bearing defect."""
+        return not line.expected.sideband and any(
+            _near(line, harmonic * other.line.found)
+            for other in significant
+            if other.expected.fundamental and other.expected.kind in BEARING_KINDS and other.family != line.family
+            for harmonic in range(1, 2 * _EXPLAINED_HARMONICS + 1)
+        )
+
+    def _explanation(self, weaker: MeasuredLine, stronger: MeasuredLine) -> str:
+        """Return how `stronger` produces a line at the order of `weaker`, or an empty string."""
+        same_spectrum = weaker.expected.spectrum == stronger.expected.spectrum and weaker.channel == stronger.channel
+        if not same_spectrum or weaker.family == stronger.family:
+            return ""
+        base = stronger.line.found
+        name = f"{stronger.expected.component} {stronger.expected.kind.replace('_', ' ')}"
+        if weaker.expected.kind in {"gear_mesh", "shaft"} or _is_comb(weaker):
+            return f"not to be told from {name}" if _near(weaker, base, bins=1.0) else ""
+        if stronger.expected.kind == "shaft" or _is_comb(stronger):
+            # where the speed was measured, the shaft's order is exact, and that of its line is not
+            base = (base if stronger.expected.tolerance else stronger.expected.order) / stronger.expected.harmonic
+            multiple = round(weaker.line.found / base)
+            # Coupling and run-out produce any multiple in an envelope; but a gear's sidebands lie at multiples of its
+            # own shaft's order, so that only the searched harmonics explain them.
+            highest = _EXPLAINED_HARMONICS if weaker.expected.kind == "tooth" else multiple
+            near = 0 < multiple <= highest and _near(weaker, multiple * base)
+            return f"harmonic {multiple} of {name}" if near else ""
+        harmonics = 1 if stronger.expected.kind == "tooth" else _EXPLAINED_HARMONICS
+        for harmonic in range(1, harmonics + 1):
+            if _near(weaker, harmonic * base):
+                return f"harmonic {harmonic} of {name}" if harmonic > 1 else f"coincides with {name}"
+        if stronger.expected.kind not in BEARING_KINDS:
+            return ""
+        return self._bearing_explanation(weaker, stronger, name)
+
+    def _bearing_explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, name: str) -> str:
+        """Return the cage multiple or sideband of a bearing line at the order of `weaker`, or an empty string."""
+        order, bearing = weaker.line.found, self.bearings[stronger.expected.component]
+        base = stronger.line.found / stronger.expected.harmonic
+        cage = implied_cage(bearing, stronger.expected.kind, base)
+        if cage:
+            multiple = round(order / cage)
+            races = {weaker.expected.kind, stronger.expected.kind} == {"inner_race", "outer_race"}
+            rival = races and not is_support(weaker) and weaker.line.amplitude * RIVAL_FACTOR > stronger.line.amplitude
+            if 0 < multiple <= 2 * bearing.elements and _near(weaker, multiple * cage) and not rival:
+                return f"{multiple} {OF_CAGE} {name}"
+        element = stronger.expected.kind == "rolling_element"
+        if element and weaker.expected.kind == "cage" and weaker.expected.component == stronger.expected.component:
+            return f"the cage's rate, at which it takes {name} through the load zone"
+        spacings = {abs(bearing.inner_ring), abs(bearing.outer_ring), bearing.cage if element else cage} - {0.0}
+        for harmonic in range(1, _EXPLAINED_HARMONICS + 1):
+            for spacing in spacings:
+                side = round((order - harmonic * base) / spacing)
+                if 0 < abs(side) <= _EXPLAINED_SIDEBANDS and _near(weaker, harmonic * base + side * spacing):
+                    return f"sideband {side:+d} x {spacing:.3g} of harmonic {harmonic} of {name}"
+        return ""
+
+
+def _combined_levels(detected: Sequence[MeasuredLine]) -> Callable[[MeasuredLine], float]:
+    """Return a function that computes the level of a line together with the lines that belong to it.
+
+    The level is the root sum of squares of the ratios to the background. A bearing fundamental is combined with its
+    harmonics and sidebands, which often exceed it; a shaft or tooth line of an envelope with its other harmonics.
+    """
+
+    def belongs_to(other: MeasuredLine, line: MeasuredLine) -> bool:
+        if _is_comb(line):
+            return _is_comb(other) and other.family == line.family and other.channel == line.channel
+        return is_support(other) and supports(other, line)
+
+    def level(line: MeasuredLine) -> float:
+        if line.expected.spectrum != ENVELOPE or is_support(line):
+            return line.line.snr
+        others = [o for o in detected if o is not line and o.expected.spectrum == ENVELOPE and belongs_to(o, line)]
+        return math.hypot(line.line.snr, *(other.line.snr for other in others))
+
+    return level
+
+
+def _is_comb(line: MeasuredLine) -> bool:
+    """Whether a line is an envelope harmonic of impacts once per shaft revolution or per contact of two teeth."""
+    return line.expected.spectrum == ENVELOPE and line.expected.kind in {"shaft", *TOOTH_KINDS}
+
+
+def is_support(line: MeasuredLine) -> bool:
+    """Whether a line is a harmonic or sideband of a bearing defect, significant only with its fundamental."""
+    return line.expected.kind in BEARING_KINDS and not line.expected.fundamental
+
+
+def supports(line: MeasuredLine, fundamental: MeasuredLine) -> bool:
+    """Whether a harmonic or sideband belongs to a fundamental: same family and channel, at the right spacing."""
+    if line.family != fundamental.family or line.channel != fundamental.channel or not fundamental.expected.fundamental:
+        return False
+    if line.expected.sideband:
+        return True  # its order was computed from the measured fundamental
+    return abs(line.line.found - line.expected.harmonic * fundamental.line.found) <= (
+        line.expected.harmonic * LOBE_BINS * line.bin_width
+    )
+
+
+def _near(line: MeasuredLine, order: float, *, bins: float = LOBE_BINS) -> bool:
+    return abs(line.line.found - order) <= bins * line.bin_width
+
+
+def implied_cage(bearing: BearingOrders, kind: str, order: float) -> float:
+    """Return the cage order relative to the outer ring that a race or cage line implies; 0 for other kinds."""
+    if kind == "outer_race":
+        return order / bearing.elements
+    if kind == "inner_race":
+        return bearing.relative - order / bearing.elements
+    return order if kind == "cage" and bearing.outer_ring == 0 else 0.0

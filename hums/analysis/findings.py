@@ -1,0 +1,246 @@
+"""Findings from assessed lines.
+
+A significant fundamental (see `hums.analysis.detection`) raises a finding. It is *diagnosed* when the line is at least
+six times its background, a harmonic or sideband at the right spacing supports it, and no other kind of defect of the
+same bearing nor, for a race, a multiple of the cage order is within a factor of three of it; for a gear, when FM4 of
+the synchronous average shows a local disturbance. Otherwise it is *indicated*, and the evidence states why. A line of a
+faulty sensor is never diagnosed.
+
+Indicators support a finding or cast doubt on it; they never raise one, which would change
+the false-alarm probability.
+"""
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from hums.analysis.detection import OF_CAGE, RIVAL_FACTOR, AssessedLine, is_support, supports
+from hums.analysis.lines import ENVELOPE
+from hums.gearbox.orders import BEARING_KINDS
+
+__all__ = ["DIAGNOSED", "INDICATED", "Finding", "Fm4", "findings"]
+
+DIAGNOSED, INDICATED = "diagnosed", "indicated"
+STRONG_SNR = 6.0
+SUPPORT_PROBABILITY = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fm4:
+    """FM4 of a gear, the kurtosis of its difference signal, and the limit that a local disturbance exceeds.
+
+    The limit is the value that noise together with a smooth modulation over the revolution may reach.
+    """
+
+    kurtosis: float
+    limit: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """Verdict on one kind of defect of one component, with the evidence in words and its strongest line."""
+
+    component: str
+    kind: str
+    channel: str
+    verdict: str
+    evidence: str
+    false_alarm_probability: float
+    snr: float
+    order_found: float
+    amplitude: float
+    units: str
+
+
+def findings(
+    assessed: Sequence[AssessedLine], *, fm4: Mapping[str, Fm4], faulty: Collection[str] = ()
+) -> list[Finding]:
+    """Return a finding for every component and kind with a significant fundamental.
+
+    Diagnosed findings come before indicated ones, then those of higher level over the background.
+
+    Parameters
+    ----------
+    assessed : sequence of AssessedLine
+        All lines of all channels of the record.
+    fm4 : mapping of gear component to Fm4
+        FM4 of the gears whose synchronous average exists.
+    faulty : collection of str
+        Channels with a faulty sensor.
+    """
+    families: dict[tuple[str, str], list[AssessedLine]] = {}
+    for line in assessed:
+        families.setdefault(line.measured.family, []).append(line)
+    raised = {
+        family: lines
+        for family, lines in families.items()
+        if any(line.significant and line.measured.expected.fundamental for line in lines)
+    }
+    results = [
+        _bearing_finding(lines, raised, _cage_multiples(lines, families), faulty)
+        if kind in BEARING_KINDS
+        else _gear_finding(lines, fm4.get(component), faulty)
+        for (component, kind), lines in raised.items()
+    ]
+    return sorted(results, key=lambda finding: (finding.verdict != DIAGNOSED, -finding.snr))
+
+
+def _main_line(lines: Sequence[AssessedLine]) -> AssessedLine:
+    """Return the significant fundamental of the highest level over the background."""
+    fundamental = [line for line in lines if line.significant and line.measured.expected.fundamental]
+    return max(fundamental, key=lambda line: line.measured.line.snr)
+
+
+def _bearing_finding(
+    lines: Sequence[AssessedLine],
+    raised: Mapping[tuple[str, str], Sequence[AssessedLine]],
+    cage_multiples: Sequence[int],
+    faulty: Collection[str],
+) -> Finding:
+    """Return the finding on one kind of defect of a bearing, indicated if rivals or weak evidence leave doubts."""
+    main = _main_line(lines)
+    component, kind = main.measured.family
+    channel = [line for line in lines if line.measured.channel == main.measured.channel]
+    support = _supporting_lines(main, channel)
+    largest = _largest_amplitude(channel)
+    rivals = {
+        other_kind: _largest_amplitude(other_lines)
+        for (other, other_kind), other_lines in raised.items()
+        if other == component and other_kind != kind and _largest_amplitude(other_lines) * RIVAL_FACTOR > largest
+    }
+    doubts = _sensor_doubts(main, faulty)
+    if main.measured.line.snr < STRONG_SNR:
+        doubts.append(
+            f"the line is only {main.measured.line.snr:.1f} times its surroundings: it is there, but a line this weak "
+            "does not tell a fault from normal wear; compare with earlier and later records"
+        )
+    if not support:
+        doubts.append("no harmonic or sideband supports it")
+    doubts += [
+        f"a line of {_kind_text(rival)} of the same bearing is {_comparison(size, largest)}"
+        for rival, size in rivals.items()
+    ]
+    if cage_multiples:
+        doubts.append(
+            f"lines at {', '.join(map(str, cage_multiples))} times the cage rate are of similar size: elements that "
+            "are not alike make them, as damage of one does, and a spot on a race does not"
+        )
+    return _finding(main, support, doubts)
+
+
+def _cage_multiples(
+    lines: Sequence[AssessedLine], families: Mapping[tuple[str, str], Sequence[AssessedLine]]
+) -> list[int]:
+    """Return the multiples of the cage order at which lines are comparable to those of a race.
+
+    A defect of a race is struck by all elements alike, independently of the cage. For an inner race only the cage's own
+    lines count, since sidebands spaced by the shaft order lie at multiples of the cage order.
+    """
+    main = _main_line(lines)
+    component, kind = main.measured.family
+    largest = _largest_amplitude(line for line in lines if line.measured.channel == main.measured.channel)
+    compared = {"outer_race": ("cage", "rolling_element"), "inner_race": ("cage",)}.get(kind, ())
+    found = set()
+    for line in (line for other in compared for line in families.get((component, other), ())):
+        number, is_multiple, of = line.explained_by.partition(f" {OF_CAGE} ")
+        same = of == f"{component} {kind.replace('_', ' ')}" and line.measured.channel == main.measured.channel
+        if is_multiple and same and line.measured.line.amplitude * RIVAL_FACTOR > largest:
+            found.add(int(number))
+    return sorted(found)
+
+
+def _comparison(rival: float, own: float) -> str:
+    if rival > RIVAL_FACTOR * own:
+        return f"{rival / own:.0f} times as large, of which this may be a trace"
+    return "of similar size, which one local defect would not make"
+
+
+def _supporting_lines(main: AssessedLine, lines: Iterable[AssessedLine]) -> list[str]:
+    """Return the names of the harmonics and sidebands of a fundamental that noise alone seldom produces."""
+    support = []
+    for line in lines:
+        expected, found = line.measured.expected, line.measured.line
+        if not is_support(line.measured) or not supports(line.measured, main.measured) or line.explained_by:
+            continue
+        if found.false_alarm_probability <= SUPPORT_PROBABILITY:
+            name = f"sideband {expected.sideband:+d}" if expected.sideband else f"harmonic {expected.harmonic}"
+            support.append(f"{name} at {found.found:.3f}")
+    return support
+
+
+def _largest_amplitude(lines: Iterable[AssessedLine]) -> float:
+    return max(
+        (line.measured.line.amplitude for line in lines if line.significant and not line.measured.expected.sideband),
+        default=0.0,
+    )
+
+
+def _sensor_doubts(main: AssessedLine, faulty: Collection[str]) -> list[str]:
+    return ["the sensor is sick, and may make such a line by itself"] if main.measured.channel in faulty else []
+
+
+def _gear_finding(lines: Sequence[AssessedLine], fm4: Fm4 | None, faulty: Collection[str]) -> Finding:
+    """Return the finding on a gear from its mesh sidebands and FM4."""
+    main = _main_line(lines)
+    sidebands = [
+        line
+        for line in lines
+        if line.significant and line.measured.expected.sideband and line.measured.channel == main.measured.channel
+    ]
+    others = [line for line in sidebands if line is not main]
+    support = [f"{len(sidebands)} claimed sidebands of its mesh"] if others else []
+    doubts = _sensor_doubts(main, faulty)
+    if fm4 is None and not doubts:
+        doubts.append("its synchronous average could not be made, so nothing shows that one tooth is at fault")
+    elif fm4 is not None and fm4.kurtosis <= fm4.limit:
+        doubts.append(
+            f"the difference signal of its synchronous average is not local (FM4 {fm4.kurtosis:.1f}; noise and "
+            f"smooth modulation reach {fm4.limit:.1f}): run-out, misalignment or load variation make such "
+            "sidebands too"
+        )
+    elif fm4 is not None:
+        support.append(
+            f"a difference signal of its synchronous average that is local (FM4 {fm4.kurtosis:.1f}; noise and "
+            f"smooth modulation reach {fm4.limit:.1f}), as one damaged tooth makes it"
+        )
+    if not others:
+        doubts.append("a single sideband stands alone")
+    if main.measured.line.snr < STRONG_SNR:
+        doubts.append(f"the largest is only {main.measured.line.snr:.1f} times its surroundings")
+    return _finding(main, support, doubts)
+
+
+def _finding(main: AssessedLine, support: Sequence[str], doubts: Sequence[str]) -> Finding:
+    """Return the finding on the main line's component; any doubt makes it indicated."""
+    found, expected = main.measured.line, main.measured.expected
+    where = (
+        "envelope line"
+        if expected.spectrum == ENVELOPE
+        else f"sideband {expected.sideband:+d} of mesh harmonic {expected.harmonic}"
+    )
+    offset = found.found / expected.order - 1
+    off = f", {offset:+.1%}" if abs(offset) > 5e-4 else ""  # noqa: PLR2004  (what one decimal can show)
+    evidence = (
+        f"{where} at {found.found:.3f} orders (nominal {expected.order:.3f}{off}), {found.amplitude:.3g} "
+        f"{main.measured.units}, {found.snr:.1f} times its surroundings"
+    )
+    if support:
+        evidence += "; supported by " + ", ".join(support)
+    if doubts:
+        evidence += "; not certain: " + "; ".join(doubts)
+    return Finding(
+        component=expected.component,
+        kind=expected.kind,
+        channel=main.measured.channel,
+        verdict=INDICATED if doubts else DIAGNOSED,
+        evidence=evidence + ".",
+        false_alarm_probability=main.false_alarm_probability,
+        snr=found.snr if math.isfinite(found.snr) else 1e9,
+        order_found=found.found,
+        amplitude=found.amplitude,
+        units=main.measured.units,
+    )
+
+
+def _kind_text(kind: str) -> str:
+    return "the " + kind.replace("_", " ")

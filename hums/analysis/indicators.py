@@ -1,0 +1,564 @@
+"""Condition indicators of a channel: of the raw signal, shafts, gears, planetary stages and bearings.
+
+Indicators of shafts and gears on fixed axes are computed from the synchronous average of their shaft, whose order is
+exact; residual and difference signal exclude the meshes of every gear on that shaft. Those of bearings are computed
+from the envelope spectrum, those of planetary stages in `hums.analysis.indicators`. A faulty sensor has the raw RMS
+only.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import partial
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy import fft
+
+from hums.analysis.baseline import Baseline
+from hums.analysis.channel import AnalysedChannel, Values, resample_in_angle
+from hums.analysis.findings import Fm4
+from hums.analysis.lines import ENVELOPE
+from hums.analysis.reference_angle import Machine
+from hums.analysis.result import IndicatorValue
+from hums.analysis.settings import AnalysisSettings
+from hums.gearbox.components import planet_angles
+from hums.gearbox.orders import BEARING_KINDS
+from signals.angle.averaging import SynchronousAverage, synchronous_average
+from signals.angle.planets import PassWindow, PlanetaryTeeth, pass_angle, planet_average, sun_average
+from signals.angle.residual import difference_signal, mesh_band, regular_signal, residual_signal
+from signals.indicators import INDICATORS, DefectEnergy
+from signals.resampling.resampling import PASSBAND, AngularSignal
+from signals.spectra.integration import ISO_20816_HZ, ISO_20816_SLOW_HZ, velocity
+
+# ---- Condition indicators of a gear, from its synchronous average, residual and difference signal, and mesh band -----
+
+
+_SHAFT_ORDERS = (1, 2)  # removed from the residual signal together with the mesh
+GAUSSIAN_KURTOSIS = 3.0
+_OVER_NOISE = 4.0  # standard deviations of the kurtosis of noise, up to which it is not significant
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitoredComponent:
+    """A component in one channel, for which indicators are computed."""
+
+    channel: str
+    units: str
+    component: str
+    kind: str
+
+    def evaluate(
+        self,
+        name: str,
+        takes: str,
+        compute: Callable[[], Any],
+        *,
+        unit: str = "",
+        source: str = "",
+        noise_limit: float = math.nan,
+    ) -> IndicatorValue:
+        """Return the value of an indicator, or the message of the ValueError that withholds it."""
+        known = INDICATORS.get(name)
+        unit = unit or (known.unit if known else "1")
+        value, withheld = math.nan, ""
+        try:
+            value = float(compute())
+        except ValueError as error:
+            withheld = str(error)
+        if not withheld and not math.isfinite(value):
+            value, withheld = math.nan, "it is not finite: what it is divided by is nothing."
+        return IndicatorValue(
+            channel=self.channel,
+            component=self.component,
+            kind=self.kind,
+            indicator=name,
+            value=value,
+            unit=self.units if unit == "signal" else unit,
+            noise_limit=math.nan if withheld else noise_limit,
+            takes=takes,
+            source=source or (known.source if known else ""),
+            withheld=withheld,
+        )
+
+
+def modulated_mesh_kurtosis(harmonics: int) -> float:
+    """Return the kurtosis of a mesh signal of equal harmonics in phase with sinusoidal amplitude over the revolution.
+
+    Run-out and misalignment leave such a difference signal, in which nothing is local, although harmonics in phase
+    peak once per tooth. The moments of ``sum_k cos(k x)`` are exact as means over 4 `harmonics` + 1 points; the
+    independent sinusoidal amplitude contributes its kurtosis of 3/2.
+    """
+    angle = 2 * np.pi * np.arange(4 * harmonics + 1) / (4 * harmonics + 1)
+    waves = np.cos(np.multiply.outer(np.arange(1, harmonics + 1), angle)).sum(axis=0)
+    return float(1.5 * np.mean(waves**4) / np.mean(waves**2) ** 2)
+
+
+def unavailable(reason: str) -> Callable[[], float]:
+    """Return a function that raises ValueError with the given reason."""
+
+    def refuse() -> float:
+        raise ValueError(reason)
+
+    return refuse
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gear:
+    """A gear on an averaged shaft: its teeth, those of all gears on the shaft, and the mesh harmonics used."""
+
+    component: str
+    teeth: int
+    on_shaft: tuple[int, ...]
+    harmonics: int
+
+    @property
+    def sidebands(self) -> int:
+        """Number of sidebands of the first mesh harmonic, up to half-way to the nearest other mesh harmonic."""
+        others = {harmonic * teeth for teeth in self.on_shaft for harmonic in range(1, 2 * self.teeth // teeth + 1)}
+        nearest = min(abs(other - self.teeth) for other in others | {2 * self.teeth} if other != self.teeth)
+        return max(1, (nearest - 1) // 2)
+
+    def last_order(self, average: SynchronousAverage) -> int:
+        """Return the highest order used: half a mesh order above the last harmonic, within the average's passband."""
+        passed = min(average.passband_orders, (average.samples_per_rev - 1) // 2)
+        return int(min((self.harmonics + 0.5) * self.teeth, passed))
+
+
+def gear_indicators(
+    monitored: MonitoredComponent, average: SynchronousAverage, gear: Gear, baseline: Baseline
+) -> list[IndicatorValue]:
+    """Return all indicators of a gear, computed from the synchronous average of its shaft or of the gear itself."""
+    of = f"of {average.revolutions} revolution{'s' if average.revolutions > 1 else ''}"
+    return [
+        *_average_indicators(monitored, average, gear, f"average {of}"),
+        *_residual_indicators(monitored, average, gear, of, baseline),
+        *_mesh_band_indicators(monitored, average, gear, of, baseline),
+    ]
+
+
+def _average_indicators(
+    monitored: MonitoredComponent, average: SynchronousAverage, gear: Gear, takes: str
+) -> Iterator[IndicatorValue]:
+    passed = max(1, min(gear.harmonics, int(average.passband_orders // gear.teeth)))
+    yield monitored.evaluate("fm0", takes, partial(INDICATORS["fm0"], average, teeth=gear.teeth, harmonics=passed))
+    for name in ("sideband_index", "sideband_level_factor"):
+        yield monitored.evaluate(name, takes, partial(INDICATORS[name], average, teeth=gear.teeth))
+
+
+def _residual_indicators(
+    monitored: MonitoredComponent, average: SynchronousAverage, gear: Gear, of: str, baseline: Baseline
+) -> Iterator[IndicatorValue]:
+    """Yield the indicators of the residual and difference signals, without the meshes of all gears on the shaft.
+
+    Up to order n these have 2 n independent values per revolution; the kurtosis of that many Gaussian values is 3 with
+    a standard deviation of sqrt(24 / 2n). The noise limit is four of these above 3.
+    """
+    last = gear.last_order(average)
+    cut: dict[str, Any] = {"teeth": gear.on_shaft, "harmonics": gear.harmonics, "shaft_orders": _SHAFT_ORDERS}
+    limit = GAUSSIAN_KURTOSIS + _OVER_NOISE * math.sqrt(24 / (2 * last)) if last else math.nan
+    for name in ("fm4", "m6a", "m8a"):
+        yield monitored.evaluate(
+            name,
+            f"difference signal {of}, up to order {last}",
+            lambda indicator=INDICATORS[name]: indicator(difference_signal(average, max_order=last, **cut)),  # type: ignore[misc]
+            noise_limit=limit if name == "fm4" else math.nan,
+        )
+    residual = partial(residual_signal, average, max_order=last, **cut)
+    takes = f"residual signal {of}, up to order {last}"
+    yield monitored.evaluate("energy_operator", takes, lambda: INDICATORS["energy_operator"](residual()))
+    yield _history_indicator(monitored, "na4", takes, residual, baseline)
+
+    def energy_ratio() -> Any:  # noqa: ANN401
+        difference = difference_signal(average, **cut)
+        return INDICATORS["energy_ratio"](difference, regular_signal(average, left=difference))
+
+    yield monitored.evaluate("energy_ratio", f"difference and regular signal {of}", energy_ratio)
+
+
+def _mesh_band_indicators(
+    monitored: MonitoredComponent, average: SynchronousAverage, gear: Gear, of: str, baseline: Baseline
+) -> Iterator[IndicatorValue]:
+    """Yield the indicators of the modulation of the first mesh harmonic, the same one in every record."""
+    beside = gear.sidebands
+    takes = f"mesh order {gear.teeth} with {beside} sidebands {of}"
+    band = partial(mesh_band, average, mesh_order=gear.teeth, sidebands=beside)
+    for name, indicator in INDICATORS.items():
+        if indicator.takes == INDICATORS["nb4"].takes and not indicator.needs:
+            yield monitored.evaluate(name, takes, lambda indicator=indicator: indicator(band()))  # type: ignore[misc]
+    yield _history_indicator(monitored, "nb4", takes, band, baseline)
+
+
+def _history_indicator(
+    monitored: MonitoredComponent, name: str, takes: str, make: Callable[[], Any], baseline: Baseline
+) -> IndicatorValue:
+    """Return NA4 or NB4 with this record in its history of variances."""
+    try:
+        signal = make()
+        history = baseline.update((monitored.channel, monitored.component, name), signal)
+    except ValueError as error:
+        return monitored.evaluate(name, takes, unavailable(str(error)))
+    held = "frozen history" if history.frozen else "history"
+    count = f"{history.records} record{'s' if history.records > 1 else ''}"
+    return monitored.evaluate(name, f"{takes}; {held} of {count}", partial(INDICATORS[name], signal, history=history))
+
+
+# ---- Indicators of planetary stages: from averages of each planet and of the sun, and from the carrier's sidebands ---
+# They require a sensor on a fixed ring, which each planet passes once per revolution of the carrier. Where the signal
+# has no such modulation, the indicators are withheld with the reason.
+
+
+_FEWEST = 2
+_FITS_DEG = 0.1
+_WINDOW_TEETH = 5.0  # least width of the window around a planet pass
+
+
+_Meshes = dict[str, tuple[str, int, tuple[str, int]]]  # planet -> mesh, its teeth, and its mate with teeth
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """A planetary stage with a fixed ring: links, meshes, teeth, and the error of the planet positions if any."""
+
+    carrier: str
+    sun: str
+    planets: tuple[str, ...]
+    ring_mesh: str
+    sun_mesh: str
+    teeth: PlanetaryTeeth
+    misfit: str = ""
+
+
+def stages(machine: Machine) -> list[Stage]:
+    """Return the simple planetary stages of a gearbox: one sun, several equal planets, a fixed ring.
+
+    Stages with stepped, meshing or bevel planets have no such averages and are left out; so is a stage declared with
+    one planet, since the number of planets is then unknown.
+    """
+    kinematics = machine.kinematics
+    frame = kinematics.bodies[kinematics.gearbox.frame]
+    found = []
+    for carrier, joint in kinematics.joints.items():
+        if joint.carried_by != frame or not machine.order_of(carrier):
+            continue
+        rings: _Meshes = {}
+        suns: _Meshes = {}
+        for contact in kinematics.contacts:
+            if contact.carrier != carrier or len(contact.gears) != 2:  # noqa: PLR2004
+                continue
+            planet = next((gear for gear in contact.gears if _carrier_of(machine, gear[0]) == carrier), None)
+            mate = next((gear for gear in contact.gears if gear is not planet), None)
+            if planet is None or mate is None:
+                continue
+            (rings if kinematics.bodies[mate[0]] == frame else suns)[planet[0]] = (contact.mesh, planet[1], mate)
+        stage = _stage(machine, carrier, rings, suns)
+        if stage is not None:
+            found.append(stage)
+    return found
+
+
+def _stage(machine: Machine, carrier: str, rings: _Meshes, suns: _Meshes) -> Stage | None:
+    """Return the stage of a carrier from its ring and sun meshes, None unless it is a simple planetary one."""
+    if not rings or rings.keys() != suns.keys() or {len({*side.values()}) for side in (rings, suns)} != {1}:
+        return None
+    (ring_mesh, planet_teeth, ring), (sun_mesh, planet_again, sun) = (
+        next(iter(side.values())) for side in (rings, suns)
+    )
+    planets = tuple(rings)
+    if (
+        planet_again != planet_teeth
+        or len(planets) < _FEWEST
+        or _carrier_of(machine, sun[0]) == carrier
+        or not _parallel(machine, carrier, planets[0])
+    ):
+        return None
+    ring_teeth, sun_teeth = abs(ring[1]), abs(sun[1])
+    gearbox = machine.kinematics.gearbox
+    names = {planets[0], planets[0].rpartition(" ")[0]}  # of the first copy, and of all copies
+    axis = next((axis for axis in gearbox.axes if axis.copies == len(planets) and names & set(axis.links)), None)
+    spacing = planet_angles(len(planets), axis.spacing_deg if axis else None)
+    fits = ring_teeth + sun_teeth  # assembly condition: positions are multiples of 1 / (ring + sun teeth)
+    places = tuple(Fraction(round(angle / 360 * fits), fits) for angle in spacing)
+    off = max(abs(angle - 360 * float(place)) for angle, place in zip(spacing, places, strict=True))
+    unfit = (
+        f"planets do not fit where they are drawn: their places must be multiples of 1/{fits} of a turn, and one is "
+        f"{off:.2g} degrees off. Give the true ones with spacing_deg."
+    )
+    try:
+        teeth = PlanetaryTeeth(
+            ring=ring_teeth, planet=abs(planet_teeth), sun=sun_teeth, planets=len(planets), positions_rev=places
+        )
+    except ValueError:
+        return None
+    return Stage(
+        carrier=carrier,
+        sun=sun[0],
+        planets=planets,
+        ring_mesh=ring_mesh,
+        sun_mesh=sun_mesh,
+        teeth=teeth,
+        misfit=unfit if off > _FITS_DEG else "",
+    )
+
+
+def _parallel(machine: Machine, carrier: str, planet: str) -> bool:
+    """Whether the axis of a planet is parallel to that of its carrier."""
+    kinematics = machine.kinematics
+    directions = kinematics.mechanism.directions
+    one, other = (directions[kinematics.joints[kinematics.bodies[link]].axis] for link in (carrier, planet))
+    return abs(float(np.dot(one, other))) > 1 - 1e-9  # of unit vectors
+
+
+def _carrier_of(machine: Machine, link: str) -> str:
+    kinematics = machine.kinematics
+    joint = kinematics.joints.get(kinematics.bodies[link])
+    return "" if joint is None else joint.carried_by
+
+
+def planetary_indicators(
+    record: xr.Dataset,
+    channel: AnalysedChannel,
+    values: Values,
+    machine: Machine,
+    settings: AnalysisSettings,
+    baseline: Baseline,
+) -> Iterator[IndicatorValue]:
+    """Yield the indicators of all planetary stages in one channel."""
+    for stage in stages(machine):
+        yield _carrier_sidebands(channel, machine, stage)
+        yield from _planet_indicators(record, channel, values, machine, stage, settings, baseline)
+
+
+def _carrier_sidebands(channel: AnalysedChannel, machine: Machine, stage: Stage) -> IndicatorValue:
+    """Return the ratio of the sidebands that evenly spaced planets cancel to those they do not."""
+    monitored = MonitoredComponent(channel=channel.name, units=channel.units, component=stage.carrier, kind="planetary")
+    teeth = stage.teeth
+
+    def ratio() -> float:
+        if stage.misfit:
+            raise ValueError(stage.misfit)
+        if any(place != Fraction(k, teeth.planets) for k, place in enumerate(teeth.positions_rev)):
+            raise ValueError("planets that are not evenly spaced leave every sideband, also in health.")
+        average = synchronous_average(channel.signal, ratio=machine.order_of(stage.carrier))
+        found = INDICATORS["carrier_sideband_ratio"](
+            average, ring_teeth=teeth.ring, planets=teeth.planets, harmonic=1, sidebands=teeth.planets
+        )
+        return float(found)
+
+    takes = f"average over the carrier, mesh order {teeth.ring} with {teeth.planets} sidebands"
+    return monitored.evaluate("carrier_sideband_ratio", takes, ratio)
+
+
+def _planet_indicators(
+    record: xr.Dataset,
+    channel: AnalysedChannel,
+    values: Values,
+    machine: Machine,
+    stage: Stage,
+    settings: AnalysisSettings,
+    baseline: Baseline,
+) -> Iterator[IndicatorValue]:
+    """Yield the indicators of each planet and of the sun, from averages windowed at the planet passes."""
+    teeth = stage.teeth
+    ratio = float(machine.order_of(stage.carrier))
+    highest = PASSBAND / 2 * channel.rate_hz / (machine.top_speed_hz * ratio)
+    window = PassWindow.hann(max(_WINDOW_TEETH, 2.0 * math.gcd(teeth.ring, teeth.planet)))
+    named = [f"{stage.ring_mesh}/{planet}" for planet in stage.planets]
+    monitored_gears = [
+        MonitoredComponent(channel=channel.name, units=channel.units, component=name, kind="gear")
+        for name in (*named, f"{stage.sun_mesh}/{stage.sun}")
+    ]
+    try:
+        if stage.misfit:
+            raise ValueError(stage.misfit)  # noqa: TRY301
+        last = min((settings.harmonics + 0.5) * teeth.ring, highest)
+        signal = resample_in_angle(
+            values, record, channel.name, machine.phase.scaled(ratio), last, multiple_of=teeth.ring
+        )
+        first = pass_angle(_mesh_band_signal(signal, teeth.ring), teeth=teeth).first_pass_rev
+    except ValueError as error:
+        for monitored in monitored_gears:
+            yield monitored.evaluate("fm4", "average over the passes of the planets", unavailable(str(error)))
+        return
+    makers = [
+        partial(planet_average, signal, teeth=teeth, planet=k, first_pass_rev=first, window=window)
+        for k in range(teeth.planets)
+    ]
+    for monitored, make, count in zip(
+        monitored_gears,
+        (*makers, partial(sun_average, signal, teeth=teeth, first_pass_rev=first, window=window)),
+        (*[teeth.planet] * teeth.planets, teeth.sun),
+        strict=True,
+    ):
+        try:
+            average = make()
+        except ValueError as error:
+            yield monitored.evaluate("fm4", "average over the passes of the planets", unavailable(str(error)))
+            continue
+        gear = Gear(component=monitored.component, teeth=count, on_shaft=(count,), harmonics=settings.harmonics)
+        yield from gear_indicators(monitored, average, gear, baseline)
+
+
+def _mesh_band_signal(signal: AngularSignal, ring: int) -> AngularSignal:
+    """Return the signal band-passed around the first mesh harmonic, which the planet passes modulate."""
+    lines = np.asarray(fft.rfft(signal.values - signal.values.mean()))
+    order = np.arange(lines.size) * (signal.samples_per_rev / signal.values.size)
+    lines[(order < 0.5 * ring) | (order > 1.5 * ring)] = 0
+    return replace(signal, values=np.asarray(fft.irfft(lines, signal.values.size), dtype=np.float64))
+
+
+# ---- Indicators ------------------------------------------------------------------------------------------------------
+
+
+_SLOW_HZ = 10.0  # 600 rpm, below which ISO 20816 begins at 2 Hz
+_SURROUNDINGS = 1.0  # orders on either side of a bearing line, for its background
+_LEAST_KEPT = 0.75  # share of the revolutions that an average must keep when it is shortened to cancel other shafts
+_INTEGRABLE = ("g", "m s-2", "mm s-2", "m s-1", "mm s-1")
+
+
+def channel_indicators(
+    record: xr.Dataset,
+    channel: AnalysedChannel,
+    values: Values,
+    machine: Machine,
+    settings: AnalysisSettings,
+    baseline: Baseline,
+) -> list[IndicatorValue]:
+    """Return all indicators of one channel with samples `values`; the raw RMS only if its sensor is faulty."""
+    rows = [*_raw_signal_indicators(values, channel, machine)]
+    if channel.faulty:
+        return rows
+    rows += _fixed_axis_indicators(channel, machine, settings, baseline)
+    rows += planetary_indicators(record, channel, values, machine, settings, baseline)
+    rows += _bearing_indicators(channel, machine, settings)
+    return rows
+
+
+def fm4_by_gear(rows: Sequence[IndicatorValue], channel_of: Mapping[str, str], *, harmonics: int) -> dict[str, Fm4]:
+    """Return FM4 of each gear in `channel_of`, in that channel, with its limit.
+
+    The limit allows for noise and a smoothly modulated mesh of that number of harmonics.
+    """
+    smooth = modulated_mesh_kurtosis(harmonics)
+    return {
+        row.component: Fm4(kurtosis=row.value, limit=row.noise_limit + max(0.0, smooth - GAUSSIAN_KURTOSIS))
+        for row in rows
+        if row.indicator == "fm4" and not row.withheld and channel_of.get(row.component) == row.channel
+    }
+
+
+def _raw_signal_indicators(values: Values, channel: AnalysedChannel, machine: Machine) -> Iterator[IndicatorValue]:
+    """Yield the indicators of the samples themselves and the velocity RMS."""
+    monitored = MonitoredComponent(channel=channel.name, units=channel.units, component="record", kind="channel")
+    for name in ("rms",) if channel.faulty else ("rms", "peak", "crest_factor", "kurtosis"):
+        yield monitored.evaluate(name, "raw signal", partial(INDICATORS[name], values))
+    if channel.faulty or channel.units not in _INTEGRABLE:
+        return
+    band = ISO_20816_HZ if machine.mean_speed_hz >= _SLOW_HZ else ISO_20816_SLOW_HZ
+    yield monitored.evaluate(
+        "velocity_rms",
+        f"velocity from {band[0]:g} to {band[1]:g} Hz",
+        lambda: velocity(values, rate_hz=channel.rate_hz, units=channel.units, band_hz=band).rms,
+        unit="mm s-1",
+        source="ISO 20816-1",
+    )
+
+
+def _fixed_axis_indicators(
+    channel: AnalysedChannel, machine: Machine, settings: AnalysisSettings, baseline: Baseline
+) -> Iterator[IndicatorValue]:
+    """Yield the indicators of all shafts on axes fixed in the frame, and of their gears."""
+    for body, gears in _gears_on_shafts(machine).items():
+        monitored = MonitoredComponent(channel=channel.name, units=channel.units, component=body, kind="shaft")
+        try:
+            average = _average(channel, machine, body)
+        except ValueError as error:
+            for name in ("so1", "so2", "so3"):
+                yield monitored.evaluate(name, "average", unavailable(str(error)))
+            continue
+        takes = f"average of {average.revolutions} revolution{'s' if average.revolutions > 1 else ''}"
+        for name in ("so1", "so2", "so3"):
+            yield monitored.evaluate(name, takes, partial(INDICATORS[name], average))
+        for component, teeth in gears.items():
+            gear = Gear(component=component, teeth=teeth, on_shaft=tuple(gears.values()), harmonics=settings.harmonics)
+            of_gear = MonitoredComponent(channel=channel.name, units=channel.units, component=component, kind="gear")
+            yield from gear_indicators(of_gear, average, gear, baseline)
+
+
+def _average(channel: AnalysedChannel, machine: Machine, body: str) -> SynchronousAverage:
+    """Return the synchronous average of a shaft, over a number of revolutions that cancels the shafts in mesh with it.
+
+    An average over a multiple of b revolutions has nulls at all orders of a mate that turns a/b times as fast. Mates
+    for which that would discard too many revolutions are not cancelled.
+    """
+    ratio, kinematics = machine.order_of(body), machine.kinematics
+    average = synchronous_average(channel.signal, ratio=ratio)
+    mates = {
+        (machine.order_of(link) / ratio).denominator
+        for contact in kinematics.contacts
+        if contact.carrier == kinematics.bodies[kinematics.gearbox.frame]
+        and any(kinematics.bodies[link] == body for link, _ in contact.gears)
+        for link, _ in contact.gears
+    }
+    every = 1
+    for null in sorted(mates):
+        both = math.lcm(every, null)
+        if average.revolutions // both * both >= _LEAST_KEPT * average.revolutions:
+            every = both
+    count = average.revolutions // every * every
+    return average if every == 1 else synchronous_average(channel.signal, ratio=ratio, revolutions=count)
+
+
+def _gears_on_shafts(machine: Machine) -> dict[str, dict[str, int]]:
+    """Return the teeth of each gear by its component name, by shaft, for shafts and meshes on fixed axes."""
+    kinematics = machine.kinematics
+    frame = kinematics.bodies[kinematics.gearbox.frame]
+    found: dict[str, dict[str, int]] = {
+        body: {} for body, joint in kinematics.joints.items() if joint.carried_by == frame and machine.order_of(body)
+    }
+    for contact in kinematics.contacts:
+        for link, teeth in contact.gears if contact.carrier == frame else ():
+            if kinematics.bodies[link] in found:
+                found[kinematics.bodies[link]][f"{contact.mesh}/{link}"] = abs(teeth)
+    return found
+
+
+def _bearing_indicators(
+    channel: AnalysedChannel, machine: Machine, settings: AnalysisSettings
+) -> Iterator[IndicatorValue]:
+    """Yield the envelope energy at the lines of each bearing defect, and its ratio to the background."""
+    if channel.band is None:
+        return
+    spectrum, slip = channel.spectra[ENVELOPE], settings.slip
+    unit = f"({channel.units})2" if " " in channel.units else f"{channel.units}2"
+    for line in (row for row in machine.defect_orders if row.kind in BEARING_KINDS):
+        monitored = MonitoredComponent(
+            channel=channel.name, units=channel.units, component=line.component, kind=line.kind
+        )
+        count = max(1, min(settings.harmonics, int(spectrum.axis[-1] / (line.order * (1 + slip)))))
+        energy: partial[DefectEnergy] = partial(
+            INDICATORS["defect_energy"],
+            spectrum,
+            order=line.order,
+            harmonics=count,
+            tolerance=slip,
+            surroundings=_SURROUNDINGS + count * line.order * slip,
+        )
+        takes = (
+            f"{count} line{'s' if count > 1 else ''} of the envelope, "
+            f"{channel.band.low_hz:.6g} to {channel.band.high_hz:.6g} Hz"
+        )
+        yield monitored.evaluate(
+            "defect_energy",
+            takes,
+            lambda energy=energy: energy().energy,  # type: ignore[misc]
+            unit=unit,
+        )
+        yield monitored.evaluate(
+            "defect_energy_ratio",
+            f"{takes}, over its background",
+            lambda energy=energy: energy().ratio,  # type: ignore[misc]
+            source=INDICATORS["defect_energy"].source,
+        )

@@ -1,0 +1,202 @@
+"""Expected lines of a gearbox, and their measurement in a spectrum."""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from hums.gearbox.kinematics import Kinematics
+from hums.gearbox.orders import BEARING_KINDS, DefectOrder, defects
+from signals.spectra.lines import Line, find_line
+from signals.spectra.spectra import AmplitudeSpectrum
+
+ORDER_SPECTRUM, ENVELOPE = "order_spectrum", "envelope"
+TOOTH_KINDS = ("tooth", "planet_tooth")
+_SAME_ORDER = 1e-9
+# Jitter of a once-per-revolution tachometer spreads a mesh line over half an order on either side; the background of
+# its sidebands is therefore also measured this close to them.
+_CLOSE_ORDERS = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExpectedLine:
+    """A line that the gearbox can produce: its source, order, search tolerance in orders, and spectrum.
+
+    A significant `fundamental` line raises a finding: the first harmonic of a bearing defect in the envelope, and the
+    sidebands of a mesh, whose `spacing` in orders is the rotation of one of its gears. All other lines identify the
+    machine or support a finding.
+    """
+
+    component: str
+    kind: str
+    harmonic: int
+    sideband: int
+    order: float
+    tolerance: float
+    spectrum: str
+    spacing: float = 0.0
+    fundamental: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredLine:
+    """An expected line as measured in the spectrum of one channel."""
+
+    expected: ExpectedLine
+    channel: str
+    units: str
+    bin_width: float
+    line: Line
+
+    @property
+    def family(self) -> tuple[str, str]:
+        """Component and kind, common to the harmonics and sidebands of one source."""
+        return self.expected.component, self.expected.kind
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchPlan:
+    """Number of harmonics and sidebands searched, and largest relative deviations from the nominal order."""
+
+    harmonics: int
+    sidebands: int
+    slip: float
+    speed_tolerance: float
+    envelope: bool
+
+
+def expected_lines(kinematics: Kinematics, plan: SearchPlan) -> list[ExpectedLine]:
+    """Return all expected lines: shafts, meshes and sidebands; with an envelope also teeth and bearings.
+
+    The contact rate of a tooth on a planet or relative to a carrier is not a shaft order. Its envelope lines raise no
+    finding; they separate the impacts of a tooth from those of a bearing.
+    """
+    rows = defects(kinematics)
+    lines = [*_shaft_lines(rows, plan), *_mesh_lines(kinematics, rows, plan)]
+    if plan.envelope:
+        lines += [*_tooth_lines(rows, plan), *_bearing_lines(rows, plan)]
+    return [line for line in lines if line.order > 0]
+
+
+def _shaft_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[ExpectedLine]:
+    """Yield the harmonics of every shaft."""
+    spectra = (ORDER_SPECTRUM, ENVELOPE) if plan.envelope else (ORDER_SPECTRUM,)
+    for row in (row for row in rows if row.kind == "shaft"):
+        for spectrum in spectra:
+            for harmonic in range(1, plan.harmonics + 1):
+                order = harmonic * row.order
+                yield ExpectedLine(
+                    component=row.component,
+                    kind="shaft",
+                    harmonic=harmonic,
+                    sideband=0,
+                    order=order,
+                    tolerance=plan.speed_tolerance * order,
+                    spectrum=spectrum,
+                )
+
+
+def _mesh_lines(kinematics: Kinematics, rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[ExpectedLine]:
+    """Yield the harmonics of every mesh and their sidebands spaced by the rotation of each gear."""
+    gears = {contact.mesh: contact.gears for contact in kinematics.contacts}
+    rows = tuple(rows)
+    for row in (row for row in rows if row.kind == "gear_mesh"):
+        mesh = row.component
+        labels = [tooth.component for tooth in rows if tooth.kind == "tooth" and tooth.component.startswith(f"{mesh}/")]
+        spacings = dict(zip(labels, (row.order / abs(number) for _, number in gears[mesh]), strict=True))
+        for harmonic in range(1, plan.harmonics + 1):
+            centre = harmonic * row.order
+            tolerance = plan.speed_tolerance * centre
+            yield ExpectedLine(
+                component=mesh,
+                kind="gear_mesh",
+                harmonic=harmonic,
+                sideband=0,
+                order=centre,
+                tolerance=tolerance,
+                spectrum=ORDER_SPECTRUM,
+            )
+            for gear, spacing in spacings.items():
+                for sideband in (*range(-plan.sidebands, 0), *range(1, plan.sidebands + 1)):
+                    yield ExpectedLine(
+                        component=gear,
+                        kind="tooth",
+                        harmonic=harmonic,
+                        sideband=sideband,
+                        order=centre + sideband * spacing,
+                        tolerance=min(tolerance, spacing / 4),
+                        spectrum=ORDER_SPECTRUM,
+                        spacing=spacing,
+                        fundamental=True,
+                    )
+
+
+def _tooth_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[ExpectedLine]:
+    rows = tuple(rows)
+    present = [row.order for row in rows if row.kind == "shaft"]
+    for row in (row for row in rows if row.kind in TOOTH_KINDS):
+        if any(math.isclose(row.order, order, rel_tol=_SAME_ORDER) for order in present):
+            continue  # a gear on a fixed axis has its shaft's order; a planet's two flanks have the same order
+        present.append(row.order)
+        yield from _envelope_harmonics(row, plan, relative_tolerance=plan.speed_tolerance, fundamental=False)
+
+
+def _bearing_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[ExpectedLine]:
+    for row in (row for row in rows if row.kind in BEARING_KINDS):
+        yield from _envelope_harmonics(row, plan, relative_tolerance=plan.slip, fundamental=True)
+
+
+def _envelope_harmonics(
+    row: DefectOrder, plan: SearchPlan, *, relative_tolerance: float, fundamental: bool
+) -> Iterator[ExpectedLine]:
+    """Yield the envelope harmonics of one defect order."""
+    for harmonic in range(1, plan.harmonics + 1):
+        order = harmonic * row.order
+        yield ExpectedLine(
+            component=row.component,
+            kind=row.kind,
+            harmonic=harmonic,
+            sideband=0,
+            order=order,
+            tolerance=relative_tolerance * order,
+            spectrum=ENVELOPE,
+            fundamental=fundamental and harmonic == 1,
+        )
+
+
+def envelope_sidebands(found: MeasuredLine, spacings: Iterable[float]) -> list[ExpectedLine]:
+    """Return the first-order sidebands expected on either side of a measured bearing line."""
+    return [
+        ExpectedLine(
+            component=found.expected.component,
+            kind=found.expected.kind,
+            harmonic=found.expected.harmonic,
+            sideband=side,
+            order=found.line.found + side * spacing,
+            tolerance=0.0,
+            spectrum=ENVELOPE,
+        )
+        for spacing in spacings
+        for side in (-1, 1)
+        if found.line.found + side * spacing > 0
+    ]
+
+
+def search(
+    spectrum: AmplitudeSpectrum, expected: Iterable[ExpectedLine], *, channel: str, units: str
+) -> tuple[list[MeasuredLine], list[ExpectedLine]]:
+    """Return the lines measured in one spectrum, and the expected ones out of its range.
+
+    Out of range are lines above the end of the spectrum, and those with too few bins for a background.
+    """
+    found, out_of_range = [], []
+    for line in expected:
+        try:
+            closer = _CLOSE_ORDERS if line.kind == "tooth" and line.spectrum == ORDER_SPECTRUM else None
+            result = find_line(spectrum, expected=line.order, tolerance=line.tolerance, closer=closer)
+        except ValueError:
+            out_of_range.append(line)
+            continue
+        found.append(
+            MeasuredLine(expected=line, channel=channel, units=units, bin_width=spectrum.bin_width, line=result)
+        )
+    return found, out_of_range

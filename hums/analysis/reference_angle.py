@@ -1,0 +1,278 @@
+"""Kinematics of the gearbox and angle of its reference shaft in a record."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from hums.analysis.result import AnalysisError
+from hums.analysis.settings import AnalysisSettings
+from hums.gearbox.components import closest
+from hums.gearbox.kinematics import Kinematics, solve_kinematics
+from hums.gearbox.model import Gearbox
+from hums.gearbox.orders import BearingOrders, DefectOrder, bearing_orders, defects
+from hums.records.record import channel_values, nominal_speed, sampling, tachometers, vibration_channels
+from signals.shaft.phase import ShaftPhase, constant_speed
+from signals.shaft.tacholess import SpeedEstimate, estimate_speed
+from signals.shaft.tachometer import shaft_phase
+
+_JITTER_LIMIT_RAD = 0.3  # phase error that takes 4 % off a line
+_FAULTY_PULSES = 0.05  # share of repaired pulses from which a tachometer is faulty
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedFromVibration:
+    """Speed estimated from the vibration of one channel."""
+
+    channel: str
+    speed: SpeedEstimate
+
+    @property
+    def confidence(self) -> float:
+        """Mean confidence over the frames with an estimate."""
+        shown = np.isfinite(self.speed.speed_hz)
+        return float(self.speed.confidence[shown].mean())
+
+
+@dataclass(frozen=True, kw_only=True)
+class AngleSource:
+    """Shaft whose angle is known, and its source: a tachometer, a declared speed, or the vibration."""
+
+    shaft: str
+    phase: ShaftPhase
+    tachometer: str = ""
+    pulses_per_rev: int = 0
+    estimated: SpeedFromVibration | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Machine:
+    """Kinematics and defect orders of a gearbox, with the angle `phase` of its reference.
+
+    `ratio` is the number of turns of the reference per turn of the shaft in `source`.
+    """
+
+    kinematics: Kinematics
+    reference: str
+    defect_orders: tuple[DefectOrder, ...]
+    bearings: tuple[BearingOrders, ...]
+    phase: ShaftPhase
+    source: AngleSource
+    ratio: float
+
+    @cached_property
+    def top_speed_hz(self) -> float:
+        """Highest mean speed of the reference over a revolution, in rev/s."""
+        return float(self.phase.mean_speed_per_revolution_hz().max())
+
+    @property
+    def mean_speed_hz(self) -> float:
+        """Mean speed of the reference, in rev/s."""
+        return float(self.phase.revolutions[-1] - self.phase.revolutions[0]) / (self.phase.stop_s - self.phase.start_s)
+
+    @property
+    def jitter_s(self) -> float:
+        """Standard deviation of a pulse time in s, 0 where unknown."""
+        return 0.0 if math.isnan(self.source.phase.jitter_s) else self.source.phase.jitter_s
+
+    @property
+    def jitter_limit_order(self) -> float:
+        """Order above which jitter attenuates a line by 4 % or more."""
+        turn = 2 * math.pi * self.jitter_s * self.mean_speed_hz
+        return _JITTER_LIMIT_RAD / turn if turn else math.inf
+
+    def order_of(self, link: str) -> Fraction:
+        """Return the exact shaft order of a link on a fixed axis: its speed over that of the reference, unsigned."""
+        return abs(self.kinematics.relative_speed(link, seen_from=self.kinematics.gearbox.frame))
+
+    def phase_std_rad(self, times_s: NDArray[np.float64], *, bandwidth_orders: float) -> NDArray[np.float64]:
+        """Return the standard deviation of the reference's angle in rad, within the bandwidth of a tracker.
+
+        Errors of single pulses are independent: of white errors at p pulses per revolution, the first-order smoother
+        of full -3 dB width B passes the share ``1.22 B / p`` of the variance (its equivalent noise bandwidth is
+        1.22 B). Errors of an estimated or smoothed angle are slow, and pass in full.
+        """
+        if self.source.estimated is not None:
+            return np.full(times_s.size, 2 * math.pi * self.source.estimated.speed.phase_std_rev)
+        if self.phase.nominal or not math.isfinite(self.phase.jitter_s):
+            return np.zeros(times_s.size)
+        std = self.phase.std_rad(np.clip(times_s, self.phase.start_s, self.phase.stop_s))
+        if self.phase.smoothing is not None:
+            return std
+        pulses = self.source.pulses_per_rev / self.ratio
+        return np.asarray(std * math.sqrt(min(1.0, _NOISE_BANDWIDTH * bandwidth_orders / pulses)))
+
+    @property
+    def tachometer_condition(self) -> tuple[str, tuple[str, ...]]:
+        """Status of the tachometer, "ok", "suspect" or "sick" (faulty), and a sentence for each reason."""
+        phase, reasons = self.source.phase, []
+        repairs = phase.repairs
+        if repairs.total:
+            reasons.append(
+                f"The tachometer's pulses were repaired: {repairs.missing} were missing and counted, {repairs.double} "
+                f"double and {repairs.spurious} spurious ones left out, of {phase.times_s.size} that remain."
+            )
+        if phase.direction_unknown:
+            begin, end = phase.stops_s[0]
+            reasons.append(
+                f"The shaft may have stopped ({len(phase.stops_s)} times, first from {begin:.4g} to {end:.4g} s), and "
+                "the pulses do not tell which way it turned after: the angle is counted as if it went on."
+            )
+        if self.jitter_limit_order < 1:
+            reasons.append(
+                f"Its pulses jitter by {self.jitter_s * 1e6:.3g} us, so much that even the first order of "
+                f"{self.reference} is blurred. Check the sensor and its threshold."
+            )
+        faulty = repairs.total > _FAULTY_PULSES * phase.times_s.size or self.jitter_limit_order < 1
+        return ("sick" if faulty else "suspect" if reasons else "ok"), tuple(reasons)
+
+
+_NOISE_BANDWIDTH = math.pi / 4 / math.sqrt(math.sqrt(2) - 1)  # of 1 / (1 + (f/f0)^2) over its full -3 dB width
+
+
+def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings) -> Machine:
+    """Return the kinematics of the gearbox and the angle of its reference in the record.
+
+    Raises
+    ------
+    AnalysisError
+        If the gearbox has several degrees of freedom or no reference, a shaft does not exist, the tachometer pulses
+        cannot be repaired, the speed cannot be estimated, or the record holds less than one revolution.
+    """
+    if not isinstance(gearbox, Gearbox):
+        raise AnalysisError(f"gearbox is a {type(gearbox).__name__}; load it first, as hums.load_gearbox(...) does.")
+    kinematics = solve_kinematics(gearbox)
+    if kinematics.dof != 1:
+        raise AnalysisError(
+            f'gearbox "{gearbox.name}" has {kinematics.dof} degrees of freedom; an analysis needs one, so that one '
+            "tachometer determines every speed. Fix the other inputs, for example by making them rigid with the frame."
+        )
+    if gearbox.reference is None:
+        raise AnalysisError(f'gearbox "{gearbox.name}" declares no reference shaft; add reference = "LINK".')
+    defect_orders = defects(kinematics)
+    source = _angle_source(record, defect_orders, gearbox.reference, settings)
+    ratio = _ratio(kinematics, source.shaft, gearbox.reference)
+    phase = source.phase if abs(ratio) == 1 else source.phase.scaled(abs(ratio))
+    turned = float(phase.revolutions[-1] - phase.revolutions[0])
+    if turned < 1:
+        raise AnalysisError(
+            f'the record holds no whole revolution of the reference "{gearbox.reference}" ({turned:.3g} of one in '
+            f"{phase.stop_s - phase.start_s:.3g} s); record longer, or choose a faster reference."
+        )
+    return Machine(
+        kinematics=kinematics,
+        reference=gearbox.reference,
+        defect_orders=defect_orders,
+        bearings=bearing_orders(kinematics),
+        phase=phase,
+        source=source,
+        ratio=abs(ratio),
+    )
+
+
+def _ratio(kinematics: Kinematics, shaft: str, reference: str) -> float:
+    """Return the turns of the reference per turn of the shaft whose angle is known."""
+    if shaft not in kinematics.links:
+        raise AnalysisError(
+            f'the record\'s angle is of shaft "{shaft}", which gearbox "{kinematics.gearbox.name}" does not have'
+            f"{closest(shaft, list(kinematics.links))}"
+        )
+    turns = kinematics.rates({shaft: 1})
+    ratio = sum(float(factor * turns[body]) for body, factor in kinematics.spin(reference).items())
+    if ratio == 0:
+        raise AnalysisError(f'the shaft "{shaft}" turns, but the reference "{reference}" does not; name another.')
+    return ratio
+
+
+def _angle_source(
+    record: xr.Dataset, defect_orders: Sequence[DefectOrder], reference: str, settings: AnalysisSettings
+) -> AngleSource:
+    """Return the shaft angle from a tachometer, else a declared speed, else the vibration."""
+    names = tachometers(record)
+    if settings.tachometer is not None and settings.tachometer not in names:
+        there = closest(settings.tachometer, names) if names else "; it has none"
+        raise AnalysisError(f'the record has no tachometer "{settings.tachometer}"{there}')
+    if names:
+        return _tachometer_angle(record, settings.tachometer or names[0])
+    declared = nominal_speed(record)
+    if declared is not None:
+        when = sampling(record, vibration_channels(record)[0])
+        stop = when.start_s + (when.count - 1) / when.rate_hz
+        phase = constant_speed(float(declared), start_s=when.start_s, stop_s=stop)
+        return AngleSource(shaft=declared.attrs["shaft"], phase=phase)
+    if settings.speed_range_hz is None or settings.max_acceleration_hz_s is None:
+        raise AnalysisError(
+            "the record has neither a tachometer nor a declared speed. To have the speed of the reference "
+            f'"{reference}" estimated, give its range and rate of change, speed_range_hz=(low, high) and '
+            "max_acceleration_hz_s=..., on the command line --speed-range LOW HIGH --max-acceleration HZ_PER_S."
+        )
+    return _vibration_angle(
+        record, defect_orders, reference, settings, settings.speed_range_hz, settings.max_acceleration_hz_s
+    )
+
+
+def _tachometer_angle(record: xr.Dataset, name: str) -> AngleSource:
+    pulses, per_rev = record[name], int(record[name].attrs["pulses_per_rev"])
+    try:
+        phase = shaft_phase(channel_values(record, name), pulses_per_rev=per_rev)
+    except ValueError as error:
+        raise AnalysisError(f'tachometer "{name}": {error}') from None
+    return AngleSource(shaft=pulses.attrs["shaft"], phase=phase, tachometer=name, pulses_per_rev=per_rev)
+
+
+def _vibration_angle(
+    record: xr.Dataset,
+    defect_orders: Sequence[DefectOrder],
+    reference: str,
+    settings: AnalysisSettings,
+    speed_range_hz: tuple[float, float],
+    max_acceleration_hz_s: float,
+) -> AngleSource:
+    """Return the angle of the reference, estimated from the first channel that allows it."""
+    tried = []
+    for name in settings.channels or vibration_channels(record):
+        when = sampling(record, name)
+        try:
+            found = estimate_speed(
+                np.asarray(channel_values(record, name), dtype=np.float64),
+                rate_hz=when.rate_hz,
+                orders=_speed_estimation_orders(
+                    defect_orders, settings.harmonics, below=when.rate_hz / 2 / speed_range_hz[0]
+                ),
+                speed_range_hz=speed_range_hz,
+                max_acceleration_hz_s=max_acceleration_hz_s,
+                start_s=when.start_s,
+            )
+        except ValueError as error:
+            raise AnalysisError(f'the speed cannot be estimated from channel "{name}": {error}') from None
+        if found.phase is not None:
+            return AngleSource(
+                shaft=reference, phase=found.phase, estimated=SpeedFromVibration(channel=name, speed=found)
+            )
+        tried.append(f'channel "{name}": {_failure_reason(found)}')
+    raise AnalysisError(
+        f'the speed of "{reference}" cannot be estimated from the vibration: {"; ".join(tried)}. Narrow speed_range_hz '
+        "(--speed-range), choose another channel, or record a tachometer."
+    )
+
+
+def _speed_estimation_orders(defect_orders: Sequence[DefectOrder], harmonics: int, *, below: float) -> list[float]:
+    """Return the orders for the speed estimate: shafts, and harmonics of meshes (of shafts if there is no mesh)."""
+    meshes = {row.order for row in defect_orders if row.kind == "gear_mesh"}
+    shafts = {row.order for row in defect_orders if row.kind == "shaft"}
+    harmonic_orders = {harmonic * order for order in meshes or shafts for harmonic in range(1, harmonics + 1)}
+    return sorted(order for order in harmonic_orders | shafts if order <= below) or sorted(shafts)
+
+
+def _failure_reason(found: SpeedEstimate) -> str:
+    if found.status == "not found":
+        return "no shaft shows in it"
+    others = [f"{other.ratio:.3g} times it" for other in found.alternatives]
+    middle = np.nanmedian(found.speed_hz)
+    other = f", or {', '.join(others)}" if others else ", but nearly all of it rests on a single order"
+    return f"the speed is ambiguous: it may be about {middle:.4g} rev/s{other}"

@@ -1,0 +1,504 @@
+"""Schema of an analysis, a tree of datasets: its groups, its check, and its HDF5 file."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import xarray as xr
+
+from hums.analysis.detection import AssessedLine
+from hums.analysis.findings import Finding
+from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
+from hums.records.record import RecordError
+from hums.records.store import open_tree, write_tree
+from signals.spectra.spectra import AmplitudeSpectrum
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from numpy.typing import NDArray
+
+
+Analysis: TypeAlias = xr.DataTree
+SCHEMA = "hums-analysis/1"
+GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")
+
+
+class AnalysisError(ValueError):
+    """Raised where a record, gearbox or setting does not allow an analysis.
+
+    Examples
+    --------
+    >>> import hums
+    >>> try:
+    ...     hums.AnalysisSettings(harmonics=0)
+    ... except hums.AnalysisError as error:
+    ...     print("harmonics" in str(error))
+    True
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvelopeBand:
+    """Demodulated band in Hz; where it was chosen from the record, with the reason and the doubts about it."""
+
+    low_hz: float
+    high_hz: float
+    chosen: bool
+    why: str = ""
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Lower and upper edge in Hz."""
+        return self.low_hz, self.high_hz
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorCondition:
+    """Condition of a sensor: status "ok", "suspect" or "sick" (faulty), and a sentence for each reason.
+
+    ``missing`` is the fraction of samples without signal; ``not_judged`` lists the checks for which the record is too
+    short or too slowly sampled.
+    """
+
+    name: str
+    sensor: str
+    status: str
+    reasons: str = ""
+    missing: float = 0.0
+    not_judged: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IndicatorValue:
+    """One condition indicator of one component in one channel.
+
+    ``kind`` is the kind of component (channel, shaft, gear, planetary, or the race or element of a bearing); ``takes``
+    names the signal the indicator is computed from. ``value`` is NaN exactly where ``withheld`` gives the reason;
+    ``noise_limit`` is the value that noise alone seldom exceeds, NaN where unknown.
+    """
+
+    channel: str
+    component: str
+    kind: str
+    indicator: str
+    value: float
+    unit: str
+    noise_limit: float
+    takes: str
+    source: str
+    withheld: str = ""
+
+
+def save_analysis(analysis: Analysis, path: str | Path) -> None:
+    """Write an analysis to one HDF5 file; an existing file is replaced only when the new one is complete.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` or `open_analysis`.
+    path : str or Path
+        File to write, ``.h5``.
+
+    Raises
+    ------
+    AnalysisError
+        If `analysis` lacks the schema or a group of an analysis.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import hums
+    >>> noise = np.random.default_rng(0).normal(size=8000)
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> with TemporaryDirectory() as folder:
+    ...     hums.save_analysis(analysis, f"{folder}/analysis.h5")
+    ...     with hums.open_analysis(f"{folder}/analysis.h5") as reopened:
+    ...         print(hums.summary(reopened) == hums.summary(analysis))
+    True
+    """
+    check_analysis(analysis)
+    write_tree(analysis, path)
+
+
+def open_analysis(path: str | Path) -> Analysis:
+    """Return the analysis in a file that `save_analysis` wrote; arrays are read when first used.
+
+    Parameters
+    ----------
+    path : str or Path
+        The ``analysis.h5`` of a report, or another file of `save_analysis`.
+
+    Returns
+    -------
+    xarray.DataTree
+        The analysis; it holds the file open and is a context manager that closes it.
+
+    Raises
+    ------
+    AnalysisError
+        If the file is not HDF5, or not an analysis.
+    RecordError
+        If there is no such file.
+
+    Examples
+    --------
+    See `save_analysis` for the round trip. A record is not an analysis:
+
+    >>> from tempfile import TemporaryDirectory
+    >>> import hums
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": [0.0, 1.0]}, rate_hz=4000, units="g", angle=angle)
+    >>> with TemporaryDirectory() as folder:
+    ...     hums.save_record(record, f"{folder}/record.h5")
+    ...     try:
+    ...         hums.open_analysis(f"{folder}/record.h5")
+    ...     except hums.AnalysisError as error:
+    ...         print("this is not an analysis" in str(error))
+    True
+    """
+    try:
+        tree = open_tree(path)
+    except RecordError:
+        if not Path(path).is_file():
+            raise
+        raise AnalysisError(
+            f"{path}: not an HDF5 file that can be read, so no analysis; give the analysis.h5 that the earlier "
+            "analysis wrote beside its report."
+        ) from None
+    try:
+        check_analysis(tree)
+    except AnalysisError as error:
+        tree.close()
+        raise AnalysisError(f"{path}: {error}") from None
+    return tree
+
+
+def group(analysis: Analysis, name: str) -> xr.Dataset:
+    """Return one group of an analysis, such as ``"speed"``, as a dataset."""
+    return analysis.children[name].to_dataset(inherit=False)
+
+
+def check_analysis(tree: Analysis) -> None:
+    """Raise AnalysisError unless `tree` has the schema and groups of an analysis."""
+    if tree.attrs.get("schema") != SCHEMA:
+        raise AnalysisError(
+            f'this is not an analysis: its schema is {tree.attrs.get("schema")!r}, not "{SCHEMA}"; make one with '
+            "hums.analyze."
+        )
+    missing = [group for group in GROUPS if group not in tree.children]
+    if missing:
+        raise AnalysisError(f"this analysis lacks the groups {', '.join(missing)}; make it again with hums.analyze.")
+
+
+def spectrum_dataset(
+    spectra: Sequence[tuple[str, str, AmplitudeSpectrum]],
+    lines: Sequence[AssessedLine],
+    *,
+    bands: Mapping[str, EnvelopeBand] | None = None,
+) -> xr.Dataset:
+    """Return the spectra of all channels (name, units, spectrum) on a common order axis, with their line table.
+
+    `bands` holds the demodulated band of each channel where the spectra are those of envelopes.
+    """
+    table = _line_table(lines)
+    if not spectra:
+        return table
+    names, units, alike = zip(*spectra, strict=True)
+    size = min(spectrum.axis.size for spectrum in alike)
+    amplitude = np.stack([spectrum.amplitude[:size] for spectrum in alike])
+    whole = (
+        table.assign(amplitude=(("channel", "order"), amplitude, {"long_name": "peak amplitude"}))
+        .assign_coords(
+            channel=list(names),
+            units=("channel", list(units)),
+            order=("order", alike[0].axis[:size], {"units": "cycles per revolution of the reference"}),
+        )
+        .assign_attrs(
+            window=alike[0].window,
+            bin_width_orders=alike[0].bin_width,
+            resolution_orders=alike[0].resolution,
+        )
+    )
+    return whole if bands is None else _with_bands(whole, [bands[name] for name in names])
+
+
+def _with_bands(dataset: xr.Dataset, bands: Sequence[EnvelopeBand]) -> xr.Dataset:
+    return dataset.assign_coords(
+        band_low_hz=("channel", [band.low_hz for band in bands]),
+        band_high_hz=("channel", [band.high_hz for band in bands]),
+        band_chosen=("channel", np.array([band.chosen for band in bands], dtype=np.int8)),
+        band_why=("channel", [band.why for band in bands]),
+        band_doubts_json=("channel", [json.dumps(band.doubts) for band in bands]),
+    )
+
+
+def _line_table(lines: Sequence[AssessedLine]) -> xr.Dataset:
+    """Return the assessed lines as a dataset along `line`."""
+    found, expected, text = ([line.measured.line for line in lines], [line.measured.expected for line in lines], "<U1")
+    columns: dict[str, NDArray[Any]] = {
+        "component": np.array([w.component for w in expected], dtype=None if expected else text),
+        "kind": np.array([w.kind for w in expected], dtype=None if expected else text),
+        "harmonic": np.array([w.harmonic for w in expected], dtype=np.int64),
+        "sideband": np.array([w.sideband for w in expected], dtype=np.int64),
+        "line_channel": np.array([line.measured.channel for line in lines], dtype=None if lines else text),
+        "line_units": np.array([line.measured.units for line in lines], dtype=None if lines else text),
+        "line_order": np.array([w.order for w in expected], dtype=np.float64),
+        "order_found": np.array([f.found for f in found], dtype=np.float64),
+        "line_amplitude": np.array([f.amplitude for f in found], dtype=np.float64),
+        "line_amplitude_std": np.array([f.amplitude_std for f in found], dtype=np.float64),
+        "background": np.array([f.background for f in found], dtype=np.float64),
+        "snr": np.array([f.snr for f in found], dtype=np.float64),
+        "false_alarm_probability": np.array([line.false_alarm_probability for line in lines], dtype=np.float64),
+        "claimed": np.array([line.significant for line in lines], dtype=np.int8),
+        "explained_by": np.array([line.explained_by for line in lines], dtype=None if lines else text),
+    }
+    return xr.Dataset({name: ("line", values) for name, values in columns.items()})
+
+
+def rows_dataset(rows: Sequence[Finding | SensorCondition | IndicatorValue], kind: type, *, dim: str) -> xr.Dataset:
+    """Return dataclass rows of one kind as a dataset along `dim`, with one variable for each field."""
+    columns: dict[str, NDArray[Any]] = {}
+    for field in fields(kind):
+        values = [getattr(row, field.name) for row in rows]
+        number = field.type in (float, "float")
+        columns[field.name] = np.array(values, dtype=np.float64 if number else None if rows else "<U1")
+    return xr.Dataset({name: (dim, values) for name, values in columns.items()})
+
+
+# ---- Tables and a JSON summary of an analysis, as written to `orders.csv`, `indicators.csv` and `summary.json` -------
+
+
+SUMMARY_SCHEMA = "hums-summary/1"
+
+
+def line_table(analysis: Analysis, name: str) -> "pd.DataFrame":
+    """Return the expected lines of one spectrum as measured, one row per line and channel.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` or `open_analysis`.
+    name : str
+        ``"order_spectrum"`` or ``"envelope"``.
+
+    Returns
+    -------
+    pandas.DataFrame
+        component, kind, harmonic and sideband of the line; channel; order (expected) and order_found, in cycles per
+        revolution of the reference; amplitude (peak) and amplitude_std (of each quadrature, from the background) in
+        units; snr, the ratio of the amplitude to the background; false_alarm_probability, the probability that noise
+        alone exceeds this amplitude at any line of the record that can raise a finding; claimed, whether the line
+        is significant and not explained by a stronger one; explained_by, a description of that stronger line.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> times_s = np.arange(8000) / 4000
+    >>> tone = 0.5 * np.cos(2 * np.pi * 23 * 20 * times_s)  # 23 teeth at 20 rev/s
+    >>> noise = np.random.default_rng(0).normal(0, 0.05, times_s.size)
+    >>> pulses = hums.PulseTimes(times_s=np.arange(41) / 20, shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"housing": tone + noise}, rate_hz=4000, units="g", angle=pulses)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> lines = hums.line_table(analysis, "order_spectrum")
+    >>> lines[lines["claimed"]][["component", "harmonic", "order", "amplitude"]].round(2).values.tolist()
+    [['stage 1', 1, 23.0, 0.5]]
+    """
+    dataset = group(analysis, name)
+    table = dataset[[column for column in dataset.data_vars if dataset[column].dims == ("line",)]].to_dataframe()
+    plain = table.rename(columns=lambda column: str(column).removeprefix("line_")).reset_index(drop=True)
+    plain["claimed"] = plain["claimed"].astype(bool)
+    return plain[
+        [
+            "component",
+            "kind",
+            "harmonic",
+            "sideband",
+            "channel",
+            "order",
+            "order_found",
+            "amplitude",
+            "amplitude_std",
+            "units",
+            "snr",
+            "false_alarm_probability",
+            "claimed",
+            "explained_by",
+        ]
+    ]
+
+
+def findings_table(analysis: Analysis) -> "pd.DataFrame":
+    """Return the findings, one row per component and kind of defect, the most certain first.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` or `open_analysis`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        component and kind of the defect; channel that shows it best; verdict, ``"diagnosed"`` or ``"indicated"``;
+        evidence in words; false_alarm_probability; snr; order_found in cycles per revolution of the reference;
+        amplitude (peak) in units.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> noise = np.random.default_rng(0).normal(size=8000)
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> len(hums.findings_table(analysis))  # white noise holds no defect
+    0
+    """
+    return group(analysis, "findings").to_dataframe().reset_index(drop=True)
+
+
+def indicator_table(analysis: Analysis) -> "pd.DataFrame":
+    """Return the condition indicators, one row per channel, component and indicator.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` or `open_analysis`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        channel, component, kind (of component) and indicator; value in unit; noise_limit, which noise alone seldom
+        exceeds, NaN where unknown; takes, the signal the indicator is computed from; source, the publication;
+        withheld, the reason where the value is NaN.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> noise = np.random.default_rng(0).normal(size=8000)
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> values = hums.indicator_table(analysis).set_index(["component", "indicator"])["value"]
+    >>> bool(abs(values["record", "kurtosis"] - 3) < 5 * np.sqrt(24 / 8000))  # Gaussian noise
+    True
+    """
+    return group(analysis, "indicators").to_dataframe().reset_index(drop=True)
+
+
+def health_table(analysis: Analysis) -> "pd.DataFrame":
+    """Return the condition of every sensor, one row each, the tachometer last.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` or `open_analysis`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        name; sensor, ``"vibration"`` or ``"tachometer"``; status, ``"ok"``, ``"suspect"`` or ``"sick"``; reasons for a
+        status other than ``"ok"``; missing, the fraction of samples without signal; not_judged, the checks for which
+        the record is too short or too slowly sampled.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> noise = np.random.default_rng(0).normal(size=8000)
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> hums.health_table(analysis)[["name", "status"]].values.tolist()
+    [['housing', 'ok']]
+    """
+    return group(analysis, "health").to_dataframe().reset_index(drop=True)
+
+
+def envelope_bands(analysis: Analysis) -> list[dict[str, Any]]:
+    """Return the demodulated band of each channel in Hz, whether it was chosen from the record, and why."""
+    dataset = group(analysis, ENVELOPE)
+    if "band_low_hz" not in dataset.coords:
+        return []
+    return [
+        {
+            "channel": str(one["channel"].item()),
+            "low_hz": float(one["band_low_hz"]),
+            "high_hz": float(one["band_high_hz"]),
+            "chosen": bool(one["band_chosen"]),
+            "why": str(one["band_why"].item()),
+            "doubts": json.loads(one["band_doubts_json"].item()),
+        }
+        for one in (dataset.isel(channel=number) for number in range(dataset.sizes["channel"]))
+    ]
+
+
+def summary(analysis: Analysis) -> dict[str, Any]:
+    """Return the speed, sensor health, lines, indicators and findings of an analysis as plain JSON types.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` or `open_analysis`.
+
+    Returns
+    -------
+    dict
+        The content of ``summary.json``: keys ``schema``, ``record``, ``gearbox``, ``reference``, ``channels``,
+        ``settings``, ``notes``, ``speed_hz``, ``health``, ``envelope_bands``, ``orders``, ``envelope``, ``indicators``,
+        ``findings`` and others; tables are lists of rows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> noise = np.random.default_rng(0).normal(size=8000)
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> facts = hums.summary(analysis)
+    >>> facts["reference"], round(facts["speed_hz"]["mean"], 6), facts["findings"]
+    ('input', 20.0, [])
+    """
+    attrs, motion = analysis.attrs, group(analysis, "speed")
+    speed = motion["speed_hz"]
+    return {
+        "schema": SUMMARY_SCHEMA,
+        "record": attrs["record"],
+        "machine": attrs["machine"],
+        "recorded_at": attrs["recorded_at"],
+        "gearbox": attrs["gearbox"],
+        "reference": attrs["reference"],
+        "version": attrs["version"],
+        "channels": json.loads(attrs["channels_json"]),
+        "settings": json.loads(attrs["settings_json"]),
+        "notes": json.loads(attrs["notes_json"]),
+        "speed_hz": {
+            "min": float(speed.min()),
+            "max": float(speed.max()),
+            "mean": speed.size / float((1 / speed).sum()),
+            "nominal": bool(motion.attrs["nominal"]),
+            "tachometer": str(motion.attrs["tachometer"]),
+            "estimated_from": str(motion.attrs.get("estimated_from", "")),
+            "confidence": float(motion.attrs["confidence"]) if "confidence" in motion.attrs else None,
+        },
+        "health": _records(health_table(analysis)),
+        "envelope_bands": envelope_bands(analysis),
+        "orders": _records(line_table(analysis, ORDER_SPECTRUM)),
+        "envelope": _records(line_table(analysis, ENVELOPE)),
+        "indicators": _records(indicator_table(analysis)),
+        "findings": _records(findings_table(analysis)),
+    }
+
+
+def _records(table: "pd.DataFrame") -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = json.loads(table.to_json(orient="records", double_precision=12))
+    return rows

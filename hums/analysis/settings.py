@@ -1,0 +1,109 @@
+"""Settings of an analysis."""
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from hums.analysis.result import AnalysisError
+from hums.gearbox.components import Declared, sentences
+
+Band = tuple[float, float]
+
+
+class AnalysisSettings(Declared):
+    """Settings of an analysis; the result records every one of them.
+
+    Attributes
+    ----------
+    channels : tuple of str, optional
+        Vibration channels to analyse; default all.
+    tachometer : str, optional
+        Tachometer that measures the shaft angle, where the record has several; default the first.
+    speed_range_hz : (float, float), optional
+        Lowest and highest speed of the reference in rev/s. Needed where the record has neither a tachometer nor a
+        declared speed: the speed is then estimated from the vibration.
+    max_acceleration_hz_s : float, optional
+        Highest rate of change of that speed in rev/s per second; given together with `speed_range_hz`.
+    envelope_band_hz : (float, float), "auto" or None
+        Band to demodulate in Hz, for all channels; ``"auto"`` chooses one for each channel (`signals.choose_band`)
+        where the gearbox has bearings; None leaves the envelope and the bearing lines out.
+    false_alarm_probability : float
+        Probability that noise alone raises any finding in the record.
+    harmonics : int
+        Number of harmonics searched for each shaft, mesh and bearing frequency.
+    sidebands : int
+        Number of sidebands searched on either side of each mesh harmonic.
+    slip : float
+        Largest relative deviation of a bearing line from its kinematic order.
+    nominal_speed_tolerance : float
+        Largest relative deviation of any line from its order where the speed is declared and not measured.
+    max_order : float, optional
+        Upper end of the order spectrum; default a little above the highest expected line.
+    track_bandwidth_orders : float, optional
+        Full -3 dB width of the amplitude trackers in orders; default the maximum-likelihood one of each line, at most
+        0.1 orders.
+    most_tracks : int
+        Largest number of lines tracked in each channel, the strongest first; 0 for none.
+    freeze_baseline : bool
+        Leave the variances of the baseline unchanged, so that NA4 and NB4 become NA4* and NB4*.
+    baseline_limit_std : float, optional
+        Freeze the variance of a gear at the first record that exceeds the mean of the earlier ones by this many of
+        their standard deviations; default never.
+
+    Raises
+    ------
+    AnalysisError
+        If a value is out of range, or `speed_range_hz` and `max_acceleration_hz_s` are not given together.
+
+    Examples
+    --------
+    >>> import hums
+    >>> settings = hums.AnalysisSettings(envelope_band_hz=(2000, 4000), harmonics=5)
+    >>> settings.envelope_band_hz, settings.harmonics, settings.slip
+    ((2000.0, 4000.0), 5, 0.02)
+    """
+
+    channels: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+    tachometer: str | None = None
+    speed_range_hz: Band | None = None
+    max_acceleration_hz_s: Annotated[float, Field(gt=0)] | None = None
+    envelope_band_hz: Band | Literal["auto"] | None = "auto"
+    false_alarm_probability: Annotated[float, Field(gt=0, lt=1)] = 0.01
+    harmonics: Annotated[int, Field(ge=1, le=20)] = 3
+    sidebands: Annotated[int, Field(ge=0, le=20)] = 3
+    slip: Annotated[float, Field(gt=0, lt=0.2)] = 0.02
+    nominal_speed_tolerance: Annotated[float, Field(ge=0, lt=0.2)] = 0.02
+    max_order: Annotated[float, Field(gt=0)] | None = None
+    track_bandwidth_orders: Annotated[float, Field(gt=0)] | None = None
+    most_tracks: Annotated[int, Field(ge=0)] = 24
+    freeze_baseline: bool = False
+    baseline_limit_std: Annotated[float, Field(gt=0)] | None = None
+
+    def __init__(self, **values: Any) -> None:  # noqa: ANN401
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise AnalysisError(f"settings: {sentences(error)}") from None
+
+    @field_validator("envelope_band_hz", mode="before")
+    @classmethod
+    def _check_band_type(cls, band: Any) -> Any:  # noqa: ANN401
+        pair = isinstance(band, tuple | list) and len(band) == 2  # noqa: PLR2004
+        if not (band is None or band == "auto" or pair):
+            raise ValueError(f'{band!r} is no band; give (low, high) in Hz, "auto" to have one chosen, or None')
+        return band
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        band = self.envelope_band_hz
+        if isinstance(band, tuple) and not 0 <= band[0] < band[1]:
+            raise ValueError(f"envelope_band_hz = {band} must rise from 0 or more; give (low, high)")
+        speeds = self.speed_range_hz
+        if speeds is not None and not 0 < speeds[0] < speeds[1]:
+            raise ValueError(f"speed_range_hz = {speeds} must rise from above 0; give (low, high)")
+        if (speeds is None) != (self.max_acceleration_hz_s is None):
+            raise ValueError(
+                f"speed_range_hz = {speeds} and max_acceleration_hz_s = {self.max_acceleration_hz_s} belong together: "
+                "the range the speed lies in, and how fast it may change, in Hz a second; give both, or neither"
+            )
+        return self

@@ -1,0 +1,1 @@
+"""Many records of a machine become one table, with trends."""

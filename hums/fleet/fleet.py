@@ -1,0 +1,276 @@
+"""Analysis of many records: one table of lines, indicators and verdicts, and their trends over time.
+
+Each record is analysed independently, in any process, and leaves one small result file. An interrupted run therefore
+resumes, a later run analyses only records that are new or changed, and memory holds one record per worker. A record
+that cannot be analysed becomes a row with its error.
+"""
+
+import gzip
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
+from hums.analysis.result import Analysis, findings_table, group, indicator_table, line_table
+from hums.fleet.table import write_tables
+from hums.gearbox.model import Gearbox, load_gearbox
+from hums.jobs import Job, Serial, Workers, run_jobs
+from hums.records.dataset_store import dataset_record, dataset_size, is_dataset
+from hums.records.store import atomic_write, open_record
+
+__all__ = ["Fleet", "FleetError", "analyze_fleet"]
+
+
+class FleetError(ValueError):
+    """Raised where a run over many records cannot start.
+
+    Examples
+    --------
+    >>> import hums
+    >>> try:
+    ...     hums.analyze_fleet([], "two-stage", "no-folder")
+    ... except hums.FleetError as error:
+    ...     print(error)
+    no records were named; name files, or folders that hold some.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fleet:
+    """Result of `analyze_fleet`: its folder, the number of records, and the errors.
+
+    Attributes
+    ----------
+    folder : Path
+        Holds ``fleet.h5`` and ``fleet.csv``, one row per record; ``trends.csv``, one row per series and machine; and
+        ``records/``, the results of each record.
+    records, failed : int
+        Number of records, and of those that could not be analysed.
+    analysed, kept : int
+        Number of records analysed in this run, and in earlier runs.
+    errors : mapping of str to str
+        Error of each failed record, by its name.
+    no_trends : str
+        Reason why ``trends.csv`` has no row; empty where it has rows.
+
+    Examples
+    --------
+    See `analyze_fleet`, which returns it.
+
+    >>> from pathlib import Path
+    >>> import hums
+    >>> fleet = hums.Fleet(folder=Path("fleet"), records=3, failed=1, analysed=2, kept=1)
+    >>> fleet.records - fleet.failed
+    2
+    """
+
+    folder: Path
+    records: int
+    failed: int
+    analysed: int
+    kept: int
+    errors: Mapping[str, str] = field(default_factory=dict)
+    no_trends: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Source:
+    """A record: a file, or one of a dataset in a folder."""
+
+    name: str
+    path: Path
+    number: int | None = None
+
+
+def analyze_fleet(
+    sources: Sequence[str | Path],
+    gearbox: Gearbox | str | Path,
+    folder: str | Path,
+    *,
+    settings: AnalysisSettings | None = None,
+    workers: Workers | None = None,
+    progress: bool = False,
+) -> Fleet:
+    """Analyse many records of one gearbox type and write their table and trends into a folder.
+
+    Parameters
+    ----------
+    sources : sequence of path
+        Records, folders of records (searched for ``.h5``), and folders that ``hums dataset`` wrote.
+    gearbox : Gearbox, path or catalogue name
+        The gearbox of all records.
+    folder : path
+        New, or of an earlier run with the same gearbox and settings: records it already holds are not analysed again
+        unless their file has changed.
+    settings : AnalysisSettings, optional
+        Defaults to ``AnalysisSettings(most_tracks=0)``: the table holds no tracks.
+    workers : Serial, Processes or Cluster of `hums.jobs`, optional
+        Where the records are analysed; default `Serial`.
+    progress : bool
+        Whether to draw a progress bar on standard error.
+
+    Returns
+    -------
+    Fleet
+        The folder, the number of records, and the errors.
+
+    Raises
+    ------
+    FleetError
+        If there are no records, a path does not exist, or the folder belongs to another gearbox or other settings.
+    JobError
+        See `hums.jobs.run_jobs`.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import hums
+    >>> noise = np.random.default_rng(0).normal(size=8000)
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> with TemporaryDirectory() as folder:
+    ...     hums.save_record(record, f"{folder}/monday.h5")
+    ...     fleet = hums.analyze_fleet([f"{folder}/monday.h5"], "two-stage", f"{folder}/fleet")
+    >>> fleet.records, fleet.failed
+    (1, 0)
+    """
+    gearbox = gearbox if isinstance(gearbox, Gearbox) else load_gearbox(gearbox)
+    settings = settings or AnalysisSettings(most_tracks=0)
+    found = _sources(sources)
+    folder = Path(folder).resolve()
+    task = {
+        "gearbox": gearbox.model_dump_json(exclude_none=True),
+        "settings": settings.model_dump_json(),
+        "version": version("hums-toolkit"),
+    }
+    results = folder / "records"
+    results.mkdir(parents=True, exist_ok=True)
+    _check_task(folder / "task.json", task)
+    jobs = [Job(name=_result_name(source), item=source) for source in found]
+    tally = run_jobs(
+        partial(_analyse_to_file, task["gearbox"], task["settings"]),
+        jobs,
+        folder=results,
+        workers=workers or Serial(),
+        title="records" if progress else None,
+    )
+    written = write_tables([results / job.name for job in jobs], folder)
+    return Fleet(
+        folder=folder,
+        records=len(jobs),
+        failed=len(written.errors),
+        analysed=tally.done,
+        kept=tally.kept,
+        errors=written.errors,
+        no_trends=written.no_trends,
+    )
+
+
+def _check_task(path: Path, task: dict[str, str]) -> None:
+    """Write gearbox, settings and version into the folder; raise where it already holds other ones."""
+    if not path.is_file():
+        with atomic_write(path) as part:
+            part.write_text(json.dumps(task, indent=1), encoding="utf-8")
+        return
+    there = json.loads(path.read_text(encoding="utf-8"))
+    differing = [name for name in task if there.get(name) != task[name]]
+    if differing:
+        raise FleetError(
+            f"{path.parent} holds records analysed with another {' and another '.join(differing)}; a table mixes none. "
+            "Name another folder."
+        )
+
+
+# ---- the records -------------------------------------------------------------------------------------------
+
+
+def _sources(given: Sequence[str | Path]) -> list[_Source]:
+    found: dict[tuple[Path, int | None], _Source] = {}
+    for path in map(Path, given):
+        if not path.exists():
+            raise FleetError(f"{path}: there is no such file or folder; check the path.")
+        for source in _sources_in_folder(path) if path.is_dir() else [_Source(name=str(path), path=path.resolve())]:
+            found[source.path, source.number] = source
+    if not found:
+        raise FleetError("no records were named; name files, or folders that hold some.")
+    return list(found.values())
+
+
+def _sources_in_folder(folder: Path) -> list[_Source]:
+    whole = folder.resolve()
+    if is_dataset(folder) or (folder / "plan.toml").is_file():
+        return [_Source(name=f"{folder}/{n}", path=whole, number=n) for n in range(dataset_size(folder))]
+    there = [_Source(name=str(path), path=path.resolve()) for path in sorted(folder.rglob("*.h5"))]
+    if not there:
+        raise FleetError(f"{folder} holds no record, no file that ends in .h5; make records with hums convert.")
+    return there
+
+
+def _result_name(source: _Source) -> str:
+    """Return the name of a record's result file: a hash of its path, size and time of change."""
+    key: list[Any] = [str(source.path), source.number]
+    if source.number is None and source.path.exists():
+        stat = source.path.stat()
+        key += [stat.st_size, stat.st_mtime_ns]
+    return hashlib.sha256(json.dumps(key).encode()).hexdigest()[:24] + ".json.gz"
+
+
+def _analyse_to_file(gearbox: str, settings: str, source: _Source, path: Path) -> None:
+    row = {"record": source.name} | _row(source, *_parsed(gearbox, settings))
+    with atomic_write(path) as part:
+        part.write_bytes(gzip.compress(json.dumps(row).encode(), mtime=0))
+
+
+@lru_cache(maxsize=4)
+def _parsed(gearbox: str, settings: str) -> tuple[Gearbox, AnalysisSettings]:
+    return Gearbox.model_validate_json(gearbox), AnalysisSettings.model_validate_json(settings)
+
+
+def _row(source: _Source, gearbox: Gearbox, settings: AnalysisSettings) -> dict[str, Any]:
+    facts = {"machine": "", "recorded_at": ""}
+    try:
+        with _opened(source) as record:
+            facts = {name: str(record.attrs.get(name, "")) for name in facts}
+            return facts | _results(analyze(record, gearbox, settings=settings))
+    except Exception as error:  # noqa: BLE001 - whatever is wrong with one record, the others are to be analysed
+        sentence = str(error) if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: {error}"
+        return facts | {"error": sentence or type(error).__name__}
+
+
+def _opened(source: _Source) -> xr.Dataset:
+    return open_record(source.path) if source.number is None else dataset_record(source.path, source.number)
+
+
+def _results(analysis: Analysis) -> dict[str, Any]:
+    """Return mean speed, lines, indicators and findings of an analysis as JSON types."""
+    speed = group(analysis, "speed")["speed_hz"]
+    return {
+        "error": "",
+        "speed_hz": speed.size / float((1 / speed).sum()),
+        "lines": [line for name in (ORDER_SPECTRUM, ENVELOPE) for line in _lines(analysis, name)],
+        "indicators": [
+            [row[name] for name in ("channel", "component", "kind", "indicator", "unit", "value")]
+            for row in indicator_table(analysis).to_dict("records")
+            if math.isfinite(row["value"])
+        ],
+        "findings": [
+            [row[name] for name in ("component", "kind", "verdict", "channel", "evidence")]
+            for row in findings_table(analysis).to_dict("records")
+        ],
+    }
+
+
+def _lines(analysis: Analysis, name: str) -> Iterator[list[Any]]:
+    for row in line_table(analysis, name).to_dict("records"):
+        key = [row["channel"], name, *(row[part] for part in ("component", "kind", "harmonic", "sideband", "units"))]
+        yield [*key, row["order"], row["amplitude"], row["snr"], int(row["claimed"])]

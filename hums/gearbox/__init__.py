@@ -1,0 +1,1 @@
+"""The declared mechanism: its kinematics, exact orders, torques and forces."""

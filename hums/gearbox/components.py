@@ -1,0 +1,496 @@
+"""The parts of a declared gearbox, axes, gears, meshes and bearings, and the checks of their numbers."""
+
+import difflib
+import json
+import math
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fractions import Fraction
+from importlib.resources import files
+from itertools import pairwise
+from math import radians, sin
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+__all__ = [
+    "X_AXIS",
+    "Axis",
+    "Bearing",
+    "Declared",
+    "Gear",
+    "Mesh",
+    "Multiples",
+    "Name",
+    "Positive",
+    "Vector",
+    "assembly_warnings",
+    "closest",
+    "coaxial_warning",
+    "count",
+    "named_file",
+    "planet_angles",
+    "quoted",
+    "read_toml",
+    "sentences",
+    "shipped_files",
+    "unit_vector",
+    "validated",
+]
+
+
+# ---- The base of all hand-written files: strict, deeply frozen models, and validation errors in sentences ------------
+
+
+M = TypeVar("M", bound="Declared")
+
+
+class Declared(BaseModel):
+    """A table of a hand-written file: no coercion of types, no unknown keys, immutable."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown_keys(cls, table: Any) -> Any:  # noqa: ANN401
+        if not isinstance(table, dict):
+            return table
+        valid = {field.alias or name for name, field in cls.model_fields.items()} | set(cls.model_fields)
+        for key in table:
+            if key not in valid:
+                raise ValueError(f'unknown key "{key}"{closest(str(key), valid)}')
+        return frozen(table)
+
+    def changed(self, **values: object) -> Self:
+        """Return a validated copy with some fields replaced."""
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self).model_validate(fields | values)
+
+
+def count(number: int, thing: str) -> str:
+    """Return ``1 thing`` or ``n things``."""
+    return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
+def quoted(names: Iterable[str]) -> str:
+    """Return the names in quotation marks, each once, with commas between them."""
+    return ", ".join(f'"{name}"' for name in dict.fromkeys(names))
+
+
+def closest(word: str, valid: set[str] | list[str]) -> str:
+    """Return the end of an error: the valid word closest to a misspelt one, else all valid words."""
+    matches = difflib.get_close_matches(word, sorted(valid), n=1)
+    if matches:
+        return f'; did you mean "{matches[0]}"?'
+    return f"; valid: {', '.join(sorted(valid))}"
+
+
+def frozen(value: Any) -> Any:  # noqa: ANN401
+    """Turn the lists of a parsed file into tuples, so that strict validation accepts them."""
+    if isinstance(value, dict):
+        return {key: frozen(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(frozen(item) for item in value)
+    return value
+
+
+def validated(model: type[M], table: dict[str, Any], *, where: str, error: type[ValueError]) -> M:
+    """Validate a parsed table; on failure raise `error` with one clause for each invalid value."""
+    try:
+        return model.model_validate(table)
+    except ValidationError as caught:
+        raise error(f"{where}: {sentences(caught)}") from None
+
+
+def sentences(caught: ValidationError) -> str:
+    """Return the message of a validation error: one clause for each invalid value."""
+    text = "; ".join(dict.fromkeys(_clause(details) for details in _causes(caught.errors())))
+    return text if text.endswith("?") else f"{text}."
+
+
+def named_file(name_or_path: str | Path, *, shipped: dict[str, Path], thing: str, error: type[ValueError]) -> Path:
+    """Return the file of a catalogue name or a path; a catalogue name has precedence over a file of that name."""
+    name, path = str(name_or_path), Path(name_or_path)
+    if name in shipped:
+        return shipped[name]
+    if path.suffix == ".toml" or path.exists():
+        return path
+    raise error(f'"{name}" is neither a .toml file nor a {thing} of the catalogue{closest(name, set(shipped))}')
+
+
+def shipped_files(package: str) -> dict[str, Path]:
+    """Return the TOML files in the folder `catalogue` of a package, by stem."""
+    folder = Path(str(files(package))) / "catalogue"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
+    """Return the tables of a TOML file; raise `error` where it cannot be read."""
+    if path.is_dir():
+        raise error(f"{path} is a directory; name a .toml file in it.")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise error(f"{path}: there is no such file; check the path.") from None
+    except UnicodeDecodeError as caught:
+        raise error(f"{path} is not UTF-8 text (byte {caught.start}); save it as UTF-8.") from None
+    if not text.strip():
+        raise error(f"{path} is empty; it should declare its tables in TOML.")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as caught:
+        raise error(f"{path} is not valid TOML: {caught}.") from None
+
+
+def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:
+    """Leave out the errors that only follow from a nested one: a list too short for lack of its invalid items."""
+    places = [details["loc"] for details in errors]
+    return [
+        details
+        for details in errors
+        if details["type"] != "too_short"
+        or not any(
+            len(place) > len(details["loc"]) and place[: len(details["loc"])] == details["loc"] for place in places
+        )
+    ]
+
+
+def _clause(details: ErrorDetails) -> str:
+    place = ".".join(str(part + 1) if isinstance(part, int) else part for part in details["loc"])
+    message = details["msg"].removeprefix("Value error, ").rstrip(".")
+    if details["type"] == "missing":
+        return f"{place} is missing; add it"
+    if details["type"] == "value_error":
+        return f"{place}: {message}" if place else message
+    if details["type"] == "tuple_type":
+        given = details["input"]
+        # JSON and TOML write text, numbers and booleans alike
+        listed = f", as in [{json.dumps(given)}]" if isinstance(given, str | int | float) else ""
+        return f"{place} = {given!r}: give a list in brackets{listed}"
+    return f"{place} = {details['input']!r}: {message[0].lower()}{message[1:]}"
+
+
+# ---- Assembly conditions of a planetary stage: tooth numbers, spacing of the planets, clearance between neighbours ---
+
+
+_TOLERANCE_DEG = 0.02  # drawings print angles with two decimals
+
+
+def planet_angles(copies: int, spacing_deg: Sequence[float] | None) -> list[float]:
+    """Return the angle of each planet about its carrier's axis, in degrees from the first one.
+
+    `spacing_deg` holds either these angles themselves, which begin with 0, or the gaps from each planet to the
+    next one, which add up to 360.
+
+    Raises
+    ------
+    ValueError
+        Where it is neither.
+    """
+    if spacing_deg is None:
+        return [360 * number / copies for number in range(copies)]
+    given = list(spacing_deg)
+    if len(given) != copies:
+        raise ValueError(f"spacing_deg has {len(given)} angles for {copies} copies; give one each")
+    if given[0] == 0 and all(a < b for a, b in pairwise([*given, 360.0])):
+        return given
+    if min(given) > 0 and abs(sum(given) - 360) < copies * _TOLERANCE_DEG:
+        return [sum(given[:number]) for number in range(copies)]
+    raise ValueError(
+        f"spacing_deg = {given}: give the angle of each copy, rising from 0 and below 360, or the gaps between "
+        f"them, which add up to 360 (these add up to {sum(given):g})"
+    )
+
+
+def coaxial_warning(planet: tuple[str, int], mates: Mapping[str, int]) -> str | None:
+    """Return a warning where a planet's coaxial mates have external teeth of different number, else None.
+
+    Cut with one module their centre distances differ as ``mate + planet`` do. The larger mate is taken for a ring
+    without its minus where its teeth are nearer to a ring's, ``smaller + 2 planet``, than to the smaller mate's.
+
+    Parameters
+    ----------
+    planet : (str, int)
+        Link and number of teeth.
+    mates : mapping of str to int
+        Number of teeth by link.
+    """
+    link, teeth = planet
+    (small, fewest), *_, (large, most) = sorted(mates.items(), key=lambda mate: mate[1])
+    if fewest == most:
+        return None
+    cure = "the meshes need profile shift"
+    if abs(fewest + 2 * teeth - most) < most - fewest:
+        cure = f"inner teeth have a minus, did you mean {large} = -{most}?"
+    return (
+        f'planets "{link}": {small} and {large} turn about one axis and both mesh with {link} by outer teeth, but '
+        f"{fewest} + {teeth} = {fewest + teeth} is not {most} + {teeth} = {most + teeth}: {cure}"
+    )
+
+
+def assembly_warnings(sun: int, planet: int, ring: int, angles_deg: Sequence[float]) -> Iterator[str]:
+    """Yield a warning for each assembly condition that planets between a sun and a ring violate.
+
+    With teeth cut at the same centre distance the ring needs ``sun + 2 planet`` teeth, or profile shift. A planet
+    can be put in only where it meets both gears tooth in gap, every ``360 / (sun + ring)`` degrees. Standard tip
+    circles, a module outside the pitch circle, must not touch.
+    """
+    if ring != sun + 2 * planet:
+        yield f"{sun} + 2 x {planet} = {sun + 2 * planet}, not the ring's {ring} teeth: the meshes need profile shift"
+    copies, step = len(angles_deg), 360 / (sun + ring)
+    teeth_per_copy = Fraction(sun + ring, copies)
+    if teeth_per_copy.denominator != 1:
+        yield (
+            f"({sun} + {ring}) / {copies} = {float(teeth_per_copy):g} is not whole, so {copies} planets cannot be "
+            f"spaced evenly; permitted are multiples of {step:.4g} degrees"
+        )
+    even = all(abs(angle - 360 * number / copies) < _TOLERANCE_DEG for number, angle in enumerate(angles_deg))
+    for number, angle in enumerate([] if even else angles_deg):
+        off = abs(angle - round(angle / step) * step)
+        if off > _TOLERANCE_DEG:
+            yield (
+                f"planet {number + 1} at {angle:.4g} degrees is {off:.3g} degrees from the nearest multiple of "
+                f"{step:.4g} degrees that its teeth permit"
+            )
+    gaps = [(later - earlier) for earlier, later in pairwise([*angles_deg, 360.0 + angles_deg[0]])]
+    centres = (sun + planet) * sin(radians(min(gaps) / 2)) if copies > 1 else float("inf")
+    if planet + 2 >= centres:
+        yield (
+            f"neighbouring planets {min(gaps):.4g} degrees apart touch: tip circles of {planet} + 2 modules, centres "
+            f"{centres:.4g} modules apart"
+        )
+
+
+# ---- Components ------------------------------------------------------------------------------------------------------
+
+
+Vector = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Name = Annotated[str, Field(min_length=1)]
+X_AXIS: Vector = (1.0, 0.0, 0.0)
+_ROUNDING = 0.05  # of the number of elements: above what a data sheet rounds
+
+
+class Axis(Declared):
+    """An axis (level in the papers): the coaxial links, and the direction of their common line.
+
+    ``through`` is a point of the line in mm; ``copies`` repeats the axis round its carrier, at ``spacing_deg``.
+    """
+
+    name: Name
+    links: Annotated[tuple[Name, ...], Field(min_length=2)]
+    direction: Vector | None = None
+    parallel_to: Name | None = None
+    through: Vector | None = None
+    copies: Annotated[int, Field(ge=2)] | None = None
+    spacing_deg: tuple[float, ...] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(set(self.links)) != len(self.links):
+            raise ValueError("a link is listed twice; list each link of the axis once")
+        if self.direction is not None and self.parallel_to is not None:
+            raise ValueError("direction and parallel_to are both given; keep one")
+        if self.direction is not None and not (any(self.direction) and all(map(math.isfinite, self.direction))):
+            raise ValueError(f"direction = {list(self.direction)} is no direction; give a finite, non-zero vector")
+        if self.spacing_deg is not None:
+            if self.copies is None:
+                raise ValueError("spacing_deg is given without copies; say how many copies there are")
+            planet_angles(self.copies, self.spacing_deg)
+        return self
+
+    def instances(self) -> tuple[str, ...]:
+        """Return the names of the copies of this axis, ``planet 1`` and so on; without copies, its own."""
+        return tuple(f"{self.name} {number + 1}" for number in range(self.copies or 0)) or (self.name,)
+
+
+class Gear(Declared):
+    """One gear of a mesh: the link that carries its teeth, and their signed number."""
+
+    link: Name
+    teeth: int
+
+
+class Mesh(Declared):
+    """Two gears in contact, or one gear whose mate is unknown.
+
+    ``position_mm`` is where the middle of the face lies along the first gear's axis, from that axis' ``through``;
+    ``hand`` is the hand of the first gear's helix.
+    """
+
+    name: Name
+    gears: Annotated[tuple[Gear, ...], Field(min_length=1, max_length=2)]
+    carrier: Name | None = None
+    kind: Literal["worm", "crossed_helical", "belt", "chain"] | None = None
+    module_mm: Positive | None = None
+    face_width_mm: Positive | None = None
+    pressure_angle_deg: Annotated[float, Field(gt=0, lt=90)] | None = None
+    helix_angle_deg: Annotated[float, Field(gt=-90, lt=90)] | None = None
+    hand: Literal["left", "right"] | None = None
+    profile_shift: tuple[float, ...] | None = None
+    pitch_angle_deg: tuple[float, ...] | None = None
+    position_mm: float | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _teeth_to_gears(cls, table: Any) -> Any:  # noqa: ANN401
+        """Read ``teeth = { sun = 27, planet = 36 }`` and name the mesh after its gears."""
+        if not isinstance(table, dict) or "gears" in table:
+            return table
+        table = dict(table)
+        valid = {*cls.model_fields, "teeth"} - {"gears"}
+        for key in table:
+            if key not in valid:
+                raise ValueError(f'unknown key "{key}"{closest(str(key), valid)}')
+        teeth = table.pop("teeth", None)
+        if not isinstance(teeth, dict) or not teeth:
+            raise ValueError(f"teeth = {teeth!r}: write teeth = {{ pinion = 20, wheel = 41 }}")
+        table["gears"] = tuple({"link": link, "teeth": count} for link, count in teeth.items())
+        table.setdefault("name", "-".join(teeth) if len(teeth) > 1 else f"{next(iter(teeth))}-unknown")
+        return table
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for gear in self.gears:
+            if gear.teeth == 0:
+                raise ValueError(f'gear "{gear.link}" has 0 teeth; give a count, minus for an internal gear')
+        if len(self.gears) == 1 and self.carrier is None:
+            raise ValueError(
+                f'mesh "{self.name}" has one gear, so its carrier cannot be found; add carrier = "..." '
+                "(the link in which the contact point rests)"
+            )
+        if self.hand is not None and (self.helix_angle_deg is None or self.helix_angle_deg < 0):
+            given = "no helix_angle_deg" if self.helix_angle_deg is None else f"{self.helix_angle_deg:g} degrees"
+            raise ValueError(
+                f'mesh "{self.name}": hand = "{self.hand}" goes with {given}; give helix_angle_deg without a sign'
+            )
+        return self
+
+
+class Multiples(Declared):
+    """Defect frequencies of a bearing as a data sheet prints them, per relative turn of its rings."""
+
+    inner: Positive
+    outer: Positive
+    cage: Positive
+    element_spin: Positive | None = None
+    element_defect: Positive | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_ball(cls, table: Any) -> Any:  # noqa: ANN401
+        if isinstance(table, dict):
+            for word in ("ball", "roller", "element"):
+                if word in table:
+                    raise ValueError(
+                        f'"{word}" is ambiguous; say element_spin (BSF: one turn of the element) '
+                        "or element_defect (twice that: the defect meets both races)"
+                    )
+        return table
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.element_spin is None) == (self.element_defect is None):
+            raise ValueError("give exactly one of element_spin and element_defect")
+        if round(self.inner + self.outer) < 2:  # noqa: PLR2004
+            raise ValueError(
+                f"inner {self.inner:g} + outer {self.outer:g} is the number of elements, at least 2; "
+                "give both per turn of one ring against the other"
+            )
+        if self.inner <= self.outer:
+            raise ValueError(
+                f"inner = {self.inner:g} is not above outer = {self.outer:g}; the inner race is struck more often, "
+                "so see whether the two are exchanged"
+            )
+        return self
+
+    @property
+    def defect(self) -> float:
+        """Impacts of one spot of a rolling element on the races per relative turn of the rings, twice its spin."""
+        return self.element_defect if self.element_defect is not None else 2 * (self.element_spin or 0.0)
+
+
+class Bearing(Declared):
+    """A rolling bearing between two links, by geometry or by a data sheet's multiples.
+
+    ``position_mm`` is where each one supports the shaft, along the shaft's axis from the axis' ``through``, in the
+    order of ``names``; ``takes_axial`` lists those of the names that hold the shaft along its axis.
+    """
+
+    names: Annotated[tuple[Name, ...], Field(min_length=1)]
+    inner_ring: Name
+    outer_ring: Name
+    elements: Annotated[int, Field(ge=2)] | None = None
+    element_diameter_mm: Positive | None = None
+    pitch_diameter_mm: Positive | None = None
+    contact_angle_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0
+    multiples: Multiples | None = None
+    position_mm: tuple[float, ...] | None = None
+    takes_axial: tuple[Name, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_name(cls, table: Any) -> Any:  # noqa: ANN401
+        """Accept ``name = "x"`` for ``names = ["x"]``."""
+        if isinstance(table, dict) and "name" in table and "names" not in table:
+            table = dict(table)
+            table["names"] = (table.pop("name"),)
+        return table
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        geometry = (self.element_diameter_mm, self.pitch_diameter_mm)
+        if self.multiples is not None and geometry != (None, None):
+            raise ValueError("both multiples and diameters are given; keep one")
+        if self.multiples is None and (None in geometry or self.elements is None):
+            raise ValueError(
+                "give elements, element_diameter_mm and pitch_diameter_mm, or "
+                "multiples = { inner = ..., outer = ..., element_spin = ..., cage = ... }"
+            )
+        diameter, pitch = geometry
+        if diameter is not None and pitch is not None and diameter >= pitch:
+            raise ValueError(f"element_diameter_mm = {diameter} is not below pitch_diameter_mm = {pitch}")
+        self._check_elements()
+        self._check_positions()
+        return self
+
+    def _check_positions(self) -> None:
+        if self.position_mm is not None and len(self.position_mm) != len(self.names):
+            raise ValueError(
+                f"position_mm = {list(self.position_mm)} does not fit the names {', '.join(self.names)}; "
+                "give one position for each"
+            )
+        for name in self.takes_axial:
+            if name not in self.names:
+                raise ValueError(
+                    f'takes_axial names "{name}", which is not one of its names{closest(name, list(self.names))}'
+                )
+
+    def _check_elements(self) -> None:
+        """Refuse a number of elements that the multiples contradict, or that does not fit on the pitch circle."""
+        if self.elements is None:
+            return
+        if self.multiples is not None:
+            total = self.multiples.inner + self.multiples.outer
+            if abs(total / self.elements - 1) > _ROUNDING:
+                raise ValueError(
+                    f"multiples inner {self.multiples.inner:g} + outer {self.multiples.outer:g} = {total:g} is not "
+                    f"the number of elements, {self.elements}; correct one of them, or leave elements out"
+                )
+        elif self.element_diameter_mm is not None and self.pitch_diameter_mm is not None:
+            circumference_mm = math.pi * self.pitch_diameter_mm
+            if self.elements * self.element_diameter_mm > circumference_mm:
+                raise ValueError(
+                    f"{self.elements} elements of element_diameter_mm = {self.element_diameter_mm:g} do not fit on the "
+                    f"pitch circle, which is {circumference_mm:.4g} mm round; correct elements or a diameter"
+                )
+
+
+def unit_vector(vector: Vector) -> Vector:
+    """Return the vector divided by its length."""
+    largest = max(abs(x) for x in vector)  # divided out first, so that no square overflows
+    x, y, z = (x / largest for x in vector)
+    length = math.hypot(x, y, z)
+    return (x / length, y / length, z / length)

@@ -1,0 +1,586 @@
+"""Velocity ratios of a mechanism, exact where teeth make them so.
+
+Every body but the frame turns about one axis, carried by another body; its one unknown is the rate of that
+turning pair. A mesh between gears i and j with carrier k is one real equation in these rates,
+``Z_i (w_i - w_k) + Z_j (w_j - w_k) = 0``, each speed along the gear's own declared axis (Willis; Penaud,
+Alazard and Amiez 2012, eq. 2, with the directions already in the signs of the teeth). So the equations have
+whole-number coefficients and are solved in rational arithmetic; directions enter only when the rates are
+added up to velocity vectors.
+
+The method of the papers, the null space of a complex constraint matrix, is kept as an independent check for
+mechanisms whose axes lie in one plane.
+
+References
+----------
+J. Penaud, D. Alazard and A. Amiez, Kinematic analysis of spatial geared mechanisms, Journal of Mechanical Design 134
+(2012), 021009.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from numbers import Real
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from hums.gearbox.components import closest, count
+from hums.gearbox.mechanism import Contact, Joint, Mechanism, build_mechanism
+from hums.gearbox.model import Gearbox, GearboxError
+from hums.gearbox.rational import Form, add_pivot, difference, evaluate, reduced
+
+Rates = Form  # a linear form in the joint rates, which are named after their bodies
+Speeds = Mapping[str, float | Fraction]
+_ONE = Fraction(1)
+_ZERO = Fraction(0)
+_IN_PLANE = 1e-12  # largest z component, or deviation from parallel, of unit vectors
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """The solved kinematics of a gearbox: degrees of freedom, carriers, velocity ratios.
+
+    Built by `solve_kinematics`.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        Bodies, turning pairs and contacts.
+    pivots : mapping of body to linear form
+        The joint rates that depend on the free ones, as combinations of them.
+
+    Examples
+    --------
+    >>> import hums
+    >>> kinematics = hums.solve_kinematics(hums.load_gearbox("planetary-27-36-99"))
+    >>> kinematics.dof, kinematics.free
+    (1, ('sun',))
+    >>> kinematics.carriers[0]
+    'carrier'
+    """
+
+    mechanism: Mechanism
+    pivots: Mapping[str, Rates]
+
+    @property
+    def gearbox(self) -> Gearbox:
+        """The gearbox as declared."""
+        return self.mechanism.gearbox
+
+    @property
+    def bodies(self) -> Mapping[str, str]:
+        """Body of each link; links that are rigid with each other are one body."""
+        return self.mechanism.bodies
+
+    @property
+    def joints(self) -> Mapping[str, Joint]:
+        """Turning pair of each body."""
+        return self.mechanism.joints
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Every mesh, copies expanded."""
+        return self.mechanism.contacts
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of all links, copies expanded."""
+        return self.gearbox.links
+
+    @cached_property
+    def free(self) -> tuple[str, ...]:
+        """Bodies whose joint rates are independent: one for each degree of freedom."""
+        return tuple(body for body in self.joints if body not in self.pivots)
+
+    @property
+    def dof(self) -> int:
+        """Number of degrees of freedom."""
+        return len(self.free)
+
+    @property
+    def carriers(self) -> tuple[str, ...]:
+        """The carrier of each contact, in the order of `contacts`."""
+        return tuple(contact.carrier for contact in self.contacts)
+
+    # ---- speeds --------------------------------------------------------------------------------------------
+
+    def rates(self, speeds: Speeds | None = None) -> dict[str, Fraction]:
+        """Return every joint rate, given the speeds of as many links as there are degrees of freedom.
+
+        Parameters
+        ----------
+        speeds : mapping of str to float or Fraction, optional
+            Absolute speeds of links along their declared axes, in any unit. More than needed are accepted where they
+            agree (to 1e-9 where they are floats). None: speed 1 of the gearbox's reference.
+
+        Returns
+        -------
+        dict of str to Fraction
+            Speed of each body relative to the one that carries its axis, in the unit of `speeds`.
+
+        Raises
+        ------
+        GearboxError
+            Too few speeds; contradictory ones; a speed of a link whose axis itself turns in another direction.
+
+        Examples
+        --------
+        >>> import hums
+        >>> kinematics = hums.solve_kinematics(hums.load_gearbox("planetary-27-36-99"))
+        >>> print(kinematics.rates({"sun": 1})["carrier"])  # Willis: 27 / (27 + 99), the ring at rest
+        3/14
+        """
+        imposed = self._unit_reference_speed() if speeds is None else speeds
+        values = {link: _fraction(link, speed) for link, speed in imposed.items()}
+        found: dict[str, Rates] = {}  # by free body, a linear form in the imposed speeds
+        for link, speed in values.items():
+            form = reduced(self.spin(link), self.pivots) | {_imposed(link): -_ONE}
+            residual = reduced(form, found)
+            unknown = next((body for body in residual if not _is_imposed(body)), None)
+            if unknown is not None:
+                add_pivot(found, residual, unknown)
+            elif not _vanishes(residual, values, exact=all(isinstance(x, int | Fraction) for x in imposed.values())):
+                self._refuse_contradiction(residual, link, speed, values)
+        missing = [body for body in self.free if body not in found]
+        if missing:
+            raise GearboxError(
+                f'gearbox "{self.gearbox.name}" has {count(self.dof, "degree")} of freedom; the speeds given '
+                f"({', '.join(imposed) or 'none'}) leave {count(len(missing), 'degree')} open. "
+                f'Give the speed of "{missing[0]}" too, as in speeds={{"{missing[0]}": 1.0}}.'
+            )
+        symbols = {_imposed(link): speed for link, speed in values.items()}
+        free = {body: evaluate(found[body], symbols) for body in self.free}
+        return {body: free[body] if body in free else evaluate(self.pivots[body], free) for body in self.joints}
+
+    def spin(self, link: str, *, seen_from: str | None = None) -> Rates:
+        """Return the speed of a link about its own axis as a linear form in the joint rates.
+
+        Parameters
+        ----------
+        link : str
+            Link that turns.
+        seen_from : str, optional
+            Link relative to which it turns, on the same axis or on a parallel one. None: the frame, which needs all
+            axes from the link to the frame to be parallel.
+
+        Returns
+        -------
+        dict of str to Fraction
+            Factor of each joint rate.
+
+        Raises
+        ------
+        GearboxError
+            An unknown link, or axes that are not parallel.
+
+        Examples
+        --------
+        >>> import hums
+        >>> kinematics = hums.solve_kinematics(hums.load_gearbox("planetary-27-36-99"))
+        >>> {body: int(factor) for body, factor in kinematics.spin("planet 1").items()}
+        {'planet 1': 1, 'carrier': 1}
+        """
+        body = self._body(link)
+        if seen_from is None:
+            return dict(self._absolute(body))
+        other = self._body(seen_from)
+        if body == other:
+            return {}
+        axis = self.mechanism.shared_axis(body, other)
+        if axis is not None:
+            return difference(self._rate_on(body, axis), self._rate_on(other, axis))
+        if other == self.mechanism.frame:
+            return dict(self._absolute(body))
+        sense = self._relative_sense(body, other)
+        reference = {name: sense * factor for name, factor in self._absolute(other).items()}
+        return difference(self._absolute(body), reference)
+
+    def relative_speed(self, link: str, *, seen_from: str, speeds: Speeds | None = None) -> Fraction:
+        """Return the signed speed of a link about its axis relative to another link.
+
+        Parameters
+        ----------
+        link, seen_from : str
+            As in `spin`.
+        speeds : mapping of str to float or Fraction, optional
+            As in `rates`.
+
+        Returns
+        -------
+        Fraction
+            In the unit of `speeds`; exact where they are.
+
+        Examples
+        --------
+        >>> import hums
+        >>> kinematics = hums.solve_kinematics(hums.load_gearbox("two-stage"))
+        >>> print(kinematics.relative_speed("intermediate", seen_from="housing"))  # 23 teeth drive 67
+        -23/67
+        """
+        return evaluate(self.spin(link, seen_from=seen_from), self.rates(speeds))
+
+    def vectors(self, speeds: Speeds | None = None) -> xr.DataArray:
+        """Return the angular velocity vector of every link at the declared configuration.
+
+        Parameters
+        ----------
+        speeds : mapping of str to float or Fraction, optional
+            As in `rates`.
+
+        Returns
+        -------
+        xarray.DataArray
+            (link, component), in the unit of `speeds`.
+
+        Examples
+        --------
+        >>> import hums
+        >>> kinematics = hums.solve_kinematics(hums.load_gearbox("two-stage"))
+        >>> kinematics.vectors({"input": 67}).sel(link="intermediate").values.tolist()
+        [-23.0, 0.0, 0.0]
+        """
+        rates = self.rates(speeds)
+        of_body = {self.mechanism.frame: np.zeros(3)}
+        for body in _carriers_first(self.joints, self.mechanism.frame):
+            joint = self.joints[body]
+            direction = np.array(self.mechanism.directions[joint.axis])
+            of_body[body] = of_body[joint.carried_by] + float(rates[body]) * direction
+        table = np.array([of_body[self.bodies[link]] for link in self.links])
+        return xr.DataArray(
+            table, dims=("link", "component"), coords={"link": list(self.links), "component": list("xyz")}
+        )
+
+    def velocities(self, speeds: Speeds | None = None) -> xr.DataArray:
+        """Return the complex angular velocity of every link: x is real, y imaginary.
+
+        Parameters
+        ----------
+        speeds : mapping of str to float or Fraction, optional
+            As in `rates`.
+
+        Returns
+        -------
+        xarray.DataArray
+            (link,), complex, in the unit of `speeds`.
+
+        Raises
+        ------
+        GearboxError
+            Where an axis leaves the x-y plane: use `vectors`.
+
+        Examples
+        --------
+        >>> import hums
+        >>> kinematics = hums.solve_kinematics(hums.load_gearbox("two-stage"))
+        >>> complex(kinematics.velocities({"input": 67}).sel(link="intermediate"))
+        (-23+0j)
+        """
+        self._require_plane()
+        vectors = self.vectors(speeds)
+        return xr.DataArray(
+            vectors.sel(component="x").to_numpy() + 1j * vectors.sel(component="y").to_numpy(),
+            dims="link",
+            coords={"link": list(self.links)},
+        )
+
+    def velocity_ratios(self, inputs: Sequence[str] | None = None) -> xr.DataArray:
+        """Return the velocity ratio matrix Omega_0 of Penaud, Alazard and Amiez 2012.
+
+        Parameters
+        ----------
+        inputs : sequence of str, optional
+            Links, as many as there are degrees of freedom. None: the gearbox's reference.
+
+        Returns
+        -------
+        xarray.DataArray
+            (link, input), complex, 1 at each input; its argument is the angle to the input's own axis.
+
+        Raises
+        ------
+        GearboxError
+            As in `velocities` and `rates`.
+
+        Examples
+        --------
+        >>> import hums
+        >>> kinematics = hums.solve_kinematics(hums.load_gearbox("two-stage"))
+        >>> ratio = kinematics.velocity_ratios(["input"]).sel(link="output", input="input").item()
+        >>> round(ratio.real * 67 * 61, 9)  # (-23 / 67) (-19 / 61)
+        437.0
+        """
+        names = tuple(self._unit_reference_speed()) if inputs is None else tuple(inputs)
+        columns = []
+        for name in names:
+            velocities = self.velocities({other: Fraction(int(other == name)) for other in names})
+            columns.append(velocities.to_numpy() / velocities.sel(link=name).item())
+        return xr.DataArray(
+            np.stack(columns, axis=1), dims=("link", "input"), coords={"link": list(self.links), "input": list(names)}
+        )
+
+    # ---- constraint matrix and null space ------------------------------------------------------------------
+
+    @cached_property
+    def constraint_matrix(self) -> NDArray[np.complex128]:
+        """The kinematic constraint matrix M of Penaud, Alazard and Amiez 2012, 2.4: (1 + meshes + rigid, link).
+
+        The first row holds the frame at rest, the next ones are those of the meshes of two gears, the last ones equate
+        links that are one body. The entries of a mesh are its gears' teeth, turned by ``pitch_angle_deg`` where
+        declared, else by the axes' directions, which gives the same row up to a unit factor.
+        """
+        self._require_plane()
+        terms: list[Mapping[str, complex]] = [{self.gearbox.frame: 1.0}]
+        for contact in self.contacts:
+            if len(contact.gears) == 1:
+                continue
+            weights = self._mesh_weights(contact)
+            row = {link: weight for (link, _), weight in zip(contact.gears, weights, strict=True)}
+            row[contact.carrier] = row.get(contact.carrier, 0) - sum(weights)
+            terms.append(row)
+        terms += [{link: 1.0, body: -1.0} for link, body in self.bodies.items() if link != body]
+        column = {link: number for number, link in enumerate(self.links)}
+        matrix = np.zeros((len(terms), len(column)), dtype=np.complex128)
+        for number, entries in enumerate(terms):
+            for link, weight in entries.items():
+                matrix[number, column[link]] += weight
+        return matrix
+
+    @cached_property
+    def null_space(self) -> NDArray[np.complex128]:
+        """Orthonormal basis of the null space of `constraint_matrix`, (link, dof)."""
+        from scipy.linalg import null_space  # noqa: PLC0415
+
+        return np.asarray(null_space(self.constraint_matrix))
+
+    def _mesh_weights(self, contact: Contact) -> list[complex]:
+        """Return the entries of a contact's gears in the constraint matrix: teeth times exp(j angle)."""
+        if contact.pitch_angle_deg is not None:
+            angles = np.radians(contact.pitch_angle_deg)
+            return [abs(teeth) * complex(np.exp(1j * a)) for (_, teeth), a in zip(contact.gears, angles, strict=True)]
+        weights = []
+        for link, teeth in contact.gears:
+            axis = self.mechanism.shared_axis(self.bodies[link], contact.carrier)
+            x, y, _ = self.mechanism.directions[axis or ""]
+            weights.append(teeth * complex(x, -y))
+        return weights
+
+    def _require_plane(self) -> None:
+        for axis, (_, _, z) in self.mechanism.directions.items():
+            if abs(z) > _IN_PLANE:
+                raise GearboxError(
+                    f'axis "{axis}" leaves the x-y plane, so no complex number holds its speeds; use vectors().'
+                )
+
+    # ---- linear forms in the joint rates -------------------------------------------------------------------
+
+    def _unit_reference_speed(self) -> dict[str, Fraction]:
+        if self.gearbox.reference is None:
+            raise GearboxError(
+                f'gearbox "{self.gearbox.name}" declares no reference; add reference = "LINK" or name the inputs.'
+            )
+        return {self.gearbox.reference: _ONE}
+
+    def _body(self, link: str) -> str:
+        if link not in self.bodies:
+            raise GearboxError(f'gearbox "{self.gearbox.name}" has no link "{link}"{closest(link, list(self.bodies))}')
+        return self.bodies[link]
+
+    def _rate_on(self, body: str, axis: str) -> Rates:
+        """Return the rate of a body about an axis relative to the axis's carrier; zero for the carrier itself."""
+        return {body: _ONE} if body in self.joints and self.joints[body].axis == axis else {}
+
+    def _relative_sense(self, body: str, other: str) -> int:
+        """Return +1 where the axes of two bodies are parallel, -1 where antiparallel; refuse all else."""
+        one, two = (self.mechanism.directions[self.joints[name].axis] for name in (body, other))
+        cosine = sum(a * b for a, b in zip(one, two, strict=True))
+        if abs(abs(cosine) - 1) > _IN_PLANE:
+            raise GearboxError(
+                f'"{body}" and "{other}" turn about axes in different directions, so one number cannot say how fast '
+                "the one turns seen from the other; name the speed relative to its carrier, or use vectors()."
+            )
+        return round(cosine)
+
+    def _absolute(self, body: str) -> Rates:
+        """Return the absolute speed of a body about its own axis: its joint rate and those of its carriers."""
+        cache = self._absolute_cache
+        if body not in cache:
+            joint = self.joints[body]
+            form = {body: _ONE}
+            if joint.carried_by != self.mechanism.frame:
+                sense = self._relative_sense(body, joint.carried_by)
+                form |= {name: sense * factor for name, factor in self._absolute(joint.carried_by).items()}
+            cache[body] = form
+        return cache[body]
+
+    @cached_property
+    def _absolute_cache(self) -> dict[str, Rates]:
+        return {self.mechanism.frame: {}}
+
+    def _refuse_contradiction(
+        self, residual: Rates, link: str, speed: Fraction, values: Mapping[str, Fraction]
+    ) -> None:
+        others = [name for name in values if name != link and _imposed(name) in residual]
+        symbols = {_imposed(name): value for name, value in values.items()}
+        needed = -evaluate({key: f for key, f in residual.items() if key != _imposed(link)}, symbols)
+        implied = float(needed / residual[_imposed(link)])
+        given = " and ".join(f'"{name}" = {float(values[name]):g}' for name in others) or "the mechanism"
+        raise GearboxError(
+            f'speeds contradict each other: {given} make "{link}" turn at {implied:g}, but it is given as '
+            f"{float(speed):g}. Leave out one of them, or correct it."
+        )
+
+
+def solve_kinematics(
+    gearbox: Gearbox,
+    *,
+    fixed: Iterable[str] = (),
+    constraints: Iterable[Mapping[str, float | Fraction]] = (),
+) -> Kinematics:
+    """Solve the kinematics of a gearbox for the ratios of all its speeds.
+
+    Each mesh between gears i and j on carrier k is an equation ``Z_i (w_i - w_k) + Z_j (w_j - w_k) = 0`` (Willis),
+    solved in rational arithmetic.
+
+    Parameters
+    ----------
+    gearbox : Gearbox
+        From `load_gearbox` or `from_adjacency_table`.
+    fixed : iterable of str
+        Links held at rest, besides the frame.
+    constraints : iterable of mappings of str to float or Fraction
+        Linear relations between speeds, each a factor by link: the speeds of the links along their own axes, times
+        these factors, sum to zero.
+
+    Returns
+    -------
+    Kinematics
+
+    Raises
+    ------
+    GearboxError
+        A gearbox that is not a mechanism (see `hums.gearbox.mechanism`) or that cannot move; a bearing whose rings are
+        one body.
+
+    Examples
+    --------
+    >>> import hums
+    >>> gearbox = hums.load_gearbox("planetary-27-36-99")
+    >>> kinematics = hums.solve_kinematics(gearbox)
+    >>> print(kinematics.relative_speed("carrier", seen_from="housing"))  # 27 / (27 + 99)
+    3/14
+    """
+    fixed, constraints = tuple(fixed), tuple(constraints)
+    unsolved = Kinematics(build_mechanism(gearbox), {})
+    _check_bearings(unsolved)
+    rows = _equations(unsolved, fixed, constraints)
+    position = {body: number for number, body in enumerate(unsolved.joints)}
+    pivots: dict[str, Rates] = {}
+    users: dict[str, set[str]] = {}
+    for _, row in rows:
+        residual = reduced(row, pivots)
+        if residual:
+            # the body declared last is expressed by the earlier ones, so inputs tend to stay free
+            add_pivot(pivots, residual, max(residual, key=position.__getitem__), users=users)
+    solved = Kinematics(unsolved.mechanism, pivots)
+    locked = [
+        body for body, form in pivots.items() if not form and solved.joints[body].carried_by == solved.mechanism.frame
+    ]
+    if solved.dof == 0 or (locked and not (fixed or constraints)):
+        what = f'gearbox "{gearbox.name}"' if solved.dof == 0 else f'gearbox "{gearbox.name}": "{locked[0]}"'
+        raise GearboxError(
+            f"{what} cannot move: it is locked by {_locking_equations(rows)}. Check the signs of the teeth "
+            "(minus: internal gear), which links are rigid, and what is fixed; make a link that is to rest rigid with "
+            "the frame."
+        )
+    return solved
+
+
+def _check_bearings(unsolved: Kinematics) -> None:
+    for bearing in unsolved.gearbox.bearings:
+        inner, outer = bearing.inner_ring, bearing.outer_ring
+        bodies = [unsolved.bodies[unsolved.gearbox.instances(ring)[0]] for ring in (inner, outer)]
+        if bodies[0] == bodies[1]:
+            why = "are one link" if inner == outer else "are rigid with each other"
+            raise GearboxError(
+                f'bearing "{bearing.names[0]}": inner_ring = "{inner}" and outer_ring = "{outer}" {why}, so it cannot '
+                "turn; name a link on either side of it, or leave the bearing out."
+            )
+
+
+def _equations(
+    unsolved: Kinematics, fixed: Iterable[str], constraints: Iterable[Mapping[str, float | Fraction]]
+) -> list[tuple[str, Rates]]:
+    """Return the equations ``form = 0`` in the joint rates, each with the name of its mesh or constraint."""
+    rows = []
+    for contact in unsolved.contacts:
+        if len(contact.gears) == 1:
+            continue
+        row: Rates = {}
+        for link, teeth in contact.gears:
+            for body, factor in unsolved.spin(link, seen_from=contact.carrier).items():
+                row[body] = row.get(body, _ZERO) + teeth * factor
+        rows.append((f'mesh "{contact.mesh}"', {body: factor for body, factor in row.items() if factor}))
+    rows += [(f'fixed "{link}"', unsolved.spin(link)) for link in fixed]
+    for number, constraint in enumerate(constraints):
+        row = {}
+        for link, weight in constraint.items():
+            for body, factor in unsolved.spin(link).items():
+                row[body] = row.get(body, _ZERO) + Fraction(weight) * factor
+        rows.append((f"constraint {number + 1}", {body: factor for body, factor in row.items() if factor}))
+    return rows
+
+
+def _locking_equations(rows: Sequence[tuple[str, Rates]]) -> str:
+    """Return the names of the fewest equations that together hold some body at rest.
+
+    Every equation gets a slack variable of its own. A body whose rate is a combination of slack variables only is
+    held by the equations of these.
+    """
+    pivots: dict[str, Rates] = {}
+    for number, (_, row) in enumerate(rows):
+        residual = reduced(row | {_imposed(str(number)): -_ONE}, pivots)
+        body = next((name for name in residual if not _is_imposed(name)), None)
+        if body is not None:
+            add_pivot(pivots, residual, body)
+    locked = min((form for form in pivots.values() if all(map(_is_imposed, form))), key=len)
+    return ", ".join(dict.fromkeys(rows[int(key.removeprefix(_IMPOSED))][0] for key in locked))
+
+
+# ---- symbols for imposed speeds in the forms -----------------------------------------------------------------
+
+_IMPOSED = "\0"  # prefix that no body's name has
+
+
+def _imposed(name: str) -> str:
+    return _IMPOSED + name
+
+
+def _is_imposed(name: str) -> bool:
+    return name.startswith(_IMPOSED)
+
+
+def _fraction(link: str, speed: object) -> Fraction:
+    if isinstance(speed, bool) or not isinstance(speed, Real) or not math.isfinite(speed):
+        raise GearboxError(f'speeds: "{link}" = {speed!r} is not a finite number; give its speed as one.')
+    return Fraction(speed) if isinstance(speed, int | Fraction) else Fraction(float(speed))
+
+
+def _vanishes(form: Rates, values: Mapping[str, Fraction], *, exact: bool) -> bool:
+    """Return whether a linear form in the imposed speeds is zero, to 1e-9 of its largest term unless exact."""
+    terms = [factor * values[name.removeprefix(_IMPOSED)] for name, factor in form.items()]
+    total = abs(sum(terms, _ZERO))
+    return total == 0 if exact else total <= Fraction(1, 10**9) * max((abs(term) for term in terms), default=_ZERO)
+
+
+def _carriers_first(joints: Mapping[str, Joint], frame: str) -> list[str]:
+    """Return the bodies in an order in which each comes after the one that carries it."""
+    carried_by: dict[str, list[str]] = {}
+    for body, joint in joints.items():
+        carried_by.setdefault(joint.carried_by, []).append(body)
+    order = [frame]
+    for body in order:
+        order += carried_by.get(body, [])
+    return order[1:]

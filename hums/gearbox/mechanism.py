@@ -1,0 +1,293 @@
+"""The graph of a mechanism: bodies, turning pairs, and the contacts between gears with their carriers.
+
+It is derived from a `hums.Gearbox`: copies are expanded, rigid links become one body, every body but the frame gets
+its one turning pair, and every mesh its carrier.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+from hums.gearbox.components import Mesh, Vector
+from hums.gearbox.model import Gearbox, GearboxError
+
+_PARALLEL = 1e-9
+_MEET_MM = 1e-6  # smallest distance between axes that do not meet
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint:
+    """The turning pair of a body: the axis it turns about, and the body that carries this axis."""
+
+    body: str
+    axis: str
+    carried_by: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """One mesh of the expanded mechanism, one for each copy of a planet: (link, teeth) of its gears, and carrier."""
+
+    mesh: str
+    gears: tuple[tuple[str, int], ...]
+    carrier: str
+    pitch_angle_deg: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Bodies, turning pairs and contacts of a gearbox.
+
+    Attributes
+    ----------
+    gearbox : Gearbox
+        The declaration.
+    bodies : mapping of link to body
+        Links that are rigid with each other are one body, named after the first of them.
+    levels : mapping of axis to tuple of bodies
+        The bodies on each axis, copies expanded.
+    directions : mapping of axis to (3,) unit vector
+    joints : mapping of body to Joint
+        The turning pair of every body but the frame, in the order of declaration.
+    contacts : tuple of Contact
+        Every mesh, copies expanded.
+    """
+
+    gearbox: Gearbox
+    bodies: Mapping[str, str]
+    levels: Mapping[str, tuple[str, ...]]
+    directions: Mapping[str, Vector]
+    joints: Mapping[str, Joint]
+    contacts: tuple[Contact, ...]
+
+    @property
+    def frame(self) -> str:
+        """The body at rest."""
+        return self.bodies[self.gearbox.frame]
+
+    @cached_property
+    def axes_of(self) -> Mapping[str, tuple[str, ...]]:
+        """The axes each body turns about or carries, that of its own turning pair first."""
+        return _axes_of(self.levels, self.joints)
+
+    def shared_axis(self, body: str, other: str) -> str | None:
+        """Return the axis that two bodies have in common, or None."""
+        others = self.axes_of[other]
+        return next((axis for axis in self.axes_of[body] if axis in others), None)
+
+
+def build_mechanism(gearbox: Gearbox) -> Mechanism:
+    """Derive the mechanism of a gearbox.
+
+    Raises
+    ------
+    GearboxError
+        A link without a turning pair or with two, a mesh without a carrier or with two possible ones, gears whose
+        axes cannot mesh, several mechanisms in one file.
+    """
+    bodies = _bodies(gearbox)
+    levels, directions = _levels(gearbox, bodies)
+    joints = _joints(gearbox, bodies, levels)
+    axes_of = _axes_of(levels, joints)
+    contacts = tuple(
+        _contact(gearbox, mesh, number, bodies, levels, axes_of)
+        for mesh in gearbox.meshes
+        for number in range(max(len(gearbox.instances(gear.link)) for gear in mesh.gears))
+    )
+    mechanism = Mechanism(gearbox, bodies, levels, directions, joints, contacts)
+    _check_axes(mechanism)
+    _check_connected(mechanism)
+    return mechanism
+
+
+def _bodies(gearbox: Gearbox) -> dict[str, str]:
+    """Map each link to its body: itself, or the first link of its rigid group, where the frame comes first."""
+    body = {link: link for link in gearbox.links}
+    rank = [name for group in gearbox.rigid for link in group for name in gearbox.instances(link)]
+    for group in gearbox.rigid:
+        instances = [gearbox.instances(link) for link in group]
+        same_copies = len({len(names) for names in instances}) == 1
+        # links of equally many copies are joined copy by copy: a stepped planet
+        for names in zip(*instances, strict=True) if same_copies else [sum(instances, ())]:
+            roots = {body[name] for name in names}
+            root = gearbox.frame if gearbox.frame in roots else min(roots, key=rank.index)
+            for link, current in body.items():
+                if current in roots:
+                    body[link] = root
+    return body
+
+
+def _levels(gearbox: Gearbox, bodies: Mapping[str, str]) -> tuple[dict[str, tuple[str, ...]], dict[str, Vector]]:
+    """Return the bodies on each axis, each body once, and the direction of each axis; copies expanded."""
+    levels, directions, declared = {}, {}, gearbox.directions()
+    for axis in gearbox.axes:
+        members = [gearbox.instances(link) for link in axis.links]
+        for number, name in enumerate(axis.instances()):
+            levels[name] = tuple(dict.fromkeys(bodies[m[number] if len(m) > 1 else m[0]] for m in members))
+            directions[name] = declared[axis.name]
+    return levels, directions
+
+
+def _joints(gearbox: Gearbox, bodies: Mapping[str, str], levels: Mapping[str, tuple[str, ...]]) -> dict[str, Joint]:
+    """Find the turning pair of each body, breadth first from the frame: the first axis that reaches it."""
+    axes_through: dict[str, list[str]] = {}
+    for axis, members in levels.items():
+        for body in members:
+            axes_through.setdefault(body, []).append(axis)
+    frame = bodies[gearbox.frame]
+    joints: dict[str, Joint] = {}
+    queue, visited = [frame], set()
+    for body in queue:
+        for axis in axes_through.get(body, ()):
+            if axis in visited:
+                continue
+            visited.add(axis)
+            for other in levels[axis]:
+                if other == body:
+                    continue
+                if other in joints or other == frame:
+                    first = joints[other].axis if other in joints else "the frame"
+                    raise GearboxError(
+                        f'gearbox "{gearbox.name}": "{other}" is held twice, by axis "{axis}" and by "{first}"; '
+                        "list links that turn about one line on one axis."
+                    )
+                joints[other] = Joint(body=other, axis=axis, carried_by=body)
+                queue.append(other)
+    order = dict.fromkeys(bodies.values())
+    loose = [body for body in order if body not in joints and body != frame]
+    if loose:
+        raise GearboxError(
+            f'gearbox "{gearbox.name}": nothing holds "{loose[0]}"; put it on an axis that leads to the frame '
+            f'"{gearbox.frame}", or make it rigid with a link that is.'
+        )
+    return {body: joints[body] for body in order if body != frame}
+
+
+def _axes_of(levels: Mapping[str, tuple[str, ...]], joints: Mapping[str, Joint]) -> dict[str, tuple[str, ...]]:
+    """Return the axes of each body, that of its turning pair first."""
+    axes: dict[str, list[str]] = {}
+    for axis, members in levels.items():
+        for body in members:
+            own = body in joints and joints[body].axis == axis
+            axes.setdefault(body, []).insert(0 if own else len(axes[body]), axis)
+    return {body: tuple(names) for body, names in axes.items()}
+
+
+def _contact(
+    gearbox: Gearbox,
+    mesh: Mesh,
+    number: int,
+    bodies: Mapping[str, str],
+    levels: Mapping[str, tuple[str, ...]],
+    axes_of: Mapping[str, tuple[str, ...]],
+) -> Contact:
+    """Return copy `number` of a mesh with its carrier, the one body that shares an axis with each gear."""
+
+    def instance(link: str) -> str:
+        names = gearbox.instances(link)
+        return names[number] if len(names) > 1 else names[0]
+
+    gears = tuple((instance(gear.link), gear.teeth) for gear in mesh.gears)
+    # S_i of Penaud 2012, eq. 1: the bodies that share an axis with gear i
+    coaxial = [{x for axis in axes_of[bodies[link]] for x in levels[axis]} - {bodies[link]} for link, _ in gears]
+    found = f"{gears[0][0]} turns on {_set(coaxial[0])}" + "".join(
+        f", {link} on {_set(others)}" for (link, _), others in zip(gears[1:], coaxial[1:], strict=True)
+    )
+    if len(gears) == 2 and bodies[gears[1][0]] in coaxial[0]:  # noqa: PLR2004
+        raise GearboxError(
+            f'mesh "{mesh.name}": both gears turn about one line ({found}), so they cannot meet, and each of '
+            f"{_set(set.intersection(*coaxial))} could be their carrier. Put the gears on two axes."
+        )
+    if mesh.carrier is not None:
+        carrier = bodies[instance(mesh.carrier)]
+        for (link, _), others in zip(gears, coaxial, strict=True):
+            if carrier not in others:
+                raise GearboxError(
+                    f'mesh "{mesh.name}": the carrier "{mesh.carrier}" does not hold "{link}" '
+                    f"({link} turns on {_set(others)}). Name a carrier that shares an axis with each gear."
+                )
+    else:
+        # on two axes of a tree there is at most one
+        common = set.intersection(*coaxial)
+        if not common:
+            raise GearboxError(
+                f'mesh "{mesh.name}": no link carries both gears ({found}). Add the axis that holds the gears, or '
+                'name the carrier with carrier = "...".'
+            )
+        carrier = common.pop()
+    return Contact(mesh=mesh.name, gears=gears, carrier=carrier, pitch_angle_deg=mesh.pitch_angle_deg)
+
+
+def _check_axes(mechanism: Mechanism) -> None:
+    """Refuse gears whose axes do not suit their kind: parallel, intersecting, or crossed."""
+    gearbox = mechanism.gearbox
+    kinds = {mesh.name: mesh.kind for mesh in gearbox.meshes}
+    through = {axis.name: axis.through for axis in gearbox.axes if axis.through is not None}
+    checked = set()
+    for contact in mechanism.contacts:
+        if contact.mesh in checked or len(contact.gears) == 1:
+            continue
+        checked.add(contact.mesh)
+        axes = [mechanism.shared_axis(mechanism.bodies[link], contact.carrier) or "" for link, _ in contact.gears]
+        one, two = (mechanism.directions[axis] for axis in axes)
+        normal = _cross(one, two)
+        parallel = math.hypot(*normal) < _PARALLEL
+        kind = kinds[contact.mesh]
+        if kind in {"worm", "crossed_helical"} and parallel:
+            problem = f'kind = "{kind}" needs axes that cross, but these are parallel'
+        elif kind in {"belt", "chain"} and not parallel:
+            problem = f'kind = "{kind}" needs parallel axes, but these are not'
+        elif kind is None and not parallel and all(axis in through for axis in axes):
+            between = [b - a for a, b in zip(*(through[axis] for axis in axes), strict=True)]
+            gap = abs(sum(n * x for n, x in zip(normal, between, strict=True))) / math.hypot(*normal)
+            problem = f"its axes neither meet nor are parallel (they pass at {gap:.4g})" if gap > _MEET_MM else ""
+        else:
+            problem = ""
+        if problem:
+            raise GearboxError(
+                f'mesh "{contact.mesh}": {problem} (axes {" and ".join(axes)}). Correct direction or through, or '
+                'declare kind = "worm" or "crossed_helical" for axes that cross, "belt" or "chain" for parallel ones.'
+            )
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def _check_connected(mechanism: Mechanism) -> None:
+    """Refuse a file of several mechanisms that have only the frame in common: union-find over the moving bodies."""
+    parent = {body: body for body in mechanism.joints}
+
+    def root(body: str) -> str:
+        while parent[body] != body:
+            parent[body] = parent[parent[body]]
+            body = parent[body]
+        return body
+
+    pairs = [(joint.body, joint.carried_by) for joint in mechanism.joints.values()]
+    for contact in mechanism.contacts:
+        pairs += pairwise([*(mechanism.bodies[link] for link, _ in contact.gears), contact.carrier])
+        pairs += pairwise(mechanism.bodies[link] for link, _ in contact.gears)
+    moving = [(a, b) for a, b in pairs if a in parent and b in parent]
+    for a, b in moving:
+        parent[root(a)] = root(b)
+    parts: dict[str, list[str]] = {}
+    for body in mechanism.joints:
+        parts.setdefault(root(body), []).append(body)
+    meshing = {mechanism.bodies[link] for contact in mechanism.contacts for link, _ in contact.gears}
+    parts = {
+        name: bodies for name, bodies in parts.items() if meshing & set(bodies)
+    }  # shafts without gears do not count
+    if len(parts) > 1:
+        first, second = list(parts.values())[:2]
+        raise GearboxError(
+            f'gearbox "{mechanism.gearbox.name}" holds {len(parts)} mechanisms that share nothing but the frame '
+            f"({', '.join(first)}; and {', '.join(second)}). Put each in a file of its own, or add the mesh that "
+            "joins them."
+        )
+
+
+def _set(names: set[str]) -> str:
+    return "{" + ", ".join(sorted(names)) + "}"

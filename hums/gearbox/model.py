@@ -1,0 +1,501 @@
+"""The declaration of a gearbox, read from a TOML file: links, axes, meshes and bearings.
+
+Teeth are signed so that every mesh obeys ``Z_i w_i + Z_j w_j = 0``, speeds along the declared axes and
+relative to the carrier. A minus marks an internal gear on a parallel mesh, and a gear on the negative
+side of the apex on a bevel mesh.
+"""
+
+import warnings
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from itertools import permutations
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import Field, model_validator
+
+from hums.gearbox.components import (
+    X_AXIS,
+    Axis,
+    Bearing,
+    Declared,
+    Gear,
+    Mesh,
+    Multiples,
+    Name,
+    Positive,
+    Vector,
+    assembly_warnings,
+    closest,
+    coaxial_warning,
+    named_file,
+    planet_angles,
+    read_toml,
+    shipped_files,
+    unit_vector,
+    validated,
+)
+
+__all__ = [
+    "Axis",
+    "Bearing",
+    "Declared",
+    "Gear",
+    "Gearbox",
+    "GearboxError",
+    "GearboxWarning",
+    "Mesh",
+    "Multiples",
+    "Name",
+    "Positive",
+    "Vector",
+    "catalogue",
+    "closest",
+    "gearbox_schema",
+    "load_gearbox",
+    "named_file",
+    "read_toml",
+    "shipped_files",
+    "validated",
+]
+
+
+# `data_synth` imports the base of all hand-written files from here: re-exported
+
+_TOLERANCE = 0.0101  # a data sheet prints two decimals: inner + outer is whole within the rounding of both
+
+
+class GearboxError(ValueError):
+    """A gearbox that cannot be read, or that is not a mechanism.
+
+    Examples
+    --------
+    >>> import hums
+    >>> try:
+    ...     hums.load_gearbox("two-stag")
+    ... except hums.GearboxError as error:
+    ...     print(error)
+    "two-stag" is neither a .toml file nor a gearbox of the catalogue; did you mean "two-stage"?
+    """
+
+
+class GearboxWarning(UserWarning):
+    """A gearbox that can be solved, but whose numbers contradict each other or the usual practice.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import hums
+    >>> axes = {"main": ["box", "sun", "ring", "arm"], "planet": {"links": ["arm", "planet"], "copies": 3}}
+    >>> meshes = [{"teeth": {"sun": 20, "planet": 31}}, {"teeth": {"planet": 31, "ring": -80}}]
+    >>> table = {"name": "planetary", "frame": "box", "axes": axes, "mesh": meshes}
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     gearbox = hums.Gearbox.from_mapping(table)
+    >>> print(caught[0].message)
+    planets "planet": 20 + 2 x 31 = 82, not the ring's 80 teeth: the meshes need profile shift.
+    """
+
+
+class Gearbox(Declared):
+    """A gearbox as declared: links on axes, meshes and bearings.
+
+    Built by `load_gearbox`, `Gearbox.from_toml` or `Gearbox.from_mapping`.
+
+    Attributes
+    ----------
+    name : str
+        Name of the gearbox.
+    frame : str
+        Link at rest.
+    reference : str or None
+        Link whose revolutions orders count.
+    rigid : tuple of tuple of str
+        Groups of links that are one body.
+    link_order : tuple of str or None
+        Order of the links in results; None: that of the declaration.
+    axes : tuple of Axis
+        Lines about which links turn.
+    meshes : tuple of Mesh
+        Pairs of gears in contact, TOML tables ``[[mesh]]``.
+    bearings : tuple of Bearing
+        Rolling bearings, TOML tables ``[[bearing]]``.
+
+    Examples
+    --------
+    >>> import hums
+    >>> gearbox = hums.load_gearbox("two-stage")
+    >>> gearbox.links
+    ('housing', 'input', 'intermediate', 'output', 'pinion')
+    >>> gearbox.meshes[0].gears[1].teeth
+    67
+    """
+
+    name: Name
+    frame: Name
+    reference: Name | None = None
+    rigid: tuple[Annotated[tuple[Name, ...], Field(min_length=2)], ...] = ()
+    link_order: tuple[Name, ...] | None = None
+    axes: Annotated[tuple[Axis, ...], Field(min_length=1)]
+    meshes: tuple[Mesh, ...] = Field(default=(), alias="mesh")
+    bearings: tuple[Bearing, ...] = Field(default=(), alias="bearing")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tables_to_axes(cls, table: Any) -> Any:  # noqa: ANN401
+        """Read ``[axes] main = [...]`` and ``planet = { links = [...], copies = 3 }``."""
+        if isinstance(table, dict) and isinstance(table.get("axes"), dict):
+            axes = tuple(
+                {"name": name, **body} if isinstance(body, dict) else {"name": name, "links": body}
+                for name, body in table["axes"].items()
+            )
+            table = table | {"axes": axes}
+        return table
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        known = {link for axis in self.axes for link in axis.links} | {x for group in self.rigid for x in group}
+        for link, user in self._references_to_links():
+            if link not in known:
+                raise ValueError(
+                    f'{user} names the link "{link}", which is on no axis{closest(link, known)}'
+                    if user != "frame"
+                    else f'frame = "{link}" is on no axis{closest(link, known)}'
+                )
+        for kind, names in (
+            ("axis", [axis.name for axis in self.axes]),
+            ("mesh", [mesh.name for mesh in self.meshes]),
+            ("bearing", [name for bearing in self.bearings for name in bearing.names]),
+        ):
+            twice = {name for name in names if names.count(name) > 1}
+            if twice:
+                raise ValueError(f'two of kind {kind} are called "{min(twice)}"; add name = "..." to distinguish them')
+        self._check_copies()
+        if self.link_order is not None and sorted(self.link_order) != sorted(known):
+            wrong = sorted(set(self.link_order) ^ known)
+            raise ValueError(f"link_order must list every link once; look at {', '.join(wrong) or 'the repeated ones'}")
+        axis_names = {axis.name for axis in self.axes}
+        for axis in self.axes:
+            if axis.parallel_to is not None and axis.parallel_to not in axis_names - {axis.name}:
+                raise ValueError(f'axis "{axis.name}": parallel_to = "{axis.parallel_to}" is no other axis')
+        self.directions()  # refuses a cycle of parallel_to
+        return self
+
+    def _check_copies(self) -> None:
+        copied = self.copied
+        for key, link in (("frame", self.frame), ("reference", self.reference)):
+            if link in copied:
+                raise ValueError(f'{key} = "{link}" stands for {copied[link]} copies; name a link there is one of')
+        for link, copies in copied.items():
+            counts = {axis.copies for axis in self.axes if link in axis.links}
+            if len(counts) > 1:
+                raise ValueError(f'"{link}" is on axes with {copies} and {max(c or 1 for c in counts)} copies; use one')
+        groups = [(f'mesh "{mesh.name}"', [gear.link for gear in mesh.gears]) for mesh in self.meshes]
+        groups += [("rigid", list(group)) for group in self.rigid]
+        for user, links in groups:
+            several = {copied[link]: link for link in links if link in copied}
+            if len(several) > 1:
+                found = " and ".join(f'"{link}" of {copies} copies' for copies, link in sorted(several.items()))
+                raise ValueError(f"{user} joins {found}; each copy needs its own mate, so give both the same copies")
+        for kind, names in (
+            ("link", list(self.links)),
+            ("axis", [name for axis in self.axes for name in axis.instances()]),
+        ):
+            twice = {name for name in names if names.count(name) > 1}
+            if twice:
+                raise ValueError(f'the {kind} "{min(twice)}" has the name of a numbered copy; call it otherwise')
+
+    def _references_to_links(self) -> list[tuple[str, str]]:
+        """Return every use of a link outside of the axes: its name and the part of the file that uses it."""
+        uses = [(self.frame, "frame")]
+        if self.reference is not None:
+            uses.append((self.reference, "reference"))
+        for mesh in self.meshes:
+            uses += [(gear.link, f'mesh "{mesh.name}"') for gear in mesh.gears]
+            uses += [(mesh.carrier, f'mesh "{mesh.name}"')] if mesh.carrier else []
+        for bearing in self.bearings:
+            uses += [(ring, f'bearing "{bearing.names[0]}"') for ring in (bearing.inner_ring, bearing.outer_ring)]
+        return uses
+
+    @classmethod
+    def from_mapping(cls, table: Mapping[str, Any], *, where: str = "gearbox") -> "Gearbox":
+        """Build a gearbox from the tables of a gearbox file; emit a `GearboxWarning` where its numbers disagree.
+
+        Parameters
+        ----------
+        table : mapping
+            Keys and values as in the TOML file.
+        where : str
+            Name of the file or the gearbox in errors.
+
+        Returns
+        -------
+        Gearbox
+
+        Raises
+        ------
+        GearboxError
+            A key, a value or a combination of them that is not valid.
+
+        Examples
+        --------
+        >>> from hums import Gearbox
+        >>> axes = {"one": ["housing", "pinion"], "two": ["housing", "wheel"]}
+        >>> meshes = [{"teeth": {"pinion": 20, "wheel": 41}}]
+        >>> table = {"name": "pair", "frame": "housing", "reference": "pinion", "axes": axes, "mesh": meshes}
+        >>> Gearbox.from_mapping(table).meshes[0].name
+        'pinion-wheel'
+        """
+        gearbox = validated(cls, dict(table), where=where, error=GearboxError)
+        for sentence in (
+            *_multiples_warnings(gearbox),
+            *_planet_warnings(gearbox),
+            *_sign_warnings(gearbox),
+        ):
+            warnings.warn(sentence if sentence.endswith("?") else f"{sentence}.", GearboxWarning, stacklevel=3)
+        return gearbox
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> "Gearbox":
+        """Read a gearbox from a TOML file.
+
+        Parameters
+        ----------
+        path : str or Path
+            A ``.toml`` file; its stem is the name of a gearbox that declares none.
+
+        Returns
+        -------
+        Gearbox
+
+        Raises
+        ------
+        GearboxError
+            A file that is missing or not TOML, or whose gearbox is not valid.
+
+        Examples
+        --------
+        >>> import hums, tempfile, pathlib
+        >>> gearbox = hums.load_gearbox("two-stage")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     file = pathlib.Path(folder) / "copy.toml"
+        ...     _ = file.write_text(gearbox.to_toml(), encoding="utf-8")
+        ...     hums.Gearbox.from_toml(file) == gearbox
+        True
+        """
+        path = Path(path)
+        return cls.from_mapping({"name": path.stem} | read_toml(path, error=GearboxError), where=str(path))
+
+    def to_toml(self) -> str:
+        """Return the text of a TOML file that `from_toml` reads back to an equal gearbox."""
+        import tomli_w  # noqa: PLC0415
+
+        table = self.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_defaults=True)
+        axes = {axis.pop("name"): axis for axis in table.pop("axes")}
+        meshes = table.pop("mesh", [])
+        for mesh in meshes:
+            mesh["teeth"] = {gear["link"]: gear["teeth"] for gear in mesh.pop("gears")}
+        bearings = table.pop("bearing", [])
+        return tomli_w.dumps(table | {"axes": axes, "mesh": meshes, "bearing": bearings})
+
+    @property
+    def copied(self) -> dict[str, int]:
+        """Number of copies by link, for the links that are on axes with ``copies`` only, as planets are.
+
+        A link on no axis has as many copies as the links it is rigid with.
+        """
+        return dict(self._copied)
+
+    @cached_property
+    def _copied(self) -> tuple[tuple[str, int], ...]:
+        single = {link for axis in self.axes if axis.copies is None for link in axis.links}
+        copied = {
+            link: axis.copies
+            for axis in self.axes
+            if axis.copies is not None
+            for link in axis.links
+            if link not in single
+        }
+        for group in self.rigid * len(self.rigid):  # so often that a count reaches the end of a chain of groups
+            counts = {copied.get(link, 1) for link in group if link in copied or link in single}
+            if len(counts) == 1 and counts != {1}:
+                copied.update(dict.fromkeys(group, max(counts)))
+        return tuple(copied.items())
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Names of all links, copies expanded to ``planet 1`` ... ``planet n``, in the order of declaration."""
+        declared = self.link_order or dict.fromkeys(
+            [link for axis in self.axes for link in axis.links] + [link for group in self.rigid for link in group]
+        )
+        return tuple(name for link in declared for name in self.instances(link))
+
+    def instances(self, link: str) -> tuple[str, ...]:
+        """Return the names of the copies of a declared link, ``planet 1`` and so on; of a single link, its own."""
+        if link in self.copied:
+            return tuple(f"{link} {number + 1}" for number in range(self.copied[link]))
+        return (link,)
+
+    def direction(self, axis_name: str) -> Vector:
+        """Return the unit vector of an axis, (3,); x where nothing else is declared."""
+        return self.directions()[axis_name]
+
+    def directions(self) -> dict[str, Vector]:
+        """Return the unit vector of every axis, (3,), by name."""
+        by_name = {axis.name: axis for axis in self.axes}
+        found: dict[str, Vector] = {}
+        for name in by_name:
+            chain = [name]
+            while (parallel := by_name[chain[-1]].parallel_to) is not None and chain[-1] not in found:
+                if parallel in chain:
+                    raise GearboxError(
+                        f'axis "{name}": parallel_to leads round in a circle ({", ".join(sorted(chain))}); '
+                        "give one of them a direction."
+                    )
+                chain.append(parallel)
+            vector = found.get(chain[-1]) or unit_vector(by_name[chain[-1]].direction or X_AXIS)
+            found |= dict.fromkeys(chain, vector)
+        return found
+
+
+def load_gearbox(name_or_path: str | Path) -> Gearbox:
+    """Load a gearbox from a TOML file or, by its name, from the catalogue that ships with the package.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Path of a ``.toml`` file, or a catalogue name such as ``"two-stage"``.
+
+    Returns
+    -------
+    Gearbox
+
+    Raises
+    ------
+    GearboxError
+        If there is no such file or name, or the gearbox in it is not valid.
+
+    Examples
+    --------
+    >>> import hums
+    >>> gearbox = hums.load_gearbox("planetary-27-36-99")
+    >>> gearbox.reference, gearbox.copied
+    ('sun', {'planet': 3})
+    """
+    return Gearbox.from_toml(named_file(name_or_path, shipped=catalogue(), thing="gearbox", error=GearboxError))
+
+
+def catalogue() -> dict[str, Path]:
+    """Return the files of the gearboxes that ship with the package, by name."""
+    return shipped_files("hums")
+
+
+def _multiples_warnings(gearbox: Gearbox) -> Iterator[str]:
+    """Yield a warning for each bearing whose printed multiples do not add up to its number of elements."""
+    for bearing in gearbox.bearings:
+        if bearing.multiples is None:
+            continue
+        inner, outer = bearing.multiples.inner, bearing.multiples.outer
+        total = inner + outer
+        elements = bearing.elements or round(total)
+        if abs(total - elements) > _TOLERANCE:
+            yield (
+                f'bearing "{bearing.names[0]}": inner {inner:g} + outer {outer:g} = {total:g}, not a whole number of '
+                f"elements ({elements}); the data sheet rounds, so expect its lines up to "
+                f"{abs(total / elements - 1):.1%} from nominal"
+            )
+
+
+def _planet_warnings(gearbox: Gearbox) -> Iterator[str]:
+    """Yield a warning for each set of planets that cannot be assembled between its one sun and its one ring."""
+    for axis in gearbox.axes:
+        for link in axis.links if axis.copies is not None else ():
+            meshes = [mesh for mesh in gearbox.meshes if link in [gear.link for gear in mesh.gears]]
+            pairs = [sorted(mesh.gears, key=lambda gear: gear.link != link) for mesh in meshes if len(mesh.gears) > 1]
+            suns = {other.teeth for own, other in pairs if other.teeth > 0 and other.link not in gearbox.copied}
+            rings = {-other.teeth for own, other in pairs if other.teeth < 0}
+            own = {own.teeth for own, _ in pairs}
+            spur = all(_is_parallel(gearbox, axis, other) for _, other in pairs) and all(
+                mesh.kind is None for mesh in meshes
+            )
+            if len(pairs) == 2 and len(suns) == len(rings) == len(own) == 1 and spur and min(own) > 0:  # noqa: PLR2004
+                angles_deg = planet_angles(axis.copies or 1, axis.spacing_deg)
+                for sentence in assembly_warnings(suns.pop(), own.pop(), rings.pop(), angles_deg):
+                    yield f'planets "{link}": {sentence}'
+
+
+def _sign_warnings(gearbox: Gearbox) -> Iterator[str]:
+    """Yield a warning for each planet whose mates on one axis all have external teeth, but not equally many.
+
+    The largest of them may be a ring gear whose minus was forgotten.
+    """
+    at_rest = {link for group in gearbox.rigid if gearbox.frame in group for link in group} | {gearbox.frame}
+    for axis in gearbox.axes:
+        for link in axis.links if axis.copies is not None or not at_rest & set(axis.links) else ():
+            if sum(link in other.links for other in gearbox.axes) > 1:
+                continue  # the carrier, which turns about an axis of its own
+            external = [
+                ((own.teeth, mesh.module_mm), mate)
+                for mesh in gearbox.meshes
+                for own, mate in permutations(mesh.gears, 2)
+                if own.link == link and mesh.kind is None and own.teeth > 0 and mate.teeth > 0
+            ]
+            # only axes about which the planets' carrier turns: the frame and its rigid links are on many
+            for other in (other for other in gearbox.axes if _links_on(gearbox, other) & set(axis.links)):
+                mates = [(own, mate) for own, mate in external if mate.link in _links_on(gearbox, other)]
+                sizes = {own for own, _ in mates}
+                parallel = gearbox.direction(axis.name) == gearbox.direction(other.name)
+                if len(mates) > 1 and len(sizes) == 1 and parallel and other != axis:
+                    sentence = coaxial_warning((link, sizes.pop()[0]), {mate.link: mate.teeth for _, mate in mates})
+                    yield from [sentence] if sentence else []
+
+
+def _links_on(gearbox: Gearbox, axis: Axis) -> set[str]:
+    """Return the links on an axis and those that are rigid with one of them."""
+    return set(axis.links).union(*(group for group in gearbox.rigid if set(group) & set(axis.links)))
+
+
+def _is_parallel(gearbox: Gearbox, axis: Axis, gear: Gear) -> bool:
+    """Return whether a gear's axis is parallel to another one."""
+    group = next((group for group in gearbox.rigid if gear.link in group), (gear.link,))
+    directions = {gearbox.direction(other.name) for other in gearbox.axes if set(group) & set(other.links)}
+    return gearbox.direction(axis.name) in directions
+
+
+# ---- JSON schema of gearbox files, for editors that check while one types --------------------------------------------
+
+
+def gearbox_schema() -> dict[str, Any]:
+    """Return the JSON schema (2020-12) of a gearbox file as it is written by hand."""
+    schema: dict[str, Any] = Gearbox.model_json_schema(by_alias=True)
+    parts = schema["$defs"]
+    # of the class's docstring only what describes a file, not its sections for Python
+    schema["description"] = schema["description"].split("\n\n")[0]
+    name = {"type": "string", "minLength": 1}
+    axis, mesh, bearing = parts["Axis"], parts["Mesh"], parts["Bearing"]
+    # in a file an axis is a table under its name or, in short form, the list of its links
+    del axis["properties"]["name"]
+    axis["required"].remove("name")
+    links = axis["properties"]["links"]
+    schema["properties"]["axes"] = {
+        "type": "object",
+        "minProperties": 1,
+        "additionalProperties": {"anyOf": [links, {"$ref": "#/$defs/Axis"}]},
+    }
+    # in a file the gears of a mesh are in the table `teeth`, and its name defaults to theirs
+    del mesh["properties"]["gears"], parts["Gear"]
+    mesh["properties"]["teeth"] = {
+        "type": "object",
+        "minProperties": 1,
+        "maxProperties": 2,
+        "additionalProperties": {"type": "integer", "not": {"const": 0}},
+        "description": "Signed teeth of each gear: minus for an internal gear.",
+    }
+    mesh["required"] = ["teeth"]
+    bearing["properties"]["name"] = name
+    bearing["required"].remove("names")
+    bearing["oneOf"] = [{"required": ["names"]}, {"required": ["name"]}]
+    # the name defaults to that of the file
+    schema["required"].remove("name")
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    return schema

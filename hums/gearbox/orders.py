@@ -1,0 +1,419 @@
+"""Defect orders: the orders at which the components of a gearbox excite vibration, from its velocity ratios.
+
+An order counts cycles per revolution of the reference shaft. It is a `Fraction` while teeth alone define it.
+Bearing rates follow the rolling kinematics of Penaud and Alazard 2010, eq. 6 to 8, with the errata: the
+relative speed multiplies the whole bracket, and the factor D/d of the rolling element keeps the plain
+diameters (2 BSF as usually defined) unless the paper's variant is asked for.
+
+The spacing of sidebands is the rate of the modulation: the rotation of a damaged part relative to its load and, where
+a planet carrier moves the contact, the planets passing a sensor on the frame.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from hums.gearbox.components import Bearing, closest
+from hums.gearbox.kinematics import Kinematics, solve_kinematics
+from hums.gearbox.model import Gearbox, GearboxError
+from hums.gearbox.rational import evaluate
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from hums.gearbox.mechanism import Contact
+
+KINDS = (
+    "shaft",
+    "gear_mesh",
+    "tooth",
+    "planet_pass",
+    "planet_tooth",
+    "hunting_tooth",
+    "assembly_phase",
+    "inner_race",
+    "outer_race",
+    "rolling_element",
+    "cage",
+)
+COLUMNS = ("component", "kind", "order", "exact", "sources", "seen_from", "sidebands")
+BEARING_KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
+ElementFormula = Literal["usual", "projected_diameter"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DefectOrder:
+    """One row of `defect_orders`: a component, a kind of defect, and its order; attributes are its columns."""
+
+    component: str
+    kind: str
+    exact: Fraction | None
+    order: float
+    sources: int
+    seen_from: str
+    sidebands: tuple[Fraction | float, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class BearingOrders:
+    """Rotation and defect orders of one bearing.
+
+    With pure rolling and Z elements, ``inner_race + outer_race = Z relative`` and ``outer_race = Z cage_to_outer``.
+
+    Attributes
+    ----------
+    name : str
+    relative : float
+        Rotation of the rings relative to each other.
+    inner_ring, outer_ring, cage : float
+        Rotation relative to the load zone, which is fixed in the body that carries the bearing's axis: the frame, or
+        the planet carrier for a planet's bearing.
+    inner_race, outer_race, rolling_element : float
+        Impacts of a defect: BPFI, BPFO and, for both races, 2 BSF.
+    cage_to_outer : float
+        Rotation of the cage relative to the outer ring.
+    elements : int
+        Number of rolling elements.
+    carried : float
+        Rotation of the body that carries the bearing's axis.
+    """
+
+    name: str
+    relative: float
+    inner_ring: float
+    outer_ring: float
+    inner_race: float
+    outer_race: float
+    rolling_element: float
+    cage: float
+    cage_to_outer: float
+    elements: int
+    carried: float = 0.0
+
+
+def defect_orders(
+    gearbox: Gearbox | Kinematics,
+    *,
+    reference: str | None = None,
+    speeds: Mapping[str, float | Fraction] | None = None,
+    element_formula: ElementFormula = "usual",
+) -> "pd.DataFrame":
+    """Return the table of defect orders of a gearbox: shafts, meshes, teeth, planets and bearings.
+
+    Parameters
+    ----------
+    gearbox : Gearbox or Kinematics
+        Gearbox, or its solution where `solve_kinematics` got further constraints.
+    reference : str, optional
+        Link whose revolutions orders count; by default the one that the gearbox declares.
+    speeds : mapping of str to float or Fraction, optional
+        Speeds of links, needed where the gearbox has several degrees of freedom; any unit, only ratios matter.
+    element_formula : {"usual", "projected_diameter"}
+        Formula for the defect rate of rolling elements of a bearing that is given by its geometry: see Notes.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``component``; ``kind``, one of `KINDS`; ``order``, cycles per revolution of the reference; ``exact``, the
+        order as a Fraction where teeth alone define it, else None; ``sources``, the number of teeth, elements or
+        meshes that share the order; ``seen_from``, the link that the motion is relative to; ``sidebands``, expected
+        spacings of sidebands in orders (Fractions where exact). Components at rest have no row.
+
+    Raises
+    ------
+    GearboxError
+        No reference, a reference at rest, too few or contradictory speeds, or an unknown `element_formula`.
+
+    Notes
+    -----
+    A bearing with Z elements of diameter d on the pitch diameter D at contact angle a has, per relative turn of its
+    rings, the inner and outer race orders ``Z/2 (1 +- d/D cos a)`` and the element order ``D/d (1 - (d/D cos a)^2)``,
+    where "projected_diameter" replaces D/d by D/(d cos a).
+
+    Examples
+    --------
+    >>> import hums
+    >>> table = hums.defect_orders(hums.load_gearbox("planetary-27-36-99")).set_index(["component", "kind"])
+    >>> print(table.exact["sun-planet", "gear_mesh"])  # 99 teeth of the ring x 3/14 of the carrier
+    297/14
+    >>> print(table.exact["planet pass", "planet_pass"])  # 3 planets
+    9/14
+    """
+    import pandas as pd  # noqa: PLC0415
+
+    rows = defects(gearbox, reference=reference, speeds=speeds, element_formula=element_formula)
+    # column by column and typed: from rows pandas takes several times as long
+    numbers = {"order": np.float64, "sources": np.int64}
+    columns = {name: np.empty(len(rows), dtype=numbers.get(name, object)) for name in COLUMNS}
+    for number, row in enumerate(rows):
+        for name, column in columns.items():
+            column[number] = getattr(row, name)
+    return pd.DataFrame(columns, copy=False)
+
+
+def defects(
+    gearbox: Gearbox | Kinematics,
+    *,
+    reference: str | None = None,
+    speeds: Mapping[str, float | Fraction] | None = None,
+    element_formula: ElementFormula = "usual",
+) -> tuple[DefectOrder, ...]:
+    """Return the rows of `defect_orders` as objects; parameters and errors as there."""
+    motion = _Motion.of(gearbox, reference, speeds)
+    rows = (*_shafts(motion), *_meshes(motion), *_planets(motion), *_bearings(motion, element_formula))
+    return tuple(row for row in rows if row.order > 0)
+
+
+def bearing_orders(
+    gearbox: Gearbox | Kinematics,
+    *,
+    reference: str | None = None,
+    speeds: Mapping[str, float | Fraction] | None = None,
+    element_formula: ElementFormula = "usual",
+) -> tuple[BearingOrders, ...]:
+    """Return the rotation and defect orders of every bearing; parameters as in `defect_orders`."""
+    motion = _Motion.of(gearbox, reference, speeds)
+    return tuple(rates for bearing in motion.gearbox.bearings for rates in _rates_of(motion, bearing, element_formula))
+
+
+def bearing_multiples(
+    bearing: Bearing, *, element_formula: ElementFormula = "usual"
+) -> tuple[float, float, float, float, int]:
+    """Return BPFI, BPFO, 2 BSF and FTF of a bearing per relative turn of its rings, and its number of elements.
+
+    By geometry ``Z/2 (1 +- d/D cos a)``, ``D/d (1 - (d/D cos a)^2)`` and ``(1 - d/D cos a)/2`` (Penaud and
+    Alazard 2010, eq. 6 to 8, with errata); otherwise the declared multiples. The element formula
+    ``"projected_diameter"`` is the paper's own, with ``d cos a`` for ``d`` also in the factor ``D/d``:
+    ``D/(d cos a) (1 - (d/D cos a)^2)``.
+    """
+    known = list(get_args(ElementFormula))
+    if element_formula not in known:
+        raise GearboxError(f'element_formula = "{element_formula}" is unknown{closest(str(element_formula), known)}')
+    if bearing.multiples is not None:
+        declared = bearing.multiples
+        elements = bearing.elements or round(declared.inner + declared.outer)
+        return declared.inner, declared.outer, declared.defect, declared.cage, elements
+    if bearing.element_diameter_mm is None or bearing.pitch_diameter_mm is None or bearing.elements is None:
+        raise GearboxError(f'bearing "{bearing.names[0]}" has neither multiples nor a full geometry.')
+    ratio = bearing.element_diameter_mm / bearing.pitch_diameter_mm
+    projected = ratio * math.cos(math.radians(bearing.contact_angle_deg))
+    half = bearing.elements / 2
+    defect = (1 - projected**2) / (projected if element_formula == "projected_diameter" else ratio)
+    return half * (1 + projected), half * (1 - projected), defect, (1 - projected) / 2, bearing.elements
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """A mechanism at given speeds, in revolutions per revolution of the reference.
+
+    `exact` states whether teeth and exact speeds alone define them.
+    """
+
+    kinematics: Kinematics
+    rates: Mapping[str, Fraction]
+    exact: bool
+
+    @classmethod
+    def of(
+        cls,
+        gearbox: Gearbox | Kinematics,
+        reference: str | None,
+        speeds: Mapping[str, float | Fraction] | None,
+    ) -> "_Motion":
+        kinematics = gearbox if isinstance(gearbox, Kinematics) else solve_kinematics(gearbox)
+        name = reference or kinematics.gearbox.reference
+        if name is None:
+            raise GearboxError(
+                f'gearbox "{kinematics.gearbox.name}" declares no reference shaft to count orders by; '
+                'add reference = "LINK" or pass reference="LINK".'
+            )
+        form = kinematics.spin(name)
+        if not form:
+            raise GearboxError(f'the reference "{name}" is the frame, which does not turn; name a shaft.')
+        rates = kinematics.rates({name: Fraction(1)} if speeds is None else speeds)
+        unit = abs(evaluate(form, rates))
+        if unit == 0:
+            raise GearboxError(f'the reference "{name}" does not turn, so orders cannot be counted by it.')
+        # with one degree of freedom any speed cancels, so teeth alone define the ratios
+        given = () if speeds is None or kinematics.dof == 1 else speeds.values()
+        exact = all(isinstance(speed, int | Fraction) for speed in given)
+        if unit != 1:
+            rates = {body: rate / unit for body, rate in rates.items()}
+        return cls(kinematics, rates, exact)
+
+    @property
+    def gearbox(self) -> Gearbox:
+        return self.kinematics.gearbox
+
+    def speed(self, link: str, seen_from: str) -> Fraction:
+        form = self.kinematics.spin(link, seen_from=seen_from)
+        return evaluate(form, self.rates)
+
+    def rotation(self, link: str) -> Fraction:
+        """Return the speed of a link relative to the body that carries its axis; 0 for the frame."""
+        return self.rates.get(self.kinematics.bodies[link], Fraction(0))
+
+    def carrier(self, link: str) -> str:
+        """Return the body that carries a link's axis; the frame for the frame itself."""
+        joint = self.kinematics.joints.get(self.kinematics.bodies[link])
+        return self.kinematics.mechanism.frame if joint is None else joint.carried_by
+
+    def spacings(self, *speeds: Fraction | float) -> tuple[Fraction | float, ...]:
+        """Return the magnitudes of some speeds without zeros and repetitions, as fractions where exact."""
+        moving = (speed if self.exact else float(speed) for speed in speeds if speed)
+        return tuple(dict.fromkeys(-speed if speed < 0 else speed for speed in moving))
+
+    def row(
+        self,
+        component: str,
+        kind: str,
+        order: Fraction,
+        *,
+        sources: int,
+        seen_from: str,
+        sidebands: tuple[Fraction | float, ...] = (),
+    ) -> DefectOrder:
+        magnitude = -order if order < 0 else order
+        return DefectOrder(
+            component=component,
+            kind=kind,
+            exact=magnitude if self.exact else None,
+            order=float(magnitude),
+            sources=sources,
+            seen_from=seen_from,
+            sidebands=sidebands,
+        )
+
+
+def _shafts(motion: _Motion) -> Iterator[DefectOrder]:
+    """Yield the rows of the links whose axis is fixed in the frame."""
+    frame = motion.kinematics.mechanism.frame
+    for body in motion.kinematics.joints:
+        if motion.carrier(body) == frame:
+            yield motion.row(body, "shaft", motion.rotation(body), sources=1, seen_from=frame)
+
+
+def _meshes(motion: _Motion) -> Iterator[DefectOrder]:
+    """Yield the rows of mesh, tooth, hunting tooth and assembly phase; the copies of a mesh share one row."""
+    contacts: dict[str, list[Contact]] = {}
+    for contact in motion.kinematics.contacts:
+        contacts.setdefault(contact.mesh, []).append(contact)
+    for name, copies_of_mesh in contacts.items():
+        first, count = copies_of_mesh[0], len(copies_of_mesh)
+        seen_from, carrier_speed = first.carrier, motion.rotation(first.carrier)
+        teeth = [abs(number) for _, number in first.gears]
+        speeds = [motion.speed(link, first.carrier) for link, _ in first.gears]
+        mesh = teeth[0] * speeds[0]
+        sidebands = motion.spacings(*speeds, count * carrier_speed)
+        yield motion.row(name, "gear_mesh", mesh, sources=count, seen_from=seen_from, sidebands=sidebands)
+        for (link, number), speed in zip(first.gears, speeds, strict=True):
+            declared = _declared(motion.gearbox, link)
+            copies = len(motion.gearbox.instances(declared))
+            # a tooth of a gear that meets every planet is in contact once per planet and turn: its impacts are
+            # modulated by the gear's own rotation, those of a planet's tooth by the carrier's
+            modulation = (
+                motion.rotation(link) if count > copies or motion.carrier(link) != first.carrier else carrier_speed
+            )
+            yield motion.row(
+                f"{name}/{declared}",
+                "tooth",
+                speed if count == copies else speed * count / copies,
+                sources=abs(number) * copies,
+                seen_from=seen_from,
+                sidebands=motion.spacings(modulation),
+            )
+        if len(teeth) == 2:  # noqa: PLR2004
+            yield motion.row(name, "hunting_tooth", mesh / math.lcm(*teeth), sources=count, seen_from=seen_from)
+            yield motion.row(name, "assembly_phase", mesh / math.gcd(*teeth), sources=count, seen_from=seen_from)
+
+
+def _planets(motion: _Motion) -> Iterator[DefectOrder]:
+    """Yield the rows of planets passing a sensor, and of planet teeth, which meet one gear after the other."""
+    kinematics = motion.kinematics
+    gears = [gear for contact in kinematics.contacts for gear in contact.gears]
+    toothed = {kinematics.bodies[link] for link, _ in gears}
+    for link in dict.fromkeys(_declared(motion.gearbox, name) for name in motion.gearbox.links):
+        first, copies = motion.gearbox.instances(link)[0], len(motion.gearbox.instances(link))
+        carrier = motion.carrier(first)
+        if carrier == kinematics.mechanism.frame and copies == 1:
+            continue
+        teeth = [abs(number) for name, number in gears if name == first]  # one entry for each of its meshes
+        carrier_speed, body = motion.rotation(carrier), kinematics.bodies[first]
+        if first == body and body in toothed:  # not for the second gear of a stepped planet
+            seen_from = motion.carrier(carrier)
+            yield motion.row(f"{link} pass", "planet_pass", copies * carrier_speed, sources=1, seen_from=seen_from)
+        if len(teeth) > 1:
+            yield motion.row(
+                link,
+                "planet_tooth",
+                len(teeth) * motion.rotation(first),
+                sources=max(teeth) * copies,
+                seen_from=carrier,
+                sidebands=motion.spacings(carrier_speed),
+            )
+
+
+def _bearings(motion: _Motion, formula: ElementFormula) -> Iterator[DefectOrder]:
+    """Yield the rows of inner race, outer race, rolling element and cage of every bearing."""
+    for bearing in motion.gearbox.bearings:
+        copies = max(len(motion.gearbox.instances(ring)) for ring in (bearing.inner_ring, bearing.outer_ring))
+        carrier, inner, outer = _rings(motion, bearing)
+        carrier_speed = motion.rotation(carrier)
+        for rates in _rates_of(motion, bearing, formula):
+            elements, cage = copies * rates.elements, f"{rates.name} cage"
+            for kind, order, sources, seen_from, modulation in (
+                ("inner_race", rates.inner_race, copies, bearing.inner_ring, (inner, carrier_speed)),
+                ("outer_race", rates.outer_race, copies, bearing.outer_ring, (outer, carrier_speed)),
+                ("rolling_element", rates.rolling_element, elements, cage, (rates.cage, carrier_speed)),
+                ("cage", rates.cage, copies, carrier, ()),
+            ):
+                yield DefectOrder(
+                    component=rates.name,
+                    kind=kind,
+                    exact=None,
+                    order=order,
+                    sources=sources,
+                    seen_from=seen_from,
+                    sidebands=motion.spacings(*modulation),
+                )
+
+
+def _rates_of(motion: _Motion, bearing: Bearing, formula: ElementFormula) -> Iterator[BearingOrders]:
+    """Yield the orders of each of the bearings that one declaration names."""
+    inner_race, outer_race, defect, cage, elements = bearing_multiples(bearing, element_formula=formula)
+    carrier, inner, outer = _rings(motion, bearing)
+    relative = float(inner - outer)
+    for name in bearing.names:
+        yield BearingOrders(
+            name=name,
+            relative=abs(relative),
+            inner_ring=float(inner),
+            outer_ring=float(outer),
+            inner_race=inner_race * abs(relative),
+            outer_race=outer_race * abs(relative),
+            rolling_element=defect * abs(relative),
+            cage=abs(float(outer) + cage * relative),
+            cage_to_outer=cage * abs(relative),
+            elements=elements,
+            carried=float(motion.rotation(carrier)),
+        )
+
+
+def _rings(motion: _Motion, bearing: Bearing) -> tuple[str, Fraction, Fraction]:
+    """Return the body that carries a bearing's axis, and the speeds of inner and outer ring relative to it."""
+    rings = [motion.gearbox.instances(ring)[0] for ring in (bearing.inner_ring, bearing.outer_ring)]
+    bodies = [motion.kinematics.bodies[ring] for ring in rings]
+    # one of the rings of a planet's bearing is its carrier
+    carriers = [motion.carrier(body) for body in bodies]
+    carrier = next((body for body in carriers if body in bodies), carriers[0])
+    inner, outer = (motion.speed(ring, carrier) for ring in rings)
+    return carrier, inner, outer
+
+
+def _declared(gearbox: Gearbox, instance: str) -> str:
+    """Return the declared link of a copy, ``planet`` for ``planet 2``."""
+    return next(link for link in (*gearbox.copied, instance) if instance in (*gearbox.instances(link), link))

@@ -1,0 +1,315 @@
+"""The equations of static equilibrium by virtual work, and the load of each contact in their solution.
+
+The speeds of a mechanism obey ``A r = 0``, one row of `A` for each mesh and one rate `r` for each turning pair.
+The same rows hold the loads: a mesh whose tooth load is ``L`` (N m a tooth) applies the torque ``Z_i L`` to gear i
+about its own axis and the opposite to its carrier. With external torques ``T`` on links that turn at ``B r``,
+equilibrium is ``B' T + A' L = 0``. The coefficients are whole numbers, so the equations are solved in rational
+arithmetic: whether a load is determinate is decided exactly.
+
+A mesh loses power by its motion relative to its carrier: the gear that drives there gives ``Z_i L``, the driven
+one receives ``efficiency Z_j L``.
+
+References
+----------
+A. Nelson and R. J. Cipra, Simplified kinematic analysis of bevel epicyclic gear trains with application to
+power-flow and efficiency analyses, Journal of Mechanical Design 127 (2005), 278-286.
+H. W. Mueller, Epicyclic Drive Trains, Wayne State University Press (1982): efficiency by the power relative to
+the carrier.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import NoReturn
+
+from hums.gearbox.components import Mesh, Vector, count, quoted
+from hums.gearbox.kinematics import Kinematics
+from hums.gearbox.mechanism import Contact
+from hums.gearbox.rational import CONSTANT, Form, add, determined, eliminate, evaluate, reduced, solve
+from hums.gearbox.torque_results import TorqueError
+
+Drivers = tuple[int | None, ...]  # driving gear of each contact, 0 or 1; None: the contact loses no power
+_ZERO = Fraction(0)
+_ONE = Fraction(1)
+_TOLERANCE = Fraction(1, 10**9)  # of the largest torque: decimals balance no better
+
+
+@dataclass(frozen=True)
+class Statics:
+    """The statics problem of a mechanism. Contacts are numbered in the order of `contacts`.
+
+    Attributes
+    ----------
+    kinematics : Kinematics
+    torques : mapping of str to Fraction or None
+        External torque of each loaded link in N m; None: unknown.
+    rates : mapping of str to Fraction
+        Joint rates in relative_speeds a second.
+    efficiencies : tuple of Fraction
+        Of each contact.
+    """
+
+    kinematics: Kinematics
+    torques: Mapping[str, Fraction | None]
+    rates: Mapping[str, Fraction]
+    efficiencies: tuple[Fraction, ...]
+
+    @property
+    def name(self) -> str:
+        """The gearbox in errors."""
+        return f'gearbox "{self.kinematics.gearbox.name}"'
+
+    @cached_property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Contacts of two gears; those whose mate is unknown transmit no load."""
+        return gear_pairs(self.kinematics)
+
+    @cached_property
+    def relative_speeds(self) -> tuple[Fraction, ...]:
+        """Speed of each contact's first gear relative to the carrier, in turns a second."""
+        return tuple(self.speed(contact.gears[0][0], contact.carrier) for contact in self.contacts)
+
+    @property
+    def lossless(self) -> Drivers:
+        """The drivers where no contact loses power."""
+        return (None,) * len(self.contacts)
+
+    def mesh(self, number: int) -> Mesh:
+        """Return the declared mesh of a contact."""
+        name = self.contacts[number].mesh
+        return next(mesh for mesh in self.kinematics.gearbox.meshes if mesh.name == name)
+
+    def axes(self, number: int) -> tuple[str, str]:
+        """Return the axes of the two gears of a contact, fixed in its carrier."""
+        mechanism, contact = self.kinematics.mechanism, self.contacts[number]
+        one, two = (
+            mechanism.shared_axis(mechanism.bodies[link], contact.carrier) or ""  # never None in a contact
+            for link, _ in contact.gears
+        )
+        return one, two
+
+    def directions(self, number: int) -> tuple[Vector, Vector]:
+        """Return the directions of `axes`."""
+        one, two = (self.kinematics.mechanism.directions[axis] for axis in self.axes(number))
+        return one, two
+
+    def speed(self, link: str, seen_from: str | None = None) -> Fraction:
+        """Return the speed of a link about its own axis, in relative_speeds a second."""
+        return evaluate(self.kinematics.spin(link, seen_from=seen_from), self.rates)
+
+    def load_factors(self, number: int, driver: int | None) -> tuple[Fraction, Fraction]:
+        """Return the factors of the tooth load on the two gears: 1 on the driver, the efficiency on the driven."""
+        driven = _ONE if driver is None else self.efficiencies[number]
+        return (driven, _ONE) if driver == 1 else (_ONE, driven)
+
+    def generalized_torque(self, number: int, driver: int | None = None) -> Form:
+        """Return the torque of a unit tooth load on each turning pair: a row of A, with losses."""
+        contact, row = self.contacts[number], Form()
+        for (link, teeth), load_factor in zip(contact.gears, self.load_factors(number, driver), strict=True):
+            spin = self.kinematics.spin(link, seen_from=contact.carrier)
+            add(row, {body: teeth * load_factor * factor for body, factor in spin.items()})
+        return row
+
+    def equations(self, drivers: Drivers) -> list[Form]:
+        """Return the equations ``B' T + A' L = 0``, one for each turning pair, in unknown torques and tooth loads."""
+        forms: dict[str, Form] = {body: {} for body in self.kinematics.joints}
+        for link in self.torques:
+            for body, factor in self.kinematics.spin(link).items():
+                add(forms[body], self.external_term(link, factor))
+        for number, driver in enumerate(drivers):
+            for body, factor in self.generalized_torque(number, driver).items():
+                add(forms[body], {tooth_load_symbol(number): factor})
+        return list(forms.values())
+
+    def external_term(self, link: str, factor: Fraction) -> Form:
+        """Return a multiple of an external torque as a form: an unknown where it is None, else a constant."""
+        torque = self.torques[link]
+        return {link: factor} if torque is None else {CONSTANT: torque * factor}
+
+    def is_zero(self, residual: Fraction) -> bool:
+        """Return whether the residual of an equation is within the rounding of the given torques."""
+        largest = max((abs(torque) for torque in self.torques.values() if torque is not None), default=_ZERO)
+        return is_balanced(residual, largest)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The solution of a statics problem: the determinate unknown torques and tooth loads, and the driving gears."""
+
+    statics: Statics
+    drivers: Drivers
+    values: Mapping[str, Fraction]
+
+    def load(self, number: int) -> Fraction | None:
+        """Return the tooth load of a contact in N m a tooth, at the driving gear; None where it is indeterminate."""
+        return self.values.get(tooth_load_symbol(number))
+
+    def flow(self, number: int) -> Fraction | None:
+        """Return the power from the first to the second gear of a contact, relative to its carrier, at the driver.
+
+        In N m times relative_speeds a second.
+        """
+        load, (_, teeth) = self.load(number), self.statics.contacts[number].gears[0]
+        return None if load is None else -load * teeth * self.statics.relative_speeds[number]
+
+    def driving(self, number: int) -> int | None:
+        """Return the driving gear of a contact, 0 or 1; None without power or with an indeterminate load."""
+        flow = self.flow(number)
+        return int(flow < 0) if flow else None
+
+    def load_factors(self, number: int) -> tuple[Fraction, Fraction]:
+        """Return the factors of the tooth load on the two gears of a contact."""
+        return self.statics.load_factors(number, self.drivers[number])
+
+    def generalized_torque(self, number: int) -> Form:
+        """Return the torque of a unit tooth load on each turning pair."""
+        return self.statics.generalized_torque(number, self.drivers[number])
+
+    def driving_gears(self) -> Drivers:
+        """Return the driving gear of each contact that loses power, None for the others."""
+        statics = self.statics
+        found: list[int | None] = []
+        for number, contact in enumerate(statics.contacts):
+            loses = statics.efficiencies[number] < 1 and statics.relative_speeds[number] != 0
+            if loses and self.load(number) is None:
+                raise TorqueError(
+                    f'mesh "{contact.mesh}": its load is indeterminate, and so is its loss; declare meshes that share '
+                    f'a load as copies of one axis, or let it lose nothing, mesh_efficiency={{"{contact.mesh}": 1.0}}.'
+                )
+            found.append(self.driving(number) if loses else None)
+        return tuple(found)
+
+
+def gear_pairs(kinematics: Kinematics) -> tuple[Contact, ...]:
+    """Return the contacts of two gears, those that can transmit a load."""
+    return tuple(contact for contact in kinematics.contacts if len(contact.gears) == 2)  # noqa: PLR2004
+
+
+def is_balanced(total: Fraction, largest: Fraction) -> bool:
+    """Return whether a sum of torques is zero to the rounding of the largest of them."""
+    return abs(total) <= _TOLERANCE * largest
+
+
+def tooth_load_symbol(number: int) -> str:
+    """Return the name of a contact's tooth load among the unknowns; no link has such a name."""
+    return f"\0{number}"
+
+
+# ---- Solve the static equilibrium of a mechanism: balance, load sharing, driving gears -------------------------------
+# The loss of a mesh reduces the load of its driven gear. Which gear drives follows from the loads: the solution is
+# iterated until both agree.
+
+
+def solve_equilibrium(statics: Statics) -> Solution:
+    """Solve for torques and tooth loads, iterating until the driving gears are those that were assumed.
+
+    Raises
+    ------
+    TorqueError
+        Torques that do not balance or are indeterminate, copies that cannot share equally, losses that depend on an
+        indeterminate load, losses so high that the mechanism is self-locking.
+    """
+    _check_balance(statics)
+    sharing = _equal_sharing(statics)
+    drivers = statics.lossless
+    tried: list[Drivers] = []
+    while drivers not in tried:
+        tried.append(drivers)
+        solved, residuals = solve([*statics.equations(drivers), *sharing])
+        solution = Solution(statics, drivers, determined(solved))
+        complete = all(link in solution.values for link, torque in statics.torques.items() if torque is None)
+        if drivers != statics.lossless and not (complete and all(map(statics.is_zero, residuals))):
+            raise TorqueError(
+                f"{statics.name}: with the losses of its meshes the torques do not balance. Let as many links take "
+                "the balance (None) as there are degrees of freedom, or raise mesh_efficiency."
+            )
+        drivers = solution.driving_gears()
+        if drivers == solution.drivers:
+            return solution
+    undecided = [
+        contact.mesh for contact, now, before in zip(statics.contacts, drivers, tried[-1], strict=True) if now != before
+    ]
+    raise TorqueError(
+        f"{statics.name} locks itself: whichever gear is taken to drive, the losses of the meshes {quoted(undecided)} "
+        "turn the flow of power round. Raise mesh_efficiency, or let power flow the other way."
+    )
+
+
+def _check_balance(statics: Statics) -> None:
+    """Check that each degree of freedom is balanced without losses, and that the unknown torques are determinate.
+
+    Degrees of freedom are those of the meshes alone: whatever else holds a link at rest does so by a torque, which has
+    to be named.
+    """
+    kinematics = statics.kinematics
+    meshes: dict[str, Form] = {}
+    for number in range(len(statics.contacts)):
+        eliminate(statics.generalized_torque(number), meshes, last=list(kinematics.joints))
+    free = [body for body in kinematics.joints if body not in meshes]
+    speeds = {link: reduced(kinematics.spin(link), meshes) for link in statics.torques}
+    solved: dict[str, Form] = {}
+    for body in free:
+        form, scale = Form(), _ZERO
+        for link, torque in statics.torques.items():
+            factor = speeds[link].get(body, _ZERO)
+            add(form, statics.external_term(link, factor))
+            scale = max(scale, abs((torque or _ZERO) * factor))
+        if not is_balanced(eliminate(form, solved), scale):
+            moving = [name for name in kinematics.joints if body in reduced({name: _ONE}, meshes)]
+            _raise_unbalanced(statics, moving, body, len(free))
+    known = determined(solved)
+    unknown = [link for link, torque in statics.torques.items() if torque is None and link not in known]
+    if unknown:
+        raise TorqueError(
+            f"{statics.name}: the torques of {quoted(unknown)} are indeterminate; its meshes leave "
+            f"{count(len(free), 'degree')} of freedom, and each determines one torque. Give the torque of "
+            f'"{unknown[-1]}" as a number, or leave it out where nothing loads it.'
+        )
+
+
+def _raise_unbalanced(statics: Statics, moving: Sequence[str], free: str, dof: int) -> NoReturn:
+    """Raise the error for bodies that move together and are unbalanced; name a link that could take the balance."""
+    kinematics = statics.kinematics
+    given = {link: torque for link, torque in statics.torques.items() if torque}
+    numbers = ", ".join(f'"{link}" = {float(torque):g}' for link, torque in given.items())
+    start = f"{statics.name}: the torques {numbers} N m do not balance"
+    loaded = [link for link in given if kinematics.bodies[link] in moving]
+    if len(loaded) > 1:
+        raise TorqueError(f'{start}; let one of them follow from the others, as in torques={{"{loaded[-1]}": None}}.')
+    named = {kinematics.bodies[link] for link, torque in statics.torques.items() if torque != 0}
+    frame = kinematics.mechanism.frame
+    able = [body for body in moving if kinematics.joints[body].carried_by == frame and body not in named]
+    if not able:
+        raise TorqueError(
+            f"{start}: that on {quoted(loaded)} has no path to another link. Declare the mesh that carries it, or "
+            "leave it out."
+        )
+    raise TorqueError(
+        f"{start}, and nothing takes what is left. The meshes leave {count(dof, 'degree')} of freedom, and each needs "
+        f'a link that takes the balance, as in torques={{"{free if free in able else able[-1]}": None}}.'
+    )
+
+
+def _equal_sharing(statics: Statics) -> list[Form]:
+    """Return the equations of equal loads on the copies of a mesh, where equilibrium leaves them indeterminate."""
+    equations = statics.equations(statics.lossless)
+    known = determined(solve(equations)[0])
+    first: dict[str, int] = {}
+    shared: list[Form] = []
+    for number, contact in enumerate(statics.contacts):
+        if tooth_load_symbol(number) in known:
+            continue
+        other = first.setdefault(contact.mesh, number)
+        if other != number:
+            shared.append({tooth_load_symbol(number): _ONE, tooth_load_symbol(other): -_ONE})
+    residuals = solve([*equations, *shared])[1][len(equations) :]
+    if not all(map(statics.is_zero, residuals)):
+        gearbox = statics.kinematics.gearbox
+        copies = {name for link in gearbox.copied for name in gearbox.instances(link)}
+        raise TorqueError(
+            f"{statics.name}: the torques on {quoted(link for link in statics.torques if link in copies)} load copies "
+            "of one axis differently, so they cannot share equally. Put the same torque on each copy, or declare the "
+            "copies as axes of their own."
+        )
+    return shared

@@ -1,0 +1,301 @@
+"""Static torques, tooth loads, forces and power of a mechanism, by virtual work.
+
+`hums.gearbox.statics` sets up the equations of `solve_torques`, `hums.gearbox.statics` solves them in rational
+arithmetic, `hums.gearbox.torques`, `hums.gearbox.tooth_forces` and `hums.gearbox.tooth_forces` derive the results, the
+classes of `hums.gearbox.torque_results`. Power balances to the rounding of the result.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from fractions import Fraction
+from numbers import Real
+
+from hums.gearbox.components import Vector, closest
+from hums.gearbox.kinematics import Kinematics
+from hums.gearbox.model import GearboxError
+from hums.gearbox.statics import Solution, Statics, gear_pairs, solve_equilibrium
+from hums.gearbox.tooth_forces import bearing_loads, tooth_forces
+from hums.gearbox.torque_results import (
+    BearingLoad,
+    Branch,
+    ExternalTorque,
+    ToothForces,
+    ToothLoad,
+    TorqueError,
+    Torques,
+)
+
+__all__ = [
+    "BearingLoad",
+    "Branch",
+    "ExternalTorque",
+    "ToothForces",
+    "ToothLoad",
+    "TorqueError",
+    "Torques",
+    "solve_torques",
+]
+
+
+# ---- Power flow: the load of each contact, and the branches of power between the links -------------------------------
+# References
+# ----------
+# H. W. Mueller, Epicyclic Drive Trains, Wayne State University Press (1982): power relative to the carrier,
+# circulating power.
+
+
+_ZERO = Fraction(0)
+
+
+def tooth_load(solution: Solution, number: int) -> ToothLoad:
+    """Return the load of one contact."""
+    statics, contact = solution.statics, solution.statics.contacts[number]
+    load, flow, driver = solution.load(number), solution.flow(number), solution.driving(number)
+    (link_one, teeth_one), (link_two, teeth_two) = contact.gears
+    factor_one, factor_two = solution.load_factors(number)
+    torques_nm = _float(_times(load, teeth_one * factor_one)), _float(_times(load, teeth_two * factor_two))
+    loses = solution.drivers[number] is not None
+    return ToothLoad(
+        mesh=contact.mesh,
+        gears=(link_one, link_two),
+        carrier=contact.carrier,
+        determinate=load is not None,
+        torques_nm=torques_nm,
+        carrier_torque_nm=reaction(zip(torques_nm, statics.directions(number), strict=True)),
+        gearing_power_w=watts(flow),
+        absolute_power_w=_absolute_power(solution, number),
+        driver=None if driver is None else contact.gears[driver][0],
+        loss_w=abs(watts(_times(flow, 1 - statics.efficiencies[number]))) if loses else 0.0,
+        forces=tooth_forces(solution, number),
+    )
+
+
+def branches(solution: Solution) -> Iterator[Branch]:
+    """Yield the torques of the meshes on each body whose axis is fixed in the frame, summed by branch."""
+    statics, kinematics = solution.statics, solution.statics.kinematics
+    for body, joint in kinematics.joints.items():
+        if joint.carried_by != kinematics.mechanism.frame:
+            continue
+        for numbers in _contact_groups(statics, body):
+            torque = _torque(solution, body, numbers)
+            yield Branch(
+                link=body,
+                through=tuple(dict.fromkeys(statics.contacts[number].mesh for number in numbers)),
+                torque_nm=_float(torque),
+                power_w=watts(_times(torque, statics.rates[body])),
+            )
+
+
+def reaction(torques: Iterable[tuple[float, Vector]]) -> Vector:
+    """Return minus the sum of torques, each about its direction, (3,)."""
+    x, y, z = 0.0, 0.0, 0.0
+    for torque, direction in torques:
+        x, y, z = x - torque * direction[0], y - torque * direction[1], z - torque * direction[2]
+    return (x, y, z)
+
+
+def watts(power: Fraction | None) -> float:
+    """Convert N m times turns a second to W, None to NaN."""
+    return 2 * math.pi * _float(power)
+
+
+def _absolute_power(solution: Solution, number: int) -> float | None:
+    """Return the absolute power from the first to the second gear, at a gear that turns about the carrier's axis."""
+    statics, contact = solution.statics, solution.statics.contacts[number]
+    joints, frame = statics.kinematics.joints, statics.kinematics.mechanism.frame
+    if contact.carrier == frame:
+        return watts(solution.flow(number))
+    carrier = joints[contact.carrier]
+    if carrier.carried_by != frame:
+        return None
+    for sign, (link, teeth), factor in zip((-1, 1), contact.gears, solution.load_factors(number), strict=True):
+        body = statics.kinematics.bodies[link]
+        if body == frame or joints[body].axis == carrier.axis:
+            return watts(_times(solution.load(number), sign * teeth * factor * statics.speed(link)))
+    return None
+
+
+def _torque(solution: Solution, body: str, numbers: Iterable[int]) -> Fraction | None:
+    """Return the torque of some contacts on a body; None where one of their loads is indeterminate."""
+    torque = _ZERO
+    for number in numbers:
+        factor = solution.generalized_torque(number).get(body, _ZERO)  # zero for the carrier of a mesh between planets
+        load = solution.load(number) if factor else _ZERO
+        if load is None:
+            return None
+        torque += load * factor
+    return torque
+
+
+def _contact_groups(statics: Statics, body: str) -> list[list[int]]:
+    """Return the contacts that act on a body, grouped by mesh where it is a gear, by planet set where a carrier."""
+    bodies, joints = statics.kinematics.bodies, statics.kinematics.joints
+    groups: list[tuple[set[str], list[int]]] = []
+    for number, contact in enumerate(statics.contacts):
+        gears = {bodies[link] for link, _ in contact.gears}
+        if body not in (*gears, contact.carrier):
+            continue
+        keys, numbers = {f"mesh {contact.mesh}"}, [number]
+        if body not in gears:
+            keys |= {f"planet {gear}" for gear in gears if gear in joints and joints[gear].carried_by == body}
+        for group in [group for group in groups if group[0] & keys]:
+            groups.remove(group)
+            keys, numbers = keys | group[0], group[1] + numbers
+        groups.append((keys, numbers))
+    return [numbers for _, numbers in groups]
+
+
+def _times(a: Fraction | None, b: Fraction) -> Fraction | None:
+    return None if a is None else a * b
+
+
+def _float(value: Fraction | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+# ---- Torques ---------------------------------------------------------------------------------------------------------
+
+
+def solve_torques(
+    kinematics: Kinematics,
+    torques: Mapping[str, float | Fraction | None],
+    *,
+    speeds: Mapping[str, float | Fraction] | None = None,
+    mesh_efficiency: float | Mapping[str, float] = 1.0,
+) -> Torques:
+    """Solve the static equilibrium of a mechanism for its unknown torques, tooth loads, power flow and bearing loads.
+
+    Planets of one ``copies`` group share equally where statics alone is indeterminate. Loads that distinct meshes can
+    share in any proportion are reported as indeterminate. A mesh whose mate is unknown transmits no load: apply the
+    mate's torque to its gear. Tooth forces need ``module_mm`` (of the normal section) and ``pressure_angle_deg`` of
+    a mesh; without ``helix_angle_deg`` its teeth are straight.
+
+    Bearing loads follow by statics for a shaft whose axis is fixed in the frame and that runs in exactly two bearings
+    to the frame. They need ``through`` (mm) of its axis and those of its mates, ``position_mm`` of its bearings and
+    meshes, the inputs of the tooth forces, and for helical teeth ``hand`` and the bearing in ``takes_axial``. External
+    torques are taken as pure couples; weights, and the axial force of a radial load on an angular contact, are left
+    out. Shafts that planets load or that carry other shafts are not covered. The ``status`` of a bearing load states
+    why it is not determined.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        From `solve_kinematics`.
+    torques : mapping of str to float, Fraction or None
+        External torque of each loaded link in N m, along its declared axis, positive in the sense of positive speed.
+        None: solved for, for at most as many links as there are degrees of freedom. Links that are not named carry no
+        external torque, but the frame takes the reaction.
+    speeds : mapping of str to float or Fraction, optional
+        Speeds of links in turns a second, as many as there are degrees of freedom. None: one turn a second of the
+        gearbox's reference.
+    mesh_efficiency : float or mapping of str to float
+        Efficiency of all meshes or of meshes by name, relative to the carrier, above 0 and at most 1; a mesh that the
+        mapping does not name is lossless.
+
+    Returns
+    -------
+    Torques
+
+    Raises
+    ------
+    TorqueError
+        Torques that do not balance, more unknown torques than statics can determine, losses so high that the
+        mechanism is self-locking.
+    GearboxError
+        Too few or contradictory speeds, as in `Kinematics.rates`.
+
+    Examples
+    --------
+    >>> import hums
+    >>> kinematics = hums.solve_kinematics(hums.load_gearbox("two-stage"))
+    >>> torques = hums.solve_torques(kinematics, {"input": 437.0, "output": None}, mesh_efficiency=0.99)
+    >>> round(torques.torques_nm["output"], 6), round(67 * 61 * -(0.99**2), 6)
+    (-4005.6687, -4005.6687)
+    >>> round(torques.efficiency, 6)
+    0.9801
+    """
+    statics = Statics(
+        kinematics,
+        {link: _checked(kinematics, link, torque) for link, torque in torques.items()},
+        kinematics.rates(speeds),
+        _efficiencies(kinematics, mesh_efficiency),
+    )
+    return _result(solve_equilibrium(statics))
+
+
+def _checked(kinematics: Kinematics, link: str, torque: object) -> Fraction | None:
+    """Return a valid external torque as a fraction, None for one to solve for."""
+    gearbox = kinematics.gearbox
+    if link not in kinematics.bodies:
+        raise TorqueError(
+            f'torques: gearbox "{gearbox.name}" has no link "{link}"{closest(link, list(kinematics.links))}'
+        )
+    if kinematics.bodies[link] == kinematics.mechanism.frame:
+        raise TorqueError(
+            f'torques: "{link}" belongs to the frame "{gearbox.frame}", which always holds what is left; leave it out '
+            "and read frame_torque_nm."
+        )
+    try:
+        kinematics.spin(link)
+    except GearboxError:
+        raise TorqueError(
+            f'torques: the axis of "{link}" turns with its carrier in another direction, so a torque about it comes '
+            "from no fixed place; put the torque on a link whose axis rests in the frame."
+        ) from None
+    if torque is None:
+        return None
+    if isinstance(torque, bool) or not isinstance(torque, Real) or not math.isfinite(torque):
+        raise TorqueError(
+            f'torques: "{link}" = {torque!r} is not a finite number of N m; give one, or None where the link takes '
+            "the balance."
+        )
+    return Fraction(torque) if isinstance(torque, int | Fraction) else Fraction(float(torque))
+
+
+def _efficiencies(kinematics: Kinematics, given: float | Mapping[str, float]) -> tuple[Fraction, ...]:
+    """Return the efficiency of each contact of two gears."""
+    contacts = gear_pairs(kinematics)
+    meshes = list(dict.fromkeys(contact.mesh for contact in contacts))
+    named = given if isinstance(given, Mapping) else dict.fromkeys(meshes, given)
+    for mesh, efficiency in named.items():
+        if mesh not in meshes:
+            raise TorqueError(f'mesh_efficiency: no mesh "{mesh}" of two gears{closest(mesh, meshes)}')
+        if isinstance(efficiency, bool) or not isinstance(efficiency, Real) or not 0 < efficiency <= 1:
+            raise TorqueError(
+                f'mesh_efficiency: "{mesh}" = {efficiency!r} is not above 0 and at most 1; 1 loses nothing.'
+            )
+    return tuple(Fraction(float(named.get(contact.mesh, 1.0))) for contact in contacts)
+
+
+def _result(solution: Solution) -> Torques:
+    """Return the torques, powers and loads of a solution in floats."""
+    statics, mechanism = solution.statics, solution.statics.kinematics.mechanism
+    torques = {link: solution.values[link] if given is None else given for link, given in statics.torques.items()}
+    powers = {link: torque * statics.speed(link) for link, torque in torques.items()}
+    directions = [mechanism.directions[mechanism.joints[mechanism.bodies[link]].axis] for link in torques]
+    loads = tuple(tooth_load(solution, number) for number in range(len(statics.contacts)))
+    power_branches = tuple(branches(solution))
+    power_in = sum((power for power in powers.values() if power > 0), _ZERO)
+    power_out = -sum((power for power in powers.values() if power < 0), _ZERO)
+    indeterminate = tuple(dict.fromkeys(load.mesh for load in loads if not load.determinate))
+    gearing: dict[str, float] = {}
+    for load in loads:
+        gearing[load.mesh] = gearing.get(load.mesh, 0.0) + abs(load.gearing_power_w)
+    largest = max((abs(branch.power_w) for branch in power_branches), default=0.0)
+    known = power_in > 0 and not indeterminate
+    return Torques(
+        external=tuple(
+            ExternalTorque(link=link, torque_nm=float(torque), power_w=watts(powers[link]))
+            for link, torque in torques.items()
+        ),
+        frame_torque_nm=reaction(zip(map(float, torques.values()), directions, strict=True)),
+        tooth_loads=loads,
+        branches=power_branches,
+        bearing_loads=tuple(bearing_loads(solution)),
+        input_power_w=watts(power_in),
+        output_power_w=watts(power_out),
+        efficiency=float(power_out / power_in) if power_in > 0 else None,
+        circulating_ratio=largest / watts(power_in) if known else None,
+        gearing_ratio=max(gearing.values(), default=0.0) / watts(power_in) if known else None,
+        indeterminate=indeterminate,
+    )

@@ -1,0 +1,115 @@
+"""Figures as SVG text or as files, from a function that draws on Axes."""
+
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+from typing import IO, Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from hums.plots.labels import apply_layout
+from hums.plots.style import FAINT, INK
+from hums.records.store import atomic_write
+
+_STYLE: dict[str, Any] = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "hums",
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+}
+# Dates and versions are left out, so that equal figures are equal files.
+_METADATA: dict[str, dict[str, Any]] = {
+    "svg": {"Date": None, "Creator": None},
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+_DPI = 160  # of PNG; SVG and PDF are vector graphics
+
+
+def svg(draw: Callable[[Axes], object], *, width: float = 6.4, height: float = 3.4) -> str:
+    """Return a figure as an SVG element, to be embedded in HTML.
+
+    Parameters
+    ----------
+    draw : function of one matplotlib Axes
+        Draws the figure.
+    width, height : float
+        Size in inches.
+
+    Returns
+    -------
+    str
+        The ``<svg>`` element; the same for every run.
+
+    Examples
+    --------
+    >>> from hums.plots import svg
+    >>> svg(lambda ax: ax.plot([0, 1], [0, 1]))[:4]
+    '<svg'
+    """
+    text = StringIO()
+    _save(draw, text, kind="svg", width=width, height=height)
+    page = text.getvalue()
+    return page[page.index("<svg") :]
+
+
+def save_figure(draw: Callable[[Axes], object], path: str | Path, *, width: float = 6.4, height: float = 3.4) -> Path:
+    """Write a figure to a ``.svg``, ``.png`` or ``.pdf`` file and return its path.
+
+    Parameters
+    ----------
+    draw : function of one matplotlib Axes
+        Draws the figure.
+    path : str or Path
+        File to write; its suffix selects the format. An existing file is replaced when the new one is complete.
+    width, height : float
+        Size in inches.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one or a size is not positive; nothing is written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from hums.plots import save_figure
+    >>> with TemporaryDirectory() as folder:
+    ...     path = save_figure(lambda ax: ax.plot([0, 1], [0, 1]), f"{folder}/line.svg")
+    ...     print(path.name, path.stat().st_size > 0)
+    line.svg True
+    """
+    path = Path(path)
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in _METADATA:
+        raise ValueError(f'"{path}" ends in "{path.suffix}"; end it in .svg, .png or .pdf.')
+    if not (width > 0 and height > 0):
+        raise ValueError(f"width = {width:g}, height = {height:g}: give the figure a positive size in inches.")
+    with atomic_write(path) as part, part.open("wb") as file:
+        _save(draw, file, kind=kind, width=width, height=height)
+    return path
+
+
+def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: float, height: float) -> None:
+    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
+        figure = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(figure)  # which keeps its renderer; without, one is made whenever a text is measured
+        ax = figure.add_subplot()
+        draw(ax)
+        if ax in figure.axes:  # else `draw` replaced it by others
+            apply_layout(ax)
+            figure.set_layout_engine(None)  # which would run it twice more, and draw twice
+        figure.savefig(file, format=kind, metadata=_METADATA[kind], dpi=_DPI)

@@ -1,0 +1,211 @@
+"""Chart of defect frequencies against speed."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from hums.gearbox.order_families import HANN_HALF_LOBE
+from hums.gearbox.orders import BEARING_KINDS, KINDS
+from hums.plots.labels import apply_layout, point_size, spread
+from hums.plots.style import FAINT, INK, KIND_COLOURS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_EQUAL = 1e-9
+_LONGEST = 48  # letters of a name, before the rest of its components is only counted
+_WORDS = {"shaft": "", "gear_mesh": "mesh", "planet_pass": "", "planet_tooth": "tooth"}
+_FONTS = (7.5, 7.0, 6.5, 6.0, 5.5, 5.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Line:
+    """One order with its sources as (component, kind); `alone` where the record resolves it from its neighbours."""
+
+    order: float
+    sources: tuple[tuple[str, str], ...]
+    alone: bool
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(kind for _, kind in self.sources))
+
+    @property
+    def label(self) -> str:
+        """The order and as many of its sources as fit the longest name."""
+        many = range(len(self.sources), 0, -1)
+        return next((label for most in many if len(label := self._label_of(most)) <= _LONGEST), self._label_of(1))
+
+    def _label_of(self, most: int) -> str:
+        """Return the order and `most` of its sources; a component or kind that repeats is written once."""
+        shown = self.sources[:most]
+        names = []
+        for number, (name, kind) in enumerate(shown):
+            repeated = number > 0 and name == shown[number - 1][0]
+            later = number + 1 < len(shown) and kind == shown[number + 1][1]
+            word = "" if later else _WORDS.get(kind, kind.replace("_", " "))
+            names.append(" ".join(part for part in ("" if repeated and word else name, word) if part))
+        more = f" and {len(self.sources) - most} more" if len(self.sources) > most else ""
+        return f"{self.order:.4g}  {' = '.join(names)}{more}{'' if self.alone else ' †'}"
+
+
+def speed_order_chart(
+    table: "pd.DataFrame", *, reference_rpm: tuple[float, float], ax: Axes, revolutions: float | None = None
+) -> Axes:
+    """Draw the frequency of every defect order against the speed of the reference.
+
+    Lines are coloured by kind and labelled at their right end with order and component. Orders that coincide are one
+    line, dashed in the colours of both kinds, with an equals sign in its label.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Result of `hums.defect_orders`.
+    reference_rpm : (float, float)
+        Lowest and highest speed of the reference in rpm.
+    ax : matplotlib.axes.Axes
+        Axes to draw on; their present height limits the number of labels.
+    revolutions : float, optional
+        Length of a record in revolutions of the reference. Lines less than 2/revolutions apart, which the record does
+        not resolve (see `hums.collisions`), have a dagger; frequencies below one period per record are shaded.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Raises
+    ------
+    ValueError
+        If the table is empty, the range does not rise from above zero, or `revolutions` is not positive.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> import hums
+    >>> from hums.plots import speed_order_chart
+    >>> kinematics = hums.solve_kinematics(hums.load_gearbox("wijianto-pair"))
+    >>> table = hums.defect_orders(kinematics)
+    >>> ax = speed_order_chart(table, reference_rpm=(300, 3000), ax=Figure().add_subplot())
+    >>> [text.get_text() for text in ax.texts if "mesh" in text.get_text()]
+    ['36  pinion-gear mesh']
+    """
+    low, high = reference_rpm
+    if not (0 < low < high < np.inf):
+        raise ValueError(f"reference_rpm = ({low:g}, {high:g}): give (low, high) in rpm with 0 < low < high.")
+    if revolutions is not None and not 0 < revolutions < np.inf:
+        raise ValueError(f"revolutions = {revolutions:g} is not positive; give the length of the record, or None.")
+    lines = _merged_lines(table, None if revolutions is None else HANN_HALF_LOBE / revolutions)
+    if not lines:
+        raise ValueError("the table of defect orders is empty: nothing in this gearbox turns at these speeds.")
+    ax.set_yscale("log")
+    rpm = np.linspace(low, high, 64)
+    for line in lines:
+        first, *others = line.kinds
+        width = 1.6 if len(line.sources) > 1 else 1.0
+        ax.plot(rpm, line.order * rpm / 60, color=KIND_COLOURS[first], lw=width, ls="-" if others else _dashes(first))
+        if others:
+            second = (0, (4, 4))
+            ax.plot(rpm, line.order * rpm / 60, color=KIND_COLOURS[others[0]], lw=width, ls=second)
+    bottom, top = lines[0].order * low / 60 / 1.4, lines[-1].order * high / 60 * 1.4
+    ax.set(xlim=(low, high), ylim=(bottom, top), xlabel="speed of the reference, rpm", ylabel="frequency, Hz")
+    ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    ax.grid(visible=True, color=FAINT, alpha=0.3, lw=0.5)
+    if revolutions is not None:
+        ax.fill_between(rpm, bottom, np.maximum(rpm / revolutions / 60, bottom), color=FAINT, alpha=0.25, lw=0)
+    _legend(lines, revolutions, ax=ax)
+    _name(lines, high, ax=ax)
+    return ax
+
+
+def _merged_lines(table: "pd.DataFrame", resolution: float | None) -> list[_Line]:
+    """Return the orders of the table in ascending order, coinciding ones merged into one line."""
+    rows = sorted(
+        zip(table["order"], table["component"], table["kind"], strict=True),
+        key=lambda row: (row[0], KINDS.index(row[2])),
+    )
+    groups: list[list[Any]] = []
+    for row in rows:
+        if groups and row[0] - groups[-1][0][0] <= _EQUAL * row[0]:
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    orders = np.array([group[0][0] for group in groups])
+    near = np.diff(orders) < (resolution or 0)
+    alone = ~(np.append(near, False) | np.append(False, near))[: len(groups)]
+    return [
+        _Line(
+            order=float(group[0][0]),
+            sources=tuple((row[1], row[2]) for row in sorted(group, key=lambda row: KINDS.index(row[2]))),
+            alone=bool(one),
+        )
+        for group, one in zip(groups, alone, strict=True)
+    ]
+
+
+def _legend(lines: list[_Line], revolutions: float | None, *, ax: Axes) -> None:
+    """Draw the legend of the kinds present and of the signs in labels."""
+    present = {kind for line in lines for kind in line.kinds}
+    handles: list[Any] = [
+        Line2D(
+            [], [], color=KIND_COLOURS[kind], ls="-." if kind in BEARING_KINDS else "-", label=kind.replace("_", " ")
+        )
+        for kind in KINDS
+        if kind in present
+    ]
+    if any(len(line.sources) > 1 for line in lines):
+        handles.append(Line2D([], [], ls="", label="=, and more: orders coincide"))
+    if revolutions is not None:
+        handles.append(Patch(color=FAINT, alpha=0.25, label=f"less than once in {revolutions:g} revolutions"))
+        if not all(line.alone for line in lines):
+            handles.append(Line2D([], [], ls="", label=f"†  not separable in {revolutions:g} revolutions"))
+    ax.legend(
+        handles=handles, fontsize=6.5, ncols=4, frameon=False, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0
+    )
+
+
+def _dashes(kind: str) -> str:
+    return "-." if kind in BEARING_KINDS else "-"
+
+
+def _name(lines: list[_Line], high: float, *, ax: Axes) -> None:
+    """Label the lines at their right end without overlap; where not all fit, the last kinds of `KINDS` are left out."""
+    texts = [
+        ax.annotate(
+            line.label,
+            (high, line.order * high / 60),
+            xytext=(1.05, 0.5),
+            textcoords="axes fraction",
+            va="center",
+            fontsize=_FONTS[0],
+            color=KIND_COLOURS[line.kinds[0]],
+            arrowprops={"arrowstyle": "-", "relpos": (0.0, 0.5), "color": FAINT, "lw": 0.5, "shrinkA": 1, "shrinkB": 0},
+            annotation_clip=False,
+        )
+        for line in lines
+    ]
+    apply_layout(ax)
+    height = float(ax.bbox.height)
+    for size in _FONTS:
+        gap = 1.22 * size * point_size(ax)
+        if gap * len(texts) <= height:
+            break
+    capacity = max(1, int(height / gap))
+    dropped = sorted(range(len(lines)), key=lambda n: KINDS.index(lines[n].kinds[0]), reverse=True)[
+        : max(0, len(lines) - capacity)
+    ]
+    for number in dropped:
+        texts[number].remove()
+    kept = [number for number in range(len(lines)) if number not in set(dropped)]
+    ends = np.array([ax.transData.transform((high, lines[number].order * high / 60))[1] for number in kept])
+    at = spread(ends, gap=gap, low=ax.bbox.y0 + gap / 2, high=ax.bbox.y1 - gap / 2)
+    for number, y in zip(kept, at, strict=True):
+        texts[number].set_fontsize(size)
+        texts[number].set_position((1.05, (y - ax.bbox.y0) / height))
+    if dropped:
+        note = f"{len(dropped)} more lines without a name; draw taller"
+        ax.annotate(note, (1.0, -0.01), xycoords="axes fraction", ha="left", va="top", fontsize=6.5, color=INK)

@@ -1,0 +1,112 @@
+"""Contents of another program's file: arrays, and the units, rates and times that the file states."""
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hums.records.record import RecordError
+
+__all__ = ["Field", "ForeignFile", "Stated", "rate_of_step"]
+
+Field = NDArray[np.generic] | str
+"""An array of numbers, or a phrase that describes what is not numeric, such as "text"."""
+
+_INTEGER_TOLERANCE = 1e-9  # one over a step of ten microseconds is 99999.99999999999 Hz
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stated:
+    """Metadata of one channel as the file states them; None where it states nothing.
+
+    Attributes
+    ----------
+    units : str or None
+        In the spelling of the file.
+    rate_hz : float or None
+        Samples per second.
+    start_s : float or None
+        Time of the first sample in s after `epoch`.
+    began : datetime or None
+        Time from which `start_s` counts, with its offset from UTC.
+    """
+
+    units: str | None = None
+    rate_hz: float | None = None
+    start_s: float | None = None
+    epoch: datetime | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForeignFile:
+    """Contents of another program's file.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    fields : mapping of str to array or str
+        By name, an array of numbers, or a phrase such as "text". Parts of a name are joined by dots, as in
+        "bearing.gs", also where the file has slashes.
+    rate_hz : float or None
+        Samples per second, where the file states them for all fields.
+    stated : mapping of str to Stated
+        Metadata of single fields.
+    """
+
+    path: Path
+    fields: Mapping[str, Field]
+    rate_hz: float | None = None
+    stated: Mapping[str, Stated] = field(default_factory=lambda: MappingProxyType({}))
+
+    def name(self, name: str) -> str:
+        """Return the key in `fields` of a name that may have slashes for dots."""
+        return name if name in self.fields else name.strip("/").replace("/", ".")
+
+    def metadata(self, name: str) -> Stated:
+        """Return the metadata of a field, with the rate of the file where it has none of its own."""
+        own = self.stated.get(self.name(name), Stated())
+        return own if own.rate_hz is not None else replace(own, rate_hz=self.rate_hz)
+
+    def vector(self, name: str) -> NDArray[np.generic]:
+        """Return a field that is a row or a column of numbers as an array (n,)."""
+        values = self.fields.get(self.name(name))
+        if values is None:
+            raise RecordError(f'{self.path.name} has no "{name}"{_closest(name, self.fields)} {self.contents()}')
+        if isinstance(values, str):
+            raise RecordError(f'{self.path.name}: "{name}" is {values}, not numbers. {self.contents()}')
+        if values.size != max(values.shape, default=1):
+            raise RecordError(
+                f'{self.path.name}: "{name}" is a table of {_shape(values)} values; a channel is one row or one '
+                "column: save each under a name of its own."
+            )
+        return values.reshape(-1)
+
+    def contents(self) -> str:
+        """Return a description of the contents: a sentence for arrays and one for the rest."""
+        arrays = [f"{name} ({_shape(values)})" for name, values in self.fields.items() if not isinstance(values, str)]
+        others = [f"{name} ({values})" for name, values in self.fields.items() if isinstance(values, str)]
+        rest = f" Not numbers: {', '.join(others)}." if others else ""
+        return f"It holds {', '.join(arrays) or 'no array of numbers'}.{rest}"
+
+
+def rate_of_step(step_s: object) -> float | None:
+    """Return samples per second from the time step, rounded to an integer within 1e-9; None for an invalid step."""
+    if isinstance(step_s, bool) or not isinstance(step_s, int | float | np.number) or not 0 < float(step_s) < np.inf:
+        return None
+    rate_hz = 1 / float(step_s)
+    return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) <= _INTEGER_TOLERANCE * rate_hz else rate_hz
+
+
+def _shape(values: NDArray[np.generic]) -> str:
+    return " x ".join(map(str, values.shape)) or "1"
+
+
+def _closest(name: str, names: Mapping[str, object]) -> str:
+    matches = difflib.get_close_matches(name, list(names), n=1)
+    return f'; did you mean "{matches[0]}"?' if matches else "."

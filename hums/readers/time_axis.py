@@ -1,0 +1,93 @@
+"""Sampling rates and start times of foreign files: declared values against those that the file states."""
+
+import re
+from collections.abc import Sequence
+from datetime import datetime
+from numbers import Real
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hums.readers.columns import ForeignFile
+from hums.records.record import RecordError
+
+__all__ = ["check_time_column", "rate_hz_of", "start_and_epoch"]
+
+_TIME_COLUMNS = {"t", "time", "t_s", "time_s", "t_sec", "time_sec", "time_seconds"}  # also "Time [s]" and "time (s)"
+_RATE_TOLERANCE = 0.01
+_STEP_TOLERANCE = 1e-5  # a step printed with six digits
+
+
+def rate_hz_of(file: ForeignFile, name: str, *, declared: float | None) -> float:
+    """Return the samples per second of a channel, declared or stated by the file; refuse a contradiction.
+
+    The declared rate has precedence within 1 Hz, as a header of whole numbers drops a fraction, or within 1e-5, as a
+    printed time step drops digits.
+    """
+    stated = file.metadata(name).rate_hz
+    if declared is None:
+        if stated is None:
+            raise RecordError(
+                f"{file.path.name} does not state its samples per second: rate_hz=... (--rate-hz) is needed."
+            )
+        return stated
+    if stated is not None and isinstance(declared, Real):
+        difference = abs(declared - stated)
+        if difference >= max(min(1.0, _RATE_TOLERANCE * stated), _STEP_TOLERANCE * stated):
+            raise RecordError(
+                f"rate_hz={declared:g} contradicts {file.path.name}, which states {stated:g} Hz; leave "
+                "--rate-hz out, or correct the file."
+            )
+    return declared
+
+
+def start_and_epoch(file: ForeignFile, names: Sequence[str], *, rate_hz: float) -> tuple[float, datetime | None]:
+    """Return the time of the first sample of some channels in s and the epoch it counts from, as the file states.
+
+    Raises
+    ------
+    RecordError
+        If their first samples are more than half a sample apart.
+    """
+    metadata = [file.metadata(name) for name in names]
+    starts = [stated.start_s or 0.0 for stated in metadata]
+    epochs_s = [stated.epoch.timestamp() if stated.epoch else 0.0 for stated in metadata]
+    for name, start, epoch_s in zip(names, starts, epochs_s, strict=True):
+        late = (start - starts[0]) + (epoch_s - epochs_s[0])
+        if late and isinstance(rate_hz, Real) and abs(late) * rate_hz > 0.5:  # noqa: PLR2004 - make_record checks the rate
+            raise RecordError(
+                f'{file.path.name}: "{name}" begins {late:g} s after "{names[0]}"; a record has one clock. '
+                "Convert them one by one, or cut them to the same span."
+            )
+    return starts[0], metadata[0].epoch
+
+
+def check_time_column(file: ForeignFile, rate_hz: float, *, count: int, used: Sequence[str]) -> None:
+    """Check the rate against a column of evenly spaced times of `count` samples, if the file has one."""
+    for name, field in file.fields.items():
+        normalized = re.sub(r"[\W_]+", "_", name.rpartition(".")[2].lower()).strip("_")
+        if (
+            name in used
+            or normalized not in _TIME_COLUMNS
+            or isinstance(field, str)
+            or max(field.shape, default=1) != count
+        ):
+            continue
+        step_s = _even_step(field.reshape(-1)) if field.size == count else None
+        if step_s and isinstance(rate_hz, Real) and abs(step_s * rate_hz - 1) > _RATE_TOLERANCE:
+            raise RecordError(
+                f'rate_hz={rate_hz:g} contradicts {file.path.name}, whose "{name}" goes in steps of {step_s:.6g} s, '
+                f"{1 / step_s:.6g} Hz. Correct --rate-hz; if that column is not in seconds, give it another name."
+            )
+
+
+def _even_step(times: NDArray[np.generic]) -> float | None:
+    """Return the step of evenly spaced times, also coarsely rounded ones, else None."""
+    if times.size < 2 or times.dtype.kind not in "iuf":  # noqa: PLR2004
+        return None
+    numbers = times.astype(np.float64)
+    span = numbers[-1] - numbers[0]
+    if not (span > 0 and np.isfinite(numbers).all()):
+        return None
+    linear = np.linspace(numbers[0], numbers[-1], numbers.size)
+    return float(span / (numbers.size - 1)) if np.max(np.abs(numbers - linear)) < _RATE_TOLERANCE * span else None

@@ -1,0 +1,1 @@
+"""What a record is, its checks, and its files."""

@@ -1,0 +1,187 @@
+"""The parts of a record: kind of each variable, sampling, time axes, pulse times."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from xarray.indexes import RangeIndex
+
+from hums.records.fields import RATE_REMEDY, RecordError, finite_number, positive_number
+
+__all__ = [
+    "Sampling",
+    "attach_time",
+    "channel_values",
+    "detach_time",
+    "kind_of",
+    "names_of",
+    "nominal_speed",
+    "rate_of",
+    "sampling",
+    "sampling_attrs",
+    "speed_percentiles",
+    "tachometers",
+    "vibration_channels",
+]
+
+Kind = Literal["vibration", "waveform", "tachometer", "speed", "truth"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sampling:
+    """Sampling of a channel: sample `i` of `count` is at `start_s + i / rate_hz`.
+
+    Attributes
+    ----------
+    start_s : float
+        Time of the first sample in s.
+    rate_hz : float
+        Samples per second.
+    count : int
+        Number of samples.
+    """
+
+    start_s: float
+    rate_hz: float
+    count: int
+
+
+def kind_of(name: str, variable: xr.DataArray | xr.Variable) -> Kind | None:
+    """Return the kind of a variable of a record; None for one that does not belong there."""
+    if name.startswith("truth_"):
+        return "truth"
+    if name == "nominal_speed":
+        return "speed"
+    if any(str(dim).startswith("pulse_") for dim in variable.dims):
+        return "tachometer"
+    role: dict[Any, Kind] = {"vibration": "vibration", "tachometer": "waveform"}
+    return role.get(variable.attrs.get("role"))
+
+
+def names_of(record: xr.Dataset, *kinds: Kind) -> list[str]:
+    """Return the names of the variables of some kinds, in the order of the record."""
+    return [str(name) for name, variable in record.data_vars.items() if kind_of(str(name), variable) in kinds]
+
+
+def sampling_attrs(record: xr.Dataset, variable: xr.DataArray | xr.Variable) -> Mapping[str, Any]:
+    """Return the attributes with a channel's rate_hz and start_s: the record's or, at a rate of its own, its own."""
+    return record.attrs if variable.dims == ("time",) else variable.attrs
+
+
+def rate_of(record: xr.Dataset, variable: xr.DataArray | xr.Variable) -> Any:  # noqa: ANN401
+    """Return the declared samples per second of a channel, unchecked."""
+    return sampling_attrs(record, variable).get("rate_hz")
+
+
+def vibration_channels(record: xr.Dataset) -> list[str]:
+    """Return the names of the vibration channels, in the order of the record."""
+    return names_of(record, "vibration")
+
+
+def tachometers(record: xr.Dataset) -> list[str]:
+    """Return the names of the tachometers, variables of pulse times, in the order of the record."""
+    return names_of(record, "tachometer")
+
+
+def nominal_speed(record: xr.Dataset) -> xr.DataArray | None:
+    """Return the declared constant speed in rev s-1, with attribute `shaft`, or None."""
+    return record.get("nominal_speed")
+
+
+def sampling(record: xr.Dataset, channel: str) -> Sampling:
+    """Return the sampling of a channel, also of a slice of a record; refuse an uneven time axis."""
+    variable = record.variables[channel]
+    dim = str(variable.dims[0])
+    index = record.xindexes.get(dim)
+    rate = float(rate_of(record, variable))
+    count = variable.sizes[dim]
+    # more than half a sample of drift over the record would shift samples
+    if not isinstance(index, RangeIndex) or abs(index.step * rate - 1) * count > 0.5:  # noqa: PLR2004
+        raise RecordError(
+            f'channel "{channel}": its axis "{dim}" does not run evenly at rate_hz={rate:g}. From a file, '
+            "get the record with open_record; to thin it, filter and build a new one: a stride aliases."
+        )
+    return Sampling(start_s=float(index.start), rate_hz=rate, count=count)
+
+
+def channel_values(record: xr.Dataset, name: str) -> NDArray[np.floating]:
+    """Return the samples of one variable of a record; a read error names the damaged file.
+
+    Returns
+    -------
+    (n,) array
+        Samples in the units of the variable.
+    """
+    try:
+        return record[name].values
+    except OSError as error:
+        source = record.encoding.get("source", "the file behind this record")
+        raise RecordError(
+            f'{source}: "{name}" cannot be read ({error}). The file is damaged: its bytes no longer agree '
+            "with their checksum. Restore it, or convert the original again."
+        ) from error
+
+
+def attach_time(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a record with a time axis for every channel, a range computed from start, count and rate."""
+    for name in names_of(dataset, "vibration", "waveform"):
+        variable = dataset.variables[name]
+        if variable.ndim != 1:
+            raise RecordError(f'channel "{name}": shape {variable.shape}; a channel has one dimension.')
+        if variable.size == 0:
+            raise RecordError(f'channel "{name}": empty; at least one sample is needed.')
+        dim = str(variable.dims[0])
+        if isinstance(dataset.xindexes.get(dim), RangeIndex):
+            continue
+        rate = positive_number(rate_of(dataset, variable), f'channel "{name}": rate_hz', RATE_REMEDY)
+        if dim in dataset.coords:  # stored as numbers by other software
+            start = _stored_start(dataset[dim], name=name, rate_hz=rate)
+            dataset = dataset.drop_vars(dim)
+        else:
+            start = finite_number(sampling_attrs(dataset, variable).get("start_s"), f'channel "{name}": start_s')
+        count = variable.size
+        index = RangeIndex.linspace(start, start + count / rate, num=count, endpoint=False, dim=dim)
+        dataset = dataset.assign_coords(xr.Coordinates.from_xindex(index))
+    return dataset
+
+
+def _stored_start(axis: xr.DataArray, *, name: str, rate_hz: float) -> float:
+    """Return the start of a stored time axis in s; refuse one that does not agree with the rate."""
+    if axis.dtype.kind not in "iuf":
+        raise RecordError(f'channel "{name}": its axis "{axis.name}" is of type {axis.dtype}; seconds are needed.')
+    first, last = float(axis[0]), float(axis[-1])
+    if not abs((last - first) * rate_hz - (axis.size - 1)) <= 0.5:  # noqa: PLR2004 - as in `sampling`, and for NaN
+        raise RecordError(
+            f'channel "{name}": its axis "{axis.name}", {axis.size} samples from {first:g} s to {last:g} s, does not '
+            f"run evenly at rate_hz={rate_hz:g}. Correct the rate; a record that was thinned is to be filtered first."
+        )
+    return first
+
+
+def detach_time(record: xr.Dataset) -> xr.Dataset:
+    """Return a record without time axes, their starts in attributes: the inverse of `attach_time`."""
+    axes = set()
+    for name in names_of(record, "vibration", "waveform"):
+        when = sampling(record, name)
+        dim = str(record.variables[name].dims[0])
+        axes.add(dim)
+        if dim == "time":
+            record = record.assign_attrs(start_s=when.start_s)
+        else:
+            record = record.assign({name: record[name].assign_attrs(start_s=when.start_s)})
+    return record.drop_vars(axes)
+
+
+def speed_percentiles(pulses: xr.DataArray) -> tuple[float, float, float] | None:
+    """Return the median and the 1 % and 99 % percentiles of the speed by revolution, in rev/s, of pulse times.
+
+    Missed and spurious pulses are not repaired. None for less than a revolution.
+    """
+    times_s, per_rev = pulses.values, int(pulses.attrs["pulses_per_rev"])
+    if times_s.size <= per_rev:
+        return None
+    middle, low, high = np.percentile(1 / (times_s[per_rev:] - times_s[:-per_rev]), [50, 1, 99])
+    return float(middle), float(low), float(high)

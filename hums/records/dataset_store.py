@@ -1,0 +1,196 @@
+"""A dataset in a folder: records of one layout and their labels, opened as one lazy `xarray.Dataset`.
+
+``index.h5`` in the folder contains the labels of all records and the attributes of their channels; the records are in
+files of a few dozen each (`hums.records.store.write_shard`). Files are opened when values are read and closed again, so
+a dataset may be pickled, forked and read from many processes at once.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from hums.records.record import RecordError, attach_time
+from hums.records.store import open_hdf5, open_shard, open_tree, record_of_shard
+
+__all__ = ["INDEX", "SCHEMA", "dataset_record", "dataset_size", "is_dataset", "open_dataset"]
+
+INDEX, SCHEMA = "index.h5", "hums-dataset/1"
+
+
+def is_dataset(folder: str | Path) -> bool:
+    """Return whether a folder contains a complete dataset."""
+    return (Path(folder) / INDEX).is_file()
+
+
+def open_dataset(folder: str | Path) -> xr.Dataset:
+    r"""Open a dataset that ``hums dataset`` made.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the dataset.
+
+    Returns
+    -------
+    xarray.Dataset
+        Each channel (record, time) and the pulse times of each tachometer (record, pulse_NAME), padded with NaN, with
+        their units, read on access. Labels are coordinates along `record`, in memory. `dataset_record` returns
+        the truth of a record.
+
+    Raises
+    ------
+    RecordError
+        If the folder contains no dataset, or an incomplete one.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import data_synth, hums
+    >>> plan = 'records = 2\nseed = 1\nclass = [{ name = "healthy" }]\n[scene]\ngearbox = "two-stage"\n'
+    >>> plan += 'rate_hz = 2000\nduration_s = 1\nfidelity = "kinematic"\nspeed = { link = "input", rpm = 600 }\n'
+    >>> plan += 'tachometer = { link = "input", pulses_per_rev = 1 }\n'
+    >>> plan += 'resonance = { frequency_hz = 500, damping_ratio = 0.05 }\n'
+    >>> plan += 'sensor = [{ name = "vib", on = "output", units = "g" }]\n'
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = pathlib.Path(folder, "two.toml").write_text(plan, encoding="utf-8")
+    ...     _ = data_synth.make_dataset(pathlib.Path(folder, "two.toml"), pathlib.Path(folder, "two"))
+    ...     dataset = hums.open_dataset(pathlib.Path(folder, "two"))
+    ...     print(dict(dataset.vib.sizes), dataset["class"].values.tolist(), dataset.tachometer.shape)
+    {'record': 2, 'time': 2000} ['healthy', 'healthy'] (2, 10)
+    """
+    folder = Path(folder).resolve()
+    index = _index(folder, labels=True)
+    rows = index.sizes["record"]
+    variables = {}
+    for name, layout in json.loads(index.attrs["arrays_json"]).items():
+        values = _Rows(
+            folder=folder,
+            pattern=index.attrs["shards"],
+            per_shard=int(index.attrs["records_per_shard"]),
+            name=name,
+            shape=(rows, *layout["width"]),
+            dtype=np.dtype(layout["dtype"]),
+        )
+        variables[name] = xr.Variable(("record", *layout["dims"]), indexing.LazilyIndexedArray(values), layout["attrs"])
+    attrs = {name: index.attrs[name] for name in ("schema", "machine", "rate_hz", "start_s", "plan")}
+    dataset = xr.Dataset(variables, attrs=attrs)
+    times = attach_time(dataset.isel(record=0)).coords  # the same for all records, and not stored
+    return dataset.assign_coords(times).assign_coords(index.data_vars).assign_coords(record=np.arange(rows))
+
+
+def dataset_size(folder: str | Path) -> int:
+    """Return the number of records in a dataset."""
+    return int(_index(Path(folder).resolve(), labels=False).attrs["records"])
+
+
+def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
+    r"""Return one record of a dataset with its truth, in memory.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the dataset.
+    number : int
+        Number of the record, from 0.
+
+    Returns
+    -------
+    xarray.Dataset
+        The record as it was simulated.
+
+    Raises
+    ------
+    RecordError
+        If there is no such record, or its file is damaged.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import data_synth, hums
+    >>> plan = 'records = 2\nseed = 1\nclass = [{ name = "healthy" }]\n[scene]\ngearbox = "two-stage"\n'
+    >>> plan += 'rate_hz = 2000\nduration_s = 1\nfidelity = "kinematic"\nspeed = { link = "input", rpm = 600 }\n'
+    >>> plan += 'tachometer = { link = "input", pulses_per_rev = 1 }\n'
+    >>> plan += 'resonance = { frequency_hz = 500, damping_ratio = 0.05 }\n'
+    >>> plan += 'sensor = [{ name = "vib", on = "output", units = "g" }]\n'
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = pathlib.Path(folder, "two.toml").write_text(plan, encoding="utf-8")
+    ...     _ = data_synth.make_dataset(pathlib.Path(folder, "two.toml"), pathlib.Path(folder, "two"))
+    ...     record = hums.dataset_record(pathlib.Path(folder, "two"), 1)
+    >>> record.sizes["time"], record.vib.units, any(name.startswith("truth_") for name in record)
+    (2000, 'g', True)
+    """
+    folder = Path(folder).resolve()
+    index = _index(folder, labels=False)
+    count = index.attrs["records"]
+    if not 0 <= number < count:
+        raise RecordError(f"{folder} has no record {number}; its {count} records count from 0 to {count - 1}.")
+    shard, row = divmod(number, int(index.attrs["records_per_shard"]))
+    with open_shard(folder / index.attrs["shards"].format(shard)) as opened:
+        try:
+            return record_of_shard(opened, row)
+        except OSError as error:
+            raise _damaged(opened.encoding["source"], f"record {number}", error) from error
+
+
+def _index(folder: Path, *, labels: bool) -> xr.Dataset:
+    """Return the index of a dataset: its attributes and, where asked for, the labels in memory."""
+    if not folder.is_dir():
+        raise RecordError(f"{folder}: there is no such folder; name the one that hums dataset wrote into.")
+    if not is_dataset(folder):
+        begun = (folder / "plan.toml").is_file()
+        remedy = "finish it with the same hums dataset again" if begun else "make one with hums dataset"
+        raise RecordError(f"{folder} holds no finished dataset, no {INDEX}; {remedy}.")
+    with open_tree(folder / INDEX) as tree:
+        index = tree.to_dataset()
+        index = index.load() if labels else index[[]].assign_attrs(records=index.sizes["record"])
+    if index.attrs.get("schema") != SCHEMA:
+        raise RecordError(f"{folder / INDEX} holds {index.attrs.get('schema')!r}, where a dataset holds {SCHEMA!r}.")
+    return index
+
+
+class _Rows(BackendArray):
+    """One array (record, ...) over all files of a dataset, padded with NaN to the longest row."""
+
+    def __init__(
+        self, *, folder: Path, pattern: str, per_shard: int, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]
+    ) -> None:
+        self.folder, self.pattern, self.per_shard, self.name = folder, pattern, per_shard, name
+        self.shape, self.dtype = shape, dtype
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:  # noqa: ANN401
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
+
+    def _read(self, key: tuple[Any, ...]) -> NDArray[Any]:
+        picked, *columns = (np.asarray(np.arange(size)[part]) for size, part in zip(self.shape, key, strict=True))
+        rows, shards = np.atleast_1d(picked), np.atleast_1d(picked) // self.per_shard
+        spans = [(int(part.min()), int(part.max()) + 1) if part.size else (0, 0) for part in columns]
+        block = np.full((rows.size, *(stop - start for start, stop in spans)), np.nan, dtype=self.dtype)
+        for shard in np.unique(shards):
+            with open_hdf5(self.folder / self.pattern.format(shard)) as file:
+                for at in np.flatnonzero(shards == shard):
+                    values = self._row(file, int(rows[at]), [slice(*span) for span in spans])
+                    target: tuple[Any, ...] = (at, *(slice(size) for size in values.shape))
+                    block[target] = values
+        within: list[Any] = [part - start for part, (start, _) in zip(columns, spans, strict=True)]
+        kept: NDArray[Any] = block[(slice(None), *within)]
+        return np.asarray(kept if picked.ndim else kept[0])
+
+    def _row(self, file: Any, number: int, columns: Sequence[slice]) -> NDArray[Any]:  # noqa: ANN401
+        try:
+            return np.asarray(file[self.name][(number % self.per_shard, *columns)])
+        except (OSError, KeyError) as error:
+            raise _damaged(file.filename, f'"{self.name}" of record {number}', error) from error
+
+
+def _damaged(path: str, what: str, error: Exception) -> RecordError:
+    return RecordError(
+        f"{path}: {what} cannot be read ({error}). The file is damaged: remove it and run the same hums dataset again, "
+        "which makes what is missing."
+    )

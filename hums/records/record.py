@@ -1,0 +1,571 @@
+"""Records: vibration channels and one source of shaft angle in an `xarray.Dataset`.
+
+`make_record` builds a record, `check_record` validates one. Undeclared units and rates are refused, never guessed.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from hums.records.channels import (
+    Sampling,
+    attach_time,
+    channel_values,
+    detach_time,
+    nominal_speed,
+    sampling,
+    speed_percentiles,
+    tachometers,
+    vibration_channels,
+)
+from hums.records.fields import (
+    ANGLE_REMEDY,
+    RATE_REMEDY,
+    SCHEMA,
+    UNITS,
+    UNKNOWN_ANGLE,
+    RecordError,
+    check_name,
+    direction_of,
+    finite_number,
+    known_units,
+    positive_number,
+    real_vector,
+    utc_text,
+)
+from hums.records.validation import check_record
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from datetime import datetime
+
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "SCHEMA",
+    "UNITS",
+    "Channel",
+    "NominalSpeed",
+    "PulseTimes",
+    "RecordError",
+    "Sampling",
+    "TachometerWaveform",
+    "UnknownAngle",
+    "attach_time",
+    "calibrated",
+    "channel_values",
+    "check_record",
+    "detach_time",
+    "make_record",
+    "nominal_speed",
+    "sampling",
+    "speed_percentiles",
+    "tachometers",
+    "vibration_channels",
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """One measured channel.
+
+    Attributes
+    ----------
+    values : (n,) array_like
+        Samples in `units`. NaN marks a gap.
+    units : str
+        One of `UNITS` or a spelling of it.
+    sensor : str
+        Name of the sensor.
+    direction : (3,) tuple of float, str or None
+        Sensitive axis, in the gearbox's coordinates or in words.
+    rate_hz : float or None
+        Samples per second where they differ from the record's.
+    sensitivity : float or None
+        Output in `units` for one unit of `measures`, as 0.1 V for one g; negative where the sensor is mounted the other
+        way round. It is stored, not applied: see `hums.calibrated`.
+    measures : str or None
+        Units of the measured quantity; needed with `sensitivity`.
+    calibration_factor : float or None
+        True value over the value by `sensitivity`, from the last calibration.
+    delay_s : float or None
+        Delay of the channel relative to the machine, in s.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> channel = hums.Channel(values=np.zeros(1000), units="m/s²", direction=(0, 0, 1))
+    >>> record = hums.make_record({"vertical": channel}, rate_hz=1000, angle=hums.UnknownAngle())
+    >>> record.vertical.units
+    'm s-2'
+    """
+
+    values: ArrayLike
+    units: str
+    sensor: str = ""
+    direction: tuple[float, float, float] | str | None = None
+    rate_hz: float | None = None
+    sensitivity: float | None = None
+    measures: str | None = None
+    calibration_factor: float | None = None
+    delay_s: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PulseTimes:
+    """Pulse times of a tachometer.
+
+    Attributes
+    ----------
+    times_s : (m,) array_like
+        Strictly increasing times in s, on the clock of the record (`start_s` at its first sample).
+    shaft : str
+        The shaft that carries the tachometer.
+    pulses_per_rev : int
+        Pulses in one revolution of that shaft.
+    name : str
+        Name of the tachometer in the record.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> pulses = hums.PulseTimes(times_s=np.arange(0, 1, 0.05), shaft="input", pulses_per_rev=2)  # 10 rev/s
+    >>> record = hums.make_record({"vib": np.zeros(1000)}, rate_hz=1000, angle=pulses, units="g")
+    >>> record.tachometer.attrs["pulses_per_rev"], record.sizes["pulse_tachometer"]
+    (2, 20)
+    """
+
+    times_s: ArrayLike
+    shaft: str
+    pulses_per_rev: int
+    name: str = "tachometer"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TachometerWaveform:
+    """Sampled signal of a tachometer, in which `make_record` detects the pulses.
+
+    Attributes
+    ----------
+    values : (n,) array_like
+        Samples in `units`.
+    shaft : str
+        The shaft that carries the tachometer.
+    pulses_per_rev : int
+        Pulses in one revolution of that shaft.
+    units : str
+        One of `UNITS`.
+    name : str
+        Name of the tachometer in the record, where its samples are `NAME_waveform`.
+    rate_hz : float or None
+        Samples per second where they differ from the record's.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> time_s = np.arange(1000) / 1000
+    >>> waveform = hums.TachometerWaveform(values=np.sin(2 * np.pi * 10 * time_s), shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"vib": np.zeros(1000)}, rate_hz=1000, angle=waveform, units="g")
+    >>> bool(np.allclose(np.diff(record.tachometer), 0.1))
+    True
+    """
+
+    values: ArrayLike
+    shaft: str
+    pulses_per_rev: int
+    units: str = "V"
+    name: str = "tachometer"
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NominalSpeed:
+    """A constant speed that is declared, not measured.
+
+    Attributes
+    ----------
+    rpm : float
+        Speed of `shaft` in revolutions per minute.
+    shaft : str
+        The shaft that turns at it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> speed = hums.NominalSpeed(rpm=600, shaft="input")
+    >>> record = hums.make_record({"vib": np.zeros(1000)}, rate_hz=1000, angle=speed, units="g")
+    >>> float(record.nominal_speed), record.nominal_speed.units
+    (10.0, 'rev s-1')
+    """
+
+    rpm: float
+    shaft: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnknownAngle:
+    """The angle of no shaft is known: an analysis has to estimate the speed from the vibration.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> record = hums.make_record({"vib": np.zeros(1000)}, rate_hz=1000, angle=hums.UnknownAngle(), units="g")
+    >>> record.attrs["angle"]
+    'unknown'
+    """
+
+
+Angle = PulseTimes | TachometerWaveform | NominalSpeed | UnknownAngle
+
+
+def make_record(
+    channels: Mapping[str, Channel | ArrayLike],
+    *,
+    rate_hz: float,
+    angle: Angle | Sequence[Angle] | None = None,
+    units: str | Mapping[str, str] | None = None,
+    machine: str = "",
+    recorded_at: datetime | str | None = None,
+    start_s: float = 0.0,
+    truth: Mapping[str, xr.DataArray] | None = None,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.Dataset:
+    """Build a record from arrays.
+
+    Parameters
+    ----------
+    channels : mapping of str to Channel or (n,) array_like
+        Vibration channels by name.
+    rate_hz : float
+        Samples per second.
+    angle : PulseTimes, TachometerWaveform, NominalSpeed, a sequence of tachometers of one kind, or UnknownAngle
+        Source of shaft angle.
+    units : str or mapping of str to str, optional
+        Units of the channels that are given as bare arrays.
+    machine : str
+        Name of the machine.
+    recorded_at : datetime or str, optional
+        Time at which the recording began: an aware datetime, or ISO 8601 with its offset from UTC.
+    start_s : float
+        Time of the first sample in s, on the clock of the pulse times.
+    truth : mapping of str to DataArray, optional
+        True values of a synthetic record; every name starts with ``truth_``.
+    attrs : mapping, optional
+        Further attributes of the record.
+
+    Returns
+    -------
+    xarray.Dataset
+        A record that `check_record` accepts. Its time axis is a lazy range: no float per sample.
+
+    Raises
+    ------
+    RecordError
+        If anything is missing, contradictory or not declared.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> time_s = np.arange(2000) / 1000
+    >>> pulses = hums.PulseTimes(times_s=np.arange(0, 2, 0.1), shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"vib": np.sin(2 * np.pi * time_s)}, rate_hz=1000, angle=pulses, units="g")
+    >>> float(record.time[-1]), record.vib.units
+    (1.999, 'g')
+    """
+    rate = positive_number(rate_hz, "rate_hz", RATE_REMEDY)
+    start = finite_number(start_s, "start_s")
+    variables = {
+        name: _channel_variable(channel, name=name, rate_hz=rate, start_s=start)
+        for name, channel in _declared_channels(channels, units).items()
+    }
+    _check_lengths(variables)
+    for name, variable in _angle_variables(angle, rate_hz=rate, start_s=start):
+        _check_new(name, variables)
+        _check_not_vibration(name, variable, variables)
+        variables[name] = variable
+    _check_lengths(variables)
+    _check_dimensions(variables)
+    required: dict[str, Any] = {
+        "schema": SCHEMA,
+        "machine": machine,
+        "recorded_at": utc_text(recorded_at),
+        "rate_hz": rate,
+        "start_s": start,
+    }
+    if clash := sorted(required.keys() & (attrs or {}).keys()):
+        raise RecordError(f'attrs: "{clash[0]}" is written by make_record itself; give it as an argument.')
+    if isinstance(angle, UnknownAngle):
+        required["angle"] = UNKNOWN_ANGLE
+    record = attach_time(xr.Dataset(variables, attrs={**required, **(attrs or {})}))
+    record = _with_truth(record, truth or {})
+    check_record(record)
+    return record
+
+
+def _declared_channels(
+    channels: Mapping[str, Channel | ArrayLike], units: str | Mapping[str, str] | None
+) -> dict[str, Channel]:
+    """Return all channels as `Channel`; refuse units for a channel that does not exist."""
+    if not isinstance(channels, Mapping):
+        raise RecordError(
+            f'channels: a {type(channels).__name__}, which has no names; give {{"name": values}} or a Channel by name.'
+        )
+    per_channel = units if isinstance(units, Mapping) else {}
+    for name in per_channel:
+        if name not in channels:
+            raise RecordError(f'units: no channel "{name}"; the channels are {", ".join(channels)}.')
+        if isinstance(channels[name], Channel):
+            raise RecordError(f'units: channel "{name}" states its own already; remove one of the two.')
+    declared = {}
+    for name, channel in channels.items():
+        check_name(name, "channel")
+        if isinstance(channel, Channel):
+            declared[name] = channel
+        else:
+            stated = units if isinstance(units, str) else per_channel.get(name, "")
+            declared[name] = Channel(values=channel, units=stated)
+    return declared
+
+
+def _channel_variable(
+    channel: Channel, *, name: str, rate_hz: float, start_s: float, role: str = "vibration"
+) -> xr.Variable:
+    """Return a channel as a variable of the record."""
+    what = f'channel "{name}"'
+    values = real_vector(channel.values, what)
+    attrs: dict[str, Any] = {"units": known_units(channel.units, what), "role": role}
+    if channel.sensor:
+        attrs["sensor"] = channel.sensor
+    if channel.direction is not None:
+        attrs["direction"] = direction_of(channel.direction, what)
+    attrs |= _calibration(channel, what)
+    own_rate = rate_hz
+    if channel.rate_hz is not None:
+        own_rate = positive_number(channel.rate_hz, f"{what}: rate_hz", RATE_REMEDY)
+    if own_rate == rate_hz:
+        return xr.Variable("time", values, attrs)
+    return xr.Variable(f"time_{name}", values, {**attrs, "rate_hz": own_rate, "start_s": start_s})
+
+
+def _calibration(channel: Channel, what: str) -> dict[str, float | str]:
+    """Return the calibration of a channel as attributes, which `hums.calibrated` applies."""
+    attrs: dict[str, float | str] = {}
+    if (channel.sensitivity is None) != (channel.measures is None):
+        raise RecordError(
+            f"{what}: sensitivity={channel.sensitivity!r} and measures={channel.measures!r} belong together: "
+            f'sensitivity=0.1, measures="g" is 0.1 {channel.units} for one g.'
+        )
+    if channel.measures is not None:
+        attrs["measures"] = known_units(channel.measures, f"{what}: measures")
+    for name in ("sensitivity", "calibration_factor"):
+        value = getattr(channel, name)
+        if value is not None:
+            attrs[name] = finite_number(value, f"{what}: {name}", "number other than zero")
+            if value == 0:
+                raise RecordError(f"{what}: {name}=0: a finite number other than zero is needed.")
+    if channel.delay_s is not None:
+        attrs["delay_s"] = finite_number(channel.delay_s, f"{what}: delay_s")
+    return attrs
+
+
+def _angle_variables(
+    angle: Angle | Sequence[Angle] | None, *, rate_hz: float, start_s: float
+) -> Iterable[tuple[str, xr.Variable]]:
+    """Yield the declared sources of shaft angle, all of one kind, as named variables."""
+    for source in _angle_sources(angle):
+        if isinstance(source, UnknownAngle):
+            continue
+        if isinstance(source, NominalSpeed):
+            rpm = positive_number(source.rpm, "nominal speed: rpm", "state the speed of the shaft in rev/min")
+            attrs = {"units": "rev s-1", "shaft": source.shaft, "nominal": 1}
+            yield "nominal_speed", xr.Variable((), rpm / 60, attrs)
+            continue
+        check_name(source.name, "tachometer")
+        attrs = {"units": "s", "shaft": source.shaft, "pulses_per_rev": source.pulses_per_rev}
+        if isinstance(source, PulseTimes):
+            times_s = real_vector(source.times_s, f'tachometer "{source.name}"').astype(np.float64)
+        else:
+            waveform = _waveform_variable(source, rate_hz=rate_hz, start_s=start_s)
+            yield f"{source.name}_waveform", waveform
+            times_s, threshold = _detected_pulses(source.name, waveform, rate_hz=rate_hz, start_s=start_s)
+            attrs["threshold"] = threshold
+        yield source.name, xr.Variable(f"pulse_{source.name}", times_s, attrs)
+
+
+def _angle_sources(angle: Angle | Sequence[Angle] | None) -> list[Angle]:
+    """Return the declared sources of shaft angle; refuse none, unknown ones and those of several kinds."""
+    sources = [] if angle is None else list(angle) if isinstance(angle, Sequence) else [angle]
+    if not sources:
+        raise RecordError(f"angle: no source of shaft angle is given. {ANGLE_REMEDY}")
+    for source in sources:
+        if not isinstance(source, Angle):
+            raise RecordError(f"angle: {type(source).__name__} is none of the three. {ANGLE_REMEDY}")
+    kinds = {type(source).__name__ for source in sources}
+    if len(kinds) > 1 or (len(sources) > 1 and not kinds <= {"PulseTimes", "TachometerWaveform"}):
+        found = ", ".join(type(source).__name__ for source in sources)
+        raise RecordError(f"angle: {found} contradict each other or repeat. {ANGLE_REMEDY}")
+    return sources
+
+
+def _waveform_variable(source: TachometerWaveform, *, rate_hz: float, start_s: float) -> xr.Variable:
+    channel = Channel(values=source.values, units=source.units, rate_hz=source.rate_hz)
+    name = f"{source.name}_waveform"
+    return _channel_variable(channel, name=name, rate_hz=rate_hz, start_s=start_s, role="tachometer")
+
+
+def _detected_pulses(
+    name: str, waveform: xr.Variable, *, rate_hz: float, start_s: float
+) -> tuple[NDArray[np.float64], float]:
+    """Return the pulse times of a tachometer waveform in s, and the detection threshold."""
+    from signals.shaft.tachometer import pulse_times  # noqa: PLC0415 - only a waveform needs signal processing
+
+    own_rate = waveform.attrs.get("rate_hz", rate_hz)
+    try:
+        train = pulse_times(waveform.values, rate_hz=own_rate, start_s=start_s)
+    except ValueError as error:
+        raise RecordError(f'tachometer "{name}": no pulses found in its waveform: {error}') from error
+    return np.asarray(train.times_s, dtype=np.float64), float(train.threshold)
+
+
+def _with_truth(record: xr.Dataset, truth: Mapping[str, xr.DataArray]) -> xr.Dataset:
+    """Return the record with its true values, on the time axes of the record."""
+    axes = set(record.xindexes)
+    for name, array in truth.items():
+        check_name(name, "truth")
+        if not name.startswith("truth_") or not isinstance(array, xr.DataArray):
+            raise RecordError(
+                f'truth: "{name}", a {type(array).__name__}: each is an xarray.DataArray, named truth_...'
+            )
+        bare = array.drop_vars(axes & set(array.coords)).to_dataset(name=name)
+        try:
+            record = record.merge(bare, join="exact", compat="equals")
+        except ValueError as error:
+            raise RecordError(f'truth: "{name}" does not fit the record: {error}') from error
+    return record
+
+
+def _check_not_vibration(name: str, waveform: xr.Variable, variables: Mapping[str, xr.Variable]) -> None:
+    """Refuse a tachometer's waveform that is one of the vibration channels: its pulses would follow a mesh."""
+    if waveform.attrs.get("role") != "tachometer":
+        return
+    for channel, variable in variables.items():
+        same = variable.attrs.get("role") == "vibration" and np.array_equal(variable.values, waveform.values)
+        if same:
+            raise RecordError(
+                f'tachometer "{name.removesuffix("_waveform")}": its waveform is channel "{channel}" itself, sample by '
+                "sample; vibration has no pulses of a shaft. Name the tachometer's own channel (--tach-waveform), or "
+                "estimate the speed from the vibration (UnknownAngle, --no-tachometer)."
+            )
+
+
+def _check_new(name: str, taken: Mapping[str, object]) -> None:
+    if name in taken:
+        raise RecordError(f'two parts of the record are named "{name}"; rename the channel or the tachometer.')
+
+
+def _check_dimensions(variables: Mapping[str, xr.Variable]) -> None:
+    for dim in {str(dim) for variable in variables.values() for dim in variable.dims}:
+        if dim in variables:
+            raise RecordError(f'the name "{dim}" is that of a dimension of the record; choose another.')
+
+
+def _check_lengths(variables: Mapping[str, xr.Variable]) -> None:
+    sizes = {name: variable.size for name, variable in variables.items() if variable.dims == ("time",)}
+    if len(set(sizes.values())) > 1:
+        usual = Counter(sizes.values()).most_common(1)[0][0]
+        odd = ", ".join(f'"{name}" has {size}' for name, size in sizes.items() if size != usual)
+        raise RecordError(
+            f"channels at one rate have one length: {odd} where the others have {usual} samples. Cut them to "
+            "the same span, or state the rate of a channel with Channel(..., rate_hz=...)."
+        )
+
+
+# ---- Calibration of records: sensitivity, calibration factor and delay of each channel -------------------------------
+
+
+_CALIBRATION = ("sensitivity", "measures", "calibration_factor", "delay_s")
+_APPLIED = "applied_"
+
+
+def calibrated(record: xr.Dataset) -> xr.Dataset:
+    """Return a record in the units of the measured quantities, with its delays removed.
+
+    Samples become ``values / sensitivity * calibration_factor`` in the units that the channel ``measures``. A channel
+    with a ``delay_s`` gets a time axis of its own that starts that much earlier: no sample is interpolated. The values
+    applied are stored in attributes named ``applied_...``, with the earlier units.
+
+    Parameters
+    ----------
+    record : xarray.Dataset
+        Record with channels that have some of the attributes ``sensitivity`` and ``measures``,
+        ``calibration_factor``, ``delay_s`` (see `hums.Channel`). Channels without them are not changed.
+
+    Returns
+    -------
+    xarray.Dataset
+        A new record.
+
+    Raises
+    ------
+    RecordError
+        Where no channel declares a calibration, or it was applied before.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> channel = hums.Channel(values=np.full(1000, 0.2), units="V", sensitivity=0.1, measures="g")
+    >>> record = hums.make_record({"vib": channel}, rate_hz=1000, angle=hums.UnknownAngle())
+    >>> vib = hums.calibrated(record).vib
+    >>> float(vib[0]), vib.units
+    (2.0, 'g')
+    """
+    check_record(record)
+    names = vibration_channels(record)
+    earlier = [name for name in names if any(str(key).startswith(_APPLIED) for key in record[name].attrs)]
+    if earlier:
+        raise RecordError(
+            f'channel "{earlier[0]}" was calibrated before: its attributes list what was applied. Use it as it is.'
+        )
+    declared = [name for name in names if any(key in record[name].attrs for key in _CALIBRATION)]
+    if not declared:
+        raise RecordError(
+            "nothing to calibrate: no channel declares a sensitivity, calibration_factor or delay_s; give them as "
+            'Channel(..., units="V", sensitivity=0.1, measures="g"), or use the record as it is.'
+        )
+    delayed = [f"time_{name}" for name in declared if record[name].attrs.get("delay_s")]
+    result = record.drop_vars([axis for axis in delayed if axis in record.coords])  # their new axes start earlier
+    result = result.assign({name: _calibrated(record, name) for name in declared})
+    used = {dim for name in result.data_vars for dim in result[name].dims}
+    result = attach_time(result.drop_vars([axis for axis in result.coords if axis not in used]))[list(record.data_vars)]
+    check_record(result)
+    return result
+
+
+def _calibrated(record: xr.Dataset, name: str) -> xr.Variable:
+    """Return a channel with its calibration applied."""
+    attrs: dict[str, Any] = dict(record[name].attrs)
+    calibration = {key: attrs.pop(key) for key in _CALIBRATION if key in attrs}
+    values = channel_values(record, name)
+    factor = calibration.get("calibration_factor", 1.0) / calibration.get("sensitivity", 1.0)
+    attrs |= {f"{_APPLIED}{key}": value for key, value in calibration.items() if key != "measures"}
+    if "measures" in calibration:
+        attrs |= {f"{_APPLIED}to_units": attrs["units"], "units": calibration["measures"]}
+    scaled = np.multiply(values, values.dtype.type(factor)) if factor != 1 else values
+    times = sampling(record, name)
+    if not calibration.get("delay_s"):
+        return xr.Variable(record[name].dims, scaled, attrs)
+    attrs |= {"rate_hz": times.rate_hz, "start_s": times.start_s - calibration["delay_s"]}
+    return xr.Variable(f"time_{name}", scaled, attrs)

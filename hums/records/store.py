@@ -1,0 +1,499 @@
+"""Records and results on disk: HDF5 in netCDF4 layout, checksummed, written atomically.
+
+``xarray.open_dataset(path, engine="h5netcdf")`` reads every file written here. `open_record` adds the time axis,
+which is computed and not stored, and validates the record.
+"""
+
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final, TypeVar
+from uuid import uuid4
+
+import h5py
+import numpy as np
+import xarray as xr
+
+from hums.records._netcdf import Chunks, DiskError, write_netcdf
+from hums.records.record import SCHEMA, RecordError, attach_time, check_record, detach_time
+
+__all__ = [
+    "atomic_write",
+    "existing_file",
+    "is_hdf5",
+    "open_hdf5",
+    "open_record",
+    "open_shard",
+    "open_tree",
+    "record_of_shard",
+    "remove_partial_files",
+    "save_record",
+    "write_shard",
+    "write_tree",
+]
+
+
+# ---- Records of one layout in one dataset: channels stacked, pulse times padded, true values concatenated ------------
+# Channels have one length and are stacked to (record, time). Pulse times differ in number and are padded with NaN.
+# Truth variables differ in number and shape from record to record (a crack adds lines), so the values of each are
+# concatenated along a dimension of their own; their dimensions, shapes and attributes are JSON text for each record.
+
+
+SHARD_SCHEMA = "hums-shard/1"
+ROWS = "record"
+LAYOUT, ATTRS = "layout_of_truth", "attrs_of_record"
+
+
+def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *, dtype: str) -> xr.Dataset:
+    """Return one dataset of records of one layout and their labels.
+
+    Parameters
+    ----------
+    records : sequence of xarray.Dataset
+        With the same channels and tachometers, of the same lengths and rates.
+    labels : mapping of str to sequence
+        By the name of a label, its value for each record.
+    dtype : {"float32", "float64"}
+        Type of the stored samples; pulse times and truth are float64.
+
+    Raises
+    ------
+    ValueError
+        If the records differ in layout, or a label has the name of a channel.
+    """
+    names = [str(name) for name in records[0].data_vars if not _is_truth(name)]
+    variables: dict[str, xr.Variable] = {name: _stacked(records, name, dtype) for name in names}
+    for label, values in labels.items():
+        if label in variables:
+            raise ValueError(f'the label "{label}" has the name of a channel; give the range another label.')
+        variables[label] = xr.Variable(ROWS, np.asarray(values), {"role": "label"})
+    truths = sorted({str(name) for record in records for name in record.variables if _is_truth(name)})
+    for name in truths:
+        flat = [record.variables[name].to_numpy().ravel() for record in records if name in record.variables]
+        variables[name] = xr.Variable(f"flat_{name}", np.concatenate(flat))
+    layouts = [_json(_layout(record, truths)) for record in records]
+    attrs = [_json(record.attrs) for record in records]
+    variables[LAYOUT], variables[ATTRS] = (xr.Variable(ROWS, np.array(texts)) for texts in (layouts, attrs))
+    return xr.Dataset(variables, attrs={"schema": SHARD_SCHEMA})
+
+
+def unpacked(shard: xr.Dataset, row: int) -> xr.Dataset:
+    """Return one record of a packed dataset, without time axes."""
+    selected = shard.isel({ROWS: row})
+    variables: dict[str, xr.Variable] = {}
+    for name, variable in selected.data_vars.items():
+        if variable.attrs.get("role") == "label" or _is_truth(name) or name in (LAYOUT, ATTRS):
+            continue
+        values = variable.to_numpy()
+        if _is_padded(variable.variable):
+            values = values[~np.isnan(values)]
+        variables[str(name)] = xr.Variable(variable.dims, values, variable.attrs)
+    layouts = [json.loads(text) for text in shard[LAYOUT][: row + 1].to_numpy()]
+    for name, layout in layouts[row].items():
+        start = sum(_size(before[name]) for before in layouts[:row] if name in before)
+        flat = shard[name][start : start + _size(layout)].to_numpy()
+        variables[name] = xr.Variable(layout["dims"], flat.reshape(layout["shape"]), layout["attrs"])
+    coordinates = [name for name, layout in layouts[row].items() if layout["coordinate"]]
+    return xr.Dataset(variables, attrs=json.loads(selected[ATTRS].item())).set_coords(coordinates)
+
+
+def _stacked(records: Sequence[xr.Dataset], name: str, dtype: str) -> xr.Variable:
+    """Return one variable of all records, stacked along the dimension of records."""
+    first = records[0].variables[name]
+    rows = []
+    for record in records:
+        if name not in record.variables:
+            raise ValueError(f'"{name}" is in some records only; the records of a dataset have the same channels.')
+        if _json(record.variables[name].attrs) != _json(first.attrs):
+            raise ValueError(f'"{name}" has different attributes in the records; units, place and rate have to agree.')
+        rows.append(record.variables[name].to_numpy())
+    width = max(row.size for row in rows)
+    if first.ndim and not _is_padded(first) and min(row.size for row in rows) < width:
+        raise ValueError(f'channel "{name}" has different lengths; the records of a dataset are equally long.')
+    if first.ndim == 0:
+        return xr.Variable(ROWS, np.array(rows), first.attrs)
+    stack = np.full((len(rows), width), np.nan, dtype=np.float64 if _is_padded(first) else dtype)
+    for target, row in zip(stack, rows, strict=True):
+        target[: row.size] = row
+    return xr.Variable((ROWS, *first.dims), stack, first.attrs)
+
+
+def _layout(record: xr.Dataset, truths: Sequence[str]) -> dict[str, Any]:
+    """Return dimensions, shape and attributes of each truth variable of a record."""
+    return {
+        name: {
+            "dims": list(record.variables[name].dims),
+            "shape": list(record.variables[name].shape),
+            "attrs": record.variables[name].attrs,
+            "coordinate": name in record.coords,
+        }
+        for name in truths
+        if name in record.variables
+    }
+
+
+def _size(layout: Mapping[str, Any]) -> int:
+    return int(np.prod(layout["shape"], dtype=np.int64))
+
+
+def _is_truth(name: object) -> bool:
+    return str(name).startswith("truth_")
+
+
+def _is_padded(variable: xr.Variable) -> bool:
+    return any(str(dim).startswith("pulse_") for dim in variable.dims)
+
+
+def _json(mapping: Mapping[Any, Any]) -> str:
+    """Return a mapping as JSON, numpy scalars and arrays as numbers and lists."""
+    return json.dumps(dict(mapping), default=lambda value: value.tolist())
+
+
+# ---- Store -----------------------------------------------------------------------------------------------------------
+
+
+_ENGINE: Final = "h5netcdf"
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_CHUNK = 65536  # values: half a megabyte of float64, which HDF5's own cache of a megabyte holds
+_READ_ERRORS = (
+    OSError,
+    RuntimeError,
+    LookupError,
+    ValueError,
+    TypeError,
+    AttributeError,
+)  # what HDF5 and its readers raise on broken bytes
+
+Opened = TypeVar("Opened", xr.Dataset, xr.DataTree)
+
+
+def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
+    """Write a record to a file, which replaces an existing one only once it is complete.
+
+    Parameters
+    ----------
+    record : xarray.Dataset
+        Record from `make_record`, or a slice of one: its time axis is stored as start, count and rate.
+    path : str or Path
+        File to write.
+
+    Raises
+    ------
+    RecordError
+        If it is not a record, or contains values that HDF5 cannot store.
+    OSError
+        If the disk refuses the write.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> import hums
+    >>> record = hums.make_record({"vib": np.ones(1000)}, rate_hz=1000, angle=hums.UnknownAngle(), units="g")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     hums.save_record(record.isel(time=slice(500, None)), pathlib.Path(folder) / "half.h5")
+    ...     with hums.open_record(pathlib.Path(folder) / "half.h5") as half:
+    ...         print(float(half.time[0]), half.sizes["time"])
+    0.5 500
+    """
+    check_record(record)
+    plain = _writable(detach_time(record), where="record")
+    _write({"/": (plain, _all_chunks(plain))}, path)
+
+
+def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Open a record; samples are read on access.
+
+    Parameters
+    ----------
+    path : str or Path
+        File from `save_record`, ``hums convert`` or ``hums synth``.
+
+    Returns
+    -------
+    xarray.Dataset
+        To be closed, or used in a ``with`` block.
+
+    Raises
+    ------
+    RecordError
+        If the file is missing, damaged or not a record.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> import hums
+    >>> record = hums.make_record({"vib": np.ones(1000)}, rate_hz=1000, angle=hums.UnknownAngle(), units="g")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     hums.save_record(record, pathlib.Path(folder) / "record.h5")
+    ...     with hums.open_record(pathlib.Path(folder) / "record.h5") as opened:
+    ...         print(opened.identical(record), opened.vib.units)
+    True g
+    """
+    file = existing_file(path)
+    _check_schema(file)
+    opened = _opened(file, xr.open_dataset)
+    try:
+        record = attach_time(opened)
+        check_record(record)
+    except RecordError as error:
+        opened.close()
+        raise RecordError(f"{file}: {error}") from error
+    except _READ_ERRORS as error:
+        opened.close()
+        raise _damaged(file, error) from error
+    record.set_close(opened.close)
+    return record
+
+
+def write_tree(tree: xr.DataTree, path: str | os.PathLike[str]) -> None:
+    """Write a tree of datasets as groups of one file, checksummed and atomically."""
+    nodes = {node.path: _writable(node.to_dataset(inherit=False), where=f"group {node.path}") for node in tree.subtree}
+    _write({where: (dataset, _all_chunks(dataset)) for where, dataset in nodes.items()}, path)
+
+
+def open_tree(path: str | os.PathLike[str]) -> xr.DataTree:
+    """Open a tree that `write_tree` wrote; values are read on access.
+
+    Raises
+    ------
+    RecordError
+        If the file is missing, damaged or not HDF5.
+    """
+    return _checked_and_opened(path, xr.open_datatree)
+
+
+def write_shard(
+    records: Sequence[xr.Dataset], path: str | os.PathLike[str], *, labels: Mapping[str, Sequence[Any]], dtype: str
+) -> None:
+    """Write records of one layout and their labels to one file, a row for each, checksummed and atomically.
+
+    Parameters
+    ----------
+    records : sequence of xarray.Dataset
+        With the same channels and tachometers, of the same lengths and rates.
+    path : path
+        File to write.
+    labels : mapping of str to sequence
+        By the name of a label, its value for each record.
+    dtype : {"float32", "float64"}
+        Type of the stored samples.
+    """
+    shard = _writable(packed(records, labels, dtype=dtype), where="shard")
+    chunks = _all_chunks(shard)
+    for name in chunks:
+        _, *row = shard.variables[name].shape
+        if row:  # a chunk for each record, so that one is read alone
+            chunks[name] = (1, *_chunks(tuple(row)))
+    _write({"/": (shard, chunks)}, path)
+
+
+def open_shard(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Open a file that `write_shard` wrote; values are read on access.
+
+    Raises
+    ------
+    RecordError
+        If the file is missing, damaged or not HDF5.
+    """
+    return _checked_and_opened(path, xr.open_dataset)
+
+
+def record_of_shard(shard: xr.Dataset, row: int) -> xr.Dataset:
+    """Return one record of an open shard, in memory."""
+    record = attach_time(unpacked(shard, row))
+    check_record(record)
+    return record
+
+
+def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
+    """Open any HDF5 file for reading, as a context manager.
+
+    Raises
+    ------
+    RecordError
+        If it is missing, damaged or not HDF5.
+    """
+    file = existing_file(path)
+    if not is_hdf5(file):
+        with file.open("rb") as stream:
+            start = stream.read(len(_SIGNATURE))
+        if _SIGNATURE.startswith(start):
+            raise _damaged(file, f"it ends after {len(start)} bytes")
+        raise RecordError(
+            f"{file} is not an HDF5 file, so not a record. Make a record of it: hums convert {file.name} record.h5 ..."
+        )
+    try:
+        return h5py.File(file, mode="r")
+    except (PermissionError, BlockingIOError) as error:
+        raise RecordError(
+            f"{file} cannot be read now ({error}); check who may read it and whether a program still writes it."
+        ) from error
+    except _READ_ERRORS as error:
+        raise _damaged(file, error) from error
+
+
+def is_hdf5(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file has the signature of HDF5, also behind the header of MATLAB v7.3."""
+    return bool(h5py.is_hdf5(path))
+
+
+def existing_file(path: str | os.PathLike[str]) -> Path:
+    """Return the path of an existing file that is not empty.
+
+    Raises
+    ------
+    RecordError
+        If it is missing, a directory, or empty.
+    """
+    file = Path(path)
+    if file.is_dir():
+        raise RecordError(f"{file} is a directory; name a file in it.")
+    if not file.exists():
+        raise RecordError(f"{file}: there is no such file; check the path.")
+    if file.stat().st_size == 0:
+        raise RecordError(f"{file} is empty: whatever wrote it did not finish; write it again.")
+    return file
+
+
+# ---- reading -----------------------------------------------------------------------------------------------
+
+
+def _checked_and_opened(path: str | os.PathLike[str], open_with: Callable[..., Opened]) -> Opened:
+    file = existing_file(path)
+    open_hdf5(file).close()
+    return _opened(file, open_with)
+
+
+def _opened(file: Path, open_with: Callable[..., Opened]) -> Opened:
+    try:
+        return open_with(file, engine=_ENGINE)
+    except _READ_ERRORS as error:
+        raise _damaged(file, error) from error
+
+
+def _check_schema(file: Path) -> None:
+    try:
+        with open_hdf5(file) as contents:
+            schema = contents.attrs.get("schema")
+    except (OSError, RuntimeError, LookupError) as error:
+        raise _damaged(file, error) from error
+    if isinstance(schema, str) and schema == SCHEMA:  # files of other software may have an array there
+        return
+    if schema is None:
+        raise RecordError(
+            f"{file} is HDF5 but not a record: it carries no schema. If it holds signals, make a record of "
+            f"them: hums convert {file.name} record.h5 ..."
+        )
+    raise RecordError(f"{file} holds {schema}, where a record holds {SCHEMA}; open it with what wrote it.")
+
+
+def _damaged(file: Path, why: object) -> RecordError:
+    return RecordError(
+        f"{file} is damaged or cut off ({why}). Copy it again from where it came, or convert the original again."
+    )
+
+
+# ---- writing -----------------------------------------------------------------------------------------------
+
+
+def _write(groups: Mapping[str, tuple[xr.Dataset, Chunks]], path: str | os.PathLike[str]) -> None:
+    with atomic_write(path) as part:
+        try:
+            write_netcdf(part, groups)
+        except (DiskError, RuntimeError) as error:  # the latter where HDF5 misses a refused write
+            raise OSError(f"{path} could not be written ({error}); check the space on its disk.") from error
+
+
+@contextmanager
+def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary file to write, which replaces `path` on success and is removed on failure."""
+    target = Path(path).resolve()  # so that a symbolic link remains one
+    if target.is_dir():
+        raise RecordError(f"{path} is a directory; name a file in it.")
+    if not target.parent.is_dir():
+        raise RecordError(f"{path}: there is no directory {target.parent}; create it first.")
+    part = target.with_name(f".hums-{uuid4().hex}.part")
+    try:
+        yield part
+        _sync(part)
+        part.replace(target)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    if os.name == "posix":  # elsewhere a directory cannot be opened, and need not be
+        _sync(target.parent)
+
+
+def remove_partial_files(folder: Path) -> None:
+    """Remove the temporary files of killed writers from a folder, in which nothing may be writing."""
+    for part in folder.glob(".hums-*.part"):
+        part.unlink(missing_ok=True)
+
+
+def _sync(path: Path) -> None:
+    """Flush a file or directory to the disk: after a power cut a new name may else belong to old bytes."""
+    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _all_chunks(dataset: xr.Dataset) -> dict[str, tuple[int, ...]]:
+    """Return the chunk shape of every array of numbers: only chunked arrays can have checksums in HDF5.
+
+    The fill value of floats is NaN, xarray's default: a chunk that is missing in a damaged index then reads as NaN,
+    which the analysis refuses, and not as zeros.
+    """
+    return {
+        str(name): _chunks(variable.shape)
+        for name, variable in dataset.variables.items()
+        if variable.dtype.kind in "biufcmM" and variable.ndim and variable.size
+    }
+
+
+def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the chunk shape of an array: its longest axis, usually time, is halved until a chunk is small enough."""
+    chunks = list(shape)
+    while np.prod(chunks, dtype=np.int64) > _CHUNK:
+        longest = int(np.argmax(chunks))
+        chunks[longest] = -(-chunks[longest] // 2)
+    return tuple(chunks)
+
+
+def _writable(dataset: xr.Dataset, *, where: str) -> xr.Dataset:
+    """Return a dataset with attributes that netCDF can store and without the encoding of an earlier file."""
+    plain = dataset.drop_encoding()
+    plain.attrs = _plain_attrs(dataset.attrs, where)
+    for name, variable in plain.variables.items():
+        variable.attrs = _plain_attrs(variable.attrs, f'{where}, variable "{name}"')
+    return plain
+
+
+def _plain_attrs(attrs: Mapping[Any, Any], where: str) -> dict[str, Any]:
+    return {
+        str(name): _plain(value, f'{where}: attribute "{name}"') for name, value in attrs.items() if value is not None
+    }
+
+
+def _plain(value: Any, what: str) -> Any:  # noqa: ANN401
+    """Return an attribute in a type of netCDF: booleans as 0 or 1, times as ISO 8601, sequences as arrays."""
+    if isinstance(value, str):
+        if "\0" in value:
+            raise RecordError(f"{what} contains a NUL character; remove it.")
+        return value
+    if isinstance(value, bool | np.bool):
+        return int(value)
+    if isinstance(value, datetime | Path):
+        return value.isoformat() if isinstance(value, datetime) else str(value)
+    array = np.asarray(value)
+    if array.dtype.kind == "U" and array.ndim == 1:
+        return [str(item) for item in array]
+    if array.dtype.kind not in "biuf":
+        raise RecordError(f"{what} is a {type(value).__name__}; only text, numbers and rows of either are kept.")
+    return array.astype(np.int8) if array.dtype.kind == "b" else array[()]

@@ -1,0 +1,182 @@
+"""Validation of records."""
+
+from numbers import Integral
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from hums.records.channels import kind_of, names_of, nominal_speed, rate_of, sampling, tachometers, vibration_channels
+from hums.records.fields import (
+    ANGLE_REMEDY,
+    RATE_REMEDY,
+    SCHEMA,
+    UNKNOWN_ANGLE,
+    RecordError,
+    known_units,
+    plain_repr,
+    positive_number,
+)
+
+__all__ = ["check_record"]
+
+_MIN_SAMPLES_PER_PULSE = 1.5  # at 1 they are the sample times
+_MIN_SAMPLES_PER_TURN = 4.0  # of the vibration: the shaft's second harmonic at half the rate
+_MIN_INTERVALS = 20  # for a meaningful median of their changes
+_MAX_CHANGE_PER_TURN = 0.3  # some per cent for a shaft, some 60 % for random crossings
+
+
+def check_record(record: xr.Dataset) -> None:
+    """Refuse a dataset that is not a valid record. Vibration samples are not read.
+
+    Raises
+    ------
+    RecordError
+        If it is not a record.
+    """
+    if not isinstance(record, xr.Dataset):
+        raise RecordError(f"a record is an xarray.Dataset, not a {type(record).__name__}; see make_record.")
+    if (schema := record.attrs.get("schema")) != SCHEMA:
+        raise RecordError(f'attribute schema={schema!r}: a record carries "{SCHEMA}"; build it with make_record.')
+    positive_number(record.attrs.get("rate_hz"), "attribute rate_hz", RATE_REMEDY)
+    if not vibration_channels(record):
+        raise RecordError("no vibration channel: a record needs at least one; name it in channels.")
+    for name, variable in record.data_vars.items():
+        _check_variable(record, str(name), variable)
+    _check_angle(record)
+
+
+def _check_variable(record: xr.Dataset, name: str, variable: xr.DataArray) -> None:
+    kind = kind_of(name, variable)
+    if kind is None:
+        raise RecordError(
+            f'variable "{name}" is no part of a record: a channel has the attributes role="vibration" and '
+            "units; what is known of a synthetic record is named truth_..."
+        )
+    if kind in {"vibration", "waveform"}:
+        _check_channel(record, name, variable)
+    elif kind == "tachometer":
+        _check_tachometer(name, variable)
+    elif kind == "speed":
+        positive_number(variable.values[()], "nominal_speed", "state the speed of the shaft in rev s-1")
+        _check_shaft("nominal_speed", variable)
+
+
+def _check_channel(record: xr.Dataset, name: str, variable: xr.DataArray) -> None:
+    what = f'channel "{name}"'
+    if variable.ndim != 1 or not (variable.dims == ("time",) or str(variable.dims[0]).startswith("time_")):
+        raise RecordError(
+            f'{what}: dimensions {variable.dims}; a channel has one, "time" or, at a rate of its own, "time_{name}".'
+        )
+    if variable.dtype not in (np.float32, np.float64):
+        raise RecordError(f"{what}: values of type {variable.dtype}; float32 or float64 are needed.")
+    if variable.size == 0:
+        raise RecordError(f"{what}: empty; at least one sample is needed.")
+    units = variable.attrs.get("units")
+    if known_units(units, what) != units:
+        raise RecordError(f'{what}: units="{units}" are written "{known_units(units, what)}" in a record.')
+    positive_number(rate_of(record, variable), f"{what}: rate_hz", RATE_REMEDY)
+    sampling(record, name)
+
+
+def _check_angle(record: xr.Dataset) -> None:
+    names, nominal = tachometers(record), nominal_speed(record)
+    if not names and nominal is None and record.attrs.get("angle") != UNKNOWN_ANGLE:
+        raise RecordError(f"angle: this record has no source of shaft angle. {ANGLE_REMEDY}")
+    if names and nominal is not None:
+        raise RecordError(f'angle: both nominal_speed and the tachometer "{names[0]}". {ANGLE_REMEDY}')
+    spans = [sampling(record, name) for name in vibration_channels(record)]
+    first_s = min(span.start_s for span in spans)
+    last_s = max(span.start_s + span.count / span.rate_hz for span in spans)
+    for name in names:
+        times_s = record[name].values
+        if times_s[-1] < first_s or times_s[0] > last_s:
+            raise RecordError(
+                f'tachometer "{name}": its pulses, {times_s[0]:g} s to {times_s[-1]:g} s, lie outside of the '
+                f"record, {first_s:g} s to {last_s:g} s. Pulse times are seconds (not sample numbers) on the "
+                "record's clock, which shows start_s at the first sample."
+            )
+    _check_speeds(record)
+
+
+def _check_speeds(record: xr.Dataset) -> None:
+    """Refuse a shaft speed or a pulse rate that is too high for the highest sampling rate of the record."""
+    rate_hz = max(sampling(record, name).rate_hz for name in names_of(record, "vibration", "waveform"))
+    nominal = nominal_speed(record)
+    if nominal is not None and float(nominal) >= rate_hz / 2:
+        raise RecordError(
+            f"nominal speed: {float(nominal) * 60:g} rpm is {float(nominal):g} revolutions a second, which samples at "
+            f"{rate_hz:g} Hz cannot show; below {rate_hz / 2:g} is needed. Correct the speed (rpm) or the rate."
+        )
+    for name in tachometers(record):
+        _check_spacing(name, record[name], rate_hz)
+
+
+def _check_spacing(name: str, pulses: xr.DataArray, rate_hz: float) -> None:
+    """Refuse pulse times that are too dense for `rate_hz` or too irregular for a shaft."""
+    times_s, per_rev = pulses.values, int(pulses.attrs["pulses_per_rev"])
+    spacing_s = (times_s[-1] - times_s[0]) / (times_s.size - 1)
+    what = f'tachometer "{name}": its pulses are {spacing_s:.3g} s apart on average'
+    if spacing_s * rate_hz < _MIN_SAMPLES_PER_PULSE:
+        raise RecordError(
+            f"{what}, {spacing_s * rate_hz:.3g} samples at {rate_hz:g} Hz: a pulse about every sample, or more. Give "
+            "the moments at which the pulses came, in seconds, not the times of the samples; or correct the rate."
+        )
+    if spacing_s * per_rev * rate_hz < _MIN_SAMPLES_PER_TURN:
+        raise RecordError(
+            f"{what}, which at {per_rev} a revolution makes {1 / (spacing_s * per_rev):.4g} rev/s, a turn every "
+            f"{spacing_s * per_rev * rate_hz:.3g} samples at {rate_hz:g} Hz; the vibration shows nothing of so fast a "
+            "shaft. Correct the times (seconds), pulses_per_rev (--pulses-per-rev) or the rate."
+        )
+    intervals = np.diff(times_s)
+    if intervals.size < per_rev + _MIN_INTERVALS:
+        return
+    change = float(np.median(np.abs(intervals[per_rev:] - intervals[:-per_rev])) / np.median(intervals))
+    if change > _MAX_CHANGE_PER_TURN:
+        raise RecordError(
+            f"{what} and come without order: from one revolution to the next their distance changes by {change:.0%}, "
+            "in the middle of all. No shaft turns like that; is this a vibration, not a tachometer's signal? Name "
+            "the tachometer's own channel or pulse times (--tach-waveform, --tach-times)."
+        )
+
+
+def _check_tachometer(name: str, variable: xr.DataArray) -> None:
+    what = f'tachometer "{name}"'
+    if variable.ndim != 1 or variable.dtype != np.float64:
+        raise RecordError(f"{what}: {variable.ndim}-D {variable.dtype}; a row of float64 times is needed.")
+    pulses = variable.attrs.get("pulses_per_rev")
+    if not isinstance(pulses, Integral) or isinstance(pulses, bool) or pulses < 1:
+        raise RecordError(
+            f"{what}: pulses_per_rev={plain_repr(pulses)}: a positive whole number is needed (--pulses-per-rev)."
+        )
+    _check_shaft(what, variable)
+    _check_pulses(what, variable.values)
+
+
+def _check_shaft(what: str, variable: xr.DataArray) -> None:
+    shaft = variable.attrs.get("shaft")
+    if not isinstance(shaft, str) or not shaft:
+        raise RecordError(f'{what}: shaft={plain_repr(shaft)}; name the shaft it turns with, shaft="..." (--shaft).')
+
+
+def _check_pulses(what: str, times_s: NDArray[np.float64]) -> None:
+    if times_s.size < 2:  # noqa: PLR2004 - a speed is a difference
+        raise RecordError(f"{what}: {times_s.size} pulse; at least 2 are needed for a speed.")
+    bad = np.flatnonzero(~np.isfinite(times_s))
+    if bad.size:
+        raise RecordError(f"{what}: pulse {bad[0]} is at {times_s[bad[0]]}; leave out a pulse whose time is unknown.")
+    backwards = np.flatnonzero(np.diff(times_s) <= 0)
+    if backwards.size:
+        at = backwards[0]
+        equal = times_s[at + 1] == times_s[at]
+        how = (
+            f"two of its times are equal: pulses {at} and {at + 1} are both at {times_s[at]:.9g} s"
+            if equal
+            else f"its times run backwards: pulse {at + 1} is at {times_s[at + 1]:.9g} s, pulse {at} at "
+            f"{times_s[at]:.9g} s"
+        )
+        raise RecordError(
+            f"{what}: {how} ({backwards.size} such places in {times_s.size}). Remove repeated pulses; "
+            "if these are samples of the tachometer's signal and not times, give them as a "
+            "TachometerWaveform (on the command line --tach-waveform)."
+        )

@@ -1,0 +1,1 @@
+"""What is taken over revolutions: synchronous averages, residual signals, averages of planets."""

@@ -1,0 +1,272 @@
+"""Checks of the trackers' arguments: records, phases, orders, bandwidths."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from signals._validation import nearest, number, positive
+from signals.harmonics.model import BandwidthUnits, Floats, Indices, Order
+
+SAMPLES_AT_ONCE = 1 << 15  # so that temporary arrays stay in the cache
+# Largest turn between samples in rad. Half the rate itself is allowed; angles of exactly that round to either side.
+MOST_TURN = np.pi * (1 + 1e-9)
+# Sums of squares of numbers outside this range over- or underflow.
+SMALLEST, LARGEST = 1e-120, 1e120
+# In cycles per sample: the squares of smaller bandwidths underflow.
+NARROWEST = 1e-100
+
+
+def check_record(x: ArrayLike) -> Floats:
+    """Return the record as a (channel, sample) array of floats, NaN where a sample is missing, or refuse it."""
+    values = np.atleast_2d(_real_array("x", x, dims=(1, 2)))
+    largest = max(values.max(), -values.min())
+    if np.isnan(largest):
+        largest = max(np.fmax.reduce(values, axis=None), -np.fmin.reduce(values, axis=None))
+    if np.isinf(largest):
+        infinite = np.argwhere(np.isinf(values))
+        place = ", ".join(map(str, infinite[0][-np.ndim(x) :].tolist()))
+        raise ValueError(
+            f"x[{place}]={values[tuple(infinite[0])]} (and {len(infinite) - 1} more) is infinite; "
+            "samples must be finite, or NaN where missing: mark bad samples as NaN."
+        )
+    if largest > LARGEST:
+        raise ValueError(
+            f"x reaches {largest:.3g}, above {LARGEST:g}, and its squares would overflow; scale the record to "
+            "another unit, or mark bad samples as NaN."
+        )
+    return values
+
+
+def check_noise_variance(value: object) -> float:
+    """Return the variance of the noise, or refuse it."""
+    noise = positive(value, name="noise_variance")
+    if not SMALLEST**2 < noise < LARGEST**2:
+        raise ValueError(
+            f"noise_variance={noise:g} must lie between {SMALLEST**2:g} and {LARGEST**2:g}, where doubles keep its "
+            "digits; scale the record to another unit."
+        )
+    return noise
+
+
+def check_initial_std(value: object, *, noise: float) -> float:
+    """Return the prior standard deviation in standard deviations of the noise, or refuse it."""
+    std = positive(value, name="initial_std")
+    if not SMALLEST < std / np.sqrt(noise) < LARGEST:
+        raise ValueError(
+            f"initial_std={std:g} is {std / np.sqrt(noise):g} standard deviations of the noise; doubles keep the "
+            f"digits between {SMALLEST:g} and {LARGEST:g} of them: choose one in between."
+        )
+    return float(std / np.sqrt(noise))
+
+
+def check_orders(
+    orders: Sequence[Order] | NDArray[np.float64], phase_rad: ArrayLike | Mapping[str, ArrayLike], *, samples: int
+) -> tuple[Floats, tuple[str, ...], Indices, tuple[Floats, ...]]:
+    """Check orders and phases.
+
+    Returns (order,) orders, the names of their shafts (none for a single phase), (order,) indices of their phases, and
+    (sample,) phases in rad, one for each shaft that has an order.
+    """
+    if isinstance(orders, str | bytes | Mapping) or not np.iterable(orders):
+        raise ValueError(f"orders={orders!r}: needed a sequence of orders, such as [1, 2, 36].")
+    if len(orders) == 0:
+        raise ValueError("orders is empty; name at least one order to track, such as orders=[1].")
+    if isinstance(phase_rad, Mapping):
+        pairs = [_shaft_and_order(item, phase_rad) for item in orders]
+        angles = {name: check_phase(f"phase_rad[{name!r}]", phase_rad[name], samples) for name, _ in pairs}
+    else:
+        pairs = [("", _order(item)) for item in orders]
+        angles = {"": check_phase("phase_rad", phase_rad, samples)}
+    _check_below_half_rate(pairs, angles)
+    names = tuple(name for name, _ in pairs) if isinstance(phase_rad, Mapping) else ()
+    place = {name: number for number, name in enumerate(angles)}
+    shaft = np.array([place[name] for name, _ in pairs])
+    return np.array([order for _, order in pairs]), names, shaft, tuple(angles.values())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CheckedBandwidth:
+    """Bandwidths as given and in cycles per sample."""
+
+    given: Floats  # (order,) in `units`, the mean over time where it varies
+    units: BandwidthUnits
+    cycles: Floats  # (order, 1), or (order, sample) where it varies, in cycles per sample
+
+
+def check_bandwidth(
+    *,
+    bandwidth_hz: ArrayLike | None,
+    bandwidth_orders: ArrayLike | None,
+    rate_hz: float | None,
+    samples_per_rev: float | None,
+    shaft: Indices,
+    phases: tuple[Floats, ...],
+) -> CheckedBandwidth:
+    """Return the bandwidth of each order, or refuse it; `shaft` and `phases` as `check_orders` returns them."""
+    given = {
+        "bandwidth_hz": bandwidth_hz, "bandwidth_orders": bandwidth_orders,
+        "rate_hz": rate_hz, "samples_per_rev": samples_per_rev,
+    }  # fmt: skip
+    names = [name for name, value in given.items() if value is not None]
+    if names == ["bandwidth_hz", "samples_per_rev"]:
+        raise ValueError(
+            "bandwidth_hz with samples_per_rev: a record over angle does not tell its speed; pass bandwidth_orders, "
+            "which is bandwidth_hz / shaft speed in Hz, a (1, n) array where the speed varies."
+        )
+    pairs = (("bandwidth_hz", "rate_hz"), ("bandwidth_orders", "samples_per_rev"), ("bandwidth_orders", "rate_hz"))
+    if tuple(names) not in pairs:
+        raise ValueError(
+            f"bandwidth and rate: {', '.join(names) or 'none'} given; needed bandwidth_hz with rate_hz, or "
+            "bandwidth_orders with samples_per_rev or rate_hz: pass one of these pairs and leave the others out."
+        )
+    bandwidth, rate = names
+    per_sample = positive(given[rate], name=rate)
+    width = _width(given[bandwidth], bandwidth, orders=shaft.size, samples=phases[0].size)
+    by_speed = names == ["bandwidth_orders", "rate_hz"]
+    steps = [np.gradient(phase) if phase.size > 1 else np.zeros(1) for phase in phases] if by_speed else []
+    cycles = width * (np.abs(np.stack(steps)) / (2 * np.pi))[shaft] if by_speed else width / per_sample
+    _check_range(width, cycles, names=(bandwidth, rate), rate=None if by_speed else per_sample)
+    return CheckedBandwidth(
+        given=width.mean(axis=1), units="hz" if bandwidth == "bandwidth_hz" else "orders", cycles=cycles
+    )
+
+
+def _width(value: ArrayLike | None, name: str, *, orders: int, samples: int) -> Floats:
+    """Return a bandwidth as an (order, 1 or sample) array, or refuse its shape."""
+    width = _real_array(name, value, dims=(0, 1, 2))
+    if width.ndim < 2:  # noqa: PLR2004
+        if width.size not in (1, orders):
+            raise ValueError(
+                f"{name} has {width.size} values for {orders} orders; pass one number for all, or one each."
+            )
+        width = width.reshape(-1, 1)
+    elif width.shape not in ((1, samples), (orders, samples)):
+        raise ValueError(
+            f"{name} has shape {width.shape} for {orders} orders and {samples} samples; a bandwidth that varies in "
+            f"time needs the shape (1, {samples}) for all orders alike, or ({orders}, {samples})."
+        )
+    return np.repeat(width, orders, axis=0) if len(width) != orders else width
+
+
+def _check_range(width: Floats, cycles: Floats, *, names: tuple[str, str], rate: float | None) -> None:
+    """Refuse bandwidths that are not positive, above half of the rate, or too small for double precision."""
+    good = (width > 0 if width.shape[1] == 1 else width >= 0) & (cycles < 0.5)  # noqa: PLR2004
+    if not good.all():
+        order, sample = np.argwhere(~good)[0]
+        value = width[order, min(sample, width.shape[1] - 1)]
+        below = (
+            f"{rate / 2:g}, half of {names[1]}={rate:g}"
+            if rate is not None
+            else f"{0.5 / cycles[order, sample] * value:g}, half of the rate at the speed of sample {sample}"
+            if value > 0
+            else "half of the rate"
+        )
+        raise ValueError(f"{names[0]}={value:g} must be above 0 and below {below}; choose one in between.")
+    widest = cycles.max(axis=1)
+    if widest.min() < NARROWEST:
+        raise ValueError(
+            f"{names[0]} is {widest.min():g} cycles a sample at most for order number {int(widest.argmin())}; it must "
+            f"reach {NARROWEST:g} somewhere: choose a wider one, or is the shaft at rest?"
+        )
+
+
+def check_phase_std(
+    phase_std_rad: ArrayLike | Mapping[str, ArrayLike] | None, *, shafts: tuple[str, ...], samples: int
+) -> Floats | None:
+    """Return the (order or 1, sample or 1) standard deviation in rad of each order's shaft angle, or refuse it."""
+    if phase_std_rad is None:
+        return None
+    given: list[tuple[str, Any]] = [("phase_std_rad", phase_std_rad)]
+    if isinstance(phase_std_rad, Mapping):
+        lacking = [name for name in shafts if name not in phase_std_rad]
+        if lacking or not shafts:
+            raise ValueError(
+                f"phase_std_rad names {', '.join(map(str, phase_std_rad)) or 'no shaft'}, but the orders count "
+                f"{', '.join(map(repr, lacking)) or 'one unnamed phase'}; give one value for every shaft."
+            )
+        given = [(f"phase_std_rad[{name!r}]", phase_std_rad[name]) for name in shafts]
+    found = []
+    for name, value in given:
+        std = np.atleast_1d(_real_array(name, value, dims=(0, 1)))
+        if std.size not in (1, samples):
+            raise ValueError(f"{name} has {std.size} values for {samples} samples; pass one number, or one a sample.")
+        bad = std[~(np.isfinite(std) & (std >= 0))]
+        if bad.size:
+            raise ValueError(f"{name}={bad[0]:g} must be zero or more, and finite.")
+        found.append(std)
+    return np.stack(np.broadcast_arrays(*found))
+
+
+def _real_array(name: str, value: ArrayLike | None, *, dims: tuple[int, ...] = (1,)) -> Floats:
+    array = np.asarray(value)
+    if array.dtype == object:
+        # Fractions arrive as objects; anything else that is not a number is caught here by name.
+        array = np.array([number(item, name=name) for item in array.flat]).reshape(array.shape)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} holds {array.dtype} values; real numbers are needed.")
+    if array.ndim not in dims:
+        raise ValueError(
+            f"{name} has shape {array.shape}; needed {'a number or ' if 0 in dims else ''}"
+            f"{'one or two dimensions' if 2 in dims else 'one dimension'}: pass {name} as a plain sequence of numbers"  # noqa: PLR2004
+            f"{', or one row a channel' if dims == (1, 2) else ''}."
+        )
+    if array.size == 0:
+        raise ValueError(f"{name} is empty; at least one value is needed.")
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def check_phase(name: str, value: ArrayLike, samples: int) -> Floats:
+    """Return the (sample,) array of an angle in rad, or refuse it."""
+    phase = _real_array(name, value)
+    if phase.size != samples:
+        raise ValueError(f"{name} has {phase.size} values for {samples} samples of x; give one angle per sample.")
+    if not max(phase.max(), -phase.min()) < np.inf:
+        bad = np.flatnonzero(~np.isfinite(phase))
+        raise ValueError(
+            f"{name}[{bad[0]}]={phase[bad[0]]} (and {bad.size - 1} more) is not finite; the angle must be known "
+            "at every sample, missing samples included: interpolate it."
+        )
+    return phase
+
+
+def _order(item: object) -> float:
+    if isinstance(item, tuple):
+        raise ValueError(  # noqa: TRY004
+            f"order {item!r} names a shaft, but phase_rad is one array; pass a mapping from shaft to phase."
+        )
+    order = number(item, name="order")
+    if order < 0:
+        raise ValueError(
+            f"order={order:g} is negative; a real record has the same line at {-order:g}, conjugated: track that one."
+        )
+    return order
+
+
+def _shaft_and_order(item: object, phases: Mapping[str, ArrayLike]) -> tuple[str, float]:
+    if not (isinstance(item, tuple | list) and len(item) == 2 and isinstance(item[0], str)):  # noqa: PLR2004
+        raise ValueError(
+            f"order {item!r} names no shaft, but phase_rad is a mapping; give (shaft, order) pairs, such as "
+            f"({next(iter(phases), 'shaft')!r}, 1)."
+        )
+    if item[0] not in phases:
+        raise ValueError(
+            f"order {item!r}: no phase for shaft {item[0]!r}; phase_rad has {', '.join(map(str, phases)) or 'none'}."
+            f"{nearest(item[0], [str(name) for name in phases])}"
+        )
+    return item[0], _order(item[1])
+
+
+def _check_below_half_rate(pairs: list[tuple[str, float]], phases: Mapping[str, Floats]) -> None:
+    for shaft, phase in phases.items():
+        order = max(own for name, own in pairs if name == shaft)
+        parts = (phase[first : first + SAMPLES_AT_ONCE + 1] for first in range(0, phase.size - 1, SAMPLES_AT_ONCE))
+        turn = order * max((float(np.abs(np.diff(part)).max()) for part in parts), default=0.0)
+        if turn > MOST_TURN:
+            at = int(np.abs(np.diff(phase)).argmax())
+            raise ValueError(
+                f"order {order:g}{f' of {shaft!r}' if shaft else ''} turns by {turn:.4g} rad between samples {at} and "
+                f"{at + 1}; more than pi is above half of the rate: drop it, raise the rate, or mend the phase there."
+            )

@@ -1,0 +1,314 @@
+"""Maximum-likelihood bandwidth of each order: how fast its amplitude varies in a record.
+
+A tracker's `std` is right where its random walk varies as the amplitudes do. Here the amplitudes are random walks over
+nodes, an eighth of one over the largest bandwidth apart, and polynomials in between, straight lines with one or two
+poles: the moments of a block hold all information of its samples (see `_information_smoother`). The likelihood of the
+chain of nodes is found by integrating out its states one after the other: the product of the densities of a Kalman
+filter's innovations [1]_. Close orders share one chain; the others are tracked first and subtracted. Orders that no
+other is near have equal covariances, which are computed once for all of them.
+
+References
+----------
+.. [1] F. C. Schweppe, "Evaluation of likelihood functions for Gaussian signals", IEEE Trans. Information Theory
+   11, 1965.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import ceil, comb, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from signals._validation import positive, whole
+from signals.harmonics._information_kernels import FORWARD, filter_information
+from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
+from signals.harmonics._validation import check_orders, check_record
+from signals.harmonics.bandwidth import MOST_POLES
+from signals.harmonics.block_grid import Grid
+from signals.harmonics.block_smoother import BlockFit, block_length, one_of_each, scattered_share
+from signals.harmonics.coupling import WithoutOthers, chain_alone, chain_together, everywhere, no_neighbours
+from signals.harmonics.model import Floats, HarmonicModel, Indices, Order, lost
+from signals.harmonics.separability import Closeness, components
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+# Length of a block times the largest bandwidth: straight lines between nodes differ by a 150th from an envelope at the
+# edge of that band.
+BLOCK = 1 / 8
+# Orders whose frequencies come within so many largest bandwidths share a chain: subtracting a tracked order subtracts
+# the noise that its smoother passes, at this distance a hundredth.
+NEAR = 2.5
+# An order's own image averages out of the products of its regressors where it turns twice in a block.
+IMAGE = 2 / BLOCK
+# Smallest bandwidth times the record's length: with it an amplitude is a constant (one pole) or a polynomial.
+SMALLEST = 0.1
+# Ratio of the bandwidths tried first, and relative tolerance of the best one.
+RATIO, FINE = 2.0, 0.02
+# Log likelihoods that differ by less are equal, and the smallest bandwidth is taken; below some 1 / record all are.
+ALIKE = 1e-3
+SWEEPS = 5
+# From so many poles on, amplitudes at the ends of a record are so uncertain that orders are smoothed together there
+# before any is subtracted.
+MANY_POLES = 3
+# Largest relative rest of a subtracted order.
+SUBTRACTED = 3e-4
+# Prior in standard deviations of a block's noise: wide enough not to change the shape of the likelihood, narrow enough
+# that rounding of its square is negligible.
+PRIOR_STD = 1e3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChainLikelihood:
+    """The likelihood of data at nodes as a function of the bandwidths.
+
+    Attributes
+    ----------
+    model : the state-space model of the orders.
+    length : samples between nodes.
+    measured : information in the data, for noise of unit variance.
+    before : prior information on the state at the first node, of two poles at least: amplitudes of one pole are
+        straight lines between nodes too, with independent differences.
+    """
+
+    model: HarmonicModel
+    length: int
+    measured: NodeInformation
+    before: Information
+
+    @classmethod
+    def of(cls, model: HarmonicModel, chain: NodeChain, length: int) -> ChainLikelihood:
+        """Return the likelihood of a chain's data."""
+        return cls(model=model, length=length, measured=chain.measured(slice(0, chain.nodes)), before=chain.before)
+
+    def lanes(self, some: slice) -> ChainLikelihood:
+        """Return the likelihood of some of the lanes."""
+        vectors = self.measured.vectors.reshape(-1, *self.before.vector.shape)[:, :, some]
+        measured = NodeInformation(self.measured.matrices, vectors.reshape(len(vectors), -1).copy())
+        return replace(self, measured=measured, before=self.before._replace(vector=self.before.vector[:, some].copy()))
+
+    def log_likelihood(self, bandwidth: ArrayLike) -> Floats:
+        """Return the (lane,) log likelihoods, less a constant, of (order,) bandwidths in cycles per sample."""
+        width = np.broadcast_to(np.asarray(bandwidth, dtype=np.float64), self.model.orders.shape)
+        process = replace(self.model, bandwidth=width[:, None]).process_noise(step=self.length)
+        matrix, vector = self.before.copy()
+        squares, unstored = np.zeros(vector.shape[1]), (np.empty((0, matrix.size)), np.empty((0, vector.size)))
+        columns = len(matrix) // max(2, self.model.poles)  # one where orders share it
+        log_determinant = filter_information(
+            *self.measured, process[:, :columns].copy(), self.model.poles == 1, FORWARD, matrix, vector, *unstored,
+            squares,
+        )  # fmt: skip
+        log_determinant += float(np.linalg.slogdet(matrix)[1])
+        squares += np.sum(vector * np.linalg.solve(matrix, vector), axis=0)
+        return np.asarray((squares - log_determinant) / 2)
+
+
+def likely_bandwidth(
+    x: ArrayLike,
+    *,
+    phase_rad: ArrayLike | Mapping[str, ArrayLike],
+    orders: Sequence[Order] | NDArray[np.float64],
+    rate_hz: float | None = None,
+    samples_per_rev: float | None = None,
+    largest_bandwidth_hz: float | None = None,
+    largest_bandwidth_orders: float | None = None,
+    poles: int = 1,
+    noise_variance: ArrayLike | None = None,
+) -> Floats:
+    """Return the maximum-likelihood bandwidth of each order, for `track_orders` with the same poles.
+
+    Parameters
+    ----------
+    x : (sample,) array, the record in any unit; NaN marks a missing sample.
+    phase_rad : (sample,) array, shaft angle in rad, or a mapping from shaft name to such an array.
+    orders : orders in cycles per revolution, one number each; with a mapping, (shaft, order) pairs. Order 0 is the
+        mean.
+    rate_hz : sampling rate in Hz; with `largest_bandwidth_hz`.
+    samples_per_rev : samples per revolution, for a record sampled in angle; with `largest_bandwidth_orders`.
+    largest_bandwidth_hz : upper bound of the search in Hz. Orders within 2.5 times of it of one another are estimated
+        jointly, at a cost that grows with the cube of their number.
+    largest_bandwidth_orders : the same in cycles per revolution.
+    poles : number of integrations of the random walk of the amplitudes, 1 to 4.
+    noise_variance : variance of white noise as dense as the noise beside each order, one number or (order,) array; by
+        default as a tracker with the largest bandwidth estimates it.
+
+    Returns
+    -------
+    (order,) array
+        Bandwidths in Hz or in orders, between a tenth of one over the record (a constant amplitude) and the largest
+        allowed (one that varies at least as fast).
+
+    Raises
+    ------
+    ValueError
+        An argument is out of range or contradicts another; the message names it and the remedy.
+    FloatingPointError
+        An information matrix is not positive definite in double precision.
+
+    Examples
+    --------
+    A constant amplitude in noise needs no more than a tenth of 1 / record, here 0.1 Hz:
+
+    >>> import numpy as np
+    >>> from signals.harmonics import likely_bandwidth
+    >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000
+    >>> x = 2 * np.cos(3 * phase_rad) + 0.1 * np.random.default_rng(1).standard_normal(5000)
+    >>> print(likely_bandwidth(x, phase_rad=phase_rad, orders=[3], rate_hz=5000, largest_bandwidth_hz=20).round(3))
+    [0.1]
+    """
+    channels = check_record(x)
+    if len(channels) > 1:
+        raise ValueError(f"x has {len(channels)} channels; each has bandwidths of its own: pass one channel at a time.")
+    if np.isnan(channels).all():
+        raise ValueError(f"x has {channels.size} samples, all of them missing (NaN); at least one is needed.")
+    record = np.asarray(channels[0])
+    width, rate = _check_largest(
+        largest_bandwidth_hz=largest_bandwidth_hz, rate_hz=rate_hz,
+        largest_bandwidth_orders=largest_bandwidth_orders, samples_per_rev=samples_per_rev,
+    )  # fmt: skip
+    numbers, _, shaft, phases = check_orders(orders, phase_rad, samples=record.size)
+    noise = None if noise_variance is None else _check_noise(noise_variance, numbers.size)
+    model = HarmonicModel(
+        orders=numbers, shaft=shaft, phases=phases, bandwidth=np.full((numbers.size, 1), width / rate),
+        poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=PRIOR_STD,
+    )  # fmt: skip
+    kept, member = one_of_each(model)
+    try:
+        found = _most_likely(model.subset(kept), record, None if noise is None else noise[kept])
+    except np.linalg.LinAlgError as error:
+        raise lost(model, "fast") from error
+    return found[member] * rate
+
+
+def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Floats:
+    """Return the (order,) bandwidths in cycles per sample, of distinct orders."""
+    seen, width = ~np.isnan(x), float(model.bandwidth[0, 0])
+    # Amplitudes of one pole are straight lines between nodes here, also those that are subtracted.
+    smooth = replace(model, poles=max(2, model.poles))
+    grid = Grid(
+        model=smooth, x=x[None], seen=seen, length=block_length(smooth, x.size, SUBTRACTED), tolerance=SUBTRACTED,
+        shared=np.ones(model.orders.size, dtype=np.int64),
+    )  # fmt: skip
+    startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
+    fit = BlockFit.of(grid, startup=startup, coupled=True)
+    if fit.coupling and model.poles >= MANY_POLES:
+        fit.coupling.smooth_ends(fit.smoothed)
+    elif fit.coupling:
+        fit.coupling.smooth_all(fit.smoothed, ends=False)
+    if noise is None:
+        noise = np.full(model.orders.size, fit.residuals(startup).mean_square[0])
+    std = np.sqrt(np.where(noise > 0, noise, 1.0))
+    blocks = max(1, int(BLOCK / (width * grid.length)))
+    length = blocks * grid.length
+    nodes = replace(grid, length=length, model=replace(smooth, prior_std=PRIOR_STD * sqrt(2 / length)))
+    others = WithoutOthers(grid, fit.smoothed.levels, everywhere(grid))
+    alone, groups = _groups(model, seen, nodes.length)
+    found, smallest = np.empty(model.orders.size), min(SMALLEST / x.size, width)
+    tried = np.linspace(np.log(smallest), np.log(width), 2 + int(np.log(width / smallest) / np.log(RATIO)))
+    if alone.size:
+        data = joined(others.alone(alone), blocks) / std[alone, None, None]
+        chain = chain_alone(nodes, alone, data, nodes.at_nodes(nodes.seen_counts))
+        likelihood = ChainLikelihood.of(model.subset(alone[:1]), chain, nodes.length)
+        values = np.array([likelihood.log_likelihood(np.exp(b)).reshape(-1, 2).sum(axis=1) for b in tried])
+        for k, order in enumerate(alone):
+            own = likelihood.lanes(slice(2 * k, 2 * k + 2))
+            found[order] = _maximise(own.log_likelihood, tried, values[:, k], orders=1)[0]
+    for group in groups:
+        data = joined(others.together(group), blocks) / std[group].mean()
+        chain = chain_together(nodes, group, slice(0, nodes.nodes), data, no_neighbours(nodes, group))
+        likelihood = ChainLikelihood.of(model.subset(group), chain, nodes.length)
+        values = np.array([likelihood.log_likelihood(np.exp(b)).sum() for b in tried])
+        found[group] = _maximise(likelihood.log_likelihood, tried, values, orders=group.size)
+    return found
+
+
+def joined(data: Floats, blocks: int) -> Floats:
+    """Return the (node, moment, ...) data of blocks joined `blocks` at a time, both as `Grid.data` has them.
+
+    The place v in the short block h is the place (h + v) / blocks in the long one.
+    """
+    moments, filled = data.shape[1], -(-(len(data) - 1) // blocks)
+    short = np.zeros((filled * blocks, *data.shape[1:]))
+    short[: len(data) - 1] = data[1:]
+    shift = np.zeros((blocks, moments, moments))
+    for m in range(moments):
+        for i in range(m + 1):
+            shift[:, m, i] = comb(m, i) * np.arange(blocks, dtype=np.float64) ** (m - i) / float(blocks) ** m
+    long = np.einsum("hmi,bhi...->bm...", shift, short.reshape(filled, blocks, *data.shape[1:]))
+    return np.concatenate([np.zeros_like(long[:1]), long])
+
+
+def _maximise(log_likelihood: Callable[[Floats], Floats], start: Floats, values: Floats, *, orders: int) -> Floats:
+    """Return the bandwidths of largest likelihood, given the `values` of equal ones whose logarithms are `start`.
+
+    One order after the other moves uphill as long as the likelihood rises, then to the vertex of the parabola; every
+    sweep over the orders halves the step.
+    """
+    best = int(np.argmax(values > values.max() - ALIKE))
+    found, here, step = np.full(orders, start[best]), float(values[best]), (start[-1] - start[0]) / start.size / 2
+    for _ in range(SWEEPS):
+        step, before = step / 2, found.copy()
+        for k in range(orders):
+
+            def at(b: float, k: int = k) -> tuple[float, float]:
+                moved = found.copy()
+                moved[k] = np.clip(b, start[0], start[-1])
+                return float(moved[k]), float(log_likelihood(np.exp(moved)).sum())
+
+            below, above = at(found[k] - step), at(found[k] + step)
+            while below[1] > here - ALIKE and below[0] < found[k]:
+                above, (found[k], here) = (found[k], here), below
+                below = at(found[k] - step)
+            while above[1] > here + ALIKE and above[0] > found[k]:
+                below, (found[k], here) = (found[k], here), above
+                above = at(found[k] + step)
+            curvature = 2 * here - below[1] - above[1]
+            if curvature > 0:
+                vertex = at(found[k] + step * (above[1] - below[1]) / (2 * curvature))
+                found[k], here = vertex if vertex[1] > here + ALIKE else (found[k], here)
+        if step < 8 * FINE and np.abs(found - before).max() < 2 * FINE:
+            break
+    return np.asarray(np.exp(found))
+
+
+def _groups(model: HarmonicModel, seen: NDArray[np.bool_], block: int) -> tuple[Indices, list[Indices]]:
+    """Return the isolated orders, and groups of those that are near each other or their own image.
+
+    No order is isolated where there are gaps within blocks, since they may be synchronous with a shaft.
+    """
+    nearest = Closeness(model, seen.size).nearest
+    near = nearest < NEAR * model.bandwidth[0]
+    near |= np.diag((np.diag(nearest) < IMAGE * model.bandwidth[0]) | (model.orders == 0))
+    if scattered_share(seen, block):
+        near |= np.eye(len(near), dtype=np.bool_)
+    groups = components(near)
+    return np.flatnonzero(~near.any(axis=1)), groups
+
+
+def _check_largest(**given: float | None) -> tuple[float, float]:
+    """Return the largest bandwidth and the rate, in Hz or in orders, or refuse them."""
+    names = [name for name, value in given.items() if value is not None]
+    if names not in (["largest_bandwidth_hz", "rate_hz"], ["largest_bandwidth_orders", "samples_per_rev"]):
+        raise ValueError(
+            f"largest bandwidth and rate: {', '.join(names) or 'none'} given; needed either largest_bandwidth_hz with "
+            "rate_hz or largest_bandwidth_orders with samples_per_rev: pass one whole pair and leave the other out."
+        )
+    width, rate = (positive(given[name], name=name) for name in names)
+    if width >= rate / 2:
+        raise ValueError(
+            f"{names[0]}={width:g} must be below {rate / 2:g}, half of {names[1]}={rate:g}; choose a smaller one."
+        )
+    return width, rate
+
+
+def _check_noise(value: ArrayLike, orders: int) -> Floats:
+    noise = np.asarray(value, dtype=np.float64)
+    if noise.shape not in ((), (orders,)):
+        raise ValueError(
+            f"noise_variance has shape {noise.shape} for {orders} orders; pass one number for all, or one each."
+        )
+    return np.array([positive(item, name="noise_variance") for item in np.broadcast_to(noise, orders).tolist()])

@@ -1,0 +1,370 @@
+"""The block smoother: the record is condensed to moments of blocks, and smoothed at the nodes between them.
+
+Between nodes an amplitude is a polynomial of as many terms as its random walk has poles (one pole: constant under a
+triangular weight over two blocks). A few moments of a block, sums of its samples times powers of their place (see
+`_block_kernels`), hold all information for the smoother over the nodes. The error is of second order in (bandwidth
+times block): at the edge of the band (pi bandwidth block)^2 / 12 of an envelope. Changes within a block leak into other
+orders by no more, since the spectrum of a triangular weight has double zeros where images fold. Between nodes the
+result is interpolated, cubic or, for one pole, linear.
+
+There are two settings. *Fast*: long blocks; orders with negligible leakage are smoothed each alone, the others in
+groups. *Exact*: short blocks and all orders jointly, with an error below a few thousandths of `std`, zero with blocks
+of one sample. See `docs/trackers.md`.
+"""
+
+from dataclasses import dataclass, field, replace
+from math import inf, pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from signals.harmonics._information_smoother import SmoothedChain, smooth_stretches
+from signals.harmonics.block_grid import Grid, at_outputs, evaluated, pieces_between
+from signals.harmonics.coupling import Coupling, Smoothed, chain_together, couple, no_neighbours, smooth_apart
+from signals.harmonics.innovations import Innovations
+from signals.harmonics.kalman_filter import count_innovations
+from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, Indices
+from signals.harmonics.separability import Closeness
+
+FEWEST_BLOCKS = 64
+# A one-pole walk moves as much within a block as the noise of the block: measured, at this part of 1 / bandwidth the
+# estimates lie a hundredth of `std` from the exact ones.
+LONGEST_ONE_POLE = 1 / 200
+# Samples whose residuals are summed up, in evenly spread stretches: enough to estimate the noise variance to 0.6 %.
+RESIDUAL_SAMPLES = 1 << 16
+STRETCHES = 16
+# Neighbours that leak more are coupled, whatever tolerance is given: to subtract more of them later costs more.
+LARGEST_LEAK = 1e-3
+# Where a tolerance of the largest amplitude is more than this part of a standard deviation, the others are subtracted
+# from all samples.
+SMALL_PART = 0.3
+# Times that this is done: each leaves no more than the tolerance of its input.
+FULL_ROUNDS = 2
+# Part of 1 / bandwidth in a block of the exact setting, with one pole and with more: measured with amplitudes that walk
+# as the model says, estimates are then within 1e-3 of `std` (root mean square) of those of single samples.
+LONGEST_EXACT = 1 / 150, 1 / 64
+# What moving amplitudes may lose between nodes in the exact setting, as a part of `std`: the error measured is up to
+# twice as large.
+LARGEST_DROOP = 1.2e-3
+
+
+def block_length(model: HarmonicModel, samples: int, rtol: float) -> int:
+    """Return how many samples a block may hold for an error of `rtol` at the edge of the widest band."""
+    part = sqrt(12 * rtol) / pi
+    if model.poles == 1:
+        part = min(part, LONGEST_ONE_POLE)
+    return max(1, min(int(part / model.bandwidth.max()), samples // FEWEST_BLOCKS))
+
+
+def droop(model: HarmonicModel, length: int) -> float:
+    """Return the relative loss of an amplitude at the edge of the widest band in blocks of this length."""
+    return float((pi * model.bandwidth.max() * length) ** 2 / 12)
+
+
+def scattered_share(seen: NDArray[np.bool_], length: int) -> float:
+    """Return the share of the samples that are missing in gaps shorter than a block.
+
+    Where such gaps are synchronous with a shaft, as those of a clipped waveform are, orders leak into one another by up
+    to this share.
+    """
+    edges = np.flatnonzero(np.diff(seen, prepend=True, append=True))
+    gaps = edges[1::2] - edges[::2]
+    return float(gaps[gaps < length].sum() / seen.size)
+
+
+def blurs(model: HarmonicModel) -> bool:
+    """Return whether orders stay so close that long blocks, with several poles, may not separate them."""
+    if model.poles == 1:
+        return False
+    kept, _ = one_of_each(model)
+    return Closeness(model.subset(kept), model.phases[0].size).dwell()
+
+
+def fast(
+    model: HarmonicModel,
+    x: Floats,
+    seen: NDArray[np.bool_],
+    *,
+    length: int,
+    output_every: int,
+    startup: int,
+    coupled: bool,
+    tolerance: float,
+) -> Estimate:
+    """Smooth all channels of a record in long blocks.
+
+    Parameters
+    ----------
+    model : what is estimated.
+    x : (channel, sample) array, NaN where missing.
+    seen : (sample,) array, whether the sample is there, in all channels alike.
+    length : samples in a block.
+    output_every : samples between outputs.
+    startup : first sample whose residual and innovation count in the statistics.
+    coupled : whether orders that leak into one another are smoothed jointly, or each alone.
+    tolerance : largest relative leakage of an order that is not coupled, at most `LARGEST_LEAK`.
+    """
+    tolerance = min(tolerance, LARGEST_LEAK)
+    every_order = np.arange(model.orders.size)
+    kept, member = one_of_each(model) if coupled else (every_order, every_order)
+    one_each = model if kept.size == member.size else model.subset(kept)
+    grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=tolerance, shared=np.bincount(member))
+    fit = BlockFit.of(grid, startup=startup, coupled=coupled)
+    smoothed, residuals = fit.smoothed, fit.residuals(startup)
+    if fit.coupling:
+        far = _far_above_std(smoothed, residuals.mean_square, tolerance)
+        if not (far and seen.all()):
+            fit.coupling.smooth_ends(smoothed)
+        for number in range(FULL_ROUNDS if far else 0):
+            fit.coupling.smooth_all(smoothed, ends=number == FULL_ROUNDS - 1)
+        residuals = fit.residuals(startup) if far and not fit.alike else residuals
+    bound = max(droop(model, length), scattered_share(seen, length))
+    if coupled:
+        bound = max(bound, tolerance, fit.coupling.left if fit.coupling else 0.0)
+    if fit.coupling and model.poles > 1 and fit.alike:
+        bound = inf  # what others leave in their difference does not fade in a memory
+    observed = int(np.count_nonzero(grid.seen[startup:]))
+    levels, variances = _share_out(grid, member, smoothed.levels, smoothed.variances, every=length)
+    return Estimate(
+        amplitude=at_outputs(levels, grid, every=output_every),
+        variance=variances,
+        std_spacing=length,
+        innovation_mean_square=residuals.mean_square,
+        innovation_log_variance=float(smoothed.log_variances.sum()) / max(observed, 1),
+        innovation_autocorrelation=residuals.autocorrelation,
+        innovation_samples=min(residuals.count, observed),
+        error_bound=bound,
+    )
+
+
+def exact(
+    model: HarmonicModel,
+    x: Floats,
+    seen: NDArray[np.bool_],
+    *,
+    output_every: int,
+    startup: int,
+    keep: bool,
+    noise_variance: float | None,
+) -> Estimate:
+    """Smooth all channels of a record in short blocks, all orders together; statistics are those of the filter.
+
+    Parameters
+    ----------
+    model, x, seen, output_every, startup : as for `fast`.
+    keep : whether the innovations of all samples are wanted.
+    noise_variance : R; None where it is estimated.
+    """
+    kept, member = one_of_each(model)
+    one_each = model if kept.size == member.size else model.subset(kept)
+    innovations = count_innovations(model, x, startup=startup, keep=keep)
+    std = np.sqrt(innovations.mean_square if noise_variance is None else np.full(len(x), noise_variance))
+    length, group = exact_length(model, seen.size), np.arange(kept.size)
+    while True:
+        grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=0.0, shared=np.bincount(member))
+        chain = chain_together(grid, group, slice(0, grid.nodes), None, no_neighbours(grid, group))
+        outputs = BlockOutputs.empty(grid, every=output_every)
+        for nodes, part in smooth_stretches(chain, first=0):
+            outputs.take(nodes, part)
+        lost = outputs.droop(std)  # grows with the square of the length
+        if length == 1 or lost <= LARGEST_DROOP:
+            break
+        length = max(1, min(int(length * sqrt(LARGEST_DROOP / lost)), length - 1))
+    amplitude, variance = _share_out(grid, member, outputs.amplitude, outputs.variance, every=max(output_every, length))
+    return innovations.estimate(amplitude, variance, std_spacing=None if output_every > length else length)
+
+
+def exact_length(model: HarmonicModel, samples: int | None = None) -> int:
+    """Return the samples in a block of the exact setting, before amplitudes are known; None where they go on."""
+    # Longer ones gain little: the products of their columns cost more than the chain.
+    most = 6 * model.state_size
+    most = most if samples is None else min(most, samples // FEWEST_BLOCKS)
+    return max(1, min(int(LONGEST_EXACT[model.poles > 1] / model.bandwidth.max()), most))
+
+
+def _far_above_std(smoothed: Smoothed, noise: Floats, tolerance: float) -> bool:
+    """Return whether the tolerance times the largest amplitude exceeds `SMALL_PART` of the least `std`."""
+    std = np.sqrt(smoothed.variances.min() * noise)
+    largest = np.abs(smoothed.levels).max(axis=(1, 2))
+    return bool(np.any(tolerance * largest > SMALL_PART * std))
+
+
+def one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:
+    """Return one order of each set of duplicates, and the index of each order's set among these.
+
+    Of duplicates a record determines only the sum, a random walk with the sum of their variances.
+    """
+    kept: list[int] = []
+    named: dict[tuple[float, int], list[int]] = {}
+    member = np.empty(model.orders.size, dtype=np.int64)
+    for k, name in enumerate(zip(model.orders.tolist(), model.shaft.tolist(), strict=True)):
+        known = named.setdefault(name, [])
+        same = [place for place in known if np.array_equal(model.bandwidth[k], model.bandwidth[kept[place]])]
+        member[k] = same[0] if same else len(kept)
+        if not same:
+            known.append(len(kept))
+            kept.append(k)
+    return np.array(kept), member
+
+
+def _share_out(
+    grid: Grid, member: Indices, levels: Complexes, variances: Floats, *, every: int
+) -> tuple[Complexes, Floats]:
+    """Return the amplitudes and variances of duplicates from those of their sums.
+
+    Each duplicate is an equal part of the sum and a rest independent of it, which no data determine. Variances are
+    `every` samples apart.
+    """
+    if member.size == len(variances):
+        return levels, variances
+    count = grid.shared[member]
+    shared = variances[member] / count[:, None] ** 2
+    nodes, at = grid.length * np.arange(grid.nodes), every * np.arange(variances.shape[1])
+    for k in np.flatnonzero(count > 1):
+        shared[k] += (1 - 1 / count[k]) * np.interp(at, nodes, grid.unmeasured_variance(member[k]))
+    return levels[:, member] / count[:, None], shared
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockFit:
+    """Amplitudes at the nodes of a grid, of orders smoothed alone and in coupled groups.
+
+    Attributes
+    ----------
+    grid : the record.
+    smoothed : what is estimated.
+    coupling : which orders are smoothed together; None where all are, or none is.
+    alike : whether orders stay within half a bandwidth of each other.
+    """
+
+    grid: Grid
+    smoothed: Smoothed
+    coupling: Coupling | None
+    alike: bool
+
+    @classmethod
+    def of(cls, grid: Grid, *, startup: int, coupled: bool) -> "BlockFit":
+        """Smooth a record; its innovations count from sample `startup` on."""
+        smoothed = smooth_apart(grid, startup // grid.length)
+        if not coupled:
+            return cls(grid=grid, smoothed=smoothed, coupling=None, alike=False)
+        closeness = Closeness(grid.model, grid.samples)
+        coupling = couple(grid, closeness, smoothed)
+        return cls(grid=grid, smoothed=smoothed, coupling=coupling, alike=closeness.dwell())
+
+    def residuals(self, startup: int) -> Innovations:
+        """Return statistics of the residuals in stretches of the record from sample `startup` on.
+
+        Where the model holds, the variance of a residual is R less that of the fitted waveform, the trace of the joint
+        covariance of the amplitudes times their regressors. Orders that stay within half a bandwidth of each other may
+        have large amplitudes of opposite sign, which are not accurate between nodes: then the innovations of the
+        covariance filter are taken, of the first samples.
+        """
+        grid, model = self.grid, self.grid.model
+        if self.alike:
+            part = slice(0, startup + RESIDUAL_SAMPLES)
+            width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, part]
+            head = replace(model, phases=tuple(phase[part] for phase in model.phases), bandwidth=width)
+            return count_innovations(head, grid.x[:, part], startup=startup, keep=False)
+        pieces = pieces_between(self.smoothed.levels, cubic=model.poles > 1)
+        explained = self.smoothed.explained.sum(axis=0)
+        # With one pole half of a node's samples lie on either side, else all before it.
+        explained = (explained[:-1] + explained[1:]) / 2 if model.poles == 1 else explained[1:]
+        first = min(-(-startup // grid.length), grid.blocks - 1)
+        count = min(max(1, RESIDUAL_SAMPLES // STRETCHES // grid.length), grid.blocks - first)
+        stretches, lost, orders = [], 0.0, np.arange(model.orders.size)
+        for start in np.unique(np.linspace(first, grid.blocks - count, STRETCHES).astype(np.int64)).tolist():
+            samples = slice(start * grid.length, min((start + count) * grid.length, grid.samples))
+            rest = grid.x[:, samples] - grid.waveforms(pieces, orders, samples)
+            stretches.append((np.where(grid.seen[samples], rest, 0.0), grid.seen[samples]))
+            lost += float(explained[start : start + count].sum())
+        seen = sum(int(np.count_nonzero(there)) for _, there in stretches)
+        left = max(seen - lost, 1.0) / max(seen, 1)
+        found = Innovations.none(channels=len(grid.x))
+        for rest, there in stretches:
+            found.separate()
+            found.add(rest / sqrt(left), left * there.astype(np.float64))
+        return found
+
+
+# Nodes of the stretch after that a cubic reaches: the first of them, and one more on either side of the next block.
+AHEAD = 3
+
+
+@dataclass(eq=False)
+class BlockOutputs:
+    """Outputs so far, in memory that does not grow with the number of nodes where outputs are fewer.
+
+    Attributes
+    ----------
+    grid : the record.
+    every : samples between outputs.
+    amplitude : (channel, order, output) array.
+    variance : (order, output) array; (order, node) where there are more outputs than nodes.
+    bend : (channel, order) array, sum of the squared second differences of the amplitudes at the nodes.
+    """
+
+    grid: Grid
+    every: int
+    amplitude: Complexes
+    variance: Floats
+    bend: Floats
+    _levels: Complexes = field(repr=False)
+    _variances: Floats = field(repr=False)
+    _emitted: int = field(repr=False)
+
+    @classmethod
+    def empty(cls, grid: Grid, *, every: int) -> "BlockOutputs":
+        """Return the outputs before any stretch is smoothed."""
+        channels, orders = len(grid.x), grid.model.orders.size
+        outputs = -(-grid.samples // every)
+        known = grid.nodes if every <= grid.length else outputs
+        return cls(
+            grid=grid,
+            every=every,
+            amplitude=np.empty((channels, orders, outputs), dtype=np.complex128),
+            variance=np.empty((orders, known)),
+            bend=np.zeros((channels, orders)),
+            _levels=np.empty((channels, orders, 0), dtype=np.complex128),
+            _variances=np.empty((orders, 0)),
+            _emitted=grid.blocks,
+        )
+
+    def take(self, nodes: slice, smoothed: SmoothedChain) -> None:
+        """Fill the outputs that a stretch and the one after it determine."""
+        grid, model, length = self.grid, self.grid.model, self.grid.length
+        own = [model.amplitude(smoothed.levels[:, :, channel]) for channel in range(len(grid.x))]
+        levels = np.concatenate([np.stack(own), self._levels], axis=-1)
+        variances = np.concatenate([model.variance(smoothed.variances), self._variances], axis=-1)
+        count = nodes.stop - nodes.start
+        self.bend += np.sum(np.abs(np.diff(levels[..., : count + 2], 2, axis=-1)) ** 2, axis=-1)
+        if self.every <= length:
+            self.variance[:, nodes] = variances[:, :count]
+        else:
+            first, last = (-(-node * length // self.every) for node in (nodes.start, nodes.stop))
+            here = np.arange(first, min(last, self.amplitude.shape[-1])) * self.every
+            at = length * np.arange(nodes.start, nodes.start + variances.shape[1])
+            for k, values in enumerate(np.sqrt(variances)):  # as `OrderTracks.std` does it between nodes
+                self.variance[k, first:last] = np.interp(here, at, values) ** 2
+        begin, end = nodes.start + (nodes.start > 0), self._emitted
+        if begin < end:
+            pieces = pieces_between(levels, cubic=model.poles > 1)[:, :, begin - nodes.start : end - nodes.start]
+            first = -(-begin * length // self.every)
+            last = self.amplitude.shape[-1] if end == grid.blocks else -(-end * length // self.every)
+            skip = first * self.every - begin * length
+            self.amplitude[..., first:last] = evaluated(pieces, length, self.every, skip, last - first)
+            self._emitted = begin
+        self._levels, self._variances = levels[..., :AHEAD].copy(), variances[:, :AHEAD].copy()
+
+    def droop(self, noise_std: Floats) -> float:
+        """Return the loss of varying amplitudes between nodes over `std`: root mean square, of the worst order.
+
+        A triangular weight takes a twelfth of its second difference off an envelope.
+
+        Parameters
+        ----------
+        noise_std : (channel,) array.
+        """
+        lost = np.sqrt(self.bend / max(self.grid.nodes - 2, 1)) / 12
+        std = np.sqrt(self.variance.mean(axis=1)) * noise_std[:, None]
+        return float(np.max(np.divide(lost, std, out=np.zeros_like(lost), where=std > 0)))

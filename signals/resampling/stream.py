@@ -1,0 +1,223 @@
+"""Angular resampling of a record that arrives in blocks, in constant memory.
+
+The record is processed in chunks counted from its first sample, so that the block sizes do not change the result.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from signals._validation import Array, Missing, choice, positive, samples, whole
+from signals.resampling._engine import FEWEST, METHODS, Flags, Method, Warp
+from signals.resampling.resampling import (
+    AngularSignal,
+    angle_map,
+    forwards,
+    passband_orders,
+    unsettled,
+    whole_revolutions,
+)
+from signals.shaft.phase import refuse_rest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import ArrayLike
+
+    from signals.shaft.phase import ShaftPhase
+
+
+class AngularStream:
+    """Angular resampler of a record that arrives in blocks, equal to `angular_resample` of the whole.
+
+    Parameters
+    ----------
+    rate_hz, phase, samples_per_rev, start_s, method, missing
+        As in `angular_resample`. The phase must be known beforehand, for the whole record.
+
+    Examples
+    --------
+    Resample a record of two seconds at 10 revolutions per second in blocks of 300 samples:
+
+    >>> import numpy as np
+    >>> from signals import AngularStream, constant_speed
+    >>> phase = constant_speed(10.0, start_s=0.0, stop_s=2.0)
+    >>> stream = AngularStream(rate_hz=1000, phase=phase, samples_per_rev=64)
+    >>> parts = [stream.push(block) for block in np.split(np.ones(2100), 7)] + [stream.finish()]
+    >>> sum(part.revolutions for part in parts)
+    20
+    """
+
+    def __init__(
+        self,
+        *,
+        rate_hz: float,
+        phase: ShaftPhase,
+        samples_per_rev: int,
+        start_s: float = 0.0,
+        method: Method = "sinc",
+        missing: Missing = "refuse",
+    ) -> None:
+        choice(method, name="method", choices=METHODS)
+        self._rate = positive(rate_hz, name="rate_hz")
+        self._per_rev = whole(samples_per_rev, name="samples_per_rev", least=2)
+        self._start_s, self._missing, self._least = start_s, missing, FEWEST[method]
+        phase = forwards(phase)
+        refuse_rest(phase.times_s, phase.revolutions, start_s=start_s, stop_s=phase.stop_s, rate_hz=self._rate)
+        self._first, count = whole_revolutions(phase, start_s=start_s, stop_s=phase.stop_s)
+        grid = angle_map(
+            phase,
+            rate_hz=self._rate,
+            start_s=start_s,
+            samples_per_rev=self._per_rev,
+            first=self._first,
+            revolutions=count,
+        )
+        self._passband = passband_orders(grid, self._per_rev)
+        self._warp = Warp(grid, method=method)
+        self._finished = False
+        self._values, self._beyond = np.empty(0), np.empty(0, dtype=bool)  # of the revolution that is not complete
+        self._released = 0  # number of values returned so far
+
+    def push(self, x: ArrayLike) -> AngularSignal:
+        """Process the next block, (n,) of any length; return the whole revolutions it completes, perhaps none.
+
+        Raises
+        ------
+        ValueError
+            Values that are not finite, with their place in the record; a stream that was finished.
+        """
+        self._refuse_finished()
+        block = samples(
+            x,
+            missing=self._missing,
+            rate_hz=self._rate,
+            start_s=self._start_s,
+            first=self._warp.samples_seen,
+        )
+        return self._whole_revolutions(*self._warp.push(block))
+
+    def finish(self) -> AngularSignal:
+        """End the record; return its remaining whole revolutions, perhaps none.
+
+        Raises
+        ------
+        ValueError
+            Fewer samples than the method needs; a stream that was finished.
+        """
+        self._refuse_finished()
+        if self._warp.samples_seen < self._least:
+            raise ValueError(
+                f"the stream was finished after {self._warp.samples_seen} samples; at least {self._least} are needed."
+            )
+        self._finished = True
+        return self._whole_revolutions(*self._warp.finish())
+
+    def _refuse_finished(self) -> None:
+        if self._finished:
+            raise ValueError("the stream was finished; make another for the next record.")
+
+    def _whole_revolutions(self, values: Array, beyond: Flags) -> AngularSignal:
+        """Return the whole revolutions complete with these values, and keep the remainder."""
+        values, beyond = np.concatenate([self._values, values]), np.concatenate([self._beyond, beyond])
+        size = values.size // self._per_rev * self._per_rev
+        self._values, self._beyond = values[size:].copy(), beyond[size:].copy()
+        start = self._first + self._released // self._per_rev
+        self._released += size
+        return AngularSignal(
+            values=values[:size],
+            samples_per_rev=self._per_rev,
+            start_rev=start,
+            passband_orders=self._passband,
+            unsettled=unsettled(beyond[:size]),
+        )
+
+
+def angular_blocks(
+    blocks: Iterable[ArrayLike],
+    *,
+    rate_hz: float,
+    phase: ShaftPhase,
+    samples_per_rev: int,
+    start_s: float = 0.0,
+    method: Method = "sinc",
+    missing: Missing = "refuse",
+    block_size: int | None = None,
+) -> Iterator[AngularSignal]:
+    """Resample a record that arrives in blocks; yield it in blocks of whole revolutions, or of `block_size` values.
+
+    Parameters
+    ----------
+    blocks : iterable of (n,) arrays
+        Consecutive parts of the record, of any lengths.
+    rate_hz, phase, samples_per_rev, start_s, method, missing
+        As in `angular_resample`.
+    block_size : int, optional
+        Number of values of each block, the last perhaps fewer; ``start_rev`` is then not a whole revolution.
+        Default: as many whole revolutions as are complete. The values are the same either way.
+
+    Yields
+    ------
+    AngularSignal
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import angular_blocks, constant_speed
+    >>> phase = constant_speed(10.0, start_s=0.0, stop_s=2.0)
+    >>> blocks = np.split(np.ones(2100), 7)
+    >>> turns = angular_blocks(blocks, rate_hz=1000, phase=phase, samples_per_rev=64, block_size=500)
+    >>> [block.values.size for block in turns]
+    [500, 500, 280]
+    """
+    stream = AngularStream(
+        rate_hz=rate_hz,
+        phase=phase,
+        samples_per_rev=samples_per_rev,
+        start_s=start_s,
+        method=method,
+        missing=missing,
+    )
+    signals = _resampled(stream, blocks)
+    if block_size is None:
+        yield from signals
+    else:
+        yield from _regrouped(signals, whole(block_size, name="block_size", least=1))
+
+
+def _resampled(stream: AngularStream, blocks: Iterable[ArrayLike]) -> Iterator[AngularSignal]:
+    """Yield what each block completes, and what remains at the end, where it is not empty."""
+    for block in blocks:
+        signal = stream.push(block)
+        if signal.values.size:
+            yield signal
+    signal = stream.finish()
+    if signal.values.size:
+        yield signal
+
+
+def _regrouped(signals: Iterable[AngularSignal], size: int) -> Iterator[AngularSignal]:
+    """Yield the same values in blocks of `size`."""
+    values, beyond = np.empty(0), np.empty(0, dtype=bool)
+    previous: AngularSignal | None = None
+    for signal in signals:
+        if previous is None:
+            previous = replace(signal, values=values)
+        flags = np.zeros(signal.values.size, dtype=bool)
+        flags[: signal.unsettled[0]] = flags[flags.size - signal.unsettled[1] :] = True
+        values, beyond = np.concatenate([values, signal.values]), np.concatenate([beyond, flags])
+        while values.size >= size:
+            previous = _following(previous, values[:size], beyond[:size])
+            yield previous
+            values, beyond = values[size:], beyond[size:]
+    if previous is not None and values.size:
+        yield _following(previous, values, beyond)
+
+
+def _following(before: AngularSignal, values: Array, beyond: Flags) -> AngularSignal:
+    """Return the block of these values that follows `before`."""
+    start = before.start_rev + before.values.size / before.samples_per_rev
+    return replace(before, values=values, start_rev=start, unsettled=unsettled(beyond))

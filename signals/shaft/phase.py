@@ -1,0 +1,547 @@
+"""Shaft angle as a function of time: interpolated through tachometer pulses, differentiable, and invertible."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import factorial
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator, PPoly, make_interp_spline
+
+from signals._validation import Array, choice, number, positive, real_vector
+from signals.shaft.pulse_repair import PulseRepairs
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from signals.shaft.phase_smoothing import PhaseSmoothing
+
+
+# ---- Interpolation of a shaft's angle: a quintic spline, with monotone pieces where it would reverse -----------------
+
+
+_DEGREE = 5
+_CELL_HALVINGS = 4  # of a cell, before its slope is bounded by its Bernstein coefficients
+_ROUNDING = 1e-12
+_FEWEST = 4  # knots between two broken cells for a spline
+
+
+def build_curve(
+    times: Array, revolutions: Array, *, breaks: NDArray[np.bool_], states: tuple[Array, Array] | None
+) -> tuple[PPoly, NDArray[np.bool_]]:
+    """Return the curve, and which cells between knots are not splines but monotone pieces ("broken").
+
+    Each run of cells between broken ones has a spline of its own. Cells in which a spline reverses are broken, and the
+    splines fitted again, until none reverses.
+
+    Parameters
+    ----------
+    times, revolutions : (n,) arrays
+    breaks : (n - 1,) array
+        Cells broken from the start, as those in which the shaft stands.
+    states : ((n,), (n,)) arrays, optional
+        Speed in rev/s and acceleration in rev/s^2 at the knots, for quintic Hermite cells instead of splines.
+    """
+    broken = breaks.copy()
+    rises = np.diff(revolutions)
+    steps = np.diff(times)
+    while True:
+        for first, last in _spline_runs(broken):
+            if last - first + 1 < _FEWEST and last - first + 1 < times.size:
+                broken[first:last] = True
+        coefficients = np.zeros((_DEGREE + 1, steps.size))
+        for first, last in _spline_runs(broken):
+            part = slice(first, last + 1)
+            if states is None:
+                coefficients[:, first:last] = _spline(times[part], revolutions[part])
+            else:
+                coefficients[:, first:last] = _hermite(times[part], revolutions[part], states[0][part], states[1][part])
+        reversed_ = _reverses(coefficients, steps, rises) & ~broken
+        if not reversed_.any():
+            break
+        broken |= reversed_
+    return _joined(times, revolutions, coefficients, broken), broken
+
+
+def _spline_runs(broken: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the first and last knot of each run of cells that are not broken."""
+    edges = np.diff(np.concatenate([[True], broken, [True]]).astype(np.int8))
+    return list(zip(np.flatnonzero(edges < 0).tolist(), np.flatnonzero(edges > 0).tolist(), strict=True))
+
+
+def _spline(times: Array, revolutions: Array) -> Array:
+    """Return the spline coefficients about the left knot of each cell, highest power first, (6, cells)."""
+    degree = 5 if times.size > 5 else (3 if times.size > 3 else 1)  # noqa: PLR2004
+    spline = make_interp_spline(times, revolutions, k=degree)
+    coefficients = np.zeros((_DEGREE + 1, times.size - 1))
+    for power in range(degree + 1):
+        coefficients[_DEGREE - power] = spline(times[:-1], nu=power) / factorial(power)
+    coefficients[_DEGREE] = revolutions[:-1]
+    return coefficients
+
+
+def _hermite(times: Array, revolutions: Array, speed: Array, acceleration: Array) -> Array:
+    """Return the quintic Hermite coefficients of each cell, highest power first, (6, cells)."""
+    h = np.diff(times)
+    angle = np.diff(revolutions) - (speed[:-1] + acceleration[:-1] * h / 2) * h
+    slope = (np.diff(speed) - acceleration[:-1] * h) * h
+    bend = np.diff(acceleration) * h**2
+    return np.stack(
+        [
+            (6 * angle - 3 * slope + bend / 2) / h**5,
+            (-15 * angle + 7 * slope - bend) / h**4,
+            (10 * angle - 4 * slope + bend / 2) / h**3,
+            acceleration[:-1] / 2,
+            speed[:-1],
+            revolutions[:-1],
+        ]
+    )
+
+
+def _reverses(coefficients: Array, steps: Array, rises: Array) -> NDArray[np.bool_]:
+    """Return whether each cell's slope may have the sign opposite to its rise, or the cell has no rise.
+
+    A polynomial lies between the extremes of its Bernstein coefficients; halving the cells tightens these bounds.
+    """
+    sign = np.sign(rises)
+    powers = np.arange(_DEGREE, 0, -1)
+    slope = (powers[:, None] * coefficients[:-1] * steps ** powers[:, None])[::-1] * sign  # of u in 0..1, rising powers
+    degree = _DEGREE - 1
+    to_bernstein = np.array(
+        [
+            [factorial(i) / factorial(i - j) * factorial(degree - j) / factorial(degree) if j <= i else 0.0
+             for j in range(degree + 1)]
+            for i in range(degree + 1)
+        ]
+    )  # fmt: skip
+    bounds = to_bernstein @ slope
+    limit = -_ROUNDING * np.abs(bounds).max(axis=0)
+    doubtful = np.flatnonzero(bounds.min(axis=0) < limit)
+    found = np.zeros(steps.size, dtype=np.bool_)
+    pieces = bounds[:, doubtful][:, None]
+    for _ in range(_CELL_HALVINGS):
+        pieces = np.concatenate(_halved(pieces), axis=1)
+    found[doubtful] = pieces.min(axis=(0, 1)) < limit[doubtful]
+    # a cell without a rise is a standstill, except between opposite directions, where the shaft reverses
+    before, after = np.concatenate([[0], sign[:-1]]), np.concatenate([sign[1:], [0]])
+    found[(sign == 0) & (before * after >= 0)] = True
+    return found
+
+
+def _halved(bounds: Array) -> tuple[Array, Array]:
+    """Return the Bernstein coefficients of both halves (de Casteljau)."""
+    left, right = [bounds[0]], [bounds[-1]]
+    while bounds.shape[0] > 1:
+        bounds = (bounds[:-1] + bounds[1:]) / 2
+        left.append(bounds[0])
+        right.append(bounds[-1])
+    return np.stack(left), np.stack(right[::-1])
+
+
+def _joined(times: Array, revolutions: Array, coefficients: Array, broken: NDArray[np.bool_]) -> PPoly:
+    """Return the curve of the splines, with monotone pieces of continuous slope in the broken cells."""
+    if not broken.any():
+        return PPoly(coefficients, times, extrapolate=True)
+    steps, rises = np.diff(times), np.diff(revolutions)
+    slopes = _knot_slopes(times, revolutions, coefficients, broken)
+    breakpoints, pieces = [], []
+    for cell in range(steps.size):
+        if broken[cell]:
+            widths, found = _monotone_piece(
+                float(revolutions[cell]), float(rises[cell]), float(steps[cell]), *slopes[cell : cell + 2].tolist()
+            )
+            breakpoints += [float(times[cell]) + w for w in widths]
+            pieces += found
+        else:
+            breakpoints.append(float(times[cell]))
+            pieces.append(coefficients[:, cell])
+    return PPoly(np.array(pieces).T, np.array([*breakpoints, float(times[-1])]), extrapolate=True)
+
+
+def _knot_slopes(times: Array, revolutions: Array, coefficients: Array, broken: NDArray[np.bool_]) -> Array:
+    """Return the slope at each knot: of the adjacent spline, zero at a standstill, else after Fritsch and Butland."""
+    steps, rises = np.diff(times), np.diff(revolutions)
+    slopes = np.asarray(PchipInterpolator(times, revolutions).derivative()(times), dtype=np.float64)
+    powers = np.arange(_DEGREE, 0, -1)[:, None]
+    ends = (powers * coefficients[:-1] * steps ** (powers - 1)).sum(axis=0)
+    whole = np.flatnonzero(~broken)
+    slopes[whole + 1] = ends[whole]
+    slopes[whole] = coefficients[_DEGREE - 1, whole]
+    standstill = np.flatnonzero(broken & (rises == 0))
+    slopes[standstill] = slopes[standstill + 1] = 0.0
+    return slopes
+
+
+def _monotone_piece(
+    start: float, rise: float, step: float, before: float, after: float
+) -> tuple[list[float], list[Array]]:
+    """Return the times from the left knot at which the pieces of a broken cell begin, and their coefficients.
+
+    The monotone cubic where both slopes are at most three times the mean (Fritsch and Carlson 1980). Else constant
+    deceleration, constant speed and constant acceleration, each ramp at most a third of the cell.
+    """
+    sign = np.sign(rise)
+    before, after = max(sign * before, 0.0) * sign, max(sign * after, 0.0) * sign
+    mean = rise / step
+    if max(abs(before), abs(after)) <= 3 * abs(mean):
+        cubic = (before + after - 2 * mean) / step**2
+        square = (3 * mean - 2 * before - after) / step
+        return [0.0], [np.array([0, 0, cubic, square, before, start])]
+    slowing, gaining = (min(step / 3, 2 * rise / (3 * s)) if s else step / 3 for s in (before, after))
+    steady = (rise - before * slowing / 2 - after * gaining / 2) / (step - slowing / 2 - gaining / 2)
+    ramps = [
+        (0.0, slowing, before, steady),
+        (slowing, step - gaining, steady, steady),
+        (step - gaining, step, steady, after),
+    ]
+    starts, pieces, angle = [], [], start
+    for begin, end, v0, v1 in ramps:
+        if end > begin:
+            starts.append(begin)
+            pieces.append(np.array([0, 0, 0, (v1 - v0) / (2 * (end - begin)), v0, angle]))
+            angle += (v0 + v1) / 2 * (end - begin)
+    return starts, pieces
+
+
+# ---- Direction of rotation and standstills of a shaft, from the knots of its phase -----------------------------------
+
+
+def direction_of(times_s: Array, revolutions: Array) -> int:
+    """Return the direction of rotation, +1 or -1; the angle may also stay.
+
+    Raises
+    ------
+    ValueError
+        A shaft that reverses.
+    """
+    steps = np.diff(revolutions)
+    moving = np.flatnonzero(steps)
+    signs = np.sign(steps[moving])
+    reversals = np.flatnonzero(np.diff(signs))
+    if reversals.size:
+        time = times_s[moving[reversals[0] + 1]]
+        raise ValueError(
+            f"the shaft turns back at {time:g} s, so an angle has several times; resample the record before and after "
+            "separately, each with a phase of its own pulses."
+        )
+    return -1 if np.any(signs < 0) else 1
+
+
+def refuse_rest(
+    times_s: Array, revolutions: Array, *, start_s: float, stop_s: float, rate_hz: float | None = None
+) -> None:
+    """Raise where the shaft stands within a span of time; given the sampling rate, name the samples to use instead.
+
+    Raises
+    ------
+    ValueError
+        With the times of the first standstill, and how many there are.
+    """
+    still = np.concatenate([[False], np.diff(revolutions) == 0, [False]])
+    edges = np.flatnonzero(np.diff(still))
+    begins, ends = times_s[edges[::2]], times_s[edges[1::2]]
+    within = np.flatnonzero((begins > max(start_s, times_s[0])) & (ends < min(stop_s, times_s[-1])))
+    if not within.size:
+        return
+    begin, end = float(begins[within[0]]), float(ends[within[0]])
+    remedy = "use the parts before and after separately."
+    if rate_hz is not None:
+        # the last sample before the standstill and the first after it
+        stop, start = math.floor((begin - start_s) * rate_hz) + 1, math.ceil((end - start_s) * rate_hz)
+        remedy = f"resample x[:{stop}] and, with start_s={start_s + start / rate_hz:.9g}, x[{start}:] separately."
+    raise ValueError(
+        f"the shaft stands still from {begin:g} to {end:g} s, within the record, and its angle there has no single "
+        f"time ({within.size} such rests); {remedy}"
+    )
+
+
+# ---- Phase -----------------------------------------------------------------------------------------------------------
+
+
+_NEWTON_STEPS = 8
+_BISECTIONS = 60  # down to rounding
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShaftPhase:
+    """Angle of a shaft against time, interpolated between known angles at known times.
+
+    A quintic spline through the knots (lower degree for fewer than six); with `smoothing`, through the smoothed
+    angles. Where the spline would reverse between two knots, as in a sudden stop, that interval alone becomes a
+    monotone cubic (Fritsch and Carlson 1980), or one of constant deceleration, constant speed and constant
+    acceleration, and the spline is fitted separately on either side of it. The error of a quintic spline falls with
+    the sixth power of the time between knots.
+
+    Attributes
+    ----------
+    times_s, revolutions : (knot,) arrays
+        Times in s, strictly increasing, and angles in revolutions, which may also stay (standstill) or fall (reverse).
+    stripe_positions_rev : (stripe,) array
+        Angles of the tachometer's stripes within the revolution, in revolutions.
+    nominal : bool
+        Whether the speed was declared, not measured.
+    jitter_s : float
+        Standard deviation of one pulse time in s; NaN where there are too few pulses to estimate it.
+    repairs : PulseRepairs
+        Missing and extra pulses that were found.
+    stops_s : (stop, 2) array
+        Begin and end in s of the intervals between two pulses in which the shaft stood, or may have stood.
+    direction_declared : bool
+        Whether the direction of rotation is known, from a sign or a second channel. If not, it is unknown after each
+        of `stops_s`.
+    smoothing : PhaseSmoothing, optional
+        States and covariances of the smoother, where the jitter was smoothed.
+
+    Examples
+    --------
+    A shaft at 10 Hz whose speed rises by 4 Hz in a second:
+
+    >>> import numpy as np
+    >>> from signals import ShaftPhase
+    >>> t = np.linspace(0.0, 1.0, 13)
+    >>> phase = ShaftPhase(times_s=t, revolutions=10 * t + 2 * t**2)
+    >>> float(phase.revolutions_at([0.7])[0].round(6)), float(phase.speed_hz([0.7])[0].round(6))
+    (7.98, 12.8)
+    """
+
+    times_s: Array = field(metadata={"dims": ("knot",), "units": "s"})
+    revolutions: Array = field(metadata={"dims": ("knot",), "units": "rev"})
+    stripe_positions_rev: Array = field(
+        default_factory=lambda: np.zeros(1), metadata={"dims": ("stripe",), "units": "rev"}
+    )
+    nominal: bool = False
+    jitter_s: float = math.nan
+    repairs: PulseRepairs = field(default_factory=PulseRepairs)
+    stops_s: Array = field(default_factory=lambda: np.zeros((0, 2)), metadata={"dims": ("stop", "side"), "units": "s"})
+    direction_declared: bool = False
+    smoothing: PhaseSmoothing | None = None
+
+    @property
+    def start_s(self) -> float:
+        """Time of the first knot."""
+        return float(self.times_s[0])
+
+    @property
+    def stop_s(self) -> float:
+        """Time of the last knot."""
+        return float(self.times_s[-1])
+
+    @property
+    def direction_unknown(self) -> bool:
+        """Whether the shaft may have reversed at a stop, the direction after it being unknown."""
+        return bool(self.stops_s.size) and not self.direction_declared
+
+    @property
+    def monotone_spans_s(self) -> Array:
+        """Begin and end, (span, 2), of the intervals in which a monotone piece replaces the spline."""
+        cells = np.flatnonzero(self._built[1])
+        return np.stack([self.times_s[cells], self.times_s[cells + 1]], axis=1)
+
+    @cached_property
+    def _built(self) -> tuple[PPoly, NDArray[np.bool_]]:
+        middles = (self.times_s[:-1] + self.times_s[1:]) / 2
+        breaks = np.zeros(middles.size, dtype=np.bool_)
+        for begin, end in self.stops_s:
+            breaks |= (middles > begin) & (middles < end)
+        smooth = self.smoothing
+        states = None if smooth is None else (smooth.speed_hz, smooth.acceleration)
+        return build_curve(self.times_s, self.revolutions, breaks=breaks, states=states)
+
+    @cached_property
+    def _curve(self) -> PPoly:
+        return self._built[0]
+
+    @cached_property
+    def _slope(self) -> PPoly:
+        return self._curve.derivative()
+
+    def revolutions_at(self, times_s: ArrayLike) -> Array:
+        """Return the angle in revolutions at `times_s` (m,), which must lie between first and last knot."""
+        return np.asarray(self._curve(self._checked_times(times_s)), dtype=np.float64)
+
+    def _checked_times(self, times_s: ArrayLike) -> Array:
+        times = real_vector(times_s, name="times_s")
+        slack = 1e-9 * max(1.0, abs(self.stop_s))
+        if times.min() < self.start_s - slack or times.max() > self.stop_s + slack:
+            raise ValueError(
+                f"times from {times.min():g} to {times.max():g} s leave the known part of the shaft's motion, "
+                f"{self.start_s:g} to {self.stop_s:g} s; ask for less."
+            )
+        return times
+
+    def angle_rad(self, times_s: ArrayLike) -> Array:
+        """Return the angle in rad at `times_s` (m,); zero at revolution zero."""
+        return 2 * np.pi * self.revolutions_at(times_s)
+
+    def speed_hz(self, times_s: ArrayLike) -> Array:
+        """Return the speed in revolutions per second at `times_s` (m,), between first and last knot."""
+        return np.asarray(self._slope(self._checked_times(times_s)), dtype=np.float64)
+
+    def std_rad(self, times_s: ArrayLike) -> Array:
+        """Return the standard deviation of the angle in rad at `times_s` (m,).
+
+        With smoothing: that of the smoother, from the jitter and from the process noise between pulses. Without: the
+        jitter of one pulse times the speed, exact at the pulses and approximate between them. The interpolation error
+        of the spline is not included, nor the unknown angle of a standstill.
+
+        Raises
+        ------
+        ValueError
+            A phase whose jitter is not known: nominal, or of too few pulses.
+        """
+        times = self._checked_times(times_s)
+        if self.smoothing is not None:
+            return 2 * np.pi * self.smoothing.std_rev(times, knots_s=self.times_s)
+        if not math.isfinite(self.jitter_s):
+            why = (
+                "its speed is declared, not measured"
+                if self.nominal
+                else f"{self.times_s.size} knots are too few to estimate it"
+            )
+            raise ValueError(f"the jitter of this phase is unknown: {why}. Use more pulses, or state jitter_s.")
+        return 2 * np.pi * self.jitter_s * np.abs(self.speed_hz(times))
+
+    def times_at(
+        self, revolutions: ArrayLike, *, at_rest: Literal["refuse", "arrival", "departure"] = "refuse"
+    ) -> Array:
+        """Return the times in s at which the shaft reaches `revolutions` (m,).
+
+        Newton's method between the knots on either side; bisection where it does not converge, as where the shaft
+        almost stands.
+
+        Parameters
+        ----------
+        revolutions : (m,) array
+            Angles in revolutions, in any order.
+        at_rest : {"refuse", "arrival", "departure"}
+            The time to return for an angle at which the shaft stands: that at which it comes to rest or that at which
+            it leaves. "refuse" raises where it stands anywhere between the least and the greatest angle.
+
+        Raises
+        ------
+        ValueError
+            Revolutions outside those of the knots, a shaft that stands among them, or one that reverses.
+        """
+        choice(at_rest, name="at_rest", choices=("refuse", "arrival", "departure"))
+        targets = self._sign * real_vector(revolutions, name="revolutions")
+        knots = self._sign * self.revolutions
+        if targets.min() < knots[0] - 1e-9 or targets.max() > knots[-1] + 1e-9:
+            low, high = sorted((float(self.revolutions[0]), float(self.revolutions[-1])))
+            given = np.sort(self._sign * targets)
+            raise ValueError(f"revolutions {given[0]:g} to {given[-1]:g} are outside the known {low:g} to {high:g}.")
+        arrival = np.searchsorted(knots, targets, side="left")
+        departure = np.searchsorted(knots, targets, side="right") - 1
+        resting = departure > arrival
+        if at_rest == "refuse":
+            self._refuse_rest(float(targets.min()), float(targets.max()))
+        times = self._inverse(targets, np.clip(departure, 0, self.times_s.size - 2))
+        rest = arrival if at_rest == "arrival" else departure
+        times[resting] = self.times_s[rest[resting]]
+        return times
+
+    def _refuse_rest(self, low: float, high: float) -> None:
+        """Raise where the shaft stands at an angle from `low` to `high`, both times the sign of rotation."""
+        rest = np.flatnonzero(np.diff(self.revolutions) == 0)
+        angles = self._sign * self.revolutions[rest]
+        hit = rest[(angles >= low) & (angles <= high)]
+        if hit.size:
+            i = int(hit[0])
+            raise ValueError(
+                f"the shaft stands still from {self.times_s[i]:g} s on ({hit.size} such places), so the angle "
+                f"{self.revolutions[i]:g} rev has no single time; ask for parts of the record, or name the arrival or "
+                "the departure with at_rest."
+            )
+
+    @cached_property
+    def _sign(self) -> float:
+        """Sign of the direction of rotation, +1 or -1; raise where the shaft reverses."""
+        steps = np.diff(self.revolutions)
+        if np.any(steps > 0) and np.any(steps < 0):
+            reversal = int(np.flatnonzero(np.sign(steps) == -np.sign(steps[steps != 0][0]))[0])
+            raise ValueError(
+                f"the shaft turns back at {self.times_s[reversal]:g} s, so an angle has several times; use the "
+                "part of the record before or after."
+            )
+        return -1.0 if np.any(steps < 0) else 1.0
+
+    def _inverse(self, targets: Array, cell: NDArray[np.int64]) -> Array:
+        """Return the times at which sign times angle equals `targets`, each between the knots of its cell."""
+        low, high = self.times_s[cell], self.times_s[cell + 1]
+        times = np.clip(np.interp(targets, self._sign * self.revolutions, self.times_s), low, high)
+        step = high - low
+        for _ in range(_NEWTON_STEPS):
+            with np.errstate(all="ignore"):  # where the slope is zero there is no step: bisected below
+                step = (self._curve(times) - self._sign * targets) / self._slope(times)
+            times = np.clip(times - step, low, high)
+            converged = np.abs(step) < 1e-13 * max(1.0, abs(self.stop_s))
+            if converged.all():
+                return times
+        rest = np.flatnonzero(~converged)
+        low, high, target = low[rest], high[rest], targets[rest]
+        for _ in range(_BISECTIONS):
+            middle = low + (high - low) / 2
+            late = self._sign * self._curve(middle) > target
+            low, high = np.where(late, low, middle), np.where(late, middle, high)
+        times[rest] = high
+        return times
+
+    def mean_speed_per_revolution_hz(self) -> Array:
+        """Return the mean speed over each whole revolution after the first knot, (whole revolutions,)."""
+        first, last = float(self.revolutions[0]), float(self.revolutions[-1])
+        span = abs(last - first)
+        whole_turns = np.minimum(np.arange(np.floor(span + 1e-9) + 1), span)
+        return self._sign / np.diff(self.times_at(first + self._sign * whole_turns, at_rest="departure"))
+
+    def scaled(self, ratio: float) -> ShaftPhase:
+        """Return the phase of a shaft that turns `ratio` times as fast, in the opposite direction where `ratio` < 0.
+
+        Its standard deviation in angle is ``abs(ratio)`` times this one's; the jitter in time is the same.
+        """
+        factor = number(ratio, name="ratio")
+        if factor == 0:
+            raise ValueError("ratio=0 is the ratio of a shaft that does not turn; give a ratio other than zero.")
+        return replace(
+            self,
+            revolutions=self.revolutions * factor,
+            stripe_positions_rev=np.zeros(1),
+            smoothing=None if self.smoothing is None else self.smoothing.scaled(factor),
+        )
+
+
+def constant_speed(speed_hz: float, *, start_s: float, stop_s: float) -> ShaftPhase:
+    """Return the phase of a shaft of declared constant speed, marked as nominal.
+
+    Parameters
+    ----------
+    speed_hz : float
+        Speed in revolutions per second, above zero.
+    start_s, stop_s : float
+        Times in s of its begin and end; the angle is zero at `start_s`.
+
+    Returns
+    -------
+    ShaftPhase
+
+    Raises
+    ------
+    ValueError
+        A speed that is not positive, or `stop_s` not after `start_s`.
+
+    Examples
+    --------
+    >>> from signals import constant_speed
+    >>> phase = constant_speed(25.0, start_s=0.0, stop_s=2.0)
+    >>> float(phase.revolutions_at([0.5])[0]), phase.nominal
+    (12.5, True)
+    """
+    speed = positive(speed_hz, name="speed_hz")
+    if not stop_s > start_s:
+        raise ValueError(f"stop_s = {stop_s:g} is not after start_s = {start_s:g}.")
+    return ShaftPhase(
+        times_s=np.array([start_s, stop_s], dtype=np.float64),
+        revolutions=np.array([0.0, speed * (stop_s - start_s)]),
+        nominal=True,
+    )

@@ -1,0 +1,462 @@
+"""Tacholess speed estimation: the posterior probability of every speed, given the orders of the gearbox.
+
+In each short frame, each listed order gives a likelihood of each speed, by a line at order times speed or none
+(Leclere, Andre & Antoni 2016, "A multi-order probabilistic approach for instantaneous angular speed tracking"). The
+frames form a hidden Markov model: the speed changes by no more than the declared acceleration allows, and the orders of
+the shaft may disappear. Its posterior gives the confidence; its evidence decides whether there is a shaft at all: for
+white noise in independent frames the mean of the evidence ratio is one, so that it exceeds 1000 in at most one record
+in a thousand (Markov's inequality). Noise with peaks narrower than the bins of its estimate exceeds it more often;
+those cases are mostly called ambiguous.
+
+Alternative speeds that explain the record nearly as well are found by the same search without the speeds found before.
+The phase is then refined from the significant harmonics (`signals.shaft.phase_demodulation`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from signals._validation import Array, positive, real_vector
+from signals.shaft._line_likelihood import (
+    DC_BINS,
+    Evidence,
+    log_line_ratio,
+    lowest_band,
+    order_scores,
+    short_time_evidence,
+)
+from signals.shaft.phase import ShaftPhase
+from signals.shaft.phase_demodulation import listed_orders, refine_phase
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+
+# ---- The search over speeds: log likelihoods of all orders in every frame, paths through them, and rival paths -------
+
+
+CERTAIN = np.log(1000.0)
+_MISSED = 0.1  # prior probability that a frame contains no line of a rotating shaft
+_SURROUNDINGS_BINS = 40
+_RIVALS = 4
+_LEAST_ODDS = 20.0  # of the found speed against another, to be unambiguous
+_TEMPERING = 0.5  # ratio of scores that has these odds: lines of other machines are not independent noise
+_SAME_LINE = 2.0  # bins
+_SUPPORT = 0.1  # least sum of all other scores over that of the strongest order
+SHOWS = 3.0  # least score of a significant order
+_SAME_SPEED = 0.01
+_NEVER = -50.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rival:
+    """Another path, and its odds against the first."""
+
+    speed: Array
+    odds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """Grid of speeds, log likelihoods of all orders (`votes`, frames x speeds) and transition kernel."""
+
+    evidence: Evidence
+    orders: Array
+    speeds: Array
+    votes: Array
+    kernel: Array
+    frame_s: float
+
+    def score(self, speed: Array, frames: NDArray[np.bool_]) -> Array:
+        """Return the log evidence for each order along a path, in the frames flagged."""
+        bins, _ = self.evidence.ratios.shape
+        column = np.flatnonzero(frames)
+        position = np.outer(speed[column], self.orders) * self.evidence.bins_per_hz
+        known = (position >= DC_BINS) & (position < bins - 1)
+        low = np.where(known, position, 0).astype(np.int64)
+        part = np.where(known, position, 0) - low
+        ratios = self.evidence.ratios
+        power = ratios[low, column[:, None]] * (1 - part) + ratios[low + 1, column[:, None]] * part
+        return order_scores(np.where(known, log_line_ratio(power, foreign=self.evidence.foreign), 0.0))
+
+    @property
+    def spacing(self) -> float:
+        """Step of the grid of speeds in Hz."""
+        return float(self.speeds[1] - self.speeds[0])
+
+    def width(self, path: Array, scores: Array) -> Array:
+        """Return half the width of one speed: 1 %, or the half main lobe of the mean significant order."""
+        weights = np.maximum(scores, 1e-3)
+        return np.maximum(_SAME_SPEED * path, 2 / (self.frame_s * np.average(self.orders, weights=weights)))
+
+
+def search_speeds(
+    signal: Array, rate: float, orders: Array, low: float, high: float, acceleration: float, frame_s: float
+) -> Search:
+    """Sum the log likelihood ratios of all orders, for every frame and every speed of a grid.
+
+    The step of the grid is half a bin of the highest order.
+    """
+    from signals.shaft._line_likelihood_kernels import add_votes  # noqa: PLC0415
+
+    top = min(float(orders[-1]) * high + _SURROUNDINGS_BINS / frame_s, rate / 2)
+    band, band_rate = lowest_band(signal, rate_hz=rate, top_hz=top)
+    evidence = short_time_evidence(band, rate_hz=band_rate, frame_s=frame_s)
+    highest = min(float(orders[-1]), band_rate / 2 / low)
+    spacing = 0.5 / (frame_s * highest)
+    speeds = low + spacing * np.arange(int(np.ceil((high - low) / spacing)) + 1, dtype=np.float64)
+    votes = np.zeros((speeds.size, evidence.times_s.size))
+    add_votes(evidence.log_votes(), evidence.bins_per_hz, orders, speeds, DC_BINS, votes)
+    # mixture: a frame may contain no line of a rotating shaft
+    votes = np.ascontiguousarray(np.logaddexp(votes + np.log1p(-_MISSED), np.log(_MISSED)).T)
+    reach = int(np.ceil(acceleration * (evidence.times_s[1] - evidence.times_s[0]) / spacing))
+    kernel = 1 - (np.arange(-reach, reach + 1) / (reach + 1)) ** 2
+    return Search(
+        evidence=evidence,
+        orders=orders,
+        speeds=speeds,
+        votes=votes,
+        kernel=kernel / kernel.sum(),
+        frame_s=frame_s,
+    )
+
+
+def longest_run(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the flags with only the longest run of true left."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    kept = np.zeros(flags.size, dtype=np.bool_)
+    if edges.size:
+        first = 2 * int(np.argmax(np.diff(edges)[::2]))
+        kept[edges[first] : edges[first + 1]] = True
+    return kept
+
+
+def single_line(search: Search, speed_hz: float, shown: Array) -> bool:
+    """Return whether nearly all evidence is of one line where several orders are listed: it might be any of them.
+
+    Orders within the resolution of a frame from the strongest are the same line.
+    """
+    strongest = int(np.argmax(shown))
+    apart = np.abs(search.orders - search.orders[strongest]) * speed_hz * search.frame_s > _SAME_LINE
+    supporting = float(shown[apart & (shown > SHOWS)].sum())
+    return shown.size > 1 and supporting < max(CERTAIN, _SUPPORT * float(shown.max()))
+
+
+def rivals(search: Search, speed: Array, seen: NDArray[np.bool_], shown: Array) -> list[Rival]:
+    """Search again without the speeds found so far; return the paths that are not much less likely."""
+    from signals.shaft._line_likelihood_kernels import most_likely_path  # noqa: PLC0415
+
+    votes = search.votes[seen].copy()
+    found: list[Rival] = []
+    last, scores = speed[seen], shown
+    for _ in range(_RIVALS):
+        votes[np.abs(search.speeds - last[:, None]) <= search.width(last, scores)[:, None]] = _NEVER
+        last = search.speeds[most_likely_path(votes, np.log(search.kernel))]
+        path = np.full(speed.size, np.nan)
+        path[seen] = last
+        scores = search.score(path, seen)
+        if scores.sum() < _TEMPERING * shown.sum():
+            break
+        odds = _odds(search, (speed[seen], shown), (last, scores))
+        if odds > 1 / _LEAST_ODDS:
+            found.append(Rival(speed=path, odds=odds))
+    return found
+
+
+def _odds(search: Search, first: tuple[Array, Array], second: tuple[Array, Array]) -> float:
+    """Return the odds of the second path against the first, from the lines that only one of them explains.
+
+    Half the speed explains the same lines with even multiples of its orders, so only lines that are not shared can
+    decide. Lines of other machines make frames less independent than the model assumes, so the log odds are tempered: a
+    rival with half the evidence of the first gets odds of 1 to 20.
+    """
+    positions = [np.outer(path, search.orders) * search.evidence.bins_per_hz for path, _ in (first, second)]
+    apart = np.median(np.abs(positions[0][:, :, None] - positions[1][:, None, :]), axis=0) > _SAME_LINE
+    one = float(first[1][apart.all(axis=1)].sum())
+    other = float(second[1][apart.all(axis=0)].sum())
+    temper = max(1.0, _TEMPERING * max(one, other) / np.log(_LEAST_ODDS))
+    return float(np.exp(min((other - one) / temper, 300.0)))
+
+
+# ---- Tacholess -------------------------------------------------------------------------------------------------------
+
+
+_FEWEST_FRAMES, _FEWEST_REVOLUTIONS = 8, 10.0
+_SHORTEST_RUN = 4
+_LONGEST_FRAME_S = 2.0
+_SMEAR = 4.0  # bins by which the median order may move within a frame at the largest acceleration
+_MOST_DEMODULATED = 8
+_WINDOW_REV = 6.0
+_FEWEST_SAMPLES = 64  # a frame
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alternative:
+    """Another speed that explains the record about as well: over time, as a ratio to the first, and its probability."""
+
+    speed_hz: Array = field(metadata={"dims": ("frame",), "units": "Hz"})
+    ratio: float
+    probability: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedEstimate:
+    """Speed of a shaft against time, estimated from vibration.
+
+    Attributes
+    ----------
+    status : {"ok", "ambiguous", "not found"}
+        Ambiguous where `alternatives` are nearly as likely (give a narrower range of speeds, or more orders); where
+        nearly all evidence is of one of several orders (a single line may be any order, or another machine's); or where
+        the phase of the harmonics cannot be followed.
+    times_s : (frame,) array
+        Times in s of the middles of the frames.
+    speed_hz, std_hz : (frame,) arrays
+        Speed in Hz and its standard deviation; NaN in frames without the shaft, and everywhere if it is not found.
+    confidence : (frame,) array
+        Probability that the orders of the shaft are present and its speed is within 1 % (or the resolution) of
+        `speed_hz`; at most a half where ambiguous.
+    alternatives : tuple of Alternative
+        Other speeds that explain the record, with their probabilities.
+    orders, shown : (order,) arrays
+        Orders searched for, and the logarithm of the evidence for each.
+    evidence : float
+        Logarithm of the evidence for a shaft against noise.
+    phase : ShaftPhase or None
+        Phase refined from the harmonics; None unless the status is "ok".
+    phase_std_rev : float
+        Median standard deviation of the phase in revolutions.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import estimate_speed
+    >>> noise = np.random.default_rng(1).standard_normal(10_000)
+    >>> found = estimate_speed(noise, rate_hz=1000, orders=[3, 7], speed_range_hz=(10, 30), max_acceleration_hz_s=2)
+    >>> found.status
+    'not found'
+    """
+
+    status: Literal["ok", "ambiguous", "not found"]
+    times_s: Array = field(metadata={"dims": ("frame",), "units": "s"})
+    speed_hz: Array = field(metadata={"dims": ("frame",), "units": "Hz"})
+    std_hz: Array = field(metadata={"dims": ("frame",), "units": "Hz"})
+    confidence: Array = field(metadata={"dims": ("frame",), "units": "1"})
+    alternatives: tuple[Alternative, ...]
+    orders: Array = field(metadata={"dims": ("order",), "units": "1"})
+    shown: Array = field(metadata={"dims": ("order",), "units": "1"})
+    evidence: float
+    phase: ShaftPhase | None
+    phase_std_rev: float
+
+
+def estimate_speed(
+    x: ArrayLike,
+    *,
+    rate_hz: float,
+    orders: Sequence[float],
+    speed_range_hz: tuple[float, float],
+    max_acceleration_hz_s: float,
+    frame_s: float | None = None,
+    start_s: float = 0.0,
+) -> SpeedEstimate:
+    """Estimate the speed of a shaft from a vibration record and the orders of the gearbox.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Vibration, any unit; finite.
+    rate_hz : float
+        Sampling rate in Hz.
+    orders : sequence of float
+        Orders per revolution of the shaft that the vibration may contain: mesh orders and their multiples, and 1.
+        Orders that are absent cost little evidence; orders close to each other add least.
+    speed_range_hz : (low, high)
+        Range of the speed in Hz.
+    max_acceleration_hz_s : float
+        Largest rate of change of the speed in Hz/s.
+    frame_s : float, optional
+        Length of the frames in s. Default: the median order moves by at most 4 bins within one, and at most an eighth
+        of the record or 2 s.
+    start_s : float
+        Time of the first sample in s.
+
+    Returns
+    -------
+    SpeedEstimate
+
+    Raises
+    ------
+    ValueError
+        A record of too few revolutions, orders beyond half the sampling rate, values that are not finite.
+
+    Examples
+    --------
+    A shaft at 20 Hz with lines of orders 3 and 7:
+
+    >>> import numpy as np
+    >>> from signals import estimate_speed
+    >>> t = np.arange(10_000) / 1000
+    >>> x = np.sin(2 * np.pi * 60 * t) + np.sin(2 * np.pi * 140 * t) + np.random.default_rng(1).standard_normal(t.size)
+    >>> found = estimate_speed(x, rate_hz=1000, orders=[3, 7], speed_range_hz=(10, 30), max_acceleration_hz_s=2)
+    >>> found.status, round(float(np.median(found.speed_hz)), 1)
+    ('ok', 20.0)
+    """
+    signal = real_vector(x, name="the signal", minimum=64)
+    rate = positive(rate_hz, name="rate_hz")
+    listed = listed_orders(orders)
+    low, high = _checked_range(speed_range_hz)
+    acceleration = positive(max_acceleration_hz_s, name="max_acceleration_hz_s")
+    duration = signal.size / rate
+    if duration * high < _FEWEST_REVOLUTIONS:
+        raise ValueError(
+            f"the record lasts {duration:.3g} s, {duration * high:.3g} revolutions at the top of speed_range_hz, "
+            f"{high:g} Hz; at least {_FEWEST_REVOLUTIONS:g} are needed. Record longer."
+        )
+    if listed[0] * low > rate / 2:
+        raise ValueError(
+            f"the lowest order, {listed[0]:g}, lies at {listed[0] * low:.4g} Hz or higher, beyond half of "
+            f"rate_hz={rate:g}; list lower orders, or use a record of a higher rate."
+        )
+    if frame_s is None:
+        most = min(duration / _FEWEST_FRAMES, max(_LONGEST_FRAME_S, _FEWEST_SAMPLES / rate))
+        frame = min(max(np.sqrt(_SMEAR / (acceleration * np.median(listed))), _FEWEST_SAMPLES / rate), most)
+    else:
+        frame = positive(frame_s, name="frame_s")
+        if frame > duration / _FEWEST_FRAMES:
+            raise ValueError(
+                f"frame_s={frame:g} leaves fewer than {_FEWEST_FRAMES} frames of a record of {duration:.3g} s; "
+                f"give at most {duration / _FEWEST_FRAMES:.3g}."
+            )
+    if frame * rate < _FEWEST_SAMPLES:
+        raise ValueError(
+            f"frames of {frame:.3g} s hold {frame * rate:.3g} samples at rate_hz={rate:g}; at least {_FEWEST_SAMPLES} "
+            "are needed. Record longer, or give a longer frame_s."
+        )
+    search = search_speeds(signal, rate, listed, low, high, acceleration, float(frame))
+    return _estimate(signal, rate, search, start_s)
+
+
+def _checked_range(speed_range_hz: tuple[float, float]) -> tuple[float, float]:
+    """Return the ends of the range, or raise where it is empty."""
+    low, high = speed_range_hz
+    low, high = positive(low, name="the lower end of speed_range_hz"), positive(high, name="its upper end")
+    if low >= high:
+        raise ValueError(f"speed_range_hz={speed_range_hz!r} is empty; give the lower end first.")
+    return low, high
+
+
+def _estimate(signal: Array, rate: float, search: Search, start_s: float) -> SpeedEstimate:
+    """Return the estimate from the search: posterior, path, rivals, and the phase where it is unambiguous."""
+    from signals.shaft._line_likelihood_kernels import most_likely_path, posterior  # noqa: PLC0415
+
+    frames = search.evidence.times_s.size
+    likelihood = np.exp(np.minimum(search.votes, 300.0))
+    probability, absent, evidence = posterior(likelihood, search.kernel, 1 / frames)
+    seen = longest_run(absent < 0.5)  # noqa: PLR2004
+    path = search.speeds[most_likely_path(search.votes, np.log(search.kernel))]
+    if evidence < CERTAIN or np.count_nonzero(seen) < _SHORTEST_RUN:
+        return _not_found(search, evidence, start_s)
+    scores = search.score(path, seen)
+    same_speed = np.abs(search.speeds - path[:, None]) <= search.width(path, scores)[:, None]
+    near = np.where(same_speed, probability, 0.0)
+    confidence = near.sum(axis=1)
+    weight = np.maximum(confidence, 1e-300)
+    mean = np.where(confidence > 0, near @ search.speeds / weight, path)
+    # with the variance of the uniform distribution within a step of the grid
+    std = np.sqrt(((search.speeds - mean[:, None]) ** 2 * near).sum(axis=1) / weight + search.spacing**2 / 12)
+    shown = search.score(mean, seen)
+    others = rivals(search, mean, seen, shown)
+    total = 1 + sum(other.odds for other in others)
+    share = 1 / total
+    single = single_line(search, float(np.median(mean[seen])), shown)
+    if single:
+        share /= search.orders.size
+    phase, phase_std = None, np.nan
+    if not others and not single:
+        phase, mean, std, phase_std = _refined(signal, rate, search, mean, std, seen, shown)
+    if phase is None:
+        share = min(share, 0.5)
+    return SpeedEstimate(
+        status="ambiguous" if phase is None else "ok",
+        times_s=search.evidence.times_s + start_s,
+        speed_hz=np.where(seen, mean, np.nan),
+        std_hz=np.where(seen, std, np.nan),
+        confidence=confidence * share,
+        alternatives=tuple(
+            Alternative(
+                speed_hz=other.speed,
+                ratio=float(np.median(other.speed[seen] / mean[seen])),
+                probability=other.odds / total,
+            )
+            for other in others
+        ),
+        orders=search.orders,
+        shown=shown,
+        evidence=float(evidence),
+        phase=None if phase is None else replace(phase, times_s=phase.times_s + start_s),
+        phase_std_rev=float(phase_std),
+    )
+
+
+def _not_found(search: Search, evidence: float, start_s: float) -> SpeedEstimate:
+    """Return the estimate of a record without a shaft."""
+    none = np.full(search.evidence.times_s.size, np.nan)
+    return SpeedEstimate(
+        status="not found",
+        times_s=search.evidence.times_s + start_s,
+        speed_hz=none,
+        std_hz=none,
+        confidence=np.zeros(none.size),
+        alternatives=(),
+        orders=search.orders,
+        shown=np.zeros(search.orders.size),
+        evidence=float(evidence),
+        phase=None,
+        phase_std_rev=np.nan,
+    )
+
+
+def _refined(
+    signal: Array, rate: float, search: Search, speed: Array, std: Array, seen: NDArray[np.bool_], shown: Array
+) -> tuple[ShaftPhase | None, Array, Array, float]:
+    """Return the phase refined from the harmonics, its speed and standard deviations; None where they are too weak."""
+    times = search.evidence.times_s
+    rough = _integrated(times[seen], speed[seen], half_frame=search.frame_s / 2, stop_s=(signal.size - 1) / rate)
+    tolerance = float(np.median(std[seen] / speed[seen]))
+    scores = shown * (shown > SHOWS)
+    strongest = np.sort(search.orders[np.argsort(-scores)[: min(_MOST_DEMODULATED, np.count_nonzero(scores))]])
+    window = min(_WINDOW_REV, float(rough.revolutions[-1] - rough.revolutions[0]) / 3)
+    try:  # refused where speeds of single frames are too rough for windows of several revolutions
+        refined = refine_phase(
+            signal, rate_hz=rate, phase=rough, orders=strongest.tolist(), tolerance=tolerance, window_rev=window
+        )
+    except ValueError:
+        refined = None
+    if refined is None or refined.phase is None:
+        return None, speed, std, np.nan
+    phase = refined.phase
+    inside = np.clip(times, phase.start_s, phase.stop_s)
+    error = np.interp(times, refined.times_s, refined.std_hz)
+    extrapolated = (times < refined.times_s[0]) | (times > refined.times_s[-1])
+    error[extrapolated] = std[extrapolated]
+    return phase, phase.speed_hz(inside), error, float(np.median(refined.phase_std_rev))
+
+
+def _integrated(times: Array, speed: Array, *, half_frame: float, stop_s: float) -> ShaftPhase:
+    """Return the integral of the interpolated speeds, from the start of the first frame to the end of the last."""
+    before, after = max(times[0] - half_frame, 0.0), times[-1] + half_frame
+    if stop_s < after + half_frame:  # the record ends before another frame would
+        after = stop_s
+    ends = np.array([before, after])
+    early, late = np.polyfit(times[:4], speed[:4], 1), np.polyfit(times[-4:], speed[-4:], 1)
+    outer = np.maximum([np.polyval(early, before), np.polyval(late, after)], 0.5 * speed.min())
+    knots = np.concatenate([ends[:1], times, ends[1:]])
+    curve = PchipInterpolator(knots, np.concatenate([outer[:1], speed, outer[1:]])).antiderivative()
+    return ShaftPhase(times_s=knots, revolutions=curve(knots))

@@ -1,0 +1,342 @@
+"""Phase of a shaft from the pulse times of its tachometer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from signals._validation import Array, choice, number, positive, real_vector, whole
+from signals.shaft.phase import ShaftPhase
+from signals.shaft.phase_smoothing import PhaseSmoothing, joined, smooth_phase, with_rest
+from signals.shaft.pulse_repair import (
+    Counts,
+    PulseRepairs,
+    all_repairs,
+    number_pulses,
+    possible_stops,
+    refuse_faults,
+    repairs_of,
+)
+from signals.shaft.pulses import PulseTrain, pulse_times
+
+if TYPE_CHECKING:
+    from fractions import Fraction
+
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["PulseTrain", "pulse_times", "shaft_phase"]
+
+_CALIBRATION_REVOLUTIONS = 8
+# a list of at least 16 values of which a tenth does not rise is taken for a waveform handed over as pulse times
+_WAVEFORM_SIZE = 16
+_WAVEFORM_FALLS = 0.1
+_JITTER_ORDER = 6  # of the differences: they remove any motion that is a quintic over seven pulses
+_JITTER_FEWEST = 6  # differences
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Stretch:
+    """Pulses between two stops: the times of those kept, and their numbers."""
+
+    times: Array
+    counts: Counts
+    repairs: PulseRepairs
+
+
+def shaft_phase(
+    times_s: ArrayLike,
+    *,
+    pulses_per_rev: float | Fraction = 1,
+    on_fault: Literal["repair", "refuse"] = "repair",
+    direction: int | ArrayLike | None = None,
+    delay_s: float = 0.0,
+    bandwidth_hz: float | None = None,
+    bandwidth_orders: float | None = None,
+    standstill_s: float | None = None,
+) -> ShaftPhase:
+    """Return the phase of a shaft from the pulse times of its tachometer; the angle is zero at the first pulse.
+
+    Parameters
+    ----------
+    times_s : (n,) array
+        Times of the pulses in s, strictly increasing; `pulse_times` finds them in a waveform.
+    pulses_per_rev : int, Fraction or float
+        Pulses per revolution: an int for the stripes of this shaft, a Fraction or float for pulses of another shaft
+        through gears.
+    on_fault : {"repair", "refuse"}
+        Whether missing and extra pulses are repaired or raise.
+    direction : +1, -1 or (n,) array of them, optional
+        Direction of rotation, of all pulses or of each, as from `quadrature_direction`. With an array the pulses are
+        counted up and down, nothing is repaired, and angles may fall.
+    delay_s : float
+        Delay in s of the tachometer channel after the vibration channel; it is subtracted from the times.
+    bandwidth_hz, bandwidth_orders : float, optional
+        -3 dB bandwidth of the smoothing, in Hz or in orders; at most one of them. Without it the curve passes through
+        every pulse.
+    standstill_s : float, optional
+        Intervals longer than this many seconds are standstills, half-way between two stripes.
+
+    Returns
+    -------
+    ShaftPhase
+
+    Raises
+    ------
+    ValueError
+        Times that do not increase or are a waveform; missing or extra pulses that are to be refused, or too many of
+        them to repair: with time, size and number.
+
+    Notes
+    -----
+    Stripes. The positions of several stripes are estimated from the data (the median angle of each between passes of
+    the first); below eight revolutions they are taken as evenly spaced. A speed fluctuation that repeats every
+    revolution cannot be distinguished from uneven stripes, and is attributed to them.
+
+    Faults. Each interval is compared with those of the same stripe in the five revolutions before and the five after
+    (below five revolutions, with its neighbours). Extra pulses are left out, missing ones are counted, and
+    `ShaftPhase.repairs` lists both; no pulse is inserted. In the first and last revolution the side that exists is
+    extrapolated at constant acceleration; between very unequal stripes a wrong pulse may remain undetected there.
+
+    Stops. Where the shaft decelerates into an interval and accelerates after it, it may have stopped and reversed:
+    that interval is listed in `stops_s`, and `direction_unknown` is true unless the direction is declared.
+
+    Smoothing. See `PhaseSmoothing`: the gain is 0.707 at the bandwidth.
+
+    Examples
+    --------
+    One pulse every 40 ms is a speed of 25 Hz; the missing pulse at 0.4 s is bridged:
+
+    >>> import numpy as np
+    >>> from signals import shaft_phase
+    >>> phase = shaft_phase(0.04 * np.delete(np.arange(51), 10))
+    >>> float(phase.speed_hz([0.4])[0].round(6)), phase.repairs.missing
+    (25.0, 1)
+    """
+    choice(on_fault, name="on_fault", choices=("repair", "refuse"))
+    times = _pulse_list(times_s) - number(delay_s, name="delay_s")
+    per_rev = _per_rev(pulses_per_rev)
+    smoothing = _Bandwidth.of(bandwidth_hz, bandwidth_orders)
+    signs = _signs(direction, times.size)
+    if signs is not None and signs.size > 1:
+        return _counted_phase(times, signs, per_rev, smoothing)
+    stripes = per_rev if isinstance(per_rev, int) else 1
+    stops, declared = _stops(times, stripes, standstill_s)
+    stretches = _stretches(times, stops, stripes, repair=on_fault == "repair")
+    kept = np.concatenate([stretch.times for stretch in stretches])
+    counts = np.concatenate([stretch.counts for stretch in stretches])
+    positions = _stripe_positions(kept, counts, stripes)
+    whole_stripes = counts // stripes + positions[counts % stripes]
+    phase = ShaftPhase(
+        times_s=kept,
+        revolutions=whole_stripes if isinstance(per_rev, int) else counts / float(per_rev),
+        stripe_positions_rev=positions,
+        jitter_s=_jitter(stretches, stripes),
+        repairs=all_repairs([stretch.repairs for stretch in stretches]),
+        stops_s=np.stack([times[stops], times[stops + 1]], axis=1),
+        direction_declared=signs is not None,
+    )
+    if smoothing is not None:
+        phase = _smoothed(phase, stretches, smoothing)
+    for begin, end in phase.stops_s[declared]:
+        phase = _with_standstill(phase, begin, end)
+    return phase.scaled(-1) if signs is not None and signs[0] < 0 else phase
+
+
+def _pulse_list(times_s: ArrayLike) -> Array:
+    """Return pulse times as an array, or raise where they do not increase or look like a waveform."""
+    times = real_vector(times_s, name="pulse times", minimum=2)
+    back = np.flatnonzero(np.diff(times) <= 0)
+    if times.size >= _WAVEFORM_SIZE and back.size > _WAVEFORM_FALLS * times.size:
+        raise ValueError(
+            f"these {times.size} values are no pulse times: {back.size} of them do not rise above the one before. They "
+            "look like a waveform; find its pulses with pulse_times(waveform, rate_hz=...) first (on the command line: "
+            "--tach-waveform)."
+        )
+    if back.size:
+        i = int(back[0])
+        raise ValueError(
+            f"pulse times run backwards: pulse {i + 1} at {times[i + 1]:g} s is not after pulse {i} at {times[i]:g} s "
+            f"({back.size} such places). Sort out the tachometer, or hand a waveform over as a waveform."
+        )
+    return times
+
+
+def _per_rev(pulses_per_rev: float | Fraction) -> int | Fraction | float:
+    """Return pulses per revolution: an int for stripes of this shaft, else as given."""
+    positive(pulses_per_rev, name="pulses_per_rev")
+    if isinstance(pulses_per_rev, int | np.integer):
+        return whole(pulses_per_rev, name="pulses_per_rev", least=1)
+    return pulses_per_rev
+
+
+def _signs(direction: int | ArrayLike | None, pulses: int) -> NDArray[np.int64] | None:
+    """Return the direction of rotation, (1,) or (pulses,), each +1 or -1; None where it is not declared."""
+    if direction is None:
+        return None
+    signs = np.atleast_1d(np.asarray(direction))
+    fits = signs.ndim == 1 and signs.size in (1, pulses) and signs.dtype.kind in "if"
+    if not fits or not np.all(np.abs(signs) == 1):
+        raise ValueError(
+            f"direction={direction!r} must be +1, -1, or one of them for each of the {pulses} pulses "
+            "(see quadrature_direction)."
+        )
+    return signs.astype(np.int64)
+
+
+def _stops(times: Array, stripes: int, standstill_s: float | None) -> tuple[Counts, NDArray[np.bool_]]:
+    """Return the intervals in which the shaft stood or may have stood, and whether each is a declared standstill."""
+    found = possible_stops(times, stripes=stripes)
+    if standstill_s is None:
+        return found, np.zeros(found.size, dtype=np.bool_)
+    longest = positive(standstill_s, name="standstill_s")
+    stood = np.flatnonzero(np.diff(times) > longest)
+    stops = np.union1d(found, stood)
+    return stops, np.isin(stops, stood)
+
+
+def _stretches(times: Array, stops: Counts, stripes: int, *, repair: bool) -> list[_Stretch]:
+    """Return the numbered pulses between stops, repaired or refused; across a stop the number rises by one."""
+    stretches, number_of_next = [], 0
+    bounds = [0, *(stops + 1).tolist(), times.size]
+    for begin, end in pairwise(bounds):
+        part = times[begin:end]
+        if repair:
+            kept, counts = number_pulses(part, stripes=stripes)
+        else:
+            refuse_faults(part, stripes=stripes, offset=begin)
+            kept = counts = np.arange(part.size)
+        stretches.append(
+            _Stretch(
+                times=part[kept],
+                counts=counts + number_of_next,
+                repairs=repairs_of(part, kept, counts, offset=begin),
+            )
+        )
+        number_of_next += int(counts[-1]) + 1
+    return stretches
+
+
+def _stripe_positions(times: Array, counts: Counts, stripes: int) -> Array:
+    """Return the angle of each stripe in revolutions, (stripes,), the first at zero."""
+    even = np.arange(stripes) / stripes
+    if stripes == 1 or times.size < _CALIBRATION_REVOLUTIONS * stripes:
+        return even
+    first = counts % stripes == 0
+    reference = ShaftPhase(times_s=times[first], revolutions=(counts[first] // stripes).astype(np.float64))
+    inside = (times >= reference.start_s) & (times <= reference.stop_s)
+    fraction = reference.revolutions_at(times[inside]) - counts[inside] // stripes
+    stripe = counts[inside] % stripes
+    found = np.array([np.median(fraction[stripe == s]) if np.any(stripe == s) else even[s] for s in range(stripes)])
+    found[0] = 0.0
+    return found
+
+
+def _jitter(stretches: list[_Stretch], stripes: int) -> float:
+    """Return the standard deviation of pulse times about a smooth motion, from sixth differences of each stripe.
+
+    Independent errors of variance s^2 give sixth differences of variance 924 s^2; a quintic in time gives none.
+    Windows with a missing pulse are left out. This is the variate difference method (Anderson 1971, "The statistical
+    analysis of time series", section 3.4).
+    """
+    found = []
+    for stretch in stretches:
+        full = np.full(int(stretch.counts[-1] - stretch.counts[0]) + 1, np.nan)
+        full[stretch.counts - stretch.counts[0]] = stretch.times
+        for _ in range(_JITTER_ORDER):
+            full = full[stripes:] - full[:-stripes]
+        found.append(full[np.isfinite(full)])
+    differences = np.concatenate(found)
+    if differences.size < _JITTER_FEWEST:
+        return math.nan
+    return float(np.sqrt(np.mean(differences**2) / math.comb(2 * _JITTER_ORDER, _JITTER_ORDER)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Bandwidth:
+    """-3 dB bandwidth of the smoothing, in Hz or in orders."""
+
+    value: float
+    in_orders: bool
+
+    @classmethod
+    def of(cls, hertz: float | None, orders: float | None) -> _Bandwidth | None:
+        """Return the bandwidth from its two arguments, None where neither is given; raise where both are."""
+        if hertz is not None and orders is not None:
+            raise ValueError(f"bandwidth_hz={hertz} and bandwidth_orders={orders} are both given; state one of them.")
+        if hertz is None and orders is None:
+            return None
+        in_orders = hertz is None
+        name = "bandwidth_orders" if in_orders else "bandwidth_hz"
+        return cls(value=positive(orders if in_orders else hertz, name=name), in_orders=in_orders)
+
+    def at(self, times: Array, revolutions: Array) -> Array:
+        """Return the bandwidth in Hz at each knot."""
+        speed = np.abs(np.gradient(revolutions, times)) if self.in_orders else np.ones(times.size)
+        return self.value * speed
+
+
+def _smoothed(phase: ShaftPhase, stretches: list[_Stretch], bandwidth: _Bandwidth) -> ShaftPhase:
+    """Return the phase with each stretch between stops smoothed separately."""
+    angles: list[Array] = []
+    parts: list[PhaseSmoothing] = []
+    squares = weight = 0.0
+    begin = 0
+    for stretch in stretches:
+        part = slice(begin, begin + stretch.times.size)
+        revolutions = phase.revolutions[part]
+        angle, smoothing, jitter = smooth_phase(
+            stretch.times,
+            revolutions,
+            counts=stretch.counts,
+            bandwidth_hz=bandwidth.at(stretch.times, revolutions),
+            jitter_s=phase.jitter_s,
+        )
+        angles.append(angle)
+        parts.append(smoothing)
+        squares, weight = squares + jitter**2 * angle.size, weight + angle.size
+        begin = part.stop
+    return replace(
+        phase, revolutions=np.concatenate(angles), smoothing=joined(parts), jitter_s=math.sqrt(squares / weight)
+    )
+
+
+def _with_standstill(phase: ShaftPhase, begin: float, end: float) -> ShaftPhase:
+    """Insert a standstill between the pulses at `begin` and `end`, with constant deceleration and acceleration.
+
+    The angle is half-way between the two stripes, and uncertain by half their distance.
+    """
+    times, turns = phase.times_s, phase.revolutions
+    here = int(np.searchsorted(times, begin))
+    half = (turns[here + 1] - turns[here]) / 2
+    span = end - begin
+    before = span / 3 if here == 0 else 2 * half / abs(turns[here] - turns[here - 1]) * (begin - times[here - 1])
+    last = here + 2 >= times.size
+    after = span / 3 if last else 2 * half / abs(turns[here + 2] - turns[here + 1]) * (times[here + 2] - end)
+    rest = [begin + min(before, span / 3), end - min(after, span / 3)]
+    return replace(
+        phase,
+        times_s=np.insert(times, here + 1, rest),
+        revolutions=np.insert(turns, here + 1, [turns[here] + half] * 2),
+        smoothing=None if phase.smoothing is None else with_rest(phase.smoothing, here, float(half)),
+    )
+
+
+def _counted_phase(
+    times: Array, signs: NDArray[np.int64], per_rev: float | Fraction, smoothing: _Bandwidth | None
+) -> ShaftPhase:
+    """Return the phase from an up-down count of pulses: after a reversal the same stripe passes again."""
+    if smoothing is not None:
+        raise ValueError(
+            "smoothing needs a shaft that keeps its direction; leave out the bandwidth, or smooth the parts separately."
+        )
+    after = np.cumsum(signs)
+    count = np.maximum(after, after - signs)
+    return ShaftPhase(
+        times_s=times,
+        revolutions=(count - count[0]) / float(per_rev),
+        direction_declared=True,
+    )

@@ -1,0 +1,1 @@
+"""A line whose order slips, as that of a bearing does: found, and followed."""

@@ -1,0 +1,141 @@
+"""Extended Kalman filter and iterated smoother of a record with a slipping order, in blocks; the model is in `slip`."""
+
+from math import pi
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from signals.harmonics.bandwidth import process_variance
+from signals.harmonics.model import PRIOR_STD, Floats
+from signals.slipping_order._kernels import SlipChain, backward, condense, forward
+from signals.slipping_order.detection import Line, Ridge, SlipRecord
+
+Status = Literal["converged", "not converged", "single pass", "no line"]
+
+# Length of a block times the bandwidth, and over the stretch in which the random walk of the slip turns the line by a
+# radian: holding amplitude and slip constant in a block changes the estimates by a few 1e-4 of their std.
+_BLOCK = 1 / 200
+_SLIP_BLOCK = 1 / 50
+_SMALLEST_STEP = 1e-7  # in standard deviations: shorter steps are no longer tried
+_CONVERGED = 1e-3  # the same: a shorter step that does not lower the objective is due to rounding
+
+
+class SlipPath(NamedTuple):
+    """Means and covariances of the states of all blocks, and the mean square of the normalised innovations."""
+
+    means: Floats
+    covariances: Floats
+    innovation_mean_square: float
+
+
+def in_blocks(record: SlipRecord, line: Line, *, width: Floats, noise_variance: float, every: int | None) -> SlipChain:
+    """Cut the record into blocks; `width` is the bandwidth in cycles per sample, (1,) or (sample,)."""
+    n = record.x.size
+    longest = max(1, int(min(_BLOCK / float(width.max()), _SLIP_BLOCK * line.steady_rev * record.per_rev)))
+    longest -= (longest + 1) % 2 if longest > 1 else 0  # an odd number of samples has a middle one
+    every = every or longest
+    groups = np.append(np.arange(0, max(1, n - every // 2), every), n)
+    # The fewest blocks per output of which none is too long.
+    shares = -(-np.diff(groups) // longest) if every > longest else np.ones(groups.size - 1, dtype=np.int64)
+    first = np.append(0, np.cumsum(shares))
+    edges = np.interp(np.arange(first[-1] + 1), first, groups).round().astype(np.int64)
+    centres = (edges[:-1] + edges[1:] - 1) // 2
+
+    q = process_variance(orders=[line.order], bandwidth=width, rate=1.0, poles=1, noise_variance=1.0)
+    process = np.diff(np.cumsum(q)[centres]) if q.size > 1 else q[0] * np.diff(centres)
+    # Zero where the bandwidth is, or the shaft rests; but it is a divisor.
+    process = np.maximum(process, 1e-12 * q.max())
+    # The number of turns in a long gap is unknown: the phase after it must not determine the slip within.
+    observed = np.flatnonzero(np.add.reduceat(~np.isnan(record.x), edges[:-1]))
+    before, after = observed[:-1], observed[1:]
+    turned = record.turning[edges[after]] - record.turning[edges[before + 1] - 1]
+    cut = (after - before > 1) & (turned > 2 * pi * line.steady_rev)
+    process[(before[cut] + after[cut]) // 2] = PRIOR_STD**2
+
+    prior_std = np.append(np.full(2 * line.harmonics, PRIOR_STD), line.largest_slip)
+    turning = record.turning[centres]
+    return SlipChain(
+        x=record.x / np.sqrt(noise_variance), phase=record.phase, order=line.order, edges=edges, centres=centres,
+        turning=turning, outputs=first[:-1] + shares // 2, turns=line.order * np.diff(record.phase[centres]),
+        process=process, slip_process=line.slip_change**2 * np.maximum(np.diff(turning) / (2 * pi), 1e-9),
+        prior_mean=np.zeros(prior_std.size), prior_std=prior_std,
+    )  # fmt: skip
+
+
+def _linearise(chain: SlipChain, states: Floats) -> tuple[float, tuple[Floats, Floats]]:
+    """Return the objective at these states, and the information matrices and scores of the blocks linearised there."""
+    size = chain.prior_mean.size
+    informations, scores = np.empty((len(states), size, size)), np.empty_like(states)
+    squares = condense(chain, 0, len(states), states, informations, scores)
+    harmonics, slip = size // 2, states[:, -1]
+    amplitude = states[:, :harmonics] + 1j * states[:, harmonics:-1]
+    turn = np.outer(0.5 * (slip[1:] + slip[:-1]) * chain.turns, np.arange(1, harmonics + 1))
+    changes = np.abs(amplitude[1:] - np.exp(1j * turn) * amplitude[:-1]) ** 2 / chain.process[:, None]
+    squares += float(np.sum(changes) + np.sum(np.diff(slip) ** 2 / chain.slip_process))
+    squares += float(np.sum(((states[0] - chain.prior_mean) / chain.prior_std) ** 2))
+    return 0.5 * squares, (informations, scores)
+
+
+def _run(
+    chain: SlipChain, states: Floats, condensed: tuple[Floats, Floats] | None = None, *, smooth: bool = True
+) -> SlipPath:
+    """Filter and smooth, linearised at `states`, or, without condensed blocks, at each prediction.
+
+    The condensed blocks, information matrices and scores at `states`, are overwritten.
+    """
+    extended, size = condensed is None, chain.prior_mean.size
+    informations, scores = condensed or (np.empty((len(states), size, size)), np.empty_like(states))
+    means, covariances, total, count = forward(chain, extended, states, informations, scores)
+    try:
+        if smooth:
+            backward(chain, extended, states, means, covariances)
+        lost = not np.all(np.diagonal(covariances, axis1=1, axis2=2) > 0)
+    except np.linalg.LinAlgError:
+        lost = True
+    if lost:
+        raise FloatingPointError(
+            f"the covariance of {len(states)} blocks is not positive definite in double precision, with x of up to "
+            f"{np.nanmax(np.abs(chain.x)):.2g} times the noise; take a larger slip_change_per_rev, a wider bandwidth "
+            "or, where that is more than the record is good for, a larger noise_variance."
+        )
+    return SlipPath(means, covariances, total / max(count, 1))
+
+
+def extended_filter(chain: SlipChain, ridge: Ridge, *, smooth: bool = False) -> SlipPath:
+    """Run the extended Kalman filter from the first slip of the ridge."""
+    mean = np.append(chain.prior_mean[:-1], ridge.slip[0])
+    std = np.append(chain.prior_std[:-1], min(chain.prior_std[-1], ridge.slip_width / 2))
+    at_start = chain._replace(prior_mean=mean, prior_std=std)
+    return _run(at_start, np.empty((chain.centres.size, mean.size)), smooth=smooth)
+
+
+def starts(chain: SlipChain, ridge: Ridge) -> list[Floats]:
+    """Return initial trajectories: the best amplitudes for the ridge's slips, and the smoothed extended filter."""
+    states = np.zeros((chain.centres.size, chain.prior_mean.size))
+    states[:, -1] = np.interp(chain.turning, ridge.turning, ridge.slip)
+    given = _run(chain, states, _linearise(chain, states)[1]).means
+    # At zero amplitude the record does not depend on the slip, of which the smoother returned the prior.
+    given[:, -1] = states[:, -1]
+    return [given, extended_filter(chain, ridge, smooth=True).means]
+
+
+def iterate(chain: SlipChain, states: Floats, *, limit: int) -> tuple[SlipPath, Status, Floats]:
+    """Take Gauss-Newton steps from initial states, each halved until the objective falls."""
+    cost, condensed = _linearise(chain, states)
+    costs = [cost]
+    while True:
+        path = _run(chain, states, condensed)
+        if len(costs) > limit:
+            return path, "not converged", np.array(costs)
+        step = path.means - states
+        size = first = float(np.max(np.abs(step) / np.sqrt(np.diagonal(path.covariances, axis1=1, axis2=2))))
+        while size >= _SMALLEST_STEP:
+            trial = states + step
+            cost, condensed = _linearise(chain, trial)
+            if cost < costs[-1]:
+                break
+            step, size = step / 2, size / 2
+        else:
+            return path, "converged" if first < _CONVERGED else "not converged", np.array(costs)
+        states = trial
+        costs.append(cost)

@@ -1,0 +1,294 @@
+"""Track an order that slips: amplitude, phase and slip, each with its standard deviation.
+
+The rollers of a bearing slide, so its orders differ from their nominal values by a per cent or so, and vary. A
+tracker at the nominal order needs a bandwidth so wide that it passes much noise; here the slip s, relative to the
+order, is part of the state. Within a block of samples whose middle is c, and from one middle to the next,
+
+    y[n] = sum_k Re{ A_k exp(j k order (phase[n] + s (phase[n] - phase_c))) } + v[n],     var v = R,
+    s -> s' = s + e,     A_k -> exp(j k order (s + s') / 2 (step of the phase)) A_k + w.
+
+Each quadrature of A is the random walk of `model`: with a known slip this is the plain smoother with one pole and the
+same `bandwidth`. The slip is a random walk over shaft angle.
+
+The filter is the extended Kalman filter (Jazwinski 1970, ch. 8). The smoother minimises the exact sum of squares,
+samples over R, changes over their variances, by Gauss-Newton steps: each is a Kalman filter and a Rauch-Tung-Striebel
+smoother of the model linearised at the trajectory so far (Bell 1994 [1]_), halved until the sum falls (Sarkka and
+Svensson 2020 [2]_). The uncertainty is that of the linearised model at the minimum, and holds while the phase is known
+to a fraction of a turn. Both start from the path of slips with most power, see `detection`.
+
+The amplitude is independent on both sides of a gap in which the random walk of the slip would turn the line by more
+than a radian: the number of turns there is unknown, and the phase after it must not determine the slip within.
+
+References
+----------
+.. [1] B. M. Bell, "The iterated Kalman smoother as a Gauss-Newton method", SIAM J. Optim. 4(3), 1994.
+.. [2] S. Sarkka, L. Svensson, "Levenberg-Marquardt and line-search extended Kalman smoothers", ICASSP 2020.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from signals._validation import choice, positive, real_vector, whole
+from signals.harmonics._validation import check_bandwidth, check_phase, check_record
+from signals.slipping_order.block_chain import Status, extended_filter, in_blocks, iterate, starts
+from signals.slipping_order.detection import Line, SlipRecord, search
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from signals.harmonics.model import BandwidthUnits, Complexes, Estimator, Floats, Indices
+
+MOST_HARMONICS = 16
+# Largest false-alarm probability of a detected line.
+_FALSE_ALARM = 0.01
+# Standard deviation of an unknown phase, uniform over a turn.
+_UNKNOWN_PHASE = np.pi / np.sqrt(3)
+# Range of peak values whose squares are exact in double precision; and largest one over the noise's std.
+_SMALLEST, _LARGEST, _LOUDEST = 1e-100, 1e100, 1e12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SlippingTrack:
+    """Complex amplitudes of a slipping order's harmonics and its slip, with their standard deviations.
+
+    The waveform of harmonic k is `Re{ Z exp(j k (order phase + slip_phase)) }`. Amplitude `abs(Z)` and phase have
+    separate standard deviations, since an uncertain slip makes the phase uncertain and not the amplitude.
+
+    Attributes
+    ----------
+    complex_amplitude : (harmonic, output) array, Z relative to the slipped phase.
+    std : (harmonic, output) array, `sqrt(E|Zhat - Z|^2 / 2)` given the slipped phase.
+    amplitude_std : (harmonic, output) array, of `abs(Z)`; where Z is 0, and has no direction, equal to `std`.
+    phase_std_rad : (harmonic, output) array, of the harmonic's whole phase in rad; above about 1 the phase is unknown.
+        At most pi / sqrt(3), that of a uniform phase: where Z is 0, or no line is detected.
+    slip : (output,) array, relative deviation: the line is at `order (1 + slip)`.
+    slip_std : (output,) array; where no line is detected at least that of a uniform slip in +- largest_slip.
+    slip_phase_rad : (output,) array, phase of the fundamental less `order phase`, in rad, zero at the first output.
+    sample_index : (output,) array, sample number of each output: the middle of its block.
+    order, largest_slip, slip_change_per_rev : as given.
+    bandwidth, bandwidth_units : full -3 dB width of the smoother of the amplitude, mean over time, "hz" or "orders".
+    estimator : "smoother" (all samples) or "filter" (blocks up to the output).
+    noise_variance : R, as given or as estimated beside the line.
+    innovation_mean_square : mean of the squared innovations over their variances: near 1 when R, bandwidth and
+        slip_change_per_rev suit the record.
+    false_alarm_probability : bound on the probability that white Gaussian noise has a path of slips with as much
+        power over R; a neighbouring line is no false alarm in this sense.
+    status : "converged"; "not converged": the last step was not yet negligible; "single pass": the filter does not
+        iterate; "no line": the false alarm probability is above 0.01, and the estimates are those of noise.
+    iterations : number of Gauss-Newton steps.
+    objective : (step,) array, half the sum of squares at the start and after every step; it never rises.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.harmonics import track_slipping_order
+    >>> angle = np.arange(5000) / 5
+    >>> setting = dict(order=0.9, largest_slip=0.02, slip_change_per_rev=1e-3, bandwidth_orders=0.1, samples_per_rev=31)
+    >>> print(track_slipping_order(np.random.default_rng(1).standard_normal(5000), phase_rad=angle, **setting).status)
+    no line
+    """
+
+    complex_amplitude: Complexes = field(metadata={"dims": ("harmonic", "output"), "units": "signal"})
+    std: Floats = field(metadata={"dims": ("harmonic", "output"), "units": "signal"})
+    amplitude_std: Floats = field(metadata={"dims": ("harmonic", "output"), "units": "signal"})
+    phase_std_rad: Floats = field(metadata={"dims": ("harmonic", "output"), "units": "rad"})
+    slip: Floats = field(metadata={"dims": ("output",), "units": "1"})
+    slip_std: Floats = field(metadata={"dims": ("output",), "units": "1"})
+    slip_phase_rad: Floats = field(metadata={"dims": ("output",), "units": "rad"})
+    sample_index: Indices = field(metadata={"dims": ("output",), "units": "1"})
+    order: float
+    largest_slip: float
+    slip_change_per_rev: float
+    bandwidth: float
+    bandwidth_units: BandwidthUnits
+    estimator: Estimator
+    noise_variance: float
+    innovation_mean_square: float
+    false_alarm_probability: float
+    status: Status
+    iterations: int
+    objective: Floats = field(metadata={"dims": ("step",), "units": "1"})
+
+    @property
+    def converged(self) -> bool:
+        """Whether a line is detected and the smoother's iteration has converged."""
+        return self.status == "converged"
+
+
+def track_slipping_order(
+    x: ArrayLike,
+    *,
+    phase_rad: ArrayLike,
+    order: float,
+    largest_slip: float,
+    slip_change_per_rev: float,
+    bandwidth_hz: ArrayLike | None = None,
+    bandwidth_orders: ArrayLike | None = None,
+    rate_hz: float | None = None,
+    samples_per_rev: float | None = None,
+    harmonics: int = 1,
+    estimator: Estimator = "smoother",
+    output_every: int | None = None,
+    noise_variance: float | None = None,
+    most_iterations: int = 100,
+) -> SlippingTrack:
+    """Estimate the complex amplitudes and the slip of an order that varies about its nominal value.
+
+    Other orders are noise to this estimator: subtract the mean and strong orders near it from `x` first.
+
+    Parameters
+    ----------
+    x : (sample,) array, the record in any unit; NaN marks a missing sample.
+    phase_rad : (sample,) array, shaft angle in rad.
+    order : nominal order of the line in cycles per revolution.
+    largest_slip : half width of the search, `order (1 +- largest_slip)`; 0.02 suits most rolling bearings. Also the
+        prior standard deviation of the first slip about zero; later slips are not bounded.
+    slip_change_per_rev : standard deviation of the change of the slip in one revolution, sqrt(m) times that in m;
+        0.001 lets a line at 1 % drift by another per cent in a hundred revolutions.
+    bandwidth_hz : full -3 dB width of the smoother of the amplitude in Hz, one number, or a (1, sample) array
+        where it varies; with `rate_hz`.
+    bandwidth_orders : the same in cycles per revolution; with `samples_per_rev` or `rate_hz`.
+    rate_hz : sampling rate in Hz.
+    samples_per_rev : samples per revolution, for a record sampled in angle.
+    harmonics : number of harmonics, from the fundamental on, which share one slip and one noise variance.
+    estimator : "smoother" uses all samples for each output; "filter" the blocks up to it, but for its first slip, which
+        the search found in the first segment. It corrects the phase along the tangent, so its amplitudes are too large
+        by about half of `amplitude_std`.
+    output_every : samples from one output to the next. Default: the longest block in which amplitude and slip can be
+        held constant, a 200th of 1 / bandwidth or less. Fewer outputs leave these blocks as they are.
+    noise_variance : variance R of white noise as dense as that about the line; estimated beside it by default, which
+        takes a hundred samples or so.
+    most_iterations : largest number of Gauss-Newton steps.
+
+    Returns
+    -------
+    SlippingTrack
+
+    Raises
+    ------
+    ValueError
+        An argument is out of range or contradicts another; the message names it and the remedy.
+    FloatingPointError
+        A covariance is no longer positive definite in double precision.
+
+    Examples
+    --------
+    A line 1 % above its nominal order 3.6:
+
+    >>> import numpy as np
+    >>> from signals.harmonics import track_slipping_order
+    >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000
+    >>> x = 2 * np.cos(3.6 * 1.01 * phase_rad) + 0.1 * np.random.default_rng(1).standard_normal(5000)
+    >>> setting = dict(order=3.6, largest_slip=0.02, slip_change_per_rev=1e-3, bandwidth_orders=0.1, rate_hz=5000)
+    >>> track = track_slipping_order(x, phase_rad=phase_rad, **setting)
+    >>> print(track.slip.mean().round(3), np.abs(track.complex_amplitude).mean().round(1))
+    0.01 2.0
+    """
+    choice(estimator, name="estimator", choices=("smoother", "filter"))
+    every = None if output_every is None else whole(output_every, name="output_every", least=1)
+    limit = whole(most_iterations, name="most_iterations", least=1)
+    line = Line(
+        order=positive(order, name="order"), largest_slip=positive(largest_slip, name="largest_slip"),
+        harmonics=whole(harmonics, name="harmonics", least=1, most=MOST_HARMONICS),
+        slip_change=positive(slip_change_per_rev, name="slip_change_per_rev"),
+    )  # fmt: skip
+    given = None if noise_variance is None else positive(noise_variance, name="noise_variance")
+    if line.largest_slip >= 1:
+        raise ValueError(f"largest_slip={largest_slip:g} is relative to the order and must be below 1; 2 % is 0.02.")
+    record = _check_record(x, phase_rad, line, noise_variance=given)
+    bandwidth = check_bandwidth(
+        bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
+        samples_per_rev=samples_per_rev, shaft=np.zeros(1, dtype=np.int64), phases=(record.phase,),
+    )  # fmt: skip
+    width = bandwidth.cycles[0]
+
+    ridge = search(record, line, width=width, noise_variance=given)
+    chain = in_blocks(record, line, width=width, noise_variance=ridge.noise_variance, every=every)
+    status: Status = "single pass"
+    if estimator == "filter":
+        path, objective = extended_filter(chain, ridge), np.empty(0)
+    else:
+        ends = [iterate(chain, start, limit=limit) for start in starts(chain, ridge)]
+        path, status, objective = min(ends, key=lambda end: end[2][-1])
+
+    means, covariances = path.means[chain.outputs], path.covariances[chain.outputs]
+    amplitude, std, amplitude_std, phase_std = _polar(means, covariances)
+    turns = 0.5 * (path.means[:-1, -1] + path.means[1:, -1]) * chain.turns
+    slip_phase = np.append(0.0, np.cumsum(turns))[chain.outputs]
+    slip_phase -= slip_phase[0]
+    slip_std = np.sqrt(covariances[:, -1, -1])
+    if ridge.false_alarm_probability > _FALSE_ALARM:
+        status = "no line"
+        slip_std = np.maximum(slip_std, line.largest_slip / np.sqrt(3))
+        phase_std[:] = _UNKNOWN_PHASE
+    unit = np.sqrt(ridge.noise_variance)
+    return SlippingTrack(
+        complex_amplitude=unit * amplitude * np.exp(-1j * np.outer(np.arange(1, line.harmonics + 1), slip_phase)),
+        std=unit * std, amplitude_std=unit * amplitude_std, phase_std_rad=phase_std,
+        slip=means[:, -1], slip_std=slip_std, slip_phase_rad=slip_phase, sample_index=chain.centres[chain.outputs],
+        order=line.order, largest_slip=line.largest_slip, slip_change_per_rev=line.slip_change,
+        bandwidth=float(bandwidth.given[0]), bandwidth_units=bandwidth.units, estimator=estimator,
+        noise_variance=ridge.noise_variance, innovation_mean_square=path.innovation_mean_square,
+        false_alarm_probability=ridge.false_alarm_probability, status=status,
+        iterations=max(0, objective.size - 1), objective=objective,
+    )  # fmt: skip
+
+
+def _check_record(x: ArrayLike, phase_rad: ArrayLike, line: Line, *, noise_variance: float | None) -> SlipRecord:
+    """Return the record, or refuse one out of the range of double precision, or that turns too little or too fast."""
+    samples = real_vector(x, name="x", minimum=4, finite=False)
+    if np.isnan(samples).all():
+        raise ValueError(f"x has {samples.size} samples, all of them missing (NaN); observed ones are needed.")
+    peak = float(np.nanmax(np.abs(samples)))
+    if np.isfinite(peak) and peak and not _SMALLEST <= peak <= _LARGEST:
+        raise ValueError(
+            f"x reaches {peak:g}, whose square is lost in double precision; give x in a unit in which it reaches "
+            f"between {_SMALLEST:g} and {_LARGEST:g}."
+        )
+    check_record(samples)  # refuses infinite samples
+    if noise_variance is not None and peak > _LOUDEST * np.sqrt(noise_variance):
+        raise ValueError(
+            f"noise_variance={noise_variance:g} makes x of up to {peak:g} {peak / np.sqrt(noise_variance):.2g} times "
+            f"the noise; double precision ends at {_LOUDEST:g}: give the variance of all that the line leaves over."
+        )
+    record = SlipRecord(x=samples, phase=check_phase("phase_rad", phase_rad, samples.size))
+    turns = line.top * record.turning[-1] / (2 * np.pi)
+    if turns < 1:
+        raise ValueError(
+            f"phase_rad turns by {record.turning[-1]:g} rad in all, order {line.top:g} by {turns:g} turns: "
+            "the shaft has turned too little to tell a slip; take a longer record, or give the angle in rad."
+        )
+    step = np.diff(record.turning)
+    at = int(step.argmax())
+    fastest = line.top * (1 + line.largest_slip) * step[at]
+    if fastest > np.pi:
+        raise ValueError(
+            f"order {line.top:g} with a slip of {line.largest_slip:g} turns by {fastest:.4g} rad between samples "
+            f"{at} and {at + 1}; more than pi is above half of the rate: take fewer harmonics, raise the rate, or "
+            "mend the phase there."
+        )
+    return record
+
+
+def _polar(means: Floats, covariances: Floats) -> tuple[Complexes, Floats, Floats, Floats]:
+    """Return amplitudes, `std` of their parts, std of their absolute values, and std of their phases in rad."""
+    harmonics = means.shape[1] // 2
+    k = np.arange(harmonics)
+    real, imaginary = means[:, :harmonics].T, means[:, harmonics:-1].T
+    var_real = covariances[:, k, k].T
+    var_imaginary = covariances[:, harmonics + k, harmonics + k].T
+    both = covariances[:, k, harmonics + k].T
+    std = np.sqrt((var_real + var_imaginary) / 2)
+    size = np.hypot(real, imaginary)
+    c, s = (np.divide(part, size, out=np.zeros_like(size), where=size > 0) for part in (real, imaginary))
+    # A difference of parts can be as small as their rounding, but not smaller.
+    least = np.finfo(np.float64).eps * std**2
+    along = np.sqrt(np.maximum(c * c * var_real + 2 * c * s * both + s * s * var_imaginary, least))
+    across = np.sqrt(np.maximum(s * s * var_real - 2 * c * s * both + c * c * var_imaginary, least))
+    phase_std = np.full_like(size, _UNKNOWN_PHASE)
+    np.divide(across, size, out=phase_std, where=across < _UNKNOWN_PHASE * size)
+    return real + 1j * imaginary, std, np.where(size > 0, along, std), phase_std

@@ -1,0 +1,1 @@
+"""Spectra over frequency and order, the lines in them, maps, cyclic spectra, integration."""

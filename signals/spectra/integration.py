@@ -1,0 +1,247 @@
+"""Velocity and displacement from acceleration, band-limited as ISO 20816 measures them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import fft
+
+from signals._fft_plans import forget_plans
+from signals._validation import Array, Samples, choice, number, positive, real_samples
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+ISO_20816_HZ = (10.0, 1000.0)  # machines above 600 rpm
+ISO_20816_SLOW_HZ = (2.0, 1000.0)  # machines from 120 to 600 rpm
+STANDARD_GRAVITY = 9.80665  # m s-2, exact by definition
+_ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}  # derivatives of displacement
+_UNITS = {  # quantity, and how many SI units one is
+    "m s-2": ("acceleration", 1.0),
+    "mm s-2": ("acceleration", 1e-3),
+    "g": ("acceleration", STANDARD_GRAVITY),
+    "m s-1": ("velocity", 1.0),
+    "mm s-1": ("velocity", 1e-3),
+    "m": ("displacement", 1.0),
+    "mm": ("displacement", 1e-3),
+    "um": ("displacement", 1e-6),
+}
+_SETTLING = 3.0  # over the width of the lower taper; measured error there: 2e-4 of a velocity, 1e-3 of a displacement
+
+
+@dataclass(frozen=True, kw_only=True)
+class Integrated:
+    """A record integrated once or twice within a band.
+
+    Attributes
+    ----------
+    values : (n,) array
+        The integral, in `units`.
+    units : str
+        Unit of the values.
+    rate_hz : float
+        Sampling rate in Hz.
+    low_hz, high_hz : float
+        Edges in Hz of the band in which the integral is exact.
+    taper : float
+        Width of the transition beyond each edge, as a fraction of that edge.
+    settling_s : float
+        Duration in s of the transient at either end of the record.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import velocity
+    >>> result = velocity(np.zeros(20_000), rate_hz=5000, units="g")
+    >>> result.units, round(result.settling_s, 3), result.rms
+    ('mm s-1', 1.2, 0.0)
+    """
+
+    values: Samples = field(metadata={"dims": ("time",), "units": "units"})
+    units: str
+    rate_hz: float
+    low_hz: float
+    high_hz: float
+    taper: float
+    settling_s: float
+
+    @property
+    def settled(self) -> Samples:
+        """The values without the transients at both ends; empty where the record is shorter than these."""
+        skip = int(np.ceil(self.settling_s * self.rate_hz))
+        return self.values[skip : max(self.values.size - skip, skip)]
+
+    @property
+    def rms(self) -> float:
+        """Root mean square without the transients, the magnitude of vibration in ISO 20816 (in mm s-1)."""
+        part = self.settled
+        if not part.size:
+            raise ValueError(
+                f"the record of {self.values.size / self.rate_hz:g} s holds nothing beyond the {self.settling_s:g} s "
+                "that each end takes to settle; record longer, raise the band's lower edge, or widen the taper."
+            )
+        return float(np.sqrt(np.mean(part * part, dtype=np.float64)))
+
+
+def velocity(
+    x: ArrayLike,
+    *,
+    rate_hz: float,
+    units: str,
+    to: str = "mm s-1",
+    band_hz: tuple[float, float] = ISO_20816_HZ,
+    taper: float = 0.25,
+) -> Integrated:
+    """Integrate acceleration to velocity, or filter a velocity, within a band.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Acceleration or velocity.
+    rate_hz : float
+        Sampling rate in Hz.
+    units : str
+        Unit of `x`: ``m s-2``, ``mm s-2``, ``g`` (9.80665 m/s2), ``m s-1`` or ``mm s-1``.
+    to : str
+        Unit of the result: ``mm s-1`` or ``m s-1``.
+    band_hz : (low, high)
+        Band in Hz. Default 10 to 1000 Hz (ISO 20816-1 and -3); from 2 Hz for machines below 600 rpm.
+    taper : float
+        Width of the smooth transition outside the band, as a fraction of either edge. Narrow ones settle slowly.
+
+    Returns
+    -------
+    Integrated
+
+    Raises
+    ------
+    ValueError
+        Unknown units, or those of a displacement; a band beyond half the sampling rate; a lower transition narrower
+        than one over the length of the record.
+
+    Notes
+    -----
+    The Fourier transform of the record without its mean is divided by ``j 2 pi f`` for each integration: exact for
+    whole cycles of any tone in the band. float32 samples are processed in single precision, with an error below 3e-6 of
+    the RMS.
+
+    Examples
+    --------
+    An acceleration of 1 m/s2 peak at 50 Hz is a velocity of 1 / (2 pi 50) m/s peak, 2.251 mm/s RMS:
+
+    >>> import numpy as np
+    >>> from signals import velocity
+    >>> x = np.cos(2 * np.pi * 50 * np.arange(20_000) / 5000)
+    >>> round(velocity(x, rate_hz=5000, units="m s-2").rms, 3)
+    2.251
+    """
+    return _integrate(x, rate_hz=rate_hz, units=units, to=to, quantity="velocity", band_hz=band_hz, taper=taper)
+
+
+def displacement(
+    x: ArrayLike,
+    *,
+    rate_hz: float,
+    units: str,
+    to: str = "um",
+    band_hz: tuple[float, float] = ISO_20816_HZ,
+    taper: float = 0.25,
+) -> Integrated:
+    """Integrate acceleration twice, or velocity once, to displacement within a band.
+
+    Parameters
+    ----------
+    x, rate_hz, band_hz, taper
+        As in `velocity`.
+    units : str
+        Unit of `x`: as in `velocity`, or ``m``, ``mm`` or ``um``.
+    to : str
+        Unit of the result: ``um``, ``mm`` or ``m``.
+
+    Returns
+    -------
+    Integrated
+
+    Examples
+    --------
+    A velocity of 1 mm/s peak at 50 Hz is a displacement of 1000 / (2 pi 50) um peak, 2.251 um RMS:
+
+    >>> import numpy as np
+    >>> from signals import displacement
+    >>> x = np.cos(2 * np.pi * 50 * np.arange(20_000) / 5000)
+    >>> round(displacement(x, rate_hz=5000, units="mm s-1").rms, 3)
+    2.251
+    """
+    return _integrate(x, rate_hz=rate_hz, units=units, to=to, quantity="displacement", band_hz=band_hz, taper=taper)
+
+
+def _integrate(
+    x: ArrayLike,
+    *,
+    rate_hz: float,
+    units: str,
+    to: str,
+    quantity: str,
+    band_hz: tuple[float, float],
+    taper: float,
+) -> Integrated:
+    """Return the record integrated to `quantity` by division by ``j 2 pi f``."""
+    signal = real_samples(x, name="the signal", minimum=4)
+    rate = positive(rate_hz, name="rate_hz")
+    choice(to, name="to", choices=[unit for unit, (of, _) in _UNITS.items() if of == quantity])
+    least = _ORDER[quantity]
+    choice(units, name="units", choices=[unit for unit, (of, _) in _UNITS.items() if _ORDER[of] >= least])
+    low, high, taper = _checked_band(band_hz, taper, rate=rate, duration_s=signal.size / rate)
+    (given, scale), (_, result_scale) = _UNITS[units], _UNITS[to]
+    lines = fft.rfft(signal)  # with the mean, which the gain removes
+    step = rate / signal.size
+    first, stop = int(low * (1 - taper) / step) + 1, min(int(high * (1 + taper) / step) + 1, lines.size)
+    frequency = np.arange(first, stop, dtype=np.float64) * step
+    lines[:first], lines[stop:] = 0, 0  # the gain is zero there
+    lines[first:stop] *= _band_gain(frequency, low, high, taper) / (2j * np.pi * frequency) ** (_ORDER[given] - least)
+    lines *= scale / result_scale
+    values = np.asarray(fft.irfft(lines, signal.size, overwrite_x=True))
+    forget_plans(signal.size)
+    return Integrated(
+        values=values,
+        units=to,
+        rate_hz=rate,
+        low_hz=low,
+        high_hz=high,
+        taper=taper,
+        settling_s=_SETTLING / (taper * low),
+    )
+
+
+def _checked_band(
+    band_hz: tuple[float, float], taper: float, *, rate: float, duration_s: float
+) -> tuple[float, float, float]:
+    """Return both edges in Hz and the taper, or raise where the record cannot resolve them."""
+    low, high = (number(edge, name="an edge of band_hz") for edge in band_hz)
+    if not 0 < low < high <= rate / 2:
+        raise ValueError(
+            f"band_hz = ({low:g}, {high:g}) must rise, above 0 and up to {rate / 2:g} Hz, half the sampling rate."
+        )
+    taper = positive(taper, name="taper")
+    if taper > 1:
+        raise ValueError(f"taper={taper:g} must be at most 1: the lower edge has no more room above 0 Hz.")
+    if taper * low * duration_s < 1:
+        raise ValueError(
+            f"band_hz starts at {low:g} Hz with a taper of {taper * low:.3g} Hz, finer than the "
+            f"{1 / duration_s:.3g} Hz that a record of {duration_s:.3g} s resolves; record at least "
+            f"{1 / (taper * low):.3g} s, raise the lower edge, or widen the taper."
+        )
+    return low, high, taper
+
+
+def _band_gain(frequency: Array, low: float, high: float, taper: float) -> Array:
+    """Return the gain (lines,): 1 in the band, 0 beyond smooth transitions, whose transient is short."""
+    below = np.clip((frequency / low - 1) / taper + 1, 0, 1)
+    above = np.clip((1 - frequency / high) / taper + 1, 0, 1)
+    return _smooth_step(below) * _smooth_step(above)
+
+
+def _smooth_step(u: Array) -> Array:
+    return np.asarray(np.sin(np.pi / 2 * np.sin(np.pi / 2 * u) ** 2) ** 2)

@@ -1,0 +1,426 @@
+"""Amplitude and averaged power spectra over frequency or order, with their scaling, window and resolution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+from scipy import fft
+
+from signals._fft_plans import forget_plans
+from signals._validation import Array, Samples, choice, number, positive, real_vector, whole
+from signals._windows import Window, window_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from signals.resampling.resampling import AngularSignal
+
+PADDING = (
+    8  # zero padding; the scalloping loss of a Hann line is then 0.25 %, and 0.003 % after parabolic interpolation
+)
+_CHUNK = 2**18  # samples transformed at a time
+
+Scaling = Literal["peak", "rms", "density"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AmplitudeSpectrum:
+    """Peak amplitude against frequency (Hz) or order, interpolated by zero padding.
+
+    A line is ``Re{complex_amplitude exp(j 2 pi axis u)}``, u being time in s or angle in revolutions. For a line d bins
+    off the grid the phase is wrong by pi d, which is the phase difference of both frequencies at the middle of the
+    record.
+
+    Attributes
+    ----------
+    axis : (line,) array
+        Frequencies in Hz, or orders.
+    amplitude, complex_amplitude : (line,) arrays
+        Peak amplitude, real and complex, in the unit of the record.
+    bin_width : float
+        One over the length of the record, in the unit of the axis; the grid is finer by the padding.
+    resolution : float
+        Full -3 dB width of the window, in the unit of the axis.
+    window : str
+        Name of the window in `scipy.signal`.
+    noise_bandwidth_bins : float
+        Equivalent noise bandwidth of the window in bins.
+    spread : float
+        Second moment of the squared window about its middle, over its length squared; see `signals.spectra.lines`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import amplitude_spectrum
+    >>> spectrum = amplitude_spectrum(np.sin(2 * np.pi * 8 * np.arange(64) / 64), rate=64)
+    >>> round(spectrum.bin_width, 6), round(spectrum.resolution, 2), round(spectrum.noise_bandwidth_bins, 6)
+    (1.0, 1.44, 1.5)
+    """
+
+    axis: Array = field(metadata={"dims": ("line",), "units": "Hz or order"})
+    amplitude: Array = field(metadata={"dims": ("line",), "units": "as the record, peak"})
+    complex_amplitude: NDArray[np.complex128] = field(metadata={"dims": ("line",), "units": "as the record, peak"})
+    bin_width: float
+    resolution: float
+    window: str
+    noise_bandwidth_bins: float
+    spread: float
+
+    @property
+    def phase_rad(self) -> Array:
+        """Phase of each line at time or angle zero, (line,), in rad."""
+        return np.asarray(np.angle(self.complex_amplitude), dtype=np.float64)
+
+
+def amplitude_spectrum(
+    values: ArrayLike,
+    *,
+    rate: float,
+    window: str = "hann",
+    padding: int = PADDING,
+    maximum: float | None = None,
+    start: float = 0.0,
+) -> AmplitudeSpectrum:
+    """Return the peak amplitude spectrum of a record with its mean removed.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Samples, any unit.
+    rate : float
+        Samples per second for an axis in Hz, samples per revolution for one in orders.
+    window : str
+        A window of `scipy.signal`; the amplitude is divided by its mean, so that a line has its true peak.
+    padding : int
+        Zero padding: the bin width over the step of the axis.
+    maximum : float, optional
+        End of the axis; default half of `rate`.
+    start : float
+        Time (s) or angle (revolutions) of the first sample; phases are those at zero.
+
+    Returns
+    -------
+    AmplitudeSpectrum
+
+    Examples
+    --------
+    A tone of amplitude 2 at 8 Hz:
+
+    >>> import numpy as np
+    >>> from signals import amplitude_spectrum
+    >>> t = np.arange(1024) / 256
+    >>> spectrum = amplitude_spectrum(2 * np.cos(2 * np.pi * 8 * t), rate=256)
+    >>> top = np.argmax(spectrum.amplitude)
+    >>> float(spectrum.axis[top]), round(float(spectrum.amplitude[top]), 6)
+    (8.0, 2.0)
+    """
+    signal = real_vector(values, name="the signal", minimum=4)
+    rate = positive(rate, name="rate")
+    padding = whole(padding, name="padding", least=1)
+    start = number(start, name="start")
+    shape = window_of(window, signal.size)
+    length = signal.size * padding
+    lines = fft.rfft(without_mean(signal) * shape.weights, length)
+    forget_plans(length)
+    axis = np.arange(lines.size, dtype=np.float64) * (rate / length)
+    keep = slice(None) if maximum is None else slice(int(np.searchsorted(axis, maximum, side="right")))
+    axis, lines = axis[keep], lines[keep] * (2 / shape.weights.sum())
+    if start:
+        lines *= np.exp(-2j * np.pi * np.mod(axis * start, 1.0))
+    return AmplitudeSpectrum(
+        axis=np.asarray(axis),
+        amplitude=np.abs(lines),
+        complex_amplitude=np.asarray(lines, dtype=np.complex128),
+        bin_width=rate / signal.size,
+        resolution=shape.width_bins * rate / signal.size,
+        window=window,
+        noise_bandwidth_bins=shape.noise_bandwidth_bins,
+        spread=shape.spread,
+    )
+
+
+def order_spectrum(
+    signal: AngularSignal, *, window: str = "hann", padding: int = PADDING, max_order: float | None = None
+) -> AmplitudeSpectrum:
+    """Return the peak amplitude spectrum of an angular signal over orders, up to its passband.
+
+    Parameters
+    ----------
+    signal : AngularSignal
+        Samples over the angle of the shaft; its mean is removed.
+    window, padding
+        As in `amplitude_spectrum`.
+    max_order : float, optional
+        End of the axis; default, and at most, the signal's passband.
+
+    Returns
+    -------
+    AmplitudeSpectrum
+        Phases are those at the tachometer's datum, where the angle of the shaft is zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal, order_spectrum
+    >>> angle = 2 * np.pi * np.arange(32 * 128) / 128
+    >>> signal = AngularSignal(values=3 * np.cos(21 * angle), samples_per_rev=128, start_rev=0.0, passband_orders=56.0)
+    >>> spectrum = order_spectrum(signal)
+    >>> round(float(np.interp(21, spectrum.axis, spectrum.amplitude)), 6), bool(spectrum.axis[-1] <= 56)
+    (3.0, True)
+    """
+    return amplitude_spectrum(
+        signal.values,
+        rate=signal.samples_per_rev,
+        window=window,
+        padding=padding,
+        maximum=_last_order(signal, max_order),
+        start=signal.start_rev,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AveragedSpectrum:
+    """Power spectrum averaged over segments, as density or as the RMS or peak amplitude of a line.
+
+    The integral of a `density` over the axis is the variance. `rms` and `peak` are right for a line on the grid, and
+    proportional to ``sqrt(noise_bandwidth)`` for noise.
+
+    Attributes
+    ----------
+    axis : (line,) array
+        Frequencies in Hz, or orders.
+    value : (line,) array
+        Density, RMS or peak, as `scaling` says.
+    low, high : (line,) arrays
+        Confidence interval of `value` for Gaussian noise, of probability `confidence`; that of a line is narrower.
+    scaling : {"density", "rms", "peak"}
+        Meaning of `value`.
+    confidence : float
+        Probability of the interval.
+    averages : int
+        Number of segments.
+    degrees_of_freedom : float
+        Of the chi-square distribution of the power, the overlap of the segments allowed for.
+    bin_width, resolution, noise_bandwidth : float
+        Step of the axis, -3 dB width and equivalent noise bandwidth of the window, in the unit of the axis.
+    window : str
+        Name of the window in `scipy.signal`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import averaged_spectrum
+    >>> spectrum = averaged_spectrum(np.random.default_rng(1).standard_normal(4096), rate=1.0, segment=256, overlap=0)
+    >>> spectrum.averages, round(spectrum.degrees_of_freedom, 6)
+    (16, 32.0)
+    """
+
+    axis: Array = field(metadata={"dims": ("line",), "units": "Hz or order"})
+    value: Array = field(metadata={"dims": ("line",), "units": "as the record, or squared over the axis' unit"})
+    low: Array = field(metadata={"dims": ("line",), "units": "as value"})
+    high: Array = field(metadata={"dims": ("line",), "units": "as value"})
+    scaling: Scaling
+    confidence: float
+    averages: int
+    degrees_of_freedom: float
+    bin_width: float
+    resolution: float
+    noise_bandwidth: float
+    window: str
+
+
+def averaged_spectrum(
+    values: ArrayLike,
+    *,
+    rate: float,
+    segment: int,
+    overlap: float = 0.5,
+    window: str = "hann",
+    scaling: Scaling = "density",
+    confidence: float = 0.95,
+    maximum: float | None = None,
+) -> AveragedSpectrum:
+    """Return the power spectrum averaged over segments (Welch 1967), with its chi-square interval.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Samples, any unit; their mean is removed once, over the whole record.
+    rate : float
+        Samples per second for an axis in Hz, samples per revolution for one in orders.
+    segment : int
+        Samples per segment; `resolution` is inversely proportional to it. Samples beyond the last full one are unused.
+    overlap : float
+        Fraction of a segment that the next one shares, from 0 to below 1.
+    window : str
+        A window of `scipy.signal`.
+    scaling : {"density", "rms", "peak"}
+        Density is one-sided, in units squared over the unit of the axis.
+    confidence : float
+        Probability of the interval, between 0 and 1.
+    maximum : float, optional
+        End of the axis; default half of `rate`.
+
+    Returns
+    -------
+    AveragedSpectrum
+
+    Notes
+    -----
+    The powers of segments k hops apart have the correlation ``rho_k^2``, rho_k being the normalised autocorrelation of
+    the window at k hops, so that K segments have ``2 K / (1 + 2 sum (1 - k / K) rho_k^2)`` degrees of freedom (Welch
+    1967); half of that at zero and at half the rate, where the transform is real.
+
+    Examples
+    --------
+    The integral of the density of noise of variance 4 is its variance:
+
+    >>> import numpy as np
+    >>> from signals import averaged_spectrum
+    >>> noise = 2 * np.random.default_rng(1).standard_normal(40_000)
+    >>> spectrum = averaged_spectrum(noise, rate=1000.0, segment=1000)
+    >>> round(float(spectrum.value.sum() * spectrum.bin_width), 1)
+    4.0
+    """
+    signal = real_vector(values, name="the signal", minimum=4)
+    rate = positive(rate, name="rate")
+    length = whole(segment, name="segment", least=4, most=signal.size)
+    choice(scaling, name="scaling", choices=get_args(Scaling))
+    if not 0 < number(confidence, name="confidence") < 1:
+        raise ValueError(f"confidence={confidence!r} must lie between 0 and 1: the probability of the interval.")
+    shape = window_of(window, length)
+    hop = hop_of(length, overlap)
+    axis = np.arange(length // 2 + 1, dtype=np.float64) * (rate / length)
+    power, count = np.zeros(axis.size), 0
+    for lines in transformed(without_mean(signal), shape, hop):
+        power += np.sum(lines.real**2 + lines.imag**2, axis=0)
+        count += len(lines)
+    rho = shape.overlap_correlation(hop)[: count - 1]
+    degrees = 2 * count / (1 + 2 * np.sum((1 - np.arange(1, rho.size + 1) / count) * rho**2))
+    each = np.where(_real_lines(length), degrees / 2, degrees)
+    keep = slice(None) if maximum is None else slice(int(np.searchsorted(axis, maximum, side="right")))
+    value = scaled_power(power / count, shape, rate=rate, scaling=scaling)[keep]
+    lower, upper = (_chi_square(each[keep], p) / each[keep] for p in ((1 + confidence) / 2, (1 - confidence) / 2))
+    root = 1.0 if scaling == "density" else 0.5
+    return AveragedSpectrum(
+        axis=axis[keep],
+        value=value,
+        low=value / lower**root,
+        high=value / upper**root,
+        scaling=scaling,
+        confidence=float(confidence),
+        averages=count,
+        degrees_of_freedom=float(degrees),
+        bin_width=rate / length,
+        resolution=shape.width_bins * rate / length,
+        noise_bandwidth=shape.noise_bandwidth_bins * rate / length,
+        window=window,
+    )
+
+
+def averaged_order_spectrum(
+    signal: AngularSignal,
+    *,
+    revolutions: int,
+    overlap: float = 0.5,
+    window: str = "hann",
+    scaling: Scaling = "density",
+    confidence: float = 0.95,
+    max_order: float | None = None,
+) -> AveragedSpectrum:
+    """Return the power spectrum over orders, averaged over segments of whole revolutions.
+
+    Parameters
+    ----------
+    signal : AngularSignal
+        Samples over the angle of the shaft.
+    revolutions : int
+        Revolutions per segment.
+    overlap, window, scaling, confidence
+        As in `averaged_spectrum`.
+    max_order : float, optional
+        End of the axis; default, and at most, the signal's passband.
+
+    Returns
+    -------
+    AveragedSpectrum
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal, averaged_order_spectrum
+    >>> angle = 2 * np.pi * np.arange(32 * 64) / 64
+    >>> signal = AngularSignal(values=3 * np.cos(7 * angle), samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
+    >>> spectrum = averaged_order_spectrum(signal, revolutions=4, scaling="peak")
+    >>> round(float(spectrum.value[spectrum.axis == 7][0]), 6)
+    3.0
+    """
+    turns = whole(revolutions, name="revolutions", least=1, most=signal.revolutions)
+    return averaged_spectrum(
+        signal.values,
+        rate=signal.samples_per_rev,
+        segment=turns * signal.samples_per_rev,
+        overlap=overlap,
+        window=window,
+        scaling=scaling,
+        confidence=confidence,
+        maximum=_last_order(signal, max_order),
+    )
+
+
+def hop_of(length: int, overlap: float) -> int:
+    """Return the number of samples from one segment to the next, at least one."""
+    if not 0 <= overlap < 1:
+        raise ValueError(f"overlap = {overlap!r} must lie from 0 to below 1: the fraction that two segments share.")
+    return max(1, round(length * (1 - overlap)))
+
+
+def transformed(signal: Samples, shape: Window, hop: int) -> Iterator[NDArray[np.complex128]]:
+    """Yield the Fourier transforms of windowed segments, (segments, lines), a few at a time in constant memory."""
+    length = shape.weights.size
+    segments = np.lib.stride_tricks.sliding_window_view(signal, length)[::hop]
+    count = max(1, _CHUNK // length)
+    for first in range(0, len(segments), count):
+        yield fft.rfft(segments[first : first + count] * shape.weights, axis=1)
+
+
+def scaled_power(power: Array, shape: Window, *, rate: float, scaling: Scaling) -> Array:
+    """Scale the squared magnitudes of windowed transforms, (..., lines) from zero on, to density, RMS or peak."""
+    sides = np.where(_real_lines(shape.weights.size), 1.0, 2.0)[: power.shape[-1]]
+    if scaling == "density":
+        return np.asarray(power * sides / (rate * np.sum(shape.weights**2)))
+    mean_square = power * sides / shape.weights.sum() ** 2
+    if scaling == "rms":
+        return np.asarray(np.sqrt(mean_square))
+    return np.asarray(np.sqrt(mean_square * sides))  # where a line is real its rms is its peak
+
+
+def _real_lines(length: int) -> NDArray[np.bool_]:
+    """Return which lines of the transform of a real signal are real: zero and half the rate."""
+    real = np.zeros(length // 2 + 1, dtype=bool)
+    real[0] = True
+    if length % 2 == 0:
+        real[-1] = True
+    return real
+
+
+def _chi_square(degrees: Array, probability: float) -> Array:
+    """Return the quantile of the chi-square distribution."""
+    from scipy.special import gammaincinv  # noqa: PLC0415
+
+    return np.asarray(2 * gammaincinv(degrees / 2, probability))
+
+
+def without_mean(signal: Samples) -> Samples:
+    """Return the signal without its mean, subtracted twice to remove the rounding of a large one."""
+    centred = signal - signal.mean(dtype=np.float64).astype(signal.dtype)
+    centred -= centred.mean(dtype=np.float64).astype(signal.dtype)
+    return np.asarray(centred)
+
+
+def _last_order(signal: AngularSignal, max_order: float | None) -> float:
+    return signal.passband_orders if max_order is None else min(max_order, signal.passband_orders)

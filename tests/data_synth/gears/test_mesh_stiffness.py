@@ -1,0 +1,433 @@
+"""Mesh stiffness, transmission errors and gear geometry against closed forms, standards, independent computations."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import integrate
+
+from data_synth.gears.geometry import GearPair
+from data_synth.gears.mesh_stiffness import Constant, Fourier, Rectangular, Shifted, Trapezoidal, fourier_series
+from data_synth.gears.tooth_compliance import DamagedTooth, Tooth, ToothPair, helical, hertz_stiffness, teeth_in_mesh
+from data_synth.gears.transmission_error import Eccentricity, Misalignment, PitchError, ProfileError, SumOfErrors
+from data_synth.scene.faults import PartialFaceContact, RootCrack
+
+ALPHA = math.radians(20)
+EQUAL = GearPair(teeth=(62, 62), module_m=2e-3, face_width_m=20e-3, pressure_angle_rad=ALPHA)
+PAIR = ToothPair(
+    gears=GearPair(teeth=(31, 62), module_m=2e-3, face_width_m=20e-3, pressure_angle_rad=ALPHA),
+    bore_radii_m=(0.010, 0.0175),
+)
+PHASES = np.linspace(-3, 5, 1601) + 1e-4
+
+
+class TestShapes:
+    def test_constant(self):
+        assert_allclose(Constant(mean=3e8)(PHASES), 3e8)
+
+    @pytest.mark.parametrize("duty", [0.1, 0.4, 0.79])
+    def test_a_rectangle_obeys_parseval(self, duty):
+        wave = Rectangular(low=0.76e6, high=1.36e6, duty=duty)
+        assert wave.mean == pytest.approx(0.76e6 + duty * 0.6e6)
+        count = 400
+        lines = np.abs(fourier_series(wave, harmonics=count).harmonics) / 0.6e6
+        # what the missing lines hold is below sum 2 sin^2 / (pi h)^2 < 2 / (pi^2 count)
+        left = duty * (1 - duty) - np.sum(lines**2) / 2
+        assert 0 < left < 2 / (math.pi**2 * count)
+        order = np.arange(1, count + 1)
+        assert_allclose(lines, 2 / (np.pi * order) * np.abs(np.sin(np.pi * order * duty)), atol=1e-12)
+
+    def test_contact_ratio_gives_the_pairs(self):
+        wave = Rectangular.by_contact_ratio(pair_stiffness=2e8, contact_ratio=1.7)
+        assert (wave.low, wave.high) == (2e8, 4e8)
+        assert wave.mean == pytest.approx(1.7 * 2e8)
+        assert_allclose(wave([0.0, 0.69, 0.71, 0.99, 1.0, -0.01]), [4e8, 4e8, 2e8, 2e8, 4e8, 2e8])
+
+    def test_a_trapezium_is_a_rectangle_run_through_a_window(self):
+        # ramps of r are the mean of a rectangle over r: its lines times sinc(h r), half a ramp later
+        ramp, duty = 0.15, 0.6
+        slanted = fourier_series(Trapezoidal(low=1e8, high=3e8, duty=duty, ramp=ramp), harmonics=25)
+        upright = fourier_series(Rectangular(low=1e8, high=3e8, duty=duty), harmonics=25)
+        order = np.arange(1, 26)
+        expected = upright.harmonics * np.sinc(order * ramp) * np.exp(-1j * np.pi * order * ramp)
+        assert_allclose(slanted.harmonics, expected, atol=1e-12 * 2e8)
+        assert slanted.mean == pytest.approx(1e8 + duty * 2e8)
+
+    @pytest.mark.parametrize("ratio", [1.3, 1.7, 2.3, 2.79, 3.5])
+    @pytest.mark.parametrize("ramp", [0.0, 0.1, 0.2])
+    def test_at_any_contact_ratio_it_is_the_sum_over_all_pairs(self, ratio, ramp):
+        # pair j begins to bear at phase j, bears in full a ramp later, and begins to shed its load at j + ratio
+        pair = 2e8
+        wave = (
+            Trapezoidal.by_contact_ratio(pair_stiffness=pair, contact_ratio=ratio, ramp=ramp)
+            if ramp
+            else Rectangular.by_contact_ratio(pair_stiffness=pair, contact_ratio=ratio)
+        )
+        since = PHASES[:, None] - np.arange(-10, 10)
+        if ramp:
+            bearing = np.clip(since / ramp, 0, 1) - np.clip((since - ratio) / ramp, 0, 1)
+        else:
+            bearing = ((since >= 0) & (since < ratio)).astype(float)
+        assert_allclose(wave(PHASES), pair * bearing.sum(axis=1), rtol=1e-11)
+        assert wave.mean == pytest.approx(ratio * pair, rel=1e-12)
+        assert (wave.low, wave.high) == pytest.approx((math.floor(ratio) * pair, math.ceil(ratio) * pair), rel=1e-12)
+
+    @pytest.mark.parametrize("by_cycles", [0.0, 0.37, -0.37, 1.85, 0.6])
+    def test_the_slope_of_a_shifted_trapezium_changes_at_its_corners_and_nowhere_else(self, by_cycles):
+        wave = Shifted(of=Trapezoidal(low=1.0, high=3.0, duty=0.6, ramp=0.15), by_cycles=by_cycles)
+        corners = wave.corners
+        assert list(corners) == sorted(corners)
+        assert all(0 <= corner < 1 for corner in corners)
+        # where the second difference of samples is not rounding; each corner lies between two of them
+        step = 1 / 1999
+        place = step * (np.arange(1999) + 0.4567)
+        bends = np.abs(wave(place + step) - 2 * wave(place) + wave(place - step)) > 1e-9
+        near = [np.abs((place - corner + 0.5) % 1 - 0.5) < step for corner in corners]
+        assert len(corners) == 4
+        assert all(bends[one].any() for one in near)
+        assert not bends[~np.any(near, axis=0)].any()
+
+    def test_the_series_of_a_shifted_trapezium_is_its_own_turned(self):
+        # integrated to rounding only where no stretch goes across a corner: else to 1e-4
+        wave, by = Trapezoidal(low=1.0, high=3.0, duty=0.6, ramp=0.15), 0.2345
+        order = np.arange(1, 13)
+        # a trapezium is a rectangle's series, 2 (high - low) / (pi h) sin(pi h duty), smoothed over the ramp
+        lines = 4 / (np.pi * order) * np.sin(np.pi * order * 0.6) * np.sinc(0.15 * order)
+        lines = lines * np.exp(-1j * np.pi * order * (0.6 + 0.15))
+        found = fourier_series(Shifted(of=wave, by_cycles=by), harmonics=12)
+        assert_allclose(found.harmonics, lines * np.exp(2j * np.pi * order * by), rtol=0, atol=1e-12)
+
+    def test_a_series_is_its_own_series(self):
+        wave = Fourier(mean=2e8, harmonics=np.array([3e7j, -1e7, 5e6 + 2e6j]), period=4)
+        again = fourier_series(wave, harmonics=5)
+        assert_allclose(again.harmonics, [3e7j, -1e7, 5e6 + 2e6j, 0, 0], atol=1e-5)
+        direct = 2e8 + np.real(
+            sum(c * np.exp(2j * np.pi * h * PHASES / 4) for h, c in zip((1, 2, 3), wave.harmonics, strict=True))
+        )
+        assert_allclose(wave(PHASES), direct, rtol=1e-13)
+
+    @pytest.mark.parametrize(
+        "wave",
+        [
+            Rectangular(low=1.0, high=2.0, duty=0.3),
+            Trapezoidal(low=1.0, high=2.0, duty=0.5, ramp=0.2),
+            Fourier(mean=2.0, harmonics=np.array([0.5, 0.2j])),
+        ],
+        ids=["rectangle", "trapezium", "series"],
+    )
+    def test_shifting_moves_everything(self, wave):
+        late = Shifted(of=wave, by_cycles=-0.37)
+        assert_allclose(late(PHASES), wave(PHASES - 0.37))
+        assert late.mean == wave.mean
+        assert_allclose(late.jumps, sorted((jump + 0.37) % 1 for jump in wave.jumps))
+        for jump in late.jumps:
+            assert abs(late(jump + 1e-9) - late(jump - 1e-9)) > 0.5
+        if wave.harmonics is not None:
+            assert_allclose(fourier_series(late, harmonics=2).harmonics, late.harmonics, atol=1e-13)
+
+    @pytest.mark.parametrize(
+        ("build", "words"),
+        [
+            (lambda: Constant(mean=math.nan), "mean = nan"),
+            (lambda: Rectangular(low=1, high=2, duty=1.0), "duty = 1.0 has to lie between"),
+            (lambda: Trapezoidal(low=1, high=2, duty=0.3, ramp=0.4), "no more than 0.3"),
+            (lambda: Fourier(mean=1, harmonics=np.array([np.inf])), "finite numbers"),
+        ],
+    )
+    def test_nonsense_is_refused(self, build, words):
+        with pytest.raises(ValueError, match=words):
+            build()
+
+
+class TestGeometry:
+    def test_contact_ratio_to_every_printed_digit(self):
+        assert EQUAL.contact_ratio == pytest.approx(1.7897798668330458, rel=1e-14)
+
+    def test_the_base_radii_of_a_helical_pair(self):
+        pair = GearPair(
+            teeth=(36, 63),
+            module_m=3.5e-3,
+            face_width_m=0.053,
+            pressure_angle_rad=ALPHA,
+            helix_angle_rad=math.radians(12),
+        )
+        assert_allclose(pair.base_radii_m, [0.060363908371477926, 0.10563683965008637], rtol=1e-14)
+        assert_allclose(pair.reference_radii_m, [0.064407457476496844, 0.11271305058386948], rtol=1e-14)
+        assert pair.overlap_ratio == pytest.approx(0.053 * math.sin(math.radians(12)) / (math.pi * 3.5e-3))
+
+    def test_contact_by_rolling_two_involutes(self):
+        # the tips' involutes meet the line of action where their radii say, with no formula for the path
+        pair = GearPair(
+            teeth=(20, 31), module_m=3e-3, face_width_m=0.03, pressure_angle_rad=ALPHA, profile_shift=(0.3, 0.2)
+        )
+        angle = pair.working_angle_rad
+        distance = pair.centre_distance_m
+        # backlash-free: tooth thicknesses on the pitch circles add up to the pitch
+        widths = []
+        for count, shift, reference, working in zip(
+            pair.teeth, pair.profile_shift, pair.reference_radii_m, pair.working_radii_m, strict=True
+        ):
+            thick = math.pi / (2 * count) + 2 * shift * math.tan(ALPHA) / count
+            involute = (math.tan(ALPHA) - ALPHA) - (math.tan(angle) - angle)
+            widths.append(2 * working * (thick + involute))
+            assert reference * math.cos(ALPHA) == pytest.approx(working * math.cos(angle))
+        assert sum(widths) == pytest.approx(2 * math.pi * pair.working_radii_m[0] / 20, rel=1e-13)
+        begin, end = pair.path_m
+        foot = distance * math.sin(angle)
+        assert math.hypot(pair.base_radii_m[0], end) == pytest.approx(pair.tip_radii_m[0])
+        assert math.hypot(pair.base_radii_m[1], foot - begin) == pytest.approx(pair.tip_radii_m[1])
+
+    def test_an_internal_pair_touches_for_longer_than_an_external_one(self):
+        # the textbook 20 degrees: external gears approach a rack from below, internal ones from above
+        ratio = {
+            count: GearPair(teeth=(30, count), module_m=2e-3, face_width_m=0.02, pressure_angle_rad=ALPHA).contact_ratio
+            for count in (90, 10**7, -(10**7), -90)
+        }
+        assert ratio[90] < ratio[10**7] < ratio[-90]
+        assert ratio[10**7] == pytest.approx(ratio[-(10**7)], rel=1e-5)
+
+    def test_iso_6336_for_a_pair_worked_by_hand(self):
+        # z = 62/62 without shift: q' = 0.04723 + (0.15551 + 0.25791) / 62 = 0.0538981 mm um / N
+        by_hand = 0.8 / (0.04723 + 0.41342 / 62)
+        assert EQUAL.single_stiffness(rack_factor=1.0) == pytest.approx(by_hand * 1e9, rel=1e-14)
+        mean = EQUAL.mean_stiffness(rack_factor=1.0)
+        assert mean == pytest.approx(by_hand * 1e9 * (0.75 * EQUAL.contact_ratio + 0.25) * 0.02, rel=1e-14)
+        assert EQUAL.rack_factor == pytest.approx(0.975)
+
+    def test_impossible_gears_are_refused(self):
+        shifted = GearPair(
+            teeth=(20, 30), module_m=1e-3, face_width_m=0.01, pressure_angle_rad=ALPHA, profile_shift=(-1, -2)
+        )
+        with pytest.raises(ValueError, match="more of them than the first"):
+            GearPair(teeth=(40, -30), module_m=1e-3, face_width_m=0.01, pressure_angle_rad=ALPHA)
+        with pytest.raises(ValueError, match="no common pitch point"):
+            shifted.working_angle_rad  # noqa: B018
+
+
+def published_tooth(**changes):
+    """The tooth of a rotordynamics package's tests, with the root angle as its source prints it."""
+    rounding = 0.25 / (1 - math.sin(ALPHA))
+    root = (math.pi / 2 + 2 * math.tan(ALPHA) * (1 - rounding) + 2 * rounding / math.cos(ALPHA)) / 62
+    settings = {
+        "teeth": 62,
+        "module_m": 2e-3,
+        "face_width_m": 20e-3,
+        "pressure_angle_rad": ALPHA,
+        "bore_radius_m": 17.5e-3,
+    }
+    return Tooth(**{**settings, "root_half_angle_rad": root, **changes})
+
+
+class TestStrainEnergy:
+    def test_hertz(self):
+        found = hertz_stiffness(young_pa=206e9, poisson=0.3, width_m=0.02)
+        assert found == pytest.approx(3555868607.9093266, rel=1e-15)
+
+    def test_a_pair_that_enters_to_every_printed_digit(self):
+        # that package spaces contacts evenly in pressure angle, from the form circle to the tip, two pairs at first
+        tooth = published_tooth()
+        form, tip = tooth.form_angle_rad, math.acos(EQUAL.base_radii_m[0] / EQUAL.tip_radii_m[0])
+        hertz = hertz_stiffness(young_pa=206e9, poisson=0.3, width_m=0.02)
+        later = (tip - form) / EQUAL.contact_ratio
+        one = tooth.compliance(np.array([form, form + later]))
+        two = tooth.compliance(np.array([tip, tip - later]))
+        # printed: 396622921.36, and 10 digits more in its tests
+        assert np.sum(1 / (1 / hertz + one + two)) == pytest.approx(396622921.3581085, rel=1e-14)
+
+    def test_adaptive_quadrature_of_the_same_energies_agrees(self):
+        tooth = PAIR.teeth[0]
+        angle = 0.4
+        lean = math.tan(angle) - tooth._base_half_angle
+        at_half, at_height, _ = (float(value) for value in tooth.involute_at(np.array(lean)))
+
+        def energy(half, height, rate):
+            width, shear = 2 * half, 206e9 / 2.6
+            arm = math.cos(lean) * (at_height - height) - at_half * math.sin(lean)
+            bending = arm**2 / (206e9 * width**3 / 12)
+            return rate * (
+                bending + 1.2 * math.cos(lean) ** 2 / (shear * width) + math.sin(lean) ** 2 / (206e9 * width)
+            )
+
+        start = math.tan(tooth.form_angle_rad) - tooth._base_half_angle
+        foot = integrate.quad(lambda s: energy(*tooth.fillet_at(np.array(s))), math.pi / 2, ALPHA, epsrel=1e-12)[0]
+        flank = integrate.quad(lambda s: energy(*tooth.involute_at(np.array(s))), start, lean, epsrel=1e-12)[0]
+        expected = (foot + flank) / 0.02 + float(tooth._body(np.array([lean]))[0])
+        assert tooth.compliance(np.array([angle]))[0] == pytest.approx(expected, rel=1e-10)
+
+    def test_fillet_and_flank_are_one_curve(self):
+        tooth = PAIR.teeth[0]
+        half, height, _ = tooth.fillet_at(np.array([math.pi / 2, ALPHA, ALPHA + 1e-6]))
+        flank = tooth.involute_at(np.tan(tooth.form_angle_rad) - tooth._base_half_angle + np.array([0.0, 1e-6]))
+        assert math.hypot(half[0], height[0]) == pytest.approx(tooth.root_radius_m)
+        assert_allclose([half[1], height[1]], [flank[0][0], flank[1][0]], rtol=1e-13)
+        slopes = (half[2] - half[1]) / (height[2] - height[1]), np.diff(flank[0])[0] / np.diff(flank[1])[0]
+        assert slopes[0] == pytest.approx(slopes[1], abs=1e-4)
+
+    def test_the_mesh_is_the_sum_of_its_pairs(self):
+        mesh, ratio = teeth_in_mesh(PAIR), PAIR.gears.contact_ratio
+        exact = 1 / PAIR.compliance(PHASES % 1)
+        exact += np.where(ratio > PHASES % 1 + 1, 1 / PAIR.compliance(np.minimum(PHASES % 1 + 1, ratio)), 0)
+        # between 257 points a parabola leaves its chord by 1e-5
+        assert_allclose(mesh(PHASES), exact, rtol=2e-5)
+        path = np.linspace(0, ratio, 4001)
+        assert mesh.mean == pytest.approx(integrate.simpson(1 / PAIR.compliance(path), path), rel=2e-5)
+        assert mesh.jumps == (0.0, ratio - 1)
+        # within a fifth of the standard's, which is for rims and loads of its own
+        assert mesh.mean == pytest.approx(PAIR.gears.mean_stiffness(), rel=0.2)
+
+    def test_a_whole_overlap_leaves_the_mean(self):
+        mesh = teeth_in_mesh(PAIR)
+        smooth = helical(mesh, overlap_ratio=2.0, harmonics=8)
+        assert_allclose(smooth.harmonics, 0, atol=1e-9 * mesh.mean)
+        half = helical(mesh, overlap_ratio=0.5, harmonics=400)
+        slices = np.mean([mesh(PHASES[::40] - 0.5 * (i + 0.5) / 2000) for i in range(2000)], axis=0)
+        assert_allclose(half(PHASES[::40]), slices, rtol=2e-4)  # lines beyond 400, and 2000 slices
+
+    def test_undercut_teeth_are_refused(self):
+        with pytest.raises(ValueError, match=r"below 17\.1 teeth"):
+            published_tooth(teeth=16, bore_radius_m=5e-3)
+
+
+def damaged(fault, *, gear=0, tooth=3):
+    return teeth_in_mesh(PAIR, damaged=[DamagedTooth(gear=gear, tooth=tooth, fault=fault)])
+
+
+class TestFaults:
+    def test_a_crack_of_no_depth_changes_nothing_and_a_deeper_one_softens_more(self):
+        healthy = teeth_in_mesh(PAIR)
+        phase = 3 + np.linspace(0.01, PAIR.gears.contact_ratio - 0.01, 50)
+        drops = [
+            healthy(phase) - damaged(RootCrack(depth_m=depth, angle_rad=math.radians(70)))(phase)
+            for depth in (0.0, 0.5e-3, 1e-3, 2e-3, 3e-3)
+        ]
+        assert_allclose(drops[0], 0, atol=1e-3)
+        for shallow, deep in pairwise(drops):
+            assert np.all(deep > shallow)
+
+    def test_a_crack_by_adaptive_quadrature(self):
+        tooth, crack = PAIR.teeth[0], RootCrack(depth_m=1.5e-3, angle_rad=math.radians(60))
+        left = crack.section(tooth)
+        lean = math.tan(0.42) - tooth._base_half_angle
+        at_half, at_height, _ = (float(value) for value in tooth.involute_at(np.array(lean)))
+
+        def energy(half, height, rate):
+            width = float(half + left(np.array(height), np.array(half)))
+            arm = math.cos(lean) * (at_height - height) - at_half * math.sin(lean)
+            return rate * (arm**2 / (206e9 * width**3 / 12) + 1.2 * math.cos(lean) ** 2 / (206e9 / 2.6 * width))
+
+        def healthy(half, height, rate):
+            arm = math.cos(lean) * (at_height - height) - at_half * math.sin(lean)
+            return rate * (arm**2 / (206e9 * (2 * half) ** 3 / 12) + 0.6 * math.cos(lean) ** 2 / (206e9 / 2.6 * half))
+
+        start = math.tan(tooth.form_angle_rad) - tooth._base_half_angle
+        added = 0.0
+        for curve, ends in ((tooth.fillet_at, (math.pi / 2, ALPHA)), (tooth.involute_at, (start, lean))):
+            grid = np.linspace(*ends, 200001)
+            values = np.array([energy(*curve(np.array(s))) - healthy(*curve(np.array(s))) for s in grid[::50]])
+            added += integrate.trapezoid(values, grid[::50])
+        phases = np.linspace(0, PAIR.gears.contact_ratio, 400001)
+        phase = phases[np.argmin(np.abs(PAIR.angles_rad(phases)[0] - 0.42))]
+        found = crack.added_compliance(PAIR, 0, np.array([phase]))[0]
+        # 4000 steps across the edge of the crack here, a kink between Gauss nodes there
+        assert found == pytest.approx(added / 0.02, rel=2e-3)
+
+    def test_damage_comes_back_after_a_turn_of_its_gear(self):
+        phase = np.linspace(0.003, 31, 997, endpoint=False)
+        for gear, teeth in ((0, 31), (1, 62)):
+            mesh = damaged(RootCrack(depth_m=1e-3, angle_rad=1.2), gear=gear)
+            assert mesh.period == teeth
+            assert_allclose(mesh(phase + teeth), mesh(phase), rtol=1e-9)
+            touched = mesh(phase) < 0.9999 * teeth_in_mesh(PAIR)(phase)
+            assert np.all((phase[touched] > 3) & (phase[touched] < 3 + PAIR.gears.contact_ratio))
+            assert touched.any()
+
+    def test_a_narrow_face_carries_in_proportion(self):
+        path = damaged(PartialFaceContact(share=0.6)).path_cycles
+        added = PartialFaceContact(share=0.6).added_compliance(PAIR, 0, path)
+        assert_allclose(added, (1 / 0.6 - 1) * PAIR.compliance(path))
+
+    def test_a_missing_tooth_leaves_its_neighbours(self):
+        mesh = damaged(PartialFaceContact(share=0.0))
+        healthy = teeth_in_mesh(PAIR)
+        assert mesh(3.9) == 0  # alone in contact
+        assert mesh(3.2) == pytest.approx(1 / PAIR.compliance(np.array([1.2]))[0], rel=2e-5)
+        assert mesh(10.2) == healthy(10.2)
+
+    def test_what_the_teeth_do_not_have_is_refused(self):
+        with pytest.raises(ValueError, match="tooth = 31"):
+            damaged(PartialFaceContact(share=0.0), tooth=31)
+        with pytest.raises(ValueError, match="leaves nothing of a tooth"):
+            damaged(RootCrack(depth_m=6e-3, angle_rad=1.5))
+
+
+class TestErrors:
+    def test_profile(self):
+        error = ProfileError(harmonics_m=np.array([2e-6j, 1e-6]))
+        assert_allclose(
+            error(PHASES), -2e-6 * np.sin(2 * np.pi * PHASES) + 1e-6 * np.cos(4 * np.pi * PHASES), atol=1e-18
+        )
+
+    def test_pitch_goes_from_tooth_to_tooth(self):
+        error = PitchError(teeth_m=np.array([1.0, 3.0, -2.0]), handover=0.5)
+        assert error.period == 3
+        assert_allclose(error([0.0, 0.25, 0.5, 0.9, 1.25, 2.0, 2.5, 3.0, -0.5]), [-2, -0.5, 1, 1, 2, 3, -2, -2, -2])
+        assert_allclose(PitchError(teeth_m=np.array([1.0, 3.0]), handover=0.0)([0.0, 0.99, 1.0]), [1, 1, 3])
+
+    def test_eccentricity_is_once_a_turn(self):
+        error = Eccentricity(teeth=20, eccentricity_m=5e-6, phase_rad=0.3)
+        spectrum = np.fft.rfft(error(np.arange(200) / 10)) / 100
+        assert abs(spectrum[1]) == pytest.approx(5e-6)
+        assert np.abs(np.delete(spectrum, 1)).max() < 1e-18
+
+    def test_a_wobbling_gear_touches_twice_a_turn_and_never_inside(self):
+        error = Misalignment(angle_rad=1e-4, face_width_m=0.03, teeth=20)
+        values = error(np.arange(400) / 20)
+        assert values.min() >= 0
+        assert values.max() == pytest.approx(1.5e-6)
+        spectrum = np.abs(np.fft.rfft(values))
+        assert np.argmax(spectrum[1:]) + 1 == 2
+        assert_allclose(Misalignment(angle_rad=-1e-4, face_width_m=0.03)([0.0, 0.7]), 1.5e-6)
+
+    def test_errors_add_up(self):
+        parts = (Eccentricity(teeth=6, eccentricity_m=1e-6), Eccentricity(teeth=4, eccentricity_m=2e-6))
+        both = SumOfErrors(parts=parts, by_cycles=(0.0, 1.5))
+        assert both.period == 12
+        assert_allclose(both(PHASES), parts[0](PHASES) + parts[1](PHASES + 1.5), atol=1e-20)
+        with pytest.raises(ValueError, match="by_cycles has 1 values for 2 parts"):
+            SumOfErrors(parts=parts, by_cycles=(0.0,))
+
+    def test_parts_that_repeat_after_different_cycles_go_on_at_their_own_phase(self):
+        # every part by its formula, cycle for cycle; the pitch error's teeth enter one after the other
+        teeth = 1e-6 * np.array([1.0, 3.0, -2.0, 0.5, -1.0])
+        inner = SumOfErrors(parts=(Eccentricity(teeth=4, eccentricity_m=5e-6),), by_cycles=(0.75,))
+        parts = (
+            ProfileError(harmonics_m=np.array([2e-6])),
+            PitchError(teeth_m=teeth, handover=0.0),
+            Eccentricity(teeth=7, eccentricity_m=4e-6),
+            Misalignment(angle_rad=1e-4, face_width_m=0.04, teeth=3),
+            inner,
+        )
+        late = (0.3, 2.5, 0.0, 4.25, 1.0)
+        both = SumOfErrors(parts=parts, by_cycles=late)
+        phases = np.arange(-900, 900) * 0.7531  # some hundred cycles, of all fractions
+
+        def expected(phase):
+            return (
+                2e-6 * np.cos(2 * np.pi * (phase + 0.3))
+                + teeth[np.floor(phase + 2.5).astype(int) % 5]
+                + 4e-6 * np.sin(2 * np.pi * phase / 7)
+                + 2e-6 * np.abs(np.cos(2 * np.pi * (phase + 4.25) / 3))
+                + 5e-6 * np.sin(2 * np.pi * (phase + 1.75) / 4)
+            )
+
+        # sums of some 1e-5 at angles of some 1000 rad, each rounded to 1e-13 rad: 1e-18, and a hundred times that
+        assert_allclose(both(phases), expected(phases), rtol=0, atol=1e-16)
+        assert both.period == 5 * 7 * 3 * 4
+        assert_allclose(both(phases + both.period), expected(phases), rtol=0, atol=1e-16)
+        for shorter in (both.period // prime for prime in (2, 3, 5, 7)):
+            assert np.abs(both(phases + shorter) - both(phases)).max() > 1e-6
+        in_step = SumOfErrors(parts=parts)
+        assert in_step.period == both.period
+        assert_allclose(in_step(phases), sum(part(phases) for part in parts), rtol=0, atol=1e-19)

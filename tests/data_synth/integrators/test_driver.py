@@ -1,0 +1,433 @@
+"""Integrators against closed forms, 50-digit states, scipy and each other."""
+
+import tracemalloc
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+from gear_pair import (
+    DIRECTION,
+    DRAG,
+    LINEAR_DRAG,
+    MASSES,
+    PERIOD_S,
+    RADII,
+    Curve,
+    by_scipy,
+    constant,
+    driven,
+    output,
+    pair,
+    rectangle,
+    state_output,
+    ten_harmonics,
+    turning,
+    whole_state,
+    worst,
+)
+
+from data_synth.dynamics.system import Mesh, System
+from data_synth.integrators.driver import integrate, integrate_blocks
+from data_synth.integrators.exact_transition import Transition
+from data_synth.integrators.problem import (
+    Accuracy,
+    CoupledReference,
+    IntegrationError,
+    Load,
+    Outcome,
+    Output,
+    Problem,
+    State,
+    Steps,
+)
+from data_synth.integrators.splitting import Splitting
+from data_synth.operation.shaft_angle import ShaftAngle
+
+ONE = Steps(per_sample=1)
+GEAR_DRAG = np.diag([0, 0, 0, LINEAR_DRAG])
+
+
+class Wobble:
+    """A transmission error that repeats after two mesh cycles."""
+
+    period = 2.0
+
+    def __call__(self, phase_cycles):
+        return 2e-6 * np.sin(np.pi * np.asarray(phase_cycles))
+
+
+def run(problem, method, *, steps=1, rate_hz=50e3, read=output):
+    return integrate(problem, method=method, output=read(rate_hz), tolerance=Steps(per_sample=steps)).checked().values
+
+
+class TestStateOracles:
+    # x1, x2, q, x2', w2 of the exact set, computed with 50 digits (linear load, from rest)
+    AFTER_2652 = (1.158291726597e-5, -1.244479508671e-5, 1.199957237219e-3, 1.505469885551e-4, 132.1547571565)
+    AFTER_100 = (1.235130893838e-5, -1.235230154837e-5, 1.311545438764e-3, -2.275943771227e-3, 53.56034784742)
+
+    @pytest.mark.parametrize("method", [Splitting(), Transition()])
+    def test_constant_stiffness(self, method):
+        problem = driven(pair(constant(), damping=GEAR_DRAG), duration_s=2652 * PERIOD_S)
+        values = run(problem, method, rate_hz=10 / PERIOD_S, read=state_output)
+        # 26,520 steps of a propagator rounded to 1.1e-16 each: 3e-12 of the largest entry; x2' is 2 % of its
+        # largest, so 1.5e-10 of it
+        np.testing.assert_allclose(values[-1], self.AFTER_2652, rtol=5e-10)
+
+    @pytest.mark.parametrize("samples", [1, 7, 3771])
+    def test_rectangular_stiffness_by_exact_transitions(self, samples):
+        problem = driven(pair(rectangle(), damping=GEAR_DRAG), duration_s=100 * PERIOD_S)
+        values = run(problem, Transition(), rate_hz=samples / (100 * PERIOD_S), read=state_output)
+        np.testing.assert_allclose(values[-1], self.AFTER_100, rtol=1e-11)  # the oracle's own last digit: 2e-13
+
+    def test_rectangular_stiffness_by_splitting(self):
+        problem = driven(pair(rectangle(), damping=GEAR_DRAG), duration_s=100 * PERIOD_S)
+        errors = [
+            np.abs(
+                run(problem, Splitting(), steps=s, rate_hz=10 / PERIOD_S, read=state_output)[-1] / self.AFTER_100 - 1
+            )
+            for s in (2, 4, 8)
+        ]
+        assert np.all(errors[-1] < 1e-9)
+        # fourth order although the stiffness jumps within steps: 2^4, less a fifth for the next order's share
+        assert np.all(errors[0][:4] > 12.8 * errors[1][:4])
+        assert np.all(errors[1][:4] > 12.8 * errors[2][:4])
+
+    def test_start_up(self):
+        # DOP853 at 1e-11 elsewhere: w2(2 s) = 132.272702; largest transmission error 1.8422e-3 m at 0.1407 s
+        values = run(driven(pair(constant()), duration_s=2, drag=DRAG), Splitting())
+        assert values[-1, 2] == pytest.approx(132.272702, abs=1e-6)
+        assert values[:, 0].max() == pytest.approx(1.8422e-3, abs=5e-8)
+        assert np.argmax(values[:, 0]) / 50e3 == pytest.approx(0.1407, abs=5e-5)
+
+
+def digits_after(bearings, periods, duty=0.4, low=0.76e6, high=1.36e6):
+    """x1, x2, q, x2', w2 of the undamped pair under balanced torques in 60 digits, by modes segment by segment."""
+    with mpmath.workdps(60):
+        g = mpmath.matrix([mpmath.mpf(x) for x in DIRECTION])
+        root = [mpmath.sqrt(mpmath.mpf(m)) for m in MASSES]
+        base = mpmath.diag([mpmath.mpf(bearings), 0, mpmath.mpf(bearings), 0])
+        force = [0, mpmath.mpf(75), 0, -mpmath.mpf(75) * 1.75]
+        pieces = []
+        for stiffness, share in ((high, duty), (low, 1 - duty)):
+            k = base + mpmath.mpf(stiffness) * g * g.T
+            scaled = mpmath.matrix(4, 4)
+            for i in range(4):
+                for j in range(4):
+                    scaled[i, j] = k[i, j] / root[i] / root[j]
+            squares, shapes = mpmath.eigsy(scaled)
+            t = mpmath.mpf(PERIOD_S) * mpmath.mpf(share)
+            pieces.append(
+                (squares, shapes, t, shapes.T * mpmath.matrix([f / r for f, r in zip(force, root, strict=True)]))
+            )
+        y, v = mpmath.matrix(4, 1), mpmath.matrix(4, 1)
+        for _ in range(periods):
+            for squares, shapes, t, push in pieces:
+                a, b = shapes.T * y, shapes.T * v
+                for i in range(4):
+                    if abs(squares[i]) < 1e-30:
+                        a[i], b[i] = a[i] + b[i] * t + push[i] * t * t / 2, b[i] + push[i] * t
+                        continue
+                    w = mpmath.sqrt(squares[i])
+                    c, s, rest = mpmath.cos(w * t), mpmath.sin(w * t), push[i] / squares[i]
+                    a[i], b[i] = rest + (a[i] - rest) * c + b[i] * s / w, -(a[i] - rest) * w * s + b[i] * c
+                y, v = shapes * a, shapes * b
+        q = [y[i] / root[i] for i in range(4)]
+        return np.array(
+            [float(z) for z in (q[0], q[2], RADII[0] * q[1] - RADII[1] * q[3], v[2] / root[2], v[3] / root[3])]
+        )
+
+
+@pytest.mark.parametrize("bearings", [1e8, 1e12, 1e16])
+def test_stiff_bearings_cost_no_digits(bearings):
+    load = Load(constant=np.array([0, 75.0, 0, -75 * 1.75]))
+    system = pair(rectangle(), bearings=bearings)
+    problem = Problem(system=system, reference=turning(), load=load, duration_s=500 * PERIOD_S)
+    values = run(problem, Transition(), rate_hz=30 / PERIOD_S, read=state_output)
+    error = np.abs(values[-1] - digits_after(bearings, 500)) / np.sqrt(np.mean(values**2, axis=0))
+    assert np.all(error[[2, 4]] < 1.5e-10)  # q and w2: what an exponential step is to keep
+    if bearings < 1e16:
+        # bearings of 1e16 N/m turn by 1.6e7 rad in this time: eps times that is left of their own motion
+        assert np.all(error < 1.5e-10)
+
+
+class TestOrders:
+    def test_the_splitting_has_its_order(self):
+        smooth = Curve(value=lambda p: 1e6 + 3e5 * np.cos(2 * np.pi * p))
+        system = pair(smooth, damping=GEAR_DRAG + np.diag([50.0, 0, 50, 0]), error=Wobble())
+        load = Load(constant=np.array([0, 75.0, 0, 0]), varying=lambda t: np.outer(np.sin(3000 * t), [10, 1, 0, 0]))
+        # 5.4 kHz: 4.07 samples to a mesh cycle, so that errors are well above the 1e-10 that tables of phases cost
+        problem = Problem(system=system, reference=turning(), load=load, duration_s=0.01)
+        reference = by_scipy(problem, output(5.4e3), relative=1e-12, absolute=1e-17)
+        errors = [worst(run(problem, Splitting(), steps=s, rate_hz=5.4e3), reference) for s in (1, 2, 4)]
+        # 2^4 when the step is halved; a fifth less is left to the next order's share
+        assert errors[0] > 12.8 * errors[1] > 12.8**2 * errors[2], errors
+
+    def test_a_quadratic_load_keeps_second_order_and_little_error(self):
+        problem = driven(pair(ten_harmonics()), duration_s=0.2, drag=DRAG)
+        reference = run(problem, Splitting(), steps=32)
+        errors = [worst(run(problem, Splitting(), steps=s), reference) for s in (1, 2)]
+        assert errors[0] < 3e-6
+        assert errors[0] > 3 * errors[1]
+        soon = replace(problem, duration_s=0.005)
+        assert worst(run(soon, Splitting(), steps=8), by_scipy(soon, output(50e3), relative=1e-10)) < 1e-7
+
+
+def energy(values, stiffness, *, half_gap=0.0):
+    """Elastic energy and the kinetic one that no free rotation holds, over the states (n, 8)."""
+    q, v = values[:, :4], values[:, 4:]
+    rigid = np.array([0, RADII[1], 0, RADII[0]])
+    v = v - np.outer(v @ (MASSES * rigid) / (rigid @ (MASSES * rigid)), rigid)
+    delta = q @ DIRECTION
+    pressed = delta - np.clip(delta, -half_gap, half_gap)
+    return (v**2 @ MASSES + 1e8 * (q[:, 0] ** 2 + q[:, 2] ** 2) + stiffness * pressed**2) / 2
+
+
+class TestEnergy:
+    # the gear turns backwards against the pinion, so q grows: all of it is vibration, 1 mm at first
+    START = State(displacement=np.array([1e-5, 0.0, -2e-5, 0.0]), velocity=np.array([0.1, 5.0, 0.0, 0.0]))
+
+    @pytest.mark.parametrize("method", [Splitting(), Transition()])
+    def test_of_a_constant_stiffness_stays(self, method):
+        problem = driven(pair(constant()), duration_s=2.0, torque_nm=0.0, start=self.START)
+        held = energy(run(problem, method, rate_hz=20e3, read=whole_state), 1e6)
+        assert np.max(np.abs(held / held[0] - 1)) < 1e-10
+
+    def test_of_teeth_that_part_and_meet_does_not_drift(self):
+        problem = driven(pair(constant(), backlash_m=2e-4), duration_s=1.0, torque_nm=0.0, start=self.START)
+        worst_errors, ends = [], []
+        for steps in (2, 4, 8, 16):
+            held = energy(run(problem, Splitting(), steps=steps, rate_hz=20e3, read=whole_state), 1e6, half_gap=2e-4)
+            error = held / held[0] - 1
+            worst_errors.append(np.max(np.abs(error)))
+            ends.append(error[-2000:].mean())
+        # second order or better: contacts fall anywhere within a step, so single gains scatter; three of them do not
+        assert worst_errors[0] > 4**3 * worst_errors[-1] / 2
+        assert worst_errors[-1] < 1e-5
+        # what is gained or lost at contacts is of either sign; a method that damps or feeds has one
+        assert np.min(ends) < 0 < np.max(ends)
+
+
+class TestTwoEngines:
+    def test_teeth_that_part(self):
+        system = pair(ten_harmonics(), damping=np.diag([50.0, 0, 50, 0]), backlash_m=2e-5, error=Wobble())
+        problem = driven(system, duration_s=0.01)
+        split = run(problem, Splitting(), steps=8)
+        assert np.min(split[:, 0]) < 2e-5  # some of it out of contact
+        # kinks of the force: second order in the step, 2.5 us
+        assert worst(split, by_scipy(problem, output(50e3))) < 1e-5
+
+    def test_teeth_that_part_under_a_rectangle_against_exact_contacts(self):
+        system = pair(rectangle(), damping=np.diag([50.0, 0, 50, 0]), backlash_m=2e-5)
+        problem = driven(system, duration_s=0.2)
+        exact = run(problem, Transition())
+        assert np.min(exact[:, 0]) < 2e-5
+        errors = [worst(run(problem, Splitting(), steps=steps), exact) for steps in (4, 64)]
+        assert errors[1] < 1e-7
+        assert errors[1] < errors[0] / 16  # contacts cost two orders, and leave the second
+
+    def test_a_run_up_through_resonances(self):
+        ramp = ShaftAngle(times_s=np.array([0.0, 0.05]), speeds_hz=np.array([20.0, 900.0]))
+        problem = driven(pair(ten_harmonics(), damping=GEAR_DRAG), duration_s=0.05, reference=ramp)
+        assert worst(run(problem, Splitting(), steps=4), by_scipy(problem, output(50e3))) < 1e-6
+
+    def test_exact_transitions_of_a_run_up_with_two_meshes(self):
+        other = Mesh(
+            name="other",
+            direction=np.array([0.0, 0.1, 1.0, 0.0]),
+            stiffness=rectangle(2e5, 5e5, 0.3),
+            cycles_per_rev=2.7,
+        )
+        system = pair(rectangle(), damping=GEAR_DRAG)
+        system = replace(system, meshes=(*system.meshes, other))
+        ramp = ShaftAngle(times_s=np.array([0.0, 0.2]), speeds_hz=np.array([20.0, 900.0]))
+        problem = driven(system, duration_s=0.2, reference=ramp)
+        errors = [worst(run(problem, Splitting(), steps=s), run(problem, Transition())) for s in (1, 2)]
+        assert errors[1] < 1e-6
+        assert errors[0] > 4 * errors[1]
+
+    def test_start_from_rest_with_the_mesh_tied_to_the_pinion(self):
+        system = pair(ten_harmonics(), backlash_m=5e-5)
+        system = replace(system, meshes=(replace(system.meshes[0], cycles_per_rev=36.0),))
+        problem = driven(system, duration_s=0.02, drag=DRAG, reference=CoupledReference(name="pinion rotation"))
+        # contacts within steps of 5 us
+        assert worst(run(problem, Splitting(), steps=4), by_scipy(problem, output(50e3), relative=1e-10)) < 5e-6
+
+    def test_gyroscopic_terms(self):
+        spin = np.zeros((4, 4))
+        spin[0, 2], spin[2, 0] = 400.0, -400.0
+        problem = driven(replace(pair(ten_harmonics()), gyroscopic=spin), duration_s=0.01)
+        assert worst(run(problem, Splitting(), steps=4), by_scipy(problem, output(50e3), relative=1e-10)) < 1e-7
+
+
+def test_free_vibration_of_teeth_that_part():
+    # x'' + max(x, 0) = 1 with 1 + a the largest x: closed form of its frequency, 0.821021053874 for a = 2
+    half_gap = 50.0
+    mesh = Mesh(name="m", direction=np.ones(1), stiffness=constant(1.0), backlash_m=half_gap)
+    zero = np.zeros((1, 1))
+    system = System(mass=np.eye(1), damping=zero, stiffness=zero, meshes=(mesh,), names=("x",))
+    period = 2 * np.pi / (np.pi / (np.pi - np.arccos(1 / 2) + np.sqrt(3)))
+    assert 2 * np.pi / period == pytest.approx(0.821021053874, abs=1e-12)
+    start = State(displacement=np.array([half_gap + 3.0]), velocity=np.zeros(1))
+    problem = Problem(
+        system=system, reference=turning(1.0), load=Load(constant=np.ones(1)), duration_s=period, start=start
+    )
+    read = Output(rate_hz=2000 / period, displacement=np.array([[1.0], [0]]), velocity=np.array([[0.0], [1]]))
+    last = integrate(problem, method=Splitting(), output=read, tolerance=ONE).values[-1]
+    np.testing.assert_allclose(last, [half_gap + 3, 0], atol=2e-5)  # two contacts a period, steps of 0.004 rad
+
+
+class TestOutputs:
+    def test_accelerations_are_derivatives_and_mesh_forces_deform(self):
+        eye, zero = np.eye(4), np.zeros((4, 4))
+        maps = Output(
+            rate_hz=400e3,
+            velocity=np.vstack([eye, zero, zero[:1]]),
+            acceleration=np.vstack([zero, eye, zero[:1]]),
+            mesh_force=np.eye(9)[:, 8:],
+        )
+        load = Load(
+            constant=np.array([0, 75.0, 0, 0]),
+            quadratic_drag=np.array([0, 0, 0, DRAG]),
+            varying=lambda t: np.outer(np.sin(3000 * t), [10, 1, 0, 0]),
+        )
+        system = pair(ten_harmonics(), damping=np.diag([50.0, 0, 50, 1]), error=Wobble())
+        problem = Problem(system=system, reference=turning(), load=load, duration_s=0.01)
+        values = integrate(problem, method=Splitting(), output=maps, tolerance=ONE).values
+        v, a, force = values[:, :4], values[:, 4:8], values[:, 8]
+        slopes = (8 * (v[3:-1] - v[1:-3]) - (v[4:] - v[:-4])) * 400e3 / 12
+        # five points, 2.5 us apart, see the tenth harmonic at 83,340 rad/s to (w h)^4 / 30
+        assert worst(a[2:-2], slopes) < 1e-4
+        times_s = np.arange(v.shape[0]) / 400e3
+        balance = MASSES * a + v * (50, 0, 50, 1) + np.outer(force, DIRECTION) - load.constant - load.varying(times_s)
+        balance[:, 3] += DRAG * v[:, 3] * np.abs(v[:, 3])
+        # what remains are the bearings, which pull only where they are
+        np.testing.assert_allclose(balance[:, [1, 3]], 0, atol=1e-9)
+
+    def test_blocks_are_the_record(self):
+        problem = driven(pair(ten_harmonics(), backlash_m=1e-5, error=Wobble()), duration_s=0.02, drag=DRAG)
+        whole = integrate(problem, method=Splitting(), output=output(50e3), tolerance=ONE)
+        blocks = list(integrate_blocks(problem, method=Splitting(), output=output(50e3), tolerance=ONE, block=137))
+        np.testing.assert_allclose(np.concatenate([b.values for b in blocks]), whole.values, rtol=1e-12)
+        np.testing.assert_array_equal(np.concatenate([b.times_s for b in blocks]), whole.times_s)
+        assert max(b.times_s.size for b in blocks) == 137
+
+    def test_memory_does_not_grow_with_the_record(self):
+        def peak(duration_s):
+            problem = driven(pair(rectangle()), duration_s=duration_s)
+            tracemalloc.start()
+            for _ in integrate_blocks(problem, method=Splitting(), output=output(20e3), tolerance=ONE):
+                pass
+            _, most = tracemalloc.get_traced_memory()
+            tracemalloc.stop()
+            return most
+
+        peak(0.1)
+        assert peak(20.0) < 1.2 * peak(3.0)  # longer than three blocks, both
+
+    def test_going_on_from_where_it_ended(self):
+        first = driven(pair(rectangle()), duration_s=0.01)
+        half = integrate(first, method=Transition(), output=output(50e3), tolerance=ONE)
+        second = replace(first, start=half.final, start_s=0.01)
+        again = integrate(second, method=Transition(), output=output(50e3), tolerance=ONE)
+        whole = run(replace(first, duration_s=0.02), Transition())
+        np.testing.assert_allclose(again.values[-1], whole[-1], rtol=1e-11)
+
+
+class TestAccuracy:
+    @pytest.mark.parametrize("relative", [1e-4, 1e-6, 1e-8])
+    def test_steps_follow_from_the_error_asked_for(self, relative):
+        problem = driven(pair(ten_harmonics(), damping=GEAR_DRAG), duration_s=0.5)
+        found = integrate(problem, method=Splitting(), output=output(10e3), tolerance=Accuracy(relative=relative))
+        error = worst(found.checked().values, run(problem, Splitting(), steps=128, rate_hz=10e3))
+        assert error < relative
+        assert found.estimated_error < relative
+        assert error > relative / 1e4  # not by brute force: one halving of the step gains 16
+
+    def test_out_of_reach(self):
+        problem = driven(pair(ten_harmonics()), duration_s=0.1)
+        ask = Accuracy(relative=1e-12, max_per_sample=8)
+        found = integrate(problem, method=Splitting(), output=output(50e3), tolerance=ask)
+        assert found.outcome is Outcome.TOLERANCE_NOT_REACHED
+        assert found.values.shape == (0, 3)
+        with pytest.raises(IntegrationError, match=r"8 steps to a sample.*not 1e-12.*To do: ask for less"):
+            found.checked()
+
+
+class TestRefusals:
+    def test_kicks_beyond_stability(self):
+        problem = driven(pair(rectangle(0.0, 2e8, 0.5)), duration_s=0.01)
+        found = integrate(problem, method=Splitting(), output=output(4e3), tolerance=ONE)
+        assert found.outcome is Outcome.UNSTABLE_STEP
+
+    @pytest.mark.parametrize("steps", [1, 2, 4])
+    def test_modes_that_no_step_resolves(self, steps):
+        # 2.4540e6 rad/s: 49.1, 24.5 and 12.3 rad, near 4, 4 and 2 turns a kick, so that half a step errs alike
+        problem = driven(pair(rectangle(), bearings=1e14, damping=GEAR_DRAG), duration_s=0.02)
+        found = integrate(problem, method=Splitting(), output=output(50e3), tolerance=Steps(per_sample=steps))
+        assert found.outcome is Outcome.UNRESOLVED_STEP
+        assert f"turns the mode at 2.454e+06 rad/s by {49.08 / steps:.3g} rad" in found.detail
+        assert "25 steps to a sample resolve the mode" in found.detail
+        with pytest.raises(IntegrationError, match=r"share in a channel is 1, .* of its RMS.*To do: take more steps"):
+            list(integrate_blocks(problem, method=Splitting(), output=output(50e3), tolerance=Steps(per_sample=steps)))
+
+    def test_steps_that_resolve_what_is_read_are_taken(self):
+        problem = driven(pair(rectangle(), bearings=1e14, damping=GEAR_DRAG), duration_s=0.02)
+        # from as many steps as it names on, the error of the fastest mode falls with the fourth power
+        errors = [worst(run(problem, Splitting(), steps=count), run(problem, Transition())) for count in (25, 50)]
+        assert errors[0] < 0.2
+        assert errors[1] < errors[0] / 12.8
+        asked = integrate(problem, method=Splitting(), output=output(50e3), tolerance=Accuracy(relative=1e-3))
+        assert worst(asked.checked().values, run(problem, Transition())) < 1e-3
+
+        def without_bearings(rate_hz):
+            return Output(rate_hz=rate_hz, displacement=output(1).displacement[:1])
+
+        slow = run(problem, Splitting(), read=without_bearings)  # q alone hears nothing of the bearings
+        assert worst(slow, run(problem, Transition(), read=without_bearings)) < 1e-6
+
+    def test_steps_over_mesh_cycles(self):
+        problem = driven(pair(ten_harmonics(), bearings=1e4), duration_s=0.1)
+        found = integrate(problem, method=Splitting(), output=output(1e3), tolerance=ONE)
+        assert found.outcome is Outcome.UNRESOLVED_STEP
+        assert "1.33 mesh cycles" in found.detail  # 1326.4 Hz over 1 ms
+
+    def test_motion_that_grows_without_end(self):
+        problem = driven(pair(constant(), damping=-1e5 * np.diag(MASSES)), duration_s=0.1)
+        found = integrate(problem, method=Splitting(), output=output(50e3), tolerance=ONE)
+        assert found.outcome is Outcome.DIVERGED
+        assert np.isfinite(found.values).all()
+        assert 0 < found.values.shape[0] < 5001
+        with pytest.raises(IntegrationError, match="left the range of numbers"):
+            list(integrate_blocks(problem, method=Splitting(), output=output(50e3), tolerance=ONE))
+
+    def test_what_transitions_cannot_do(self):
+        system = pair(ten_harmonics(), backlash_m=1e-5, error=Wobble())
+        problem = driven(system, duration_s=0.1, drag=DRAG)
+        with pytest.raises(ValueError, match=r"quadratic drag.*transmission error.*not constant.*Splitting"):
+            run(problem, Transition())
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"duration_s": -1.0}, "duration_s=-1.0"),
+            ({"load": Load(constant=np.zeros(3))}, "load.constant"),
+            ({"load": Load(constant=np.full(4, np.nan))}, "load.constant"),
+            ({"load": Load(constant=np.zeros(4), quadratic_drag=-np.ones(4))}, "feeds energy in"),
+            ({"reference": CoupledReference(name="motor")}, "'motor', which is none of pinion x"),
+        ],
+    )
+    def test_bad_problems(self, change, message):
+        with pytest.raises(ValueError, match=message):
+            replace(driven(pair(constant()), duration_s=1.0), **change)
+
+    def test_bad_maps_and_loads(self):
+        problem = driven(pair(constant()), duration_s=0.01)
+        for maps in (Output(rate_hz=1e3, displacement=np.eye(3)), Output(rate_hz=1e3, mesh_force=np.eye(2))):
+            with pytest.raises(ValueError, match=r"output\.(displacement|mesh_force) must be finite"):
+                integrate(problem, method=Splitting(), output=maps, tolerance=ONE)
+        with pytest.raises(ValueError, match="one row per channel"):
+            Output(rate_hz=1e3, displacement=np.eye(4), velocity=np.eye(4)[:2])
+        bad = replace(problem, load=Load(constant=np.zeros(4), varying=lambda t: np.full((t.size, 4), np.nan)))
+        with pytest.raises(ValueError, match=r"load\.varying must return finite forces"):
+            run(bad, Splitting())

@@ -1,0 +1,292 @@
+"""Teeth that part and meet: exact from contact to contact, energy over many of them, and the band of two motions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gear_pair import (
+    DIRECTION,
+    MASSES,
+    RADII,
+    Curve,
+    by_scipy,
+    constant,
+    driven,
+    output,
+    pair,
+    rectangle,
+    turning,
+    whole_state,
+    worst,
+)
+from scipy.integrate import solve_ivp
+
+from data_synth.dynamics.system import Mesh, System
+from data_synth.integrators.driver import integrate, integrate_blocks
+from data_synth.integrators.exact_transition import Transition
+from data_synth.integrators.problem import Load, Outcome, Output, Problem, State, Steps
+from data_synth.integrators.splitting import Splitting
+from data_synth.vibration.steady_state import periodic_state
+
+ONE = Steps(per_sample=1)
+HALF_GAP, AMPLITUDE = 1.0, 3.0
+SPEED = AMPLITUDE - HALF_GAP  # through the gap
+PERIOD = 2 * np.pi + 4 * HALF_GAP / SPEED
+DEEP = 50.0  # half a gap so wide that the back flanks are never reached
+
+
+def mass_between(half_gap, *, decay=0.0, stiffness=None):
+    """1 kg on a mesh of 1 N/m."""
+    mesh = Mesh(name="m", direction=np.ones(1), stiffness=stiffness or constant(1.0), backlash_m=half_gap)
+    return System(
+        mass=np.eye(1), damping=np.full((1, 1), 2 * decay), stiffness=np.zeros((1, 1)), meshes=(mesh,), names=("x",)
+    )
+
+
+def read(rate_hz):
+    """Read x and x'."""
+    return Output(rate_hz=rate_hz, displacement=np.array([[1.0], [0.0]]), velocity=np.array([[0.0], [1.0]]))
+
+
+def free(half_gap, *, x, v=0.0, load=0.0, duration_s):
+    """Return the mass let go."""
+    return Problem(
+        system=mass_between(half_gap),
+        reference=turning(1.0),
+        load=Load(constant=np.full(1, load)),
+        duration_s=duration_s,
+        start=State(displacement=np.full(1, x), velocity=np.full(1, v)),
+    )
+
+
+def swinging(times_s):
+    """Let go at AMPLITUDE: a quarter of a cosine, a straight line through the gap, half a sine, and back."""
+    at = np.mod(times_s, PERIOD)
+    sign = np.where(at < PERIOD / 2, 1.0, -1.0)
+    at = np.mod(at, PERIOD / 2) - np.pi / 2
+    inside, straight = at - 2 * HALF_GAP / SPEED, HALF_GAP - SPEED * at
+    cosine, sine = HALF_GAP - SPEED * np.sin(at), -HALF_GAP - SPEED * np.sin(inside)
+    return sign * np.where(at < 0, cosine, np.where(inside < 0, straight, sine))
+
+
+def relative_energy(values, half_gap=HALF_GAP):
+    """Return how far the energy of x, x' is from that of the amplitude, relative to it."""
+    x, v = values.T
+    return (v**2 + np.maximum(np.abs(x) - half_gap, 0) ** 2) / SPEED**2 - 1
+
+
+class TestExactContacts:
+    def test_a_mass_between_two_walls_is_the_closed_form(self):
+        problem = free(HALF_GAP, x=AMPLITUDE, duration_s=50 * PERIOD)
+        found = integrate(problem, method=Transition(), output=read(7.3 / PERIOD), tolerance=ONE).checked()
+        # phases drift by what rounding leaves at 200 contacts
+        np.testing.assert_allclose(found.values[:, 0], swinging(found.times_s), atol=1e-11)
+
+    def test_under_load_the_backbone(self):
+        # x'' + max(x, 0) = 1 about x = 1 with amplitude 2: Omega = pi / (pi - acos(1/a) + sqrt(a^2 - 1))
+        period = 2 * (np.pi - np.arccos(1 / 2) + np.sqrt(3))
+        assert 2 * np.pi / period == pytest.approx(0.821021053874, abs=1e-12)
+        problem = free(DEEP, x=DEEP + 3.0, load=1.0, duration_s=10 * period)
+        values = integrate(problem, method=Transition(), output=read(1 / period), tolerance=ONE).checked().values
+        np.testing.assert_allclose(values, [[DEEP + 3, 0]] * 11, atol=1e-11)
+
+    def test_teeth_that_touch_and_no_more(self):
+        # amplitude 1 about x = 1: at the edge of the gap for an instant each period, where x = 1 + cos t never leaves
+        problem = free(DEEP, x=DEEP + 2.0, load=1.0, duration_s=100.0)
+        found = integrate(problem, method=Transition(), output=read(3.0), tolerance=ONE).checked()
+        np.testing.assert_allclose(found.values[:, 0], DEEP + 1 + np.cos(found.times_s), atol=1e-10)
+
+    @pytest.mark.parametrize("x", [HALF_GAP, -HALF_GAP, 0.3])
+    def test_at_rest_in_the_gap_or_on_its_edge(self, x):
+        problem = free(HALF_GAP, x=x, duration_s=10.0)
+        values = integrate(problem, method=Transition(), output=read(1.0), tolerance=ONE).checked().values
+        # the gap is where the mean stiffness is taken off again: 1e-16 of it is left
+        np.testing.assert_allclose(values, [[x, 0]] * 11, atol=1e-13)
+
+    def test_blocks_and_restarts_are_one_motion(self):
+        system = pair(rectangle(), damping=np.diag([50.0, 0, 50, 0]), backlash_m=2e-5)
+        problem = driven(system, duration_s=0.04)
+        whole = integrate(problem, method=Transition(), output=output(50e3), tolerance=ONE).checked()
+        blocks = integrate_blocks(problem, method=Transition(), output=output(50e3), tolerance=ONE, block=137)
+        np.testing.assert_allclose(np.concatenate([b.values for b in blocks]), whole.values, rtol=1e-9, atol=1e-15)
+        half = integrate(replace(problem, duration_s=0.02), method=Transition(), output=output(50e3), tolerance=ONE)
+        second = replace(problem, start=half.final, start_s=0.02, duration_s=0.02)
+        again = integrate(second, method=Transition(), output=output(50e3), tolerance=ONE).checked()
+        np.testing.assert_allclose(again.values[-1], whole.values[-1], rtol=1e-9)
+
+    def test_two_gaps_and_stiff_bearings_by_scipy(self):
+        other = Mesh(
+            name="other",
+            direction=np.array([0.0, 0.1, 1.0, 0.0]),
+            stiffness=rectangle(2e5, 5e5, 0.3),
+            cycles_per_rev=2.7,
+            backlash_m=1e-5,
+        )
+        system = pair(rectangle(), damping=np.diag([50.0, 0, 50, 0]), bearings=1e10, backlash_m=2e-5)
+        problem = driven(replace(system, meshes=(*system.meshes, other)), duration_s=0.005, reference=turning(3000.0))
+        exact = integrate(problem, method=Transition(), output=output(20e3), tolerance=ONE).checked().values
+        scipys = by_scipy(problem, output(20e3), relative=1e-11, absolute=1e-16)
+        # scipy steps over jumps and kinks by trial
+        assert worst(exact, scipys) < 1e-7
+
+    def test_four_gaps_are_too_many(self):
+        mesh = mass_between(HALF_GAP).meshes[0]
+        system = replace(mass_between(HALF_GAP), meshes=(mesh,) * 4)
+        with pytest.raises(ValueError, match=r"more than 3 meshes have backlash.*Use Splitting"):
+            integrate(
+                replace(free(1.0, x=2.0, duration_s=1.0), system=system),
+                method=Transition(),
+                output=read(1.0),
+                tolerance=ONE,
+            )
+
+
+class TestEnergy:
+    def test_of_exact_contacts_does_not_drift_over_ten_thousand_oscillations(self):
+        problem = free(HALF_GAP, x=AMPLITUDE, duration_s=1e4 * PERIOD)
+        found = integrate(problem, method=Transition(), output=read(5.03 / PERIOD), tolerance=ONE).checked()
+        # 4e4 contacts and 3e5 stretches, each rounded once or twice
+        assert np.max(np.abs(relative_energy(found.values))) < 1e-11
+
+    def test_of_the_gear_pair_is_kept_through_all_contacts(self):
+        start = State(displacement=np.array([1e-5, 0, -2e-5, 0]), velocity=np.array([0.1, 5.0, 0, 0]))
+        problem = driven(pair(constant(), backlash_m=2e-4), duration_s=2.0, torque_nm=0.0, start=start)
+        values = integrate(problem, method=Transition(), output=whole_state(20e3), tolerance=ONE).checked().values
+        held = energy_of_pair(values, half_gap=2e-4)
+        assert np.max(np.abs(held / held[0] - 1)) < 1e-10
+
+    def test_of_the_splitting_stays_bounded_and_falls_with_the_square_of_the_step(self):
+        # a contact anywhere in a step changes the energy a little, up or down; the nine motions are independent
+        largest = []
+        for steps in (25, 50, 100):
+            walks = [walk(steps, x, oscillations=1000) for x in np.linspace(1.5, 3.0, 9)]
+            largest.append(rms([most for _, most in walks]))
+        # two halvings gain 4^2 or more
+        assert largest[0] > 16 * largest[2]
+        walks = [walk(100, x, oscillations=5000) for x in np.linspace(1.5, 3.0, 9)]
+        # five times as long, and hardly farther from where it began: a walk would come sqrt(5) times as far
+        assert rms([most for _, most in walks]) < 1.5 * largest[2] < 2e-3
+        # the slopes are a sample whose mean has a standard error
+        slopes = np.array([slope for slope, _ in walks])
+        assert abs(slopes.mean()) < 3 * slopes.std(ddof=1) / np.sqrt(slopes.size)
+
+
+def walk(steps, x, *, oscillations):
+    """Return the slope of the energy per oscillation of `steps` steps or so, and its largest departure."""
+    # somewhere in contact, always with the same energy; a whole number of steps would keep in step with contacts
+    v = np.sqrt(SPEED**2 - (x - HALF_GAP) ** 2)
+    problem = free(HALF_GAP, x=x, v=v, duration_s=oscillations * PERIOD)
+    # read at every fifth step: what a contact has changed stays until the next
+    rate_hz = 1.037 * steps / PERIOD / 5
+    found = integrate(problem, method=Splitting(), output=read(rate_hz), tolerance=Steps(per_sample=5)).checked()
+    energies = relative_energy(found.values)
+    return float(np.polyfit(found.times_s / PERIOD, energies, 1)[0]), float(np.max(np.abs(energies)))
+
+
+def rms(values):
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def energy_of_pair(values, *, half_gap):
+    """Elastic energy of mesh and bearings and kinetic energy of the states (n, 8), less that of the free rotation."""
+    q, v = values[:, :4], values[:, 4:]
+    rigid = np.array([0, RADII[1], 0, RADII[0]])
+    v = v - np.outer(v @ (MASSES * rigid) / (rigid @ (MASSES * rigid)), rigid)
+    pressed = np.maximum(np.abs(q @ DIRECTION) - half_gap, 0)
+    return (v**2 @ MASSES + 1e8 * (q[:, 0] ** 2 + q[:, 2] ** 2) + 1e6 * pressed**2) / 2
+
+
+def motion(speed, start):
+    """Return a periodic motion of x'' + 2 z x' + (1 + kappa cos(Omega t)) max(x, 0) = 1 at (z, kappa) = (0.02, 0.1)."""
+    # steps of 0.016 rad: kinks within them move folds by less than 1e-4
+    return periodic_state(parametric(speed, start), method=Splitting(), output=read(1.0), samples=400)
+
+
+def parametric(speed, start):
+    """Return the oscillator over one period."""
+    stiffness = Curve(value=lambda p: 1 + 0.1 * np.cos(2 * np.pi * p), mean=1.0)
+    return Problem(
+        system=mass_between(DEEP, decay=0.02, stiffness=stiffness),
+        reference=turning(speed),
+        load=Load(constant=np.ones(1)),
+        duration_s=2 * np.pi / speed,
+        start=start,
+    )
+
+
+@pytest.fixture(scope="module")
+def motions():
+    """Return the small and the large motion at 0.88, after forty periods from two starts."""
+    found = []
+    for x in (1.0, 2.5):
+        problem = parametric(0.88, State(displacement=np.full(1, DEEP + x), velocity=np.zeros(1)))
+        wait = replace(problem, duration_s=40 * problem.duration_s)
+        near = integrate(wait, method=Splitting(), output=read(0.88 * 50 / np.pi), tolerance=ONE).final
+        found.append(motion(0.88, near))
+    return sorted(found, key=swing)
+
+
+def followed(state, step, stop):
+    """Follow a stable motion from 0.88 on by shooting, each from the one before; return the speed of the last."""
+    speed = 0.88
+    while abs(step) > 2e-5 and (stop - speed) / step > 1e-9:
+        new = motion(speed + step, state.start)
+        near = abs(swing(new) - swing(state)) < 0.25 * swing(state)
+        if new.outcome is Outcome.DONE and new.stable and near:
+            speed, state = speed + step, new
+        else:
+            step /= 2
+    return speed
+
+
+class TestTwoMotions:
+    def test_both_ends_of_the_band(self, motions):
+        # two motions for Omega in 0.785 to 0.950
+        small, large = motions
+        assert swing(large) > 4 * swing(small)
+        low, high = followed(large, -0.02, 0.5), followed(small, 0.02, 1.5)
+        # as swept in steps of 0.005: the last with two motions on either side
+        assert round(np.ceil(low / 0.005 - 0.02) * 0.005, 3) == 0.785
+        assert round(np.floor(high / 0.005) * 0.005, 3) == 0.950
+        # the folds themselves, where shooting with scipy's DOP853, restarted at each contact, ends too
+        assert low == pytest.approx(0.7850, abs=2e-4)
+        assert high == pytest.approx(0.9524, abs=2e-4)
+        # each lives on beyond the end of the other
+        assert followed(large, 0.02, 0.96) == pytest.approx(0.96)
+        assert followed(small, -0.02, 0.76) == pytest.approx(0.76)
+
+    @pytest.mark.parametrize(("which", "speed"), [(0, 0.950), (0, 0.952), (1, 0.790), (1, 0.7851)])
+    def test_motions_near_the_ends_return_by_scipy_too(self, motions, which, speed):
+        state = motions[which]
+        for at in np.linspace(0.88, speed, 9)[1:]:
+            state = motion(at, state.start)
+        assert state.outcome is Outcome.DONE
+        assert state.stable
+        x, v = state.start.displacement[0] - DEEP, state.start.velocity[0]
+        # what steps of 0.016 rad with kinks in them leave over a period
+        np.testing.assert_allclose(one_period([x, v], speed), [x, v], atol=1e-4)
+
+
+def swing(state):
+    """Return the peak to peak displacement of a periodic motion."""
+    return float(np.ptp(state.waveform.values[:, 0]))
+
+
+def one_period(state, speed):
+    """Return where the parametric oscillator comes to, restarted at each contact."""
+    now, end, state = 0.0, 2 * np.pi / speed, np.array(state, dtype=float)
+    touching = state[0] > 0
+    while now < end:
+
+        def rates(t, y, touching=touching):
+            return [y[1], 1 - 0.04 * y[1] - touching * (1 + 0.1 * np.cos(speed * t)) * y[0]]
+
+        def edge(_, y):
+            return y[0]
+
+        edge.terminal, edge.direction = True, -1.0 if touching else 1.0
+        path = solve_ivp(rates, (now, end), state, method="DOP853", rtol=1e-11, atol=1e-12, events=edge)
+        now, state = path.t[-1], path.y[:, -1]
+        touching = not touching
+    return state

@@ -1,0 +1,122 @@
+"""What integrators are made of: tables of periodic functions, modes, flows."""
+
+from itertools import pairwise
+
+import mpmath
+import numpy as np
+import pytest
+from gear_pair import DIRECTION, MASSES, MEAN, rectangle, ten_harmonics
+from numpy.polynomial import legendre as polynomials
+from scipy import linalg
+
+from data_synth.integrators._periodic_kernels import integrals_at, legendre, value_at
+from data_synth.integrators.modal_problem import Wave, flow_of, modes_of, tabulated
+
+CURVES = {
+    "smooth": Wave(ten_harmonics(), 1),
+    "rectangle": Wave(rectangle(), 1, (0.0, 0.4)),
+    "three cycles": Wave(lambda p: ten_harmonics()(p / 3) + rectangle()(p), 3, (0.0, 0.4, 1.0, 1.4, 2.0, 2.4)),
+}
+STRETCHES = [
+    (5.1, 5.15),
+    (5.3, 5.9),
+    (0.95, 2.5),
+    (-3.7, -3.2),
+    (0.3995, 0.4005),  # shorter than what integrals are used for, over a jump
+    (2.9999, 3.0005),  # over the end of a period
+    (3.0005, 2.9999),  # backwards
+    (5.9, 5.3),
+    (0.2, 0.2001),
+]
+
+
+class TestTables:
+    @pytest.mark.parametrize("name", CURVES)
+    def test_values(self, name):
+        curve, at = CURVES[name], np.linspace(-4.0123, 6.0321, 397)
+        table = tabulated([CURVES["smooth"], curve])
+        found = [value_at(table, 1, p) for p in at]
+        # cells are halved until the polynomial of degree five fits to 1e-11 of the largest value
+        np.testing.assert_allclose(found, curve.value(at), rtol=1e-10)
+
+    @pytest.mark.parametrize("stretch", STRETCHES)
+    @pytest.mark.parametrize("name", CURVES)
+    def test_moments_by_quadrature(self, name, stretch):
+        curve, (start, stop) = CURVES[name], stretch
+        low, high = min(stretch), max(stretch)
+        jumps = {j + curve.period * cycle for j in curve.jumps for cycle in range(-5, 7)}
+        edges = [low, *sorted(j for j in jumps if low < j < high), high]
+        nodes, weights = polynomials.leggauss(60)
+        wanted = np.zeros(3)
+        for a, b in pairwise(edges):
+            at = (a + b) / 2 + (b - a) / 2 * nodes
+            rows = polynomials.legvander(2 * (at - start) / (stop - start) - 1, 2)
+            wanted += (b - a) / 2 / (high - low) * (weights * curve.value(at)) @ rows * (1, 3, 5)
+        table = tabulated([curve])
+        found = legendre(table, 0, start, stop, integrals_at(table, 0, start), integrals_at(table, 0, stop))
+        # differences of integrals over a stretch d lose eps / d^2
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10 * MEAN)
+
+    def test_a_stretch_of_no_length(self):
+        table = tabulated([CURVES["smooth"]])
+        at = integrals_at(table, 0, 0.3)
+        np.testing.assert_allclose(
+            legendre(table, 0, 0.3, 0.3, at, at), [CURVES["smooth"].value(0.3), 0, 0], rtol=1e-10
+        )
+
+
+def digits_of(bearings):
+    """Natural frequencies of the gear pair in 50 digits."""
+    with mpmath.workdps(50):
+        g = mpmath.matrix([mpmath.mpf(x) for x in DIRECTION])
+        k = mpmath.diag([mpmath.mpf(bearings), 0, mpmath.mpf(bearings), 0]) + MEAN * g * g.T
+        d = mpmath.diag([1 / mpmath.sqrt(mpmath.mpf(m)) for m in MASSES])
+        squares = sorted(mpmath.eigsy(d * k * d, eigvals_only=True))
+        return np.array([float(mpmath.sqrt(abs(s))) for s in squares[1:]])
+
+
+class TestModes:
+    @pytest.mark.parametrize("bearings", [1e8, 1e12, 1e16])
+    def test_every_frequency_has_all_its_digits(self, bearings):
+        mass = np.diag(MASSES)
+        modes = modes_of(mass, np.diag([bearings, 0, bearings, 0]) + MEAN * np.outer(DIRECTION, DIRECTION))
+        assert modes.frequencies[0] == 0  # the rigid mode, exactly
+        np.testing.assert_allclose(modes.frequencies[1:], digits_of(bearings), rtol=2e-15)
+        np.testing.assert_allclose(modes.shapes.T @ mass @ modes.shapes, np.eye(4), atol=1e-14)
+        assert modes.rows(DIRECTION[None])[0, 0] == 0  # meshes see no rigid mode
+
+    def test_published_frequencies(self):
+        # the exact set W
+        modes = modes_of(np.diag(MASSES), np.diag([1e8, 0, 1e8, 0]) + MEAN * np.outer(DIRECTION, DIRECTION))
+        np.testing.assert_allclose(modes.frequencies, [0, 692.22774872, 2467.11467008, 4316.6385243], rtol=1e-11)
+
+    def test_a_full_mass_matrix(self):
+        rng = np.random.default_rng(1)
+        a, b = rng.standard_normal((2, 6, 6))
+        mass, stiffness = a @ a.T + np.eye(6), b @ b.T
+        wanted = np.sqrt(linalg.eigh(stiffness, mass, eigvals_only=True))
+        np.testing.assert_allclose(modes_of(mass, stiffness).frequencies, wanted, rtol=1e-9)  # of scipy's own error
+
+    def test_nothing_but_rigid_modes(self):
+        modes = modes_of(np.diag([2.0, 8.0]), np.zeros((2, 2)))
+        assert not modes.frequencies.any()
+        np.testing.assert_allclose(modes.shapes.T @ np.diag([2.0, 8.0]) @ modes.shapes, np.eye(2), atol=1e-15)
+
+
+class TestFlow:
+    @pytest.mark.parametrize("decay", [0.0, 30.0, 2e4])  # the last beyond critical
+    def test_closed_form_by_the_exponential(self, decay):
+        mass, stiffness = np.diag(MASSES), np.diag([1e8, 0, 1e8, 0]) + MEAN * np.outer(DIRECTION, DIRECTION)
+        flow = flow_of(modes_of(mass, stiffness), decay * mass, np.array([1.0, 75.0, -2.0, -30.0]))
+        assert flow.classical
+        augmented = np.zeros((9, 9))
+        augmented[:8, :8], augmented[:8, 8] = flow.generator, flow.drive
+        for time_s in (1e-9, 1e-5, 1e-3):
+            propagator, added = flow.over(time_s)
+            wanted = linalg.expm(augmented * time_s)
+            np.testing.assert_allclose(propagator, wanted[:8, :8], atol=1e-13)
+            np.testing.assert_allclose(added, wanted[:8, 8], atol=1e-13 * np.max(np.abs(wanted[:8, 8])))
+
+    def test_damping_that_couples_modes_is_kept(self):
+        stiffness = np.diag([1e8, 0, 1e8, 0]) + MEAN * np.outer(DIRECTION, DIRECTION)
+        assert not flow_of(modes_of(np.diag(MASSES), stiffness), np.diag([0, 0, 0, 1.0]), np.zeros(4)).classical

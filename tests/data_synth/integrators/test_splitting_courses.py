@@ -1,0 +1,147 @@
+"""Teeth that change in time, and mesh forces under hats, against equations and sums written down here."""
+
+from itertools import pairwise
+
+import gear_pair
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+
+from data_synth.dynamics.system import Mesh, MeshHistory, System
+from data_synth.gears.mesh_stiffness import Fourier
+from data_synth.gears.transmission_error import ProfileError
+from data_synth.integrators.driver import integrate, integrate_blocks
+from data_synth.integrators.problem import Accuracy, Output, State, Steps
+from data_synth.integrators.splitting import Splitting
+
+FIRST = Fourier(mean=1e6, harmonics=np.array([2e5, 5e4j]))
+LATER = Fourier(mean=0.8e6, harmonics=np.array([1e5 - 1e5j, 8e4]))
+SMALL, LARGE = (ProfileError(harmonics_m=np.array([size + 0j])) for size in (1e-5, 4e-5))
+TIMES = np.array([0.004, 0.010, 0.012])
+HISTORY = MeshHistory(times_s=TIMES, stiffnesses=(FIRST, LATER, FIRST), errors=(SMALL, LARGE, LARGE))
+
+
+def changing(history=HISTORY, **settings):
+    plain = gear_pair.pair(history.stiffnesses[0], error=history.errors[0], **settings)
+    meshes = (Mesh(**{**vars(plain.meshes[0]), "history": history}),)
+    return System(**{**vars(plain), "meshes": meshes})
+
+
+def by_scipy(times_s, *, backlash_m):
+    """The pair with k and e that go from one series to the next as straight lines in time."""
+    m, g, (r1, r2) = gear_pair.MASSES, gear_pair.DIRECTION, gear_pair.RADII
+    springs = np.array([1e8, 0, 1e8, 0])
+
+    def teeth(t):
+        turn = np.exp(1j * gear_pair.MESH_RAD_S * t)
+        one = 1e6 + (2e5 * turn + 5e4j * turn**2).real
+        other = 0.8e6 + ((1e5 - 1e5j) * turn + 8e4 * turn**2).real
+        share = np.interp(t, TIMES, [0, 1, 0])
+        return one + share * (other - one), np.interp(t, TIMES[:2], [1e-5, 4e-5]) * turn.real
+
+    def slope(t, state):
+        k, e = teeth(t)
+        delta = g @ state[:4] - e
+        pressed = delta - np.clip(delta, -backlash_m, backlash_m)
+        force = np.array([0, gear_pair.TORQUE_NM, 0, 0]) - springs * state[:4] - g * k * pressed
+        return np.concatenate([state[4:], force / m])
+
+    found, state = [np.zeros((1, 8))], np.zeros(8)
+    for start, stop in pairwise([0, *TIMES, times_s[-1]]):  # the history has corners there
+        at = times_s[(times_s > start) & (times_s <= stop)]
+        every = np.union1d(at, [stop])
+        solved = solve_ivp(slope, (start, stop), state, "DOP853", t_eval=every, rtol=1e-10, atol=1e-14, max_step=2e-5)
+        found.append(solved.y.T[: at.size])
+        state = solved.y[:, -1]
+    values = np.concatenate(found)
+    return np.stack([r1 * values[:, 1] - r2 * values[:, 3], values[:, 6], values[:, 7]], axis=1)
+
+
+@pytest.mark.parametrize(("backlash_m", "tolerance"), [(0.0, 4e-6), (2e-4, 2e-4)])
+def test_teeth_change_as_their_course_says(backlash_m, tolerance):
+    problem = gear_pair.driven(changing(backlash_m=backlash_m), duration_s=0.016)
+    found = integrate(problem, method=Splitting(), output=gear_pair.output(25_000), tolerance=Steps(per_sample=8))
+    expected = by_scipy(found.times_s, backlash_m=backlash_m)
+    # a history stands still for a step: second order, as are contacts of teeth that part
+    assert gear_pair.worst(found.checked().values, expected) < tolerance
+    still = integrate(
+        gear_pair.driven(gear_pair.pair(FIRST, error=SMALL), duration_s=0.016),
+        method=Splitting(),
+        output=gear_pair.output(25_000),
+        tolerance=Steps(per_sample=8),
+    )
+    assert gear_pair.worst(still.values, expected) > 0.01
+
+
+def test_blocks_cut_a_course_nowhere():
+    problem = gear_pair.driven(changing(), duration_s=0.016)
+    hats = Output(rate_hz=25_000, weighted_mesh_force=np.ones((1, 1)))
+    whole = integrate(problem, method=Splitting(), output=hats, tolerance=Steps(per_sample=2))
+    blocks = [
+        *integrate_blocks(problem, method=Splitting(), output=hats, tolerance=Steps(per_sample=2), block=7),
+    ]
+    # the same numbers in another order of sums
+    assert_allclose(np.concatenate([block.values for block in blocks]), whole.values, rtol=1e-9)
+
+
+def test_what_does_not_change_has_no_table_of_its_own():
+    from data_synth.integrators.modal_problem import assemble  # noqa: PLC0415
+
+    history = MeshHistory(times_s=TIMES, stiffnesses=(FIRST,) * 3, errors=(SMALL, LARGE, LARGE))
+    ready = assemble(gear_pair.driven(changing(history), duration_s=0.01))
+    assert ready.stiffnesses.means.size == 1
+    assert ready.errors.means.size == 3
+    assert list(ready.later_stiffnesses) == [-1]
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "tolerances"),
+    [
+        # fourth order, down to the fine sum's own 3e-7
+        (gear_pair.ten_harmonics(), {1: 4e-6, 2: 5e-7}),
+        # jumps: the fine sum is off by half a point of it where one falls between two
+        (gear_pair.rectangle(), {1: 2.5e-4, 3: 2.5e-4}),
+    ],
+)
+def test_a_hat_weighs_the_force_of_two_samples(stiffness, tolerances):
+    problem = gear_pair.driven(gear_pair.pair(stiffness), duration_s=0.01)
+    fine, rate = 400, 20_000
+    dense = integrate(
+        problem,
+        method=Splitting(),
+        output=Output(rate_hz=fine * rate, mesh_force=np.ones((1, 1))),
+        tolerance=Steps(per_sample=1),
+    ).values[:, 0]
+    hat = (1 - np.abs(np.arange(-fine, fine + 1)) / fine) / fine
+    middles = np.arange(fine, dense.size - fine, fine)
+    expected = np.array([hat @ dense[at - fine : at + fine + 1] for at in middles])
+    for steps, tolerance in tolerances.items():
+        output = Output(rate_hz=rate, weighted_mesh_force=np.array([[1.0], [0.0]]), mesh_force=np.array([[0.0], [1.0]]))
+        found = integrate(problem, method=Splitting(), output=output, tolerance=Steps(per_sample=steps)).values
+        assert np.std(found[2:, 0] - expected) < tolerance * np.std(expected)
+        # before the start, nothing pressed; the force at samples is that of the fine run, to the error of the steps
+        assert found[0, 0] == 0
+        assert np.std(found[:, 1] - dense[::fine]) < 2e-4 * np.std(dense)
+
+
+def test_a_course_is_checked():
+    with pytest.raises(ValueError, match="two or more instants are needed, rising"):
+        MeshHistory(times_s=TIMES[::-1], stiffnesses=(FIRST,) * 3, errors=(None,) * 3)
+    with pytest.raises(ValueError, match="3 instants need as many stiffnesses and errors"):
+        MeshHistory(times_s=TIMES, stiffnesses=(FIRST,) * 3, errors=(None, SMALL, SMALL))
+
+
+def test_steps_may_be_judged_by_what_moves():
+    turning = State(displacement=np.zeros(4), velocity=np.array([0, 175.0, 0, 100.0]))
+    problem = gear_pair.driven(gear_pair.pair(gear_pair.ten_harmonics()), duration_s=0.02, start=turning)
+    speed = Output(rate_hz=5000, velocity=np.array([[0, 0, 0, 1.0]]))
+
+    def run(tolerance):
+        return integrate(problem, method=Splitting(), output=speed, tolerance=tolerance).checked()
+
+    fine = run(Steps(per_sample=128)).values
+    plain, moving = (run(Accuracy(relative=3e-6, trial=1.0, about_mean=about)) for about in (False, True))
+    # 100 rad/s and what swings about them: the error of what swings is what was asked for, only where it was judged so
+    assert np.std(moving.values - fine) < 3e-6 * np.std(fine)
+    assert moving.steps_per_sample > plain.steps_per_sample

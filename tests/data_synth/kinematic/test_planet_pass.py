@@ -1,0 +1,146 @@
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.special import ive
+
+from data_synth.kinematic.planet_pass import DistanceWindow, MovingPath, PassWindow, even_places_rad, mesh_phases_rad
+from data_synth.kinematic.planet_pass import planet_pass_family as pass_comb
+
+RING = 99
+WINDOW = PassWindow(half_width_rad=math.radians(40), floor=0.1)
+MESH = np.array([1.0, 0.5j])
+TURNS = np.arange(2048) / 2048  # of the carrier: every line up to 1023 is a bin
+
+
+def comb_of(path, **changes):
+    given = {"ring_teeth": RING, "carrier_order": Fraction(3, 14), "coefficients": MESH, **changes}
+    return pass_comb(path, component="planet-ring", source="planet-ring", **given)
+
+
+def by_walking(path, coefficients=MESH, teeth=RING):
+    """The sensor's signal planet by planet, where each is and how loud it is there."""
+    signal = np.zeros(TURNS.size)
+    for place, strength in zip(path.places_rad, path.strengths, strict=True):
+        angle = 2 * np.pi * TURNS + place
+        mesh = sum((c * np.exp(1j * teeth * h * angle)).real for h, c in enumerate(coefficients, start=1))
+        signal += strength * path.window.gain(angle) * mesh
+    return signal
+
+
+def lines_of(signal):
+    return 2 * np.fft.rfft(signal) / signal.size
+
+
+@pytest.mark.parametrize("planets", [3, 4, 5])
+def test_forbidden_sidebands_do_not_reach_the_ring(planets):
+    path = MovingPath.even(planets, window=WINDOW)
+    found = np.abs(
+        lines_of(
+            path.superpose(
+                np.array(
+                    [
+                        sum(
+                            (c * np.exp(1j * RING * h * (2 * np.pi * TURNS + place))).real
+                            for h, c in enumerate(MESH, start=1)
+                        )
+                        for place in path.places_rad
+                    ]
+                ),
+                carrier_turns=TURNS,
+            )
+        )
+    )
+    order = np.arange(found.size)
+    allowed = order % planets == 0  # (l z_r + j) mod N = 0
+    assert np.max(found[~allowed]) < 1e-3 * np.max(found)  # 60 dB; it is rounding
+    assert np.max(found[~allowed]) < 1e-12 * np.max(found)
+    family = comb_of(path)
+    spoken = np.flatnonzero(family.coefficients) + 1
+    assert np.all(spoken % planets == 0)
+    # with 3 planets the mesh itself is heard, 99 = 3 x 33; with 4 or 5 it is not, but sidebands beside it are
+    assert (RING in spoken) == (planets == 3)
+
+
+def test_the_largest_line_of_99_teeth_and_4_planets_is_beside_the_mesh():
+    family = comb_of(MovingPath.even(4, window=WINDOW))
+    assert int(np.argmax(np.abs(family.coefficients))) + 1 == 100  # (99 + 1) mod 4 = 0
+
+
+@pytest.mark.parametrize("window", [WINDOW, DistanceWindow(planet_radius_m=0.2, sensor_radius_m=0.26, exponent=1.0)])
+def test_unequal_planets_make_the_phasor_sum(window):
+    path = MovingPath(
+        window=window,
+        places_rad=even_places_rad(3, errors_rad=(0.0, 0.01, -0.02)),
+        strengths=np.array([1.0, 0.9, 1.2]),
+    )
+    found = lines_of(by_walking(path))
+    family = comb_of(path)
+    count = min(family.coefficients.size, 1000)
+    # coefficients of the window below 1e-6 of the largest are left out, some of them folded onto one line
+    assert_allclose(family.coefficients[:count], found[1 : count + 1], atol=1e-5 * np.max(np.abs(found)))
+    # and by hand at the first sideband above the mesh, the window's coefficient by direct sum
+    angle = 2 * np.pi * np.arange(4096) / 4096
+    first = np.mean(window.gain(angle) * np.cos(angle))
+    sum_of = sum(s * np.exp(1j * (RING + 1) * p) for s, p in zip(path.strengths, path.places_rad, strict=True))
+    assert_allclose(family.coefficients[RING], first * sum_of, rtol=1e-4)
+
+
+def test_lines_are_counted_by_the_carrier_and_turn_with_it():
+    path = MovingPath.even(3, window=WINDOW)
+    family = comb_of(path)
+    assert family.base_order == Fraction(3, 14)
+    assert family.orders[RING - 1] == Fraction(3 * RING, 14)
+    turned = comb_of(path, carrier_offset=0.1)
+    assert_allclose(turned.coefficients[RING - 1], family.coefficients[RING - 1] * np.exp(2j * np.pi * 9.9), rtol=1e-12)
+
+
+def test_the_window_is_made_of_bessel_functions():
+    # exp(kappa (cos t - 1)) = sum_j exp(-kappa) I_j(kappa) exp(1j j t) (Abramowitz and Stegun 9.6.34)
+    found = PassWindow(half_width_rad=math.radians(25)).coefficients()
+    kappa = math.log(2) / (1 - math.cos(math.radians(25)))
+    assert_allclose(found, ive(np.arange(found.size), kappa), rtol=1e-9, atol=1e-13)
+    assert ive(found.size, kappa) < 1e-6 * ive(0, kappa)
+    assert_allclose(WINDOW.gain([0, math.radians(40), math.pi]), [1, 0.55, 0.1], atol=0.01)
+
+
+def test_distance_is_by_the_law_of_cosines():
+    window = DistanceWindow(planet_radius_m=0.2, sensor_radius_m=0.25, exponent=1.5)
+    angle = np.radians([0, 30, 180])
+    distance = np.sqrt(0.2**2 + 0.25**2 - 2 * 0.2 * 0.25 * np.cos(angle))
+    assert_allclose(window.gain(angle), (0.05 / distance) ** 1.5, rtol=1e-12)
+    lines = window.coefficients()
+    series = lines[0] + 2 * np.cos(np.outer(angle, np.arange(1, lines.size))) @ lines[1:]
+    assert_allclose(series, window.gain(angle), atol=1e-5)
+
+
+def test_meshes_are_phased_by_the_ring_s_teeth():
+    # 3 planets on 99 teeth: in phase; 4: a quarter of a cycle less each, 99 / 4 = 24.75
+    assert_allclose(np.exp(1j * mesh_phases_rad(even_places_rad(3), teeth=99)), 1, atol=1e-12)
+    quarters = np.exp(1j * mesh_phases_rad(even_places_rad(4), teeth=99))
+    assert_allclose(quarters, np.exp(-0.5j * np.pi * np.arange(4)), atol=1e-12)
+
+
+def test_blocks_make_one_record():
+    path = MovingPath.even(3, window=WINDOW)
+    sources = np.random.default_rng(0).standard_normal((3, 500))
+    turns = np.linspace(0, 3, 500)
+    whole = path.superpose(sources, carrier_turns=turns)
+    parts = [path.superpose(sources[:, a:b], carrier_turns=turns[a:b]) for a, b in ((0, 7), (7, 300), (300, 500))]
+    assert_allclose(np.concatenate(parts), whole, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: PassWindow(half_width_rad=0.0), "half_width_rad = 0"),
+        (lambda: PassWindow(half_width_rad=1.0, floor=2.0), "floor = 2"),
+        (lambda: DistanceWindow(planet_radius_m=0.3, sensor_radius_m=0.2), "has to lie outside"),
+        (lambda: MovingPath(window=WINDOW, places_rad=np.zeros(3), strengths=np.ones(2)), "for every planet"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(make, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        make()

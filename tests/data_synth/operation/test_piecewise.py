@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import quad
+
+from data_synth.operation.piecewise import (
+    FirstOrder,
+    Kaimal,
+    PiecewiseLinear,
+    constant,
+    fluctuation,
+    ramp,
+    steps,
+    sum_of,
+)
+
+
+def test_the_plain_courses():
+    assert_allclose(constant(3.0).at([-1, 5]), 3)
+    assert_allclose(ramp(1.0, 3.0, start_s=1, stop_s=2).at([0, 1, 1.5, 2, 9]), [1, 1, 2, 3, 3])
+    assert_allclose(steps([1, 4, 2], at_s=[1, 2]).at([0.5, 0.999999, 1, 1.5, 2, 3]), [1, 1, 4, 4, 2, 2])
+    assert_allclose(steps([1, 4], at_s=[1], rise_s=2).at([1, 2, 3]), [1, 2.5, 4])
+    assert_allclose(steps([7], at_s=[]).at([0.0]), 7)
+    assert_allclose(ramp(1.0, 3.0, stop_s=2).scaled(-2).at([1.0]), -4)
+
+
+def test_sums_keep_corners_and_jumps():
+    first, second = steps([1, 4, 2], at_s=[1, 2]), ramp(0, 10, start_s=0.5, stop_s=1.5)
+    total = sum_of(first, second)
+    times = np.array([0, 0.5, 0.999, 1, 1.2, 1.5, 1.999, 2, 3])
+    assert_allclose(total.at(times), first.at(times) + second.at(times), rtol=1e-14)
+    just_before = np.nextafter([1.0, 2.0], 0)
+    assert_allclose(total.at(just_before), first.at(just_before) + second.at(just_before), rtol=1e-12)
+
+
+@pytest.mark.parametrize("spectrum", [Kaimal(rms=2.0, time_scale_s=0.5), FirstOrder(rms=2.0, time_scale_s=0.5)])
+def test_the_spectra_hold_their_variance(spectrum):
+    # over f = u / (1 - u), so the slow tail of the first is integrated to its end
+    total, _ = quad(lambda u: float(spectrum.density(u / (1 - u))) / (1 - u) ** 2, 0, 1, limit=200)
+    assert total == pytest.approx(4.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("spectrum", [Kaimal(rms=2.0, time_scale_s=0.5), FirstOrder(rms=2.0, time_scale_s=0.5)])
+def test_a_fluctuation_has_its_spectrum_and_no_more(spectrum):
+    highest, rng, power, runs = 5.0, np.random.default_rng(0), 0.0, 40
+    for _ in range(runs):
+        drawn = fluctuation(spectrum, duration_s=90.0, highest_hz=highest, rng=rng)
+        # 90 s and 20 time scales are 100 s at 40 a second, the period: its transform has no leakage when complete,
+        # but a record of 90 s leaks, so it is tapered
+        taper = np.hanning(drawn.values.size)
+        spec = np.abs(np.fft.rfft(taper * drawn.values)) ** 2
+        power = power + 2 * spec / (40 * np.sum(taper**2)) / runs
+    frequency = np.fft.rfftfreq(drawn.values.size, 1 / 40)
+    for low, high in ((0.2, 0.5), (0.5, 1), (1, 2), (2, 4.5)):
+        band = (frequency >= low) & (frequency < high)
+        # at least 40 x 27 / 1.9 independent lines of 100 % scatter each (the taper joins neighbours): 4.2 %; 4 of that
+        assert np.mean(power[band]) == pytest.approx(np.mean(spectrum.density(frequency[band])), rel=0.17)
+    # a Hann taper leaks as the third power of the distance in lines
+    assert np.max(power[frequency > highest + 1]) < 1e-6 * np.max(power)
+
+
+def test_a_first_order_fluctuation_forgets_exponentially():
+    # correlation of what is below 50 Hz only: that lacks 2 / pi atan(1 / (2 pi 50 0.2)) = 1 % of the variance
+    rng = np.random.default_rng(1)
+    drawn = fluctuation(FirstOrder(rms=1.0, time_scale_s=0.2), duration_s=1500.0, highest_hz=50.0, rng=rng)
+    lag = round(0.2 * 400)
+    # 1500 s are 3750 independent spans of 2 T: 1.6 % each; 4 of that
+    assert np.mean(drawn.values**2) == pytest.approx(0.99, rel=0.08)
+    assert np.mean(drawn.values[lag:] * drawn.values[:-lag]) == pytest.approx(np.exp(-1), rel=0.16)
+
+
+def test_same_seed_same_fluctuation():
+    rng_for = [
+        fluctuation(
+            Kaimal(rms=1.0, time_scale_s=1.0), duration_s=3.0, highest_hz=4.0, rng=np.random.default_rng(seed)
+        ).values.tobytes()
+        for seed in (3, 3, 4)
+    ]
+    assert rng_for[0] == rng_for[1] != rng_for[2]
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: ramp(0, 1, stop_s=0), "a ramp takes time"),
+        (lambda: steps([1, 2], at_s=[1, 2]), "2 levels need 1 times between them, not 2"),
+        (lambda: steps([1, 2, 3], at_s=[1, 1.5], rise_s=1), "rise_s = 1 must be 0 or more and fit"),
+        (lambda: PiecewiseLinear(times_s=np.array([0.0, 1.0]), values=np.array([0.0, np.nan])), "NaN"),
+        (lambda: PiecewiseLinear(times_s=np.array([1.0, 0.0]), values=np.zeros(2)), "falls"),
+        (lambda: PiecewiseLinear(times_s=np.zeros(2), values=np.zeros(1)), "have shapes"),
+        (
+            lambda: fluctuation(
+                Kaimal(rms=1, time_scale_s=1), duration_s=0, highest_hz=1, rng=np.random.default_rng(0)
+            ),
+            "both have to be above zero",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_refused(make, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        make()

@@ -1,0 +1,100 @@
+import sys
+
+import pytest
+
+from data_synth import SceneError, explain, load_scene
+from data_synth.scene.scene import catalogue
+from hums.cli import main
+from hums.records.store import open_record
+
+SCENE = """
+gearbox = "two-stage"
+rate_hz = 5000
+duration_s = 1
+fidelity = "kinematic"
+speed = { link = "input", rpm = 1200 }
+tachometer = { link = "input", pulses_per_rev = 1 }
+[[sensor]]
+name = "a"
+on = "input bearing"
+units = "g"
+hum = { amplitude = 0.1 }
+"""
+
+
+@pytest.fixture
+def synth(monkeypatch, capsys):
+    """Run `hums synth ...` and return exit code, standard output and standard error."""
+
+    def command(*words):
+        monkeypatch.setattr(sys, "argv", ["hums", "synth", *map(str, words)])
+        code = main()
+        return code, *capsys.readouterr()
+
+    return command
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE, encoding="utf-8")
+    return path
+
+
+def test_every_part_of_the_demo_is_named_with_its_reason():
+    told = explain("demo")
+    reasons = {(part.name, part.why) for part in told.parts}
+    assert ("stage 2", "gears in mesh") in reasons
+    assert ("stage 1/pinion", "tooth_crack") in reasons
+    assert ("stage 1/pinion", "fault 1, tooth_crack: rings 8000 Hz") in reasons
+    assert ("intermediate bearing", "fault 2, inner_race: rings 8000 Hz") in reasons
+    assert told.record_bytes == 500_000 * 8
+    # 10 s from 1200 to 1500 rpm with corners: trapezoids of the declared speed, in turns
+    turns = (2 * (1217.5 + 1285 + 1350 + 1417.5 + 1485)) / 60
+    pulses = next(part for part in told.parts if part.name == "tachometer")
+    assert abs(int(pulses.what.split()[0]) - turns) <= 1
+
+
+def test_cost_goes_with_samples_and_lines():
+    demo = load_scene("demo")
+    short, long = explain(demo.changed(duration_s=1.0)), explain(demo.changed(duration_s=100.0))
+    assert sum(part.seconds for part in long.parts) == pytest.approx(100 * sum(part.seconds for part in short.parts))
+    assert short.seconds < explain(demo).seconds < long.seconds
+
+
+def test_what_cannot_be_simulated_is_refused_here_too():
+    with pytest.raises(SceneError, match="rate_hz = 17000 is not above"):
+        explain(load_scene("demo").changed(rate_hz=17000.0, excitation={"harmonics": 20}))
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_the_command_explains_and_writes_nothing(synth, name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = synth(name, "--explain")
+    assert (code, err) == (0, "")
+    scene = load_scene(name)
+    what = f"10 s of 1 channel(s) at {scene.rate_hz:g} Hz, {scene.samples} samples each"
+    assert out.startswith(f"{scene.gearbox.name}, {scene.fidelity}: {what}\n")
+    assert "on one core" in out
+    assert not list(tmp_path.iterdir())
+
+
+def test_explaining_and_writing_go_together(synth, scene, tmp_path):
+    code, out, _ = synth(scene, "--explain", "-o", tmp_path / "a.h5", "--by-source", "--phases")
+    assert code == 0
+    assert "noise, hum" in out
+    with open_record(tmp_path / "a.h5") as record:
+        assert {"truth_source", "truth_shaft_revolutions", "truth_roller_revolutions"} <= set(record.data_vars)
+
+
+def test_a_record_is_not_written_over_its_scene(synth, scene):
+    code, _, err = synth(scene, "-o", scene)
+    assert code == 2
+    assert "the record would overwrite its own scene; name another file" in err
+    assert scene.read_text(encoding="utf-8") == SCENE
+
+
+def test_without_a_file_to_write_it_says_so(synth, scene):
+    code, _, err = synth(scene)
+    assert code == 2
+    assert "--out is missing; name the record to write" in err

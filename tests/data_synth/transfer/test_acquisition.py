@@ -1,0 +1,214 @@
+import numpy as np
+import pytest
+import scipy.signal
+from numpy.testing import assert_allclose
+
+from data_synth import Scene, SceneError, simulate
+from data_synth.scene.sensors import AntiAlias, DropOuts, Mode, Quantisation, Sensor
+from data_synth.transfer.acquisition import (
+    AllPoleFilter,
+    add_ringing,
+    butterworth_poles,
+    clip,
+    drop_outs,
+    linear_chain,
+    quantise,
+    ringing_residues,
+)
+
+SENSOR = {"name": "a", "on": "input bearing", "units": "g"}
+LINEAR = {
+    "resonance": {"frequency_hz": 9000, "damping_ratio": 0.05},
+    "sensitivity": {"value": -0.1, "units": "V"},
+    "anti_alias": {"frequency_hz": 6000, "order": 5},
+}
+SCENE = {
+    "gearbox": "two-stage",
+    "rate_hz": 20_000,
+    "duration_s": 1.0,
+    "fidelity": "kinematic",
+    "speed": {"link": "input", "rpm": 1500},
+    "tachometer": {"link": "input", "pulses_per_rev": 1, "offset_rev": 0.25},
+    "noise": {"rms": 0},
+    "sensor": [SENSOR],
+}
+
+
+def record(**changes):
+    sensor = {key: changes.pop(key) for key in list(changes) if key in Sensor.model_fields}
+    return simulate(Scene.from_mapping({**SCENE, "sensor": [{**SENSOR, **sensor}], **changes}), seed=5)
+
+
+def oracle(frequency_hz):
+    """The chain LINEAR, from scipy's filter design and the textbook's oscillator."""
+    s = 2j * np.pi * np.asarray(frequency_hz)
+    natural = 2 * np.pi * 9000
+    mount = natural**2 / (s**2 + 2 * 0.05 * natural * s + natural**2)
+    numerator, denominator = scipy.signal.butter(5, 2 * np.pi * 6000, analog=True)
+    return -0.1 * mount * np.polyval(numerator, s) / np.polyval(denominator, s)
+
+
+def test_the_linear_chain_is_that_of_the_textbook():
+    chain = linear_chain(Sensor.model_validate({**SENSOR, **LINEAR}))
+    frequency = np.array([-3000.0, 0.0, 50.0, 6000.0, 8999.0, 20000.0])
+    assert_allclose(chain.response(frequency), oracle(frequency), rtol=1e-10)  # coefficients of degree 5 lose digits
+    assert linear_chain(Sensor.model_validate(SENSOR)).response(1e4) == 1
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 8, 12])
+def test_butterworth_is_3_db_down_at_its_frequency_and_flat_before(order):
+    poles = np.array(butterworth_poles(AntiAlias(frequency_hz=1000.0, order=order)))
+    response = AllPoleFilter(poles=poles).response([100.0, 1000.0, 3000.0])
+    assert_allclose(np.abs(response) ** 2, 1 / (1 + np.array([0.1, 1, 3]) ** (2 * order)), rtol=1e-12)
+    assert np.all(poles.real < 0)
+
+
+@pytest.mark.parametrize("order", [1, 4, 5])
+def test_impacts_ring_through_the_chain_as_its_impulse_response(order):
+    mode = Mode(frequency_hz=8000.0, damping_ratio=0.03)
+    changed = {**LINEAR, "anti_alias": {"frequency_hz": 6000.0, "order": order}}
+    chain = linear_chain(Sensor.model_validate({**SENSOR, **changed}))
+    poles, residues = ringing_residues(mode, chain)
+    natural = 2 * np.pi * 8000
+    own = np.roots([1, 2 * 0.03 * natural, natural**2])
+    gain = np.abs(own[0].imag) * chain.gain * np.prod(-chain.poles).real
+    times = np.linspace(0, 1e-3, 201)
+    _, expected = scipy.signal.impulse((np.empty(0), np.concatenate([own, chain.poles]), gain), T=times)
+    heard = (residues * np.exp(np.outer(times, poles))).sum(axis=1).real
+    assert_allclose(heard, expected, atol=1e-6 * np.max(np.abs(expected)))  # scipy goes through polynomials
+    assert heard[0] == pytest.approx(0, abs=1e-12)  # a chain of more than two poles answers smoothly
+
+
+def test_ringing_is_exact_between_samples_and_at_late_samples():
+    rng = np.random.default_rng(3)
+    poles, residues = np.array([-900 + 40000j, -3000.0]), np.array([0.5j, 0.2])
+    struck, sizes = np.array([-1e-3, 0.00123456, 0.0300001]), np.array([1.0, -2.0, 0.5])
+    late = 1e-7 * rng.standard_normal(1000)
+    for errors in (None, late):
+        signal = np.zeros(1000)
+        add_ringing(
+            signal,
+            times_s=struck,
+            amplitudes=sizes,
+            poles=poles,
+            residues=residues,
+            rate_hz=2e4,
+            timing_errors_s=errors,
+        )
+        at = np.arange(1000) / 2e4 + (0 if errors is None else errors)
+        since = at[:, None] - struck
+        rung = np.exp(np.maximum(since, 0)[..., None] * poles) @ residues
+        expected = (np.where(since >= 0, rung.real, 0) * sizes).sum(axis=1)
+        # Taylor's remainder at 4 deviations: (4e4 x 4e-7)^5 / 120 = 9e-12
+        assert_allclose(signal, expected, atol=1e-10)
+
+
+def test_poles_that_coincide_are_refused():
+    same = {"frequency_hz": 8000.0, "damping_ratio": 0.03}
+    chain = linear_chain(Sensor.model_validate({**SENSOR, "resonance": same}))
+    with pytest.raises(SceneError, match='sensor "a": its resonance or filter coincides with the resonance of 8000 Hz'):
+        ringing_residues(Mode.model_validate(same), chain, sensor="a")
+
+
+def test_lines_pass_the_chain_and_the_truth_says_so():
+    plain, chained = record(), record(**LINEAR)
+    assert chained["a"].attrs["units"] == chained["truth_amplitude"].attrs["units"] == "V"
+    assert (chained["a"].attrs["sensitivity"], chained["a"].attrs["measures"]) == (-0.1, "g")
+    expected = oracle(25 * plain["truth_order"].values)
+    assert_allclose(chained["truth_chain_response"].values[0].T, [expected] * 21, rtol=1e-9)
+    assert_allclose(
+        chained["truth_amplitude"].values[0, :, 3], plain["truth_amplitude"].values[0, :, 3] * expected, rtol=1e-9
+    )
+    turns = 25 * chained["time"].values - 0.25
+    waves = np.exp(2j * np.pi * np.outer(turns, chained["truth_order"].values))
+    assert_allclose(chained["a"].values, (waves @ chained["truth_amplitude"].values[0, :, 0]).real, atol=1e-12)
+    assert "truth_chain_response" not in plain
+
+
+def test_hum_is_there_as_stated_behind_the_filter():
+    hum = {"frequency_hz": 50.0, "amplitude": 0.2, "harmonics": 2, "decay": 0.25}
+    clean, loud = record(anti_alias=LINEAR["anti_alias"]), record(anti_alias=LINEAR["anti_alias"], hum=hum)
+    lines = loud["truth_hum_1"]
+    waves = np.exp(2j * np.pi * np.outer(loud["time"].values, lines["truth_hum_frequency_1"].values))
+    assert_allclose(loud["a"].values - clean["a"].values, (waves @ lines.values).real, atol=1e-12)
+    passed = 1 / np.sqrt(1 + (np.array([50, 100]) / 6000) ** 10)
+    assert_allclose(np.abs(lines.values), [0.2, 0.05] * passed, rtol=1e-12)
+
+
+def test_the_converter_rounds_to_its_codes_and_saturates():
+    values = np.array([-1.3, -1.0, -0.124, 0.126, 0.76, 0.9, 5.0])
+    assert quantise(values, Quantisation(bits=3, full_scale=1.0)) == 3  # -1.3; 0.9 and 5.0 are nearest to code 4
+    assert_allclose(values, [-1, -1, 0, 0.25, 0.75, 0.75, 0.75], atol=0)
+    fine = record(quantisation={"bits": 12, "full_scale": 2.0})
+    step = 2.0 / 2048
+    error = fine["a"].values - record()["a"].values
+    assert np.max(np.abs(error)) <= step / 2 * (1 + 1e-9)
+    # 20000 errors, nearly even between minus and plus half a step (Bennett 1948): the rms is known to 0.5 %
+    assert np.std(error) == pytest.approx(step / np.sqrt(12), rel=0.02)
+    assert int(fine["truth_saturated_1"]) == 0
+
+
+def test_clipping_counts_what_it_cut():
+    values = np.array([-2.0, -1.0, 0.5, 1.5])
+    assert clip(values, level=1.0) == 2
+    assert_allclose(values, [-1, -1, 0.5, 1])
+    whole = record()["a"].values
+    cut = record(clipping={"level": 0.4})
+    assert int(cut["truth_clipped_1"]) == np.count_nonzero(np.abs(whole) > 0.4) > 0
+    assert_allclose(cut["a"].values, np.clip(whole, -0.4, 0.4), atol=0)
+
+
+@pytest.mark.parametrize(("reads", "filled"), [("nan", np.nan), ("zero", 0.0)])
+def test_drop_outs_are_where_the_truth_says(reads, filled):
+    gappy = record(drop_outs={"per_second": 8.0, "duration_s": 0.01, "reads": reads})
+    spans = gappy["truth_drop_outs_1"].values
+    times, whole = gappy["time"].values, record()["a"].values
+    lost = np.any((times[:, None] >= spans[:, 0] - 1e-9) & (times[:, None] < spans[:, 1] - 1e-9), axis=1)
+    assert lost.any()
+    assert_allclose(gappy["a"].values, np.where(lost, filled, whole), atol=0)
+
+
+def test_a_recorder_that_holds_repeats_the_last_value_and_stretches_join():
+    signal = np.arange(1000.0)
+    rng = np.random.default_rng(1)
+    spans = drop_outs(signal, DropOuts(per_second=20.0, duration_s=0.02, reads="hold"), rate_hz=1000.0, rng=rng)
+    assert np.all(spans[1:, 0] > spans[:-1, 1])
+    for begin, end in np.rint(spans * 1000).astype(int):
+        assert np.all(signal[begin:end] == (begin - 1 if begin else 0))
+
+
+def test_cross_axis_adds_its_share_of_another_motion():
+    plain, tilted = record(), record(cross_axis={"share": 0.05})
+    added = tilted["truth_amplitude"].values / plain["truth_amplitude"].values - 1
+    # gains across the axis lie between a half and two
+    assert np.all((np.abs(added) >= 0.025 - 1e-12) & (np.abs(added) <= 0.1 + 1e-12))
+    assert len(np.unique(np.round(added[0, :, 0], 9))) == 5  # one for each source
+
+
+def test_sampling_jitter_is_noise_of_the_slope():
+    excitation = {"shaft_amplitude": 0, "mesh_amplitude": 0, "meshes": {"stage 1": 1.0}, "harmonics": 1}
+    still, shaky = (record(excitation=excitation, **more) for more in ({}, {"sampling_jitter": {"std_s": 1e-6}}))
+    error = shaky["a"].values - still["a"].values
+    # one line of amplitude 1 at 575 Hz; 20000 samples know the rms to 0.5 % times the spread of the squared slope
+    assert np.std(error) == pytest.approx(2 * np.pi * 575 * 1e-6 / np.sqrt(2), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"anti_alias": {"frequency_hz": 12000}}, "anti_alias reaches 12000 Hz, which is not below half of rate_hz"),
+        ({"hum": {"amplitude": 1, "frequency_hz": 5000}}, "hum reaches 15000 Hz"),
+        ({"drop_outs": {"per_second": 5, "duration_s": 0.5}}, "of 0.5 s each leave nothing"),
+        ({"sensitivity": {"value": 0, "units": "V"}}, "value = 0: such a sensor hears nothing"),
+        ({"quantisation": {"bits": 1, "full_scale": 1}}, "bits = 1"),
+        ({"clipping": {"level": -1}}, "clipping.level = -1"),
+        ({"cross_axis": {"share": 1.5}}, "cross_axis.share = 1.5"),
+        ({"resonanse": {"frequency_hz": 1}}, 'unknown key "resonanse"; did you mean "resonance"?'),
+        ({"sampling_jitter": {"std_s": 1e-4}}, "sampling_jitter.std_s = 0.0001 lets samples change places"),
+    ],
+)
+def test_a_chain_that_makes_no_sense_reads_as_a_sentence(change, sentence):
+    scene = {**SCENE, **change} if "sampling_jitter" in change else {**SCENE, "sensor": [{**SENSOR, **change}]}
+    with pytest.raises(SceneError) as caught:
+        Scene.from_mapping(scene)
+    assert sentence in str(caught.value)

@@ -1,0 +1,151 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+
+from data_synth.transfer.acquisition import AllPoleFilter, path_residues
+from data_synth.transfer.housing import AHEAD, PoleFilter, step_weights
+from data_synth.transfer.paths import MeasuredPath, ModalPath
+
+RATE = 20_000.0
+PATH = ModalPath(
+    frequencies_hz=np.array([800.0, 3000.0]),
+    damping_ratios=np.array([0.02, 0.05]),
+    residues=np.array([1.0 - 2.0j, 0.5j]),
+)
+
+
+def test_the_response_is_that_of_an_oscillator():
+    # displacement of m x'' + c x' + k x = F: 1 / (k - m w^2 + j c w); residue -j / (2 m w_d)
+    mass, damper, spring = 2.0, 40.0, 5e6
+    natural = np.sqrt(spring / mass)
+    zeta = damper / (2 * mass * natural)
+    residue = -0.5j / (mass * natural * np.sqrt(1 - zeta**2))
+    path = ModalPath(
+        frequencies_hz=np.array([natural / 2 / np.pi]),
+        damping_ratios=np.array([zeta]),
+        residues=np.array([residue]),
+    )
+    frequency = np.array([0.0, 100.0, 251.0, 900.0])
+    omega = 2 * np.pi * frequency
+    assert_allclose(path.response(frequency), 1 / (spring - mass * omega**2 + 1j * damper * omega), rtol=1e-12)
+    # an impulse is a start at 1 / m
+    times = np.linspace(0, 0.05, 30)
+    exact = solve_ivp(
+        lambda _, y: [y[1], -(damper * y[1] + spring * y[0]) / mass],
+        (0, 0.05),
+        [0, 1 / mass],
+        t_eval=times,
+        rtol=1e-11,
+        atol=1e-16,
+    ).y[0]
+    assert_allclose(path.impulse(times), exact, atol=1e-9 * np.max(np.abs(exact)))
+    assert path.impulse(-1e-9) == 0
+
+
+def test_what_is_sampled_passes_the_poles_as_the_response_says():
+    # a sum of sines below a fifth of the rate, long after its beginning
+    poles, residues = path_residues(PATH, AllPoleFilter())
+    times, frequencies = np.arange(20_000) / RATE, np.array([200.0, 790.0, 1900.0, 3900.0])
+    force = np.cos(2 * np.pi * np.outer(times, frequencies)).sum(axis=1)
+    whole = PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=RATE).push(force)[AHEAD:]
+    expected = (np.exp(2j * np.pi * np.outer(times, frequencies)) @ PATH.response(frequencies)).real[:-AHEAD]
+    # 1e-4 up to a tenth of the rate, 5e-3 up to a fifth
+    assert_allclose(whole[8000:], expected[8000:], atol=3e-3 * np.max(np.abs(expected)))
+    running = PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=RATE)
+    parts = [running.push(block) for block in blocks(force, [1, 37, 4000])]
+    assert_allclose(np.concatenate(parts)[AHEAD:], whole, atol=1e-12 * np.max(np.abs(whole)))
+
+
+@pytest.mark.parametrize("pole", [-1e-9 + 3e-9j, -5e-5 + 8e-5j, -2e-3 + 5e-3j, -0.01 + 0.2j, -1.0 + 2.0j])
+def test_weights_of_a_step_keep_their_digits(pole):
+    late, early = step_weights(np.array([pole]))
+    # the integral of exp(p (1 - s)) s and (1 - s) over a step, by 20 points of Gauss
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    s, w = (nodes + 1) / 2, weights / 2
+    wave = np.exp(pole * (1 - s))
+    assert late[0] == pytest.approx(np.sum(w * wave * s), rel=1e-12)
+    assert early[0] == pytest.approx(np.sum(w * wave * (1 - s)), rel=1e-12)
+
+
+def blocks(data, sizes):
+    edges = np.cumsum([0, *sizes, len(data)])
+    return [data[a:b] for a, b in pairwise(edges) if a < len(data)]
+
+
+SMOOTH = ModalPath(
+    frequencies_hz=PATH.frequencies_hz, damping_ratios=PATH.damping_ratios, residues=np.array([-2j, -1j])
+)
+
+
+def measured(spacing=2.0, highest=10_000.0, path=PATH, delay=0.0):
+    frequency = np.arange(0, highest + spacing / 2, spacing)
+    return MeasuredPath(
+        frequencies_hz=frequency, values=path.response(frequency) * np.exp(-2j * np.pi * frequency * delay)
+    )
+
+
+def test_a_measured_path_responds_as_it_was_measured():
+    # displacement-like, so that little is lost at half the rate: residues -j alike
+    fir = measured(path=SMOOTH).fir(rate_hz=RATE, taps=2048)
+    assert 0 <= fir.delay_s < 30 / RATE
+    assert fir.left_out < 2e-3
+    frequency = np.array([100.0, 790.0, 1500.0, 3000.0, 6000.0])
+    waves = np.exp(-2j * np.pi * np.outer(frequency, np.arange(fir.taps.size) / RATE))
+    found = waves @ fir.taps * np.exp(2j * np.pi * frequency * fir.delay_s)
+    largest = np.max(np.abs(SMOOTH.response([790.0])))
+    # a line of 2 Hz against a half width of 16 Hz: interpolated to (2 / 16)^2 / 8 = 0.2 % of the peak
+    assert_allclose(found, SMOOTH.response(frequency), atol=4e-3 * largest)
+
+
+def test_a_path_with_a_travel_time_needs_no_further_delay():
+    late = measured(path=SMOOTH, delay=0.002).fir(rate_hz=RATE, taps=2048)
+    assert late.delay_s == 0
+    at_once = measured(path=SMOOTH).fir(rate_hz=RATE, taps=2048)
+    # the transform of the two is the same, 40 samples apart
+    shift = 40 - round(at_once.delay_s * RATE)
+    assert_allclose(late.taps[shift:], at_once.taps[: at_once.taps.size - shift], atol=5e-3 * np.max(late.taps))
+
+
+def test_filters_by_taps_are_convolutions_in_blocks():
+    fir = measured().fir(rate_hz=RATE, taps=1500, leakage=0.01)
+    force = np.random.default_rng(2).standard_normal(4000)
+    expected = np.convolve(force, fir.taps)[:4000]
+    running = fir.filter()
+    found = np.concatenate([running.push(block) for block in blocks(force, [1, 0, 700, 2000])])
+    assert_allclose(found, expected, atol=1e-10)
+
+
+def test_nothing_lies_outside_of_what_was_measured():
+    path = MeasuredPath(frequencies_hz=np.array([100.0, 200.0]), values=np.array([1.0, 1j]))
+    assert_allclose(path.response([50, 100, 150, 200, 250]), [0, 1, 0.5 + 0.5j, 1j, 0])
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: measured().fir(rate_hz=RATE, taps=20), "taps = 20 leave out"),
+        (lambda: measured().fir(rate_hz=RATE, taps=1), "taps = 1"),
+        (lambda: measured(path=SMOOTH).fir(rate_hz=RATE, taps=2048).filter().push([1.0, np.nan]), "never forget"),
+        (lambda: MeasuredPath(frequencies_hz=np.array([1.0, 0.5]), values=np.ones(2)), "has to rise"),
+        (lambda: MeasuredPath(frequencies_hz=np.array([1.0, 2.0]), values=np.array([1, np.nan])), "NaN"),
+        (lambda: MeasuredPath(frequencies_hz=np.ones(1), values=np.ones(1)), "give two alike"),
+        (
+            lambda: ModalPath(frequencies_hz=np.ones(2), damping_ratios=np.ones(1), residues=np.ones(2)),
+            "give one of each",
+        ),
+        (
+            lambda: ModalPath(frequencies_hz=np.ones(1), damping_ratios=np.zeros(1), residues=np.ones(1)),
+            "never forgets",
+        ),
+        (
+            lambda: ModalPath(frequencies_hz=np.zeros(1), damping_ratios=np.ones(1) / 2, residues=np.ones(1)),
+            "above zero",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_refused(make, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        make()

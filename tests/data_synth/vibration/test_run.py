@@ -1,0 +1,324 @@
+"""Scenes whose gears vibrate, against equations of motion written down anew here."""
+
+import tomllib
+from functools import partial
+
+import numpy as np
+import pytest
+from declared_pair import declared_pair
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
+
+from data_synth import Scene, SceneError, load_scene, simulate
+from data_synth.gears.geometry import GearPair
+from data_synth.scene.faults import FaultyGear, GearDamage, damaged_teeth, transmission_errors
+from data_synth.scene.sensors import AntiAlias, Mode, Sensor
+from data_synth.simulation import random_stream
+from data_synth.sources.prepared import prepare_scene
+from data_synth.transfer.housing import AHEAD, Housing
+from data_synth.vibration.run import motion_of, prepare_gears
+from hums.records.record import check_record
+
+DYNAMICS = {
+    "links": {
+        "pinion": {"mass_kg": 5, "inertia_kg_m2": 0.01},
+        "wheel": {"mass_kg": 12, "inertia_kg_m2": 0.06},
+    },
+    "meshes": {"mesh": {"shape": "trapezoid", "stiffness_n_m": 8e7, "error_um": 3}},
+    "bearings": {"pinion": {"radial_n_m": 4e7, "damping_s": 1e-5}, "wheel": {"radial_n_m": 6e7}},
+    "damping_ratio": 0.05,
+    "housing_kg": 15,
+    "mounts": {"frequency_hz": 150, "damping_ratio": 0.4},
+    "elsewhere": 0.25,
+    "error": 1e-4,
+}
+PAIR = {
+    "gearbox": declared_pair(),
+    "rate_hz": 20_000,
+    "duration_s": 0.2,
+    "fidelity": "lateral",
+    "speed": {"link": "pinion", "rpm": 600},
+    "torque": {"link": "wheel", "nm": 300},
+    "tachometer": {"link": "pinion", "pulses_per_rev": 12, "offset_rev": 0.03},
+    "excitation": {"shaft_amplitude": 0, "harmonics": 4},
+    "dynamics": DYNAMICS,
+    "noise": {"rms": 0},
+    "sensor": [{"name": "a", "on": "pinion", "direction": [0, 0, 2], "units": "m s-2"}],
+}
+SEED = 3
+
+
+def scene(**changes):
+    return Scene.from_mapping({**PAIR, **changes})
+
+
+def with_dynamics(**changes):
+    return scene(dynamics={**DYNAMICS, **changes})
+
+
+def by_hand(times_s, *, speed_hz, acceleration_hz_s, torsional=False):
+    """The pair of `PAIR` as coupled equations, solved by Dormand and Prince's eighth-order method."""
+    module, teeth, angle = 4e-3, np.array([20, 40]), np.radians(20)
+    base, tips = module * teeth * np.cos(angle) / 2, module * (teeth + 2) / 2
+    path = np.sum(np.sqrt(tips**2 - base**2)) - module * teeth.sum() / 2 * np.sin(angle)
+    ratio = path / (np.pi * module * np.cos(angle))
+    pair, duty, ramp = 8e7 / ratio, ratio - 1, 0.1
+    later = random_stream(SEED, "phase", "gear_mesh", "mesh", "teeth").random()
+
+    def phase(t):
+        turns = speed_hz * t + acceleration_hz_s * np.maximum(t, 0) ** 2 / 2 - 0.03
+        return 20 * turns + later
+
+    def stiffness(cycles):
+        at = cycles % 1.0
+        return pair * (1 + min(max(min(at / ramp, (duty + ramp - at) / ramp), 0.0), 1.0))
+
+    # x, y and turn of the pinion, then of the wheel: pressed together where the pinion turns on and comes nearer
+    g = np.array([np.sin(angle), np.cos(angle), base[0], -np.sin(angle), -np.cos(angle), base[1]])
+    mass = np.array([5, 5, 0.01, 12, 12, 0.06])
+    spring, damper = np.array([4e7, 4e7, 0, 6e7, 6e7, 0]), np.array([400.0, 400.0, 0, 0, 0, 0])
+    load = np.array([0, 0, 150, 0, 0, 300])
+    # what speeds the wheel up, half as fast as the pinion and the other way, and comes from the pinion's torque
+    speeding = 2 * np.pi * acceleration_hz_s * np.array([0, 0, 0.06 / 4, 0, 0, 0.06 / 2])
+    heard = np.array([0, 1, 0, 0, 0.25, 0])
+    moving = [2, 5] if torsional else range(6)
+    g_all, g, mass, load, speeding = g, g[moving], mass[moving], load[moving], speeding[moving]
+    spring_of, damper_of, spring, damper = spring, damper, spring[moving], damper[moving]
+    mean = 8e7
+    squares, shapes = eigh(np.diag(spring) + mean * np.outer(g, g), np.diag(mass))
+    heavy = mass[:, None] * shapes
+    damping = heavy * (2 * 0.05 * np.sqrt(np.maximum(squares, 0))) @ heavy.T + np.diag(damper)
+    w, zeta, count = 2 * np.pi * 150, 0.4, g.size
+
+    def force(t, q, v):
+        cycles = phase(t)
+        mesh = stiffness(cycles) * (g @ q - 3e-6 * np.cos(2 * np.pi * cycles))
+        if torsional:
+            return mesh, -(heard @ g_all) * mesh
+        return mesh, heard @ (spring_of * q + damper_of * v)
+
+    def slope(t, state):
+        q, v, (h, u) = state[:count], state[count : 2 * count], state[2 * count :]
+        mesh, bearing = force(t, q, v)
+        a = (load + speeding * (t > 0) - spring * q - damping @ v - g * mesh) / mass
+        return np.concatenate([v, a, [u, bearing / 15 - 2 * zeta * w * u - w**2 * h]])
+
+    rest = np.linalg.lstsq(np.diag(spring) + mean * np.outer(g, g), load, rcond=None)[0]
+    bearing = -(heard @ g_all) * mean * (g @ rest) if torsional else heard @ (spring_of * rest)
+    start = np.concatenate([rest, np.zeros(count), [bearing / 15 / w**2, 0]])
+    solved = solve_ivp(
+        slope, (-0.12, times_s[-1]), start, method="DOP853", t_eval=times_s, rtol=1e-8, atol=1e-12, max_step=2e-4
+    )
+    return np.array([slope(t, state)[-1] for t, state in zip(solved.t, solved.y.T, strict=True)])
+
+
+@pytest.mark.parametrize(
+    ("rpm", "acceleration_hz_s", "fidelity"),
+    [
+        (600, 0, "lateral"),
+        ([[0, 600], [0.2, 840]], 20, "lateral"),
+        (600, 0, "torsional"),
+    ],
+)
+def test_the_channel_is_what_the_equations_give(rpm, acceleration_hz_s, fidelity):
+    record = simulate(scene(speed={"link": "pinion", "rpm": rpm}, fidelity=fidelity), seed=SEED)
+    times = record["time"].values[:600]
+    expected = by_hand(times, speed_hz=10, acceleration_hz_s=acceleration_hz_s, torsional=fidelity == "torsional")
+    found = record["a"].values[:600]
+    # 1e-4 each of steps and of the start, and as much of the force between its samples
+    assert np.std(found - expected) < 3e-4 * np.std(expected)
+    assert np.std(expected) > 0.01
+
+
+def test_steady_motion_has_lines_at_the_mesh_order_and_nowhere_else():
+    record = simulate(with_dynamics(error=1e-7), seed=SEED)
+    spectrum = np.fft.rfft(record["a"].values) * 2 / 4000  # 0.2 s: 40 mesh cycles
+    lines = spectrum[40::40]
+    others = np.delete(spectrum, np.arange(0, spectrum.size, 40))
+    # the start has died to 1e-7, and each step is the same part of a mesh cycle, so steps cannot beat
+    assert np.max(np.abs(others)) < 1e-6 * np.max(np.abs(lines))
+    truth = record["truth_amplitude"].values[0, :, 0]
+    assert_allclose(record["truth_order"].values, [20, 40, 60, 80])
+    datum = np.exp(-2j * np.pi * record["truth_order"].values * -0.03)
+    # -98 dB of side lobes of the lines 40 bins away
+    assert_allclose(truth, lines[:4] * datum, atol=3e-5 * np.max(np.abs(lines)))
+    assert list(record["truth_kind"].values) == ["gear_mesh"] * 4
+    assert "less than 2e-5" in record.attrs["truth_mesh_lines"]
+    assert record.attrs["truth_fidelity"] == "lateral, as declared"
+    check_record(record)
+
+
+TEETH = {
+    **DYNAMICS,
+    "meshes": {"mesh": {}},
+    "damping_ratio": 0.3,
+    "mounts": {"frequency_hz": 300, "damping_ratio": 0.7},
+}
+
+
+def test_a_crack_shows_while_its_tooth_is_in_mesh():
+    crack = {"kind": "tooth_crack", "component": "mesh/pinion", "depth_mm": 2.0}
+    healthy = simulate(scene(dynamics=TEETH), seed=SEED)
+    cracked = simulate(scene(dynamics=TEETH, fault=[crack]), seed=SEED)
+    difference = np.abs(cracked["a"].values - healthy["a"].values)
+    passes = cracked["truth_tooth_passes_1"]
+    assert passes.size == 2  # 0.2 s at 10 turns a second
+    assert_allclose(np.diff(passes), 0.1, rtol=1e-12)
+    half_s = passes.attrs["half_width_rev"] / 10
+    assert 2 * half_s == pytest.approx(1.63 / 200, rel=0.05)  # the contact ratio in mesh periods
+    since = np.min(np.abs(cracked["time"].values[:, None] - passes.values), axis=1)
+    before = cracked["time"].values[:, None] - (passes.values - half_s)
+    silent = np.all((before < 0) | (before > 0.05), axis=1)
+    # modes of 0.3 of critical have died 40 ms after a pass; what is left: modes are damped by the mean stiffness,
+    # which a crack lowers a little
+    assert np.max(difference[silent]) < 1e-2 * np.max(difference)
+    assert since[np.argmax(difference)] < 2 * half_s
+    assert np.max(difference) > 0.02 * np.std(healthy["a"].values)
+    assert "truth_impact_times_1" not in cracked
+
+
+def test_an_eccentric_wheel_puts_sidebands_a_turn_apart():
+    fault = scene(fault=[{"kind": "eccentricity", "component": "mesh/wheel", "size_mm": 0.02}]).faults
+    healthy, faulty = (simulate(with_dynamics(error=1e-6).changed(faults=faults), seed=SEED) for faults in ((), fault))
+    for record, there in ((healthy, False), (faulty, True)):
+        spectrum = np.abs(np.fft.rfft(record["a"].values))  # bins of 5 Hz: the wheel turns at 5, teeth meet at 200
+        # shafts turn along with most of the runout; healthy gears have what is left of the start, 1e-6, there
+        assert (min(spectrum[39], spectrum[41]) > 3e-5 * spectrum[40]) == there
+
+
+def test_what_is_worn_off_is_a_transmission_error():
+    pair = GearPair(teeth=(20, 40), module_m=4e-3, face_width_m=0.03, pressure_angle_rad=np.radians(20))
+    middle = pair.contact_ratio / 2
+    wheel, pinion = FaultyGear(teeth=40), FaultyGear(teeth=20)
+    runout = [*transmission_errors(GearDamage.on(wheel, runout_m=2e-5), pair=pair, first=7)]
+    assert [part.period for part in runout] == [40]
+    assert_allclose(runout[0](7 + middle + np.array([0, 10, 20, 40])), [2e-5, 0, -2e-5, 2e-5], atol=1e-18)
+    spalled = GearDamage.on(pinion)
+    spalled.removed_m[0] = 1e-5
+    (hole,) = transmission_errors(spalled, pair=pair, first=19)
+    assert_allclose(hole(np.array([18.9, 19.99, 39.99, 0.99])), [0, 1e-5, 1e-5, 0], atol=1e-18)
+    (worn,) = transmission_errors(GearDamage.on(pinion, profile_m=1e-5), pair=pair, first=0)
+    # from the begin of contact, on the wheel's tip circle, to the pitch point
+    begin = np.sqrt(0.084**2 - (0.08 * np.cos(np.radians(20))) ** 2) - 0.08 * np.sin(np.radians(20))
+    pitch_point = begin / (np.pi * 4e-3 * np.cos(np.radians(20)))
+    assert_allclose(worn(pitch_point + np.array([0, 0.25, 0.5])), [-5e-6, 5e-6, -5e-6], atol=1e-18)
+    broken = GearDamage.on(pinion)
+    broken.contact_fraction[0] = 0.0
+    (gone,) = damaged_teeth(broken, gear=1, first=4)
+    assert (gone.gear, gone.tooth) == (1, 4)
+    assert np.all(np.isinf(gone.fault.added_compliance(None, 1, np.zeros(2))))
+
+
+@pytest.mark.parametrize("order", [3, 4])
+def test_the_way_from_force_to_channel_has_its_frequency_response(order):
+    chain = {
+        "anti_alias": AntiAlias(frequency_hz=4000, order=order),
+        "resonance": Mode(frequency_hz=9000, damping_ratio=0.05),
+    }
+    sensor = Sensor(name="a", on="b", units="g", **chain)
+    mounts, path = Mode(frequency_hz=30, damping_ratio=0.2), Mode(frequency_hz=2500, damping_ratio=0.1)
+    way = Housing(mass_kg=8, mounts=mounts, path=path, sensor=sensor, rate_hz=20_000)
+    samples = np.arange(30_000)
+    for frequency_hz, tolerance in ((40, 1e-7), (500, 1e-6), (2000, 1.2e-4), (4000, 8e-3)):
+        s = 2j * np.pi * frequency_hz
+        expected = s**2 / 8 / 9.80665
+        for pole, ratio in ((30, 0.2), (2500, 0.1), (9000, 0.05)):
+            w = 2 * np.pi * pole
+            expected *= (1 if pole == 30 else w**2) / (s**2 + 2 * ratio * w * s + w**2)
+        for k in range(order):
+            pole = 2 * np.pi * 4000 * np.exp(1j * np.pi * (2 * k + order + 1) / (2 * order))
+            expected *= -pole / (s - pole)
+        assert_allclose(way.response(frequency_hz), expected, rtol=1e-12)
+        way = Housing(mass_kg=8, mounts=mounts, path=path, sensor=sensor, rate_hz=20_000)
+        force = np.cos(2 * np.pi * frequency_hz / 20_000 * samples)
+        heard = np.concatenate([way.push(part) for part in np.array_split(force, 7)])
+        late = samples[20_000:]
+        found = np.mean(heard[late] * np.exp(-2j * np.pi * frequency_hz / 20_000 * (late - AHEAD))) * 2
+        assert abs(found / expected - 1) < tolerance
+    constant = Housing(mass_kg=8, mounts=mounts, path=path, sensor=sensor, rate_hz=20_000)
+    assert_allclose(constant.push(np.full(100, 5e3)), 0, atol=1e-9)
+
+
+def test_same_seed_same_bytes_and_a_longer_scene_begins_alike():
+    one, again, other = (simulate(scene(), seed=seed) for seed in (1, 1, 2))
+    assert all(one[name].values.tobytes() == again[name].values.tobytes() for name in one.variables)
+    assert not np.allclose(one["a"].values, other["a"].values, atol=0.1 * np.std(one["a"].values))
+    longer = simulate(scene(duration_s=1.0), seed=1)  # several blocks
+    assert_allclose(longer["a"].values[:4000], one["a"].values, atol=1e-9 * np.std(one["a"].values))
+
+
+def test_sources_add_up_and_the_scene_is_written_out():
+    unbalanced = {"kind": "imbalance", "component": "wheel", "size_mm": 0.1}
+    record = simulate(scene(fault=[unbalanced]), seed=1, by_source=True)
+    assert record["truth_source_name"].values[-1] == "gears, motion"
+    assert_allclose(record["truth_source"].sum("truth_source_name").values[0], record["a"].values, atol=1e-12)
+    back = Scene.from_mapping(tomllib.loads(record.attrs["truth_scene"]))
+    assert back == scene(fault=[unbalanced])
+    assert back.dynamics.mesh("mesh").bore_share == 0.4
+    assert simulate(back, seed=1, by_source=True).identical(record)
+
+
+def test_lines_are_left_out_where_speed_or_torque_changes():
+    record = simulate(scene(torque={"link": "wheel", "nm": [[0, 200], [0.2, 300]]}), seed=1)
+    assert record.sizes["truth_order"] == 0
+    assert record.attrs["truth_mesh_lines"].startswith("left out: speed or torque changes")
+
+
+def test_the_declared_mean_stiffness_is_that_of_healthy_teeth():
+    crack = {"kind": "tooth_crack", "component": "mesh/pinion", "depth_mm": 2.0}
+    dynamics = {**DYNAMICS, "meshes": {"mesh": {"stiffness_n_m": 5e8}}}
+    means = []
+    for faults in ([], [crack]):
+        stage = prepare_scene(scene(dynamics=dynamics, fault=faults), rng_for=partial(random_stream, 1))
+        means.append(
+            motion_of(stage, prepare_gears(stage), levels={"mesh": "torsional"}).system.meshes[0].stiffness.mean
+        )
+    assert means[0] == pytest.approx(5e8, rel=1e-9)
+    assert 0.95 * 5e8 < means[1] < 0.9999 * 5e8
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"dynamics": {"meshes": {"mesh": {"stiffness_n_m": -1e8}}}}, "stiffness_n_m.*greater than 0"),
+        ({"dynamics": {"bearings": {"pinion": {"radial_n_m": -1.0}}}}, "radial_n_m.*greater than 0"),
+        ({"dynamics": {"meshes": {"mash": {}}}}, 'names "mash", which is no mesh of gearbox "pair"'),
+        ({"dynamics": {"links": {"wheels": {"mass_kg": 1}}}}, 'inertias names "wheels".*did you mean "wheel"'),
+        ({"torque": None}, "without load there is no mesh force; add torque"),
+        ({"torque": {"link": "pinion", "nm": 5}}, "name the link that takes the power out as dynamics.load_on"),
+        ({"gearbox": "planetary-27-36-99"}, 'mesh "sun-planet" declares no module_mm'),
+        ({"gearbox": "two-stage"}, 'mesh "stage 1" declares no module_mm.*declare it in the gearbox, or as dynamics'),
+        ({"sampling_jitter": {"std_s": 1e-7}}, "has no sampling_jitter; leave it out"),
+        ({"sensor": [{**PAIR["sensor"][0], "direction": None}]}, 'sensor "a" needs a direction'),
+        ({"sensor": [{**PAIR["sensor"][0], "direction": [1, 0, 0]}]}, "is directed along the shafts"),
+        (
+            {"fault": [{"kind": "tooth_crack", "component": "mesh/pinion", "depth_mm": 2.0}]},
+            'a tooth that is softer needs shape = "teeth"',
+        ),
+    ],
+)
+def test_what_cannot_vibrate_is_refused(changes, sentence):
+    table = {**PAIR, **changes}
+    if isinstance(changes.get("gearbox"), str):
+        links = {"planetary-27-36-99": ("sun", "carrier"), "two-stage": ("input", "output")}[changes["gearbox"]]
+        table |= {
+            "dynamics": {},
+            "speed": {"link": links[0], "rpm": 600},
+            "torque": {"link": links[1], "nm": 10},
+            "tachometer": {"link": links[0], "pulses_per_rev": 12},
+            "sensor": [{**PAIR["sensor"][0], "on": links[0]}],
+        }
+    table = {key: value for key, value in table.items() if value is not None}
+    for sensor in table["sensor"]:
+        if sensor["direction"] is None:
+            del sensor["direction"]
+    with pytest.raises(SceneError, match=sentence):
+        simulate(Scene.from_mapping(table), seed=1)
+
+
+def test_the_shipped_scene_of_gears_in_motion():
+    record = simulate(load_scene("gears-in-motion").changed(duration_s=0.3), seed=1)
+    check_record(record)
+    assert record.sizes["truth_tooth_pass_1"] in (7, 8)  # 25 turns a second
+    assert 0.01 < np.std(record["input vertical"].values) < 10

@@ -1,0 +1,191 @@
+"""Helical gears that vibrate in full: forces, frequencies and motion against equations written down anew here."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from declared_pair import declared_pair
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
+
+from data_synth import Scene, simulate
+from data_synth.fidelity.choice import chosen
+from data_synth.kinematic.harmonics import random_stream
+from data_synth.sources.prepared import prepare_scene
+from data_synth.vibration.run import motion_of, prepare_gears
+
+HELIX, NORMAL = np.radians(15), np.radians(20)
+TEETH, MODULE = np.array([20, 40]), 4e-3
+PITCH_RADII = MODULE * TEETH / np.cos(HELIX) / 2
+MASS, POLAR, TILT = np.array([5.0, 12.0]), np.array([0.01, 0.06]), np.array([0.006, 0.033])
+RADIAL, AXIAL, TILTING = np.array([4e7, 6e7]), np.array([3e7, 5e7]), np.array([2e5, 4e5])
+MESH, LOAD = 3e8, np.array([150.0, 300.0])
+SEED = 3
+
+
+def scene(fidelity="full", *, hand="right", shape="constant", direction=(0, 0, 1), **changes):
+    table = {
+        "gearbox": declared_pair(name="helical pair", helix_angle_deg=15, hand=hand),
+        "rate_hz": 20_000,
+        "duration_s": 0.1,
+        "fidelity": fidelity,
+        "speed": {"link": "pinion", "rpm": 600},
+        "torque": {"link": "wheel", "nm": 300},
+        "tachometer": {"link": "pinion", "pulses_per_rev": 12, "offset_rev": 0.03},
+        "excitation": {"shaft_amplitude": 0},
+        "noise": {"rms": 0},
+        "dynamics": {
+            "links": {
+                "pinion": {"mass_kg": 5, "inertia_kg_m2": 0.01},
+                "wheel": {"mass_kg": 12, "inertia_kg_m2": 0.06},
+            },
+            "meshes": {"mesh": {"shape": shape, "stiffness_n_m": MESH, "error_um": 3}},
+            "bearings": {
+                "pinion": {"radial_n_m": 4e7, "axial_n_m": 3e7, "tilt_nm_rad": 2e5},
+                "wheel": {"radial_n_m": 6e7, "axial_n_m": 5e7, "tilt_nm_rad": 4e5},
+            },
+            "damping_ratio": 0.05,
+            "housing_kg": 15,
+            "mounts": {"frequency_hz": 150, "damping_ratio": 0.4},
+            "elsewhere": 0.0,
+            "error": 1e-4,
+        },
+        "sensor": [{"name": "a", "on": "pinion", "direction": list(direction), "units": "m s-2"}],
+    }
+    return Scene.from_mapping(table | changes)
+
+
+def ready(declared):
+    stage = prepare_scene(declared, rng_for=partial(random_stream, SEED))
+    return stage, prepare_gears(stage)
+
+
+def motion(declared):
+    stage, gears = ready(declared)
+    return motion_of(stage, gears, levels={"mesh": "full"})
+
+
+def normal(sign=1.0):
+    """The line of action in x (to the wheel), y and z; its part across the shafts is of unit length."""
+    transverse, base = np.arctan(np.tan(NORMAL) / np.cos(HELIX)), np.arcsin(np.sin(HELIX) * np.cos(NORMAL))
+    return np.array([np.sin(transverse), np.cos(transverse), sign * np.tan(base)])
+
+
+def direction(sign=1.0):
+    """Deflection by x, y, z, both tilts and the turn of either gear, its pitch point on the line of centres."""
+    rows = [np.concatenate([part * normal(sign), r * np.cross([1, 0, 0], normal(sign))]) for part, r in _SIDES]
+    return np.concatenate(rows)
+
+
+_SIDES = ((1, PITCH_RADII[0]), (-1, PITCH_RADII[1]))
+
+
+def matrices():
+    """Mass, stiffness, damping and gyroscopic matrix, put together by hand."""
+    disc = 7850 * np.pi * PITCH_RADII**2 * 0.03  # tilts are those of steel discs, as nothing else is declared
+    tilt = disc * PITCH_RADII**2 / 4 + disc * 0.03**2 / 12
+    inertia = np.array([[m, m, m, t, t, p] for m, t, p in zip(MASS, tilt, POLAR, strict=True)]).ravel()
+    spring = np.array([[r, r, a, b, b, 0] for r, a, b in zip(RADIAL, AXIAL, TILTING, strict=True)]).ravel()
+    g = direction(-1.0)
+    stiffness = np.diag(spring) + MESH * np.outer(g, g)
+    squares, shapes = eigh(stiffness, np.diag(inertia))
+    heavy = inertia[:, None] * shapes
+    damping = heavy * (2 * 0.05 * np.sqrt(np.maximum(squares, 0))) @ heavy.T
+    gyroscopic = np.zeros((12, 12))
+    for first, spin in ((3, 2 * np.pi * 10 * POLAR[0]), (9, -2 * np.pi * 5 * POLAR[1])):
+        gyroscopic[first, first + 1], gyroscopic[first + 1, first] = spin, -spin
+    return np.diag(inertia), stiffness, damping, gyroscopic
+
+
+def test_frequencies_are_those_of_twelve_equations():
+    mass, stiffness, _, _ = matrices()
+    expected = np.sqrt(eigh(stiffness, mass, eigvals_only=True)[1:])
+    system = motion(scene()).system
+    assert system.dof == 12
+    found = np.sqrt(eigh(system.mean_stiffness(), system.mass, eigvals_only=True)[1:])
+    assert_allclose(found, expected, rtol=1e-9)
+    # without a helix axial motion is free of the mesh: sqrt(k / m) of either gear is a mode
+    assert np.min(np.abs(found - np.sqrt(3e7 / 5))) > 1e-3 * found[0]
+
+
+@pytest.mark.parametrize(("hand", "sign"), [("right", -1), ("left", 1)])
+def test_the_axial_force_at_rest_is_the_tangential_one_times_the_tangent_of_the_helix(hand, sign):
+    for way, number in (((0, 0, 1), 1), ((0, 1, 0), 0), ((1, 0, 0), 2)):
+        ready_ = motion(scene(hand=hand, direction=way))
+        held = ready_.problem(0.0, 1.0).start.displacement
+        force = (ready_.output.displacement @ held)[0]
+        tangential = LOAD[0] / PITCH_RADII[0]
+        radial = tangential * np.tan(NORMAL) / np.cos(HELIX)
+        expected = [radial, tangential, sign * tangential * np.tan(HELIX)][number]
+        assert abs(force) == pytest.approx(abs(expected), rel=1e-9)
+        if number == 2:
+            assert np.sign(force) == np.sign(expected) * np.sign(_tangential(hand))
+
+
+def _tangential(hand):
+    ready_ = motion(scene(hand=hand))
+    return (ready_.output.displacement @ ready_.problem(0.0, 1.0).start.displacement)[0]
+
+
+def test_kinematic_lines_are_those_of_twelve_equations():
+    mass, stiffness, damping, gyroscopic = matrices()
+    w, mounts = 2 * np.pi * 200, 2 * np.pi * 150
+    q = np.linalg.solve(stiffness - w**2 * mass + 1j * w * (damping + gyroscopic), MESH * 3e-6 * direction(-1.0))
+    housing = -(w**2) / 15 / (mounts**2 - w**2 + 2j * 0.4 * mounts * w)
+    sensors = [
+        {"name": str(way), "on": "pinion", "direction": way, "units": "m s-2"}
+        for way in ([0, 0, 1], [1, 0, 0], [0, 1, 0])
+    ]
+    record = simulate(scene("auto", sensor=sensors), seed=SEED)
+    assert record.attrs["truth_fidelity"].startswith("kinematic: within -40 dB of full, nothing is lost")
+    found = record["truth_amplitude"].sel(truth_order=20).values[:, 0]
+    expected = np.array([q[1] * 4e7, q[2] * 3e7, q[0] * 4e7]) * housing
+    assert_allclose(np.abs(found), np.abs(expected), rtol=1e-8)
+    assert_allclose(np.angle(found / found[0]), np.angle(expected / expected[0]), atol=1e-8)
+
+
+def test_the_channel_is_what_twelve_equations_give():
+    mass, stiffness, damping, gyroscopic = matrices()
+    later = random_stream(SEED, "phase", "gear_mesh", "mesh", "teeth").random()
+    g, inertia = direction(-1.0), np.diag(mass)
+    load = np.zeros(12)
+    load[[5, 11]] = LOAD
+    w, zeta = 2 * np.pi * 150, 0.4
+
+    def slope(t, state):
+        q, v, (h, u) = state[:12], state[12:24], state[24:]
+        error = 3e-6 * np.cos(2 * np.pi * (20 * (10 * t - 0.03) + later))
+        a = (load - stiffness @ q - (damping + gyroscopic) @ v + MESH * error * g) / inertia
+        return np.concatenate([v, a, [u, 3e7 * q[2] / 15 - 2 * zeta * w * u - w**2 * h]])
+
+    rest = np.linalg.lstsq(stiffness, load, rcond=1e-13)[0]
+    start = np.concatenate([rest, np.zeros(12), [3e7 * rest[2] / 15 / w**2, 0]])
+    record = simulate(scene(direction=(1, 0, 0)), seed=SEED)
+    times = record["time"].values[:600]
+    solved = solve_ivp(
+        slope, (-0.12, times[-1]), start, method="DOP853", t_eval=times, rtol=1e-8, atol=1e-12, max_step=2e-4
+    )
+    expected = np.array([slope(t, state)[-1] for t, state in zip(solved.t, solved.y.T, strict=True)])
+    # 1e-4 each of steps and of the start, and as much of the force between its samples
+    assert np.std(record["a"].values[:600] - expected) < 3e-4 * np.std(expected)
+    assert np.std(expected) > 0.01
+
+
+def test_the_other_hand_pushes_the_other_way():
+    right, left = (simulate(scene(hand=hand, direction=(1, 0, 0)), seed=SEED)["a"].values for hand in ("right", "left"))
+    # a mirror image but for gyroscopic moments, which do not mirror
+    assert np.std(right + left) < 1e-2 * np.std(right)
+    assert np.std(right) > 0.01
+
+
+def test_motion_along_the_shafts_is_not_left_out():
+    stage, gears = ready(scene("auto", shape="trapezoid"))
+    choice = chosen(stage, gears)
+    lateral = next(trial for trial in choice.tried if set(trial.levels.values()) == {"lateral"})
+    assert choice.name == "full"
+    assert lateral.decibels > -40
+    even, gears = ready(scene("auto"))
+    assert chosen(even, gears).name == "kinematic"
+    full, auto = (simulate(scene(fidelity, shape="trapezoid"), seed=SEED)["a"] for fidelity in ("full", "auto"))
+    assert np.array_equal(full, auto)

@@ -1,0 +1,118 @@
+"""Periodic steady states, their multipliers, and cases where several of them exist."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gear_pair import DRAG, LINEAR_DRAG, PERIOD_S, constant, driven, output, pair, rectangle, turning
+from scipy.optimize import minimize_scalar
+
+from data_synth.dynamics.system import Mesh, System
+from data_synth.integrators.exact_transition import Transition
+from data_synth.integrators.problem import CoupledReference, IntegrationError, Load, Outcome, Output, Problem, Steps
+from data_synth.integrators.splitting import Splitting
+from data_synth.vibration.steady_state import periodic_state
+
+READ = output(1.0)
+
+
+def oscillator(stiffness):
+    mesh = Mesh(name="m", direction=np.ones(1), stiffness=stiffness)
+    zero = np.zeros((1, 1))
+    return System(mass=np.eye(1), damping=zero, stiffness=zero, meshes=(mesh,), names=("x",))
+
+
+class TestGearPair:
+    @pytest.mark.parametrize(("method", "steps"), [(Transition(), 1), (Splitting(), 4)])
+    def test_rectangular_stiffness(self, method, steps):
+        # computed by another method: q mean 1.1868201e-3 m, peak to peak 5.899e-6 m
+        problem = driven(pair(rectangle(), damping=np.diag([0, 0, 0, LINEAR_DRAG])), duration_s=PERIOD_S)
+        found = periodic_state(problem, method=method, output=READ, samples=200, steps=Steps(per_sample=steps))
+        assert found.outcome is Outcome.DONE
+        q = found.waveform.values[:, 0]
+        assert q[:-1].mean() == pytest.approx(1.1868201e-3, abs=2e-10)
+        assert np.ptp(q) == pytest.approx(5.899e-6, abs=1e-9)
+        assert found.stable
+
+    def test_quadratic_load_and_its_slowest_multiplier(self):
+        problem = driven(pair(rectangle()), duration_s=PERIOD_S, drag=DRAG)
+        found = periodic_state(problem, method=Splitting(), output=READ, samples=50)
+        assert np.abs(found.multipliers).max() == pytest.approx(0.9999995, abs=5e-8)
+        assert found.iterations < 10
+
+    def test_half_a_gap_moves_the_teeth_and_nothing_else(self):
+        wide, none = (
+            periodic_state(
+                driven(pair(rectangle(), backlash_m=gap), duration_s=PERIOD_S, drag=DRAG),
+                method=Splitting(),
+                output=READ,
+                samples=50,
+            ).waveform.values
+            for gap in (5e-5, 0.0)
+        )
+        # the state returns to 1e-11 of itself, and the slowest multiplier keeps 5e-7 of an error a period
+        np.testing.assert_allclose(wide[:, 0] - none[:, 0], 5e-5, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(wide[:, 2], none[:, 2], rtol=1e-8)
+
+    def test_torques_out_of_balance_have_none(self):
+        problem = driven(pair(rectangle()), duration_s=PERIOD_S)
+        found = periodic_state(problem, method=Transition(), output=READ, samples=20)
+        assert found.outcome is Outcome.NOT_CONVERGED
+        assert "still changes by" in found.detail
+
+
+class TestMultipliers:
+    def test_meissners_equation(self):
+        # trace = 2 cos cos - (a/b + b/a) sin sin for a^2 = 1.3, b^2 = 0.7, duty 0.5, period pi
+        a, b = np.sqrt(1.3), np.sqrt(0.7)
+        x, y = a * np.pi / 2, b * np.pi / 2
+        trace = 2 * np.cos(x) * np.cos(y) - (a / b + b / a) * np.sin(x) * np.sin(y)
+        assert trace == pytest.approx(-2.089829426306, abs=1e-12)
+        problem = Problem(
+            system=oscillator(rectangle(0.7, 1.3, 0.5)),
+            reference=turning(2.0),
+            load=Load(constant=np.ones(1)),
+            duration_s=np.pi,
+        )
+        found = periodic_state(
+            problem, method=Transition(), output=Output(rate_hz=1, displacement=np.eye(1)), samples=8
+        )
+        assert found.multipliers.sum().real == pytest.approx(trace, abs=1e-12)
+        assert not found.stable
+        split = periodic_state(
+            problem, method=Splitting(), output=Output(rate_hz=1, displacement=np.eye(1)), samples=64
+        )
+        assert split.multipliers.sum().real == pytest.approx(trace, abs=1e-7)  # steps of 0.05 rad, to the fourth / 72
+
+    @staticmethod
+    def largest(mesh_rad_s):
+        problem = driven(
+            pair(rectangle()), duration_s=2 * np.pi / mesh_rad_s, torque_nm=0.0, reference=turning(mesh_rad_s)
+        )
+        problem = replace(problem, load=Load(constant=np.array([0, 75.0, 0, -75 * 1.75])))
+        found = periodic_state(problem, method=Transition(), output=READ, samples=4)
+        return float(np.abs(found.multipliers).max())
+
+    def test_the_tongue_at_twice_the_second_mode(self):
+        # 1256.6497 to 1502.8244 rad/s, largest 1.326561
+        inside = [self.largest(w) for w in (1256.65, 1502.824)]
+        outside = [self.largest(w) for w in (1256.64, 1502.83, 8334.0)]
+        # a multiplier 1 of the free rotation is double and rounding splits it by sqrt(eps)
+        assert min(inside) > 1 + 1e-4
+        assert max(outside) < 1 + 1e-6
+        top = minimize_scalar(lambda w: -self.largest(w), bounds=(1300, 1450), method="bounded")
+        assert -top.fun == pytest.approx(1.326561, abs=2e-6)
+
+
+def test_a_tied_reference_is_refused():
+    problem = driven(pair(constant()), duration_s=PERIOD_S, reference=CoupledReference(name="pinion rotation"))
+    with pytest.raises(ValueError, match="no period known beforehand"):
+        periodic_state(problem, method=Splitting(), output=READ, samples=10)
+
+
+def test_refused_steps_are_an_outcome():
+    problem = driven(pair(rectangle(0.0, 2e9, 0.5)), duration_s=PERIOD_S, drag=DRAG)
+    found = periodic_state(problem, method=Splitting(), output=READ, samples=1)
+    assert found.outcome is Outcome.UNSTABLE_STEP
+    with pytest.raises(IntegrationError, match="s is unstable: the variation"):
+        found.waveform.checked()

@@ -1,0 +1,196 @@
+"""Mistakes of a new user: refused, or told, in a sentence that says what to do."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.result import AnalysisError, health_table, line_table, open_analysis, save_analysis, summary
+from hums.cli import main
+from hums.gearbox.model import load_gearbox
+from hums.records.record import (
+    Channel,
+    NominalSpeed,
+    PulseTimes,
+    RecordError,
+    TachometerWaveform,
+    UnknownAngle,
+    check_record,
+    make_record,
+    speed_percentiles,
+)
+from hums.records.store import save_record
+
+RATE_HZ, SPEED_HZ, SECONDS = 5000.0, 20.0, 4.0
+TIME_S = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
+TURNS_S = np.arange(0.0, SECONDS, 1 / SPEED_HZ)
+
+
+def vibration(seed=0):
+    return np.cos(2 * np.pi * 23 * SPEED_HZ * TIME_S) + np.random.default_rng(seed).normal(0, 0.1, TIME_S.size)
+
+
+def two_meshes(*, noise=0.1):
+    """A shaft and both of its meshes, which tell its speed."""
+    orders = (1, 23, 46, 23 * 19 / 67, 2 * 23 * 19 / 67)
+    tones = [np.cos(2 * np.pi * order * SPEED_HZ * TIME_S + order) for order in orders]
+    return np.sum(tones, axis=0) + np.random.default_rng(0).normal(0, noise, TIME_S.size)
+
+
+def record_of(times_s=TURNS_S, *, per_rev=1, channels=None, angle=None):
+    pulses = PulseTimes(times_s=times_s, shaft="input", pulses_per_rev=per_rev)
+    channels = channels or {"a": vibration()}
+    return make_record(channels, units="g", rate_hz=RATE_HZ, angle=angle or pulses)
+
+
+def analysed(record, **settings):
+    return analyze(record, load_gearbox("two-stage"), settings=AnalysisSettings(most_tracks=0, **settings))
+
+
+def notes(record, **settings):
+    return summary(analysed(record, **settings))["notes"]
+
+
+# ---- tachometers -------------------------------------------------------------------------------------------
+
+
+def test_the_column_of_sample_times_is_no_tachometer():
+    with pytest.raises(RecordError, match=r"1 samples at 5000 Hz: a pulse about every sample.*not the times of"):
+        record_of(TIME_S)
+
+
+def test_a_fast_encoder_is_one():
+    # 100 pulses a turn at 20 turns a second: 2.5 samples apart
+    times_s = np.arange(0.0, SECONDS, 1 / (100 * SPEED_HZ))
+    assert speed_percentiles(record_of(times_s, per_rev=100)["tachometer"])[0] == pytest.approx(SPEED_HZ, rel=1e-9)
+
+
+@pytest.mark.parametrize(("samples", "refused"), [(3.9, True), (4.1, False)])
+def test_a_shaft_faster_than_the_record_shows(samples, refused):
+    times_s = np.arange(0.0, SECONDS, samples / RATE_HZ)
+    if not refused:
+        record_of(times_s)
+        return
+    with pytest.raises(RecordError, match=r"makes 1282 rev/s, a turn every 3\.9 samples at 5000 Hz"):
+        record_of(times_s)
+
+
+def test_a_vibration_channel_is_no_tachometer():
+    angle = TachometerWaveform(values=vibration(), units="g", shaft="input", pulses_per_rev=1)
+    with pytest.raises(RecordError, match=r'its waveform is channel "a" itself.*--tach-waveform'):
+        record_of(angle=angle)
+
+
+@pytest.mark.parametrize("per_rev", [1, 3])
+def test_pulses_without_order_are_no_tachometers(per_rev):
+    # the intervals of random crossings are exponential, and so is |a - b| of two such: the medians are the same
+    times_s = np.cumsum(np.random.default_rng(1).exponential(0.01, 400))
+    with pytest.raises(RecordError, match="come without order") as caught:
+        record_of(times_s, per_rev=per_rev)
+    percent = float(str(caught.value).partition("changes by ")[2].partition("%")[0])
+    assert percent == pytest.approx(100, abs=20)  # the median of 400 scatters by 5 % or so
+
+
+def test_uneven_stripes_missed_pulses_and_a_run_up_are_a_tachometers():
+    turns = np.arange(0, 60, 0.5) + np.tile([0.0, -0.3], 60)  # two stripes, 0.2 and 0.8 of a turn apart
+    times_s = np.sqrt(turns[1:] / 60) * SECONDS  # from rest
+    kept = np.delete(times_s, np.arange(20, 110, 20))
+    middle, low, high = speed_percentiles(record_of(kept, per_rev=2)["tachometer"])
+    assert low < middle < high < 2 * 60 / SECONDS  # a run-up from rest ends at twice its mean
+
+
+def test_turning_speeds_of_a_steady_shaft_and_of_less_than_a_turn():
+    assert speed_percentiles(record_of()["tachometer"]) == pytest.approx((SPEED_HZ,) * 3, rel=1e-9)
+    assert speed_percentiles(record_of(np.array([0.0, 1.0]), per_rev=4)["tachometer"]) is None
+
+
+def test_the_commands_print_the_speed_found(tmp_path, monkeypatch, capsys):
+    path, folder = tmp_path / "record.h5", tmp_path / "out"
+    save_record(record_of(), path)
+    for words, told in (
+        (("info", path), "about 20 rev/s (98 % of revolutions 20 to 20)"),
+        (("analyze", path, "--gearbox", "two-stage", "-o", folder), "speed of input: 20 to 20 rev/s"),
+    ):
+        monkeypatch.setattr(sys, "argv", ["hums", *map(str, words)])
+        assert main() == 0
+        assert told in capsys.readouterr().out
+
+
+def test_an_old_record_with_such_pulses_is_refused_when_checked():
+    record = record_of()
+    bad = record.drop_vars("tachometer").assign(
+        tachometer=("pulse_tachometer", TIME_S, record["tachometer"].attrs)  # as another program may write it
+    )
+    with pytest.raises(RecordError, match="a pulse about every sample"):
+        check_record(bad)
+
+
+# ---- gaps --------------------------------------------------------------------------------------------------
+
+
+def with_gaps():
+    values = vibration(1)
+    values[[700, 701, 900]] = np.nan
+    return values
+
+
+def test_a_channel_with_gaps_is_left_out_where_another_is_sound():
+    analysis = analysed(record_of(channels={"gaps": with_gaps(), "sound": vibration()}))
+    verdict = health_table(analysis).set_index("name")
+    assert verdict["status"].to_dict() == {"gaps": "sick", "sound": "ok", "tachometer": "ok"}
+    words = "3 samples that are not finite in 2 gaps, the first at index 700 (0.14 s)"
+    assert verdict.loc["gaps", "reasons"] == f"It drops out: it has {words}."
+    assert verdict.loc["gaps", "missing"] == pytest.approx(3 / TIME_S.size)
+    assert f'Channel "gaps" is left out: it has {words}.' in summary(analysis)["notes"]
+    assert set(line_table(analysis, "order_spectrum")["channel"]) == {"sound"}
+
+
+def test_a_channel_with_gaps_does_not_hide_the_speed():
+    record = record_of(channels={"gaps": with_gaps(), "sound": two_meshes()}, angle=UnknownAngle())
+    analysis = analysed(record, speed_range_hz=(15.0, 25.0), max_acceleration_hz_s=0.5)
+    assert summary(analysis)["speed_hz"]["estimated_from"] == "sound"
+
+
+@pytest.mark.parametrize("channels", [{"a": with_gaps()}, {"a": with_gaps(), "b": with_gaps()}])
+def test_where_every_channel_has_gaps_the_way_on_is_named(channels):
+    with pytest.raises(AnalysisError, match=r"3 samples that are not finite in 2 gaps.*hums convert.*--channel NAME"):
+        analysed(record_of(channels=channels))
+
+
+# ---- notes -------------------------------------------------------------------------------------------------
+
+
+def test_an_estimated_angle_has_no_tachometer_to_blame():
+    record = record_of(channels={"a": two_meshes(noise=5.0)}, angle=UnknownAngle())
+    said = notes(record, speed_range_hz=(15.0, 25.0), max_acceleration_hz_s=0.5, max_order=110.0)
+    assert any("The speed is estimated from the vibration" in note for note in said)
+    assert any(note.startswith("The angle estimated from the vibration is uncertain by about") for note in said)
+    assert not any("pulses" in note for note in said)
+
+
+@pytest.mark.parametrize(
+    ("angle", "known"),
+    [(None, 'tachometer "tachometer"'), (NominalSpeed(rpm=60 * SPEED_HZ, shaft="input"), "a declared speed")],
+)
+def test_a_speed_range_that_is_not_needed_is_noted(angle, known):
+    said = notes(record_of(angle=angle), speed_range_hz=(1.0, 2.0), max_acceleration_hz_s=1.0)
+    assert any(note.startswith(f"The record has {known}") and "--speed-range" in note for note in said)
+
+
+@pytest.mark.parametrize(("max_order", "noted"), [(5000.0, True), (50.0, False)])
+def test_an_order_beyond_the_rate_is_noted(max_order, noted):
+    said = [note for note in notes(record_of(), max_order=max_order) if "--max-order" in note]
+    assert len(said) == noted
+    assert all("not at the 5000 asked for" in note and "5000 Hz carries no more" in note for note in said)
+
+
+def test_a_report_is_no_baseline(tmp_path):
+    page = tmp_path / "report.html"
+    page.write_text("<html></html>", encoding="utf-8")
+    with pytest.raises(AnalysisError, match=r"give the analysis\.h5 that the earlier analysis"):
+        open_analysis(page)
+    with pytest.raises(ValueError, match="nowhere"):
+        open_analysis(tmp_path / "nowhere.h5")
+    save_analysis(analysed(record_of(channels={"a": Channel(values=vibration(), units="g")})), tmp_path / "a.h5")
+    open_analysis(tmp_path / "a.h5").close()

@@ -1,0 +1,35 @@
+"""A planetary gearbox whose gears vibrate, and a tooth of it that cracks: the analysis names it, louder as it grows."""
+
+import pytest
+
+from data_synth import load_scene, simulate
+from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.result import findings_table
+
+# in 20 turns of the carrier each tooth of the sun meets each planet 82 times
+DEMO = load_scene("planets-in-motion").changed(duration_s=5.0)
+
+
+def found(component, depth_mm):
+    """Return the findings for a crack; none where its depth is 0."""
+    crack = DEMO.faults[0].changed(component=component, depth_mm=depth_mm or 1.0)
+    scene = DEMO.changed(faults=(crack,) if depth_mm else ())
+    return findings_table(analyze(simulate(scene, seed=1), scene.gearbox, settings=AnalysisSettings(most_tracks=0)))
+
+
+@pytest.mark.slow
+def test_a_healthy_planetary_raises_no_finding():
+    assert found("sun-planet/sun", 0.0).empty
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("component", "named"), [("sun-planet/sun", "sun-planet/sun"), ("planet-ring/planet", "sun-planet/planet")]
+)
+def test_a_cracked_tooth_is_named_and_grows(component, named):
+    # a planet's turn is one component to the analysis, whichever of its flanks is cracked
+    small, large = found(component, 1.5).iloc[0], found(component, 4.0).iloc[0]
+    for first in (small, large):
+        assert (first["component"], first["kind"]) == (named, "tooth")
+        assert first["false_alarm_probability"] < 1e-6
+    assert large["amplitude"] > 3 * small["amplitude"]

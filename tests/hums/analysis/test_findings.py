@@ -1,0 +1,315 @@
+"""The rule on hand-made lines: what is claimed, what is a shadow, what is certain."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from hums.analysis.detection import LineAssessor, implied_cage
+from hums.analysis.findings import Fm4, findings
+from hums.analysis.indicators import modulated_mesh_kurtosis
+from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, ExpectedLine, MeasuredLine
+from hums.gearbox.orders import BearingOrders
+from signals.spectra.lines import Line
+
+BIN = 0.01
+# 9 elements, cage 0.4 of the shaft: inner 5.4, outer 3.6
+BEARING = BearingOrders(
+    name="b",
+    relative=1.0,
+    inner_ring=1.0,
+    outer_ring=0.0,
+    inner_race=5.4,
+    outer_race=3.6,
+    rolling_element=4.75,
+    cage=0.4,
+    cage_to_outer=0.4,
+    elements=9,
+)
+ASSESSOR = LineAssessor({"b": BEARING}, 0.01)
+
+
+def line(
+    kind,
+    found,
+    snr,
+    *,
+    component="b",
+    harmonic=1,
+    sideband=0,
+    spectrum=ENVELOPE,
+    fundamental=True,
+    p=None,
+    leakage=0.0,
+    spacing=0.0,
+):
+    chance = (1e-9 if snr > 4 else 0.5) if p is None else p
+    return MeasuredLine(
+        expected=ExpectedLine(
+            component=component,
+            kind=kind,
+            harmonic=harmonic,
+            sideband=sideband,
+            order=found,
+            tolerance=0.1,
+            spectrum=spectrum,
+            spacing=spacing,
+            fundamental=fundamental,
+        ),
+        channel="x",
+        units="g",
+        bin_width=BIN,
+        line=Line(
+            expected=found,
+            found=found,
+            amplitude=snr,
+            amplitude_std=0.5,
+            background=1.0,
+            leakage=leakage,
+            false_alarm_probability=chance,
+        ),
+    )
+
+
+def claims(*lines):
+    return [assessed.significant for assessed in ASSESSOR.assess(lines)]
+
+
+def test_noise_is_not_claimed():
+    assert claims(line("inner_race", 5.4, 2.0)) == [False]
+
+
+def test_false_alarm_probability_counts_every_fundamental():
+    # 0.002 alone is below 0.01; among ten lines that can raise a finding it is 0.0198
+    single = line("inner_race", 5.4, 9.0, p=0.002)
+    assert claims(single) == [True]
+    assert claims(single, *[line("shaft", 30 + i, 1.0, fundamental=False) for i in range(9)])[0]
+    assert not claims(single, *[line("cage", 30 + i, 1.0) for i in range(9)])[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "order", "by"),
+    [
+        ("rolling_element", 4.8, "12 times the cage rate"),
+        ("cage", 0.4, "1 times the cage rate"),
+        ("outer_race", 3.6, "9 times the cage rate"),
+        ("rolling_element", 4.4, "11 times the cage rate"),
+        ("rolling_element", 10.8, "harmonic 2"),
+        ("rolling_element", 7.4, "sideband \\+2"),
+    ],
+)
+def test_shadows_of_an_inner_race_line(kind, order, by):
+    assessed = ASSESSOR.assess([line("inner_race", 5.4, 60.0), line(kind, order, 8.0)])
+    assert [entry.significant for entry in assessed] == [True, False]
+    assert re.search(by, assessed[1].explained_by)
+
+
+def test_no_shadow_two_and_a_half_bins_away():
+    assert claims(line("inner_race", 5.4, 60.0), line("rolling_element", 4.8 + 2.5 * BIN, 8.0)) == [True, True]
+
+
+def test_comparable_lines_on_both_races_are_rivals_and_not_certain():
+    assessed = ASSESSOR.assess(
+        [
+            line("inner_race", 5.4, 10.0),
+            line("outer_race", 3.6, 9.0),
+            line("inner_race", 10.8, 7.0, harmonic=2, fundamental=False),
+        ]
+    )
+    found = findings(assessed, fm4={})
+    assert [(f.kind, f.verdict) for f in found] == [("inner_race", "indicated"), ("outer_race", "indicated")]
+    assert "of similar size" in found[0].evidence
+
+
+def test_a_supported_strong_line_is_diagnosed():
+    assessed = ASSESSOR.assess(
+        [line("inner_race", 5.4, 10.0), line("inner_race", 6.4, 7.0, sideband=1, fundamental=False)]
+    )
+    (found,) = findings(assessed, fm4={})
+    assert found.verdict == "diagnosed"
+    assert "sideband +1" in found.evidence
+
+
+def test_a_sick_sensor_leaves_every_finding_uncertain():
+    strong = [line("inner_race", 5.4, 10.0), line("inner_race", 6.4, 7.0, sideband=1, fundamental=False)]
+    assessed = ASSESSOR.assess([*strong, tooth(21.0, 20.0, sideband=1), tooth(19.0, 15.0, sideband=-1)])
+    assert {one.verdict for one in findings(assessed, fm4={"m/g": Fm4(kurtosis=9, limit=4)})} == {"diagnosed"}
+    for found in findings(assessed, fm4={}, faulty=["x"]):
+        assert found.verdict == "indicated"
+        assert "not certain: the sensor is sick, and may make such a line by itself" in found.evidence
+        assert "could not be made" not in found.evidence
+
+
+@pytest.mark.parametrize(
+    ("lines", "doubt"),
+    [
+        ([line("inner_race", 5.4, 10.0)], "no harmonic or sideband supports it"),
+        (
+            [line("inner_race", 5.4, 4.5), line("inner_race", 10.8, 5.0, harmonic=2, fundamental=False)],
+            "only 4.5 times its surroundings",
+        ),
+    ],
+)
+def test_doubts_are_said(lines, doubt):
+    (found,) = findings(ASSESSOR.assess(lines), fm4={})
+    assert found.verdict == "indicated"
+    assert doubt in found.evidence
+
+
+@pytest.mark.parametrize(
+    ("nominal", "order", "off"),
+    [
+        (5.4, 5.346, ", -1.0%"),  # 0.99 of it
+        (5.4, 5.4972, ", +1.8%"),
+        (0.4, 0.404, ", +1.0%"),
+        (200.0, 199.0, ", -0.5%"),
+        (200.0, 200.2, ", +0.1%"),
+        (200.0, 200.09, ""),  # 0.045 %, which one decimal does not show
+        (5.4, 5.4, ""),
+    ],
+)
+def test_the_evidence_says_in_per_cent_how_far_a_line_lies_from_nominal(nominal, order, off):
+    found = line("inner_race", order, 10.0)
+    found = replace(found, expected=replace(found.expected, order=nominal))
+    (finding,) = findings(ASSESSOR.assess([found]), fm4={})
+    assert finding.evidence.startswith(
+        f"envelope line at {order:.3f} orders (nominal {nominal:.3f}{off}), 10 g, 10.0 times its surroundings"
+    )
+    assert finding.order_found == order
+
+
+def test_the_evidence_of_a_sideband_names_harmonic_and_per_cent():
+    beside = replace(tooth(21.42, 20.0, sideband=-2).expected, order=21.0, harmonic=3)
+    found = replace(tooth(21.42, 20.0, sideband=-2), expected=beside)
+    (finding,) = findings(ASSESSOR.assess([found]), fm4={})
+    assert finding.evidence.startswith("sideband -2 of mesh harmonic 3 at 21.420 orders (nominal 21.000, +2.0%), 20 g")
+
+
+def test_a_harmonic_alone_raises_nothing():
+    lone = line("outer_race", 7.2, 20.0, harmonic=2, fundamental=False)
+    assert claims(line("outer_race", 3.6, 1.0), lone) == [False, False]
+
+
+def test_a_harmonic_at_the_wrong_spacing_is_no_support():
+    # 2 x 5.4 = 10.8; harmonic 2 may be off by two bins for each of its orders, 0.04
+    assert claims(line("inner_race", 5.4, 10.0), line("inner_race", 10.85, 8.0, harmonic=2, fundamental=False)) == [
+        True,
+        False,
+    ]
+
+
+def tooth(order, snr, *, sideband):
+    return line("tooth", order, snr, component="m/g", sideband=sideband, spectrum=ORDER_SPECTRUM)
+
+
+@pytest.mark.parametrize(
+    ("fm4", "verdict", "words"),
+    [
+        (Fm4(kurtosis=9.0, limit=4.0), "diagnosed", "that is local"),
+        (Fm4(kurtosis=3.1, limit=4.0), "indicated", "is not local"),
+        (None, "indicated", "could not be made"),
+    ],
+)
+def test_a_tooth_is_diagnosed_only_where_the_disturbance_is_local(fm4, verdict, words):
+    assessed = ASSESSOR.assess([tooth(21.0, 20.0, sideband=1), tooth(19.0, 15.0, sideband=-1)])
+    (found,) = findings(assessed, fm4={"m/g": fm4} if fm4 else {})
+    assert found.verdict == verdict
+    assert words in found.evidence
+
+
+def test_a_sideband_on_a_shaft_harmonic_still_counts_but_low_ones_do_not():
+    shaft = line("shaft", 1.0, 30.0, component="s", spectrum=ORDER_SPECTRUM, fundamental=False)
+    assert claims(shaft, tooth(21.0, 10.0, sideband=1)) == [True, True]
+    assert claims(shaft, tooth(3.0, 10.0, sideband=1)) == [True, False]
+
+
+def test_implied_cage():
+    assert implied_cage(BEARING, "outer_race", 3.6) == pytest.approx(0.4)
+    assert implied_cage(BEARING, "inner_race", 5.4) == pytest.approx(0.4)
+
+
+def test_a_trace_of_a_much_larger_line_is_called_that():
+    # two channels: the shadow rule looks at one, the comparison at both
+    other = replace(line("inner_race", 5.4, 90.0), channel="y")
+    assessed = ASSESSOR.assess([other, line("rolling_element", 4.75, 9.0)])
+    found = {finding.kind: finding for finding in findings(assessed, fm4={})}
+    assert "10 times as large, of which this may be a trace" in found["rolling_element"].evidence
+    assert "times as large" not in found["inner_race"].evidence
+
+
+def test_the_flank_of_a_stronger_line_is_explained():
+    (assessed,) = ASSESSOR.assess([line("inner_race", 5.4, 9.0, leakage=5.0)])
+    assert (assessed.significant, assessed.explained_by) == (False, "the flank of a stronger line beside it")
+    (assessed,) = ASSESSOR.assess([line("inner_race", 5.4, 9.0, leakage=4.0)])
+    assert assessed.significant
+
+
+def test_a_line_that_two_fundamentals_would_make_supports_neither():
+    # 10.8 is twice the inner and three times the outer race
+    shared = line("inner_race", 10.8, 8.0, harmonic=2, fundamental=False)
+    assessed = ASSESSOR.assess([line("inner_race", 5.4, 10.0), line("outer_race", 3.6, 9.0), shared])
+    assert [entry.significant for entry in assessed] == [True, True, False]
+    assert all("no harmonic or sideband supports it" in f.evidence for f in findings(assessed, fm4={}))
+
+
+def test_natural_sidebands_of_a_planetary_stage():
+    assessor = LineAssessor({}, 0.01, {"m/g": (3.0,)})
+    spaced = line("tooth", 96.0, 50.0, component="m/g", sideband=-1, spacing=3.0, spectrum=ORDER_SPECTRUM)
+    off = line("tooth", 97.0, 50.0, component="m/g", sideband=-1, spacing=2.0, spectrum=ORDER_SPECTRUM)
+    assert [entry.significant for entry in assessor.assess([spaced, off])] == [False, True]
+
+
+def test_a_damaged_element_explains_what_its_cage_makes_and_its_own_harmonics():
+    # its second harmonic, the cage's line and what the cage modulates may each stand higher than the fundamental
+    element = [
+        line("rolling_element", 4.75, 14.0),
+        line("rolling_element", 9.5, 14.5, harmonic=2, fundamental=False),
+        line("rolling_element", 4.35, 14.0, sideband=-1, fundamental=False),
+    ]
+    others = [line("cage", 0.4, 17.0), line("inner_race", 5.55, 9.0)]
+    other_bearing = replace(BEARING, name="c")
+    same_place = line("outer_race", 9.5, 14.5, component="c")
+    assessed = LineAssessor({"b": BEARING, "c": other_bearing}, 0.01).assess([*element, *others, same_place])
+    assert [entry.significant for entry in assessed] == [True, True, True, False, False, False]
+    assert assessed[3].explained_by == "the cage's rate, at which it takes b rolling element through the load zone"
+    assert assessed[4].explained_by.startswith("sideband +2 x 0.4 of harmonic 1")
+    assert assessed[5].explained_by == "harmonic 2 of b rolling element"
+    assert {finding.verdict for finding in findings(assessed, fm4={})} == {"diagnosed"}
+
+
+def test_a_damaged_cage_is_no_damaged_element():
+    cage = [line("cage", 0.4, 17.0), line("cage", 0.8, 12.0, harmonic=2, fundamental=False)]
+    assessed = ASSESSOR.assess([*cage, line("rolling_element", 4.75, 9.0)])
+    assert [entry.significant for entry in assessed] == [True, True, True]
+
+
+@pytest.mark.parametrize(("beside", "verdict"), [(5.0, "indicated"), (2.9, "diagnosed")])
+def test_lines_of_the_cage_beside_an_outer_race_leave_it_uncertain(beside, verdict):
+    outer = [line("outer_race", 3.6, 14.0), line("outer_race", 7.2, 9.0, harmonic=2, fundamental=False)]
+    comb = [line("cage", 0.4, beside, p=1e-9), line("rolling_element", 4.8, beside, p=1e-9)]
+    (found,) = findings(ASSESSOR.assess([*outer, *comb]), fm4={})
+    assert (found.kind, found.verdict) == ("outer_race", verdict)
+    assert ("lines at 1, 12 times the cage rate are of similar size" in found.evidence) == (verdict == "indicated")
+
+
+def test_lines_of_the_shaft_beside_an_inner_race_are_no_comb_of_the_cage():
+    # 4.4 is a shaft's turn below the inner race and eleven times the cage's as well
+    inner = [line("inner_race", 5.4, 14.0), line("inner_race", 6.4, 9.0, sideband=1, fundamental=False)]
+    (found,) = findings(ASSESSOR.assess([*inner, line("rolling_element", 4.4, 9.0)]), fm4={})
+    assert (found.kind, found.verdict) == ("inner_race", "diagnosed")
+
+
+def test_a_comb_of_impacts_once_a_turn_of_a_slow_shaft_is_no_bearing():
+    # three harmonics of the shaft, none as high as the line that happens to lie on its 42nd
+    shaft = [
+        line("shaft", 0.107 * harmonic, 4.5, component="s", harmonic=harmonic, fundamental=False)
+        for harmonic in (1, 2, 3)
+    ]
+    assessed = ASSESSOR.assess([*shaft, line("rolling_element", 42 * 0.107, 5.2)])
+    assert assessed[-1].explained_by == "harmonic 42 of s shaft"
+
+
+@pytest.mark.parametrize(("harmonics", "kurtosis"), [(1, 9 / 4), (2, 27 / 8), (3, 61 / 12)])
+def test_kurtosis_of_a_mesh_that_swings_smoothly(harmonics, kurtosis):
+    # counts of a + b + c + d = 0 among +-1 ... +-h, over 16: 6, 36 and 122; the square of the variance is (h / 2)^2
+    assert modulated_mesh_kurtosis(harmonics) == pytest.approx(kurtosis, rel=1e-12)

@@ -1,0 +1,328 @@
+import csv
+import itertools
+import math
+import sys
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import hums
+from data_synth import make_dataset
+from data_synth.plan import parse_plan
+from hums.analysis.result import findings_table, indicator_table, line_table
+from hums.cli import main
+from hums.fleet import fleet as fleet_room
+from hums.fleet.fleet import FleetError, analyze_fleet
+from hums.fleet.table import adjusted_p_values, trend
+from hums.jobs import Serial
+from hums.records.store import save_record
+
+RATE_HZ, SPEED_HZ, SECONDS = 4000, 20.0, 2.0
+FIRST = datetime(2026, 3, 1, tzinfo=UTC)
+
+
+def record(amplitude, *, day=0.0, machine="mill", noise=0.01, seed=0):
+    """A record whose mesh line, order 23, has the amplitude; whole revolutions, so its RMS is exact."""
+    time = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
+    values = amplitude * np.cos(2 * np.pi * 23 * SPEED_HZ * time)
+    values += noise * np.random.default_rng(seed).standard_normal(time.size)
+    return hums.make_record(
+        {"a": values},
+        rate_hz=RATE_HZ,
+        units="g",
+        angle=hums.PulseTimes(times_s=np.arange(0, SECONDS, 1 / SPEED_HZ), shaft="input", pulses_per_rev=1),
+        machine=machine,
+        recorded_at=FIRST + timedelta(days=day),
+    )
+
+
+SETTINGS = hums.AnalysisSettings(most_tracks=0, envelope_band_hz=None)
+
+
+def run(sources, folder, **more):
+    return analyze_fleet(sources, "two-stage", folder, **({"settings": SETTINGS} | more))
+
+
+def rows(path):
+    with path.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def tables(folder):
+    return {name: (folder / name).read_bytes() for name in ("fleet.h5", "fleet.csv", "trends.csv")}
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("records")
+    for day in range(6):
+        save_record(record(1 + day / 10, day=day, noise=0.0 if day == 0 else 0.01, seed=day), folder / f"{day}.h5")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def done(records, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fleet")
+    run([records], folder)
+    return folder
+
+
+class TestTable:
+    def test_each_row_is_the_analysis_of_its_record(self, records, done):
+        with xr.open_dataset(done / "fleet.h5", engine="h5netcdf") as opened:
+            table = opened.load()
+        assert list(table.record.values) == [str(records / f"{day}.h5") for day in range(6)]
+        for number in (0, 4):
+            with hums.open_record(records / f"{number}.h5") as one:
+                analysis = hums.analyze(one, hums.load_gearbox("two-stage"), settings=SETTINGS)
+            row = table.isel(record=number)
+            self.check_lines(row, line_table(analysis, "order_spectrum"))
+            self.check_indicators(row, indicator_table(analysis))
+            verdicts = {
+                (component, kind): ("none", "indicated", "diagnosed")[verdict]
+                for component, kind, verdict in zip(
+                    table.condition_component.values, table.condition_kind.values, row.verdict.values, strict=True
+                )
+            }
+            found = findings_table(analysis)
+            assert {key for key, verdict in verdicts.items() if verdict != "none"} == set(
+                zip(found["component"], found["kind"], strict=True)
+            )
+            assert row.speed_hz.item() == pytest.approx(SPEED_HZ, rel=1e-9)  # exact pulses
+
+    @staticmethod
+    def check_lines(row, expected):
+        keys = ("component", "kind", "harmonic", "sideband")
+        found = {
+            key: (amplitude, snr, bool(claimed), order)
+            for *key_parts, amplitude, snr, claimed, order in zip(
+                *(row[f"line_{key}"].values for key in keys),
+                *(row[name].values for name in ("amplitude", "snr", "claimed", "order")),
+                strict=True,
+            )
+            if (key := tuple(key_parts)) and np.isfinite(amplitude)
+        }
+        assert len(found) == len(expected)
+        for line in expected.itertuples():
+            amplitude, snr, claimed, order = found[tuple(getattr(line, key) for key in keys)]
+            assert (amplitude, snr) == pytest.approx((line.amplitude, line.snr), rel=1e-6)  # kept as float32
+            assert (claimed, order) == (line.claimed, line.order)
+
+    @staticmethod
+    def check_indicators(row, expected):
+        keys = ("component", "kind", "indicator")
+        columns = zip(*(row[f"indicator_{key}"].values for key in keys), row["value"].values, strict=True)
+        found = {tuple(key): value for *key, value in columns if np.isfinite(value)}
+        known = expected[np.isfinite(expected["value"])]
+        assert len(found) == len(known) > 5
+        for indicator in known.itertuples():
+            key = tuple(getattr(indicator, name) for name in keys)
+            assert found[key] == pytest.approx(indicator.value, rel=1e-6)
+
+    def test_csv_holds_the_same(self, done):
+        with xr.open_dataset(done / "fleet.h5", engine="h5netcdf") as opened:
+            table = opened.load()
+        lines = rows(done / "fleet.csv")
+        assert [line["record"] for line in lines] == list(table.record.values)
+        mesh = (table.line_component == "stage 1") & (table.line_kind == "gear_mesh") & (table.line_harmonic == 1)
+        expected = table.amplitude.values[:, np.flatnonzero(mesh)[0]]
+        title = "a: order_spectrum: stage 1 gear_mesh harmonic 1 [g]"
+        assert [float(line[title]) for line in lines] == pytest.approx(expected, rel=1e-6)
+        assert expected == pytest.approx(1 + np.arange(6) / 10, rel=0.01)  # noise of 0.01 rms, a window's ripple
+
+    def test_a_dataset_is_many_records(self, tmp_path):
+        plan = parse_plan('scene = "demo"\nrecords = 2\nseed = 1\nchange = { duration_s = 0.5, fault = [] }')
+        make_dataset(plan, tmp_path / "made")
+        result = run([tmp_path / "made"], tmp_path / "out")
+        assert (result.records, result.failed) == (2, 0)
+        made = rows(tmp_path / "out" / "fleet.csv")
+        assert [line["record"] for line in made] == [f"{tmp_path / 'made'}/{number}" for number in (0, 1)]
+        speeds = [hums.dataset_record(tmp_path / "made", number)["truth_speed"].mean().item() for number in (0, 1)]
+        assert [float(line["speed_hz"]) for line in made] == pytest.approx(speeds, rel=0.01)
+
+    def test_a_record_that_fails_is_a_row_with_its_sentence(self, records, tmp_path):
+        (tmp_path / "broken.h5").write_text("nothing of the kind")
+        save_record(record(1.0).drop_vars("a").assign(a=record(0.0, noise=0.0)["a"]), tmp_path / "dead.h5")
+        result = run([tmp_path / "broken.h5", records / "0.h5", tmp_path / "dead.h5"], tmp_path / "o")
+        assert (result.records, result.failed) == (3, 2)
+        errors = [line["error"] for line in rows(tmp_path / "o" / "fleet.csv")]
+        assert "broken.h5 is not an HDF5 file" in errors[0]
+        assert errors[1] == ""
+        assert "same value 0 throughout" in errors[2]
+        assert result.errors == {str(tmp_path / "broken.h5"): errors[0], str(tmp_path / "dead.h5"): errors[2]}
+
+    def test_even_a_mistake_of_ours_ends_no_run(self, records, tmp_path, monkeypatch):
+        def analyze(*_, **__):
+            raise IndexError("out of bounds")
+
+        monkeypatch.setattr(fleet_room, "analyze", analyze)
+        assert run([records / "0.h5", records / "1.h5"], tmp_path).failed == 2
+        assert rows(tmp_path / "fleet.csv")[0]["error"] == "IndexError: out of bounds"
+
+
+class TestGoingOn:
+    def test_stopped_and_run_again_the_tables_are_the_same(self, records, done, tmp_path, monkeypatch):
+        analyze, calls = fleet_room.analyze, itertools.count()
+
+        def stopping(*args, **kwargs):
+            if next(calls) == 3:
+                raise KeyboardInterrupt
+            return analyze(*args, **kwargs)
+
+        monkeypatch.setattr(fleet_room, "analyze", stopping)
+        with pytest.raises(KeyboardInterrupt):
+            run([records], tmp_path)
+        result = run([records], tmp_path)
+        assert (result.analysed, result.kept) == (3, 3)
+        assert tables(tmp_path) == tables(done)
+
+    def test_new_and_changed_records_alone_are_analysed(self, tmp_path):
+        folder = tmp_path / "records"
+        folder.mkdir()
+        for name in ("a", "b"):
+            save_record(record(1.0), folder / f"{name}.h5")
+        run([folder], tmp_path / "out")
+        save_record(record(2.0), folder / "b.h5")
+        save_record(record(3.0), folder / "c.h5")
+        result = run([folder], tmp_path / "out")
+        assert (result.records, result.analysed, result.kept) == (3, 2, 1)
+        rms = [float(line["a: record channel rms [g]"]) for line in rows(tmp_path / "out" / "fleet.csv")]
+        assert rms == pytest.approx(np.array([1, 2, 3]) / math.sqrt(2), rel=1e-3)  # noise of 0.01 adds 1e-4 of it
+
+    def test_another_gearbox_or_other_settings_are_refused(self, records, done):
+        with pytest.raises(
+            FleetError, match=r"analysed with another settings; a table mixes none\. Name another folder"
+        ):
+            run([records], done, settings=hums.AnalysisSettings(most_tracks=1))
+        with pytest.raises(FleetError, match="another gearbox"):
+            analyze_fleet([records], "wijianto-pair", done, settings=SETTINGS)
+
+    def test_no_records(self, tmp_path):
+        (tmp_path / "empty").mkdir()
+        with pytest.raises(FleetError, match=r"holds no record, no file that ends in \.h5"):
+            run([tmp_path / "empty"], tmp_path / "out")
+        with pytest.raises(FleetError, match="no records were named"):
+            run([], tmp_path / "out")
+
+    def test_a_path_that_is_not_there_is_refused_before_anything_is_made(self, records, tmp_path):
+        with pytest.raises(FleetError, match=r"nothere: there is no such file or folder; check the path"):
+            run([records / "0.h5", tmp_path / "nothere"], tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
+
+class TestWhyThereAreNoTrends:
+    def test_none_is_missing_where_there_are_some(self, records, tmp_path):
+        assert run([records], tmp_path).no_trends == ""
+        assert rows(tmp_path / "trends.csv")
+
+    def test_too_few_of_a_machine(self, tmp_path):
+        for day in range(6):  # six in all, but no machine has five
+            made = record(1 + day / 10, day=day, machine="mill" if day % 2 else "fan", seed=day)
+            save_record(made, tmp_path / f"{day}.h5")
+        result = run([tmp_path], tmp_path / "out")
+        assert result.no_trends == (
+            "no trends: a machine needs 5 analysed records with recorded_at, and the most of any is 3"
+        )
+        assert rows(tmp_path / "out" / "trends.csv") == []
+
+    def test_no_dates(self, tmp_path):
+        made = record(1.0)
+        del made.attrs["recorded_at"]
+        save_record(made, tmp_path / "a.h5")
+        assert "no record says when it was made; give recorded_at" in run([tmp_path], tmp_path / "out").no_trends
+
+    def test_all_at_one_time(self, tmp_path):
+        for number in range(5):
+            save_record(record(1.0, seed=number), tmp_path / f"{number}.h5")
+        assert "no series has 5 values at different times" in run([tmp_path], tmp_path / "out").no_trends
+
+
+def test_the_command_says_why_and_fails_where_all_fail(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("hums.jobs.Processes", lambda **_: Serial())  # a process costs seconds and adds nothing here
+    save_record(record(1.0), tmp_path / "good.h5")
+    for number in range(6):
+        (tmp_path / f"{number}.h5").write_text("nothing of the kind")
+    broken = [str(tmp_path / f"{number}.h5") for number in range(6)]
+
+    def command(*sources):
+        words = [*sources, "--gearbox", "two-stage", "-o", str(tmp_path / "out"), "--no-envelope", "--workers", "1"]
+        monkeypatch.setattr(sys, "argv", ["hums", "fleet", *words])
+        return main(), *capsys.readouterr()
+
+    code, out, err = command(*broken)
+    assert code == 2
+    assert err.endswith("hums: no record could be analysed; the column error of fleet.csv says why.\n")
+    assert f"failed {broken[0]}: {broken[0]} is not an HDF5 file" in out
+    assert "and 1 more: see the column error of fleet.csv" in out
+    assert len(rows(tmp_path / "out" / "fleet.csv")) == 6
+    code, out, _ = command(str(tmp_path / "good.h5"), broken[0])
+    assert code == 0
+    assert "2 records: 1 analysed now, 1 before, 1 failed" in out
+    assert "no trends: a machine needs 5 analysed records" in out
+
+
+@pytest.mark.slow
+def test_the_command(records, done, tmp_path, monkeypatch, capsys):
+    words = ["fleet", str(records), "--gearbox", "two-stage", "-o", str(tmp_path), "--no-envelope", "--workers", "1"]
+    monkeypatch.setattr(sys, "argv", ["hums", *words])
+    assert main() == 0
+    assert "6 records: 6 analysed now, 0 before, 0 failed" in capsys.readouterr().out
+    assert tables(tmp_path) == tables(done)
+
+
+class TestTrends:
+    def test_of_a_level_that_rises(self, done):
+        found = {row["series"]: row for row in rows(done / "trends.csv")}
+        rms = found["a: record channel rms"]
+        assert float(rms["slope_per_day"]) == pytest.approx(0.1 / math.sqrt(2), rel=1e-3)  # noise of 0.01 rms in it
+        assert float(rms["kendall_tau"]) == 1
+        assert float(rms["p_value"]) == pytest.approx(2 / math.factorial(6), rel=1e-5)  # six in order, or all reversed
+        assert rms["records"] == "6"
+        assert rms["machine"] == "mill"
+
+    def test_machines_have_their_own_and_noise_has_none(self, tmp_path):
+        for day in range(9):
+            save_record(record(1 + day / 20, day=day, machine="worn", seed=day), tmp_path / f"worn {day}.h5")
+            save_record(record(1, day=day, machine="new", seed=100 + day), tmp_path / f"new {day}.h5")
+        run([tmp_path], tmp_path / "out")
+        trends = {(row["machine"], row["series"]): row["trend"] for row in rows(tmp_path / "out" / "trends.csv")}
+        assert trends["worn", "a: record channel rms"] == "rising"
+        assert trends["worn", "a: order_spectrum: stage 1 gear_mesh harmonic 1"] == "rising"
+        # the probability that any series of the new machine is called a trend is about one in a hundred
+        assert {word for (machine, _), word in trends.items() if machine == "new"} == {"none"}
+
+    def test_slope_and_tau_by_every_pair(self):
+        rng = np.random.default_rng(1)
+        times, values = rng.uniform(0, 100, 60), rng.standard_normal(60)
+        pairs = list(itertools.combinations(range(60), 2))
+        found = trend(values, times)
+        slopes = [(values[j] - values[i]) / (times[j] - times[i]) for i, j in pairs]
+        assert found.slope == pytest.approx(np.median(slopes), rel=1e-12)
+        signs = [np.sign(slope) for slope in slopes]
+        assert found.tau == pytest.approx(np.mean(signs), rel=1e-12)
+        assert found.slope_low < found.slope < found.slope_high
+
+    def test_a_long_straight_line_keeps_its_slope(self):
+        times = np.sort(np.random.default_rng(2).uniform(0, 100, 10_000))
+        found = trend(3 - 0.25 * times, times)
+        assert found.points == 10_000
+        # medians of groups of 25 lie on the line; of even groups both medians average the same two
+        assert found.slope == pytest.approx(-0.25, rel=1e-12)
+        assert found.tau == pytest.approx(-1, rel=1e-12)
+
+    def test_gaps_are_left_out_and_too_little_is_no_trend(self):
+        values, times = np.array([1.0, np.nan, 2, 3, 4, 5, 9]), np.array([0.0, 1, 2, 3, 4, 5, np.nan])
+        assert trend(values, times).points == 5
+        assert trend(values[:5], times[:5]) is None
+        assert trend(np.ones(9), np.arange(9.0)) is None
+        assert trend(np.arange(9.0), np.ones(9)) is None
+
+    def test_chances_are_adjusted_as_published(self):
+        # Benjamini & Yekutieli 2001, theorem 1.3: sorted p_i times m (1 + 1/2 + ... + 1/m) / i, made monotone
+        chances = np.array([0.3, 0.001, 0.02, 0.02])
+        harmonic = 1 + 1 / 2 + 1 / 3 + 1 / 4
+        expected = [0.3 * harmonic, 0.004 * harmonic, 0.02 * 4 / 3 * harmonic, 0.02 * 4 / 3 * harmonic]
+        assert adjusted_p_values(chances) == pytest.approx(np.minimum(expected, 1), rel=1e-12)
+        assert adjusted_p_values(np.array([])).size == 0

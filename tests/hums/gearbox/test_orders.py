@@ -1,0 +1,629 @@
+"""The table of defect orders against hand-worked trains, the papers' tables and published bearing figures."""
+
+import math
+import tomllib
+import warnings
+from dataclasses import astuple, replace
+from fractions import Fraction as F  # noqa: N817
+from typing import ClassVar
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hums.gearbox.kinematics import solve_kinematics
+from hums.gearbox.model import Gearbox, GearboxError, GearboxWarning, load_gearbox
+from hums.gearbox.orders import BEARING_KINDS, KINDS, bearing_multiples, bearing_orders, defect_orders, defects
+
+# Penaud and Alazard 2010, section 3 and table A, link numbers in brackets: the car's frame (1), drive shaft (2),
+# wheels (3, 4), pinions (5, 6) each on its own radial axis, and the cage (7). Pinions face outwards, so the left
+# wheel alone lies on the negative side of the apex.
+DIFFERENTIAL_TOML = """
+frame = "car"
+reference = "cage"
+[axes]
+wheels = ["car", "left wheel", "right wheel", "cage"]
+drive = ["car", "drive shaft"]
+"upper pinion" = { direction = [0, 1, 0], links = ["cage", "upper pinion"] }
+"lower pinion" = { direction = [0, -1, 0], links = ["cage", "lower pinion"] }
+[[mesh]]
+teeth = { "drive shaft" = 13, cage = 65 }
+[[mesh]]
+teeth = { "left wheel" = -14, "upper pinion" = 10 }
+[[mesh]]
+teeth = { "left wheel" = -14, "lower pinion" = 10 }
+[[mesh]]
+teeth = { "right wheel" = 14, "upper pinion" = 10 }
+[[mesh]]
+teeth = { "right wheel" = 14, "lower pinion" = 10 }
+[[bearing]]
+names = ["bearing 1", "bearing 2"]
+inner_ring = "cage"
+outer_ring = "car"
+elements = 25
+element_diameter_mm = 5
+pitch_diameter_mm = 54
+contact_angle_deg = 15
+"""
+DIFFERENTIAL = tomllib.loads(DIFFERENTIAL_TOML)
+# the same paper, example 1, after Nelson and Cipra 2005: sun at rest, ring driven, planet's axis at pi/3
+BEVEL_PLANET_TOML = """
+frame = "sun"
+reference = "ring"
+[axes]
+main = ["sun", "ring", "carrier"]
+planet = { direction = [0.5, 0.8660254037844386, 0], links = ["carrier", "planet"] }
+[[mesh]]
+teeth = { sun = 15, planet = 10 }
+[[mesh]]
+teeth = { ring = -25, planet = 10 }
+"""
+TURNING = {"left wheel": F(26), "right wheel": F(30)}  # rad/s
+STEPPED = {
+    "frame": "housing",
+    "reference": "sun",
+    "rigid": [["housing", "ring"], ["big", "small"]],
+    "axes": {
+        "main": ["housing", "sun", "ring", "carrier"],
+        "planets": {"links": ["carrier", "big", "small"], "copies": 3},
+    },
+    "mesh": [{"teeth": {"sun": 20, "big": 40}}, {"teeth": {"small": 18, "ring": -78}}],
+}
+PAIR = {
+    "frame": "h",
+    "reference": "a",
+    "axes": {"one": ["h", "a"], "two": ["h", "b"]},
+    "mesh": [{"teeth": {"a": 20, "b": 45}}],
+}
+
+
+def box(table, **changes):
+    return Gearbox.from_mapping({"name": "box"} | table | changes)
+
+
+def planetary(*, sun=27, planet=36, copies=3, rest="ring"):
+    """Sun, planets and ring, with one link rigid with the housing."""
+    return {
+        "frame": "housing",
+        "reference": "sun",
+        "rigid": [["housing", rest]],
+        "axes": {
+            "main": ["housing", "sun", "ring", "carrier"],
+            "planet": {"links": ["carrier", "planet"], "copies": copies},
+        },
+        "mesh": [{"teeth": {"sun": sun, "planet": planet}}, {"teeth": {"planet": planet, "ring": -sun - 2 * planet}}],
+    }
+
+
+def single(**bearing):
+    """A shaft in one bearing."""
+    bearing = {"name": "x", "inner_ring": "shaft", "outer_ring": "h"} | bearing
+    return box({"frame": "h", "reference": "shaft", "axes": {"main": ["h", "shaft"]}, "bearing": [bearing]})
+
+
+def rows(table):
+    """The table as {(component, kind): row}."""
+    found = {(row.component, row.kind): row for row in table.itertuples(index=False)}
+    assert len(found) == len(table)
+    return found
+
+
+class TestTableA:
+    """Penaud and Alazard 2010, table A: what a car's differential does in a right turn."""
+
+    CAGE = 28  # rad/s; orders count per turn of the cage, so order x 28 is in rad/s
+    SHAPES = tuple((wheel, pinion) for wheel in ("left wheel", "right wheel") for pinion in ("upper", "lower"))
+    GEARS = (
+        ("drive shaft-cage", "gear_mesh", 1820, 1),
+        ("drive shaft-cage/drive shaft", "tooth", 140, 13),
+        ("drive shaft-cage/cage", "tooth", 28, 65),
+        *((f"{wheel}-{pinion} pinion", "gear_mesh", 28, 1) for wheel, pinion in SHAPES),
+        *((f"{wheel}-{pinion} pinion/{wheel}", "tooth", 2, 14) for wheel, pinion in SHAPES),
+        *((f"{wheel}-{pinion} pinion/{pinion} pinion", "tooth", F(14, 5), 10) for wheel, pinion in SHAPES),
+    )
+
+    @pytest.mark.parametrize(
+        ("formula", "element"),
+        [("usual", 300.0), ("projected_diameter", 310.6)],  # errata: the paper prints the second
+    )
+    def test_all_of_it(self, formula, element):
+        table = rows(defect_orders(box(DIFFERENTIAL), speeds=TURNING, element_formula=formula))
+        for component, kind, printed, sources in self.GEARS:
+            row = table.pop((component, kind))
+            assert row.exact * self.CAGE == printed, component
+            assert row.sources == sources, component
+        for name in ("bearing 1", "bearing 2"):
+            for kind, printed, sources in [
+                ("inner_race", 381.3, 1),
+                ("outer_race", 318.7, 1),
+                ("rolling_element", element, 25),
+            ]:
+                row = table.pop((name, kind))
+                assert row.order * self.CAGE == pytest.approx(printed, abs=0.05)  # one decimal is printed
+                assert row.sources == sources
+        # what the paper does not list
+        assert {kind for _, kind in table} == {
+            "shaft",
+            "hunting_tooth",
+            "assembly_phase",
+            "planet_pass",
+            "planet_tooth",
+            "cage",
+        }
+
+    def test_the_catalogue_has_it_too(self):
+        # there both pinions turn on one axis, and the lower one on its negative side
+        shipped, own = (
+            sorted(row.order for row in defects(gearbox, speeds=TURNING))
+            for gearbox in (load_gearbox("car-differential"), box(DIFFERENTIAL))
+        )
+        assert shipped == own
+
+    def test_the_formula_touches_rolling_elements_alone(self):
+        usual, projected = (
+            bearing_orders(box(DIFFERENTIAL), speeds=TURNING, element_formula=formula)[0]
+            for formula in ("usual", "projected_diameter")
+        )
+        # the paper's variant divides by d cos a where the usual one divides by d
+        assert projected.rolling_element == pytest.approx(usual.rolling_element / math.cos(math.radians(15)), rel=1e-14)
+        assert replace(projected, rolling_element=usual.rolling_element) == usual
+
+    def test_an_unknown_formula(self):
+        with pytest.raises(GearboxError, match='did you mean "usual"'):
+            defect_orders(box(DIFFERENTIAL), speeds=TURNING, element_formula="usuall")
+
+
+class TestGears:
+    def test_planetary_27_36_99_by_hand(self):
+        table = rows(defect_orders(load_gearbox("planetary-27-36-99")))
+        carrier = F(27, 126)
+        sun, planet = 1 - carrier, (1 - carrier) * F(27, 36)  # both against the carrier
+        mesh = 27 * sun
+        gears = {
+            ("sun", "shaft"): (F(1), 1, "housing"),
+            ("carrier", "shaft"): (carrier, 1, "housing"),
+            ("sun-planet", "gear_mesh"): (mesh, 3, "carrier"),
+            ("planet-ring", "gear_mesh"): (99 * carrier, 3, "carrier"),
+            # three planets strike each tooth of sun and ring once a turn, sun and ring each one of a planet
+            ("sun-planet/sun", "tooth"): (3 * sun, 27, "carrier"),
+            ("planet-ring/ring", "tooth"): (3 * carrier, 99, "carrier"),
+            ("sun-planet/planet", "tooth"): (planet, 3 * 36, "carrier"),
+            ("planet-ring/planet", "tooth"): (planet, 3 * 36, "carrier"),
+            ("planet", "planet_tooth"): (2 * planet, 3 * 36, "carrier"),
+            # the same two teeth meet after the least common multiple of both counts, and gcd sorts them
+            ("sun-planet", "hunting_tooth"): (mesh / 108, 3, "carrier"),
+            ("planet-ring", "hunting_tooth"): (mesh / 396, 3, "carrier"),
+            ("sun-planet", "assembly_phase"): (mesh / 9, 3, "carrier"),
+            ("planet-ring", "assembly_phase"): (mesh / 9, 3, "carrier"),
+            ("planet pass", "planet_pass"): (3 * carrier, 1, "housing"),
+        }
+        assert mesh == 99 * carrier == F(297, 14)
+        assert {
+            key: (row.exact, row.sources, row.seen_from) for key, row in table.items() if row.exact is not None
+        } == gears
+        assert {key for key in table if key not in gears} == {
+            (name, kind) for name in ("carrier front", "carrier rear") for kind in BEARING_KINDS
+        }
+
+    def test_two_stage_by_hand(self):
+        table = rows(defect_orders(load_gearbox("two-stage")))
+        second = F(23, 67)
+        assert table["stage 1", "gear_mesh"].exact == 23
+        assert table["stage 2", "gear_mesh"].exact == 19 * second
+        assert table["stage 1/pinion", "tooth"].exact == 1
+        assert table["stage 1/intermediate", "tooth"].exact == second
+        assert table["stage 2/output", "tooth"].exact == second * F(19, 61)
+        assert table["stage 1", "hunting_tooth"].exact == F(1, 67)  # coprime: every tooth meets every other
+        assert table["stage 1", "assembly_phase"].exact == 23
+        assert table["output", "shaft"].exact == second * F(19, 61)
+        assert table["stage 2", "gear_mesh"].sidebands == (second, second * F(19, 61))
+
+    def test_common_factors(self):
+        table = rows(defect_orders(box(PAIR)))
+        assert table["a-b", "hunting_tooth"].exact == F(20, math.lcm(20, 45)) == F(1, 9)
+        assert table["a-b", "assembly_phase"].exact == F(20, math.gcd(20, 45)) == 4
+
+    def test_a_mate_that_is_unknown(self):
+        gearbox = box(PAIR, mesh=[*PAIR["mesh"], {"teeth": {"b": 17}, "carrier": "h"}])
+        table = rows(defect_orders(gearbox))
+        assert table["b-unknown", "gear_mesh"].exact == 17 * F(20, 45)
+        assert table["b-unknown/b", "tooth"].exact == F(20, 45)
+        assert {kind for component, kind in table if component == "b-unknown"} == {"gear_mesh"}
+
+    def test_bevel_planet_of_nelson(self):
+        table = rows(defect_orders(box(tomllib.loads(BEVEL_PLANET_TOML))))
+        ring_hz = 10
+        assert table["sun-planet", "gear_mesh"].exact * ring_hz == F("93.75")  # eq. 13
+        assert table["ring-planet", "gear_mesh"].exact * ring_hz == F("93.75")
+        # a planet declared once passes once a turn of its carrier (eq. 11: 0.625), and meets sun and ring
+        assert table["planet pass", "planet_pass"].exact == F(5, 8)
+        assert table["planet", "planet_tooth"].exact == 2 * F(15, 16)
+
+    @given(sun=st.integers(12, 60), planet=st.integers(12, 60), copies=st.integers(2, 6), ring_turns=st.booleans())
+    def test_planetary_formulas_of_the_literature(self, sun, planet, copies, ring_turns):
+        """With N planets: sun tooth N (w_s - w_c), ring tooth N |w_r - w_c|, planet tooth 2 (w_p - w_c)."""
+        ring = sun + 2 * planet
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", GearboxWarning)  # not every number of planets can be spaced evenly
+            gearbox = box(planetary(sun=sun, planet=planet, copies=copies, rest="carrier" if ring_turns else "ring"))
+        table = rows(defect_orders(gearbox))
+        w_c = F(0) if ring_turns else F(sun, sun + ring)
+        w_r = -F(sun, ring) if ring_turns else F(0)
+        mesh = sun * (1 - w_c)
+        assert mesh == ring * abs(w_r - w_c)
+        for component, kind, expected in [
+            ("sun-planet", "gear_mesh", mesh),
+            ("planet-ring", "gear_mesh", mesh),
+            ("sun-planet/sun", "tooth", copies * (1 - w_c)),
+            ("planet-ring/ring", "tooth", copies * abs(w_r - w_c)),
+            ("planet", "planet_tooth", 2 * mesh / planet),
+        ]:
+            assert table[component, kind].exact == expected, component
+        passing = {key: row.exact for key, row in table.items() if key[1] == "planet_pass"}
+        assert passing == ({} if ring_turns else {("planet pass", "planet_pass"): copies * w_c})
+
+    def test_stepped_planets_pass_once(self):
+        table = rows(defect_orders(box(STEPPED)))
+        carrier = 1 / (1 + F(40, 20) * F(78, 18))
+        assert [row.exact for (_, kind), row in table.items() if kind == "planet_pass"] == [3 * carrier]
+        assert table["sun-big", "gear_mesh"].exact == 20 * (1 - carrier)
+        assert table["small-ring", "gear_mesh"].exact == 78 * carrier
+
+    def test_what_stands_still_has_no_row(self):
+        # straight ahead the pinions rest in their cage
+        table = rows(defect_orders(box(DIFFERENTIAL), speeds={"left wheel": 1, "right wheel": 1}))
+        assert all(row.order > 0 for row in table.values())
+        assert ("left wheel-upper pinion", "gear_mesh") not in table
+        assert table["cage", "shaft"].exact == 1
+
+
+class TestBearings:
+    @pytest.mark.parametrize(
+        ("geometry", "printed", "tolerance"),
+        [
+            # Case Western Reserve's drive-end bearing 6205-2RS, sizes in inch, as its data page prints them: one
+            # unit of the fourth decimal, since the sizes are rounded too (and its own 3.5848 / 9 is 0.39831)
+            ((9, 0.3126, 1.537), (5.4152, 3.5848, 4.7135, 0.39828), 1e-4),
+            # twelve balls of 7.12 mm on 38.5 mm, an independent computation to six decimals, here twice the spin
+            ((12, 7.12, 38.5), (7.109610, 4.890390, 2 * 2.611184, 0.407532), 1e-6),
+        ],
+    )
+    def test_published_figures(self, geometry, printed, tolerance):
+        elements, element, pitch = geometry
+        gearbox = single(elements=elements, element_diameter_mm=element, pitch_diameter_mm=pitch)
+        (rates,) = bearing_orders(gearbox)
+        found = (rates.inner_race, rates.outer_race, rates.rolling_element, rates.cage)
+        assert found == pytest.approx(printed, abs=tolerance)
+        table = rows(defect_orders(gearbox))
+        assert tuple(table["x", kind].order for kind in BEARING_KINDS) == found
+
+    def test_printed_multiples(self):
+        multiples = {"inner": 9.46, "outer": 6.72, "element_spin": 2.87, "cage": 0.42}
+        with pytest.warns(GearboxWarning, match=r"9\.46 \+ outer 6\.72 = 16\.18"):
+            gearbox = single(multiples=multiples)
+        (rates,) = bearing_orders(gearbox)
+        assert (rates.inner_race, rates.outer_race, rates.cage, rates.elements) == (9.46, 6.72, 0.42, 16)
+        assert rates.rolling_element == 2 * 2.87
+        assert rows(defect_orders(gearbox))["x", "rolling_element"].sources == 16
+        multiples["element_defect"] = 2 * multiples.pop("element_spin")
+        with pytest.warns(GearboxWarning):
+            assert bearing_orders(single(multiples=multiples)) == (rates,)
+
+    @given(
+        elements=st.integers(3, 60),
+        filling=st.floats(0.05, 0.99),
+        angle=st.floats(0, 60),
+        inner=st.integers(-50, 50),
+        outer=st.integers(-50, 50),
+    )
+    def test_both_rings_turning(self, elements, filling, angle, inner, outer):
+        ratio = min(0.9, filling * math.pi / elements)  # as many elements as fit
+        gearbox = box(
+            {
+                "frame": "h",
+                "reference": "tick",
+                "axes": {"main": ["h", "i", "o"], "clock": ["h", "tick"]},
+                "bearing": [
+                    {
+                        "name": "x",
+                        "inner_ring": "i",
+                        "outer_ring": "o",
+                        "elements": elements,
+                        "element_diameter_mm": ratio * 100,
+                        "pitch_diameter_mm": 100,
+                        "contact_angle_deg": angle,
+                    }
+                ],
+            }
+        )
+        (rates,) = bearing_orders(gearbox, speeds={"i": inner, "o": outer, "tick": 1})
+        # without slip the contact points have the speed of their rings: radii R -+ r, and the cage carries the
+        # element's centre, half-way between both points
+        radius, reach = 1.0, ratio * math.cos(math.radians(angle))
+        inner_speed, outer_speed = inner * (radius - reach), outer * (radius + reach)
+        cage = (inner_speed + outer_speed) / 2 / radius
+        tolerance = {"rel": 1e-12, "abs": 1e-11}  # sums of a few dozen, rounded, may cancel
+        assert rates.cage == pytest.approx(abs(cage), **tolerance)
+        assert rates.inner_race == pytest.approx(elements * abs(inner - cage), **tolerance)
+        assert rates.outer_race == pytest.approx(elements * abs(outer - cage), **tolerance)
+        if outer == 0 or inner == 0:
+            # the element rolls on the ring at rest: its spin against the cage, both races struck once a turn
+            defect = 2 * spin_against_cage(inner or outer, ratio, reach, on_outer=outer == 0)
+            assert rates.rolling_element == pytest.approx(defect, **tolerance)
+        assert rates.relative == abs(inner - outer)
+
+    def test_outer_ring_turning_alone(self):
+        # a wheel hub: the cage turns with 1 - FTF, races and elements as often as with the inner ring turning
+        turning, resting = (
+            bearing_orders(
+                single(
+                    inner_ring=inner,
+                    outer_ring=outer,
+                    elements=9,
+                    element_diameter_mm=0.3126,
+                    pitch_diameter_mm=1.537,
+                )
+            )[0]
+            for inner, outer in (("h", "shaft"), ("shaft", "h"))
+        )
+        assert turning.cage == pytest.approx(1 - 3.5848 / 9, abs=1e-5)  # the outer race's printed rate, rounded
+        assert turning.inner_race == resting.inner_race
+        assert turning.outer_race == resting.outer_race
+
+    def test_planet_bearing(self):
+        planet = {"name": "planet bearing", "inner_ring": "carrier", "outer_ring": "planet"}
+        size = {"elements": 10, "element_diameter_mm": 10, "pitch_diameter_mm": 50}
+        shipped = load_gearbox("planetary-27-36-99")
+        gearbox = box(
+            {
+                "frame": "housing",
+                "reference": "sun",
+                "rigid": [["housing", "ring"]],
+                "axes": {
+                    "main": ["housing", "sun", "ring", "carrier"],
+                    "p": {"links": ["carrier", "planet"], "copies": 3},
+                },
+                "mesh": [{"teeth": {"sun": 27, "planet": 36}}, {"teeth": {"planet": 36, "ring": -99}}],
+                "bearing": [planet | size],
+            }
+        )
+        (rates,) = bearing_orders(gearbox)
+        assert rates.relative == float(F(33, 56))  # planet against carrier
+        # ten elements, d/D = 1/5: 10/2 (1 + 1/5) and 10/2 (1 - 1/5)
+        assert rates.inner_race == pytest.approx(6 * 33 / 56, rel=1e-14)
+        assert rates.outer_race == pytest.approx(4 * 33 / 56, rel=1e-14)
+        table = rows(defect_orders(gearbox))
+        assert [table["planet bearing", kind].sources for kind in BEARING_KINDS] == [3, 3, 30, 3]
+        assert bearing_orders(shipped)[0].relative == float(F(3, 14))
+
+    def test_multiples_of_the_geometry(self):
+        (bearing,) = single(elements=12, element_diameter_mm=7.12, pitch_diameter_mm=38.5).bearings
+        inner, outer, defect, cage, elements = bearing_multiples(bearing)
+        # rolling without slip: the races share the elements, the outer one is passed by the cage
+        assert inner + outer == pytest.approx(12, rel=1e-15)
+        assert outer == pytest.approx(12 * cage, rel=1e-15)
+        assert elements == 12
+        assert defect == pytest.approx(2 * 2.611184, abs=1e-6)
+
+
+def spin_against_cage(speed, ratio, reach, *, on_outer):
+    """Spin of an element about its own axis: it rolls on the ring at rest, seen from the cage that passes it."""
+    cage = speed * (1 - reach) / 2 if on_outer else speed * (1 + reach) / 2
+    radius = 1 + reach if on_outer else 1 - reach
+    return abs(cage) * radius / ratio
+
+
+class TestSidebands:
+    """How far apart the sidebands of each kind lie: the rate of what modulates it."""
+
+    @staticmethod
+    def spacings(table, **settings):
+        return {
+            (row.component, row.kind): row.sidebands
+            for row in defect_orders(box(table), **settings).itertuples()
+            if row.sidebands
+        }
+
+    def test_parallel_shafts(self):
+        # both gears turn past the mesh; its place is at rest, so nothing else is modulated
+        assert self.spacings(PAIR) == {("a-b", "gear_mesh"): (1, F(4, 9))}
+
+    def test_planetary(self):
+        carrier = F(27, 126)
+        sun, planet, ring = 1 - carrier, (1 - carrier) * F(27, 36), carrier  # against the carrier
+        assert self.spacings(planetary()) == {
+            # both gears against the carrier, and planets passing a sensor on the housing
+            ("sun-planet", "gear_mesh"): (sun, planet, 3 * carrier),
+            ("planet-ring", "gear_mesh"): (planet, ring, 3 * carrier),
+            # a place on the sun turns with the sun, one on a planet with the carrier; the ring's rest
+            ("sun-planet/sun", "tooth"): (1,),
+            ("sun-planet/planet", "tooth"): (carrier,),
+            ("planet-ring/planet", "tooth"): (carrier,),
+            ("planet", "planet_tooth"): (carrier,),
+        }
+
+    def test_a_carrier_at_rest(self):
+        ring = F(27, 99)
+        assert self.spacings(planetary(rest="carrier")) == {
+            ("sun-planet", "gear_mesh"): (1, F(27, 36)),
+            ("planet-ring", "gear_mesh"): (F(27, 36), ring),
+            # planets stand about at different distances of a sensor
+            ("sun-planet/sun", "tooth"): (1,),
+            ("planet-ring/ring", "tooth"): (ring,),
+        }
+
+    SIZE: ClassVar = {"elements": 10, "element_diameter_mm": 10, "pitch_diameter_mm": 50}
+
+    @pytest.mark.parametrize(("inner", "outer"), [("a", "h"), ("h", "a"), ("b", "a")])
+    def test_bearings_whose_load_rests_in_the_frame(self, inner, outer):
+        speed = {"h": F(0), "a": F(1), "b": F(-1, 2)}
+        table = {
+            "frame": "h",
+            "reference": "a",
+            "axes": {"main": ["h", "a", "b"]},
+            "bearing": [{"name": "x", "inner_ring": inner, "outer_ring": outer} | self.SIZE],
+        }
+        found = self.spacings(table, speeds={"a": 1, "b": F(-1, 2)})
+        rings = {
+            ("x", kind): (abs(speed[ring]),)
+            for kind, ring in (("inner_race", inner), ("outer_race", outer))
+            if speed[ring]
+        }
+        # d/D = 1/5: the cage follows the inner ring by 2/5 and the outer one by 3/5
+        cage = abs(float(F(2, 5) * speed[inner] + F(3, 5) * speed[outer]))
+        assert found.pop(("x", "rolling_element")) == pytest.approx((cage,), rel=1e-14)
+        assert found == rings
+
+    def test_bearings_of_planets(self):
+        # the load rests in the carrier, on which the inner ring sits, and the carrier takes all of it past a sensor
+        bearing = {"name": "x", "inner_ring": "carrier", "outer_ring": "planet"} | self.SIZE
+        carrier, planet = F(3, 14), -F(33, 56)
+        found = self.spacings(planetary() | {"bearing": [bearing]})
+        assert found["x", "inner_race"] == (carrier,)
+        assert found["x", "outer_race"] == (-planet, carrier)
+        assert found["x", "rolling_element"] == pytest.approx((0.6 * 33 / 56, 3 / 14), rel=1e-14)
+        assert ("x", "cage") not in found
+        (rates,) = bearing_orders(box(planetary() | {"bearing": [bearing]}))
+        assert (rates.inner_ring, rates.outer_ring, rates.carried) == (0, float(planet), float(carrier))
+        assert rates.cage == pytest.approx(0.6 * 33 / 56, rel=1e-14)
+
+    def test_bearings_of_bevel_planets(self):
+        # the planet's axis tumbles, so only the carrier can say how fast its bearing turns
+        bearing = {"name": "x", "inner_ring": "carrier", "outer_ring": "planet"} | self.SIZE
+        found = self.spacings(tomllib.loads(BEVEL_PLANET_TOML) | {"bearing": [bearing]})
+        assert found["x", "outer_race"] == (F(15, 16), F(5, 8))
+
+    def test_measured_speeds_make_floats(self):
+        measured = {link: float(speed) for link, speed in TURNING.items()}
+        exact, floats = (self.spacings(DIFFERENTIAL, speeds=speeds) for speeds in (TURNING, measured))
+        assert {type(spacing) for row in floats.values() for spacing in row} == {float}
+        assert {key: tuple(map(float, row)) for key, row in exact.items()} == floats
+
+
+class TestReference:
+    def test_another_reference_scales_every_order(self):
+        gearbox = load_gearbox("two-stage")
+        by_input, by_output = (rows(defect_orders(gearbox, reference=link)) for link in ("input", "output"))
+        ratio = F(67 * 61, 23 * 19)
+        assert by_input.keys() == by_output.keys()
+        for key, row in by_input.items():
+            if row.exact is None:
+                assert by_output[key].order == pytest.approx(row.order * float(ratio), rel=1e-14)  # a few products
+            else:
+                assert by_output[key].exact == row.exact * ratio
+
+    def test_only_ratios_of_speeds_matter(self):
+        gearbox = box(DIFFERENTIAL)
+        table = defect_orders(gearbox, speeds=TURNING)
+        doubled = defect_orders(gearbox, speeds={link: 2 * speed for link, speed in TURNING.items()})
+        assert table.equals(doubled)
+
+    def test_measured_speeds_are_not_exact(self):
+        gearbox = box(DIFFERENTIAL)
+        exact, measured = (
+            defect_orders(gearbox, speeds={link: kind(speed) for link, speed in TURNING.items()}) for kind in (F, float)
+        )
+        assert measured["exact"].isna().all()
+        assert list(measured["order"]) == list(exact["order"])
+
+    def test_with_one_degree_of_freedom_any_speed_is_exact(self):
+        gearbox = load_gearbox("two-stage")
+        assert defect_orders(gearbox, speeds={"output": 103.7}).equals(defect_orders(gearbox))
+
+    def test_two_degrees_of_freedom_need_speeds(self):
+        with pytest.raises(GearboxError, match="2 degrees of freedom"):
+            defect_orders(box(DIFFERENTIAL))
+        with pytest.raises(GearboxError, match="contradict"):
+            defect_orders(box(DIFFERENTIAL), speeds=TURNING | {"cage": 29})
+
+    @pytest.mark.parametrize(
+        ("reference", "speeds", "words"),
+        [
+            ("car", TURNING, "does not turn"),
+            ("cage", {"left wheel": 1, "right wheel": -1}, '"cage" does not turn'),
+            ("cge", TURNING, 'no link "cge"; did you mean "cage"'),
+        ],
+    )
+    def test_what_cannot_count(self, reference, speeds, words):
+        with pytest.raises(GearboxError, match=words):
+            defect_orders(box(DIFFERENTIAL), reference=reference, speeds=speeds)
+
+    def test_no_reference(self):
+        table = {key: value for key, value in PAIR.items() if key != "reference"}
+        with pytest.raises(GearboxError, match='add reference = "LINK" or pass reference'):
+            defect_orders(box(table))
+        assert rows(defect_orders(box(table), reference="b"))["a-b", "gear_mesh"].exact == 45
+
+
+class TestTable:
+    @pytest.mark.parametrize("name", ["two-stage", "planetary-27-36-99"])
+    def test_columns(self, name):
+        gearbox = load_gearbox(name)
+        table = defect_orders(gearbox)
+        assert list(table.columns) == ["component", "kind", "order", "exact", "sources", "seen_from", "sidebands"]
+        assert set(table["kind"]) <= set(KINDS)
+        assert table["order"].dtype == float
+        for row in table.itertuples():
+            assert row.exact is None or float(row.exact) == row.order
+        assert [astuple(row) for row in defects(gearbox)] == [
+            (row.component, row.kind, row.exact, row.order, row.sources, row.seen_from, row.sidebands)
+            for row in table.itertuples()
+        ]
+        assert table.equals(defect_orders(solve_kinematics(gearbox)))
+
+    @given(data=st.data())
+    def test_names_and_order_of_declaration_change_names_alone(self, data):
+        table, speeds = data.draw(st.sampled_from([(DIFFERENTIAL, TURNING), (planetary(), None), (STEPPED, None)]))
+        table = named(table)
+        old = sorted({link for axis in table["axes"].values() for link in axis["links"]} | {"x", "y"})
+        new = dict(zip(old, data.draw(st.permutations([f"link {rank}." for rank in range(len(old))])), strict=True))
+        before = defects(box(table), speeds=speeds)
+        after = defects(
+            box(shuffled(renamed(table, new), data)),
+            speeds=speeds and {new[link]: speed for link, speed in speeds.items()},
+        )
+        assert sorted(map(repr, after)) == sorted(repr(relabelled(row, new)) for row in before)
+
+
+def named(table):
+    """A gearbox with long forms of its axes, names for its meshes and two bearings."""
+    axes = {name: axis if isinstance(axis, dict) else {"links": axis} for name, axis in table["axes"].items()}
+    meshes = [{"name": f"mesh {number}", **mesh} for number, mesh in enumerate(table["mesh"])]
+    size = {"elements": 9, "element_diameter_mm": 5, "pitch_diameter_mm": 40}
+    frame, reference = table["frame"], table["reference"]
+    bearings = [{"name": name, "inner_ring": reference, "outer_ring": frame} | size for name in ("x", "y")]
+    return table | {"axes": axes, "mesh": meshes, "bearing": bearings}
+
+
+def renamed(table, new):
+    """The same gearbox with other names of its links and bearings."""
+    return table | {
+        "frame": new[table["frame"]],
+        "reference": new[table["reference"]],
+        "rigid": [[new[link] for link in group] for group in table.get("rigid", [])],
+        "axes": {name: axis | {"links": [new[link] for link in axis["links"]]} for name, axis in table["axes"].items()},
+        "mesh": [mesh | {"teeth": {new[link]: z for link, z in mesh["teeth"].items()}} for mesh in table["mesh"]],
+        "bearing": [
+            bearing | {key: new[bearing[key]] for key in ("name", "inner_ring", "outer_ring")}
+            for bearing in table["bearing"]
+        ],
+    }
+
+
+def shuffled(table, data):
+    """The same gearbox with its tables, and the links on each axis, in another order."""
+    axes = {name: axis | {"links": data.draw(st.permutations(axis["links"]))} for name, axis in table["axes"].items()}
+    return table | {
+        "axes": dict(data.draw(st.permutations(list(axes.items())))),
+        "mesh": data.draw(st.permutations(table["mesh"])),
+        "bearing": data.draw(st.permutations(table["bearing"])),
+    }
+
+
+def relabelled(row, new):
+    """A row with the new names of its component and of the link it is seen from."""
+    mesh, _, gear = row.component.rpartition("/")
+    link, passes, _ = gear.partition(" pass")
+    component = f"{mesh}/{new.get(gear, gear)}" if mesh else f"{new.get(link, link)}{passes}"
+    place = row.seen_from if row.kind != "rolling_element" else row.seen_from.removesuffix(" cage")
+    return replace(row, component=component, seen_from=row.seen_from.replace(place, new[place]))

@@ -1,0 +1,459 @@
+"""Figures: what they must show stands in them, where it belongs, and no text covers another."""
+
+from collections import Counter
+from functools import cache
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.colors import same_color
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch, Polygon
+from matplotlib.path import Path
+from matplotlib.text import Annotation
+from scipy.optimize import isotonic_regression
+
+from hums.gearbox.kinematics import solve_kinematics
+from hums.gearbox.model import Gearbox, GearboxError, load_gearbox
+from hums.gearbox.order_families import collisions
+from hums.gearbox.orders import defect_orders
+from hums.plots import mechanism_graph, plot_spectrum, save_figure, speed_order_chart, svg, velocity_diagram
+from hums.plots.graph_layout import inside
+from hums.plots.labels import spread
+
+LOCKED = {"left wheel": 0, "right wheel": 1}
+SHOWN = ["two-stage", "planetary-27-36-99", "alouette-iii", "car-differential", "wind-turbine-3-stage", "ravigneaux"]
+SPEEDS = {"car-differential": LOCKED, "ravigneaux": {"small sun": 1, "ring": 0}}
+
+
+def axes(*, width=6.4, height=4.2):
+    return Figure(figsize=(width, height), layout="constrained").add_subplot()
+
+
+def kinematics_of(name):
+    return solve_kinematics(load_gearbox(name))
+
+
+def written(ax):
+    """Every text that is seen, after the figure is laid out: names in boxes with their boxes."""
+    ax.figure.draw_without_rendering()
+    legend = ax.get_legend()
+    texts = [*ax.texts, ax.title, ax._left_title, *(legend.get_texts() if legend else [])]
+    return [text for text in texts if text.get_text() and text.get_visible()]
+
+
+def extent(text):
+    box = text.get_bbox_patch()
+    return text.get_window_extent() if box is None else box.get_window_extent()
+
+
+def text_extent(text):
+    """Extent of the letters alone: an annotation's own extent holds its leader line too."""
+    return super(Annotation, text).get_window_extent() if isinstance(text, Annotation) else extent(text)
+
+
+def overlapping(ax):
+    """Pairs of texts that cover each other, as they are drawn."""
+    boxes = [(text.get_text(), text_extent(text)) for text in written(ax)]
+    return [
+        (one, other)
+        for (one, a), (other, b) in combinations(boxes, 2)
+        if min(a.x1, b.x1) - max(a.x0, b.x0) > 0.5 and min(a.y1, b.y1) - max(a.y0, b.y0) > 0.5  # of a pixel
+    ]
+
+
+def vertices(ax):
+    return {text.get_text(): text for text in ax.texts if text.get_bbox_patch() is not None}
+
+
+def edges(ax, *, dashed):
+    paths = [patch for patch in ax.patches if isinstance(patch, PathPatch)]
+    return [patch for patch in paths if (patch.get_linestyle() not in ("-", "solid")) == dashed]
+
+
+def polygons(ax):
+    return [patch for patch in ax.patches if isinstance(patch, Polygon)]
+
+
+@cache
+def graph_of(name):
+    """Return the drawn graph of a gearbox, to be looked at only."""
+    ax = axes()
+    mechanism_graph(kinematics_of(name), ax=ax)
+    return ax
+
+
+@pytest.fixture(params=SHOWN)
+def graph(request):
+    return kinematics_of(request.param), graph_of(request.param)
+
+
+class TestMechanismGraph:
+    @pytest.mark.parametrize(
+        ("name", "counts"),
+        # Penaud, Alazard and Amiez 2012: links, gear pairs, levels drawn as polygons, and turning pairs beside these
+        [("car-differential", (7, 5, 2, 1)), ("alouette-iii", (8, 6, 1, 4))],
+    )
+    def test_counts_of_the_papers(self, name, counts):
+        ax = graph_of(name)
+        drawn = (len(vertices(ax)), len(edges(ax, dashed=True)), len(polygons(ax)), len(edges(ax, dashed=False)))
+        assert drawn == counts
+
+    def test_corners_of_the_differentials_polygons(self):
+        ax = graph_of("car-differential")
+        at = {text.get_position(): name for name, text in vertices(ax).items()}
+        corners = [{at[float(x), float(y)] for x, y in polygon.get_xy()} for polygon in polygons(ax)]
+        assert {"car", "left wheel", "right wheel", "cage"} in corners
+        assert {"cage", "planet a", "planet b"} in corners
+
+    def test_a_mesh_is_one_dashed_edge_with_its_teeth(self, graph):
+        kinematics, ax = graph
+        meshes = {contact.mesh: contact for contact in kinematics.contacts}
+        assert len(edges(ax, dashed=True)) == len(meshes)
+        teeth = Counter(
+            str(number).replace("-", "\N{MINUS SIGN}") for mesh in meshes.values() for _, number in mesh.gears
+        )
+        assert Counter(text.get_text() for text in ax.texts if text.get_weight() == "bold") == teeth
+
+    def test_edges_join_the_gears_of_a_mesh(self):
+        ax = graph_of("alouette-iii")
+        at = {text.get_position(): name for name, text in vertices(ax).items()}
+        joined = {frozenset(at[tuple(edge.get_path().vertices[k])] for k in (0, -1)) for edge in edges(ax, dashed=True)}
+        assert joined == {
+            frozenset(pair)
+            for pair in [
+                ("input", "main shaft"),
+                ("main shaft", "tail"),
+                ("main shaft", "lower planet"),
+                ("lower planet", "housing"),
+                ("lower carrier", "upper planet"),
+                ("upper planet", "housing"),
+            ]
+        }
+
+    def test_teeth_stand_nearer_to_their_gear(self):
+        ax = graph_of("two-stage")
+        places = {name.split(" ")[0]: np.array(text.get_position()) for name, text in vertices(ax).items()}
+        teeth = {text.get_text(): np.array(text.get_position()) for text in ax.texts}
+        for number, gear, mate in (
+            ("23", "input", "intermediate"),
+            ("67", "intermediate", "input"),
+            ("19", "intermediate", "output"),
+            ("61", "output", "intermediate"),
+        ):
+            assert np.linalg.norm(teeth[number] - places[gear]) < np.linalg.norm(teeth[number] - places[mate])
+
+    def test_a_gear_pair_has_the_colour_of_its_carrier(self):
+        # Penaud, Alazard and Amiez 2012, Table 4
+        ax = graph_of("alouette-iii")
+        named = vertices(ax)
+        at = {text.get_position(): name for name, text in named.items()}
+        carrier = {
+            ("housing", "lower planet"): "lower carrier",
+            ("lower planet", "main shaft"): "lower carrier",
+            ("lower carrier", "upper planet"): "upper carrier",
+            ("housing", "upper planet"): "upper carrier",
+            ("input", "main shaft"): "housing",
+            ("main shaft", "tail"): "housing",
+        }
+        for edge in edges(ax, dashed=True):
+            ends = tuple(sorted(at[tuple(edge.get_path().vertices[k])] for k in (0, -1)))
+            border = named[carrier[ends]].get_bbox_patch()
+            assert same_color(edge.get_edgecolor(), border.get_edgecolor())
+            assert border.get_linewidth() > named["input"].get_bbox_patch().get_linewidth()
+
+    def test_nothing_covers_a_text(self, graph):
+        _, ax = graph
+        assert not overlapping(ax)
+
+    def test_everything_is_in_the_figure(self, graph):
+        _, ax = graph
+        for text in written(ax):
+            box = extent(text)
+            assert box.x0 >= -1
+            assert box.y0 >= -1
+            assert box.x1 <= ax.figure.bbox.x1 + 1
+            assert box.y1 <= ax.figure.bbox.y1 + 1
+
+    def test_copies_are_one_vertex_or_several(self):
+        together, apart = graph_of("planetary-27-36-99"), axes()
+        mechanism_graph(kinematics_of("planetary-27-36-99"), ax=apart, copies=True)
+        assert set(vertices(together)) == {"housing = ring", "sun", "carrier", "planet\n3 copies"}
+        assert set(vertices(apart)) == {"housing = ring", "sun", "carrier", "planet 1", "planet 2", "planet 3"}
+        assert len(edges(together, dashed=True)) == 2
+        assert len(edges(apart, dashed=True)) == 6
+        assert not overlapping(apart)
+
+    def test_an_unknown_mate_is_a_question_mark(self):
+        shaft = {"axes": {"line": ["housing", "shaft"]}, "mesh": [{"teeth": {"shaft": 20}, "carrier": "housing"}]}
+        gearbox = Gearbox.from_mapping({"name": "a", "frame": "housing", "reference": "shaft"} | shaft)
+        ax = axes(width=4, height=2)
+        mechanism_graph(solve_kinematics(gearbox), ax=ax)
+        assert set(vertices(ax)) == {"housing", "shaft", "?"}
+        assert [text.get_text() for text in ax.texts if text.get_weight() == "bold"] == ["20"]
+
+    def test_the_same_mechanism_is_drawn_the_same_way(self):
+        pictures = {svg(lambda ax: mechanism_graph(kinematics_of("two-stage"), ax=ax)) for _ in range(2)}
+        assert len(pictures) == 1
+
+
+def arrows(ax, *, dashed):
+    """Arrows as complex vectors, with where they start."""
+    found = []
+    for arrow in ax.texts:
+        if isinstance(arrow, Annotation) and not arrow.get_text():
+            style = arrow.arrow_patch.get_linestyle()
+            if (style not in ("-", "solid")) == dashed:
+                start, end = complex(*arrow.xyann), complex(*arrow.xy)
+                found.append((end - start, start))
+    return found
+
+
+def matched(found, expected):
+    """Whether two lists hold the same complex numbers, in any order."""
+    key = [sorted(np.round(values, 6), key=lambda z: (z.real, z.imag)) for values in (found, expected)]
+    return len(found) == len(expected) and np.allclose(*key, atol=2e-6)
+
+
+class TestVelocityDiagram:
+    def test_left_wheel_locked(self):
+        # Penaud, Alazard and Amiez 2012, eq. 6, first column, and figure 5
+        ax = axes()
+        velocity_diagram(kinematics_of("car-differential"), LOCKED, ax=ax)
+        assert matched([vector for vector, _ in arrows(ax, dashed=False)], [1, 0.5, -2.5, 0.5 + 0.7j, 0.5 - 0.7j])
+        relative = arrows(ax, dashed=True)
+        assert matched([vector for vector, _ in relative], [0.7j, -0.7j])
+        assert matched([start for _, start in relative], [0.5, 0.5])  # at the tip of the cage
+        assert ax._left_title.get_text() == "at rest: car, left wheel"
+
+    def test_straight_ahead_links_share_an_arrow(self):
+        ax = axes()
+        velocity_diagram(kinematics_of("car-differential"), {"left wheel": 1, "right wheel": 1}, ax=ax)
+        assert matched([vector for vector, _ in arrows(ax, dashed=False)], [1, -5])
+        assert not arrows(ax, dashed=True)
+        names = " ".join(text.get_text() for text in ax.texts)
+        assert all(link in names for link in ("left wheel", "right wheel", "cage", "planet a", "planet b"))
+
+    def test_parallel_axes_by_willis(self):
+        # ring at rest: carrier 27 / (27 + 99), planet on it -27/36 of what the carrier sees of the sun
+        carrier = 27 / 126
+        planet = -27 / 36 * (1 - carrier)
+        ax = axes()
+        velocity_diagram(kinematics_of("planetary-27-36-99"), ax=ax)
+        assert matched([vector for vector, _ in arrows(ax, dashed=False)], [1, carrier, carrier + planet])
+        [(vector, start)] = arrows(ax, dashed=True)
+        assert vector == pytest.approx(planet)
+        assert start.real == pytest.approx(carrier)
+        assert f"planet 1, 2, 3  \N{MINUS SIGN}{abs(carrier + planet):.3g}" in {text.get_text() for text in ax.texts}
+
+    @pytest.mark.parametrize("name", SHOWN)
+    def test_nothing_covers_a_text(self, name):
+        ax = axes()
+        velocity_diagram(kinematics_of(name), SPEEDS.get(name), ax=ax)
+        assert not overlapping(ax)
+
+    def test_parallel_axes_of_any_direction_are_drawn_along_it(self):
+        table = {
+            "axes": {"one": {"direction": [0, 2, 0], "links": ["h", "a"]}, "two": {"parallel_to": "one"}},
+            "mesh": [{"teeth": {"a": 10, "b": 20}}],
+        }
+        table["axes"]["two"]["links"] = ["h", "b"]
+        ax = axes()
+        gearbox = Gearbox.from_mapping({"name": "a", "frame": "h", "reference": "a"} | table)
+        velocity_diagram(solve_kinematics(gearbox), ax=ax)
+        assert matched([vector for vector, _ in arrows(ax, dashed=False)], [1, -0.5])
+        assert ax.get_xlabel() == "angular velocity along y, turns per turn of a"
+
+    def test_an_axis_out_of_the_plane_is_refused(self):
+        table = {
+            "axes": {"one": ["h", "a"], "two": {"direction": [0, 0, 1], "links": ["h", "b"]}},
+            "mesh": [{"teeth": {"a": 10, "b": 20}}],
+        }
+        gearbox = Gearbox.from_mapping({"name": "a", "frame": "h", "reference": "a"} | table)
+        with pytest.raises(GearboxError, match=r"leaves the x-y plane.*vectors\(\)"):
+            velocity_diagram(solve_kinematics(gearbox), ax=axes())
+
+    def test_a_mechanism_at_rest(self):
+        ax = axes()
+        velocity_diagram(kinematics_of("two-stage"), {"input": 0}, ax=ax)
+        assert not arrows(ax, dashed=False)
+        assert ax._left_title.get_text() == "at rest: housing, input, intermediate, output, pinion"
+
+
+def chart(name="two-stage", *, speeds=None, height=4.6, **settings):
+    ax = axes(width=7.4, height=height)
+    table = defect_orders(load_gearbox(name), speeds=speeds)
+    return speed_order_chart(table, reference_rpm=(600, 1200), ax=ax, **settings), table
+
+
+def table_of(*rows):
+    return pd.DataFrame([{"component": c, "kind": k, "order": o} for c, k, o in rows])
+
+
+class TestSpeedOrderChart:
+    def test_frequencies(self):
+        ax, table = chart()
+        ends = {tuple(np.round([line.get_ydata()[0], line.get_ydata()[-1]], 9)) for line in ax.lines}
+        expected = {tuple(np.round([order * 600 / 60, order * 1200 / 60], 9)) for order in table["order"]}
+        assert ends == expected
+        assert (230.0, 460.0) in ends  # 23 teeth at 10 and 20 revolutions a second
+        assert ax.get_xlim() == (600, 1200)
+
+    def test_coinciding_orders_are_one_line_in_two_colours_with_one_name(self):
+        ax, _ = chart()
+        labels = [text.get_text() for text in ax.texts]
+        assert "1  input = stage 1/pinion tooth" in labels
+        assert "23  stage 1 mesh = assembly phase" in labels
+        doubled = [line for line in ax.lines if np.isclose(line.get_ydata()[-1], 20.0)]
+        assert [line.get_linestyle() for line in doubled] == ["-", "--"]
+        assert not same_color(doubled[0].get_color(), doubled[1].get_color())
+
+    def test_every_order_has_a_name_in_the_order_of_frequencies(self):
+        ax, table = chart("alouette-iii")
+        assert len(ax.texts) == table["order"].round(12).nunique()
+        ax.figure.draw_without_rendering()
+        named = sorted((text_extent(text).y0, float(text.get_text().split()[0])) for text in ax.texts)
+        orders = [order for _, order in named]
+        assert orders == sorted(orders)
+
+    @pytest.mark.parametrize("name", SHOWN)
+    def test_nothing_covers_a_text(self, name):
+        ax, _ = chart(name, speeds=SPEEDS.get(name), revolutions=60)
+        assert not overlapping(ax)
+
+    def test_names_that_do_not_fit_are_counted(self):
+        ax, table = chart("alouette-iii", height=2.2)
+        lines = table["order"].round(12).nunique()
+        notes = [text.get_text() for text in ax.texts if "without a name" in text.get_text()]
+        assert notes == [f"{lines - len(ax.texts) + 1} more lines without a name; draw taller"]
+        assert not overlapping(ax)
+
+    def test_lines_that_the_record_cannot_separate(self):
+        # a hundred revolutions tell orders apart that are two bins, 0.02, from each other
+        table = table_of(("a", "gear_mesh", 5.0), ("b", "gear_mesh", 5.016), ("c", "gear_mesh", 5.04))
+        ax = axes()
+        speed_order_chart(table, reference_rpm=(600, 1200), ax=ax, revolutions=100)
+        marked = {text.get_text().split()[1]: text.get_text().endswith("†") for text in ax.texts}
+        assert marked == {"a": True, "b": True, "c": False}
+        ax = axes()
+        speed_order_chart(table, reference_rpm=(600, 1200), ax=ax)
+        assert not any("†" in text.get_text() for text in ax.texts)
+
+    @pytest.mark.parametrize("revolutions", [20, 60, 300])
+    def test_daggers_agree_with_collisions(self, revolutions):
+        table = defect_orders(load_gearbox("two-stage"))
+        pairs = collisions(table, revolutions=revolutions)
+        close = pairs[~pairs["resolvable"] & (pairs["difference"] > 0)]
+        ax = axes(height=12)
+        speed_order_chart(table, reference_rpm=(600, 1200), ax=ax, revolutions=revolutions)
+        marked = {text.get_text().split()[0] for text in ax.texts if text.get_text().endswith("†")}
+        assert marked == {f"{order:.4g}" for order in {*close["order_a"], *close["order_b"]}}
+
+    @pytest.mark.parametrize("bad", [(0, 100), (200, 100), (100, 100), (100, float("inf")), (float("nan"), 100)])
+    def test_a_range_that_does_not_rise_is_refused(self, bad):
+        with pytest.raises(ValueError, match="give \\(low, high\\) in rpm"):
+            speed_order_chart(table_of(("a", "shaft", 1.0)), reference_rpm=bad, ax=axes())
+
+    def test_other_refusals(self):
+        with pytest.raises(ValueError, match="revolutions = -1 is not positive"):
+            chart(revolutions=-1)
+        with pytest.raises(ValueError, match="table of defect orders is empty"):
+            speed_order_chart(table_of(("a", "shaft", 1.0))[:0], reference_rpm=(1, 2), ax=axes())
+
+
+class TestSaveFigure:
+    @pytest.mark.parametrize(
+        ("suffix", "start"), [("svg", b"<?xml"), ("png", b"\x89PNG"), ("pdf", b"%PDF"), ("SVG", b"<?xml")]
+    )
+    def test_suffix_says_what_is_written_and_two_runs_agree(self, tmp_path, suffix, start):
+        paths = [tmp_path / f"{name}.{suffix}" for name in "ab"]
+        for path in paths:
+            assert save_figure(lambda ax: ax.plot([0, 1]), path, width=3, height=2) == path
+        first, second = (path.read_bytes() for path in paths)
+        assert first.startswith(start)
+        assert first == second
+        assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
+
+    def test_size(self, tmp_path):
+        save_figure(lambda ax: ax.plot([0, 1]), tmp_path / "a.svg", width=3, height=2)
+        assert 'width="216pt" height="144pt"' in (tmp_path / "a.svg").read_text()
+
+    @pytest.mark.parametrize("name", ["a.jpeg", "a", "svg"])
+    def test_another_suffix_is_refused(self, tmp_path, name):
+        with pytest.raises(ValueError, match=r"end it in \.svg, \.png or \.pdf"):
+            save_figure(lambda ax: ax.plot([0, 1]), tmp_path / name, width=3, height=2)
+        assert not list(tmp_path.iterdir())
+
+    def test_no_size_is_refused(self, tmp_path):
+        with pytest.raises(ValueError, match="positive size in inches"):
+            save_figure(lambda ax: ax.plot([0, 1]), tmp_path / "a.png", width=0, height=2)
+
+    def test_a_drawing_that_fails_leaves_the_file_that_was_there(self, tmp_path):
+        path = tmp_path / "a.png"
+        path.write_bytes(b"before")
+        with pytest.raises(ZeroDivisionError):
+            save_figure(lambda _: 1 / 0, path, width=3, height=2)
+        assert path.read_bytes() == b"before"
+        assert [each.name for each in tmp_path.iterdir()] == ["a.png"]
+
+
+def crowded(count=30):
+    """A spectrum with claimed lines so close that not all can be named; the last is a fundamental, and low."""
+    found = np.append(np.linspace(10, 14, count), 12.05)
+    size = found.size
+    heights = np.append(np.linspace(1.0, 0.5, count), 0.1)
+    spectrum = np.full((1, 400), 0.01)
+    spectrum[0, 200] = heights.max()
+    return xr.Dataset(
+        {
+            "amplitude": (("channel", "order"), spectrum),
+            "units": ("channel", ["g"]),
+            "line_channel": ("line", ["a"] * size),
+            "line_order": ("line", found),
+            "order_found": ("line", found),
+            "line_amplitude": ("line", heights),
+            "claimed": ("line", np.ones(size, dtype=int)),
+            "kind": ("line", ["inner_race"] * size),
+            "component": ("line", ["bearing"] * count + ["wanted"]),
+            "harmonic": ("line", [2] * count + [1]),
+            "sideband": ("line", np.zeros(size, dtype=int)),
+        },
+        coords={"channel": ["a"], "order": np.linspace(0, 20, 400)},
+    )
+
+
+class TestSpectrum:
+    def test_names_do_not_cover_each_other_and_fundamentals_come_first(self):
+        ax = axes(height=3.4)
+        plot_spectrum(crowded(), channel="a", ax=ax)
+        labels = [text.get_text() for text in ax.texts]
+        assert labels[0] == "wanted inner race"
+        assert 3 < len(labels) < 31
+        assert not overlapping(ax)
+
+
+class TestPlaces:
+    @given(
+        wanted=st.lists(st.floats(0, 100), min_size=1, max_size=12).map(sorted),
+        gap=st.floats(0.1, 8.0),
+    )
+    def test_spread_is_the_least_move(self, wanted, gap):
+        # without bounds: the isotonic regression of scipy, after taking the gaps out
+        wanted = np.array(wanted)
+        moved = spread(wanted, gap=gap, low=-1e6, high=1e6)
+        steps = gap * np.arange(wanted.size)
+        np.testing.assert_allclose(moved, isotonic_regression(wanted - steps).x + steps, atol=1e-9)
+        kept = spread(wanted, gap=gap, low=0.0, high=100.0)
+        assert np.all(np.diff(kept) >= gap - 1e-9)
+        assert kept[0] >= 0
+        assert kept[-1] <= 100 + 1e-9  # 12 gaps of 8 fit into 100
+
+    def test_inside_agrees_with_matplotlib(self):
+        rng = np.random.default_rng(5)
+        polygon = np.array([[0, 0], [4, 0], [4, 3], [2, 1], [0, 3]], dtype=float)  # with a dent
+        where = rng.uniform(-1, 5, size=(500, 2))
+        assert np.array_equal(inside(where, polygon), Path(polygon).contains_points(where))

@@ -1,0 +1,545 @@
+"""Other people's files: what each format holds, what a user has to declare, and the sentence for each mistake."""
+
+import struct
+import subprocess
+import sys
+import warnings
+
+import h5py
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.io import savemat, wavfile
+from scipy.sparse import eye_array
+
+from hums.readers import convert, read_file
+from hums.records.record import RecordError, check_record, nominal_speed, sampling, tachometers, vibration_channels
+from hums.records.store import open_record, save_record
+
+RATE_HZ = 1000.0
+NOISE = np.random.default_rng(3).normal(size=2000)
+PULSES_S = np.arange(0.05, 2, 0.1)
+ANGLE = {"tach_times": "tach", "pulses_per_rev": 2, "shaft": "high speed"}
+NOMINAL = {"shaft_rpm": 1500.0, "shaft": "input"}
+
+
+@pytest.fixture
+def classic(tmp_path):
+    """A MATLAB file of version 5."""
+    contents = {
+        "vibration": NOISE[:, None],
+        "row": NOISE[None, :],
+        "tach": PULSES_S[:, None],
+        "wave": np.sin(2 * np.pi * 7.3 * np.arange(2000) / RATE_HZ),
+        "bearing": {"gs": NOISE, "sr": RATE_HZ, "housing": {"top": NOISE + 1}, "label": "front"},
+        "counts": np.arange(2000, dtype=np.int16),
+        "table": np.zeros((2000, 3)),
+        "notes": "read me",
+        "cells": np.array([NOISE, "x"], dtype=object),
+        "many": np.array([(1,), (2,)], dtype=[("a", object)]),
+        "sparse": eye_array(4).tocsc(),
+        "waves": NOISE + 1j,
+        "nothing": np.zeros((0, 0)),
+    }
+    savemat(tmp_path / "data.mat", contents, oned_as="column")
+    return tmp_path / "data.mat"
+
+
+@pytest.fixture
+def modern(tmp_path):
+    """A MATLAB file of version 7.3 with the layout MATLAB gives it: a header of 512 bytes, axes reversed."""
+    with h5py.File(tmp_path / "data.mat", mode="w", userblock_size=512) as file:
+
+        def add(name, values, matlab_class):
+            file[name] = values
+            file[name].attrs["MATLAB_class"] = np.bytes_(matlab_class)
+
+        add("vibration", NOISE[None, :], "double")
+        add("row", NOISE[:, None].astype(np.float32), "single")
+        add("tach", PULSES_S[None, :], "double")
+        add("bearing/gs", NOISE[None, :], "double")
+        add("bearing/housing/top", NOISE[None, :] + 1, "double")
+        add("counts", np.arange(2000, dtype=np.int16)[None, :], "int16")
+        add("table", np.zeros((3, 2000)), "double")
+        add("notes", np.array([[114], [101]], dtype=np.uint16), "char")
+        add("#refs#/a", NOISE, "double")
+        add("cells", np.array([file["#refs#/a"].ref], dtype=h5py.ref_dtype), "cell")
+        file["many/a"] = np.array([file["#refs#/a"].ref] * 2, dtype=h5py.ref_dtype)
+        file["waves"] = np.zeros(5, dtype=[("real", "f8"), ("imag", "f8")])
+        add("nothing", np.zeros(2, dtype=np.uint64), "double")
+        file["nothing"].attrs["MATLAB_empty"] = np.uint8(1)
+    with (tmp_path / "data.mat").open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    return tmp_path / "data.mat"
+
+
+@pytest.fixture(params=["classic", "modern"])
+def mat(request):
+    return request.getfixturevalue(request.param)
+
+
+def read(source, **changes):
+    arguments = {"channels": ["vibration"], "rate_hz": RATE_HZ, "units": "g"} | changes
+    if not {"tach_times", "tach_waveform", "shaft_rpm"} & arguments.keys():
+        arguments = NOMINAL | arguments
+    return convert(source, **arguments)
+
+
+def refusal(source, **changes):
+    with pytest.raises(RecordError) as caught:
+        read(source, **changes)
+    return str(caught.value)
+
+
+# ---- MATLAB ------------------------------------------------------------------------------------------------
+
+
+def test_a_mat_file_to_a_record_on_disk(mat, tmp_path):
+    record = read(mat, machine="turbine 4", recorded_at="2013-03-11T03:00:24Z", **ANGLE)
+    check_record(record)
+    assert_array_equal(record["vibration"], NOISE)
+    assert_array_equal(record["tachometer"], PULSES_S)
+    assert record["tachometer"].attrs == {"units": "s", "shaft": "high speed", "pulses_per_rev": 2}
+    assert record["vibration"].attrs["units"] == "g"
+    assert record.attrs["machine"] == "turbine 4"
+    assert record.attrs["source"] == "data.mat"
+    save_record(record, tmp_path / "record.h5")
+    with open_record(tmp_path / "record.h5") as opened:
+        assert opened.load().identical(record)
+
+
+def test_rows_columns_and_fields_of_structs(mat):
+    record = read(mat, channels=["row", "bearing.gs", "bearing.housing.top", "counts"])
+    assert vibration_channels(record) == ["row", "bearing.gs", "bearing.housing.top", "counts"]
+    assert_allclose(record["row"], NOISE, rtol=1e-7)  # single precision in the modern file
+    assert_array_equal(record["bearing.gs"], NOISE)
+    assert_array_equal(record["bearing.housing.top"], NOISE + 1)
+    assert_array_equal(record["counts"], np.arange(2000))
+    assert record["counts"].dtype == np.float64
+
+
+def test_single_precision_stays(modern):
+    assert read(modern, channels=["row"], scale=2.0)["row"].dtype == np.float32
+
+
+def test_a_waveform_in_the_file(classic):
+    record = read(classic, tach_waveform="wave", pulses_per_rev=1, shaft="input")
+    assert tachometers(record) == ["tachometer"]
+    # A sine at 7.3 Hz rises through its middle every 1 / 7.3 s, interpolation errs by far less than a sample.
+    assert_allclose(record["tachometer"], np.arange(1, 15) / 7.3, rtol=0, atol=0.01 / RATE_HZ)
+
+
+def test_a_declared_speed(mat):
+    assert float(nominal_speed(read(mat))) == 25.0
+
+
+def test_scale_turns_volts_into_units(mat):
+    assert_array_equal(read(mat, scale=9.81, units="m/s^2")["vibration"], NOISE * 9.81)
+
+
+def test_a_channel_that_is_not_there(mat):
+    text = refusal(mat, channels=["vibratoin"])
+    assert 'data.mat has no "vibratoin"; did you mean "vibration"?' in text
+    assert "vibration (2000 x 1)" in text
+    assert "table (2000 x 3)" in text
+    assert "bearing.housing.top (" in text
+    assert "notes (text)" in text
+
+
+def test_no_channel_named(mat):
+    text = refusal(mat, channels=[])
+    assert "--channel" in text
+    assert "vibration (2000 x 1)" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        ("notes", "is text, not numbers"),
+        ("cells", "is a cell array, not numbers"),
+        ("waves", "is complex numbers"),
+        ("nothing", "is empty"),
+        ("table", "is a table of 2000 x 3 values"),
+    ],
+)
+def test_what_is_no_channel(mat, name, what):
+    assert f'"{name}" {what}' in refusal(mat, channels=[name])
+
+
+def test_what_is_no_channel_in_one_version_only(classic):
+    assert '"sparse" is a sparse matrix' in refusal(classic, channels=["sparse"])
+    assert '"many" is a struct array' in refusal(classic, channels=["many"])
+    assert '"bearing.label" is text' in refusal(classic, channels=["bearing.label"])
+
+
+def test_an_array_of_structs_in_version_7_3(modern):
+    assert '"many.a" is ' in refusal(modern, channels=["many.a"])
+
+
+@pytest.mark.parametrize(
+    ("matlab_class", "what"),
+    [("string", "a string object"), ("datetime", "a datetime"), ("function_handle", "a function")],
+)
+def test_objects_of_version_7_3_are_not_taken_for_their_keys(modern, matlab_class, what):
+    with h5py.File(modern, mode="r+") as file:
+        file["thing"] = np.array([[0xDD000000, 2, 1, 1, 1, 1]], dtype=np.uint32)  # what MATLAB writes for an object
+        file["thing"].attrs["MATLAB_class"] = np.bytes_(matlab_class)
+        file["thing"].attrs["MATLAB_object_decode"] = np.int32(3)
+    assert f'"thing" is {what}, not numbers' in refusal(modern, channels=["thing"])
+
+
+def test_a_sparse_matrix_of_version_7_3(modern):
+    with h5py.File(modern, mode="r+") as file:
+        group = file.create_group("thin")
+        group.attrs["MATLAB_class"] = np.bytes_("double")
+        group.attrs["MATLAB_sparse"] = np.uint64(4)
+        group["data"], group["ir"], group["jc"] = np.ones(4), np.arange(4), np.arange(5)
+    assert '"thin" is a sparse matrix' in refusal(modern, channels=["thin"])
+
+
+def test_truth_values_are_numbers_in_either_version(classic, modern):
+    pulses = (np.arange(2000) % 100 < 10)[:, None]
+    savemat(classic, {"wave": pulses, "vibration": NOISE})
+    first = read(classic, tach_waveform="wave", pulses_per_rev=1, shaft="input")
+    with h5py.File(modern, mode="w") as file:
+        file["wave"], file["vibration"] = pulses.T.astype(np.uint8), NOISE[None, :]
+        file["wave"].attrs["MATLAB_class"] = np.bytes_("logical")
+        file["wave"].attrs["MATLAB_int_decode"] = np.int32(1)
+    second = read(modern, tach_waveform="wave", pulses_per_rev=1, shaft="input")
+    rises_s = np.arange(100, 2000, 100) / RATE_HZ - 0.5 / RATE_HZ  # half-way between low and high
+    for record in (first, second):
+        assert_allclose(record["tachometer"], rises_s, rtol=1e-12)
+
+
+def test_references_of_cells_are_not_offered(modern):
+    assert not any(name.startswith("#") for name in read_file(modern).fields)
+
+
+@pytest.mark.parametrize("kept", [1, 100, 130, 200, 0.5, -8])
+def test_a_mat_file_cut_off(mat, kept):
+    whole = mat.read_bytes()
+    mat.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
+    assert "damaged" in refusal(mat)
+
+
+# ---- what the user declares --------------------------------------------------------------------------------
+
+
+def test_undeclared_rate_units_and_angle(mat):
+    assert "does not state its samples per second: rate_hz=... (--rate-hz)" in refusal(mat, rate_hz=None)
+    assert "--units g" in refusal(mat, units=None)
+    text = refusal(mat, shaft_rpm=None, shaft=None)
+    for option in ("--tach-times", "--tach-waveform", "--shaft-rpm"):
+        assert option in text
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"shaft": None}, "--tach-times needs the shaft"),
+        ({"pulses_per_rev": None}, '--tach-times needs the pulses in one revolution of "high speed"'),
+        ({"tach_waveform": "wave"}, "--tach-times and --tach-waveform: the shaft angle has one source"),
+        ({"shaft_rpm": 1500.0}, "--tach-times and --shaft-rpm: the shaft angle has one source"),
+        ({"tach_times": "tacho"}, 'did you mean "tach"?'),
+        ({"tach_times": "row"}, "--tach-waveform"),
+        ({"pulses_per_rev": 0}, "--pulses-per-rev"),
+    ],
+)
+def test_mistakes_about_the_tachometer(mat, changes, sentence):
+    assert sentence in refusal(mat, **(ANGLE | changes))
+
+
+def test_mistakes_about_a_declared_speed(mat):
+    assert "--shaft-rpm needs the shaft" in refusal(mat, shaft_rpm=1500.0, shaft=None)
+    assert "no meaning with --shaft-rpm" in refusal(mat, pulses_per_rev=1)
+    assert "rpm=-3" in refusal(mat, shaft_rpm=-3, shaft="input")
+
+
+@pytest.mark.parametrize("scale", [0, np.nan, np.inf, True, "2"])
+def test_a_scale_is_a_number(mat, scale):
+    assert f"scale={scale!r}" in refusal(mat, scale=scale)
+
+
+# ---- WAV ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("dtype", "full_scale", "middle"),
+    [("u1", 128, 128), ("i2", 2**15, 0), ("i4", 2**31, 0), ("f4", 1, 0), ("f8", 1, 0)],
+)
+def test_full_scale_of_a_wav_is_what_scale_says(tmp_path, dtype, full_scale, middle):
+    wanted = np.array([-1, -0.5, 0, 0.5])
+    wavfile.write(tmp_path / "a.wav", 48000, (wanted * full_scale + middle).astype(dtype))
+    record = read(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None, scale=50.0)
+    assert_array_equal(record["channel 1"], 50 * wanted)
+    assert record.attrs["rate_hz"] == 48000
+
+
+def test_24_bits(tmp_path):
+    samples = b"".join(struct.pack("<i", value)[:3] for value in (-(2**23), -(2**22), 0, 2**22))
+    header = struct.pack("<4sI4s4sIHHIIHH", b"RIFF", 36 + 12, b"WAVE", b"fmt ", 16, 1, 1, 8000, 24000, 3, 24)
+    (tmp_path / "a.wav").write_bytes(header + struct.pack("<4sI", b"data", len(samples)) + samples)
+    record = read(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None)
+    assert_array_equal(record["channel 1"], [-1, -0.5, 0, 0.5])
+
+
+def test_several_channels_of_a_wav(tmp_path):
+    wave = np.sin(2 * np.pi * 5 * np.arange(8000) / 8000)
+    wavfile.write(tmp_path / "A.WAV", 8000, np.column_stack([np.zeros(8000), wave]).astype(np.float32))
+    record = read(
+        tmp_path / "A.WAV",
+        channels=["channel 1"],
+        rate_hz=8000,
+        tach_waveform="channel 2",
+        pulses_per_rev=1,
+        shaft="input",
+    )
+    assert vibration_channels(record) == ["channel 1"]
+    assert_array_equal(record["tachometer_waveform"], wave.astype(np.float32))
+    assert "channel 2 (8000)" in refusal(tmp_path / "A.WAV", channels=["channel 3"], rate_hz=None)
+
+
+def test_a_rate_that_contradicts_the_wav(tmp_path):
+    wavfile.write(tmp_path / "a.wav", 97656, np.zeros(100, dtype=np.int16))
+    text = refusal(tmp_path / "a.wav", channels=["channel 1"], rate_hz=48000)
+    assert "rate_hz=48000 contradicts a.wav, which states 97656 Hz" in text
+    # The header holds whole numbers only: a fraction it dropped can be put back.
+    assert sampling(read(tmp_path / "a.wav", channels=["channel 1"], rate_hz=97656.25), "channel 1").rate_hz == 97656.25
+
+
+@pytest.mark.parametrize("rate_hz", ["48000", 0, -48000, np.nan, True])
+def test_a_rate_that_is_none(mat, tmp_path, rate_hz):
+    wavfile.write(tmp_path / "a.wav", 48000, np.zeros(100, dtype=np.int16))
+    assert "rate_hz=" in refusal(tmp_path / "a.wav", channels=["channel 1"], rate_hz=rate_hz)
+    assert f"rate_hz={rate_hz!r}: a positive, finite number" in refusal(mat, rate_hz=rate_hz)
+
+
+def test_chunks_that_are_not_sound_are_passed_over(tmp_path):
+    wavfile.write(tmp_path / "a.wav", 8000, np.arange(100, dtype=np.int16))
+    sound = (tmp_path / "a.wav").read_bytes()
+    extra = struct.pack("<4sI", b"bext", 8) + bytes(8)
+    (tmp_path / "a.wav").write_bytes(sound[:36] + extra + sound[36:])
+    assert_array_equal(read(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None)["channel 1"] * 2**15, range(100))
+
+
+@pytest.mark.parametrize("kept", [3, 20, 40, 44, 150])
+def test_a_wav_cut_off(tmp_path, kept):
+    wavfile.write(tmp_path / "a.wav", 8000, np.arange(100, dtype=np.int16))
+    (tmp_path / "a.wav").write_bytes((tmp_path / "a.wav").read_bytes()[:kept])
+    assert "is no whole WAV file" in refusal(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None)
+
+
+# ---- CSV ---------------------------------------------------------------------------------------------------
+
+
+def write(tmp_path, text, encoding="utf-8"):
+    (tmp_path / "a.csv").write_text(text, encoding=encoding)
+    return tmp_path / "a.csv"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time,acc\n0,1.5\n1,-2\n2,1e3\n",
+        "time, acc\r\n0, 1.5\r\n1, -2\r\n2, 1e3\r\n",
+        "\ntime;acc\n0;1,5\n\n1;-2\n2;1e3\n",
+        "time;acc\n0;1.5\n1;-2\n2;1e3\n",
+        "time\tacc\n0\t1.5\n1\t-2\n2\t1e3",
+        '"time","acc"\n"0","1.5"\n"1","-2"\n"2","1e3"\n',
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_a_csv_with_a_header(tmp_path, text, encoding):
+    fields = read_file(write(tmp_path, text, encoding)).fields
+    assert list(fields) == ["time", "acc"]
+    assert_array_equal(fields["acc"], [1.5, -2, 1000])
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["0,1.5\n1,-2\n", "0;1,5\n1;-2\n", "0,1;1,5\n1;-2\n", ",1.5\n1,-2\n", "0,1\t1,5\n1,0\t-2\n", "0\t1.5\n1\t-2\n"],
+)
+def test_a_csv_without_a_header(tmp_path, text):
+    record = read(write(tmp_path, text), channels=["column 2"])
+    assert_array_equal(record["column 2"], [1.5, -2])
+
+
+def test_a_single_column(tmp_path):
+    assert_array_equal(read(write(tmp_path, "acc\n1\n2\n"), channels=["acc"])["acc"], [1, 2])
+    assert_array_equal(read(write(tmp_path, "1\n2\n"), channels=["column 1"])["column 1"], [1, 2])
+
+
+def test_a_short_column_of_pulse_times_is_padded_with_blanks(tmp_path):
+    rows = [f"{value!r},{0.002 * k + 0.001 if k < 5 else ''}" for k, value in enumerate(NOISE[:50].tolist())]
+    path = write(tmp_path, "acc,tach\n" + "\n".join(rows) + "\n")
+    record = read(path, channels=["acc"], **ANGLE)
+    assert_allclose(record["tachometer"], [0.001, 0.003, 0.005, 0.007, 0.009])
+    assert_array_equal(record["acc"], NOISE[:50])
+
+
+def test_a_blank_among_the_pulse_times_is_no_padding(tmp_path):
+    path = write(tmp_path, "acc,tach\n1,0.001\n2,\n3,0.002\n")
+    assert "pulse 1 is at nan" in refusal(path, channels=["acc"], **ANGLE)
+
+
+def test_a_column_of_text(tmp_path):
+    path = write(tmp_path, "acc,state\n1,ok\n2,ok\n")
+    assert '"state" is text, "ok" in row 1, not numbers' in refusal(path, channels=["state"])
+    path = write(tmp_path, "acc\n1\n2\nOVLD\n")
+    assert '"acc" is text, "OVLD" in row 3' in refusal(path, channels=["acc"])
+
+
+def test_truth_values_are_text(tmp_path):
+    for cells in ("True\nFalse", "True\n"):  # alone, and with a blank
+        path = write(tmp_path, f"state,acc\n{cells.replace(chr(10), ',1' + chr(10))},2\n")
+        assert '"state" is text, "True" in row 1' in refusal(path, channels=["state"], scale=2.0)
+
+
+def test_a_header_and_nothing_else(tmp_path):
+    assert '"acc" is empty, not numbers' in refusal(write(tmp_path, "acc,b\n"), channels=["acc"])
+
+
+def test_whole_numbers_of_more_than_64_bits(tmp_path):
+    path = write(tmp_path, "acc\n100000000000000000000\n1\n")
+    assert_array_equal(read(path, channels=["acc"])["acc"], [1e20, 1])
+
+
+def test_two_columns_of_one_name(tmp_path):
+    assert 'two columns are named "acc"' in refusal(write(tmp_path, "acc,acc \n1,2\n"), channels=["acc"])
+
+
+@pytest.mark.parametrize("name", ["time", "t", "time_s", "Time [s]", "Time (s)", "T"])
+def test_a_column_of_times_that_contradicts_the_rate(tmp_path, name):
+    rows = "".join(f"{0.5 + k / 512:.3f},{k}\n" for k in range(1000))  # printed to half a step
+    path = write(tmp_path, f"{name},acc\n{rows}")
+    text = refusal(path, channels=["acc"], rate_hz=5120)
+    assert f'rate_hz=5120 contradicts a.csv, whose "{name}" goes in steps of 0.00195' in text
+    assert "s, 512.0" in text
+    assert read(path, channels=["acc"], rate_hz=512)["acc"].size == 1000
+    assert read(path, channels=["acc"], rate_hz=515)["acc"].size == 1000  # 0.6 %: a clock, not a mistake
+
+
+def test_times_in_a_mat_file_that_contradict_the_rate(tmp_path):
+    savemat(tmp_path / "a.mat", {"test": {"time": np.arange(100.0) / 50, "acc": np.arange(100.0)}})
+    assert 'whose "test.time" goes in steps of 0.02 s, 50 Hz' in refusal(tmp_path / "a.mat", channels=["test.acc"])
+
+
+@pytest.mark.parametrize(
+    ("name", "times"),
+    [
+        ("time", [0, 1, 4, 9, 16, 25]),  # not even
+        ("time", [0, 0, 0, 0, 0, 0]),
+        ("time", ["", 1, 2, 3, 4, 5]),
+        ("time", ["a", "b", "c", "d", "e", "f"]),
+        ("time [ms]", range(6)),
+        ("timer", range(6)),
+    ],
+)
+def test_columns_that_are_no_clock(tmp_path, name, times):
+    path = write(tmp_path, f"{name},acc\n" + "".join(f"{time},{k}\n" for k, time in enumerate(times)))
+    assert_array_equal(read(path, channels=["acc"])["acc"], range(6))
+
+
+def test_pulse_times_are_no_clock(tmp_path):
+    path = write(tmp_path, "t,acc\n" + "".join(f"{k / 10},{k}\n" for k in range(100)))
+    record = read(path, channels=["acc"], rate_hz=100, tach_times="t", pulses_per_rev=1, shaft="input")
+    assert record["tachometer"].size == 100
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_utf_16(tmp_path, encoding):
+    text = "time;Beschleunigung (µm)\r\n0;1,5\r\n1;-2\r\n2;1e3\r\n"
+    fields = read_file(write(tmp_path, text, encoding)).fields
+    assert list(fields) == ["time", "Beschleunigung (µm)"]
+    assert_array_equal(fields["Beschleunigung (µm)"], [1.5, -2, 1000])
+
+
+@pytest.mark.parametrize("text", ["acc,b\n1,2\n3\n4,5\n", "acc;b\n1;2\n\n3\n4;5\n", '"acc","b"\n"1","2"\n"3"\n'])
+def test_short_rows_are_refused(tmp_path, text):
+    line = text.replace('"', "").split("\n").index("3") + 1
+    text = refusal(write(tmp_path, text), channels=["acc"])
+    assert f"the row in line {line} has 1 of 2 cells" in text
+
+
+def test_blank_cells_are_no_short_rows(tmp_path):
+    path = write(tmp_path, 'acc,"a, b"\n1,\n\n  \n2,3\n4,""\n')
+    assert_array_equal(read_file(path).fields["a, b"], [np.nan, 3, np.nan])
+
+
+@pytest.mark.parametrize("text", ["acc,b\n1,2,3\n4,5,6\n", "acc,b\n1,2\n4,5,6\n", "\n\n"])
+def test_what_is_no_table(tmp_path, text):
+    assert "does not read as a table" in refusal(write(tmp_path, text), channels=["acc"])
+
+
+def test_a_header_in_another_encoding(tmp_path):
+    path = write(tmp_path, "acc,temp °C\n1,2\n3,4\n", encoding="latin-1")
+    assert_array_equal(read(path, channels=["acc"])["acc"], [1, 3])
+
+
+# ---- any file ----------------------------------------------------------------------------------------------
+
+
+def test_unknown_suffixes(tmp_path):
+    (tmp_path / "data.xls").write_bytes(b"xls")
+    assert 'no reader for the suffix ".xls"; known are .mat, .wav, .csv' in refusal(tmp_path / "data.xls")
+    (tmp_path / "data").write_bytes(b"x")
+    assert 'no reader for the suffix ""' in refusal(tmp_path / "data")
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".wav", ".csv"])
+def test_files_that_are_not_there(tmp_path, suffix):
+    assert "there is no such file" in refusal(tmp_path / f"none{suffix}")
+    (tmp_path / f"empty{suffix}").touch()
+    assert "is empty" in refusal(tmp_path / f"empty{suffix}")
+    (tmp_path / f"folder{suffix}").mkdir()
+    assert "is a directory" in refusal(tmp_path / f"folder{suffix}")
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".wav"])
+def test_a_wrong_suffix(tmp_path, suffix):
+    (tmp_path / f"data{suffix}").write_bytes(b"time,acc\n0,1\n" * 50)
+    assert f"data{suffix} is no " in refusal(tmp_path / f"data{suffix}")
+
+
+def test_warnings_are_as_before(tmp_path):
+    """Readers silence what their libraries warn of, and only while they read."""
+    wavfile.write(tmp_path / "a.wav", 8000, np.arange(100, dtype=np.int16))
+    before = list(warnings.filters)
+    read(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None)
+    read(write(tmp_path, "acc\n1\n2\n"), channels=["acc"])
+    assert list(warnings.filters) == before
+
+
+def test_importing_the_readers_loads_no_parser():
+    code = "import sys, hums.readers; sys.exit(any(name in sys.modules for name in ('scipy.io', 'scipy.signal')))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+# ---- measured records --------------------------------------------------------------------------------------
+
+
+def test_a_wind_turbine(real_data, tmp_path):
+    source = real_data / "wt_hss_bearing" / "data-20130311T030024Z.mat"
+    record = convert(source, channels=["vibration"], rate_hz=97656, units="g", **ANGLE)
+    assert record.sizes == {"time": 292968, "pulse_tachometer": 187}
+    rev_s = (187 - 1) / 2 / float(record["tachometer"][-1] - record["tachometer"][0])
+    assert 25 < rev_s < 35  # a 2 MW turbine's high-speed shaft, two pulses a revolution
+    save_record(record, tmp_path / "record.h5")
+    with open_record(tmp_path / "record.h5") as opened:
+        assert opened.load().identical(record)
+
+
+def test_a_struct_of_the_mfpt_set(real_data):
+    source = real_data / "mfpt" / "InnerRaceFault_vload_1.mat"
+    record = convert(source, channels=["bearing.gs"], rate_hz=48828, units="g", shaft_rpm=1500.0, shaft="shaft")
+    # The set's description: three seconds at 48828 Hz.
+    assert record.sizes["time"] == pytest.approx(3 * 48828, rel=1e-3)
+    assert "bearing.sr" in read_file(source).fields
+
+
+def test_a_channel_of_the_cwru_set(real_data):
+    source = real_data / "cwru" / "IR007_0.mat"
+    record = convert(source, channels=["X105_DE_time"], rate_hz=12000, units="g", shaft_rpm=1797.0, shaft="motor")
+    assert record.sizes["time"] == 121265
+    with pytest.raises(RecordError, match='did you mean "X105_DE_time"'):
+        convert(source, channels=["X105_DE_tim"], rate_hz=12000, units="g", shaft_rpm=1797.0, shaft="motor")

@@ -1,0 +1,520 @@
+"""The store: what is read is what was written, a file is whole or not there, and damage is never silent."""
+
+import errno
+import os
+import shutil
+import stat
+import subprocess
+import sys
+import time
+import tracemalloc
+from datetime import UTC, datetime
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from xarray.indexes import RangeIndex
+
+from hums.records.record import (
+    Channel,
+    NominalSpeed,
+    PulseTimes,
+    RecordError,
+    TachometerWaveform,
+    channel_values,
+    make_record,
+    sampling,
+)
+from hums.records.store import existing_file, is_hdf5, open_hdf5, open_record, open_tree, save_record, write_tree
+
+COUNT = 150_000  # more than one chunk
+NOISE = np.random.default_rng(11).normal(size=COUNT)
+
+
+def build(**changes):
+    arguments = {
+        "rate_hz": 50_000.0,
+        "angle": PulseTimes(times_s=np.arange(0.01, 3, 0.04), shaft="high speed", pulses_per_rev=2),
+        "machine": "Türbine 4",
+        "recorded_at": datetime(2024, 5, 1, 12, tzinfo=UTC),
+        "start_s": 0.5e-3,
+        "truth": {
+            "truth_phase": xr.DataArray(np.linspace(0, 300, COUNT), dims="time", attrs={"units": "rad"}),
+            "truth_depth": xr.DataArray([0.5, np.nan], dims="fault", coords={"fault": ["riß", "spall"]}),
+            "truth_line": xr.DataArray([1 + 2j], dims="line"),
+            "truth_struck": xr.DataArray([True, False, True], dims="tooth"),
+            "truth_teeth": xr.DataArray([21, -93], dims="gear"),
+        },
+    }
+    channels = {
+        "case": Channel(values=NOISE, units="g", sensor="A1", direction=(0, 0, 1)),
+        "single": Channel(values=NOISE.astype(np.float32), units="mm s-1", direction="radial"),
+        "fast": Channel(values=NOISE, units="m s-2", rate_hz=100_000),
+    }
+    return make_record(channels, **(arguments | changes))
+
+
+@pytest.fixture(scope="module")
+def record():
+    return build()
+
+
+@pytest.fixture(scope="module")
+def written(record, tmp_path_factory):
+    path = tmp_path_factory.mktemp("written") / "record.h5"
+    save_record(record, path)
+    return path
+
+
+@pytest.fixture
+def path(written, tmp_path):
+    """A copy that a test may spoil."""
+    return Path(shutil.copy(written, tmp_path / "record.h5"))
+
+
+def refusal(action, *arguments):
+    with pytest.raises(RecordError) as caught:
+        action(*arguments)
+    return str(caught.value)
+
+
+# ---- there and back ----------------------------------------------------------------------------------------
+
+
+def test_what_is_read_is_what_was_written(record, written):
+    with open_record(written) as opened:
+        assert isinstance(opened.xindexes["time"], RangeIndex)
+        xr.testing.assert_identical(opened.load(), record)
+
+
+def test_a_declared_speed_comes_back(tmp_path):
+    nominal = build(angle=NominalSpeed(rpm=1000, shaft="input"))
+    save_record(nominal, tmp_path / "record.h5")
+    with open_record(tmp_path / "record.h5") as opened:
+        xr.testing.assert_identical(opened.load(), nominal)
+
+
+def test_xarray_reads_it_without_our_code(record, written):
+    with xr.open_dataset(written, engine="h5netcdf") as plain:
+        assert "time" not in plain.coords
+        assert set(plain.data_vars) == set(record.data_vars)
+        for name in record.data_vars:
+            xr.testing.assert_identical(
+                plain[name].load().drop_attrs(),
+                record[name]
+                .drop_indexes([dim for dim in record[name].dims if dim in ("time", "time_fast")])
+                .drop_vars(["time", "time_fast"], errors="ignore")
+                .drop_attrs(),
+            )
+        assert plain.attrs == record.attrs
+
+
+def test_every_array_is_chunked_along_time_and_checksummed(written):
+    with h5py.File(written) as file:
+        for name in ("case", "single", "fast", "tachometer", "truth_phase", "truth_line", "truth_struck"):
+            assert file[name].fletcher32, name
+        assert 1 < COUNT / file["case"].chunks[0] < 10
+        assert file["time"].size == COUNT
+        assert file["time"].id.get_storage_size() == 0  # a bare dimension: no number per sample
+
+
+def test_samples_are_read_only_when_used(written):
+    with open_record(written) as opened:
+        assert not opened["case"].variable._in_memory
+        piece = opened["case"].isel(time=slice(70_000, 70_010))
+        np.testing.assert_array_equal(piece, NOISE[70_000:70_010])
+        assert not opened["case"].variable._in_memory
+
+
+def test_opening_costs_no_memory_for_samples(tmp_path):
+    count = 2_000_000
+    large = make_record(
+        {"case": np.broadcast_to(1.0, count)},
+        rate_hz=50_000.0,
+        units="g",
+        angle=NominalSpeed(rpm=1000, shaft="input"),
+    )
+    save_record(large, tmp_path / "large.h5")
+    del large
+    open_record(tmp_path / "large.h5").close()  # what the first opening imports is not counted
+    tracemalloc.start()
+    try:
+        with open_record(tmp_path / "large.h5") as opened:
+            assert opened["case"].isel(time=slice(-10, None)).to_numpy().tolist() == [1.0] * 10
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 8 * count / 10  # a tenth of the samples, and of the time axis
+
+
+def test_closing_closes(written):
+    opened = open_record(written)
+    opened.close()
+    # HDF5 refuses to open for writing what is still open for reading.
+    with h5py.File(written, mode="r+"):
+        pass
+
+
+def test_a_slice_is_written_with_its_own_clock(record, tmp_path):
+    piece = record.isel(time=slice(60_000, 61_000))
+    save_record(piece, tmp_path / "piece.h5")
+    with open_record(tmp_path / "piece.h5") as opened:
+        assert sampling(opened, "case") == sampling(piece, "case")
+        assert opened.attrs["start_s"] == pytest.approx(0.5e-3 + 60_000 / 50_000)
+        assert sampling(opened, "fast").start_s == 0.5e-3
+        np.testing.assert_array_equal(opened["case"], NOISE[60_000:61_000])
+    assert piece.attrs["start_s"] == 0.5e-3
+
+
+def test_a_record_replaces_the_file_it_is_read_from(path):
+    with open_record(path) as opened:
+        save_record(opened.isel(time=slice(100, 1100)), path)
+    with open_record(path) as opened:
+        np.testing.assert_array_equal(opened["case"], NOISE[100:1100])
+
+
+def test_a_time_axis_stored_by_other_hands_is_understood(record, tmp_path):
+    record.isel(time=slice(500, 1500)).to_netcdf(tmp_path / "record.h5", engine="h5netcdf")
+    with open_record(tmp_path / "record.h5") as opened:
+        assert isinstance(opened.xindexes["time"], RangeIndex)
+        assert sampling(opened, "case").start_s == pytest.approx(0.5e-3 + 500 / 50_000)
+
+
+def test_a_slice_of_an_opened_record_is_one(record, written, tmp_path):
+    with open_record(written) as opened:
+        piece = opened.isel(time=slice(10, 100_000)).sel(time=slice(1.0, 1.001), method="nearest")
+        save_record(piece, tmp_path / "piece.h5")
+    first = round((1.0 - 0.5e-3) * 50_000)
+    with open_record(tmp_path / "piece.h5") as opened:
+        np.testing.assert_array_equal(opened["case"], record["case"][first : first + opened.sizes["time"]])
+        np.testing.assert_allclose(opened["time"], record["time"][first : first + opened.sizes["time"]], rtol=1e-14)
+        assert opened.sizes["time"] in (50, 51)  # by xarray's choice at the end of the slice
+
+
+def test_a_waveform_comes_back_with_its_pulses(tmp_path):
+    wave = np.sin(2 * np.pi * 20 * np.arange(COUNT) / 50_000)
+    angle = TachometerWaveform(values=wave, shaft="input", pulses_per_rev=1)
+    kept = build(angle=angle)
+    save_record(kept, tmp_path / "record.h5")
+    with open_record(tmp_path / "record.h5") as opened:
+        np.testing.assert_array_equal(opened["tachometer_waveform"], wave)
+        xr.testing.assert_identical(opened.load(), kept)
+
+
+def test_a_stored_axis_that_was_thinned_is_refused(record, tmp_path):
+    record.isel(time=slice(None, None, 2)).to_netcdf(tmp_path / "record.h5", engine="h5netcdf")
+    text = refusal(open_record, tmp_path / "record.h5")
+    assert text.startswith(f"{tmp_path / 'record.h5'}: channel")
+    assert "does not run evenly at rate_hz=50000" in text
+
+
+@given(
+    text=st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=50),
+    number=st.floats(allow_nan=False) | st.integers(-(2**63), 2**63 - 1),
+    row=st.lists(st.floats(allow_nan=False), min_size=2, max_size=5),
+)
+def test_attributes_come_back(tmp_path_factory, text, number, row):
+    path = tmp_path_factory.mktemp("attributes") / "tree.h5"
+    write_tree(xr.DataTree(xr.Dataset(attrs={"text": text, "number": number, "row": row})), path)
+    with open_tree(path) as tree:
+        assert tree.attrs["text"] == text
+        assert tree.attrs["number"] == number
+        assert list(tree.attrs["row"]) == row
+
+
+def test_attributes_that_netcdf_lacks(tmp_path):
+    attrs = {
+        "long": "é" * 200_000,
+        "nothing": None,
+        "yes": True,
+        "no": np.False_,
+        "moment": datetime(2024, 5, 1, tzinfo=UTC),
+        "words": ("a", "b"),
+        "flags": np.array([True, False]),
+    }
+    save_record(build(attrs=attrs), tmp_path / "record.h5")
+    with open_record(tmp_path / "record.h5") as opened:
+        assert opened.attrs["long"] == attrs["long"]
+        assert "nothing" not in opened.attrs
+        assert opened.attrs["yes"] == 1
+        assert opened.attrs["no"] == 0
+        assert opened.attrs["moment"] == "2024-05-01T00:00:00+00:00"
+        assert opened.attrs["words"] == ["a", "b"]
+        assert list(opened.attrs["flags"]) == [1, 0]
+
+
+@pytest.mark.parametrize("value", [{"a": 1}, object(), "a\0b", 1j, [1, "a", None]])
+def test_attributes_that_no_file_holds(tmp_path, value):
+    assert 'attribute "odd"' in refusal(save_record, build(attrs={"odd": value}), tmp_path / "record.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_tree_comes_back(tmp_path):
+    tree = xr.DataTree.from_dict(
+        {
+            "/": xr.Dataset(attrs={"schema": "x/1"}),
+            "/a/b": xr.Dataset(
+                {"line": ("order", np.array([1 + 1j, np.nan])), "name": ("order", ["rød", ""])},
+                coords={"order": [20.0, 40.0]},
+            ),
+            "/table": xr.Dataset({"power": (("order", "angle"), np.ones((300, 700), dtype=np.float32))}),
+            "/empty": xr.Dataset({"none": ("row", np.zeros(0)), "words": ("row", np.zeros(0, dtype="<U1"))}),
+        }
+    )
+    write_tree(tree, tmp_path / "tree.h5")
+    with open_tree(tmp_path / "tree.h5") as opened:
+        assert set(opened.groups) == set(tree.groups)
+        for group in ("/", "/a/b", "/table"):
+            xr.testing.assert_identical(opened[group].to_dataset().load(), tree[group].to_dataset())
+        assert opened["/empty"].sizes == {"row": 0}
+
+
+# ---- whole or not there ------------------------------------------------------------------------------------
+
+
+def full_disk(*_, **__):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def interrupted(*_, **__):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("where", ["os.fsync", "pathlib.Path.replace", "h5py.Group.create_dataset"])
+@pytest.mark.parametrize("failure", [full_disk, interrupted])
+def test_a_failed_write_leaves_the_old_file_whole(record, path, monkeypatch, where, failure):
+    before = path.read_bytes()
+    monkeypatch.setattr(where, failure)
+    with pytest.raises((OSError, KeyboardInterrupt)):
+        save_record(record, path)
+    monkeypatch.undo()
+    assert path.read_bytes() == before
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_source_that_cannot_be_read_leaves_the_old_file_whole(path, tmp_path):
+    target = Path(shutil.copy(path, tmp_path / "target.h5"))
+    before = target.read_bytes()
+    spoil_samples(path)
+    with open_record(path) as opened, pytest.raises(OSError, match="read"):
+        save_record(opened, target)
+    assert target.read_bytes() == before
+    assert sorted(path.parent.iterdir()) == [path, target]
+
+
+FULL_DISK = """
+import os, resource, sys
+import numpy as np
+from hums.records.record import NominalSpeed, make_record
+from hums.records.store import save_record
+record = make_record({"a": np.ones(400_000)}, rate_hz=1000, units="g", angle=NominalSpeed(rpm=1, shaft="s"))
+save_record(record.isel(time=slice(10)), "record.h5")
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
+try:
+    save_record(record, "record.h5")
+except OSError as error:
+    print(os.listdir(), flush=True)
+os._exit(0)  # what HDF5 makes of its unfinished file when the program ends is not our matter
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files as Linux does")
+@pytest.mark.parametrize("limit", [5_000, 1_000_000, 3_202_000])  # in the header, the samples, the last flush
+def test_a_disk_that_is_full_leaves_the_old_file_whole(tmp_path, limit):
+    pytest.importorskip("resource")
+    words = [sys.executable, "-c", FULL_DISK, str(limit)]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+    assert done.stdout == "['record.h5']\n", done.stderr
+    with open_record(tmp_path / "record.h5") as opened:
+        assert opened["a"].to_numpy().tolist() == [1.0] * 10
+
+
+KILLED = """
+import itertools
+import numpy as np
+from hums.records.record import NominalSpeed, make_record
+from hums.records.store import save_record
+for run in itertools.count(1):
+    values = np.full(300_000, float(run))
+    angle = NominalSpeed(rpm=run, shaft="input")
+    save_record(make_record({"a": values}, rate_hz=1000, units="g", angle=angle, attrs={"run": run}), "record.h5")
+    print(run, flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills a process the way of POSIX")
+@pytest.mark.parametrize("wait_s", np.random.default_rng(5).uniform(0, 0.1, size=3))
+def test_a_killed_program_leaves_a_whole_file(tmp_path, wait_s):
+    words = [sys.executable, "-c", KILLED]
+    with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as program:
+        try:
+            told = program.stdout.readline()
+            time.sleep(wait_s)
+        finally:
+            program.kill()
+        told += program.stdout.read()
+    assert program.returncode == -9
+    *_, finished = map(int, told.split())
+    with open_record(tmp_path / "record.h5") as opened:
+        run = int(opened.attrs["run"])
+        assert run in (finished, finished + 1)  # the next may have come into place and not been told
+        np.testing.assert_array_equal(opened["a"], np.full(300_000, float(run)))
+        save_record(opened, tmp_path / "record.h5")  # what the killed program left behind is in nobody's way
+
+
+def test_what_is_no_record_is_not_written(record, tmp_path):
+    assert "schema" in refusal(save_record, record.drop_attrs(), tmp_path / "record.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_link_goes_on_pointing(record, path, tmp_path):
+    link = tmp_path / "link.h5"
+    link.symlink_to(path)
+    save_record(record.isel(time=slice(10)), link)
+    assert link.is_symlink()
+    with open_record(path) as opened:
+        assert opened.sizes["time"] == 10
+
+
+@pytest.mark.skipif(os.name != "posix", reason="other systems have other rights")
+def test_a_file_has_the_rights_of_any_new_file(written, tmp_path):
+    (tmp_path / "plain").touch()
+    assert stat.S_IMODE(written.stat().st_mode) == stat.S_IMODE((tmp_path / "plain").stat().st_mode)
+
+
+def test_where_nothing_can_be_written(record, tmp_path):
+    assert "is a directory" in refusal(save_record, record, tmp_path)
+    assert "there is no directory" in refusal(save_record, record, tmp_path / "none" / "record.h5")
+
+
+# ---- what is not a record ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("action", [open_record, open_tree, open_hdf5, existing_file])
+def test_what_is_not_there(action, tmp_path):
+    assert "there is no such file" in refusal(action, tmp_path / "none.h5")
+    assert "is a directory" in refusal(action, tmp_path)
+    (tmp_path / "empty.h5").touch()
+    assert "is empty" in refusal(action, str(tmp_path / "empty.h5"))
+
+
+@pytest.mark.parametrize("action", [open_record, open_tree, open_hdf5])
+def test_what_is_not_hdf5(action, tmp_path):
+    (tmp_path / "data.mat").write_bytes(b"MATLAB 5.0 MAT-file" + bytes(500))
+    text = refusal(action, tmp_path / "data.mat")
+    assert "is not an HDF5 file" in text
+    assert "hums convert data.mat record.h5" in text
+    assert not is_hdf5(tmp_path / "data.mat")
+
+
+@pytest.mark.parametrize("schema", [1.0, [1, 2, 3], ["hums-record/1", "x"], "hums-record/9"])
+def test_a_schema_by_other_hands(tmp_path, schema):
+    with h5py.File(tmp_path / "other.h5", mode="w") as file:
+        file.attrs["schema"] = schema
+    assert "where a record holds hums-record/1" in refusal(open_record, tmp_path / "other.h5")
+
+
+def test_a_record_without_samples(path):
+    with xr.open_dataset(path, engine="h5netcdf") as plain:
+        plain.isel(time=slice(0, 0)).to_netcdf(path.with_name("none.h5"), engine="h5netcdf")
+    assert 'channel "case": empty' in refusal(open_record, path.with_name("none.h5"))
+
+
+def test_hdf5_that_is_not_ours(tmp_path):
+    with h5py.File(tmp_path / "other.h5", mode="w") as file:
+        file["vibration"] = np.zeros(10)
+    assert "hums convert other.h5" in refusal(open_record, tmp_path / "other.h5")
+    write_tree(xr.DataTree(xr.Dataset(attrs={"schema": "hums-analysis/1"})), tmp_path / "tree.h5")
+    text = refusal(open_record, tmp_path / "tree.h5")
+    assert "holds hums-analysis/1, where a record holds hums-record/1" in text
+
+
+def test_a_record_that_lost_a_part_names_its_file(path):
+    with h5py.File(path, mode="r+") as file:
+        del file["tachometer"]
+    text = refusal(open_record, path)
+    assert text.startswith(f"{path}: angle: this record has no source of shaft angle")
+    with h5py.File(path, mode="r+") as file:
+        del file.attrs["rate_hz"]
+    assert "rate_hz=None" in refusal(open_record, path)
+
+
+# ---- damage ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kept", [1, 7, 8, 9, 47, 48, 95, 96, 512, 4096, 0.25, 0.5, 0.9, -1])
+@pytest.mark.parametrize("action", [open_record, open_tree, open_hdf5])
+def test_a_file_cut_off_anywhere(path, action, kept):
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
+    assert "is damaged or cut off" in refusal(action, path)
+
+
+def spoil_samples(path):
+    """Turn one bit in the middle of the samples of the channel "case"."""
+    with h5py.File(path) as file:
+        place = file["case"].id.get_chunk_info(1).byte_offset + 1000
+    with path.open("r+b") as stream:
+        stream.seek(place)
+        byte = stream.read(1)[0]
+        stream.seek(place)
+        stream.write(bytes([byte ^ 1]))
+
+
+def test_a_turned_bit_among_the_samples_is_found(path):
+    spoil_samples(path)
+    with open_record(path) as opened:
+        text = refusal(channel_values, opened, "case")
+        assert text.startswith(f'{path}: "case" cannot be read')
+        assert "no longer agree with their checksum" in text
+        np.testing.assert_array_equal(channel_values(opened, "fast"), NOISE)  # the rest is as it was
+    with xr.open_dataset(path, engine="h5netcdf") as plain, pytest.raises(OSError, match="read"):
+        plain["case"].load()
+
+
+def test_a_turned_bit_anywhere_never_gives_other_samples(record, tmp_path):
+    """A place among the values is refused when read; among the names, it loses what is named or changes nothing."""
+    piece = record[["case", "single", "fast", "tachometer"]].isel(time=slice(2000), time_fast=slice(2000))
+    save_record(piece, tmp_path / "record.h5")
+    whole = (tmp_path / "record.h5").read_bytes()
+    refused = 0
+    for place in range(0, len(whole), len(whole) // 60):
+        (tmp_path / "record.h5").write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
+        try:
+            with open_record(tmp_path / "record.h5") as opened:
+                for name in ("case", "single", "fast"):
+                    if name in opened:
+                        np.testing.assert_array_equal(channel_values(opened, name), piece[name], err_msg=f"at {place}")
+        except RecordError:
+            refused += 1
+    samples = sum(piece[name].nbytes for name in ("case", "single", "fast"))
+    assert refused > 0.8 * 60 * samples / len(whole)
+
+
+def test_a_turned_bit_among_the_pulses_is_found(path):
+    with h5py.File(path) as file:
+        place = file["tachometer"].id.get_chunk_info(0).byte_offset
+    spoiled = bytearray(path.read_bytes())
+    spoiled[place + 3] ^= 0x10
+    path.write_bytes(spoiled)
+    assert "is damaged or cut off" in refusal(open_record, path)
+
+
+def test_a_lost_chunk_reads_as_gap_and_not_as_silence(path):
+    """A key of the chunk index carries no checksum; HDF5 then finds no chunk and reads the fill value."""
+    with h5py.File(path) as file:
+        assert np.isnan(file["case"].fillvalue)
+        assert np.isnan(file["single"].fillvalue)
+
+
+def test_a_file_that_another_program_writes(path):
+    fcntl = pytest.importorskip("fcntl", reason="this system locks files in another way")
+    with path.open("r+b") as stream:
+        fcntl.flock(stream, fcntl.LOCK_EX)  # as HDF5 does while it writes
+        text = refusal(open_record, path)
+    assert "cannot be read now" in text
+    assert "a program still writes it" in text

@@ -1,0 +1,292 @@
+"""The command line, in process: what it prints, what it writes, and how it fails."""
+
+import json
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from scipy.io import savemat, wavfile
+
+from hums.cli import main
+from hums.records.store import open_record
+
+RATE_HZ, SPEED_HZ, SECONDS = 5000, 20.0, 4.0
+RATIO = 67 / 23 * 61 / 19  # of the two-stage gearbox: turns of its input for one of its output
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run `hums ...` and return exit code, standard output and standard error."""
+
+    def command(*words):
+        monkeypatch.setattr(sys, "argv", ["hums", *map(str, words)])
+        code = main()
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return command
+
+
+@pytest.fixture
+def mat(tmp_path):
+    time = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
+    vibration = np.cos(2 * np.pi * 23 * SPEED_HZ * time) + np.random.default_rng(0).normal(0, 0.1, time.size)
+    path = tmp_path / "data.mat"
+    waveform = (np.mod(SPEED_HZ * time, 1) < 0.1).astype(float)
+    savemat(path, {"vibration": vibration, "tach": np.arange(0, SECONDS, 1 / SPEED_HZ), "keyphasor": waveform})
+    return path
+
+
+def convert_words(mat, target, *more):
+    return ("convert", mat, target, "--channel", "vibration", "--rate-hz", RATE_HZ, "--units", "g", *more)
+
+
+def test_orders_table(run):
+    code, out, _ = run("orders", "two-stage")
+    assert code == 0
+    assert "437/4087" in out
+
+
+def test_orders_json_and_csv(run):
+    rows = json.loads(run("orders", "two-stage", "--json")[1])
+    assert {"component": "stage 1", "kind": "gear_mesh", "order": 23.0}.items() <= rows[3].items()
+    assert run("orders", "two-stage", "--csv")[1].startswith("component,kind,order,exact")
+
+
+def test_orders_json_and_csv_hold_sidebands(run):
+    mesh = json.loads(run("orders", "two-stage", "--json")[1])[3]
+    assert mesh["exact"] == "23"
+    assert mesh["sidebands"] == pytest.approx([1, 23 / 67], rel=1e-14)  # JSON keeps fifteen decimals
+    line = next(line for line in run("orders", "two-stage", "--csv")[1].splitlines() if "gear_mesh" in line)
+    assert line == "stage 1,gear_mesh,23.0,23,1,housing,1 23/67"
+
+
+def test_orders_of_several_degrees_of_freedom(run):
+    words = ("orders", "car-differential", "--json")
+    assert "Give the speed of" in run(*words)[2]
+    _, out, _ = run(*words, "--speed", "left wheel=26", "--speed", "right wheel=30")
+    rows = {(row["component"], row["kind"]): row["order"] for row in json.loads(out)}
+    assert rows["drive shaft-cage", "gear_mesh"] * 28 == pytest.approx(1820)  # table A, cage at 28
+
+
+@pytest.mark.parametrize(
+    ("words", "low_high"),
+    [
+        ((), (300, 3000)),
+        (("--speed", "output=100"), pytest.approx((10 * RATIO, 100 * RATIO))),
+        (("--reference", "output", "--speed", "output=100"), (10, 100)),
+        (("--rpm", 500, 600), (500, 600)),
+    ],
+)
+def test_speeds_of_an_orders_plot(run, tmp_path, monkeypatch, words, low_high):
+    drawn = []
+
+    def chart(table, *, reference_rpm, ax):
+        drawn.append((len(table), reference_rpm))
+        return ax.plot(reference_rpm, reference_rpm)
+
+    monkeypatch.setattr("hums.plots.speed_order_chart", chart)
+    target = tmp_path / "orders.svg"
+    code, out, err = run("orders", "two-stage", "--json", "--plot", target, *words)
+    assert (code, err) == (0, f"wrote {target}\n")
+    assert drawn == [(len(json.loads(out)), low_high)]
+    assert "<svg" in target.read_text()
+
+
+def test_orders_plot_draws_the_chart(run, tmp_path):
+    target = tmp_path / "orders.svg"
+    assert run("orders", "planetary-27-36-99", "--plot", target)[0] == 0
+    assert target.read_text().rstrip().endswith("</svg>")
+
+
+def test_schema(run):
+    code, out, _ = run("schema", "gearbox")
+    assert code == 0
+    schema = json.loads(out)
+    assert schema["$schema"].startswith("https://json-schema.org/")
+    assert {"frame", "axes", "mesh"} <= schema["properties"].keys()
+
+
+def test_orders_with_a_speed(run):
+    _, out, _ = run("orders", "two-stage", "--reference", "output", "--json", "--speed", "output=100")
+    assert json.loads(out)[2]["order"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "angle",
+    [
+        ("--tach-times", "tach", "--pulses-per-rev", 1, "--shaft", "input"),
+        ("--tach-waveform", "keyphasor", "--pulses-per-rev", 1, "--shaft", "input"),
+        ("--shaft-rpm", 1200, "--shaft", "input"),
+    ],
+)
+def test_convert_info_analyze(run, mat, tmp_path, angle):
+    record = tmp_path / "record.h5"
+    assert run(*convert_words(mat, record, *angle))[0] == 0
+    code, out, _ = run("info", record)
+    assert code == 0
+    assert "vibration: 20000 samples at 5000 Hz" in out
+    code, out, err = run("analyze", record, "--gearbox", "two-stage", "-o", tmp_path / "out")
+    assert (code, err) == (0, "")
+    facts = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert facts["record"] == "record.h5"
+    mesh = next(row for row in facts["orders"] if row["component"] == "stage 1" and row["harmonic"] == 1)
+    assert mesh["claimed"]
+    assert mesh["amplitude"] == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("way", ["name", "path", "symlink", "hardlink"])
+def test_convert_does_not_overwrite_its_source(run, mat, way):
+    before, link = mat.read_bytes(), mat.with_name("link.h5")
+    if way == "symlink":
+        link.symlink_to(mat)
+    elif way == "hardlink":
+        link.hardlink_to(mat)
+    target = {"name": mat, "path": mat.parent / ".." / mat.parent.name / mat.name}.get(way, link)
+    code, _, err = run(*convert_words(mat, target, "--shaft-rpm", 1200, "--shaft", "input"))
+    assert code == 2
+    assert "the record would overwrite its own source" in err
+    assert mat.read_bytes() == before
+
+
+def test_no_source_of_angle_names_all_three(run, mat, tmp_path):
+    code, _, err = run(*convert_words(mat, tmp_path / "record.h5"))
+    assert code == 2
+    assert all(option in err for option in ("--tach-times", "--tach-waveform", "--shaft-rpm"))
+    assert not (tmp_path / "record.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("info", "nowhere.h5"), "nowhere.h5"),
+        (("orders", "two-stag"), 'did you mean "two-stage"?'),
+        (("orders", "two-stage", "--speed", "fast"), "write LINK=RPM"),
+        (("orders", "two-stage", "--csv", "--json"), "keep one"),
+        (("orders", "two-stage", "--rpm", "0", "100"), "add --plot"),
+        (("orders", "two-stage", "--plot", "orders.txt"), "orders.txt"),
+        (("schema", "scenery"), "gearbox"),
+        (("ordrs",), "ordrs"),
+        (("synth", "no-such-scene", "-o", "x.h5"), "no-such-scene"),
+    ],
+)
+def test_mistakes_end_in_a_sentence(run, words, sentence):
+    code, _, err = run(*words)
+    assert code == 2
+    assert sentence in err
+    assert "Traceback" not in err
+
+
+def test_a_rate_of_zero(run, mat, tmp_path):
+    words = convert_words(mat, tmp_path / "r.h5", "--shaft-rpm", 1200, "--shaft", "input")
+    code, _, err = run(*(0 if word == RATE_HZ else word for word in words))
+    assert code == 2
+    assert "rate_hz" in err
+
+
+def test_a_channel_that_is_not_there(run, mat, tmp_path):
+    words = convert_words(mat, tmp_path / "r.h5", "--shaft-rpm", 1200, "--shaft", "input")
+    code, _, err = run(*("vibratoin" if word == "vibration" else word for word in words))
+    assert code == 2
+    assert "vibration" in err
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89HDF\r\n\x1a\n" + b"\0" * 100, b"not a record"])
+def test_files_that_are_no_records(run, tmp_path, content):
+    (tmp_path / "bad.h5").write_bytes(content)
+    code, _, err = run("analyze", tmp_path / "bad.h5", "--gearbox", "two-stage", "-o", tmp_path / "out")
+    assert code == 2
+    assert "bad.h5" in err
+
+
+def test_a_directory_in_place_of_a_file(run, tmp_path):
+    code, _, err = run("info", tmp_path)
+    assert code == 2
+    assert "directory" in err
+
+
+def test_a_wav_states_its_rate(run, tmp_path):
+    samples = (8000 * np.sin(np.arange(20000))).astype(np.int16)
+    wavfile.write(tmp_path / "a.wav", RATE_HZ, samples)
+    code, out, err = run(
+        "convert", tmp_path / "a.wav", tmp_path / "a.h5", "--channel", "channel 1", "--units", "g", "--scale", 10,
+        "--shaft-rpm", 1200, "--shaft", "input",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    assert "at 5000 Hz" in out
+    with open_record(tmp_path / "a.h5") as record:
+        assert float(abs(record["channel 1"]).max()) == pytest.approx(10 * 8000 / 32768, rel=1e-3)
+
+
+def test_synth_writes_a_record_with_truth(run, tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        'gearbox = "two-stage"\nrate_hz = 5000\nduration_s = 1\nfidelity = "kinematic"\n'
+        'speed = { link = "input", rpm = 1200 }\ntachometer = { link = "input", pulses_per_rev = 1 }\n'
+        '[[sensor]]\nname = "a"\non = "input bearing"\nunits = "g"\n'
+    )
+    code, out, _ = run("synth", scene, "-o", tmp_path / "record.h5", "--seed", 3)
+    assert code == 0
+    assert "truth_amplitude" in out
+
+
+def test_warnings_reach_the_user_as_a_line(run, request):
+    turbine = request.path.parents[1] / "data" / "wind-turbine.toml"
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        code, _, err = run("orders", turbine)
+    assert code == 0
+    assert err.startswith("warning: ")
+    assert "16.18" in err
+
+
+@pytest.mark.slow
+def test_demo(run, tmp_path):
+    code, out, err = run("demo", "-o", tmp_path / "demo")
+    assert (code, err) == (0, "")
+    assert "Truth against estimate" in out
+    assert (tmp_path / "demo" / "report.html").exists()
+
+
+def test_convert_writes_no_hdf5_under_another_suffix(run, mat, tmp_path):
+    code, _, err = run(*convert_words(mat, tmp_path / "a6.txt", "--no-tachometer"))
+    assert code == 2
+    assert err == f"hums: {tmp_path / 'a6.txt'}: a record is HDF5, so name it so: {tmp_path / 'a6.h5'}.\n"
+    assert not (tmp_path / "a6.txt").exists()
+
+
+def test_analyze_without_a_tachometer(run, mat, tmp_path):
+    record = tmp_path / "record.h5"
+    assert run(*convert_words(mat, record, "--no-tachometer"))[0] == 0
+    words = ("analyze", record, "--gearbox", "two-stage", "-o", tmp_path / "out", "--no-envelope")
+    code, _, err = run(*words)
+    assert code == 2
+    assert "--speed-range LOW HIGH --max-acceleration HZ_PER_S" in err
+    code, _, err = run(*words, "--speed-range", 5, 40)
+    assert (code, err) == (
+        2,
+        "hums: --speed-range is given alone; add --max-acceleration HZ_PER_S: how fast that speed may change.\n",
+    )
+    code, _, err = run("fleet", *words[1:], "--max-acceleration", 1)
+    assert code == 2
+    assert "--max-acceleration is given alone; add --speed-range LOW HIGH" in err
+    # one tone may be any of the orders, and that is said
+    code, _, err = run(*words, "--speed-range", 5, 40, "--max-acceleration", 1)
+    assert code == 2
+    assert "ambiguous" in err
+
+
+def test_analyze_passes_the_baseline_on(run, mat, tmp_path):
+    record = tmp_path / "record.h5"
+    run(*convert_words(mat, record, "--tach-times", "tach", "--pulses-per-rev", 1, "--shaft", "input"))
+    words = ("analyze", record, "--gearbox", "two-stage", "--tachometer", "tachometer")
+    assert run(*words, "-o", tmp_path / "one")[0] == 0
+    assert run(*words, "-o", tmp_path / "two", "--baseline", tmp_path / "one" / "analysis.h5")[0] == 0
+    assert "history of 2 records" in (tmp_path / "two" / "indicators.csv").read_text()
+    assert run(*words, "-o", tmp_path / "three", "--freeze-baseline")[0] == 2
+
+
+def test_one_envelope_band_or_none(run, tmp_path):
+    words = ("analyze", tmp_path / "x.h5", "--gearbox", "two-stage", "-o", tmp_path, "--no-envelope")
+    assert "keep one" in run(*words, "--envelope-band", 100, 200)[2]

@@ -1,0 +1,91 @@
+"""On a Dask cluster jobs, datasets and fleets leave what they leave in one process."""
+
+import os
+import sys
+
+import clusters
+import pytest
+
+import hums
+from data_synth import make_dataset
+from data_synth.plan import parse_plan
+from hums import jobs
+from hums.cli import main
+from hums.fleet.fleet import analyze_fleet
+from hums.jobs import Cluster, Job, JobError, Tally, run_jobs
+
+pytest.importorskip("dask.distributed")
+pytestmark = pytest.mark.slow
+
+JOBS = [Job(name=f"{item}.txt", item=item) for item in range(6)]
+PLAN = """
+records = 3
+seed = 3
+records_per_shard = 1
+[scene]
+gearbox = "two-stage"
+rate_hz = 5000
+duration_s = 0.5
+fidelity = "kinematic"
+speed = { link = "input", rpm = 600 }
+tachometer = { link = "input", pulses_per_rev = 1 }
+sensor = [{ name = "a", on = "input bearing", units = "g" }]
+[[class]]
+name = "healthy"
+[[class]]
+name = "noisy"
+change = { noise = { rms = 1.0 } }
+"""
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jobs, "_TIMEOUT_S", clusters.START_S)
+        with clusters.dask_cluster(tmp_path_factory.mktemp("cluster")) as address:
+            yield Cluster(address=address)
+
+
+def contents(folder):
+    """Every file of a folder, byte for byte."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_jobs_leave_the_same_files(tmp_path, cluster):
+    assert run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=cluster) == Tally(done=6, kept=0)
+    assert contents(tmp_path) == {f"{item}.txt": f"item {item}".encode() for item in range(6)}
+
+
+def test_jobs_are_done_in_other_processes(tmp_path, cluster):
+    run_jobs(clusters.write_process, JOBS, folder=tmp_path, workers=cluster)
+    assert str(os.getpid()).encode() not in contents(tmp_path).values()
+
+
+def test_a_cluster_without_the_package_is_named(tmp_path, cluster, monkeypatch):
+    (tmp_path / "only_here.py").write_text("def write(item, path):\n    path.write_text(str(item))\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "out").mkdir()
+    from only_here import write  # noqa: PLC0415 - exists from now on
+
+    with pytest.raises(JobError, match=r"cannot load what it is to do \(.*only_here.*Install"):
+        run_jobs(write, JOBS, folder=tmp_path / "out", workers=cluster)
+
+
+def test_the_command_dataset_leaves_the_same_bytes(tmp_path, cluster, monkeypatch, capsys):
+    make_dataset(parse_plan(PLAN), tmp_path / "alone")
+    (tmp_path / "plan.toml").write_text(PLAN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["hums", "dataset", "plan.toml", "-o", "out", "--scheduler", cluster.address])
+    assert main() == 0
+    assert "out: 3 records\nclasses: healthy, noisy\n" in capsys.readouterr().out
+    assert contents(tmp_path / "out") == contents(tmp_path / "alone")
+
+
+def test_a_fleet_has_the_same_tables(tmp_path, cluster):
+    make_dataset(parse_plan(PLAN), tmp_path / "records")
+    settings = hums.AnalysisSettings(most_tracks=0, envelope_band_hz=None)
+    for folder, more in (("alone", {}), ("cluster", {"workers": cluster})):
+        result = analyze_fleet([tmp_path / "records"], "two-stage", tmp_path / folder, settings=settings, **more)
+        assert (result.records, result.failed) == (3, 0)
+    for name in ("fleet.h5", "fleet.csv", "trends.csv"):
+        assert (tmp_path / "cluster" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()

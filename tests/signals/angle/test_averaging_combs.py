@@ -1,0 +1,99 @@
+"""The comb of an average against sums of phasors, its nulls, and the hunting periods of real pairs."""
+
+from fractions import Fraction
+from math import lcm
+
+import hypothesis
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+from signals.angle.averaging import comb_gain, hunting_period, quietest_revolutions
+
+ORDER = Fraction(641, 20)  # 32.05
+
+
+class TestGain:
+    @pytest.mark.parametrize(("revolutions", "decibels"), [(10, 3.89), (16, 12.58)])
+    def test_a_tone_at_32_05_orders(self, revolutions, decibels):
+        gain = comb_gain([32.05, ORDER], revolutions=revolutions)
+        np.testing.assert_allclose(-20 * np.log10(gain.astype(float)), decibels, atol=0.005)  # as printed
+
+    def test_its_null_is_exact(self):
+        assert comb_gain(ORDER, revolutions=20) == 0
+        # 32.05 is off the nearest float by up to 4e-15; the slope there, pi / sin(0.05 pi) = 20, makes it 7e-14
+        assert comb_gain(32.05, revolutions=20) < 1e-12
+
+    @hypothesis.given(order=st.floats(0, 200), revolutions=st.integers(1, 60))
+    def test_is_the_mean_of_as_many_phasors(self, order, revolutions):
+        expected = abs(np.mean(np.exp(2j * np.pi * order * np.arange(revolutions))))
+        # phases up to 2 pi 200 60 = 8e4 rad, each rounded to 1.5e-11
+        assert comb_gain(order, revolutions=revolutions) == pytest.approx(expected, abs=1e-10)
+
+    def test_whole_orders_pass_and_nothing_passes_more(self):
+        orders = np.concatenate([np.arange(50.0), 7 + np.array([1e-300, 1e-15, 1e-9, -1e-9])])
+        np.testing.assert_allclose(comb_gain(orders, revolutions=37), 1, rtol=0, atol=1e-12)
+        assert comb_gain(np.random.default_rng(1).uniform(0, 99, 10_000), revolutions=37).max() <= 1
+
+    @pytest.mark.parametrize("orders", [[np.nan], np.inf, "three", [1j], [Fraction(1, 2), np.nan], [None]])
+    def test_what_is_no_order_is_refused(self, orders):
+        with pytest.raises(ValueError, match=r"finite|must be"):
+            comb_gain(orders, revolutions=2)
+
+
+class TestAdvice:
+    def test_a_null_of_every_neighbour(self):
+        advice = quietest_revolutions([Fraction(21, 41), Fraction(7, 6)], most=1000)
+        assert (advice.null_every, advice.revolutions, advice.gain) == (246, 984, 0.0)
+        for order in (Fraction(21, 41), Fraction(7, 6)):
+            assert comb_gain(order, revolutions=advice.revolutions) == 0
+
+    @hypothesis.given(
+        orders=st.lists(st.floats(0.1, 9).filter(lambda f: f != round(f)), min_size=1, max_size=4),
+        most=st.integers(1, 80),
+    )
+    def test_without_a_null_the_least_of_all(self, orders, most):
+        advice = quietest_revolutions(orders, most=most)
+        gains = [max(comb_gain(order, revolutions=n) for order in orders) for n in range(1, most + 1)]
+        assert advice.gain == pytest.approx(min(gains), abs=1e-12)
+        assert gains[advice.revolutions - 1] == pytest.approx(min(gains), abs=1e-12)
+        assert advice.null_every is None
+
+    def test_too_few_revolutions_for_the_null(self):
+        advice = quietest_revolutions([Fraction(21, 41)], most=40)
+        assert advice.null_every == 41
+        assert 0 < advice.gain <= min(comb_gain(Fraction(21, 41), revolutions=n) for n in range(1, 41)) + 1e-15
+
+    def test_of_equals_the_largest(self):
+        # half an order: every even number is a null
+        assert quietest_revolutions([Fraction(1, 2)], most=37).revolutions == 36
+        assert quietest_revolutions([0.5], most=37).revolutions == 36
+
+    @pytest.mark.parametrize("order", [3, 3.0, Fraction(6, 2)])
+    def test_what_repeats_with_the_shaft_cannot_be_averaged_away(self, order):
+        with pytest.raises(ValueError, match="order 3 repeats with the averaged shaft"):
+            quietest_revolutions([0.3, order], most=10)
+
+    def test_something_must_be_named(self):
+        with pytest.raises(ValueError, match="no interfering order"):
+            quietest_revolutions([], most=10)
+
+
+class TestHunting:
+    @pytest.mark.parametrize(("teeth", "mate"), [(20, 41), (17, 20), (21, 93), (24, 36), (7, 7)])
+    def test_teeth_that_met_meet_again(self, teeth, mate):
+        # turn the pair tooth by tooth until the first two are back
+        meshes = next(k for k in range(1, 10_000) if k % teeth == 0 and k % mate == 0)
+        period = hunting_period(teeth, mate)
+        assert (period.meshes, period.revolutions, period.mate_revolutions) == (meshes, meshes // teeth, meshes // mate)
+        # and those that a tooth meets meanwhile are all of its assembly phase
+        met = {k % mate for k in range(0, meshes, teeth)}
+        assert len(met) * period.assembly_phases == mate
+
+    def test_averaging_it_nulls_the_mate_and_all_its_orders(self):
+        period = hunting_period(20, 41)
+        mate = Fraction(20, 41)
+        assert quietest_revolutions([mate], most=100).null_every == period.revolutions
+        gains = comb_gain([k * mate for k in range(1, 41)], revolutions=period.revolutions)
+        np.testing.assert_array_equal(gains, 0)
+        assert period.meshes == lcm(20, 41)

@@ -1,0 +1,270 @@
+"""Envelopes of signals whose analytic form is known, over time and over the angle of a swinging shaft."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from signals.demodulation.envelope import envelope, envelope_order_spectrum, envelope_spectrum, stream_envelope
+from signals.shaft.phase import ShaftPhase
+from signals.spectra.spectra import amplitude_spectrum
+
+RATE_HZ = 10_000.0
+TIMES = np.arange(10_000) / RATE_HZ  # one second: whole frequencies in hertz are periodic in it
+ROUNDING = 1e-10  # angles up to 1.6e4 rad are rounded to 2e-12, under amplitudes that add up to 22
+
+
+def cosine(frequency_hz, start=0.0):
+    return np.cos(2 * np.pi * frequency_hz * TIMES + start)
+
+
+class TestEnvelope:
+    @pytest.mark.parametrize("depth", [0.0, 0.3, 0.9])
+    def test_amplitude_modulation(self, depth):
+        modulation = 1 + depth * cosine(37, 0.8)
+        signal = 2.5 * modulation * cosine(2000, 1.1)
+        # carrier and both sidebands fill whole bins within the band
+        np.testing.assert_allclose(
+            envelope(signal, rate_hz=RATE_HZ, band_hz=(1500, 2500)), 2.5 * modulation, rtol=0, atol=ROUNDING
+        )
+
+    def test_what_lies_outside_the_band_is_gone(self):
+        signal = cosine(2000) + 5 * cosine(1400, 0.3) + 7 * cosine(2600) + 9
+        np.testing.assert_allclose(envelope(signal, rate_hz=RATE_HZ, band_hz=(1401, 2599)), 1, rtol=0, atol=ROUNDING)
+
+    def test_edges_belong_to_the_band(self):
+        signal = cosine(1500) + cosine(2500)
+        beat = np.abs(1 + np.exp(2j * np.pi * 1000 * TIMES))
+        np.testing.assert_allclose(envelope(signal, rate_hz=RATE_HZ, band_hz=(1500, 2500)), beat, rtol=0, atol=ROUNDING)
+
+    def test_two_tones_beat(self):
+        beat = np.abs(1 + 0.4 * np.exp(1j * (2 * np.pi * 55 * TIMES + 0.2)))
+        signal = cosine(2000) + 0.4 * cosine(2055, 0.2)
+        np.testing.assert_allclose(envelope(signal, rate_hz=RATE_HZ, band_hz=(1900, 2100)), beat, rtol=0, atol=ROUNDING)
+
+    def test_phase_modulation_leaves_the_envelope_flat(self):
+        signal = np.cos(2 * np.pi * 2000 * TIMES + 2.0 * np.sin(2 * np.pi * 30 * TIMES))
+        # sidebands beyond the thirtieth, 900 Hz away: J_30(2) is below 1e-30
+        np.testing.assert_allclose(envelope(signal, rate_hz=RATE_HZ, band_hz=(1000, 3000)), 1, rtol=0, atol=ROUNDING)
+
+    @pytest.mark.parametrize(
+        ("band", "words"),
+        [
+            ((2000, 2000), "must rise"),
+            ((3000, 2000), "must rise"),
+            ((-1, 2000), "between 0 and 5000 Hz"),
+            ((1000, 5001), "between 0 and 5000 Hz"),
+            ((float("nan"), 2000), "must rise"),
+        ],
+    )
+    def test_bands(self, band, words):
+        with pytest.raises(ValueError, match=words):
+            envelope(cosine(2000), rate_hz=RATE_HZ, band_hz=band)
+
+    def test_no_number_passes_silently(self):
+        with pytest.raises(ValueError, match="index 3"):
+            envelope([0.0, 1, 2, np.nan, 4], rate_hz=RATE_HZ, band_hz=(1, 2))
+
+
+class TestOverAngle:
+    def test_a_modulation_tied_to_the_shaft_is_sharp_in_orders(self, swinging):
+        """A 9 kHz resonance modulated 3.5848 times a revolution, as by a bearing, at 45 to 55 Hz."""
+        rate_hz, order, depth = 51_200.0, 3.5848, 0.4
+        times = np.arange(300_000) / rate_hz
+        turned = swinging.revolutions(times).astype(float)
+        signal = (1 + depth * np.cos(2 * np.pi * order * turned)) * np.cos(2 * np.pi * 9000 * times)
+        phase = ShaftPhase(times_s=swinging.times_at(np.arange(320)), revolutions=np.arange(320.0))
+        spectrum = envelope_order_spectrum(
+            signal, rate_hz=rate_hz, band_hz=(8000, 10_000), phase=phase, samples_per_rev=128, max_order=20
+        )
+        top = np.argmax(spectrum.amplitude)
+        assert spectrum.axis[-1] <= 20
+        # between two points of the grid, an eighth of a bin apart
+        assert abs(spectrum.axis[top] - order) < spectrum.bin_width / 8
+        # at worst 0.25 % below its height; the record's ends, where the band's sharp edges ring, weigh little
+        assert spectrum.amplitude[top] == pytest.approx(depth, rel=4e-3)
+        # nothing else: neither harmonics nor smear
+        far = np.abs(spectrum.axis - order) > 5 * spectrum.bin_width
+        assert spectrum.amplitude[far].max() < 0.01 * depth
+        # over frequency the same line is smeared over 45 to 55 Hz times 3.58
+        smeared = amplitude_spectrum(
+            envelope(signal, rate_hz=rate_hz, band_hz=(8000, 10_000)), rate=rate_hz, maximum=1000
+        )
+        assert smeared.amplitude.max() < 0.4 * depth
+
+
+class TestStream:
+    BAND = (1500.0, 2500.0)
+    SETTLED = slice(200, -200)  # half the filter at a transition of 250 Hz: 2.5 / 250 s, 100 samples, and as many more
+
+    def streamed(self, x, sizes=None, **settings):
+        parts = [x] if sizes is None else np.split(x, np.cumsum(sizes))
+        settings = {"rate_hz": RATE_HZ, "band_hz": self.BAND} | settings
+        return np.concatenate(list(stream_envelope(parts, **settings)))
+
+    @pytest.mark.parametrize("depth", [0.0, 0.3, 0.9])
+    def test_amplitude_modulation(self, depth):
+        modulation = 1 + depth * cosine(37.3, 0.8)
+        found = self.streamed(2.5 * modulation * cosine(2000.7, 1.1))
+        assert found.size == TIMES.size
+        # 80 dB: 1e-4 of each of the three lines and of their three images
+        np.testing.assert_allclose(found[self.SETTLED], 2.5 * modulation[self.SETTLED], rtol=0, atol=2.5 * 3e-4)
+
+    @pytest.mark.parametrize("frequency", [1500.0, 1700.0, 2499.0])
+    def test_passes_its_band_within_the_stated_error(self, frequency):
+        # ripple and image, 1e-4 each
+        np.testing.assert_allclose(self.streamed(cosine(frequency))[self.SETTLED], 1, rtol=0, atol=2e-4)
+
+    @pytest.mark.parametrize("frequency", [60.0, 1250.0, 2750.0, 4000.0])
+    def test_stops_beyond_its_transitions(self, frequency):
+        # 1e-4 of the line and 1e-4 of its image, of gain 2 and half the height
+        assert self.streamed(cosine(frequency))[self.SETTLED].max() < 2e-4
+
+    @pytest.mark.parametrize("sizes", [[1, 0, 7, 300], [5000], [100] * 99])
+    def test_blocks_do_not_matter(self, sizes):
+        x = np.random.default_rng(1).standard_normal(TIMES.size)
+        x -= x[: sizes[0]].mean() if sizes[0] > 1 else x[0]  # what is taken from the first block is nothing
+        whole = self.streamed(x)
+        # the first block's mean is another constant: the filter passes none of it, but the ends see its step
+        np.testing.assert_allclose(self.streamed(x, sizes)[self.SETTLED], whole[self.SETTLED], rtol=0, atol=1e-12)
+
+    def test_agrees_with_the_whole_record_away_from_the_edges_of_the_band(self):
+        x = cosine(1800) + 0.7 * cosine(2100, 0.3) + 0.4 * cosine(2300, 2)
+        np.testing.assert_allclose(
+            self.streamed(x)[self.SETTLED],
+            envelope(x, rate_hz=RATE_HZ, band_hz=self.BAND)[self.SETTLED],
+            rtol=0,
+            atol=2.1 * 2e-4,
+        )
+
+    def test_memory_does_not_grow_with_the_record(self):
+        def blocks(count):
+            rng = np.random.default_rng(0)
+            for _ in range(count):
+                yield rng.standard_normal(10_000)
+
+        peaks = []
+        for count in (5, 100):
+            tracemalloc.start()
+            assert (
+                sum(e.size for e in stream_envelope(blocks(count), rate_hz=RATE_HZ, band_hz=self.BAND))
+                == count * 10_000
+            )
+            peaks.append(tracemalloc.get_traced_memory()[1])
+            tracemalloc.stop()
+        assert peaks[1] < 1.2 * peaks[0]
+
+    def test_offset_a_million_times_the_signal(self):
+        found = self.streamed(1e6 + cosine(2000))
+        # 1e6 is rounded to 1e-10; the filter passes none of what is left of it
+        np.testing.assert_allclose(found[self.SETTLED], 1, rtol=0, atol=2.1e-4)
+        second = self.streamed(
+            np.concatenate([[0.0], 1e6 + cosine(2000)[1:]]), [1]
+        )  # the first block misses the offset
+        np.testing.assert_allclose(second[self.SETTLED], 1, rtol=0, atol=2.1e-4)
+
+    def test_constant_and_integers(self):
+        assert self.streamed(np.full(5000, 7.0)).max() < 1e-14
+        counts = np.round(20_000 * cosine(2000)).astype(np.int16)
+        np.testing.assert_array_equal(self.streamed(counts), self.streamed(counts.astype(float)))
+
+    def test_a_record_shorter_than_the_filter(self):
+        assert self.streamed(cosine(2000)[:20]).size == 20
+
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            ({"band_hz": (0.0, 2000.0)}, "at most 0, the least distance"),
+            ({"transition_hz": 2000.0}, "transition_hz=2000 of the band"),
+            ({"transition_hz": 0.0}, "above zero"),
+            ({"band_hz": (2000.0, 1000.0)}, "must rise"),
+            ({"rate_hz": -1.0}, "rate_hz=-1.0 must be above zero"),
+        ],
+    )
+    def test_refusals(self, changes, words):
+        with pytest.raises(ValueError, match=words):
+            self.streamed(cosine(2000), **changes)
+
+    def test_no_number_passes_silently(self):
+        with pytest.raises(ValueError, match="a block has 1 values that are not finite, the first at index 2"):
+            self.streamed(np.array([1.0, 2, np.nan]))
+        with pytest.raises(ValueError, match="no samples"):
+            self.streamed(np.array([]))
+
+
+class TestSpectrum:
+    M = 0.6
+
+    def height(self, spectrum, frequency):
+        return spectrum.amplitude[np.argmin(np.abs(spectrum.axis - frequency))]
+
+    def test_of_a_modulated_tone(self):
+        x = 2.5 * (1 + self.M * cosine(40)) * cosine(2000)
+        settings = {"rate_hz": RATE_HZ, "band_hz": (1500.0, 2500.0), "maximum_hz": 500.0}
+        squared = envelope_spectrum(x, **settings)
+        # (1 + m cos)^2 = 1 + m^2/2 + 2 m cos + m^2/2 cos 2; lines on the grid, 40 bins apart
+        assert self.height(squared, 40) == pytest.approx(2.5**2 * 2 * self.M, rel=1e-6)
+        assert self.height(squared, 80) == pytest.approx(2.5**2 * self.M**2 / 2, rel=1e-6)
+        relative = envelope_spectrum(x, relative=True, **settings)
+        assert self.height(relative, 40) == pytest.approx(2 * self.M / (1 + self.M**2 / 2), rel=1e-6)
+        assert self.height(envelope_spectrum(x, squared=False, **settings), 40) == pytest.approx(2.5 * self.M, rel=1e-6)
+        plain = envelope_spectrum(x, squared=False, relative=True, **settings)
+        assert self.height(plain, 40) == pytest.approx(self.M, rel=1e-6)
+        assert squared.axis[-1] <= 500
+
+    def test_of_modulated_noise(self):
+        count = 400_000
+        times = np.arange(count) / RATE_HZ
+        x = (1 + self.M * np.cos(2 * np.pi * 40 * times)) * np.random.default_rng(5).standard_normal(count)
+        found = envelope_spectrum(x, rate_hz=RATE_HZ, band_hz=(1000.0, 4000.0), relative=True)
+        # 0.6 of the samples are independent, of relative variance 1: a line scatters by 2/sqrt(2.4e5) = 0.4 %, times 4
+        assert self.height(found, 40) == pytest.approx(2 * self.M / (1 + self.M**2 / 2), rel=0.016)
+
+    def test_of_a_modulation_over_angle(self, swinging):
+        rate_hz, order = 51_200.0, 3.5848
+        times = np.arange(150_000) / rate_hz
+        turned = swinging.revolutions(times).astype(float)
+        signal = (1 + self.M * np.cos(2 * np.pi * order * turned)) * np.cos(2 * np.pi * 9000 * times)
+        phase = ShaftPhase(times_s=swinging.times_at(np.arange(200)), revolutions=np.arange(200.0))
+        found = envelope_order_spectrum(
+            signal,
+            rate_hz=rate_hz,
+            band_hz=(8000, 10_000),
+            phase=phase,
+            samples_per_rev=128,
+            squared=True,
+            relative=True,
+            max_order=20,
+        )
+        top = np.argmax(found.amplitude)
+        assert abs(found.axis[top] - order) < found.bin_width / 8
+        # between two points of the grid 0.25 %; the mean over whole turns of a modulation that is not whole, 1e-3
+        assert found.amplitude[top] == pytest.approx(2 * self.M / (1 + self.M**2 / 2), rel=5e-3)
+
+    def test_an_empty_band_is_refused_where_it_would_divide(self):
+        with pytest.raises(ValueError, match="the envelope of the band is zero"):
+            envelope_spectrum(np.full(1000, 3.0), rate_hz=RATE_HZ, band_hz=(1000.0, 2000.0), relative=True)
+
+
+class TestHardCases:
+    def test_offset_a_million_times_the_signal(self):
+        found = envelope(1e6 + cosine(2000), rate_hz=RATE_HZ, band_hz=(1500, 2500))
+        np.testing.assert_allclose(found, 1, rtol=0, atol=1e-9)  # 1e6 is rounded to 1e-10
+
+    def test_constant_and_integers(self):
+        assert envelope(np.full(1000, 0.1), rate_hz=RATE_HZ, band_hz=(1500, 2500)).max() < 1e-15
+        counts = np.round(20_000 * cosine(2000)).astype(np.int16)
+        np.testing.assert_allclose(envelope(counts, rate_hz=RATE_HZ, band_hz=(1500, 2500)), 20_000, atol=5)
+
+    def test_half_the_sampling_rate_has_no_mirror_image(self):
+        alternating = 3 * (-1.0) ** np.arange(1000)
+        np.testing.assert_allclose(envelope(alternating, rate_hz=RATE_HZ, band_hz=(4000, 5000)), 3, rtol=1e-12)
+
+
+def test_the_envelope_of_single_precision_samples():
+    rng = np.random.default_rng(8)
+    x = rng.standard_normal(100_003).astype(np.float32) + np.float32(20)  # prime, and on an offset
+    single = envelope(x, rate_hz=1000.0, band_hz=(100.0, 200.0))
+    assert single.dtype == np.float32
+    exact = envelope(x.astype(np.float64), rate_hz=1000.0, band_hz=(100.0, 200.0))
+    np.testing.assert_allclose(single, exact, rtol=0, atol=1e-6 * float(x.std()))

@@ -1,0 +1,248 @@
+"""Deterministic and random parts of made records, whose parts are known."""
+
+import numpy as np
+import pytest
+from scipy import signal as sp
+
+from signals.demodulation.separation import (
+    cepstrum_prewhitening,
+    discrete_random_separation,
+    linear_prediction,
+    prediction_orders,
+)
+
+TWO_POLES = np.array([1.6, -0.81])  # poles at 0.9 exp(+-0.475j)
+
+
+def autoregressive(rng, samples):
+    return sp.lfilter([1], [1, *-TWO_POLES], rng.standard_normal(samples + 500))[500:]
+
+
+def kurtosis(values):
+    values = values - values.mean()
+    return np.mean(values**4) / np.mean(values**2) ** 2
+
+
+def separations(x):
+    return [
+        linear_prediction(x, order=8),
+        discrete_random_separation(x, window_length=64, delay=64),
+        cepstrum_prewhitening(x),
+    ]
+
+
+class TestBothParts:
+    @pytest.mark.parametrize("size", [2000, 2001])
+    @pytest.mark.parametrize("which", range(3))
+    def test_add_up_to_the_record(self, which, size):
+        x = 3 + np.cos(np.arange(size)) + np.random.default_rng(1).standard_normal(size)
+        found = separations(x)[which]
+        part = x[found.start : found.start + found.random.size]
+        np.testing.assert_allclose(found.deterministic + found.random, part, rtol=0, atol=1e-14)
+        assert part.size >= size - 64
+
+    @pytest.mark.parametrize("which", range(3))
+    @pytest.mark.parametrize("level", [0.0, 0.1, -3e9])
+    def test_a_constant_is_deterministic(self, which, level):
+        found = separations(np.full(1000, level))[which]
+        np.testing.assert_array_equal(found.random, 0)
+        # the mean of a thousand numbers alike: in pairs, as numpy adds, twenty roundings of 1e-16
+        np.testing.assert_allclose(found.deterministic, level, rtol=1e-14)
+
+    @pytest.mark.parametrize("which", range(3))
+    def test_a_large_mean_changes_nothing_but_rounding(self, which):
+        x = np.cos(0.3 * np.arange(2000)) + np.random.default_rng(2).standard_normal(2000)
+        small, large = separations(x)[which], separations(x + 1e6)[which]
+        # 1e6 is known to 1.2e-10, the sums of the filters amplify that less than a hundred times
+        np.testing.assert_allclose(large.random, small.random, rtol=0, atol=1e-8)
+
+    @pytest.mark.parametrize("which", range(3))
+    @pytest.mark.parametrize("scale", [1e-150, 1e140])
+    def test_the_unit_does_not_matter(self, which, scale):
+        x = np.cos(0.3 * np.arange(1000)) + np.random.default_rng(2).standard_normal(1000)
+        small, large = separations(x)[which], separations(x * scale)[which]
+        np.testing.assert_allclose(large.random / scale, small.random, rtol=0, atol=1e-12)
+
+    @pytest.mark.parametrize("separate", [cepstrum_prewhitening, lambda x: linear_prediction(x, order=1)])
+    def test_nan_does_not_pass(self, separate):
+        with pytest.raises(ValueError, match="not finite"):
+            separate([1.0, 2, np.nan, 4, 5])
+
+
+class TestLinearPrediction:
+    def test_solves_the_yule_walker_equations(self):
+        x = autoregressive(np.random.default_rng(3), 400)
+        x -= x.mean()
+        lags = np.array([x[k:] @ x[: x.size - k] for k in range(7)])
+        dense = np.linalg.solve([[lags[abs(i - j)] for j in range(6)] for i in range(6)], lags[1:])
+        found = linear_prediction(x, order=6)
+        np.testing.assert_allclose(found.coefficients, dense, rtol=1e-9)  # cond about 1e3
+        by_hand = np.array([dense @ x[n - 6 : n][::-1] for n in range(6, 400)])
+        np.testing.assert_allclose(found.deterministic[6:], by_hand, rtol=0, atol=1e-9)
+        backwards = np.array([dense @ x[n + 1 : n + 7] for n in range(6)])
+        np.testing.assert_allclose(found.deterministic[:6], backwards, rtol=0, atol=1e-9)
+        assert (found.start, found.order) == (0, 6)
+
+    def test_finds_the_process(self):
+        found = linear_prediction(autoregressive(np.random.default_rng(4), 100_000), order=2)
+        # each known to sqrt((1 - 0.81^2) / n) = 0.002
+        np.testing.assert_allclose(found.coefficients, TWO_POLES, rtol=0, atol=0.008)
+        assert found.random.std() == pytest.approx(1, abs=4 / np.sqrt(2e5))
+
+    def test_impulses_that_ringing_hides_come_out(self):
+        rng = np.random.default_rng(5)
+        impulses = rng.standard_normal(40_000)
+        impulses[::400] += 12
+        x = sp.lfilter([1], [1, *-TWO_POLES], impulses)
+        found = linear_prediction(x, order=10)
+        # 12^4 / 400 on 3, over the square of 1 + 144 / 400
+        expected = (3 + (12**4 + 6 * 144) / 400) / (1 + 144 / 400) ** 2
+        assert kurtosis(found.random) == pytest.approx(expected, rel=0.1)
+        assert kurtosis(x) < expected / 4
+
+    def test_a_sinusoid_is_foretold_and_noise_is_not(self):
+        rng = np.random.default_rng(6)
+        tone = np.cos(0.2 * np.pi * np.arange(50_000))
+        noise = 0.2 * rng.standard_normal(50_000)
+        found = linear_prediction(tone + noise, order=400)
+        # the best predictor of order p leaves 1 / (1 + p A^2 / 4 sigma^2) of the tone and adds noise of 2 sigma^2 / p
+        assert np.sqrt(np.mean((found.deterministic - tone) ** 2)) < 2 * 0.2 * np.sqrt(2 / 400 + 400 / 50_000)
+        assert found.random.std() == pytest.approx(0.2, rel=0.02)
+
+    def test_a_clean_tone_is_foretold(self):
+        # without any noise the equations are all but singular
+        tone = np.cos(0.2 * np.pi * np.arange(100_000) + 1)
+        assert linear_prediction(tone, order=100).random.std() < 1e-3
+
+    @pytest.mark.parametrize("samples", [4, 16])
+    def test_too_short(self, samples):
+        with pytest.raises(ValueError, match=f"{samples} samples are too few for a prediction of order 8"):
+            linear_prediction(np.arange(float(samples)), order=8)
+
+
+class TestOrders:
+    def test_agrees_with_each_order_solved_alone(self):
+        x = autoregressive(np.random.default_rng(7), 3000)
+        found = prediction_orders(x, most=12)
+        x -= x.mean()
+        lags = np.array([x[k:] @ x[: x.size - k] for k in range(13)])
+        for order in range(1, 13):
+            matrix = np.array([[lags[abs(i - j)] for j in range(order)] for i in range(order)])
+            alone = 1 - np.linalg.solve(matrix, lags[1 : order + 1]) @ lags[1 : order + 1] / lags[0]
+            assert found.variance[order] == pytest.approx(alone, rel=1e-9)
+        np.testing.assert_allclose(found.aic, 3000 * np.log(found.variance) + 2 * np.arange(13))
+        assert found.order == np.argmin(found.aic)
+
+    def test_finds_the_order_of_a_process(self):
+        # Akaike's criterion takes too many in a quarter of all cases, never too few
+        chosen = [prediction_orders(autoregressive(np.random.default_rng(k), 5000), most=20).order for k in range(20)]
+        assert min(chosen) == 2
+        assert np.median(chosen) == 2
+
+    def test_a_constant_needs_no_model(self):
+        assert prediction_orders(np.ones(50), most=5).order == 0
+
+    def test_a_limit_beyond_the_record(self):
+        with pytest.raises(ValueError, match="most=30 must be a whole number from 1 to 24"):
+            prediction_orders(np.arange(50.0), most=30)
+
+
+class TestDiscreteRandom:
+    SAMPLES = 60_000
+    TIME = np.arange(SAMPLES)
+
+    @pytest.mark.parametrize("bins", [40.0, 40.25, 40.5])
+    def test_a_tone_in_noise(self, bins):
+        length, sigma = 512, 0.5
+        tone = np.cos(2 * np.pi * bins / length * self.TIME + 1)
+        noise = sigma * np.random.default_rng(8).standard_normal(self.SAMPLES)
+        found = discrete_random_separation(tone + noise, window_length=length, delay=length)
+        middle = slice(found.start, found.start + found.random.size)
+        # the gain at the tone, q / (q + 1) of Antoni & Randall: q = (A^2 / 4) (sum w)^2 / (sigma^2 sum w^2), the Hann
+        # window's sums N / 2 and 3 N / 8; off a bin the tapered response ripples by a percent
+        q = length / 6 / sigma**2
+        line = 2 * np.mean(found.deterministic * np.exp(-2j * np.pi * bins / length * self.TIME[middle]))
+        assert abs(line) == pytest.approx(q / (q + 1), abs=0.015)
+        assert found.gain[round(2 * bins)] == pytest.approx(q / (q + 1), abs=0.003)
+        # noise: gain 1 / sqrt(K) of K independent blocks, about two of Hann windows to a length of the record
+        assert np.median(found.gain) < 1 / np.sqrt(self.SAMPLES / length)
+        # eight of 512 bins full of noise pass beside the tone, the rest at that gain
+        bound = sigma * np.sqrt(8 / 512 + length / self.SAMPLES)
+        assert np.std(found.deterministic - tone[middle]) < bound
+        assert np.std(found.random - noise[middle]) < bound
+
+    def test_ringing_impulses_stay_random(self):
+        rng = np.random.default_rng(9)
+        impulses = np.zeros(self.SAMPLES)
+        impulses[np.cumsum(rng.normal(300, 15, 190)).astype(int)] = 10  # slip of 5 %
+        ringing = sp.lfilter([1], [1, -1.2, 0.9], impulses)
+        gears = sum(3 * np.cos(2 * np.pi * f * self.TIME + k) for k, f in enumerate([0.02, 0.0613, 0.1247]))
+        found = discrete_random_separation(gears + ringing, window_length=1024, delay=1024)
+        middle = slice(found.start, found.start + found.random.size)
+        assert kurtosis(gears + ringing) < 4
+        assert kurtosis(found.random) > 0.8 * kurtosis(ringing)
+        assert np.std(found.deterministic - gears[middle]) < 0.15 * gears.std()
+
+    def test_says_what_was_done(self):
+        x = np.random.default_rng(10).standard_normal(4000)
+        found = discrete_random_separation(x, window_length=128, delay=200)
+        assert (found.window_length, found.delay, found.start) == (128, 200, 64)
+        assert found.blocks == (4000 - 200 - 128) // 32 + 1
+        assert found.frequency[-1] == 0.5
+        assert found.frequency.size == found.gain.size == 129
+        assert found.gain.max() <= 1
+
+    def test_a_record_that_swells_is_not_amplified(self):
+        x = np.cos(0.4 * np.arange(4000)) * np.exp(np.arange(4000) / 400)
+        found = discrete_random_separation(x, window_length=128, delay=128)
+        assert found.gain.max() <= 1
+
+    def test_common_noise_would_be_taken_for_a_line(self):
+        with pytest.raises(ValueError, match="delay=100 must be a whole number of at least 128"):
+            discrete_random_separation(np.arange(5000.0), window_length=128, delay=100)
+
+    def test_too_short(self):
+        with pytest.raises(ValueError, match=r"1000 samples are too few for windows of 128 .* below 1152"):
+            discrete_random_separation(np.arange(1000.0), window_length=128, delay=128)
+
+    def test_an_odd_window_has_no_middle(self):
+        with pytest.raises(ValueError, match="window_length=65 must be even; take 66"):
+            discrete_random_separation(np.arange(1000.0), window_length=65, delay=65)
+
+
+class TestCepstrumPrewhitening:
+    @pytest.mark.parametrize("size", [4096, 4095, 4001])
+    def test_every_line_has_one_height_and_its_phase(self, size):
+        rng = np.random.default_rng(11)
+        x = 5 + 20 * np.cos(0.1 * np.arange(size)) + autoregressive(rng, size)
+        found = cepstrum_prewhitening(x)
+        before, after = np.fft.rfft(x)[1:], np.fft.rfft(found.random)
+        assert abs(after[0]) < 1e-9
+        np.testing.assert_allclose(np.abs(after[1:]), found.level, rtol=1e-9)
+        np.testing.assert_allclose(np.angle(after[1:] / before), 0, rtol=0, atol=1e-9)
+        assert found.level == pytest.approx(np.exp(np.mean(np.log(np.abs(before)))), rel=1e-12)
+        assert found.silent_lines == 0
+
+    def test_the_cepstrum_is_zero_but_at_zero_quefrency(self):
+        x = autoregressive(np.random.default_rng(12), 2048)
+        lines = np.fft.fft(cepstrum_prewhitening(x).random)
+        lines[0] = lines[1]  # the mean was taken out
+        cepstrum = np.fft.ifft(np.log(np.abs(lines))).real
+        assert np.abs(cepstrum[1:]).max() < 1e-12
+
+    def test_impulses_under_strong_gears_come_out(self):
+        rng = np.random.default_rng(13)
+        size = 20_000
+        impulses = 0.1 * rng.standard_normal(size)
+        impulses[np.cumsum(rng.normal(500, 10, 38)).astype(int)] += 5
+        x = impulses + sum(10 * np.cos(2 * np.pi * f * np.arange(size)) for f in (0.02, 0.07, 0.2))
+        assert kurtosis(x) < 3
+        assert kurtosis(cepstrum_prewhitening(x).random) > 0.5 * kurtosis(impulses)
+
+    def test_rounding_is_not_raised_to_a_line(self):
+        x = np.cos(2 * np.pi * 8 * np.arange(64) / 64) + 2 * np.cos(2 * np.pi * 20 * np.arange(64) / 64 + 1)
+        found = cepstrum_prewhitening(x)
+        assert found.silent_lines == 30
+        # two lines of 32 and 64 become two of their geometric mean
+        assert found.level == pytest.approx(32 * np.sqrt(2), rel=1e-12)
+        assert found.random.std() == pytest.approx(np.sqrt(2), rel=1e-12)

@@ -1,0 +1,188 @@
+"""The compiled tracker against the same model on filterpy, and against least squares on all unknowns at once."""
+
+from math import comb
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from signals.harmonics import _information_smoother, block_smoother, process_variance, track_orders
+
+# Samples, orders, poles: ten problems, many small ones for the corners and one as large as filterpy allows.
+PROBLEMS = [
+    (300, 1, 1),
+    (400, 1, 2),
+    (600, 2, 1),
+    (500, 2, 2),
+    (900, 3, 1),
+    (700, 4, 2),
+    (1200, 5, 1),
+    (600, 6, 2),
+    (1500, 8, 1),
+    (10000, 10, 1),
+]
+
+
+def problem(samples, orders, poles, *, two_shafts=False):
+    """Return a record with gaps, and settings: lines at least five bandwidths apart on a speed that drifts."""
+    rng = np.random.default_rng([samples, orders, poles])
+    n = np.arange(samples)
+    phase = 2 * np.pi * (0.02 * n + 0.002 * samples / np.pi * np.sin(np.pi * n / samples))
+    ratios = np.sort(rng.choice(np.arange(2, 40), size=orders, replace=False)) / 2
+    amplitude = rng.uniform(0.3, 1, orders)[:, None] * np.exp(2j * np.pi * rng.uniform(size=(orders, 1)))
+    amplitude = amplitude * (1 + 0.3 * np.sin(2 * np.pi * n / samples * rng.uniform(1, 4, (orders, 1))))
+    x = np.sum(amplitude * np.exp(1j * ratios[:, None] * phase), axis=0).real + 0.1 * rng.standard_normal(samples)
+    x[rng.choice(samples, size=samples // 20, replace=False)] = np.nan
+    x[samples // 2 : samples // 2 + 40] = np.nan
+    names = rng.choice(["sun", "planet"], size=orders)
+    settings = {
+        "phase_rad": {"sun": phase, "planet": phase / 2} if two_shafts else phase,
+        "orders": [(str(s), o if s == "sun" else 2 * o) for s, o in zip(names, ratios, strict=True)]
+        if two_shafts
+        else list(ratios),
+        "bandwidth_hz": rng.uniform(1, 2, orders),
+        "rate_hz": 1000.0,
+        "poles": poles,
+        "noise_variance": 0.01,
+        "initial_std": 1.0,
+    }
+    return x, settings
+
+
+@pytest.mark.parametrize(("samples", "orders", "poles"), PROBLEMS)
+@pytest.mark.parametrize("estimator", ["smoother", "single samples", "filter"])
+def test_exact_is_the_reference(samples, orders, poles, estimator, monkeypatch):
+    x, settings = problem(samples, orders, poles, two_shafts=orders % 2 == 0)
+    settings |= {"estimator": "filter" if estimator == "filter" else "smoother"}
+    if estimator == "single samples":
+        monkeypatch.setattr(block_smoother, "exact_length", lambda *_: 1)
+    exact = track_orders(x, method="exact", **settings)
+    reference = track_orders(x, method="reference", **settings)
+    off = np.abs(exact.complex_amplitude - reference.complex_amplitude)
+    if estimator == "smoother":
+        # What short blocks may cost.
+        assert np.sqrt(np.mean((off / reference.std) ** 2)) < 3e-3
+        assert_allclose(exact.std, reference.std, rtol=2e-3)
+    else:
+        # Rounding: the prior is 100 times the noise and the smoothed variance 1e-3 of it, so filterpy's smoother,
+        # which subtracts one from the other, keeps ten digits of it; of the amplitudes fewer are lost.
+        assert np.max(off) < 1e-10 * np.abs(reference.complex_amplitude).max()
+        assert_allclose(exact.std, reference.std, rtol=1e-8)
+    # Both are those of the filter: sums of thousands of squares.
+    assert_allclose(exact.innovation_variance, reference.innovation_variance, rtol=1e-11)
+    assert_allclose(exact.innovation_mean_square, reference.innovation_mean_square, rtol=1e-11)
+    assert exact.shafts == reference.shafts
+
+
+def stacked(x, phases, orders, q, prior_variance, poles, noise_variance):
+    """Return the posterior mean and covariance of all levels, (sample * column,), by least squares.
+
+    The unknowns are the initial differences and every increment; level n is their sum with binomial weights
+    (Newton's backward formula), so no recursion is shared with the tracker.
+    """
+    n = x.size
+    columns = [np.cos(o * p) for o, p in zip(orders, phases, strict=True)]
+    columns += [-np.sin(o * p) for o, p in zip(orders, phases, strict=True) if o]
+    q = np.concatenate([q, [v for v, o in zip(q, orders, strict=True) if o]])
+    prior = np.concatenate([prior_variance, [v for v, o in zip(prior_variance, orders, strict=True) if o]])
+    start = np.array([[comb(i + k - 1, k) if i + k else 1 for k in range(poles)] for i in range(n)])
+    later = np.array([[comb(i - j + poles - 1, poles - 1) if j <= i else 0 for j in range(1, n)] for i in range(n)])
+    levels = np.zeros((n, len(columns), len(columns), poles + n - 1))
+    for c in range(len(columns)):
+        levels[:, c, c] = np.hstack([start * np.sqrt(prior[c]), later * np.sqrt(q[c])])
+    levels = levels.reshape(n * len(columns), -1)
+    seen = np.einsum("cn,ncu->nu", columns, levels.reshape(n, len(columns), -1))
+    observed = ~np.isnan(x)
+    design = np.vstack([np.eye(levels.shape[1]), seen[observed] / np.sqrt(noise_variance)])
+    data = np.concatenate([np.zeros(levels.shape[1]), x[observed] / np.sqrt(noise_variance)])
+    unknowns = np.linalg.lstsq(design, data)[0]
+    triangle = np.linalg.qr(design, mode="r")
+    return levels @ unknowns, np.sum(np.linalg.solve(triangle.T, levels.T) ** 2, axis=0)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("orders", [[1.0], [0.0, 1.0, 2.5]])
+def test_exact_is_least_squares(poles, orders):
+    rng = np.random.default_rng(poles)
+    n = 60
+    phase = 2 * np.pi * 0.11 * np.arange(n) + 0.3
+    x = np.cos(phase + 0.5) + 0.3 + 0.2 * rng.standard_normal(n)
+    x[[0, 7, 8, 30, 31, 32, 59]] = np.nan
+    bandwidth, noise, std = 0.02, 0.04, 5.0
+    tracks = track_orders(
+        x,
+        phase_rad=phase,
+        orders=orders,
+        bandwidth_hz=bandwidth,
+        rate_hz=1.0,
+        poles=poles,
+        noise_variance=noise,
+        initial_std=std,
+    )
+    q = process_variance(orders=orders, bandwidth=bandwidth, rate=1.0, poles=poles, noise_variance=noise)
+    prior = std**2 * (2 * np.pi * bandwidth) ** (2 * np.arange(poles)) * np.ones((len(orders), poles))
+    levels, variances = stacked(x, [phase] * len(orders), orders, q, prior, poles, noise)
+    levels, variances = levels.reshape(n, -1), variances.reshape(n, -1)
+    turning = [k for k, o in enumerate(orders) if o]
+    amplitude = levels[:, : len(orders)].T.astype(complex)
+    amplitude[turning] += 1j * levels[:, len(orders) :].T
+    variance = variances[:, : len(orders)].T.copy()
+    variance[turning] = (variance[turning] + variances[:, len(orders) :].T) / 2
+    # The stacked matrix has condition numbers up to 1e5 (four poles).
+    assert_allclose(tracks.complex_amplitude, amplitude, atol=1e-9)
+    assert_allclose(tracks.std, np.sqrt(variance), rtol=1e-8)
+
+
+@pytest.mark.parametrize("poles", [1, 3])
+def test_filter_is_least_squares_on_the_past(poles):
+    rng = np.random.default_rng(0)
+    phase = 2 * np.pi * 0.17 * np.arange(50)
+    x = np.cos(phase) + 0.1 * rng.standard_normal(50)
+    x[20] = np.nan
+    settings = {"orders": [1], "bandwidth_hz": 0.05, "rate_hz": 1.0, "poles": poles, "noise_variance": 0.01}
+    filtered = track_orders(x, phase_rad=phase, estimator="filter", **settings)
+    for n in (1, 2, 20, 21, 49):
+        past = track_orders(x[: n + 1], phase_rad=phase[: n + 1], **settings)
+        # The smoother's last output knows what the filter knows there, and was checked above; prior 1e6.
+        assert_allclose(filtered.complex_amplitude[0, n], past.complex_amplitude[0, n], atol=1e-8)
+        assert_allclose(filtered.std[0, n], past.std[0, n], rtol=1e-7)
+
+
+def test_unresolved_orders_of_a_slow_shaft_keep_their_digits():
+    """Over a seventh of a turn orders 1 to 3 and the mean are open: where smoothers that subtract go negative."""
+    n = 700
+    phase = 2 * np.pi * 2e-4 * np.arange(n)
+    rng = np.random.default_rng(0)
+    x = 10 * np.cos(phase) + rng.standard_normal(n)
+    settings = {"orders": [0, 1, 2, 3], "bandwidth_hz": 1e-5, "rate_hz": 1.0, "noise_variance": 1.0}
+    tracks = track_orders(x, phase_rad=phase, initial_std=1e3, **settings)
+    design = np.column_stack([np.cos(k * phase) for k in range(4)] + [-np.sin(k * phase) for k in range(1, 4)])
+    # So narrow a bandwidth makes the amplitudes constants: ridge regression with the prior.
+    root = np.linalg.qr(np.vstack([design, 1e-3 * np.eye(7)]), mode="r")
+    covariance = np.linalg.inv(root.T @ root)
+    # Over 700 samples the walk adds 700 q = 3e-6 to variances of 10 and more.
+    std = np.sqrt(np.diagonal(covariance))
+    expected = np.concatenate([std[:1], np.sqrt((std[1:4] ** 2 + std[4:] ** 2) / 2)])
+    assert_allclose(tracks.std[:, n // 2], expected, rtol=1e-4)
+
+
+def test_outputs_are_a_subset():
+    x, settings = problem(1100, 3, 2)
+    full = track_orders(x, method="exact", **settings)
+    few = track_orders(x, method="exact", output_every=37, **settings)
+    assert_allclose(few.sample_index, np.arange(0, 1100, 37))
+    # The same nodes; only the outputs between them differ.
+    assert_allclose(few.complex_amplitude, full.complex_amplitude[:, ::37], rtol=1e-11)
+    assert_allclose(few.std, full.std[:, ::37], rtol=1e-11)
+
+
+@pytest.mark.parametrize("every", [1, 37])
+@pytest.mark.parametrize("poles", [1, 2, 3])
+def test_stretches_do_not_show(poles, every, monkeypatch):
+    x, settings = problem(1200, 3, poles)
+    whole = track_orders(x, method="exact", output_every=every, **settings)
+    monkeypatch.setattr(_information_smoother, "STRETCH_NUMBERS", 1)
+    # Some hundred nodes now come in ten stretches and more, the last one shorter, instead of one.
+    cut = track_orders(x, method="exact", output_every=every, **settings)
+    assert_allclose(cut.complex_amplitude, whole.complex_amplitude, rtol=1e-11)
+    assert_allclose(cut.std, whole.std, rtol=1e-11)

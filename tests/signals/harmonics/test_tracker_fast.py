@@ -1,0 +1,354 @@
+"""The blockwise smoother against the exact one, and what "auto" picks."""
+
+import numpy as np
+import pytest
+from jobs import standard_job
+from numpy.testing import assert_allclose
+
+from signals.harmonics import block_smoother, track_orders, tracker
+from signals.harmonics.block_grid import LARGEST_JUMP_RAD, Grid
+from signals.harmonics.model import HarmonicModel
+
+RATE = 10_000.0
+
+
+def run_up(samples, *, noise, gap=0):
+    n = np.arange(samples)
+    phase = 2 * np.pi * (0.03 * n + 0.01 * n**2 / samples)
+    rng = np.random.default_rng(3)
+    u = n / samples
+    envelopes = np.array([1 + 0.3 * np.sin(6 * np.pi * u), 0.5 * np.exp(2j * np.pi * u), 0.8 - 0.4 * u])
+    x = np.sum(envelopes * np.exp(1j * np.array([1, 2, 3.3])[:, None] * phase), axis=0).real
+    x += 0.2 + noise * rng.standard_normal(samples)
+    x[samples // 3 : samples // 3 + gap] = np.nan
+    return x, {"phase_rad": phase, "orders": [0, 1, 2, 3.3], "rate_hz": RATE}
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("gap", [0, 700])
+def test_fast_is_close_to_exact(poles, gap):
+    x, settings = run_up(40_000, noise=0.1, gap=gap)
+    settings |= {"bandwidth_hz": 4.0, "poles": poles, "output_every": 13, "noise_variance": 0.01}
+    exact = track_orders(x, method="exact", **settings)
+    fast = track_orders(x, method="fast", **settings)
+    difference = np.abs(fast.complex_amplitude - exact.complex_amplitude)
+    # Blocks of 12 (one pole) and 87 samples, 1/200 and 1/29 of rate / bandwidth, at ends and gaps as in between.
+    assert np.sqrt(np.mean(difference**2)) < 5e-3 * exact.std.mean()
+    assert difference.max() < 0.05 * exact.std.max()
+    # Straight from knot to knot, where it rises to an end.
+    assert_allclose(fast.std, exact.std, rtol=6e-3)
+    assert_allclose(fast.innovation_variance, exact.innovation_variance, rtol=1e-3)
+
+
+def troubled(seed, *, size):
+    """Three orders and a mean of some size in noise 1, on a run-up with a jump of the speed; two gaps."""
+    rng = np.random.default_rng(seed)
+    n = np.arange(20_000)
+    phase = 2 * np.pi * (0.03 * n + 0.004 * n**2 / n.size) + 0.11 * np.maximum(n - rng.integers(11_000, 13_000), 0)
+    orders = np.array([0, 1, 2.3, 4])
+    envelopes = size * np.array([0.3, 1, 0.5j, 0.2])[:, None]
+    envelopes = envelopes * (1 + 0.3 * np.sin(4 * np.pi * n / n.size + orders[:, None]))
+    x = np.sum(envelopes * np.exp(1j * orders[:, None] * phase), axis=0).real + rng.standard_normal(n.size)
+    gap = rng.integers(4000, 6000)
+    x[gap : gap + 500] = x[15_000:15_007] = np.nan
+    return x, {"phase_rad": phase, "orders": orders, "bandwidth_hz": 1e-3, "rate_hz": 1.0, "noise_variance": 1.0}
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("size", [0, 0.1, 1, 30, 1e4])
+def test_error_bound_holds_everywhere_but_for_a_small_part_of_std(poles, size):
+    """At all outputs: ends, gaps and the jump among them. Of signals it is the bound that holds, of noise the part."""
+    x, settings = troubled(poles, size=size)
+    exact, fast = (track_orders(x, poles=poles, method=m, output_every=7, **settings) for m in ("exact", "fast"))
+    largest = np.abs(exact.complex_amplitude).max()
+    difference = np.abs(fast.complex_amplitude - exact.complex_amplitude)
+    assert np.all(difference < fast.error_bound * largest + 0.02 * exact.std)
+    assert fast.error_bound < 2e-3
+    assert_allclose(fast.std, exact.std, rtol=6e-3)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("share", [0.45, 0.8])
+@pytest.mark.parametrize("order", [1.01, 1.05])
+def test_lines_are_told_apart_by_few_of_the_samples(poles, share, order):
+    """Under no hat is more there than some half, or a fifth, of the samples."""
+    rng = np.random.default_rng(0)
+    phase = 2 * np.pi * 0.03 * np.arange(15_000)
+    x = np.cos(phase + 1) + 0.5 * np.cos(order * phase) + 0.1 * rng.standard_normal(phase.size)
+    x[rng.uniform(size=x.size) < share] = np.nan
+    settings = {"phase_rad": phase, "orders": [1, order], "bandwidth_hz": 1e-3, "rate_hz": 1.0, "poles": poles}
+    exact, fast = (
+        track_orders(x, noise_variance=0.01, output_every=20, method=m, **settings) for m in ("exact", "fast")
+    )
+    # Together they are what the samples say, with no sample's leak into anything.
+    assert np.all(np.abs(fast.complex_amplitude - exact.complex_amplitude) < 0.02 * exact.std)
+    assert_allclose(fast.std, exact.std, rtol=6e-3)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+def test_near_ends_a_close_pair_has_what_it_tells_from_beyond(poles):
+    """Lines an eighth of a bandwidth apart, which share out for far longer than a memory, beside two others."""
+    rng = np.random.default_rng(82)
+    phase = 0.86 * np.arange(4400)
+    orders = np.array([0.81, 1.344, 2.593, 2.603])
+    x = 0.2 * np.cos(orders[:, None] * phase).sum(axis=0) + rng.standard_normal(phase.size)
+    settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": 0.011, "rate_hz": 1.0, "poles": poles}
+    exact, fast = (track_orders(x, noise_variance=1.0, output_every=3, method=m, **settings) for m in ("exact", "fast"))
+    # Blocks of 1 and 3 samples: as from 1 / bandwidth on.
+    assert np.all(np.abs(fast.complex_amplitude - exact.complex_amplitude) < 0.08 * exact.std)
+    assert_allclose(fast.std, exact.std, rtol=0.01)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("samples", [1, 2, 5, 30, 70, 600])
+def test_a_short_record_is_that_of_the_exact_smoother(samples, poles):
+    """Shorter than a turn, or than the memory: there is nothing that orders could be told apart by beforehand."""
+    n = np.arange(samples)
+    x = 2 * np.cos(0.3 * n) + 0.1 * np.random.default_rng(samples).standard_normal(samples)
+    settings = {"phase_rad": 0.3 * n, "orders": [1, 1.8], "bandwidth_hz": 1e-3, "rate_hz": 1.0, "poles": poles}
+    exact, fast = (track_orders(x, noise_variance=0.01, method=m, **settings) for m in ("exact", "fast"))
+    # A block is a sample up to 128 of these.
+    difference = np.abs(fast.complex_amplitude - exact.complex_amplitude)
+    assert np.all(difference < (1e-6 if samples < 128 else 0.02) * exact.std)
+    assert_allclose(fast.std, exact.std, rtol=1e-6 if samples < 128 else 6e-3)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+def test_without_any_sample_the_prior_is_left_and_grows(poles):
+    n = np.arange(3000)
+    settings = {"phase_rad": 0.3 * n, "orders": [0, 1, 2.3], "bandwidth_hz": 4e-3, "rate_hz": 1.0, "poles": poles}
+    exact, fast = (
+        track_orders(np.full(n.size, np.nan), noise_variance=1.0, initial_std=2.0, method=m, **settings)
+        for m in ("exact", "fast")
+    )
+    assert np.all(fast.complex_amplitude == 0)
+    # Differences of several samples are a little larger than those of one, together, while both are in their first.
+    assert_allclose(fast.std, exact.std, rtol={1: 1e-9, 2: 6e-3, 3: 0.05, 4: 0.12}[poles])
+    assert_allclose(fast.std[:, 1500:], exact.std[:, 1500:], rtol=0.02)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("bandwidth", [1e-6, 1e-7])
+def test_a_memory_of_a_million_samples_and_more(poles, bandwidth):
+    n = np.arange(1_000_000)
+    phase = 2 * np.pi * 0.05 * n
+    x = np.cos(phase + 0.5) + 0.4 * np.cos(2.3 * phase) + 0.5 * np.random.default_rng(poles).standard_normal(n.size)
+    settings = {"rate_hz": 1.0, "poles": poles}
+    tracks = track_orders(
+        x, phase_rad=phase, orders=[1, 2.3], bandwidth_hz=bandwidth, noise_variance=0.25, output_every=1000,
+        method="fast", **settings,
+    )  # fmt: skip
+    error = np.abs(tracks.complex_amplitude - np.array([[np.exp(0.5j)], [0.4]])) / tracks.std
+    assert error.max() < 4.5  # a few independent numbers, all in all
+    # A thousand samples tell as much as one of a thousandth of the noise; their middle is half of a thousandth off.
+    few = track_orders(
+        np.zeros(1000), phase_rad=0.4 * np.arange(1000), orders=[1], bandwidth_hz=1000 * bandwidth,
+        noise_variance=0.25e-3, initial_std=500.0, method="exact", **settings,
+    )  # fmt: skip
+    assert_allclose(tracks.std, np.repeat(few.std, 2, axis=0), rtol=0.01)
+
+
+def test_a_sample_tells_one_quadrature():
+    tracks = track_orders(
+        [2.0], phase_rad=[0.0], orders=[1], bandwidth_hz=0.1, rate_hz=1.0, noise_variance=1.0, initial_std=3.0,
+        method="fast",
+    )  # fmt: skip
+    # One equation, x = a + v: the posterior mean is 9 / 10 of it; the other quadrature keeps its prior.
+    assert_allclose(tracks.complex_amplitude, 1.8)
+    assert_allclose(tracks.std, np.sqrt((0.9 + 9) / 2))
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+def test_fast_tells_the_noise(poles):
+    x, settings = run_up(40_000, noise=0.1)
+    fast = track_orders(x, method="fast", bandwidth_hz=4.0, poles=poles, **settings)
+    # 37,500 residuals: a standard deviation of sqrt(2 / 37,500) = 0.7 %.
+    assert_allclose(fast.noise_variance, 0.01, rtol=0.022)
+    # A chi-squared of 20 over 20; one pole follows these envelopes so late that the residuals keep some of them.
+    assert 0.2 < fast.whiteness < (3 if poles == 1 else 2)
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+def test_error_of_fast_at_the_edge_of_the_band(poles, monkeypatch):
+    """The order's image turns once a block, where a sum over a block would let the envelope's slope leak."""
+    bandwidth = 1 / 2400
+    block = {1: 12, 2: 83}[poles]
+    n = np.arange(48_000)
+    phase = np.pi * n / block
+    envelope = np.exp(1j * np.pi * bandwidth * n)
+    settings = {"phase_rad": phase, "orders": [1], "bandwidth_hz": bandwidth, "rate_hz": 1.0, "poles": poles}
+    x = (envelope * np.exp(1j * phase)).real
+    monkeypatch.setattr(block_smoother, "exact_length", lambda *_: 1)
+    exact, fast = (track_orders(x, method=m, **settings) for m in ("exact", "fast"))
+    error = np.abs(fast.complex_amplitude - exact.complex_amplitude)[0, 9600:-9600].max()
+    # Hats take off (pi bandwidth block)^2 / 12 and lines between knots half as much again; cubics do not.
+    droop = (np.pi * bandwidth * block) ** 2 / 12
+    assert 0.2 * droop < error < {1: 2.5, 2: 1.1}[poles] * droop
+    assert fast.error_bound >= droop * 0.98
+
+
+def test_fast_takes_blocks_too_short_to_tell_orders_apart():
+    """Orders 1 to 4 turn by 0.03 to 0.1 rad a block: each block alone is singular, together they are not."""
+    n = np.arange(60_000)
+    phase = 2 * np.pi * 4e-4 * n
+    rng = np.random.default_rng(0)
+    amplitude = np.array([1, 0.5j, 0.3 + 0.2j, -0.4])
+    x = np.sum(amplitude[:, None] * np.exp(1j * np.arange(1, 5)[:, None] * phase), axis=0).real
+    x += 0.5 * rng.standard_normal(n.size)
+    tracks = track_orders(
+        x, phase_rad=phase, orders=[1, 2, 3, 4], bandwidth_hz=4e-4, rate_hz=1.0, method="fast", output_every=500
+    )
+    # Bandwidth as wide as the distance between lines, so std is honest but not small; 5 std in 1000 numbers.
+    assert np.abs((tracks.complex_amplitude - amplitude[:, None]) / tracks.std).max() < 5
+    exact = track_orders(
+        x, phase_rad=phase, orders=[1, 2, 3, 4], bandwidth_hz=4e-4, rate_hz=1.0, method="exact", output_every=500
+    )
+    difference = np.abs(tracks.complex_amplitude - exact.complex_amplitude) / exact.std
+    assert difference.max() < 0.02
+
+
+def test_auto_says_what_it_picked(monkeypatch):
+    x, settings = run_up(3000, noise=0.1)
+    assert track_orders(x, bandwidth_hz=2.0, **settings).method == "exact"
+    monkeypatch.setattr(tracker, "EXACT_WORK", 0)
+    assert track_orders(x, bandwidth_hz=2.0, **settings).method == "fast"
+    assert track_orders(x, bandwidth_hz=2.0, estimator="filter", rtol=1e-6, **settings).method == "exact"
+    assert track_orders(x, bandwidth_hz=2.0, estimator="filter", **settings).method == "fast"
+    # A 200th of 1 / bandwidth is 2 samples.
+    assert track_orders(x, bandwidth_hz=25.0, **settings).method == "exact"
+
+
+def test_auto_is_fast_on_a_long_record():
+    x, settings = run_up(400_000, noise=0.1)
+    settings |= {"orders": np.arange(1, 11), "bandwidth_hz": 2.0, "output_every": 1000}
+    assert track_orders(x, **settings).method == "fast"
+
+
+@pytest.mark.parametrize("poles", [2, 3])
+def test_ends_and_gaps_of_many_orders_are_those_of_the_exact_smoother(poles):
+    job = standard_job("J1 run-up", samples=150_000)
+    x = job.x.copy()
+    x[60_000:75_000] = np.nan  # a fifth of 1 / bandwidth
+    settings = job.tracking(2.0) | {"x": x, "poles": poles, "output_every": 250, "noise_variance": 1.0}
+    exact, fast = (track_orders(**settings, method=method) for method in ("exact", "fast"))
+    apart = track_orders(**settings, method="fast", coupled=False)
+    size = np.sqrt(np.mean(np.abs(exact.complex_amplitude) ** 2))
+    off = np.abs(fast.complex_amplitude - exact.complex_amplitude) / size
+    # `rtol` is for envelopes at the edge of the band; all ten orders leak into one another where hats are cut.
+    assert off.max() < 3e-3
+    assert np.sqrt(np.mean(off**2)) < 5e-4
+    assert np.abs(apart.complex_amplitude - exact.complex_amplitude).max() / size > 0.02
+    assert_allclose(fast.std, exact.std, rtol=0.02)
+
+
+def test_gaps_in_step_with_a_shaft_are_owned_up_to():
+    rng = np.random.default_rng(8)
+    phase = 2 * np.pi * 25 / RATE * np.arange(60_000)
+    x = 1.2 * np.cos(3 * phase) + 0.5 * np.cos(23 * phase) + rng.normal(0, 0.02, phase.size)
+    x[np.abs(x) > 1.5] = np.nan  # clipped: 9 % of the samples, on the crests
+    settings = {
+        "phase_rad": phase,
+        "orders": [3, 19, 23, 27],
+        "bandwidth_hz": 0.05,
+        "rate_hz": RATE,
+        "output_every": 500,
+    }
+    truth = np.array([1.2, 0.0, 0.5, 0.0])[:, None]
+    fast = track_orders(x, **settings, method="fast")
+    assert fast.error_bound > 0.05  # the share of samples that are missing; what others leave there is taken out
+    assert np.abs(np.abs(fast.complex_amplitude) - truth).max() < 2e-3 < fast.error_bound * 1.2
+    auto = track_orders(x, **settings)
+    assert auto.method == "exact"
+    # The noise decides with the waveform what is clipped, which biases amplitudes by a part of its 0.02.
+    assert np.abs(np.abs(auto.complex_amplitude) - truth).max() < 2e-3
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_lines_that_leak_at_ends_and_at_a_step_of_the_speed_stay_within_the_bound(poles, seed):
+    """Ten slow lines within a few bandwidths of one another, each too weak a leak to be coupled, all together not."""
+    rng = np.random.default_rng(seed)
+    speed = rng.uniform(0.005, 0.02)
+    step = rng.choice([-0.6, -0.3, 0.3, 0.6, 1.0, 1.8]) * speed
+    at = int(rng.uniform(40_000, 60_000))
+    bandwidth = 10 ** rng.uniform(-3.9, -3.5)
+    n = np.arange(100_000)
+    phase = speed * n + step * np.maximum(n - at, 0)
+    orders = np.array([1, 2, 3, 4.6, 7.1, 12.3, 20, 27, 36, 54])
+    size = rng.uniform(0.3, 1, 10)
+    x = np.sum(size[:, None] * np.cos(orders[:, None] * phase + rng.uniform(0, 6, (10, 1))), axis=0)
+    settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": bandwidth, "rate_hz": 1.0, "poles": poles}
+    tracks = track_orders(x, **settings, method="fast", noise_variance=0.01, output_every=100)
+    off = np.abs(np.abs(tracks.complex_amplitude) - size[:, None])
+    # Amplitudes that stand still are found by the exact smoother to the part of its prior, 1e-6.
+    assert off.max() < tracks.error_bound * size.max() < 5e-3
+
+
+@pytest.mark.parametrize("several", [2, 3])
+def test_whole_orders_are_those_tracked_alone_where_they_leak_nothing(several):
+    rng = np.random.default_rng(4)
+    phase = 2 * np.pi / 512 * np.arange(120_000)
+    orders = np.arange(1, 20 * several)
+    x = np.sum(np.cos(orders[:, None] * phase + orders[:, None]), axis=0) + rng.standard_normal(phase.size)
+    settings = {"phase_rad": phase, "bandwidth_orders": 0.05, "samples_per_rev": 512, "poles": 2, "output_every": 500}
+    together = track_orders(x, orders=orders, method="fast", **settings)
+    alone = track_orders(x, orders=orders[[0, 7]], method="fast", **settings)
+    middle = slice(60, -60)
+    difference = np.abs(together.complex_amplitude[[0, 7]] - alone.complex_amplitude)[:, middle]
+    # The others are untracked in the second: what the smoother lets through, 1/(1 + 0.41 * 40^4), of each of them.
+    assert difference.max() < 1e-4
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
+@pytest.mark.parametrize("orders", [[1, 1, 2.3], [0, 1, 0, 1, 1]])
+def test_orders_that_are_one_and_the_same_share_their_sum(poles, orders):
+    n = np.arange(30_000)
+    phase = 0.3 * n
+    x = 0.4 + np.cos(phase + 1) + 0.7 * np.cos(2.3 * phase) + 0.1 * np.random.default_rng(0).standard_normal(n.size)
+    settings = {"phase_rad": phase, "bandwidth_hz": 4e-4, "rate_hz": 1.0, "poles": poles, "noise_variance": 0.01}
+    exact, fast = (track_orders(x, orders=orders, method=m, output_every=50, **settings) for m in ("exact", "fast"))
+    assert np.isfinite(fast.error_bound)
+    sums = [[np.sum(t.complex_amplitude[np.equal(orders, o)], axis=0) for o in set(orders)] for t in (exact, fast)]
+    # The sum is as sure as if it were alone: to some hundredths of 0.003; of its parts nothing is known but a prior,
+    # which grows faster in a walk from knot to knot than from sample to sample while both are in their first steps.
+    assert np.abs(np.subtract(*sums)).max() < 2e-3
+    assert_allclose(fast.std, exact.std, rtol={1: 1e-3, 2: 0.02, 3: 0.06, 4: 0.15}[poles])
+
+
+@pytest.mark.parametrize(("poles", "method"), [(1, "fast"), (2, "exact"), (4, "exact")])
+def test_lines_within_half_a_bandwidth_of_each_other_are_left_to_the_exact_method(poles, method, monkeypatch):
+    monkeypatch.setattr(tracker, "EXACT_WORK", 0)
+    n = np.arange(30_000)
+    phase, bandwidth = 0.3 * n, 3e-4
+    orders = [1, 1 + 0.2 * bandwidth * 2 * np.pi / 0.3]
+    x = np.cos(phase + 1) + 0.1 * np.random.default_rng(0).standard_normal(n.size)
+    settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": bandwidth, "rate_hz": 1.0, "poles": poles}
+    assert track_orders(x, **settings).method == method
+    # With the noise given, so that both know it; slopes, too, are told apart.
+    exact, fast = (
+        track_orders(x, method=m, noise_variance=0.01, output_every=50, **settings) for m in ("exact", "fast")
+    )
+    assert np.all(np.abs(fast.complex_amplitude - exact.complex_amplitude) < 0.02 * exact.std)
+    assert_allclose(fast.std, exact.std, rtol=6e-3)
+
+
+@pytest.mark.parametrize(("fan", "sun"), [(1.05, 0.0), (0.95, 0.0), (0.0, 1.05), (0.0, 0.95), (0.95, 0.95)])
+def test_a_jump_of_the_speed_counts_by_the_highest_order_of_its_shaft(fan, sun):
+    """A block holds one speed an order: within it a jump leads the highest astray by its change a sample times length.
+
+    Jumps in parts of the largest that is let pass, of the fan in block 3 and of the sun in block 6.
+    """
+    length, block_smoother, highest = 20, 10, {"fan": 7.0, "sun": 2.5}
+    n = np.arange(length * block_smoother)
+    turn = {"fan": fan * np.maximum(n - 3.5 * length, 0), "sun": sun * np.maximum(n - 6.5 * length, 0)}
+    phases = tuple(0.01 * n + LARGEST_JUMP_RAD / (length * highest[name]) * turn[name] for name in ("fan", "sun"))
+    model = HarmonicModel(
+        orders=np.array([0.0, 7.0, 1.0, 0.3, 2.5]), shaft=np.array([0, 0, 0, 1, 1]), phases=phases,
+        bandwidth=np.full((5, 1), 0.001), poles=1, prior_std=1e3,
+    )  # fmt: skip
+    grid = Grid(
+        model=model, x=np.zeros((1, n.size)), seen=np.ones(n.size, dtype=bool), length=length, tolerance=0.0,
+        shared=np.ones(5, dtype=int),
+    )  # fmt: skip
+    expected = ([3, 4] if fan > 1 else []) + ([6, 7] if sun > 1 else [])
+    assert np.flatnonzero(grid.jumps).tolist() == expected

@@ -1,0 +1,306 @@
+"""Missing, double and spurious pulses: each is found and counted, and the phase is that of the sound pulses."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from signals.shaft import _pulse_repair_kernels, pulse_repair
+from signals.shaft.pulse_repair import number_pulses, possible_stops
+from signals.shaft.tachometer import shaft_phase
+
+RECORD_S = 1e6 / 51_200
+BEST_NUMBERING = _pulse_repair_kernels.best_numbering
+
+
+def spoilt(times, rng, *, missing=0.05, spurious=0.05, margin=6):
+    """Take pulses away and put others in, none within `margin` of the ends: the bad list and the truth."""
+    inner = np.arange(margin, times.size - margin)
+    lost = rng.choice(inner, round(missing * times.size), replace=False)
+    cells = rng.choice(inner, round(spurious * times.size), replace=False)
+    share = rng.uniform(0.003, 0.997, cells.size)
+    extra = times[cells] + share * (times[cells + 1] - times[cells])
+    # the definition of a double: within a tenth of the interval after a pulse that is there
+    double = int(np.sum((share < 0.1) & ~np.isin(cells, lost)))
+    return np.sort(np.concatenate([np.delete(times, lost), extra])), lost, extra, double
+
+
+def rms(error):
+    return float(np.sqrt(np.mean(error**2)))
+
+
+@pytest.fixture(scope="module")
+def pulses(swinging):
+    times = swinging.times_at(np.arange(1000))
+    return times[times < RECORD_S]
+
+
+class TestJitterWithFaults:
+    @pytest.mark.parametrize("seed", range(6))
+    @pytest.mark.parametrize("bandwidth", [None, 5.0])
+    def test_all_are_counted_and_cost_little(self, pulses, swinging, middle, seed, bandwidth):
+        rng = np.random.default_rng([2, seed])
+        jittered = pulses + 1e-6 * rng.standard_normal(pulses.size)
+        bad, lost, extra, double = spoilt(jittered, rng)
+        phase = shaft_phase(bad, bandwidth_hz=bandwidth)
+        repairs = phase.repairs
+        assert (repairs.missing, repairs.double + repairs.spurious) == (lost.size, extra.size)
+        assert repairs.double == double
+        assert repairs.total == lost.size + extra.size
+        # where the missing ones should have been: the mean of neighbours errs by half the change of an interval
+        np.testing.assert_allclose(repairs.missing_times_s, pulses[np.sort(lost)], rtol=0, atol=2e-3)
+        found = np.sort(np.concatenate([repairs.double_times_s, repairs.spurious_times_s]))
+        np.testing.assert_array_equal(found, np.sort(extra))
+        named = np.sort(np.concatenate([repairs.double_index, repairs.spurious_index]))
+        np.testing.assert_array_equal(bad[named], np.sort(extra))
+        grid = middle(np.linspace(phase.start_s, phase.stop_s, 100_001))
+        exact = swinging.revolutions(grid).astype(float)
+        alone = shaft_phase(jittered, bandwidth_hz=bandwidth)
+        assert alone.repairs.total == 0
+        assert rms(phase.revolutions_at(grid) - exact) < 1.2 * rms(alone.revolutions_at(grid) - exact)
+
+    def test_clean_pulses_are_left_alone(self, pulses):
+        phase = shaft_phase(pulses)
+        np.testing.assert_array_equal(phase.times_s, pulses)
+        assert phase.repairs.total == 0
+        assert phase.stops_s.size == 0
+
+
+class TestSingleFaults:
+    @pytest.mark.parametrize("missing", [[40], [40, 41], [40, 41, 42], [40, 42], [40, 42, 44, 46, 48]])
+    def test_missing_pulses_are_counted_on(self, swinging, missing):
+        times = swinging.times_at(np.arange(120))
+        phase = shaft_phase(np.delete(times, missing))
+        np.testing.assert_array_equal(phase.revolutions, np.delete(np.arange(120), missing))
+        assert (phase.repairs.missing, phase.repairs.total) == (len(missing), len(missing))
+
+    @pytest.mark.parametrize("share", [0.003, 0.05, 0.3, 0.5, 0.8, 0.95])
+    def test_an_extra_pulse_is_left_out(self, swinging, share):
+        times = swinging.times_at(np.arange(120))
+        phase = shaft_phase(np.insert(times, 41, times[40] + share * (times[41] - times[40])))
+        np.testing.assert_array_equal(phase.times_s, times)
+        double = share < 0.1
+        assert (phase.repairs.double, phase.repairs.spurious) == (double, not double)
+        index = phase.repairs.double_index if double else phase.repairs.spurious_index
+        assert index.tolist() == [41]
+
+    @pytest.mark.parametrize("positions", [[0, 0.53], [0, 0.2], [0, 0.8], [0, 0.32, 0.655]])
+    @pytest.mark.parametrize("fault", ["missing", "extra"])
+    def test_among_uneven_stripes(self, swinging, positions, fault):
+        true = (np.arange(100)[:, None] + positions).ravel()
+        times = swinging.times_at(true)
+        for place in range(90, 96):
+            bad = (
+                np.delete(times, place)
+                if fault == "missing"
+                else np.insert(times, place + 1, times[place : place + 2] @ [0.6, 0.4])
+            )
+            phase = shaft_phase(bad, pulses_per_rev=len(positions))
+            kept = np.delete(true, place) if fault == "missing" else true
+            np.testing.assert_allclose(phase.revolutions, kept, rtol=0, atol=1e-8)
+            assert (phase.repairs.missing, phase.repairs.spurious) == ((1, 0) if fault == "missing" else (0, 1))
+
+    def test_among_the_stripes_of_a_zebra_tape_with_a_butt_joint(self, swinging):
+        # 60 stripes, the last gap 40 % wider; twelve pulses missing and twelve spurious in 60 turns
+        widths = np.append(np.ones(59), 1.4)
+        positions = np.concatenate([[0], np.cumsum(widths)[:-1]]) / widths.sum()
+        true = (np.arange(60)[:, None] + positions).ravel()
+        rng = np.random.default_rng(12)
+        bad, lost, extra, _ = spoilt(swinging.times_at(true), rng, missing=12 / 3600, spurious=12 / 3600, margin=10)
+        phase = shaft_phase(bad, pulses_per_rev=60)
+        assert phase.repairs.missing == lost.size
+        assert phase.repairs.double + phase.repairs.spurious == extra.size
+        np.testing.assert_allclose(phase.stripe_positions_rev, positions, rtol=0, atol=1e-7)
+
+    @pytest.mark.parametrize(("missing", "extra"), [([30], []), ([], [30]), ([30, 31], [45]), ([25, 40], [33])])
+    def test_on_a_run_up_from_rest(self, missing, extra):
+        # 40 Hz after 5 s: the angle is 4 t^2
+        times = np.sqrt(np.arange(100) / 4)
+        bad = np.sort(np.concatenate([np.delete(times, missing), (times[extra] + times[np.array(extra, int) + 1]) / 2]))
+        phase = shaft_phase(bad)
+        np.testing.assert_array_equal(phase.revolutions, np.delete(np.arange(100), missing))
+        assert (phase.repairs.missing, phase.repairs.spurious) == (len(missing), len(extra))
+
+    def test_refused_when_asked(self, swinging):
+        times = np.delete(swinging.times_at(np.arange(120)), 40)
+        with pytest.raises(ValueError, match=r"pulse is missing: the interval after pulse 39 .*on_fault=\"repair\""):
+            shaft_phase(times, on_fault="refuse")
+        with pytest.raises(ValueError, match="on_fault='ignore' is unknown"):
+            shaft_phase(times, on_fault="ignore")
+
+
+class TestSearchedInPart:
+    """Around what is doubtful alone, the search finds what one through all pulses finds."""
+
+    @staticmethod
+    def numbers(pulses, stripes):
+        try:
+            kept, counts = number_pulses(pulses, stripes=stripes)
+        except ValueError as refusal:
+            return str(refusal)
+        return kept.tolist(), counts.tolist()
+
+    @pytest.mark.parametrize("seed", range(40))
+    def test_same_as_everywhere(self, swinging, monkeypatch, seed):
+        rng = np.random.default_rng([9, seed])
+        stripes = int(rng.choice([1, 2, 4]))
+        places = np.append(0, (np.arange(1, stripes) + rng.uniform(-0.3, 0.3, stripes - 1)) / stripes)
+        true = (np.arange(400 // stripes)[:, None] + places).ravel()
+        times = swinging.times_at(true) if seed % 2 else np.sqrt(true / 4 + 2)  # or a run-up of 4 Hz a second
+        jitter = rng.choice([0, 1e-4, 3e-3, 1e-2])  # of an interval
+        times = np.sort(times + jitter * np.gradient(times) * rng.standard_normal(times.size))
+        share = rng.choice([0.003, 0.01, 0.05])
+        pulses, *_ = spoilt(times, rng, missing=share, spurious=share)
+        found = self.numbers(pulses, stripes)
+        monkeypatch.setattr(pulse_repair, "_searches", lambda doubtful, after: [(0, doubtful.size + 1)])  # noqa: ARG005
+        assert found == self.numbers(pulses, stripes)
+
+    def test_little_of_a_long_list_is_searched(self, swinging, monkeypatch):
+        times = np.delete(swinging.times_at(np.arange(3000)), [700, 2000])
+        searched = []
+        monkeypatch.setattr(
+            _pulse_repair_kernels,
+            "best_numbering",
+            lambda part, *others: (searched.append(part.size), BEST_NUMBERING(part, *others))[1],
+        )
+        kept, counts = number_pulses(times, stripes=1)
+        assert kept.size == times.size
+        np.testing.assert_array_equal(counts, np.delete(np.arange(3000), [700, 2000]))
+        # two faults and both ends, in two rounds, each 8 pulses before and 19 after what is doubted
+        assert sum(searched) < 2 * 4 * 50
+
+    def test_a_search_goes_on_until_it_has_settled(self):
+        # from the first doubtful interval on, every fifth pulse is missing to the end
+        true = np.arange(400)
+        true = true[(true < 200) | (true % 5 > 0)]
+        pulses = true / 50
+        kept, counts = number_pulses(pulses, stripes=1)
+        assert kept.size == pulses.size
+        np.testing.assert_array_equal(counts, true)
+
+
+class TestHopeless:
+    def test_more_wrong_than_right(self):
+        rng = np.random.default_rng(0)
+        times = np.sort(rng.uniform(0, 10, 400))
+        with pytest.raises(ValueError, match=r"cannot be repaired: \d+ would be missing and \d+ extra of 400"):
+            shaft_phase(times)
+
+    def test_too_long_a_gap(self, swinging):
+        times = swinging.times_at(np.arange(300))
+        with pytest.raises(ValueError, match=r"missing on end: too many to count for certain.*standstill_s") as caught:
+            shaft_phase(np.delete(times, np.arange(100, 140)))
+        assert f"from {times[99]:g} to {times[140]:g} s, about " in str(caught.value)
+
+
+class TestStops:
+    TIMES = np.concatenate([-np.sqrt(np.arange(40, 0, -1) / 5), np.sqrt((np.arange(1, 40) - 0.4) / 5)])
+
+    def test_a_stop_is_flagged(self):
+        # slowing evenly to rest a whole turn after the pulse, then gathering speed
+        times = self.TIMES + 10
+        phase = shaft_phase(times)
+        assert phase.stops_s.tolist() == [[times[39], times[40]]]
+        assert phase.direction_unknown
+        assert phase.repairs.total == 0
+        np.testing.assert_array_equal(phase.revolutions, np.arange(times.size))
+        assert not shaft_phase(times, direction=1).direction_unknown
+        assert phase.speed_hz(np.linspace(times[0], times[-1], 5001)).min() >= 0
+
+    def test_a_declared_sign(self):
+        phase = shaft_phase(self.TIMES + 10, direction=-1)
+        assert phase.revolutions[-1] == -(self.TIMES.size - 1)
+        assert not phase.direction_unknown
+
+    def test_a_declared_standstill_is_constant(self, swinging):
+        # a brake that holds within a turn, three seconds, and off again
+        first, second = np.arange(200.0), np.arange(200.0, 401.0)
+        times = np.concatenate([swinging.times_at(first), swinging.times_at(second) + 3])
+        with pytest.raises(ValueError, match="if the shaft stood, say so with standstill_s"):
+            shaft_phase(times)
+        for bandwidth in (None, 10.0):
+            phase = shaft_phase(times, standstill_s=1.0, bandwidth_hz=bandwidth)
+            rest = np.linspace(times[199] + 0.05, times[200] - 0.05, 1001)
+            assert np.ptp(phase.revolutions_at(rest)) == 0
+            assert np.all(phase.speed_hz(rest) == 0)
+            assert abs(phase.revolutions_at([rest[0]])[0] - 199.5) < 1e-4  # smoothing errs at an end
+            at = np.linspace(times[0], times[-1], 20_001)
+            assert phase.speed_hz(at).min() >= 0
+            assert np.all(np.diff(phase.revolutions_at(at)) >= -1e-12)
+            assert phase.direction_unknown
+            with pytest.raises(ValueError, match="stands still from"):
+                phase.times_at([150.0, 250.0])
+            arrival, departure = (
+                phase.times_at([phase.revolutions_at([rest[0]])[0]], at_rest=s)[0] for s in ("arrival", "departure")
+            )
+            assert times[199] < arrival < times[199] + 0.05
+            assert times[200] - 0.05 < departure < times[200]
+
+    def test_faults_on_either_side_of_a_stop(self):
+        times = np.delete(self.TIMES + 10, [10, 60])
+        phase = shaft_phase(times)
+        assert phase.repairs.missing == 2
+        assert phase.stops_s.shape == (1, 2)
+
+    @pytest.mark.parametrize("jitter", [0.0, 0.02])
+    def test_a_missing_pulse_is_no_stop(self, swinging, jitter):
+        rng = np.random.default_rng(4)
+        times = np.delete(swinging.times_at(np.arange(200)), 77) + jitter / 50 * rng.uniform(-1, 1, 199)
+        assert possible_stops(times, stripes=1).size == 0
+
+
+class TestOtherWays:
+    def test_stripe_displaced_by_ten_degrees(self, swinging, middle):
+        positions = np.array([0, 0.25, 0.5 + 10 / 360, 0.75])
+        true = (np.arange(200)[:, None] + positions).ravel()
+        phase = shaft_phase(swinging.times_at(true), pulses_per_rev=4)
+        # 1e-9 revolutions: the spline through one stripe alone, see the displaced stripes of the tachometer's tests
+        np.testing.assert_allclose(phase.stripe_positions_rev, positions, rtol=0, atol=1e-9)
+        at = middle(np.linspace(phase.start_s, phase.stop_s, 20_001))
+        assert np.max(np.abs(phase.revolutions_at(at) - swinging.revolutions(at).astype(float))) < 2e-9
+
+    @pytest.mark.parametrize("per_rev", [Fraction(41, 20), 2.05])
+    def test_pulses_of_another_shaft(self, swinging, per_rev):
+        times = swinging.times_at(np.arange(300))
+        phase = shaft_phase(times, pulses_per_rev=per_rev)
+        np.testing.assert_allclose(phase.revolutions, np.arange(300) * 20 / 41, rtol=1e-14)
+        np.testing.assert_array_equal(phase.stripe_positions_rev, [0.0])
+
+    def test_delay(self, swinging):
+        times = swinging.times_at(np.arange(300))
+        plain, late = shaft_phase(times), shaft_phase(times + 2e-4, delay_s=2e-4)
+        np.testing.assert_allclose(late.times_s, plain.times_s, rtol=0, atol=1e-14)
+
+    @pytest.mark.parametrize("turns", [1.5, 1.0])
+    def test_a_record_of_one_and_a_half_revolutions(self, turns):
+        # four stripes: seven pulses at most
+        marks = np.arange(0, turns + 1e-9, 0.25)
+        phase = shaft_phase(marks / 25, pulses_per_rev=4)
+        at = np.linspace(0, marks[-1] / 25, 101)
+        np.testing.assert_allclose(phase.revolutions_at(at), 25 * at, rtol=0, atol=1e-12)
+        assert np.isnan(phase.jitter_s)
+        with pytest.raises(ValueError, match=r"jitter of this phase is unknown: \d knots are too few"):
+            phase.std_rad(at)
+
+    def test_one_pulse_a_revolution_and_two_pulses(self):
+        phase = shaft_phase([0.01, 0.05])
+        np.testing.assert_allclose(phase.revolutions_at([0.03]), [0.5], rtol=1e-12)
+
+    def test_run_up_from_rest(self):
+        # 40 Hz after 5 s; a pulse at rest, and one every turn
+        times = np.sqrt(np.arange(101) / 4)
+        phase = shaft_phase(times)
+        at = np.linspace(0, 5, 5001)
+        assert phase.repairs.total == 0
+        np.testing.assert_allclose(phase.revolutions_at(at), 4 * at**2, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(phase.speed_hz(at), 8 * at, rtol=0, atol=1e-7)
+
+    @pytest.mark.parametrize("wave", [np.sin(np.arange(1000.0)), np.tile([0, 0, 5, 5], 50)])
+    def test_a_waveform_in_place_of_times(self, wave):
+        with pytest.raises(ValueError, match=r"no pulse times: \d+ of them do not rise .* look like a waveform"):
+            shaft_phase(wave)
+
+    @pytest.mark.parametrize("direction", [0, 2, [1, -1], "forward", [1.0, 1, 1, 0.5]])
+    def test_directions_that_are_none(self, direction):
+        with pytest.raises(ValueError, match=r"must be \+1, -1, or one of them for each of the 4 pulses"):
+            shaft_phase([0.0, 1, 2, 3], direction=direction)

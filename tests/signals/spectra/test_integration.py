@@ -1,0 +1,175 @@
+"""Velocity and displacement of tones in closed form, the limits of ISO 20816, and what is refused."""
+
+import numpy as np
+import pytest
+
+from signals.spectra.integration import ISO_20816_HZ, ISO_20816_SLOW_HZ, displacement, velocity
+
+RATE_HZ = 8192.0
+COUNT = 4 * 8192  # four seconds: quarters of a hertz are whole cycles
+TIMES = np.arange(COUNT) / RATE_HZ
+
+
+def acceleration(frequency_hz, amplitude=3.0):
+    return amplitude * np.cos(2 * np.pi * frequency_hz * TIMES + 0.7)
+
+
+class TestTones:
+    @pytest.mark.parametrize("frequency", [10.0, 11.25, 50.0, 333.75, 1000.0])
+    def test_whole_cycles_are_exact(self, frequency):
+        x, w = acceleration(frequency), 2 * np.pi * frequency
+        v = velocity(x, rate_hz=RATE_HZ, units="m s-2")
+        d = displacement(x, rate_hz=RATE_HZ, units="m s-2")
+        # closed form: sin / w and -cos / w^2, in mm/s and um; rounding of the transform, raised by (1000 / 10)^2
+        np.testing.assert_allclose(v.values, 3e3 / w * np.sin(w * TIMES + 0.7), atol=1e-10 * 3e3 / w)
+        np.testing.assert_allclose(d.values, -3e6 / w**2 * np.cos(w * TIMES + 0.7), atol=1e-8 * 3e6 / w**2)
+        assert v.rms == pytest.approx(3e3 / w / np.sqrt(2), rel=0.02)  # the settled part need not be whole cycles
+        assert (v.units, d.units) == ("mm s-1", "um")
+
+    @pytest.mark.parametrize("frequency", [10.1, 15.77, 159.2, 999.1])
+    def test_any_cycles_are_exact_where_it_has_settled(self, frequency):
+        x, w = acceleration(frequency), 2 * np.pi * frequency
+        v, d = (f(x, rate_hz=RATE_HZ, units="m s-2") for f in (velocity, displacement))
+        skip = int(np.ceil(v.settling_s * RATE_HZ))
+        middle = slice(skip, COUNT - skip)
+        assert v.settled.size == COUNT - 2 * skip
+        # the accuracy the module states at the end of the settling time, with half as much again
+        np.testing.assert_allclose(v.settled, 3e3 / w * np.sin(w * TIMES[middle] + 0.7), atol=3e-4 * 3e3 / w)
+        np.testing.assert_allclose(d.settled, -3e6 / w**2 * np.cos(w * TIMES[middle] + 0.7), atol=1.5e-3 * 3e6 / w**2)
+
+    def test_twice_is_once_and_once_more(self):
+        x = acceleration(50.0) + acceleration(170.0, 9.0)
+        v = velocity(x, rate_hz=RATE_HZ, units="m s-2")
+        once_more = displacement(v.values, rate_hz=RATE_HZ, units="mm s-1").values
+        twice = displacement(x, rate_hz=RATE_HZ, units="m s-2").values
+        np.testing.assert_allclose(once_more, twice, atol=1e-9 * np.abs(twice).max())  # both lines pass whole twice
+
+
+class TestUnits:
+    @pytest.mark.parametrize(
+        ("units", "to", "factor"),
+        [
+            ("m s-2", "m s-1", 1.0),
+            ("m s-2", "mm s-1", 1e3),
+            ("mm s-2", "mm s-1", 1.0),
+            ("g", "mm s-1", 9806.65),  # the standard gravity of the third CGPM, 1901
+        ],
+    )
+    def test_acceleration_to_velocity(self, units, to, factor):
+        v = velocity(acceleration(50.0, 1.0), rate_hz=RATE_HZ, units=units, to=to)
+        assert np.abs(v.values).max() == pytest.approx(factor / (2 * np.pi * 50), rel=1e-3)  # a sample off the top
+
+    @pytest.mark.parametrize(
+        ("units", "to", "factor"),
+        [("g", "um", 9.80665e6), ("g", "mm", 9806.65), ("m s-2", "m", 1.0), ("mm s-1", "um", 2 * np.pi * 50 * 1e3)],
+    )
+    def test_to_displacement(self, units, to, factor):
+        d = displacement(acceleration(50.0, 1.0), rate_hz=RATE_HZ, units=units, to=to)
+        assert np.abs(d.values).max() == pytest.approx(factor / (2 * np.pi * 50) ** 2, rel=1e-3)
+
+    def test_a_velocity_is_only_cut_and_converted(self):
+        v = velocity(acceleration(50.0), rate_hz=RATE_HZ, units="m s-1")
+        np.testing.assert_allclose(v.values, 1e3 * acceleration(50.0), atol=1e-8)
+
+    def test_a_rule_of_thumb_of_the_trade(self):
+        # 1 g peak at 100 Hz: 15.6 mm/s peak, 24.8 um peak
+        x = acceleration(100.0, 1.0)
+        assert np.abs(velocity(x, rate_hz=RATE_HZ, units="g").values).max() == pytest.approx(15.6, abs=0.05)
+        assert np.abs(displacement(x, rate_hz=RATE_HZ, units="g").values).max() == pytest.approx(24.84, abs=0.05)
+
+
+class TestBand:
+    def test_limits(self):
+        assert ISO_20816_HZ == (10, 1000)
+        assert ISO_20816_SLOW_HZ == (2, 1000)
+
+    @pytest.mark.parametrize(
+        ("frequency", "least", "most"),
+        # ISO 2954: relative sensitivity of a meter of vibration severity from 10 to 1000 Hz
+        [
+            (10, 0.8, 1.1),
+            (20, 0.9, 1.1),
+            (40, 0.9, 1.1),
+            (80, 1 - 1e-9, 1 + 1e-9),
+            (160, 0.9, 1.1),
+            (500, 0.9, 1.1),
+            (1000, 0.8, 1.1),
+        ],
+    )
+    def test_meters_limits(self, frequency, least, most):
+        v = velocity(acceleration(frequency), rate_hz=RATE_HZ, units="m s-2")
+        # by the root mean square of whole cycles, which has no sample off the top
+        assert least < np.sqrt(2 * np.mean(v.values**2)) / (3e3 / (2 * np.pi * frequency)) < most
+
+    @pytest.mark.parametrize("frequency", [1.0, 2.5, 7.5, 1250.0, 4000.0])
+    def test_beyond_its_tapers_nothing_passes(self, frequency):
+        v = velocity(acceleration(frequency), rate_hz=RATE_HZ, units="m s-2")
+        assert np.abs(v.values).max() < 1e-9 * 3e3 / (2 * np.pi * frequency)  # rounding
+
+    @pytest.mark.parametrize("edge", [10.0, 1000.0])
+    def test_half_way_down_the_taper_half_passes(self, edge):
+        beyond = edge * (1 - 0.125) if edge == 10 else edge * (1 + 0.125)
+        frequency = round(beyond * 4) / 4  # whole cycles
+        v = velocity(acceleration(frequency), rate_hz=RATE_HZ, units="m s-2")
+        assert np.abs(v.values).max() / (3e3 / (2 * np.pi * frequency)) == pytest.approx(0.5, abs=0.01)
+
+    def test_slow_machines(self):
+        v = velocity(acceleration(2.0), rate_hz=RATE_HZ, units="m s-2", band_hz=ISO_20816_SLOW_HZ)
+        assert np.abs(v.values).max() == pytest.approx(3e3 / (4 * np.pi), rel=1e-3)
+
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            (
+                {"band_hz": (0.9, 1000.0)},
+                "finer than the 0.25 Hz that a record of 4 s resolves; record at least 4.44 s",
+            ),
+            ({"band_hz": (0.0, 1000.0)}, "must rise, above 0"),
+            ({"band_hz": (10.0, 5000.0)}, "up to 4096 Hz"),
+            ({"band_hz": (10.0, 5.0)}, "must rise"),
+            ({"band_hz": (10.0, float("nan"))}, "must be finite"),
+            ({"taper": 1.5}, "taper=1.5 must be at most 1"),
+            ({"taper": 0}, "taper=0 must be above zero"),
+            ({"units": "V"}, "units='V' is unknown"),
+            ({"units": "um"}, "units='um' is unknown"),
+            ({"to": "um"}, "to='um' is unknown"),
+            ({"x": np.where(np.arange(COUNT) == 9, np.nan, 0.0)}, "index 9"),
+        ],
+    )
+    def test_refusals(self, changes, words):
+        arguments = {"x": acceleration(50.0), "rate_hz": RATE_HZ, "units": "g"} | changes
+        with pytest.raises(ValueError, match=words):
+            velocity(arguments.pop("x"), **arguments)
+
+    def test_a_short_record_is_not_judged(self):
+        v = velocity(acceleration(50.0)[: COUNT // 4], rate_hz=RATE_HZ, units="g")
+        assert v.settled.size == 0
+        with pytest.raises(ValueError, match=r"the record of 1 s holds nothing beyond the 1\.2 s"):
+            _ = v.rms
+
+
+class TestHardCases:
+    def test_offset_a_million_times_the_signal(self):
+        x = acceleration(50.0, 1e-3)
+        v = velocity(x + 1e3, rate_hz=RATE_HZ, units="m s-2")
+        expected = velocity(x, rate_hz=RATE_HZ, units="m s-2").values
+        # 1e3 is rounded to 1e-13: a 1e-10 of the signal in each sample, averaged by the integration
+        np.testing.assert_allclose(v.values, expected, atol=1e-8 * np.abs(expected).max())
+
+    def test_constant(self):
+        assert np.abs(velocity(np.full(COUNT, 0.1), rate_hz=RATE_HZ, units="g").values).max() < 1e-12
+
+    def test_integers_of_sixteen_bits(self):
+        counts = np.round(acceleration(50.0, 30_000)).astype(np.int16)
+        found = velocity(counts, rate_hz=RATE_HZ, units="mm s-2").values
+        np.testing.assert_array_equal(found, velocity(counts.astype(float), rate_hz=RATE_HZ, units="mm s-2").values)
+        assert np.abs(found).max() == pytest.approx(30_000 / (2 * np.pi * 50), rel=1e-3)
+
+
+def test_the_velocity_of_single_precision_samples():
+    rng = np.random.default_rng(8)
+    x = rng.standard_normal(100_003).astype(np.float32)
+    single, exact = (velocity(samples, rate_hz=5000.0, units="g") for samples in (x, x.astype(np.float64)))
+    assert single.values.dtype == np.float32
+    np.testing.assert_allclose(single.values, exact.values, rtol=0, atol=3e-6 * exact.rms)
+    assert single.rms == pytest.approx(exact.rms, rel=1e-6)

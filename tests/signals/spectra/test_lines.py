@@ -1,0 +1,182 @@
+"""Lines in noise: is the stated chance the true one, the stated deviation the true one, and the line where it is?"""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from signals.spectra.lines import Line, false_alarm_probability, find_line, record_probability
+from signals.spectra.spectra import amplitude_spectrum
+
+PER_REV = 32
+REVOLUTIONS = 128
+COUNT = PER_REV * REVOLUTIONS
+HANN_SPREAD = 0.0200077  # second moment of cos^4 over its square: see the test of the spectrum
+ORDER = 7.1234
+
+
+def spectrum(values, window="hann"):
+    return amplitude_spectrum(values, rate=PER_REV, window=window, maximum=9.0)
+
+
+def tone(order=ORDER, amplitude=1.0, start=0.3):
+    return amplitude * np.cos(2 * np.pi * order * np.arange(COUNT) / PER_REV + start)
+
+
+@pytest.fixture(scope="module")
+def noise_probabilities():
+    """Probabilities stated for 2,000 records of noise alone, by tolerance."""
+    rng = np.random.default_rng(2026)
+    stated = {0.0: [], 0.2: []}
+    for _ in range(2000):
+        lines = spectrum(rng.standard_normal(COUNT))
+        for tolerance, probabilities in stated.items():
+            line = find_line(lines, expected=ORDER, tolerance=tolerance)
+            probabilities.append(line.false_alarm_probability)
+    return {tolerance: np.array(probabilities) for tolerance, probabilities in stated.items()}
+
+
+class TestChance:
+    @pytest.mark.parametrize("tolerance", [0.0, 0.2])
+    @pytest.mark.parametrize("level", [0.1, 0.01])
+    def test_noise_alone_is_as_rare_as_stated(self, noise_probabilities, tolerance, level):
+        probabilities = noise_probabilities[tolerance]
+        alarms = int(np.count_nonzero(probabilities < level))
+        # the count is binomial; 99.9 % of it, so that one such test in a thousand fails for no reason
+        low, high = stats.binom.interval(0.999, probabilities.size, level)
+        assert low <= alarms <= high
+
+    @pytest.mark.parametrize("tolerance", [0.0, 0.2])
+    def test_probabilities_are_probabilities(self, noise_probabilities, tolerance):
+        assert noise_probabilities[tolerance].min() > 0
+        assert noise_probabilities[tolerance].max() <= 1
+
+    @pytest.mark.parametrize("degrees", [4.0, 30.0, 300.0])
+    @pytest.mark.parametrize("ratio", [0.5, 5.0, 20.0])
+    @pytest.mark.parametrize("width", [1.0, 50.0])
+    def test_averaged_over_what_the_mean_may_be(self, degrees, ratio, width):
+        # the estimated mean is the true one times a Gamma variable of mean one: Rice's terms averaged by quadrature
+        def terms(g):
+            u = ratio * g
+            return (1 + width * 2 * np.pi * np.sqrt(HANN_SPREAD * u / np.pi)) * np.exp(-u)
+
+        gamma = stats.gamma(degrees, scale=1 / degrees)
+        expected, _ = integrate.quad(lambda g: terms(g) * gamma.pdf(g), 0, 1 + 40 / np.sqrt(degrees), limit=400)
+        found = false_alarm_probability(ratio, width_bins=width, spread=HANN_SPREAD, background_degrees=degrees)
+        assert found == pytest.approx(-math.expm1(-expected), rel=1e-6)  # quadrature
+
+    def test_a_known_background_and_no_width_is_the_exponential_law(self):
+        found = false_alarm_probability(12.0, width_bins=0.0, spread=HANN_SPREAD, background_degrees=1e9)
+        # exp(-12) off by 12^2 / 2e9
+        assert found == pytest.approx(-math.expm1(-math.exp(-12)), rel=1e-6)
+
+    def test_it_falls_with_power_and_rises_with_width_and_ignorance(self):
+        def chance(ratio=10.0, width=5.0, degrees=50.0):
+            return false_alarm_probability(ratio, width_bins=width, spread=HANN_SPREAD, background_degrees=degrees)
+
+        assert chance(ratio=11) < chance() < chance(width=6)
+        assert chance() < chance(degrees=40)
+        assert 0 < chance(ratio=1000) < 1e-20
+
+    @pytest.mark.parametrize(("single", "searches"), [(0.05, 20), (0.5, 3), (1.0, 4), (0.0, 9), (0.3, 1)])
+    def test_of_many_searches(self, single, searches):
+        assert record_probability(single, searches=searches) == pytest.approx(1 - (1 - single) ** searches, rel=1e-14)
+
+    def test_of_many_searches_for_the_rarest(self):
+        # 1 - (1 - p)^n is n p long before 1 - p differs from 1
+        assert record_probability(1e-30, searches=500) == pytest.approx(5e-28, rel=1e-12)
+
+
+class TestFoundLine:
+    @pytest.mark.parametrize("order", [7.1234, 7.125, 3.0, 7.1289])
+    def test_where_it_is(self, order):
+        rng = np.random.default_rng(11)
+        values = tone(order) + 0.1 * rng.standard_normal(COUNT)
+        line = find_line(spectrum(values), expected=order + 0.05, tolerance=0.1)
+        # noise moves a tone by at least sqrt(6 / n) sigma / (pi A) bins (Rife and Boorstyn 1974), 1.2e-3 here, and
+        # with a Hann window by half as much again; four of these, and a parabola's 1e-4
+        assert abs(line.found - order) * REVOLUTIONS < 7.5e-3
+        assert abs(line.amplitude - 1) < 4 * line.amplitude_std
+        assert line.false_alarm_probability < 1e-100
+        assert line.expected == order + 0.05
+
+    def test_without_noise(self):
+        line = find_line(spectrum(tone()), expected=ORDER)
+        # a parabola through three points an eighth of a bin apart: Hann's lobe is met within 3e-5, and 1e-4 bins
+        assert line.amplitude == pytest.approx(1, abs=3e-5)
+        assert abs(line.found - ORDER) * REVOLUTIONS < 2e-4
+        assert line.snr > 1e4
+
+    def test_the_stated_deviation_is_the_true_one(self):
+        rng = np.random.default_rng(12)
+        noise = 0.5
+        found = [find_line(spectrum(tone() + noise * rng.standard_normal(COUNT)), expected=ORDER) for _ in range(600)]
+        amplitudes = np.array([line.amplitude for line in found])
+        stated = np.array([line.amplitude_std for line in found])
+        # real part of white noise through a window: sigma sqrt(2 ENBW / n)
+        assert np.median(stated) == pytest.approx(noise * math.sqrt(2 * 1.5 / COUNT), rel=0.02)
+        # a deviation from 600 is known to 1 / sqrt(1200); four of these
+        assert amplitudes.std() == pytest.approx(float(np.mean(stated)), rel=4 / math.sqrt(1200))
+        assert amplitudes.mean() == pytest.approx(1, abs=0.01)
+
+    def test_only_within_the_tolerance(self):
+        rng = np.random.default_rng(13)
+        lines = spectrum(tone(7.0) + 0.05 * rng.standard_normal(COUNT))
+        assert find_line(lines, expected=7.19, tolerance=0.2).found == pytest.approx(7.0, abs=1e-3)
+        missed = find_line(lines, expected=7.35, tolerance=0.2)
+        assert abs(missed.found - 7.35) <= 0.2 + lines.bin_width / 8
+        assert missed.amplitude < 0.05
+
+    def test_less_than_a_bin_searches_a_bin(self):
+        lines = spectrum(tone())
+        assert find_line(lines, expected=ORDER, tolerance=1e-9) == find_line(lines, expected=ORDER)
+        # half a bin off is inside, a whole one is not the summit
+        assert find_line(lines, expected=ORDER + 0.45 / REVOLUTIONS).found == pytest.approx(ORDER, abs=1e-5)
+        assert find_line(lines, expected=ORDER + 1.2 / REVOLUTIONS).amplitude < 0.8
+
+    def test_a_louder_neighbour_stays_out_of_the_background(self):
+        rng = np.random.default_rng(14)
+        noise = rng.standard_normal(COUNT)
+        alone = find_line(spectrum(tone() + noise), expected=ORDER)
+        beside = find_line(spectrum(tone() + noise + tone(ORDER + 0.5, 30.0)), expected=ORDER)
+        # the median of 250 bins does not mind the dozen under the neighbour's lobe
+        assert beside.background == pytest.approx(alone.background, rel=0.1)
+        assert beside.amplitude == pytest.approx(alone.amplitude, abs=0.02)
+
+    def test_scale_does_not_matter(self):
+        values = tone(amplitude=0.2) + np.random.default_rng(15).standard_normal(COUNT)
+        line, louder = (find_line(spectrum(values * gain), expected=ORDER, tolerance=0.1) for gain in (1.0, 1e6))
+        assert louder.false_alarm_probability == pytest.approx(line.false_alarm_probability, rel=1e-9)
+        assert louder.snr == pytest.approx(line.snr, rel=1e-9)
+        assert louder.amplitude == pytest.approx(line.amplitude * 1e6, rel=1e-9)
+
+    def test_silence_holds_no_line(self):
+        line = find_line(spectrum(np.zeros(COUNT)), expected=ORDER)
+        assert isinstance(line, Line)
+        assert (line.amplitude, line.background, line.snr) == (0, 0, 0)
+        assert line.false_alarm_probability == 1
+
+
+class TestRefusals:
+    @pytest.mark.parametrize(
+        ("arguments", "words"),
+        [
+            ({"expected": 9.1}, "a line at 9.1 .* lies beyond the end of the spectrum, 9"),
+            ({"expected": 8.9, "tolerance": 0.2}, "beyond the end"),
+            ({"expected": 0.0}, "the expected order=0.0"),
+            ({"expected": float("nan")}, "the expected order"),
+            ({"expected": 5.0, "tolerance": -0.1}, "tolerance = -0.1"),
+            ({"expected": 5.0, "tolerance": float("nan")}, "tolerance = nan"),
+            ({"expected": 5.0, "surroundings": 0.0}, "surroundings=0.0"),
+            ({"expected": 5.0, "surroundings": 0.05}, "bins surround the line at 5, too few"),
+        ],
+    )
+    def test_arguments(self, arguments, words):
+        with pytest.raises(ValueError, match=words):
+            find_line(spectrum(tone()), **arguments)
+
+    def test_a_short_record(self):
+        short = amplitude_spectrum(tone()[: 5 * PER_REV], rate=PER_REV)
+        with pytest.raises(ValueError, match="the record is too short"):
+            find_line(short, expected=ORDER)

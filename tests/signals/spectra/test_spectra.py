@@ -1,0 +1,288 @@
+"""Amplitude spectra against tones of known height and the published figures of the windows."""
+
+import numpy as np
+import pytest
+from scipy.signal import get_window, welch
+
+from signals._windows import window_of
+from signals.resampling.resampling import AngularSignal
+from signals.spectra.spectra import (
+    PADDING,
+    amplitude_spectrum,
+    averaged_order_spectrum,
+    averaged_spectrum,
+    order_spectrum,
+)
+
+COUNT = 4096
+RATE = 1000.0
+# Harris 1978, table 1: -3 dB width and equivalent noise bandwidth in bins, two decimals
+HARRIS = {"boxcar": (0.89, 1.00), "hann": (1.44, 1.50), "hamming": (1.30, 1.36), "blackman": (1.68, 1.73)}
+
+
+def tone(bins, amplitude=1.0, start=0.4, count=COUNT):
+    """`bins` cycles in the record."""
+    return amplitude * np.cos(2 * np.pi * bins * np.arange(count) / count + start)
+
+
+class TestAmplitude:
+    @pytest.mark.parametrize("window", HARRIS)
+    @pytest.mark.parametrize("amplitude", [1.0, 1e-6, 350.0])
+    def test_a_tone_on_the_grid(self, window, amplitude):
+        spectrum = amplitude_spectrum(tone(400, amplitude), rate=RATE, window=window)
+        top = np.argmax(spectrum.amplitude)
+        assert spectrum.axis[top] == pytest.approx(400 * RATE / COUNT, rel=1e-14)
+        # the leakage of the negative frequency, 800 bins away: 4e-4 of a box, far less of the others
+        assert spectrum.amplitude[top] == pytest.approx(amplitude, rel=5e-4 if window == "boxcar" else 1e-6)
+
+    @pytest.mark.parametrize("offset", [1 / 16, 0.3, 0.5, -0.21])
+    def test_a_tone_between_bins(self, offset):
+        spectrum = amplitude_spectrum(tone(400 + offset), rate=RATE)
+        # at most a sixteenth of a bin from the grid; Hann's lobe sinc(x) / (1 - x^2) has lost 0.252 % there
+        worst = np.sinc(1 / 16) / (1 - 1 / 256)
+        assert worst - 1e-6 <= spectrum.amplitude.max() <= 1 + 1e-6
+        assert spectrum.axis[np.argmax(spectrum.amplitude)] == pytest.approx(
+            (400 + offset) * RATE / COUNT, abs=0.51 * RATE / COUNT / PADDING
+        )
+
+    def test_the_mean_is_removed(self):
+        raised = amplitude_spectrum(tone(400) + 1e3, rate=RATE)
+        # 1e3 is rounded to 1e-13, and so is its difference
+        np.testing.assert_allclose(raised.amplitude, amplitude_spectrum(tone(400), rate=RATE).amplitude, atol=1e-12)
+
+    def test_two_tones_keep_their_own_heights(self):
+        spectrum = amplitude_spectrum(tone(400) + tone(420, 1e-3), rate=RATE)
+        # Hann's sidelobes fall with the third power: below 1e-4 after twenty bins
+        assert spectrum.amplitude[420 * PADDING] == pytest.approx(1e-3, rel=0.1)
+
+    def test_noise_power_spreads_over_the_noise_bandwidth(self):
+        rng = np.random.default_rng(3)
+        powers = []
+        for _ in range(50):
+            spectrum = amplitude_spectrum(2 * rng.standard_normal(COUNT), rate=RATE)
+            powers.append(np.mean(spectrum.amplitude[8 * PADDING : -8 * PADDING] ** 2))
+        # E A^2 = 4 sigma^2 ENBW / n; 50 x 2048 bins of which two thirds are independent know it to 0.4 %, times 4
+        assert np.mean(powers) == pytest.approx(4 * 2**2 * 1.5 / COUNT, rel=0.016)
+
+
+class TestResolution:
+    @pytest.mark.parametrize("window", HARRIS)
+    def test_published_widths(self, window):
+        width, bandwidth = HARRIS[window]
+        spectrum = amplitude_spectrum(tone(400), rate=RATE, window=window)
+        assert spectrum.bin_width == RATE / COUNT
+        # one unit of the second decimal: Blackman's exact width is 1.64, and Harris has the truncated coefficients
+        assert spectrum.resolution / spectrum.bin_width == pytest.approx(
+            width, abs=0.05 if window == "blackman" else 0.01
+        )
+        assert spectrum.noise_bandwidth_bins == pytest.approx(bandwidth, abs=5e-3)
+
+    @pytest.mark.parametrize("window", HARRIS)
+    def test_measured_on_a_tone(self, window):
+        spectrum = amplitude_spectrum(tone(400), rate=RATE, window=window, padding=200)
+        above = np.flatnonzero(spectrum.amplitude >= spectrum.amplitude.max() / np.sqrt(2))
+        # counted on a grid of a two-hundredth of a bin: within one step
+        measured = (above[-1] - above[0] + 1) * spectrum.bin_width / 200
+        assert spectrum.resolution == pytest.approx(measured, abs=spectrum.bin_width / 200)
+
+    def test_spread_of_the_squared_window(self):
+        # integrals over x in (-1/2, 1/2): 1/12 of a box; of cos^4(pi x) by its three cosines
+        cosine = {k: (-1) ** k / (2 * np.pi**2 * k**2) for k in (1, 2)}
+        hann = (3 / 8 / 12 + cosine[1] / 2 + cosine[2] / 8) / (3 / 8)
+        for window, expected in (("boxcar", 1 / 12), ("hann", hann)):
+            # a sum for an integral, over a periodic window half a sample off its middle: some 1/n^2
+            assert amplitude_spectrum(tone(9), rate=RATE, window=window).spread == pytest.approx(expected, rel=1e-6)
+
+    @pytest.mark.parametrize("padding", [1, 3, 8])
+    def test_grid(self, padding):
+        spectrum = amplitude_spectrum(tone(400), rate=RATE, padding=padding)
+        np.testing.assert_allclose(np.diff(spectrum.axis), spectrum.bin_width / padding, rtol=1e-9)
+        assert spectrum.axis[0] == 0
+        assert spectrum.axis[-1] == pytest.approx(RATE / 2, abs=RATE / COUNT / padding)
+
+    def test_maximum(self):
+        spectrum = amplitude_spectrum(tone(400), rate=RATE, maximum=100.0)
+        assert 100.0 - spectrum.bin_width / PADDING < spectrum.axis[-1] <= 100.0
+        assert spectrum.axis.size == spectrum.amplitude.size
+
+
+class TestOrders:
+    @pytest.mark.parametrize(("max_order", "last"), [(None, 28.16), (10.0, 10.0), (99.0, 28.16)])
+    def test_up_to_the_passband(self, max_order, last):
+        signal = AngularSignal(
+            values=2 * np.cos(3.5 * 2 * np.pi * np.arange(6400) / 64),
+            samples_per_rev=64,
+            start_rev=5.0,
+            passband_orders=28.16,
+        )
+        spectrum = order_spectrum(signal, max_order=max_order)
+        assert last - 0.01 / PADDING < spectrum.axis[-1] <= last
+        assert spectrum.bin_width == 0.01  # one over 100 revolutions
+        assert spectrum.axis[np.argmax(spectrum.amplitude)] == pytest.approx(3.5, rel=1e-12)
+        assert spectrum.amplitude.max() == pytest.approx(2, rel=1e-6)
+
+
+class TestRefusals:
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            ({"values": [1.0, np.nan, 0, 0, 0]}, "the signal has 1 values that are not finite"),
+            ({"values": [1.0, 2, 3]}, "at least 4"),
+            ({"values": np.ones((4, 4))}, "one real"),
+            ({"rate": 0.0}, "rate"),
+            ({"rate": float("nan")}, "rate"),
+            ({"padding": 0}, "padding=0 must be a whole number"),
+            ({"padding": 1.5}, "padding"),
+            ({"window": "hahn"}, "window"),
+        ],
+    )
+    def test_inputs(self, changes, words):
+        arguments = {"values": tone(4, count=64), "rate": RATE} | changes
+        with pytest.raises(ValueError, match=words):
+            amplitude_spectrum(arguments.pop("values"), **arguments)
+
+
+@pytest.mark.parametrize(("window", "gain"), [("boxcar", 1.0), ("hann", 0.5), ("hamming", 0.54), ("blackman", 0.42)])
+def test_published_coherent_gains(window, gain):
+    # Harris 1978, table 1; periodic windows have them exactly
+    assert window_of(window, 1000).coherent_gain == pytest.approx(gain, rel=1e-12)
+
+
+class TestPhase:
+    @pytest.mark.parametrize("window", HARRIS)
+    @pytest.mark.parametrize("start", [0.0, 2.75])
+    def test_of_a_tone(self, window, start):
+        frequency, phase = 400 * RATE / COUNT, 0.7
+        times = start + np.arange(COUNT) / RATE
+        spectrum = amplitude_spectrum(
+            3 * np.cos(2 * np.pi * frequency * times + phase), rate=RATE, window=window, start=start
+        )
+        # the leakage of the negative frequency, 800 bins away, is 4e-4 of a box and far less of the others
+        assert spectrum.phase_rad[400 * PADDING] == pytest.approx(phase, abs=5e-4 if window == "boxcar" else 1e-6)
+        assert spectrum.complex_amplitude[400 * PADDING] == pytest.approx(
+            3 * np.exp(1j * phase), rel=7e-4 if window == "boxcar" else 1e-6
+        )
+
+    def test_of_an_order_is_that_at_the_datum(self):
+        turns = 7 + np.arange(64 * 50) / 64
+        signal = AngularSignal(
+            values=np.cos(2 * np.pi * 3.5 * turns - 1.1), samples_per_rev=64, start_rev=7.0, passband_orders=28.16
+        )
+        spectrum = order_spectrum(signal)
+        # order 3.5 has 175 cycles in the record, 350 bins from its image: below 1e-7
+        assert spectrum.phase_rad[np.argmax(spectrum.amplitude)] == pytest.approx(-1.1, abs=1e-6)
+
+
+class TestAveraged:
+    NOISE = np.random.default_rng(11).standard_normal(200_000)
+
+    @pytest.mark.parametrize("window", HARRIS)
+    @pytest.mark.parametrize(("overlap", "noverlap"), [(0.0, 0), (0.5, 128), (0.75, 192)])
+    def test_density_is_that_of_scipy(self, window, overlap, noverlap):
+        x = self.NOISE[:10_000] + 5
+        found = averaged_spectrum(x, rate=RATE, segment=256, overlap=overlap, window=window)
+        axis, density = welch(x - x.mean(), RATE, window=window, nperseg=256, noverlap=noverlap, detrend=False)
+        np.testing.assert_allclose(found.axis, axis, rtol=1e-14)
+        np.testing.assert_allclose(found.value, density, rtol=1e-9)  # rounding of sums of 1e4 terms
+
+    @pytest.mark.parametrize("length", [256, 255])
+    def test_parseval(self, length):
+        # box, no overlap: the density integrates to the mean square of what was transformed
+        x = self.NOISE[: 40 * length] - self.NOISE[: 40 * length].mean()
+        found = averaged_spectrum(x, rate=RATE, segment=length, overlap=0, window="boxcar")
+        assert found.averages == 40
+        assert np.sum(found.value) * found.bin_width == pytest.approx(np.mean(x**2), rel=1e-12)
+
+    @pytest.mark.parametrize("window", HARRIS)
+    def test_a_tone_reads_its_height(self, window):
+        x = tone(256, 3.0)
+        peak, rms, density = (
+            averaged_spectrum(x, rate=RATE, segment=512, window=window, scaling=scaling)
+            for scaling in ("peak", "rms", "density")
+        )
+        # 32 cycles a segment; the image 64 bins away is 1/200 of a box, which the average over phases squares
+        tolerance = 1e-2 if window == "boxcar" else 1e-4
+        assert peak.value[32] == pytest.approx(3, rel=tolerance)
+        assert rms.value[32] == pytest.approx(3 / np.sqrt(2), rel=tolerance)
+        # power over the published equivalent noise bandwidth
+        bandwidth = HARRIS[window][1] * RATE / 512
+        assert density.value[32] == pytest.approx(4.5 / bandwidth, rel=5e-3 + tolerance)
+        assert density.noise_bandwidth == pytest.approx(bandwidth, rel=5e-3)
+        assert peak.resolution == pytest.approx(
+            HARRIS[window][0] * RATE / 512, abs=0.05 * RATE / 512 if window == "blackman" else 0.01 * RATE / 512
+        )
+
+    def test_half_the_rate_has_no_mirror_image(self):
+        x = 2.0 * (-1.0) ** np.arange(4096)
+        for scaling in ("peak", "rms"):
+            found = averaged_spectrum(x, rate=RATE, segment=512, scaling=scaling)
+            assert found.value[-1] == pytest.approx(2, rel=1e-9)
+
+    @pytest.mark.parametrize("overlap", [0.0, 0.5, 0.75])
+    @pytest.mark.parametrize("window", ["hann", "boxcar"])
+    def test_the_interval_holds_the_truth_as_often_as_it_says(self, overlap, window):
+        hits, lines = 0, 0
+        for part in self.NOISE.reshape(50, -1):
+            found = averaged_spectrum(part, rate=2.0, segment=128, overlap=overlap, window=window, confidence=0.9)
+            inside = (found.low < 1) & (found.high > 1)  # white, of variance 1 and rate 2: density 1
+            hits, lines = hits + int(inside[3:-3].sum()), lines + inside[3:-3].size
+        # 50 x 59 lines, a good third of them independent: 0.9 +- 0.01, times three; a sum of correlated exponentials
+        # is a chi-square to about a hundredth
+        assert hits / lines == pytest.approx(0.9, abs=0.04)
+
+    def test_published_degrees_of_freedom(self):
+        # Welch 1967: Hann at half overlap, rho = 1/6: 2 K / (1 + 2 (1 - 1/K) / 36), about 1.89 K
+        found = averaged_spectrum(self.NOISE, rate=1.0, segment=2000)
+        count = found.averages
+        assert count == 199
+        assert found.degrees_of_freedom == pytest.approx(2 * count / (1 + 2 * (1 - 1 / count) / 36), rel=1e-5)
+
+    def test_interval_of_one_segment_is_that_of_two_degrees(self):
+        found = averaged_spectrum(self.NOISE[:256], rate=1.0, segment=256)
+        assert found.degrees_of_freedom == 2
+        # chi-square of 2 degrees is exponential: quantiles -2 ln(1 - p)
+        np.testing.assert_allclose(found.low[1:-1], found.value[1:-1] / -np.log(0.025), rtol=1e-12)
+        np.testing.assert_allclose(found.high[1:-1], found.value[1:-1] / -np.log(0.975), rtol=1e-12)
+
+    def test_over_orders(self):
+        turns = np.arange(64 * 100) / 64
+        signal = AngularSignal(
+            values=2 * np.cos(2 * np.pi * 3.5 * turns), samples_per_rev=64, start_rev=0.0, passband_orders=28.16
+        )
+        found = averaged_order_spectrum(signal, revolutions=10, scaling="peak")
+        assert found.bin_width == 0.1
+        assert found.axis[-1] == pytest.approx(28.1)
+        assert found.value[35] == pytest.approx(2, rel=1e-4)
+
+    def test_hard_cases(self):
+        x = tone(256, 1e-3)
+        raised = averaged_spectrum(x + 1e3, rate=RATE, segment=512, scaling="peak")  # offset a million times the tone
+        # 1e3 is rounded to 1e-13, a 1e-10 of the tone; sums add a little
+        assert raised.value[32] == pytest.approx(1e-3, rel=1e-4)
+        assert raised.value[0] < 1e-9
+        assert averaged_spectrum(np.full(1000, 0.1), rate=RATE, segment=100).value.max() < 1e-30
+        counts = np.round(1000 * tone(256)).astype(np.int16)
+        np.testing.assert_array_equal(
+            averaged_spectrum(counts, rate=RATE, segment=512).value,
+            averaged_spectrum(counts.astype(float), rate=RATE, segment=512).value,
+        )
+
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            ({"values": [0.0, np.nan, 1, 2]}, "index 1"),
+            ({"segment": 65}, "segment=65 must be a whole number from 4 to 64"),
+            ({"overlap": 1.0}, "overlap = 1.0 must lie from 0 to below 1"),
+            ({"confidence": 1.0}, "confidence=1.0 must lie between"),
+            ({"scaling": "power"}, "scaling='power' is unknown"),
+        ],
+    )
+    def test_refusals(self, changes, words):
+        arguments = {"values": tone(4, count=64), "rate": RATE, "segment": 16} | changes
+        with pytest.raises(ValueError, match=words):
+            averaged_spectrum(arguments.pop("values"), **arguments)
+
+
+@pytest.mark.parametrize("count", [7, 64])
+def test_the_usual_window_is_that_of_scipy(count):
+    np.testing.assert_array_equal(window_of("hann", count).weights, get_window("hann", count))
