@@ -5,17 +5,24 @@ in steel from module and face width, or those below.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, PlainSerializer
+from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
-from data_synth.scene.operation import NotNegative, Share
+from data_synth.scene.operation import Finite, NotNegative, Share
 from data_synth.scene.sensors import Mode
 from hums.gearbox.components import Declared, Name, Positive
 
 
 def _pairs(value: Any) -> Any:  # noqa: ANN401
     return tuple(value.items()) if isinstance(value, Mapping) else value
+
+
+_NUMBERS_OF_SHAPE = {
+    "trapezoid": ("contact_ratio",),
+    "rectangular": ("step_n_m", "contact_ratio"),
+    "fourier": ("step_n_m", "contact_ratio", "harmonics"),
+}
 
 
 class LinkDynamics(Declared):
@@ -31,22 +38,53 @@ class MeshDynamics(Declared):
     Geometry may be declared here where the gearbox leaves it out. `stiffness_n_m` is the mean mesh stiffness along the
     line of action; `shape` its variation over a mesh cycle: from the strain energy of the teeth (spur gears without
     undercut or profile shift, whose bodies are held at `bore_share` of the reference radius), trapezoidal by the
-    contact ratio, or constant. Left out, it is the first of these that the geometry allows. `error_um` is the amplitude
-    of the first mesh harmonic of the transmission error; `fidelity` that of this mesh, where it is lower than the
-    scene's.
+    contact ratio, rectangular, the first terms of a Fourier series, or constant. Left out, it is `teeth` where the
+    geometry allows, else `trapezoid`. `error_um` is the amplitude of the first mesh harmonic of the transmission error;
+    `fidelity` that of this mesh, where it is lower than the scene's.
+
+    A rectangular stiffness is high for the fractional part of `contact_ratio` (left out: of the geometry) of each
+    cycle, and `step_n_m` lower for the rest (left out: the stiffness of one of `contact_ratio` equal pairs of teeth).
+    A Fourier series is either the first `harmonics` terms of that rectangle, or ``c cos + s sin`` of each mesh harmonic
+    from `harmonics_n_m` = [[c, s], ...], peak values in N/m.
     """
 
     module_mm: Positive | None = None
     face_width_mm: Positive | None = None
     pressure_angle_deg: Positive | None = None
     profile_shift: tuple[float, float] | None = None
-    shape: Literal["teeth", "trapezoid", "constant"] | None = None
+    shape: Literal["teeth", "trapezoid", "rectangular", "fourier", "constant"] | None = None
     stiffness_n_m: Positive | None = None
+    step_n_m: Positive | None = None
+    contact_ratio: Annotated[float, Field(gt=1)] | None = None
+    harmonics: Annotated[int, Field(ge=1)] | None = None
+    harmonics_n_m: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=1)] | None = None
     damping_n_s_m: NotNegative = 0.0
     backlash_um: NotNegative = 0.0
     error_um: NotNegative = 0.0
     bore_share: Annotated[float, Field(gt=0, lt=0.8)] = 0.4
     fidelity: Literal["kinematic", "torsional", "lateral", "full"] | None = None
+
+    @model_validator(mode="after")
+    def _check_shape(self) -> Self:
+        """Refuse numbers without effect on the shape, and a Fourier series given twice or not at all."""
+        given = [key for key in ("harmonics", "harmonics_n_m") if getattr(self, key) is not None]
+        if self.shape == "fourier" and len(given) != 1:
+            raise ValueError(
+                f"{' and '.join(given)} are both given; keep one"
+                if given
+                else 'shape = "fourier" needs harmonics = the number of terms of a rectangle, or '
+                "harmonics_n_m = [[c, s], ...]"
+            )
+        used = _NUMBERS_OF_SHAPE.get(self.shape or "", ())
+        if self.harmonics_n_m is not None and self.shape == "fourier":
+            used = ("harmonics_n_m",)
+        for key in ("step_n_m", "contact_ratio", "harmonics", "harmonics_n_m"):
+            value = getattr(self, key)
+            if value is not None and key not in used:
+                shown = f"{value:g}" if isinstance(value, float) else value
+                shape = f'shape = "{self.shape}"' if self.shape else "no shape"
+                raise ValueError(f"{key} = {shown} has no effect with {shape}; leave it out, or choose another shape")
+        return self
 
 
 class SupportDynamics(Declared):

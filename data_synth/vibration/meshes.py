@@ -11,11 +11,19 @@ from numpy.typing import ArrayLike
 from data_synth.dynamics.parts import MeshProperties
 from data_synth.dynamics.placement import Contact, contacts_of, planet_phase_lag
 from data_synth.dynamics.system import Mesh, MeshHistory
-from data_synth.gears.mesh_stiffness import Constant, Shifted, Stiffness, Trapezoidal
+from data_synth.gears.mesh_stiffness import (
+    Constant,
+    Fourier,
+    Rectangular,
+    Shifted,
+    Stiffness,
+    Trapezoidal,
+    fourier_series,
+)
 from data_synth.gears.tooth_compliance import DamagedTooth, TeethInMesh, ToothPair, helical, teeth_in_mesh
 from data_synth.gears.transmission_error import ProfileError, SumOfErrors, TransmissionError
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.dynamics import Dynamics
+from data_synth.scene.dynamics import Dynamics, MeshDynamics
 from data_synth.scene.faults import GearDamage, GearFault, damaged_teeth, transmission_errors
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.prepared import PreparedScene, faulty_gear, mesh_name
@@ -25,6 +33,7 @@ _UM = 1e-6
 _NEAR = 1e-9  # cycles: phases nearer than this are one
 _RAMP = 0.1  # cycles over which a pair takes up its load, where its teeth are not modelled
 _HELICAL_HARMONICS = 8
+_PHASES = 64  # to the shortest term of a series, at which its least stiffness is looked for
 _INSTANTS = 8193  # at which growth is evaluated
 _STRAIGHT = 0.005  # of all growth: error of linear interpolation between two instants
 _SHARE = 0.125  # of all growth, between two instants
@@ -270,17 +279,43 @@ def _stiffness(scene: Scene, contact: Contact, damaged: list[DamagedTooth], *, b
         teeth = _by_strain_energy(contact, declared.bore_share, declared.stiffness_n_m, damaged)
         return Knotted(of=teeth, by_cycles=by_cycles, period=teeth.period)
     mean = declared.stiffness_n_m or pair.mean_stiffness()
-    if shape == "constant" or pair.contact_ratio % 1 == 0:
+    ratio = declared.contact_ratio or pair.contact_ratio
+    if shape in ("rectangular", "fourier"):
+        return Shifted(of=_declared_wave(declared, contact.mesh, mean=mean, ratio=ratio), by_cycles=by_cycles)
+    if shape == "constant" or ratio % 1 == 0:
         return Constant(mean=mean)
-    duty = pair.contact_ratio % 1
+    duty = ratio % 1
     ramp = min(_RAMP, duty, 1 - duty)
-    trapezoid = Trapezoidal.by_contact_ratio(
-        pair_stiffness=mean / pair.contact_ratio, contact_ratio=pair.contact_ratio, ramp=ramp
-    )
+    trapezoid = Trapezoidal.by_contact_ratio(pair_stiffness=mean / ratio, contact_ratio=ratio, ramp=ramp)
     if not pair.helix_angle_rad:
         return Shifted(of=trapezoid, by_cycles=by_cycles)
     slices = helical(trapezoid, overlap_ratio=pair.overlap_ratio, harmonics=_HELICAL_HARMONICS)
     return Shifted(of=slices, by_cycles=by_cycles)
+
+
+def _declared_wave(declared: MeshDynamics, mesh: str, *, mean: float, ratio: float) -> Stiffness:
+    """Return the rectangular stiffness of a mesh, or a Fourier series, as declared."""
+    if declared.harmonics_n_m is not None:
+        lines = np.array([complex(cosine, -sine) for cosine, sine in declared.harmonics_n_m])
+        series = Fourier(mean=mean, harmonics=lines)
+        least = float(np.min(series(np.linspace(0, 1, _PHASES * lines.size, endpoint=False))))
+        if least < 0:
+            raise SceneError(f'mesh "{mesh}": harmonics_n_m: the stiffness falls to {least:.4g} N/m; lower its lines.')
+        return series
+    duty = ratio % 1
+    if duty == 0:
+        raise SceneError(
+            f'mesh "{mesh}": contact_ratio = {ratio:g}: a whole number of pairs is always in contact; give another '
+            'contact_ratio, or shape = "constant".'
+        )
+    step = declared.step_n_m or mean / ratio
+    if duty * step > mean:
+        raise SceneError(
+            f'mesh "{mesh}": step_n_m = {step:g} takes the stiffness below zero; keep it at most {mean / duty:g}, '
+            "the mean over the stiff part of a cycle."
+        )
+    wave = Rectangular(low=mean - duty * step, high=mean + (1 - duty) * step, duty=duty)
+    return wave if declared.harmonics is None else fourier_series(wave, harmonics=declared.harmonics)
 
 
 @dataclass(frozen=True, kw_only=True)
