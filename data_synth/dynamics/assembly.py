@@ -9,6 +9,7 @@ defaults, all of steel and none of them more than a first guess:
 - A link has supports of 1e8 N/m radially and axially and 1e5 N m/rad against tilt, one for each bearing of the
   gearbox that names it, else one in its centre: the order of magnitude that Chaari's gear pair and the planetary set of
   Lin and Parker (1999) have. Its rotation is free.
+- Bearings hold links on a rigid frame; `BearingBlock` puts a block of its own mass between them.
 - A mesh has the constant mean stiffness of ISO 6336-1, a bevel mesh that of its virtual spur gears.
 
 Bevel gears are in contact in the middle of their face, on the line where their pitch cones touch; their axes cross, so
@@ -24,7 +25,15 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from data_synth.dynamics.elements import Coupling, GearMesh, Support, as_vector
-from data_synth.dynamics.parts import AttachedRotor, Inertia, MeshProperties, Parts, SupportStiffness, mesh_elements
+from data_synth.dynamics.parts import (
+    AttachedRotor,
+    BearingBlock,
+    Inertia,
+    MeshProperties,
+    Parts,
+    SupportStiffness,
+    mesh_elements,
+)
 from data_synth.dynamics.placement import Contact, axis_points, contacts_of, direction_of
 from data_synth.dynamics.system import PLANE, SPACE, TORSION, Body, Coordinates, Spring, System, Vector, build_system
 from hums.gearbox.components import Bearing, closest
@@ -36,7 +45,16 @@ if TYPE_CHECKING:
 
     from hums.gearbox.model import Gearbox
 
-__all__ = ["Assembly", "AttachedRotor", "Inertia", "MeshProperties", "SupportStiffness", "assemble", "assemble_parts"]
+__all__ = [
+    "Assembly",
+    "AttachedRotor",
+    "BearingBlock",
+    "Inertia",
+    "MeshProperties",
+    "SupportStiffness",
+    "assemble",
+    "assemble_parts",
+]
 
 
 # ---- Bodies and supports of a declared gearbox, with defaults for undeclared values; see `assembly` ------------------
@@ -173,11 +191,51 @@ def supports_of(parts: Parts) -> Iterator[Support]:
             yield _support(between, centre, parts.supports.get(body, SupportStiffness()), axial=True, tilt=True)
         apart = len({place for _, place, _ in bearings}) > 1
         for name, place, axial in bearings:
-            yield _support(between, place, parts.supports.get(name, SupportStiffness()), axial=axial, tilt=not apart)
+            hold = parts.supports.get(name, SupportStiffness())
+            block = parts.blocks.get(name)
+            to = between if block is None else (own, _block_name(name))
+            yield _support(to, place, hold, axial=axial, tilt=not apart)
+            if block is not None:
+                k = block.stiffness
+                yield Support(between=(_block_name(name), None), x=k, y=k, z=k, damping_s=block.damping_s)
         for frame in others:
             piece = parts.piece(body, frame)
             hold = replace(parts.supports.get(body, SupportStiffness()), torsion=0.0)
             yield _support((piece, None), parts.centre(body, frame), hold, axial=True, tilt=True)
+
+
+def _block_name(bearing: str) -> str:
+    return f"{bearing} block"
+
+
+def blocks_of(parts: Parts) -> Iterator[Body]:
+    """Yield the blocks of bearings that hold a link on the frame.
+
+    Raises
+    ------
+    ValueError
+        If there are blocks in torsion, or a block's bearing holds no link on the frame or has another support in its
+        place.
+    """
+    if parts.torsion and parts.blocks:
+        name = next(iter(parts.blocks))
+        raise ValueError(f'blocks names "{name}", but blocks only translate; use motions = "plane" or "space".')
+    places: dict[str, tuple[Vector, str]] = {}
+    for body, joint in parts.kinematics.joints.items():
+        if joint.carried_by == parts.frame and body not in parts.supports:
+            places |= {name: (place, body) for name, place, _ in _bearings_of(parts, body, parts.frame)}
+    for name, block in parts.blocks.items():
+        if name not in places:
+            known = ", ".join(f'"{each}"' for each in places) or "none"
+            raise ValueError(
+                f'blocks names "{name}", which holds no link on "{parts.frame}" by itself; bearings that do: {known}. '
+                "Links named in `supports` have their own support in place of bearings."
+            )
+        place, body = places[name]
+        motions = tuple(motion for motion in ("x", "y", "z") if motion in parts.motions)
+        yield Body(
+            name=_block_name(name), mass_kg=block.mass_kg, motions=motions, centre_m=place, axis=parts.axis(body)
+        )
 
 
 def _support(
@@ -260,6 +318,7 @@ def assemble(
     inertias: Mapping[str, Inertia] | None = None,
     supports: Mapping[str, SupportStiffness] | None = None,
     meshes: Mapping[str, MeshProperties] | None = None,
+    blocks: Mapping[str, BearingBlock] | None = None,
     attached: Sequence[AttachedRotor] = (),
     speeds: Mapping[str, float] | None = None,
     speed_rad_s: float = 0.0,
@@ -282,6 +341,9 @@ def assemble(
         `inertias` is a body of its own: a ring in an elastic housing.
     meshes : mapping of mesh, or of one contact, to MeshProperties, optional
         Mesh stiffness, transmission error, backlash, damping and geometry.
+    blocks : mapping of bearing to BearingBlock, optional
+        Bearings whose outer ring is in a block of its own: `supports` is then the stiffness between link and block. A
+        block is named after its bearing, "left bearing block"; it has the translations of `motions` and does not tilt.
     attached : sequence of AttachedRotor
         Rotors outside of the gearbox, as motor and load.
     speeds : mapping of link to speed, optional
@@ -334,6 +396,7 @@ def assemble(
         inertias=inertias,
         supports=supports,
         meshes=meshes,
+        blocks=blocks,
         attached=attached,
         speeds=speeds,
         speed_rad_s=speed_rad_s,
@@ -348,6 +411,7 @@ def assemble_parts(
     inertias: Mapping[str, Inertia] | None = None,
     supports: Mapping[str, SupportStiffness] | None = None,
     meshes: Mapping[str, MeshProperties] | None = None,
+    blocks: Mapping[str, BearingBlock] | None = None,
     attached: Sequence[AttachedRotor] = (),
     speeds: Mapping[str, float] | None = None,
     speed_rad_s: float = 0.0,
@@ -365,6 +429,7 @@ def assemble_parts(
         links={
             "inertias": list(inertias or {}),
             "supports": list(supports or {}),
+            "blocks": list(blocks or {}),
             "attached": [item.to for item in attached],
         },
         meshes=list(given),
@@ -385,6 +450,7 @@ def assemble_parts(
         axis_points=axis_points(kinematics, contacts) if motions != "torsion" else {},
         speeds=speeds,
         rotating_coordinates=rotating_frame == "carriers",
+        blocks=blocks or {},
     )
     _refuse_nested(parts)
     rotors = [
@@ -399,7 +465,7 @@ def assemble_parts(
         )
         for item in attached
     ]
-    every, holds, teeth = [*bodies(parts), *rotors], [*supports_of(parts)], [*mesh_elements(parts)]
+    every, holds, teeth = [*bodies(parts), *blocks_of(parts), *rotors], [*supports_of(parts)], [*mesh_elements(parts)]
     coordinates, elements = Coordinates(every), [*holds, *teeth, *couplings]
     common_frame = None if parts.rotating_coordinates else rotating_frame
     return Assembly(
@@ -436,7 +502,7 @@ def _refuse_unknown(
     gearbox = kinematics.gearbox
     bearings = [name for bearing in gearbox.bearings for name in bearing.names]
     for word, names in links.items():
-        known = {*kinematics.links, *(bearings if word == "supports" else ())}
+        known = {*(kinematics.links if word != "blocks" else ()), *(bearings if word in ("supports", "blocks") else ())}
         for name in names:
             if name not in known:
                 raise ValueError(f'{word} names "{name}", which is not in the gearbox{closest(name, sorted(known))}.')

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 
@@ -107,6 +107,29 @@ class MeshProperties:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BearingBlock:
+    """A bearing block: a body between a bearing and the frame, which translates and does not rotate.
+
+    Attributes
+    ----------
+    mass_kg : float
+        Mass in kg.
+    stiffness : float
+        Between the block and the frame in N/m, the same in every direction.
+    damping_s : float
+        Damping over stiffness in s.
+
+    Examples
+    --------
+    See `data_synth.dynamics.assembly.assemble`, whose `blocks` it is for.
+    """
+
+    mass_kg: float
+    stiffness: float
+    damping_s: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class AttachedRotor:
     """A rotor outside of the gearbox, as a motor or a load, connected by a torsional coupling.
 
@@ -137,9 +160,9 @@ class AttachedRotor:
 class Parts:
     """The inputs of `assemble`, and the positions of axes and gears.
 
-    `elastic_links` are links of the frame that are bodies of their own, `axis_points` has a point of the axis of each
-    body in space (empty for torsion), `speeds` as given to `assemble`. With `rotating_coordinates` those of each body
-    rotate with the carrier of its meshes.
+    `blocks` are bearing blocks by the name of their bearing, `elastic_links` links of the frame that are bodies of
+    their own; `axis_points` has a point of the axis of each body in space (empty for torsion), `speeds` as given to
+    `assemble`. With `rotating_coordinates` those of each body rotate with the carrier of its meshes.
     """
 
     kinematics: Kinematics
@@ -152,6 +175,7 @@ class Parts:
     axis_points: Mapping[str, Array]
     speeds: Mapping[str, float] | None
     rotating_coordinates: bool = False
+    blocks: Mapping[str, BearingBlock] = field(default_factory=dict)
 
     @property
     def frame(self) -> str:

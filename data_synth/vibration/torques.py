@@ -27,6 +27,7 @@ from hums.gearbox.kinematics import Kinematics
 
 _INSTANT_S = 1e-9  # to both sides, whose mean is taken: then a jump between steps costs no accuracy
 _NEGLIGIBLE = 1e-6  # of the declared inertia: less is rounding
+_DIGITS = 7  # that a message needs, so that what it prints is accepted: rounded by less than the above
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,8 +173,9 @@ def _running_up(
     machine_kg_m2 = law.inertia_kg_m2 - gears_kg_m2
     if machine_kg_m2 < -_NEGLIGIBLE * law.inertia_kg_m2:
         raise SceneError(
-            f'speed.run_up.inertia_kg_m2 = {law.inertia_kg_m2:g}, but the gears alone have {gears_kg_m2:.4g} at "'
-            f'{scene.speed.link}"; raise it, or declare lighter links in dynamics.links.'
+            f"speed.run_up.inertia_kg_m2 = {law.inertia_kg_m2:.{_DIGITS}g}, but the gears alone have "
+            f'{gears_kg_m2:.{_DIGITS}g} at "{scene.speed.link}"; raise it to that, '
+            "or declare lighter links in dynamics.links."
         )
     ratio = abs(float(scene.ratio(loaded))) / speed_ratio
     brake = system.names.index(f"{scene.kinematics.bodies[loaded]} rotation")

@@ -11,11 +11,19 @@ from numpy.testing import assert_allclose
 from published_systems import ALPHA, INERTIAS, MASSES, RADII, chaari, planetary, wijianto
 from scipy import linalg
 
-from data_synth.dynamics.assembly import AttachedRotor, Inertia, MeshProperties, SupportStiffness, assemble
-from data_synth.dynamics.elements import Coupling, GearMesh, GeneralMesh, Shaft, Support, line_of_action
+from data_synth.dynamics.assembly import (
+    AttachedRotor,
+    BearingBlock,
+    Inertia,
+    MeshProperties,
+    SupportStiffness,
+    assemble,
+    assemble_parts,
+)
+from data_synth.dynamics.elements import Coupling, GearMesh, Shaft, Support, line_of_action
 from data_synth.dynamics.modes import eigenvalues, solve_modes
 from data_synth.dynamics.placement import contacts_of, direction_of, planet_angle
-from data_synth.dynamics.system import PLANE, SPACE, Body, build_system
+from data_synth.dynamics.system import SPACE, Body, build_system
 from data_synth.gears.friction import SlidingFriction
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.mesh_stiffness import Constant
@@ -24,8 +32,9 @@ from data_synth.integrators.driver import integrate
 from data_synth.integrators.problem import Load, Output, Problem, State, Steps
 from data_synth.integrators.splitting import Splitting
 from data_synth.operation.shaft_angle import ShaftAngle
+from hums.gearbox.components import read_toml
 from hums.gearbox.kinematics import solve_kinematics
-from hums.gearbox.model import load_gearbox
+from hums.gearbox.model import Gearbox, catalogue, load_gearbox
 
 
 def test_wijianto_s_pair_to_every_printed_digit():
@@ -59,29 +68,97 @@ def test_chaari_s_eight_degrees_of_freedom():
     assert_allclose(solve_modes(chaari()).frequencies_hz, expected, atol=5.1e-5)  # four decimals are printed
 
 
+HOWARD = "0 383.1702 421.9928 583.1654 683.8766 764.1074 853.7006 1743.455 1743.455 1847.3756 1863.2594"
+HOWARD += " 2054.6815 2054.6815 2254.9353 2371.223 4234.1812"
+ENDS = [f"{side} {end}" for side in ("pinion", "gear") for end in ("left", "right")]
+
+
+def with_bearings(*, apart_mm=0.0):
+    """Return the drawn pair with two bearings on each shaft, in Howard's layout; rolling geometry plays no part."""
+    table = read_toml(catalogue()["wijianto-pair"], error=ValueError)
+    multiples = {"inner": 5.4, "outer": 3.6, "element_spin": 2.3, "cage": 0.4}
+    table["mesh"][0]["hand"] = "right"
+    table["bearing"] = [
+        {
+            "names": [f"{side} left", f"{side} right"],
+            "inner_ring": side,
+            "outer_ring": "housing",
+            "multiples": multiples,
+            "position_mm": [-apart_mm / 2, apart_mm / 2],
+        }
+        for side in ("pinion", "gear")
+    ]
+    return Gearbox.from_mapping(table)
+
+
+def howard(motions="plane", *, apart_mm=0.0, **changes):
+    settings = {
+        "inertias": {
+            name: Inertia(mass_kg=mass, inertia_kgm2=inertia)
+            for name, mass, inertia in zip(("pinion", "gear"), MASSES, INERTIAS, strict=True)
+        },
+        "supports": {name: SupportStiffness(radial=2e8) for name in ENDS},
+        "blocks": {name: BearingBlock(mass_kg=1.8 if "pinion" in name else 2.5, stiffness=1e8) for name in ENDS},
+        "meshes": {"pinion-gear": MeshProperties(stiffness=Constant(mean=1e9))},
+        "attached": [
+            AttachedRotor(name="motor", to="pinion", inertia_kgm2=4.3e-3, stiffness=1e5),
+            AttachedRotor(name="load", to="gear", inertia_kgm2=4.5e-3, stiffness=1e5),
+        ],
+    }
+    return assemble(with_bearings(apart_mm=apart_mm), motions=motions, **{**settings, **changes})
+
+
 def test_sixteen_degrees_of_freedom_in_howard_s_layout():
-    base = 0.060363908371477926, 0.10563683965008637
-    blocks = [f"{side} block {end}" for side in ("pinion", "gear") for end in (1, 2)]
-    bodies = [
-        Body(name="motor", inertia_kgm2=4.3e-3, motions=("rotation",)),
-        Body(name="pinion", mass_kg=MASSES[0], inertia_kgm2=INERTIAS[0], motions=PLANE),
-        Body(name="gear", mass_kg=MASSES[1], inertia_kgm2=INERTIAS[1], motions=PLANE),
-        Body(name="load", inertia_kgm2=4.5e-3, motions=("rotation",)),
-        *(Body(name=name, mass_kg=1.8 if "pinion" in name else 2.5, motions=("x", "y")) for name in blocks),
-    ]
-    mesh = {("pinion", "rotation"): base[0], ("gear", "rotation"): -base[1], ("pinion", "y"): 1.0, ("gear", "y"): -1.0}
-    elements = [
-        *(Support(between=(name.split()[0], name), x=2e8, y=2e8) for name in blocks),
-        *(Support(between=(name, None), x=1e8, y=1e8) for name in blocks),
-        Coupling(motions={("motor", "rotation"): 1.0, ("pinion", "rotation"): -1.0}, stiffness=1e5),
-        Coupling(motions={("gear", "rotation"): 1.0, ("load", "rotation"): -1.0}, stiffness=1e5),
-        GeneralMesh(name="mesh", motions=mesh, stiffness=Constant(mean=1e9)),
-    ]
-    system = build_system(bodies, elements)
+    system = howard()
     assert system.dof == 16
-    printed = "0 383.1702 421.9928 583.1654 683.8766 764.1074 853.7006 1743.455 1743.455 1847.3756 1863.2594"
-    printed += " 2054.6815 2054.6815 2254.9353 2371.223 4234.1812"
-    assert_allclose(solve_modes(system).frequencies_hz, [float(text) for text in printed.split()], atol=5.1e-5)
+    assert system.names[6:8] == ("pinion left block x", "pinion left block y")
+    # four decimals are printed; the supports are the same in every direction, so that of the teeth does not matter
+    expected = [float(text) for text in HOWARD.split()]
+    assert_allclose(solve_modes(system).frequencies_hz, expected, atol=5.1e-5)
+
+
+def test_heavy_and_massless_blocks_are_limits():
+    # a block of next to no mass puts its stiffness in series with the bearing's
+    light = {name: BearingBlock(mass_kg=1e-9, stiffness=1e8) for name in ENDS}
+    series = {name: SupportStiffness(radial=1 / (1 / 2e8 + 1 / 1e8)) for name in ENDS}
+    assert_allclose(
+        solve_modes(howard(blocks=light)).angular[:8],
+        solve_modes(howard(blocks={}, supports=series)).angular,
+        rtol=1e-9,
+    )
+    # one that does not move is the frame
+    still = {name: BearingBlock(mass_kg=1e3, stiffness=1e18) for name in ENDS}
+    assert_allclose(solve_modes(howard(blocks=still)).angular[:8], solve_modes(howard(blocks={})).angular, rtol=1e-9)
+
+
+def test_blocks_in_space_move_along_the_shaft_and_carry_its_tilt():
+    system = howard("space", apart_mm=200.0)
+    assert system.dof == 2 * 6 + 4 * 3 + 2
+    whole = assemble_parts(
+        with_bearings(apart_mm=200.0),
+        motions="space",
+        blocks={"gear right": BearingBlock(mass_kg=2.5, stiffness=1e8, damping_s=2**-10)},
+    )
+    names = whole.system.names
+    block = [spring for spring in whole.grounded if spring.direction[names.index("gear right block z")]]
+    assert [(spring.stiffness, spring.damping) for spring in block] == [(1e8, 1e8 / 1024)]
+    # the gear's tilt about x displaces its bearing across, half the distance times the angle
+    moved = np.abs(whole.system.stiffness[names.index("gear right block y"), names.index("gear tilt x")])
+    assert moved == pytest.approx(1e8 * 0.1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"motions": "torsion"}, 'blocks names "pinion left", but blocks only translate; use motions = "plane"'),
+        ({"blocks": {"gear lfet": BearingBlock(mass_kg=1, stiffness=1)}}, 'blocks names "gear lfet".*"gear left"'),
+        ({"blocks": {"gear": BearingBlock(mass_kg=1, stiffness=1)}}, 'blocks names "gear", which is not in'),
+        ({"supports": {"gear": SupportStiffness()}}, 'blocks names "gear left", which holds no link on "housing"'),
+    ],
+)
+def test_blocks_that_cannot_be_are_refused(changes, words):
+    with pytest.raises(ValueError, match=words):
+        howard(**changes)
 
 
 # ---- Lin and Parker 1999, J. Vib. Acoust. 121:316, table 1: from a declared gearbox -----------------------------
