@@ -62,6 +62,7 @@ HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "ma
 # Tests that mirror no module, and why.
 NO_MIRROR = {
     "test_architecture.py": "of all modules",
+    "test_examples.py": "of all public names",
     "test_readme.py": "of the README",
 }
 

@@ -1,1 +1,139 @@
-"""A gearbox as equations of motion, with their modes and their stability."""
+"""Gear dynamics: a gearbox as equations of motion, with their modes, stability, steady states and time integrators.
+
+The drawing and its masses and stiffnesses become M, C, G and K(phase) by `assemble`; systems that are no gearbox are
+built from bodies and elements by `build_system`. `solve_modes` and `campbell` give natural frequencies, `floquet` and
+`stability_map` parametric stability, `periodic_state` the steady response, and `integrate` the response over time.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from data_synth.dynamics.assembly import Assembly as Assembly
+    from data_synth.dynamics.assembly import assemble as assemble
+    from data_synth.dynamics.elements import Coupling as Coupling
+    from data_synth.dynamics.elements import GearMesh as GearMesh
+    from data_synth.dynamics.elements import GeneralMesh as GeneralMesh
+    from data_synth.dynamics.elements import Shaft as Shaft
+    from data_synth.dynamics.elements import Support as Support
+    from data_synth.dynamics.elements import line_of_action as line_of_action
+    from data_synth.dynamics.modes import Campbell as Campbell
+    from data_synth.dynamics.modes import Modes as Modes
+    from data_synth.dynamics.modes import campbell as campbell
+    from data_synth.dynamics.modes import eigenvalues as eigenvalues
+    from data_synth.dynamics.modes import solve_modes as solve_modes
+    from data_synth.dynamics.modes import with_modal_damping as with_modal_damping
+    from data_synth.dynamics.parts import AttachedRotor as AttachedRotor
+    from data_synth.dynamics.parts import Inertia as Inertia
+    from data_synth.dynamics.parts import MeshProperties as MeshProperties
+    from data_synth.dynamics.parts import SupportStiffness as SupportStiffness
+    from data_synth.dynamics.stability import Multipliers as Multipliers
+    from data_synth.dynamics.stability import StabilityMap as StabilityMap
+    from data_synth.dynamics.stability import Tongue as Tongue
+    from data_synth.dynamics.stability import floquet as floquet
+    from data_synth.dynamics.stability import instability_tongues as instability_tongues
+    from data_synth.dynamics.stability import stability_map as stability_map
+    from data_synth.dynamics.system import Body as Body
+    from data_synth.dynamics.system import FrictionForce as FrictionForce
+    from data_synth.dynamics.system import Mesh as Mesh
+    from data_synth.dynamics.system import MeshHistory as MeshHistory
+    from data_synth.dynamics.system import Spring as Spring
+    from data_synth.dynamics.system import System as System
+    from data_synth.dynamics.system import build_system as build_system
+    from data_synth.gears.mesh_stiffness import Constant as Constant
+    from data_synth.gears.mesh_stiffness import Fourier as Fourier
+    from data_synth.gears.mesh_stiffness import Rectangular as Rectangular
+    from data_synth.gears.mesh_stiffness import Shifted as Shifted
+    from data_synth.gears.mesh_stiffness import Trapezoidal as Trapezoidal
+    from data_synth.gears.transmission_error import ProfileError as ProfileError
+    from data_synth.integrators.choice import MethodChoice as MethodChoice
+    from data_synth.integrators.choice import method_for as method_for
+    from data_synth.integrators.driver import Block as Block
+    from data_synth.integrators.driver import integrate as integrate
+    from data_synth.integrators.driver import integrate_blocks as integrate_blocks
+    from data_synth.integrators.exact_transition import Transition as Transition
+    from data_synth.integrators.problem import Accuracy as Accuracy
+    from data_synth.integrators.problem import CoupledReference as CoupledReference
+    from data_synth.integrators.problem import Integration as Integration
+    from data_synth.integrators.problem import IntegrationError as IntegrationError
+    from data_synth.integrators.problem import Load as Load
+    from data_synth.integrators.problem import Outcome as Outcome
+    from data_synth.integrators.problem import Output as Output
+    from data_synth.integrators.problem import Problem as Problem
+    from data_synth.integrators.problem import State as State
+    from data_synth.integrators.problem import Steps as Steps
+    from data_synth.integrators.splitting import Splitting as Splitting
+    from data_synth.operation.shaft_angle import ShaftAngle as ShaftAngle
+    from data_synth.vibration.steady_state import PeriodicState as PeriodicState
+    from data_synth.vibration.steady_state import periodic_state as periodic_state
+
+_HOME = {
+    "Accuracy": "data_synth.integrators.problem",
+    "Assembly": "data_synth.dynamics.assembly",
+    "AttachedRotor": "data_synth.dynamics.parts",
+    "Block": "data_synth.integrators.driver",
+    "Body": "data_synth.dynamics.system",
+    "Campbell": "data_synth.dynamics.modes",
+    "Constant": "data_synth.gears.mesh_stiffness",
+    "CoupledReference": "data_synth.integrators.problem",
+    "Coupling": "data_synth.dynamics.elements",
+    "Fourier": "data_synth.gears.mesh_stiffness",
+    "FrictionForce": "data_synth.dynamics.system",
+    "GearMesh": "data_synth.dynamics.elements",
+    "GeneralMesh": "data_synth.dynamics.elements",
+    "Inertia": "data_synth.dynamics.parts",
+    "Integration": "data_synth.integrators.problem",
+    "IntegrationError": "data_synth.integrators.problem",
+    "Load": "data_synth.integrators.problem",
+    "Mesh": "data_synth.dynamics.system",
+    "MeshHistory": "data_synth.dynamics.system",
+    "MeshProperties": "data_synth.dynamics.parts",
+    "MethodChoice": "data_synth.integrators.choice",
+    "Modes": "data_synth.dynamics.modes",
+    "Multipliers": "data_synth.dynamics.stability",
+    "Outcome": "data_synth.integrators.problem",
+    "Output": "data_synth.integrators.problem",
+    "PeriodicState": "data_synth.vibration.steady_state",
+    "Problem": "data_synth.integrators.problem",
+    "ProfileError": "data_synth.gears.transmission_error",
+    "Rectangular": "data_synth.gears.mesh_stiffness",
+    "Shaft": "data_synth.dynamics.elements",
+    "ShaftAngle": "data_synth.operation.shaft_angle",
+    "Shifted": "data_synth.gears.mesh_stiffness",
+    "Splitting": "data_synth.integrators.splitting",
+    "Spring": "data_synth.dynamics.system",
+    "StabilityMap": "data_synth.dynamics.stability",
+    "State": "data_synth.integrators.problem",
+    "Steps": "data_synth.integrators.problem",
+    "Support": "data_synth.dynamics.elements",
+    "SupportStiffness": "data_synth.dynamics.parts",
+    "System": "data_synth.dynamics.system",
+    "Tongue": "data_synth.dynamics.stability",
+    "Transition": "data_synth.integrators.exact_transition",
+    "Trapezoidal": "data_synth.gears.mesh_stiffness",
+    "assemble": "data_synth.dynamics.assembly",
+    "build_system": "data_synth.dynamics.system",
+    "campbell": "data_synth.dynamics.modes",
+    "eigenvalues": "data_synth.dynamics.modes",
+    "floquet": "data_synth.dynamics.stability",
+    "instability_tongues": "data_synth.dynamics.stability",
+    "integrate": "data_synth.integrators.driver",
+    "integrate_blocks": "data_synth.integrators.driver",
+    "line_of_action": "data_synth.dynamics.elements",
+    "method_for": "data_synth.integrators.choice",
+    "periodic_state": "data_synth.vibration.steady_state",
+    "solve_modes": "data_synth.dynamics.modes",
+    "stability_map": "data_synth.dynamics.stability",
+    "with_modal_damping": "data_synth.dynamics.modes",
+}
+__all__ = sorted(_HOME)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401
+    if name not in _HOME:
+        raise AttributeError(f"module 'data_synth.dynamics' has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_HOME]
