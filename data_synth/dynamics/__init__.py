@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from data_synth.dynamics.modes import solve_modes as solve_modes
     from data_synth.dynamics.modes import with_modal_damping as with_modal_damping
     from data_synth.dynamics.parts import AttachedRotor as AttachedRotor
+    from data_synth.dynamics.parts import BearingBlock as BearingBlock
     from data_synth.dynamics.parts import Inertia as Inertia
     from data_synth.dynamics.parts import MeshProperties as MeshProperties
     from data_synth.dynamics.parts import SupportStiffness as SupportStiffness
@@ -40,11 +41,13 @@ if TYPE_CHECKING:
     from data_synth.dynamics.system import Spring as Spring
     from data_synth.dynamics.system import System as System
     from data_synth.dynamics.system import build_system as build_system
+    from data_synth.gears.geometry import GearPair as GearPair
     from data_synth.gears.mesh_stiffness import Constant as Constant
     from data_synth.gears.mesh_stiffness import Fourier as Fourier
     from data_synth.gears.mesh_stiffness import Rectangular as Rectangular
     from data_synth.gears.mesh_stiffness import Shifted as Shifted
     from data_synth.gears.mesh_stiffness import Trapezoidal as Trapezoidal
+    from data_synth.gears.mesh_stiffness import fourier_series as fourier_series
     from data_synth.gears.transmission_error import ProfileError as ProfileError
     from data_synth.integrators.choice import MethodChoice as MethodChoice
     from data_synth.integrators.choice import method_for as method_for
@@ -71,6 +74,7 @@ _HOME = {
     "Accuracy": "data_synth.integrators.problem",
     "Assembly": "data_synth.dynamics.assembly",
     "AttachedRotor": "data_synth.dynamics.parts",
+    "BearingBlock": "data_synth.dynamics.parts",
     "Block": "data_synth.integrators.driver",
     "Body": "data_synth.dynamics.system",
     "Campbell": "data_synth.dynamics.modes",
@@ -80,6 +84,7 @@ _HOME = {
     "Fourier": "data_synth.gears.mesh_stiffness",
     "FrictionForce": "data_synth.dynamics.system",
     "GearMesh": "data_synth.dynamics.elements",
+    "GearPair": "data_synth.gears.geometry",
     "GeneralMesh": "data_synth.dynamics.elements",
     "Inertia": "data_synth.dynamics.parts",
     "Integration": "data_synth.integrators.problem",
@@ -116,6 +121,7 @@ _HOME = {
     "campbell": "data_synth.dynamics.modes",
     "eigenvalues": "data_synth.dynamics.modes",
     "floquet": "data_synth.dynamics.stability",
+    "fourier_series": "data_synth.gears.mesh_stiffness",
     "instability_tongues": "data_synth.dynamics.stability",
     "integrate": "data_synth.integrators.driver",
     "integrate_blocks": "data_synth.integrators.driver",

@@ -1,0 +1,69 @@
+"""The catalogue's scene of Wijianto's gear pair: the paper's frequencies, its start-up, and teeth that part in it."""
+
+import numpy as np
+import pytest
+from moving_pair import BASE, motion
+from numpy.testing import assert_allclose
+
+from data_synth import load_scene
+from data_synth.dynamics.modes import solve_modes
+from data_synth.integrators.driver import integrate
+from data_synth.integrators.problem import Output, Steps
+from data_synth.integrators.splitting import Splitting
+
+SCENE = load_scene("wijianto")
+
+
+def with_mesh(**changes):
+    mesh = SCENE.dynamics.mesh("mesh").changed(**changes)
+    return SCENE.changed(dynamics=SCENE.dynamics.changed(meshes=(("mesh", mesh),)))
+
+
+def in_motion(scene, seed=1):
+    """Return times, q = r1 theta1 - r2 theta2 and the gear's speed over the whole scene."""
+    rows, speeds = np.zeros((2, 2, 6))
+    rows[0, [2, 5]], speeds[1, 5] = BASE, -1.0
+    found = integrate(
+        motion(scene, seed).problem(0.0, scene.duration_s),
+        method=Splitting(),
+        output=Output(rate_hz=20_000, displacement=rows, velocity=speeds),
+        tolerance=Steps(per_sample=2),
+    ).checked()
+    return found.times_s, *found.values.T
+
+
+def test_its_frequencies_are_the_paper_s():
+    modes = solve_modes(motion(SCENE).system)
+    # two of the six modes are across the line of action, and no torque moves them
+    pressed = np.abs(np.array([mesh.direction for mesh in motion(SCENE).system.meshes]) @ modes.shapes)[0]
+    along = (pressed > 1e-6 * pressed.max()) | (modes.angular == 0)
+    assert_allclose(modes.frequencies_hz[along], [0, 110.17, 392.65, 687.01], atol=5.1e-3)
+    # the scene's nine digits, half of them in a frequency
+    assert_allclose(modes.angular[along], [0, 692.22774872, 2467.11467008, 4316.6385243], rtol=2e-9)
+
+
+def test_it_starts_through_the_tongue_and_settles():
+    assert isinstance(motion(SCENE).method.method, Splitting)
+    times_s, q, speed = in_motion(SCENE)
+    # the rigid law of the start: w_inf tanh(t / tau), about which the teeth ripple
+    rigid = 132.28756555 * np.tanh(times_s / 0.141026)
+    assert_allclose(speed[times_s > 1.5], rigid[times_s > 1.5], rtol=2e-3)
+    # at the end: the periodic state's mean, and half the backlash; the ripple left over averages out
+    last = times_s > 1.9
+    assert np.mean(q[last]) == pytest.approx(1.1868201e-3 + 50e-6, rel=2e-3)
+    # the mesh passes 2 x 692 rad/s, 22 rad/s of the gear, at 0.024 s: where teeth stand then decides whether they part
+    assert np.interp(2 * 692.2277 / 63, speed, times_s) == pytest.approx(0.024, abs=0.003)
+    crossing = (times_s > 0.01) & (times_s < 0.04)
+    other = in_motion(SCENE.changed(duration_s=0.1), seed=3)[1]
+    assert np.min(q[crossing]) < -50e-6  # on their back flanks
+    assert np.min(other[crossing[: other.size]]) > 50e-6  # in contact throughout
+
+
+def test_without_variation_it_is_the_published_start_up():
+    constant = with_mesh(shape="constant", step_n_m=None, contact_ratio=None, backlash_um=0.0)
+    undamped = constant.changed(dynamics=constant.dynamics.changed(damping_ratio=1e-13))
+    times_s, q, speed = in_motion(undamped)
+    # digits as known; of second order in steps of 25 us
+    assert speed[-1] == pytest.approx(132.272702, abs=1e-5)
+    assert np.max(q) == pytest.approx(1.8422e-3, abs=5e-8)
+    assert times_s[np.argmax(q)] == pytest.approx(0.1407, abs=5e-5)
