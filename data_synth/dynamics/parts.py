@@ -121,7 +121,23 @@ class BearingBlock:
 
     Examples
     --------
-    See `data_synth.dynamics.assembly.assemble`, whose `blocks` it is for.
+    One bearing of a shaft in a block: the block adds its translations to the degrees of freedom.
+
+    >>> from data_synth.dynamics import BearingBlock, assemble
+    >>> from hums import Gearbox
+    >>> bearing = {
+    ...     "name": "left", "inner_ring": "pinion", "outer_ring": "housing", "elements": 12,
+    ...     "element_diameter_mm": 7.1, "pitch_diameter_mm": 38.5,
+    ... }
+    >>> gearbox = Gearbox.from_mapping({
+    ...     "name": "pair", "frame": "housing", "reference": "pinion", "bearing": [bearing],
+    ...     "axes": {"pinion": ["housing", "pinion"], "wheel": ["housing", "wheel"]},
+    ...     "mesh": [{"teeth": {"pinion": 20, "wheel": 40}, "module_mm": 4, "face_width_mm": 30,
+    ...               "pressure_angle_deg": 20}],
+    ... })
+    >>> system = assemble(gearbox, motions="plane", blocks={"left": BearingBlock(mass_kg=2.0, stiffness=1e8)})
+    >>> system.names[-2:]
+    ('left block x', 'left block y')
     """
 
     mass_kg: float

@@ -28,6 +28,14 @@ class GearPair:
         Profile shift coefficients, in modules.
     addendum, dedendum : float
         Of the basic rack, in modules.
+
+    Examples
+    --------
+    >>> import math
+    >>> from data_synth.dynamics import GearPair
+    >>> pair = GearPair(teeth=(62, 62), module_m=2e-3, face_width_m=0.02, pressure_angle_rad=math.radians(20))
+    >>> round(pair.contact_ratio, 4), round(pair.centre_distance_m, 6)
+    (1.7898, 0.124)
     """
 
     teeth: tuple[int, int]
