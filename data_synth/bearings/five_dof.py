@@ -204,7 +204,8 @@ def integrate_bearing(
     force = float(np.max(np.hypot(load[0], load[1])))
     longest = _STABLE / model.highest_rad_s(force)
     if not 0 < step_s <= longest:
-        raise ValueError(f"step_s = {step_s:g} is not stable with this bearing; keep it at {longest:.3g} or below")
+        stable = 0.99 * longest  # so that three digits of it are, too
+        raise ValueError(f"step_s = {step_s:g} is not stable with this bearing; keep it at {stable:.3g} or below")
     steps = cage.size // 2
     now = np.zeros(10) if state is None else np.array(state, dtype=np.float64)
     motion, acceleration = np.empty((steps + 1, 10)), np.empty((steps + 1, 5))

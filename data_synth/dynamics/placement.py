@@ -66,8 +66,8 @@ class Cone:
         cone_distance_m = self.distance_m(outer)
         if not outer.face_width_m < cone_distance_m:
             raise ValueError(
-                f'mesh "{mesh}": a face of {1e3 * outer.face_width_m:.4g} mm does not fit a cone of '
-                f"{1e3 * cone_distance_m:.4g} mm from its apex; correct face_width_mm or module_mm."
+                f'mesh "{mesh}": a face of {1e3 * outer.face_width_m:.7g} mm does not fit a cone of '
+                f"{1e3 * cone_distance_m:.7g} mm from its apex; correct face_width_mm or module_mm."
             )
         return replace(outer, module_m=outer.module_m * (1 - outer.face_width_m / 2 / cone_distance_m))
 

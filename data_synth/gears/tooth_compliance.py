@@ -99,7 +99,7 @@ class Tooth:
         )
         if not self.bore_radius_m < self.root_radius_m:
             raise ValueError(
-                f"bore_radius_m = {self.bore_radius_m:g} is not below the root radius, {self.root_radius_m:.4g} m."
+                f"bore_radius_m = {self.bore_radius_m:.7g} is not below the root radius, {self.root_radius_m:.7g} m."
             )
         if self.radius_m * math.sin(self.pressure_angle_rad) ** 2 < self.addendum * self.module_m:
             least = 2 * self.addendum / math.sin(self.pressure_angle_rad) ** 2

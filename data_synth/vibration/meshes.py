@@ -30,6 +30,7 @@ from data_synth.sources.prepared import PreparedScene, faulty_gear, mesh_name
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 
 _UM = 1e-6
+_ROUNDING = 1e-6  # of a stiffness, as a message prints it
 _NEAR = 1e-9  # cycles: phases nearer than this are one
 _RAMP = 0.1  # cycles over which a pair takes up its load, where its teeth are not modelled
 _HELICAL_HARMONICS = 8
@@ -309,12 +310,13 @@ def _declared_wave(declared: MeshDynamics, mesh: str, *, mean: float, ratio: flo
             'contact_ratio, or shape = "constant".'
         )
     step = declared.step_n_m or mean / ratio
-    if duty * step > mean:
+    low = mean - duty * step
+    if low < -_ROUNDING * mean:
         raise SceneError(
-            f'mesh "{mesh}": step_n_m = {step:g} takes the stiffness below zero; keep it at most {mean / duty:g}, '
-            "the mean over the stiff part of a cycle."
+            f'mesh "{mesh}": step_n_m = {step:.7g} takes the stiffness below zero; keep it at most '
+            f"{mean / duty:.7g}, the mean over the stiff part of a cycle."
         )
-    wave = Rectangular(low=mean - duty * step, high=mean + (1 - duty) * step, duty=duty)
+    wave = Rectangular(low=max(low, 0.0), high=mean + (1 - duty) * step, duty=duty)
     return wave if declared.harmonics is None else fourier_series(wave, harmonics=declared.harmonics)
 
 

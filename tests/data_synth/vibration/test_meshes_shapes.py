@@ -1,6 +1,7 @@
 """Rectangular and Fourier mesh stiffness of a scene: numbers of Wijianto's gear pair, and the integrator they get."""
 
 import math
+import re
 import tomllib
 
 import numpy as np
@@ -114,13 +115,23 @@ def test_numbers_without_effect_are_refused(mesh, sentence):
     ("mesh", "sentence"),
     [
         ({"shape": "rectangular", "contact_ratio": 2.0}, "contact_ratio = 2.*a whole number"),
-        ({**PAPER, "step_n_m": 3e6}, r"step_n_m = 3e\+06 .*at most 2\.5e\+06"),
+        ({**PAPER, "step_n_m": 3e6}, r"step_n_m = 3000000 .*at most 2500000,"),
         ({"shape": "fourier", "stiffness_n_m": 1e6, "harmonics_n_m": [[2e6, 0]]}, r"falls to -1e\+06 N/m"),
     ],
 )
 def test_stiffness_that_cannot_be_is_refused(mesh, sentence):
     with pytest.raises(SceneError, match=sentence):
         simulate(scene(mesh={"error_um": 0, **mesh}), seed=1)
+
+
+def test_the_largest_step_that_the_message_prints_is_accepted():
+    ratio = 1.6  # 1e6 / 0.6 is rounded up
+    with pytest.raises(SceneError) as caught:
+        ready({**PAPER, "contact_ratio": ratio, "step_n_m": 2e6})
+    most = float(re.search(r"at most ([\d.e+]+),", str(caught.value))[1])
+    assert most > 1e6 / 0.6
+    stiffness = ready({**PAPER, "contact_ratio": ratio, "step_n_m": most}).system.meshes[0].stiffness
+    assert np.min(stiffness(np.linspace(0, 1, 101))) == 0
 
 
 def test_the_numbers_survive_the_record():
