@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 __all__ = ["Assembly", "AttachedRotor", "Inertia", "MeshProperties", "SupportStiffness", "assemble", "assemble_parts"]
 
 
-# ---- Bodies and supports of a declared gearbox, with defaults for undeclared values; see `assembly` ------------------
+# ---- Bodies and supports of a declared gearbox, with defaults for undeclared values ----------------------------------
 
 
 _STEEL_KG_M3 = 7850.0

@@ -133,7 +133,7 @@ class ShaftAngle:
         if np.any(self.speeds_hz < 0):
             raise ValueError(
                 f"the shaft turns back, at {np.min(self.speeds_hz):g} rev/s, so an angle has no one time; "
-                "ask `passages` for all of them"
+                "`crossings` returns all of them"
             )
         from_zero = np.asarray(revolutions, dtype=np.float64) + self.datum_rev
         piece = np.searchsorted(self._knots_rev, from_zero, side="right")
