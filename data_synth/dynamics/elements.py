@@ -446,6 +446,7 @@ def row_of(motions: Mapping[Place, float], coordinates: Coordinates) -> Array:
 def _mesh_terms(
     element: GearMesh | GeneralMesh, row: Array, friction: tuple[FrictionForce, ...] = ()
 ) -> Iterator[Spring | Mesh]:
+    """Yield the mesh of an element with the row g of its deflection, and its damper."""
     yield Mesh(
         name=element.name,
         direction=row,

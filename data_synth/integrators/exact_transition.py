@@ -62,7 +62,7 @@ def switching(a: Assembled, start_s: float, stop_s: float) -> tuple[Array, Array
 
 
 def columns(matrices: Array) -> Array:
-    """Return matrices (k, rows, columns) as one array of their columns, (columns, k rows)."""
+    """Return matrices (k, rows, columns) as (columns, k rows): row j holds column j of each of them."""
     return np.ascontiguousarray(np.moveaxis(matrices, 2, 0)).reshape(matrices.shape[2], -1)
 
 
