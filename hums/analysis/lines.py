@@ -15,6 +15,8 @@ LOBE_BINS = 2.0  # half width of the main lobe
 _SAME_ORDER = 1e-9
 # Jitter of a once-per-revolution tachometer spreads a mesh line over half an order on either side; the background of
 # its sidebands is therefore also measured this close to them.
+# In an envelope a level that wanders fills the lowest orders: a line there is also compared with what lies within half
+# its order.
 _CLOSE_ORDERS = 0.25
 
 
@@ -209,7 +211,7 @@ def search(
     found, out_of_range = [], []
     for line in expected:
         try:
-            closer = _CLOSE_ORDERS if line.kind == "tooth" and line.spectrum == ORDER_SPECTRUM else None
+            closer = line.order / 2 if line.spectrum == ENVELOPE else _CLOSE_ORDERS if line.kind == "tooth" else None
             result = find_line(spectrum, expected=line.order, tolerance=line.tolerance, closer=closer)
         except ValueError:
             out_of_range.append(line)
