@@ -12,8 +12,9 @@ The rule, fixed on the wind turbine and CWRU records:
    - it lies within the main lobe (two bins) of a harmonic of a stronger significant line, of a sideband of that line
      spaced by a ring's rotation or the cage, or of a multiple of the cage order which that line implies. The defect
      order of one race is itself such a multiple for the other race; there the weaker line is explained only below a
-     third of the stronger, since comparable lines on both races are evidence of two defects. A damaged rolling element
-     also produces a line at the cage order;
+     third of the stronger, since comparable lines on both races are evidence of two defects. Unequal elements produce
+     a line at the cage order, and what is below a third of another defect of the same bearing is hidden by it: impacts
+     of one spot excite lines at the orders of the others;
    - in the envelope, impacts once per revolution of a shaft, or once per contact of a planet's damaged tooth, produce
      any multiple of that order;
    - it is a sideband that the planet pass produces in a healthy stage.
@@ -136,10 +137,6 @@ class LineAssessor:
     def _bearing_explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, name: str) -> str:
         """Return the cage multiple or sideband of a bearing line at the order of `weaker`, or an empty string."""
         order, bearing = weaker.line.found, self.bearings[stronger.expected.component]
-        times = stronger.line.amplitude / weaker.line.amplitude
-        same = weaker.expected.component == stronger.expected.component and not is_support(weaker)
-        if same and times > RIVAL_FACTOR:
-            return f"hidden by {name}, {times:.0f} times as large"
         base = stronger.line.found / stronger.expected.harmonic
         cage = implied_cage(bearing, stronger.expected.kind, base)
         if cage:
@@ -149,14 +146,19 @@ class LineAssessor:
             if 0 < multiple <= 2 * bearing.elements and _near(weaker, multiple * cage) and not rival:
                 return f"{multiple} {OF_CAGE} {name}"
         element = stronger.expected.kind == "rolling_element"
-        if weaker.expected.kind == "cage" and weaker.expected.component == stronger.expected.component:
-            return f"the cage's rate, at which elements that are not alike modulate {name}"
+        same = weaker.expected.component == stronger.expected.component
+        if same and weaker.expected.kind == "cage":
+            why = "it takes" if element else "elements that are not alike modulate"
+            return f"the cage's rate, at which {why} {name}" + (" through the load zone" if element else "")
         spacings = {abs(bearing.inner_ring), abs(bearing.outer_ring), bearing.cage if element else cage} - {0.0}
         for harmonic in range(1, _EXPLAINED_HARMONICS + 1):
             for spacing in spacings:
                 side = round((order - harmonic * base) / spacing)
                 if 0 < abs(side) <= _EXPLAINED_SIDEBANDS and _near(weaker, harmonic * base + side * spacing):
                     return f"sideband {side:+d} x {spacing:.3g} of harmonic {harmonic} of {name}"
+        times = stronger.line.amplitude / weaker.line.amplitude
+        if same and not is_support(weaker) and times > RIVAL_FACTOR:
+            return f"hidden by {name}, {times:.0f} times as large"
         return ""
 
 

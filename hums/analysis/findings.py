@@ -3,9 +3,9 @@
 A significant fundamental (see `hums.analysis.detection`) raises a finding. That of a bearing is *diagnosed* when it
 modulates its band by a tenth of the mean or more, a harmonic or sideband at the right spacing supports it, and no other
 race or element of the same bearing comes within a factor of three of it in any band; one of a cage never, since damage
-of an element makes the same line. A gear is named when the synchronous average shows a local disturbance (FM4), and at
-most *indicated*: sidebands every pair of gears has, and a pitch error of one sound tooth is local, too. Whatever is
-*indicated*, the evidence states why. A line of a faulty sensor is never diagnosed.
+of an element makes the same line. For a gear the line must be at least six times its background, and FM4 of the
+synchronous average show a local disturbance. Otherwise it is *indicated*, and the evidence states why. A line of a
+faulty sensor is never diagnosed.
 
 Indicators support a finding or cast doubt on it; they never raise one, which would change
 the false-alarm probability.
@@ -25,6 +25,7 @@ Depths = Mapping[str, Mapping[tuple[str, str], float]]
 __all__ = ["DIAGNOSED", "INDICATED", "Finding", "Fm4", "findings"]
 
 DIAGNOSED, INDICATED = "diagnosed", "indicated"
+STRONG_SNR = 6.0
 # Part of the mean envelope by which a damaged race modulates it. Halved, weak lines of sound bearings are diagnosed;
 # doubled, early damage is only indicated.
 FAULTY_DEPTH = 0.1
@@ -87,12 +88,11 @@ def findings(
         family: lines
         for family, lines in families.items()
         if any(line.significant and line.measured.expected.fundamental for line in lines)
-        and (family[1] in BEARING_KINDS or _is_local(fm4.get(family[0])))
     }
     results = [
         _bearing_finding(lines, raised, faulty, depths or {})
         if kind in BEARING_KINDS
-        else _gear_finding(lines, fm4[component], faulty)
+        else _gear_finding(lines, fm4.get(component), faulty)
         for (component, kind), lines in raised.items()
     ]
     return sorted(results, key=lambda finding: (finding.verdict != DIAGNOSED, -finding.snr))
@@ -115,16 +115,13 @@ def _bearing_finding(
     component, kind = main.measured.family
     channel = [line for line in lines if line.measured.channel == main.measured.channel]
     support = _supporting_lines(main, channel)
-    largest = _largest_amplitude(channel)
-    own = main.measured.depth
-    seen = dict(depths.get(main.measured.channel, {}))
-    for (other, other_kind), other_lines in raised.items():
-        found = [line for line in other_lines if line.measured.channel == main.measured.channel]
-        seen[other, other_kind] = max(seen.get((other, other_kind), 0.0), _largest_amplitude(found) / largest * own)
+    own, seen = main.measured.depth, {family: _largest_depth(others) for family, others in raised.items()}
+    for family, depth in (pair for channel in depths.values() for pair in channel.items()):
+        seen[family] = max(seen.get(family, 0.0), depth)
     rivals = {
-        other_kind: size
-        for (other, other_kind), size in seen.items()
-        if other == component and other_kind != kind and size * RIVAL_FACTOR > own and kind != "cage" != other_kind
+        other_kind: depth
+        for (other, other_kind), depth in seen.items()
+        if other == component and other_kind != kind and depth * RIVAL_FACTOR > own and kind != "cage" != other_kind
     }
     doubts = _sensor_doubts(main, faulty)
     if main.measured.depth < FAULTY_DEPTH:
@@ -162,9 +159,9 @@ def _supporting_lines(main: AssessedLine, lines: Iterable[AssessedLine]) -> list
     return support
 
 
-def _largest_amplitude(lines: Iterable[AssessedLine]) -> float:
+def _largest_depth(lines: Iterable[AssessedLine]) -> float:
     return max(
-        (line.measured.line.amplitude for line in lines if line.significant and not line.measured.expected.sideband),
+        (line.measured.depth for line in lines if line.significant and not line.measured.expected.sideband),
         default=0.0,
     )
 
@@ -173,28 +170,34 @@ def _sensor_doubts(main: AssessedLine, faulty: Collection[str]) -> list[str]:
     return ["the sensor is sick, and may make such a line by itself"] if main.measured.channel in faulty else []
 
 
-def _is_local(fm4: Fm4 | None) -> bool:
-    """Whether the difference signal of a gear's synchronous average shows a disturbance of few teeth."""
-    return fm4 is not None and fm4.kurtosis > fm4.limit
-
-
-def _gear_finding(lines: Sequence[AssessedLine], fm4: Fm4, faulty: Collection[str]) -> Finding:
-    """Return the finding on a gear whose average is local: at most indicated, without a state to compare with."""
+def _gear_finding(lines: Sequence[AssessedLine], fm4: Fm4 | None, faulty: Collection[str]) -> Finding:
+    """Return the finding on a gear from its mesh sidebands and FM4."""
     main = _main_line(lines)
     sidebands = [
         line
         for line in lines
         if line.significant and line.measured.expected.sideband and line.measured.channel == main.measured.channel
     ]
-    local = (
-        f"a difference signal of its synchronous average that is local (FM4 {fm4.kurtosis:.1f}; noise and smooth "
-        f"modulation reach {fm4.limit:.1f}), as one damaged tooth makes it"
-    )
-    support = [f"{len(sidebands)} claimed sidebands of its mesh", local] if len(sidebands) > 1 else [local]
-    doubts = [
-        *_sensor_doubts(main, faulty),
-        "a pitch error of one tooth of a sound gear does the same; compare with earlier and later records",
-    ]
+    others = [line for line in sidebands if line is not main]
+    support = [f"{len(sidebands)} claimed sidebands of its mesh"] if others else []
+    doubts = _sensor_doubts(main, faulty)
+    if fm4 is None and not doubts:
+        doubts.append("its synchronous average could not be made, so nothing shows that one tooth is at fault")
+    elif fm4 is not None and fm4.kurtosis <= fm4.limit:
+        doubts.append(
+            f"the difference signal of its synchronous average is not local (FM4 {fm4.kurtosis:.1f}; noise and "
+            f"smooth modulation reach {fm4.limit:.1f}): run-out, misalignment or load variation make such "
+            "sidebands too"
+        )
+    elif fm4 is not None:
+        support.append(
+            f"a difference signal of its synchronous average that is local (FM4 {fm4.kurtosis:.1f}; noise and "
+            f"smooth modulation reach {fm4.limit:.1f}), as one damaged tooth makes it"
+        )
+    if not others:
+        doubts.append("a single sideband stands alone")
+    if main.measured.line.snr < STRONG_SNR:
+        doubts.append(f"the largest is only {main.measured.line.snr:.1f} times its surroundings")
     return _finding(main, support, doubts)
 
 
