@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from hums.analysis.detection import LineAssessor
 from hums.analysis.lines import (
     ENVELOPE,
     ORDER_SPECTRUM,
@@ -34,7 +35,6 @@ from signals.spectra.spectra import AmplitudeSpectrum, order_spectrum
 _ENVELOPE_SHARE = 0.5
 _WIDEST = 0.25  # of the rate: halves of the range are the widest bands
 _SEEN = 0.01  # probability that noise alone makes a line, below which it counts
-_RIVAL_SEEN = 1e-4  # the same in any of some thirty bands, for a line that casts doubt on another
 _MESH_SHARE = 0.1  # of a band's power, above which beats of meshes and shafts could be its envelope
 _LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
@@ -254,6 +254,7 @@ def _best_envelope(
             bands = bank_bands(rate_hz=when.rate_hz, least_width_hz=min(needed, _WIDEST * when.rate_hz))
         except ValueError as error:
             return None, str(error)
+    assessor = LineAssessor({bearing.name: bearing for bearing in machine.bearings}, settings.false_alarm_probability)
     depths: dict[tuple[str, str], float] = {}
     slowest = min((line.order for line in expected if line.fundamental), default=1.0)
     best: _Envelope | None = None
@@ -279,9 +280,10 @@ def _best_envelope(
                 level=level,
                 bands_searched=len(bands),
             )
-            for line in lines:
-                if line.expected.fundamental and line.line.false_alarm_probability < _RIVAL_SEEN:
-                    depths[line.family] = max(depths.get(line.family, 0.0), line.depth)
+            for line in assessor.assess(lines):
+                if line.significant and line.measured.expected.fundamental:
+                    family = line.measured.family
+                    depths[family] = max(depths.get(family, 0.0), line.measured.depth)
             if best is None or _preferred(here, best, shaft_locked, machine):
                 best = here
     except ValueError as error:

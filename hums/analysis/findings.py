@@ -68,7 +68,8 @@ def findings(
 ) -> list[Finding]:
     """Return a finding for every component and kind with a significant fundamental.
 
-    Diagnosed findings come before indicated ones, then those of higher level over the background.
+    Diagnosed findings come before indicated ones, bearings before gears, whose sidebands every sound pair has, too;
+    then those of higher level over the background.
 
     Parameters
     ----------
@@ -95,7 +96,9 @@ def findings(
         else _gear_finding(lines, fm4.get(component), faulty)
         for (component, kind), lines in raised.items()
     ]
-    return sorted(results, key=lambda finding: (finding.verdict != DIAGNOSED, -finding.snr))
+    return sorted(
+        results, key=lambda finding: (finding.verdict != DIAGNOSED, finding.kind not in BEARING_KINDS, -finding.snr)
+    )
 
 
 def _main_line(lines: Sequence[AssessedLine]) -> AssessedLine:
