@@ -218,6 +218,7 @@ def _with_gears(
 
 
 def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dict[str, xr.DataArray]:
+    """Return the signal of each source alone at every sensor."""
     sources = dict.fromkeys(
         [(family.component, family.kind) for family in prepared.families]
         + [(train.component, train.kind) for _, train in prepared.trains]

@@ -208,6 +208,7 @@ def _torque_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, 
 
 
 def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: MeshLines | None) -> dict[str, xr.DataArray]:
+    """Return complex amplitude, component and kind of every line, and the frequency response of the chain."""
     every = _lines(prepared)
     for order, (mesh, windowed) in (measured.lines if measured is not None else {}).items():
         steady = np.repeat(windowed[:, None], instants.size, axis=1)
@@ -279,6 +280,7 @@ def _impact_part(prepared: PreparedScene, number: int, train: ImpactTrain, *, ha
 
 
 def _fault_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, xr.DataArray]:
+    """Return component, kind and size of every fault, and the times of its impacts."""
     faults = prepared.scene.faults
     truth = {
         f"truth_fault_{name}": xr.DataArray(

@@ -251,6 +251,7 @@ def _end_after(parent: BaseProcess) -> None:
 
 @contextmanager
 def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
+    """Yield an executor on a Dask cluster, and its number of threads; JobError where it does not answer."""
     try:
         from dask.distributed import Client  # noqa: PLC0415 - an optional part
     except ImportError:

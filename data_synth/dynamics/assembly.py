@@ -57,7 +57,7 @@ __all__ = [
 ]
 
 
-# ---- Bodies and supports of a declared gearbox, with defaults for undeclared values; see `assembly` ------------------
+# ---- Bodies and supports of a declared gearbox, with defaults for undeclared values ----------------------------------
 
 
 _STEEL_KG_M3 = 7850.0
@@ -296,6 +296,14 @@ class Assembly:
         All springs, and those between a body and the frame.
     on_frame : mapping of contact to vector
         Direction of the mesh force on each gear that is fixed to the frame.
+
+    Examples
+    --------
+    >>> import hums
+    >>> from data_synth.dynamics.assembly import assemble_parts
+    >>> assembly = assemble_parts(hums.load_gearbox("wijianto-pair"), motions="plane")
+    >>> assembly.system.names[:3], len(assembly.grounded)  # a spring along x and one along y for each of two shafts
+    (('pinion x', 'pinion y', 'pinion rotation'), 4)
     """
 
     system: System
@@ -372,9 +380,7 @@ def assemble(
     A torsional gear pair with base radii r1 and r2: ``omega^2 = k (r1^2 / J1 + r2^2 / J2)``:
 
     >>> import math
-    >>> from data_synth.dynamics.assembly import Inertia, MeshProperties, assemble
-    >>> from data_synth.gears.mesh_stiffness import Constant
-    >>> from data_synth.dynamics.modes import solve_modes
+    >>> from data_synth.dynamics import Constant, Inertia, MeshProperties, assemble, solve_modes
     >>> from hums.gearbox.model import Gearbox
     >>> axes = {name: {"direction": [1, 0, 0], "links": ["housing", name]} for name in ("pinion", "wheel")}
     >>> mesh = {"teeth": {"pinion": 20, "wheel": 40}, "module_mm": 4, "face_width_mm": 30, "pressure_angle_deg": 20}

@@ -35,8 +35,7 @@ class Coupling:
 
     Examples
     --------
-    >>> from data_synth.dynamics.elements import Coupling
-    >>> from data_synth.dynamics.system import Body, build_system
+    >>> from data_synth.dynamics import Body, Coupling, build_system
     >>> rotors = [Body(name=name, inertia_kgm2=0.1, motions=("rotation",)) for name in ("motor", "pinion")]
     >>> twist = {("motor", "rotation"): 1.0, ("pinion", "rotation"): -1.0}
     >>> build_system(rotors, [Coupling(motions=twist, stiffness=2000.0)]).stiffness.tolist()
@@ -70,9 +69,7 @@ class GeneralMesh:
 
     Examples
     --------
-    >>> from data_synth.dynamics.elements import GeneralMesh
-    >>> from data_synth.dynamics.system import Body, build_system
-    >>> from data_synth.gears.mesh_stiffness import Constant
+    >>> from data_synth.dynamics import Body, Constant, GeneralMesh, build_system
     >>> rotors = [Body(name=name, inertia_kgm2=0.1, motions=("rotation",)) for name in ("pinion", "wheel")]
     >>> row = {("pinion", "rotation"): 0.05, ("wheel", "rotation"): -0.1}
     >>> mesh = GeneralMesh(name="m", motions=row, stiffness=Constant(mean=1e8))
@@ -116,8 +113,7 @@ class Support:
     Two bearings at a = 0.2 m from the centre resist tilt with ``2 k a^2``:
 
     >>> import numpy as np
-    >>> from data_synth.dynamics.elements import Support
-    >>> from data_synth.dynamics.system import Body, build_system
+    >>> from data_synth.dynamics import Body, Support, build_system
     >>> shaft = Body(name="shaft", mass_kg=5.0, tilt_inertia_kgm2=0.1, motions=("x", "tilt y"))
     >>> bearings = [Support(between=("shaft", None), point_m=(0, 0, z), x=1e8) for z in (-0.2, 0.2)]
     >>> np.round(build_system([shaft], bearings).stiffness).tolist()
@@ -184,8 +180,7 @@ class Shaft:
     The torsional stiffness is ``G pi d^4 / (32 L)``:
 
     >>> import math
-    >>> from data_synth.dynamics.elements import Shaft
-    >>> from data_synth.dynamics.system import Body, build_system
+    >>> from data_synth.dynamics import Body, Shaft, build_system
     >>> rotors = [Body(name=name, inertia_kgm2=0.1, motions=("rotation",)) for name in ("motor", "pinion")]
     >>> shaft = Shaft(between=("motor", "pinion"), diameter_m=0.05, length_m=0.4, young_pa=206e9, poisson=0.3)
     >>> stiffness = build_system(rotors, [shaft]).stiffness[0, 0]
@@ -278,13 +273,11 @@ class GearMesh:
     Along a line of action at the base radius, the deflection is ``r_b theta``:
 
     >>> import math
-    >>> from data_synth.dynamics.elements import GearMesh, line_of_action
-    >>> from data_synth.dynamics.system import PLANE, Body, build_system
-    >>> from data_synth.gears.mesh_stiffness import Constant
+    >>> from data_synth.dynamics import Body, Constant, GearMesh, build_system, line_of_action
     >>> n, point = line_of_action(
     ...     centre_m=(0, 0, 0), pitch_radius_m=0.1, azimuth_rad=0.0, pressure_angle_rad=math.radians(20)
     ... )
-    >>> gear = Body(name="gear", mass_kg=1.0, inertia_kgm2=0.01, motions=PLANE)
+    >>> gear = Body(name="gear", mass_kg=1.0, inertia_kgm2=0.01, motions=("x", "y", "rotation"))
     >>> mesh = GearMesh(name="m", gears=("gear", None), direction=n, point_m=point, stiffness=Constant(mean=1e8))
     >>> build_system([gear], [mesh]).meshes[0].direction.round(6).tolist()  # sin 20, cos 20, r_b
     [0.34202, 0.939693, 0.093969]
@@ -390,7 +383,7 @@ def line_of_action(
     Examples
     --------
     >>> import math
-    >>> from data_synth.dynamics.elements import line_of_action
+    >>> from data_synth.dynamics import line_of_action
     >>> direction, point = line_of_action(
     ...     centre_m=(0, 0, 0), pitch_radius_m=0.1, azimuth_rad=0.0, pressure_angle_rad=math.radians(20)
     ... )
@@ -453,6 +446,7 @@ def row_of(motions: Mapping[Place, float], coordinates: Coordinates) -> Array:
 def _mesh_terms(
     element: GearMesh | GeneralMesh, row: Array, friction: tuple[FrictionForce, ...] = ()
 ) -> Iterator[Spring | Mesh]:
+    """Yield the mesh of an element with the row g of its deflection, and its damper."""
     yield Mesh(
         name=element.name,
         direction=row,

@@ -47,9 +47,7 @@ class Modes:
 
     Examples
     --------
-    >>> from data_synth.dynamics.elements import Support
-    >>> from data_synth.dynamics.system import Body, build_system
-    >>> from data_synth.dynamics.modes import solve_modes
+    >>> from data_synth.dynamics import Body, Support, build_system, solve_modes
     >>> gear = Body(name="gear", mass_kg=4.0, motions=("x",))
     >>> modes = solve_modes(build_system([gear], [Support(between=("gear", None), x=1e6)]))
     >>> float(modes.shapes[0, 0] ** 2)  # 1 / m
@@ -100,9 +98,7 @@ def solve_modes(system: System, *, planets: Sequence[str] = (), mesh_stiffness: 
     Two rotors on a shaft have a rigid rotation and one torsional mode, ``omega^2 = k (1 / J1 + 1 / J2)``:
 
     >>> import numpy as np
-    >>> from data_synth.dynamics.elements import Coupling
-    >>> from data_synth.dynamics.system import Body, build_system
-    >>> from data_synth.dynamics.modes import solve_modes
+    >>> from data_synth.dynamics import Body, Coupling, build_system, solve_modes
     >>> motor = Body(name="motor", inertia_kgm2=1.0, motions=("rotation",))
     >>> fan = Body(name="fan", inertia_kgm2=2.0, motions=("rotation",))
     >>> shaft = Coupling(motions={("motor", "rotation"): 1.0, ("fan", "rotation"): -1.0}, stiffness=600.0)
@@ -168,9 +164,7 @@ def with_modal_damping(system: System, *, ratio: float | Sequence[float]) -> Sys
 
     Examples
     --------
-    >>> from data_synth.dynamics.elements import Support
-    >>> from data_synth.dynamics.system import Body, build_system
-    >>> from data_synth.dynamics.modes import with_modal_damping
+    >>> from data_synth.dynamics import Body, Support, build_system, with_modal_damping
     >>> gear = Body(name="gear", mass_kg=4.0, motions=("x",))
     >>> system = build_system([gear], [Support(between=("gear", None), x=1e6)])
     >>> damped = with_modal_damping(system, ratio=0.03)
@@ -251,9 +245,7 @@ class Campbell:
 
     Examples
     --------
-    >>> from data_synth.dynamics.modes import campbell
-    >>> from data_synth.dynamics.elements import Support
-    >>> from data_synth.dynamics.system import Body, build_system
+    >>> from data_synth.dynamics import Body, Support, build_system, campbell
     >>> gear = Body(name="gear", mass_kg=2.0, motions=("x",))
     >>> hold = Support(between=("gear", None), x=2e6, damping_s=4e-5)  # zeta = damping_s omega / 2
     >>> diagram = campbell(lambda _: build_system([gear], [hold]), speeds_rad_s=[0.0, 100.0])
@@ -284,9 +276,7 @@ class Campbell:
         An excitation of order 20 meets a natural frequency of 1000 rad/s at 50 rad/s:
 
         >>> import numpy as np
-        >>> from data_synth.dynamics.modes import campbell
-        >>> from data_synth.dynamics.elements import Support
-        >>> from data_synth.dynamics.system import Body, build_system
+        >>> from data_synth.dynamics import Body, Support, build_system, campbell
         >>> gear = Body(name="gear", mass_kg=2.0, motions=("x",))
         >>> system = build_system([gear], [Support(between=("gear", None), x=2e6)])
         >>> diagram = campbell(lambda _: system, speeds_rad_s=[0.0, 200.0])
@@ -325,9 +315,7 @@ def campbell(system_at: Callable[[float], System], *, speeds_rad_s: Sequence[flo
     ``s^2 -+ (J Omega / I) s - k / I = 0``; a thin disc has J = 2 I:
 
     >>> import numpy as np
-    >>> from data_synth.dynamics.modes import campbell
-    >>> from data_synth.dynamics.elements import Support
-    >>> from data_synth.dynamics.system import Body, build_system
+    >>> from data_synth.dynamics import Body, Support, build_system, campbell
     >>> hold = Support(between=("disc", None), tilt_x=1e4, tilt_y=1e4)
     >>> disc = Body(
     ...     name="disc", inertia_kgm2=0.02, tilt_inertia_kgm2=0.01, motions=("tilt x", "tilt y"), speed_ratio=1.0
@@ -365,9 +353,7 @@ def eigenvalues(system: System) -> ComplexArray:
     Examples
     --------
     >>> import numpy as np
-    >>> from data_synth.dynamics.modes import eigenvalues
-    >>> from data_synth.dynamics.elements import Support
-    >>> from data_synth.dynamics.system import Body, build_system
+    >>> from data_synth.dynamics import Body, Support, build_system, eigenvalues
     >>> gear = Body(name="gear", mass_kg=1.0, motions=("x",))
     >>> values = eigenvalues(build_system([gear], [Support(between=("gear", None), x=25.0, damping_s=0.24)]))
     >>> np.round(np.sort_complex(values), 6).tolist()  # s^2 + 6 s + 25 = 0

@@ -41,7 +41,13 @@ class Inertia:
 
     Examples
     --------
-    See `data_synth.dynamics.assembly.assemble`, whose `inertias` it is for.
+    The inertia of a shaft with its gear, in place of that of a steel disc:
+
+    >>> import hums
+    >>> from data_synth.dynamics import Inertia, assemble
+    >>> inertias = {"pinion": Inertia(inertia_kgm2=0.02), "gear": Inertia(inertia_kgm2=0.15)}
+    >>> assemble(hums.load_gearbox("wijianto-pair"), motions="torsion", inertias=inertias).mass.tolist()
+    [[0.02, 0.0], [0.0, 0.15]]
     """
 
     mass_kg: float | None = None
@@ -64,7 +70,12 @@ class SupportStiffness:
 
     Examples
     --------
-    See `data_synth.dynamics.assembly.assemble`, whose `supports` it is for.
+    >>> import hums
+    >>> from data_synth.dynamics import SupportStiffness, assemble
+    >>> supports = {"pinion": SupportStiffness(radial=3e8)}
+    >>> system = assemble(hums.load_gearbox("wijianto-pair"), motions="plane", supports=supports)
+    >>> system.stiffness.diagonal().tolist()  # of the pinion's x, y and rotation, then the gear's
+    [300000000.0, 300000000.0, 0.0, 100000000.0, 100000000.0, 0.0]
     """
 
     radial: float = 1e8
@@ -95,7 +106,12 @@ class MeshProperties:
 
     Examples
     --------
-    See `data_synth.dynamics.assembly.assemble`, whose `meshes` it is for.
+    >>> import hums
+    >>> from data_synth.dynamics import MeshProperties, Rectangular, assemble
+    >>> teeth = MeshProperties(stiffness=Rectangular(low=1e8, high=2e8, duty=0.5), backlash_m=50e-6)
+    >>> system = assemble(hums.load_gearbox("wijianto-pair"), motions="torsion", meshes={"pinion-gear": teeth})
+    >>> system.meshes[0].stiffness.mean, system.meshes[0].cycles_per_rev  # 36 teeth on the pinion
+    (150000000.0, 36.0)
     """
 
     stiffness: Stiffness | None = None
@@ -162,7 +178,14 @@ class AttachedRotor:
 
     Examples
     --------
-    See `data_synth.dynamics.assembly.assemble`, whose `attached` it is for.
+    >>> import hums
+    >>> from data_synth.dynamics import AttachedRotor, assemble
+    >>> motor = AttachedRotor(name="motor", to="pinion", inertia_kgm2=0.1, stiffness=5e4)
+    >>> system = assemble(hums.load_gearbox("wijianto-pair"), motions="torsion", attached=[motor])
+    >>> system.names
+    ('pinion rotation', 'gear rotation', 'motor rotation')
+    >>> system.stiffness[2].tolist()
+    [-50000.0, 0.0, 50000.0]
     """
 
     name: str

@@ -187,6 +187,7 @@ def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> t
 
 
 def _pair(mesh: Mesh, teeth: tuple[int, int], cone: Cone | None, *, swapped: bool) -> GearPair:
+    """Return the geometry of a declared mesh in SI units; ValueError where a dimension is missing."""
     missing = [key for key in ("module_mm", "face_width_mm", "pressure_angle_deg") if getattr(mesh, key) is None]
     if missing:
         raise ValueError(

@@ -86,10 +86,7 @@ class Multipliers:
     With a damper the product of the multipliers is ``exp(-trace(M^-1 C) T)`` (Liouville's formula):
 
     >>> import numpy as np
-    >>> from data_synth.dynamics.elements import GeneralMesh
-    >>> from data_synth.dynamics.stability import floquet
-    >>> from data_synth.dynamics.system import Body, build_system
-    >>> from data_synth.gears.mesh_stiffness import Rectangular
+    >>> from data_synth.dynamics import Body, GeneralMesh, Rectangular, build_system, floquet
     >>> mass = Body(name="mass", mass_kg=1.0, motions=("x",))
     >>> k = Rectangular(low=0.7, high=1.3, duty=0.5)
     >>> mesh = GeneralMesh(name="mesh", motions={("mass", "x"): 1.0}, stiffness=k, damping=0.04)
@@ -123,7 +120,16 @@ class StabilityMap:
 
     Examples
     --------
-    See `stability_map`, which returns it.
+    An undamped oscillator of 1 rad/s whose stiffness varies is unstable at twice its natural frequency:
+
+    >>> from data_synth.dynamics import Body, Fourier, GeneralMesh, build_system, stability_map
+    >>> mass = Body(name="mass", mass_kg=1.0, motions=("x",))
+    >>> def system_of(h):
+    ...     mesh = GeneralMesh(name="mesh", motions={("mass", "x"): 1.0}, stiffness=Fourier(mean=1.0, harmonics=[h]))
+    ...     return build_system([mass], [mesh])
+    >>> found = stability_map(system_of, parameters=[0.1], speeds_rad_s=[1.5, 2.0])
+    >>> found.unstable.tolist(), found.growth.shape
+    ([[False, True]], (1, 2))
     """
 
     speeds_rad_s: Array = field(metadata={"dims": ("speed",), "units": "rad/s"})
@@ -149,7 +155,14 @@ class Tongue:
 
     Examples
     --------
-    See `instability_tongues`, which returns it.
+    The first tongue of ``x'' + (1 + h cos(W t)) x = 0`` is close to ``2 - h / 2 < W < 2 + h / 2``:
+
+    >>> from data_synth.dynamics import Body, Fourier, GeneralMesh, build_system, instability_tongues
+    >>> mass, k = Body(name="mass", mass_kg=1.0, motions=("x",)), Fourier(mean=1.0, harmonics=[0.1])
+    >>> mesh = GeneralMesh(name="mesh", motions={("mass", "x"): 1.0}, stiffness=k)
+    >>> (tongue,) = instability_tongues(build_system([mass], [mesh]), speeds_rad_s=[1.5, 2.0, 2.5])
+    >>> round(tongue.low_rad_s, 2), round(tongue.high_rad_s, 2), tongue.growth > 1
+    (1.95, 2.05, True)
     """
 
     low_rad_s: float
@@ -187,10 +200,7 @@ def floquet(system: System, *, speed_rad_s: float) -> Multipliers:
     ``2 cos(pi a/2) cos(pi b/2) - (a/b + b/a) sin(pi a/2) sin(pi b/2)``; beyond -2 the motion is unstable:
 
     >>> import numpy as np
-    >>> from data_synth.dynamics.elements import GeneralMesh
-    >>> from data_synth.dynamics.stability import floquet
-    >>> from data_synth.dynamics.system import Body, build_system
-    >>> from data_synth.gears.mesh_stiffness import Rectangular
+    >>> from data_synth.dynamics import Body, GeneralMesh, Rectangular, build_system, floquet
     >>> mass = Body(name="mass", mass_kg=1.0, motions=("x",))
     >>> k = Rectangular(low=0.7, high=1.3, duty=0.5)
     >>> mesh = GeneralMesh(name="mesh", motions={("mass", "x"): 1.0}, stiffness=k)
@@ -231,10 +241,7 @@ def stability_map(
     An oscillator of 1 rad/s whose stiffness varies at twice its natural frequency by a fraction h is unstable where the
     damping ratio is below about h / 4:
 
-    >>> from data_synth.dynamics.elements import GeneralMesh
-    >>> from data_synth.dynamics.stability import stability_map
-    >>> from data_synth.dynamics.system import Body, build_system
-    >>> from data_synth.gears.mesh_stiffness import Fourier
+    >>> from data_synth.dynamics import Body, Fourier, GeneralMesh, build_system, stability_map
     >>> mass = Body(name="mass", mass_kg=1.0, motions=("x",))
     >>> def system_of(ratio):
     ...     k = Fourier(mean=1.0, harmonics=[0.1])
@@ -280,10 +287,7 @@ def instability_tongues(system: System, *, speeds_rad_s: Sequence[float] | Array
     the characteristic values b1(q) and a1(q):
 
     >>> from scipy.special import mathieu_a, mathieu_b
-    >>> from data_synth.dynamics.elements import GeneralMesh
-    >>> from data_synth.dynamics.stability import instability_tongues
-    >>> from data_synth.dynamics.system import Body, build_system
-    >>> from data_synth.gears.mesh_stiffness import Fourier
+    >>> from data_synth.dynamics import Body, Fourier, GeneralMesh, build_system, instability_tongues
     >>> mass, k = Body(name="mass", mass_kg=1.0, motions=("x",)), Fourier(mean=1.0, harmonics=[0.4])
     >>> mesh = GeneralMesh(name="mesh", motions={("mass", "x"): 1.0}, stiffness=k)
     >>> (tongue,) = instability_tongues(build_system([mass], [mesh]), speeds_rad_s=[1.5, 2.0, 2.5])

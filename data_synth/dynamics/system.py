@@ -51,8 +51,7 @@ class MeshHistory:
     Examples
     --------
     >>> import numpy as np
-    >>> from data_synth.dynamics.system import MeshHistory
-    >>> from data_synth.gears.mesh_stiffness import Constant
+    >>> from data_synth.dynamics import Constant, MeshHistory
     >>> teeth = Constant(mean=2e8), Constant(mean=1e8)
     >>> history = MeshHistory(times_s=np.array([0.0, 10.0]), stiffnesses=teeth, errors=(None, None))
     >>> history.position(np.array([5.0])).tolist()
@@ -108,7 +107,18 @@ class FrictionForce:
 
     Examples
     --------
-    `data_synth.dynamics.elements.GearMesh` makes the friction forces of a gear pair from a `SlidingFriction`.
+    With one pair of teeth in contact, past the pitch point, the friction force is the coefficient of friction times the
+    normal force:
+
+    >>> import numpy as np
+    >>> from data_synth.dynamics import FrictionForce
+    >>> from data_synth.gears.friction import SlidingFriction
+    >>> from data_synth.gears.geometry import GearPair
+    >>> gears = GearPair(teeth=(20, 40), module_m=0.004, face_width_m=0.03, pressure_angle_rad=0.349)
+    >>> transverse, moment = SlidingFriction(gears=gears, coefficient=0.05).shares
+    >>> force = FrictionForce(direction=np.array([0.0, 1.0]), factor=transverse)  # of the degrees of freedom x and y
+    >>> force.factor([0.9]).tolist()
+    [-0.05]
     """
 
     direction: Array = field(metadata={"dims": ("dof",), "units": "1 or m, over factor"})
@@ -142,8 +152,7 @@ class Mesh:
     Examples
     --------
     >>> import numpy as np
-    >>> from data_synth.dynamics.system import Mesh
-    >>> from data_synth.gears.mesh_stiffness import Rectangular
+    >>> from data_synth.dynamics import Mesh, Rectangular
     >>> stiffness = Rectangular.by_contact_ratio(pair_stiffness=2e8, contact_ratio=1.6)
     >>> mesh = Mesh(name="pinion-wheel", direction=np.array([0.03, -0.06]), stiffness=stiffness, cycles_per_rev=20)
     >>> mesh.stiffness([0.1, 0.9]).tolist()  # two pairs in contact, then one
@@ -194,8 +203,7 @@ class Spring:
     --------
     `System.springs` holds those of an assembled system:
 
-    >>> from data_synth.dynamics.elements import Support
-    >>> from data_synth.dynamics.system import Body, build_system
+    >>> from data_synth.dynamics import Body, Support, build_system
     >>> gear = Body(name="gear", mass_kg=2.0, motions=("x", "y"))
     >>> springs = build_system([gear], [Support(between=("gear", None), x=1e8, y=2e8)]).springs
     >>> [(spring.direction.tolist(), spring.stiffness) for spring in springs]
@@ -229,8 +237,7 @@ class System:
     One mass on a spring of 9 N/m, written as matrices:
 
     >>> import numpy as np
-    >>> from data_synth.dynamics.system import System
-    >>> from data_synth.dynamics.modes import solve_modes
+    >>> from data_synth.dynamics import System, solve_modes
     >>> one = np.eye(1)
     >>> system = System(mass=one, damping=0 * one, stiffness=9 * one, meshes=(), names=("mass x",))
     >>> solve_modes(system).angular.round(6).tolist()
@@ -291,10 +298,11 @@ class Body:
     A solid steel disc of 0.1 m radius and 0.02 m width, free to translate in its plane and to rotate:
 
     >>> import math
-    >>> from data_synth.dynamics.system import PLANE, Body
+    >>> from data_synth.dynamics import Body
     >>> mass = 7800 * math.pi * 0.1**2 * 0.02
-    >>> Body(name="wheel", mass_kg=mass, inertia_kgm2=mass * 0.1**2 / 2, motions=PLANE).motions
-    ('x', 'y', 'rotation')
+    >>> wheel = Body(name="wheel", mass_kg=mass, inertia_kgm2=mass * 0.1**2 / 2, motions=("x", "y", "rotation"))
+    >>> round(wheel.inertia("x"), 2), round(wheel.inertia("rotation"), 4)  # kg, and kg m2
+    (4.9, 0.0245)
     """
 
     name: str
@@ -440,10 +448,7 @@ def build_system(
     --------
     A gear pair of base radii 0.05 m and 0.1 m, torsional: ``omega^2 = k (r1^2 / J1 + r2^2 / J2)``:
 
-    >>> from data_synth.dynamics.elements import GeneralMesh
-    >>> from data_synth.dynamics.system import Body, build_system
-    >>> from data_synth.gears.mesh_stiffness import Constant
-    >>> from data_synth.dynamics.modes import solve_modes
+    >>> from data_synth.dynamics import Body, Constant, GeneralMesh, build_system, solve_modes
     >>> pinion = Body(name="pinion", inertia_kgm2=0.005, motions=("rotation",))
     >>> wheel = Body(name="wheel", inertia_kgm2=0.02, motions=("rotation",))
     >>> row = {("pinion", "rotation"): 0.05, ("wheel", "rotation"): -0.1}

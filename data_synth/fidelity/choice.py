@@ -268,6 +268,7 @@ class _Comparison:
         return LinearPrediction(whole=response_of(self._whole), forces=forces, instants=instants)
 
     def _predicted(self, prediction: LinearPrediction, levels: Mapping[str, str], floor_db: float) -> float:
+        """Return the predicted error in dB with a fidelity for each mesh; above `floor_db` only a lower bound."""
         error_power = np.zeros(len(self.stage.scene.sensors))
         for name, level in levels.items():
             if level in (LEFT_OUT, SPRING):

@@ -5,13 +5,17 @@ A new pair enters at integer phases. The effect of a damaged tooth has the perio
 teeth.
 """
 
+from __future__ import annotations
+
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -47,7 +51,14 @@ class Stiffness(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Constant:
-    """A constant stiffness, N/m."""
+    """A constant stiffness, N/m.
+
+    Examples
+    --------
+    >>> from data_synth.dynamics import Constant
+    >>> Constant(mean=2e8)([0.0, 0.5]).tolist()
+    [200000000.0, 200000000.0]
+    """
 
     mean: float
     period: int = field(default=1, init=False)
@@ -75,6 +86,13 @@ class Fourier:
         Peak amplitudes with their phases, N/m.
     period : int
         Mesh cycles.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from data_synth.dynamics import Fourier
+    >>> Fourier(mean=2.0, harmonics=np.array([0.5]))([0.0, 0.25, 0.5]).round(9).tolist()  # 2 + 0.5 cos(2 pi phase)
+    [2.5, 2.0, 1.5]
     """
 
     mean: float
@@ -107,6 +125,15 @@ class Rectangular:
         N/m.
     duty : float
         Part of the cycle at `high`, above 0 and below 1.
+
+    Examples
+    --------
+    With a contact ratio of 1.6 two pairs of teeth are in contact for 60 % of each cycle:
+
+    >>> from data_synth.dynamics import Rectangular
+    >>> k = Rectangular.by_contact_ratio(pair_stiffness=1.0, contact_ratio=1.6)
+    >>> k([0.3, 0.8]).tolist(), round(k.mean, 9)
+    ([2.0, 1.0], 1.6)
     """
 
     low: float
@@ -122,7 +149,7 @@ class Rectangular:
         _share(self.duty, "duty")
 
     @classmethod
-    def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float) -> "Rectangular":
+    def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float) -> Rectangular:
         """Return the stiffness of equal tooth pairs: ``ceil(ratio)`` for the first ``ratio % 1``, then one less.
 
         Parameters
@@ -163,6 +190,13 @@ class Trapezoidal:
         Part of the cycle between the middles of the rise and the fall; phase 0 is the beginning of the rise.
     ramp : float
         Length of rise and of fall in cycles, no longer than ``duty`` and ``1 - duty``.
+
+    Examples
+    --------
+    >>> from data_synth.dynamics import Trapezoidal
+    >>> k = Trapezoidal(low=1.0, high=2.0, duty=0.5, ramp=0.2)
+    >>> k([0.1, 0.3, 0.6, 0.9]).round(9).tolist(), k.mean  # middle of the rise, top, middle of the fall, bottom
+    ([1.5, 2.0, 1.5, 1.0], 1.5)
     """
 
     low: float
@@ -185,7 +219,7 @@ class Trapezoidal:
             )
 
     @classmethod
-    def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float, ramp: float) -> "Trapezoidal":
+    def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float, ramp: float) -> Trapezoidal:
         """Return the stiffness of equal tooth pairs, as `Rectangular.by_contact_ratio`, with ramps."""
         pairs = math.floor(contact_ratio)
         duty = contact_ratio - pairs
@@ -210,7 +244,15 @@ class Trapezoidal:
 
 @dataclass(frozen=True, kw_only=True)
 class Shifted:
-    """A stiffness shifted in phase, ``of(phase + by_cycles)``, as the meshes of planets are to each other."""
+    """A stiffness shifted in phase, ``of(phase + by_cycles)``, as the meshes of planets are to each other.
+
+    Examples
+    --------
+    >>> from data_synth.dynamics import Rectangular, Shifted
+    >>> second_planet = Shifted(of=Rectangular(low=1.0, high=2.0, duty=0.5), by_cycles=0.25)
+    >>> second_planet([0.0, 0.3]).tolist(), second_planet.jumps
+    ([2.0, 1.0], (0.25, 0.75))
+    """
 
     of: Stiffness
     by_cycles: float

@@ -4,14 +4,18 @@ An error e(phase) is subtracted from the deflection of a mesh. Phases are in mes
 period of as many cycles as it has teeth.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from data_synth.gears.mesh_stiffness import Array, ComplexArray
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from data_synth.gears.mesh_stiffness import Array, ComplexArray
 
 
 class TransmissionError(Protocol):
@@ -30,6 +34,13 @@ class ProfileError:
     """An error that all teeth of a gear have alike (relief, wear, pressure angle): harmonics of the mesh.
 
     ``e = Re sum_h harmonics_m[h - 1] exp(2j pi h phase)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from data_synth.dynamics import ProfileError
+    >>> (1e6 * ProfileError(harmonics_m=np.array([3e-6]))([0.0, 0.25, 0.5])).round(9).tolist()  # 3 um cos(2 pi phase)
+    [3.0, 0.0, -3.0]
     """
 
     harmonics_m: ComplexArray = field(metadata={"dims": ("harmonic",), "units": "m"})

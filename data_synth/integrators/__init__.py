@@ -1,1 +1,1 @@
-"""Time integrators: a problem, a method, what to read and how exactly, and what came of it."""
+"""Time integrators: problem, method, output, tolerance and result."""

@@ -146,10 +146,12 @@ def legendre_of_step(
 
 @compiled_inside
 def triangular_weights(node: int, sub: int, per_sample: int, a0: float, a1: float, a2: float) -> tuple[float, float]:
-    """Return the weights of a node's force under the rising triangle of this sample, and under both triangles together.
+    """Return how much the compression at a node of a step adds to the triangular means of a mesh force.
 
-    They are the integrals over a step of a stiffness, of Legendre coefficients a, times the quadratic Lagrange
-    polynomials through both ends and the middle, x = -1, 0 and 1; and of the same times x.
+    The first weight is for the rising half of the triangle, the second for both halves, whose sum is constant. They
+    come from the integrals over the step of the stiffness, with Legendre coefficients a0 to a2, times the quadratic
+    Lagrange polynomial of node 0, 1 or 2 (x = -1, 0 and 1), and of the same times x. `sub` counts the steps of the
+    sample.
     """
     if node == 1:
         moment, first_moment = (a0 - 0.2 * a2) * 2 / 3, a1 * 2 / 15
@@ -219,6 +221,7 @@ def split_steps(
                 next_weighted[m] = 0.0
         for sub in range(per_sample):
             number = sample * per_sample + sub
+            # Angle of the reference at both ends of the step; a coupled one by the Adams-Bashforth formula of order 2
             if reference_row.size:
                 start = speed = 0.0
                 for i in range(size):
@@ -228,6 +231,7 @@ def split_steps(
                 coupled_speed[0] = speed
             else:
                 start, stop = revolutions[number], revolutions[number + 1]
+            # Legendre coefficients of each mesh stiffness over the step
             for m in range(meshes):
                 begin, end = cycles[m] * start, cycles[m] * stop
                 position = history_positions[number, m] if changing else 0.0
@@ -246,6 +250,7 @@ def split_steps(
                     if table == then:
                         break
                     table, part = then, share
+            # Transmission errors at the nodes: start, middle and end of the step
             for m in range(meshes):
                 if error_of[m] >= 0:
                     position = history_positions[number, m] if changing else 0.0
@@ -253,6 +258,7 @@ def split_steps(
                     for node in range(3):
                         phase = cycles[m] * (start + 0.5 * node * (stop - start))
                         errors[node, m] = interpolated(equations.errors, now, then, share, phase)
+            # Impulse, half a step of exact flow, impulse, half a step, impulse
             for node in range(3):
                 if node == 1 or node == 2:  # noqa: PLR1714, PLR2004
                     if classical:
@@ -269,7 +275,7 @@ def split_steps(
                     impulse[m] = weight * (strength * compression[m] - means[m] * delta[m])
                     if weighting:
                         correction[m] = 0.0
-                if node == 1:
+                if node == 1:  # commutator of two mesh forces
                     for i in range(meshes):
                         g0 = a0[i] * contact[i] - means[i]
                         g1, g2 = a1[i] * contact[i], a2[i] * contact[i]

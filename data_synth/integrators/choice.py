@@ -26,7 +26,16 @@ class MethodChoice:
 
     Examples
     --------
-    See `method_for`, which returns it.
+    A load that varies over time excludes exact transition matrices:
+
+    >>> import numpy as np
+    >>> from data_synth.dynamics import Body, Load, Problem, ShaftAngle, build_system, method_for
+    >>> free = build_system([Body(name="mass", mass_kg=1.0, motions=("x",))], [])
+    >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1))
+    >>> load = Load(constant=np.zeros(1), varying=lambda times_s: np.sin(times_s)[:, None])
+    >>> choice = method_for(Problem(system=free, reference=steady, load=load, duration_s=1.0))
+    >>> choice.method, choice.reason
+    (Splitting(), 'the load varies')
     """
 
     method: Method
@@ -52,10 +61,7 @@ def method_for(problem: Problem) -> MethodChoice:
     Examples
     --------
     >>> import numpy as np
-    >>> from data_synth.integrators import Load, Problem, method_for
-    >>> from data_synth.dynamics.system import Mesh, System
-    >>> from data_synth.gears.mesh_stiffness import Rectangular
-    >>> from data_synth.operation.shaft_angle import ShaftAngle
+    >>> from data_synth.dynamics import Load, Mesh, Problem, Rectangular, ShaftAngle, System, method_for
     >>> mesh = Mesh(name="m", direction=np.ones(1), stiffness=Rectangular(low=1.0, high=2.0, duty=0.4))
     >>> zero = np.zeros((1, 1))
     >>> system = System(mass=np.eye(1), damping=zero, stiffness=zero, meshes=(mesh,), names=("x",))

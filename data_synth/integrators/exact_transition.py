@@ -62,7 +62,7 @@ def switching(a: Assembled, start_s: float, stop_s: float) -> tuple[Array, Array
 
 
 def columns(matrices: Array) -> Array:
-    """Return matrices (k, rows, columns) as one array of their columns, (columns, k rows)."""
+    """Return matrices (k, rows, columns) as (columns, k rows): row j holds column j of each of them."""
     return np.ascontiguousarray(np.moveaxis(matrices, 2, 0)).reshape(matrices.shape[2], -1)
 
 
@@ -268,9 +268,7 @@ class Transition:
     An oscillator of 2 rad/s released from 1 m is at ``cos 2 t``, at whatever sampling rate:
 
     >>> import numpy as np
-    >>> from data_synth.integrators import Load, Output, Problem, State, Steps, Transition, integrate
-    >>> from data_synth.dynamics.system import System
-    >>> from data_synth.operation.shaft_angle import ShaftAngle
+    >>> from data_synth.dynamics import Load, Output, Problem, ShaftAngle, State, Steps, System, Transition, integrate
     >>> one = np.eye(1)
     >>> system = System(mass=one, damping=0 * one, stiffness=4 * one, meshes=(), names=("mass x",))
     >>> problem = Problem(

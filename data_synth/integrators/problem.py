@@ -42,7 +42,7 @@ class CoupledReference:
 
     Examples
     --------
-    >>> from data_synth.integrators import CoupledReference
+    >>> from data_synth.dynamics import CoupledReference
     >>> round(CoupledReference(name="pinion rotation").rev_per_unit, 6)
     0.159155
     """
@@ -69,7 +69,7 @@ class Load:
     A driving torque of 75 N m, and a load that grows with the square of the speed:
 
     >>> import numpy as np
-    >>> from data_synth.integrators import Load
+    >>> from data_synth.dynamics import Load
     >>> load = Load(constant=np.array([75.0, 0.0]), quadratic_drag=np.array([0.0, 0.0075]))
     >>> load.varying is None
     True
@@ -94,7 +94,7 @@ class State:
     Examples
     --------
     >>> import numpy as np
-    >>> from data_synth.integrators import State
+    >>> from data_synth.dynamics import State
     >>> State(displacement=np.array([1e-3]), velocity=np.zeros(1)).displacement.tolist()
     [0.001]
     """
@@ -125,9 +125,7 @@ class Problem:
     Examples
     --------
     >>> import numpy as np
-    >>> from data_synth.integrators import Load, Problem
-    >>> from data_synth.dynamics.system import System
-    >>> from data_synth.operation.shaft_angle import ShaftAngle
+    >>> from data_synth.dynamics import Load, Problem, ShaftAngle, System
     >>> one = np.eye(1)
     >>> system = System(mass=one, damping=0 * one, stiffness=4 * one, meshes=(), names=("mass x",))
     >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.array([25.0]))  # 25 Hz from 0 s on
@@ -187,7 +185,7 @@ class Output:
     The extension of a spring between two degrees of freedom, and the velocity of the first:
 
     >>> import numpy as np
-    >>> from data_synth.integrators import Output
+    >>> from data_synth.dynamics import Output
     >>> Output(
     ...     rate_hz=1000.0,
     ...     displacement=np.array([[1.0, -1.0], [0.0, 0.0]]),
@@ -234,7 +232,7 @@ class Steps:
 
     Examples
     --------
-    >>> from data_synth.integrators import Steps
+    >>> from data_synth.dynamics import Steps
     >>> Steps(per_sample=4).per_sample
     4
     """
@@ -267,7 +265,7 @@ class Accuracy:
 
     Examples
     --------
-    >>> from data_synth.integrators import Accuracy
+    >>> from data_synth.dynamics import Accuracy
     >>> Accuracy(relative=1e-3).max_per_sample
     256
     """
@@ -287,7 +285,7 @@ class Outcome(Enum):
 
     Examples
     --------
-    >>> from data_synth.integrators import Outcome
+    >>> from data_synth.dynamics import Outcome
     >>> Outcome.UNSTABLE_STEP.value
     'take more steps to a sample'
     """
@@ -305,7 +303,23 @@ class IntegrationError(ArithmeticError):
 
     Examples
     --------
-    `Integration.checked` and `integrate_blocks` raise it.
+    `Integration.checked` and `integrate_blocks` raise it:
+
+    >>> import numpy as np
+    >>> from data_synth.dynamics import Integration, IntegrationError, Outcome
+    >>> failed = Integration(
+    ...     times_s=np.zeros(0),
+    ...     values=np.zeros((0, 1)),
+    ...     outcome=Outcome.UNSTABLE_STEP,
+    ...     detail="A step of 0.1 s is unstable.",
+    ...     final=None,
+    ...     steps_per_sample=1,
+    ... )
+    >>> try:
+    ...     failed.checked()
+    ... except IntegrationError as error:
+    ...     print(error)
+    A step of 0.1 s is unstable. To do: take more steps to a sample.
     """
 
 
@@ -332,7 +346,19 @@ class Integration:
 
     Examples
     --------
-    See `data_synth.integrators.integrate`, which returns it.
+    A mass of 1 kg under 1 N moves as t^2 / 2:
+
+    >>> import numpy as np
+    >>> from data_synth.dynamics import (
+    ...     Body, Load, Output, Problem, ShaftAngle, Steps, Transition, build_system, integrate,
+    ... )
+    >>> free = build_system([Body(name="mass", mass_kg=1.0, motions=("x",))], [])
+    >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1))
+    >>> problem = Problem(system=free, reference=steady, load=Load(constant=np.ones(1)), duration_s=2.0)
+    >>> output = Output(rate_hz=10.0, displacement=np.eye(1))
+    >>> found = integrate(problem, method=Transition(), output=output, tolerance=Steps(per_sample=1))
+    >>> found.values.shape, round(float(found.values[-1, 0]), 9), found.outcome.name
+    ((21, 1), 2.0, 'DONE')
     """
 
     times_s: Array = field(metadata={"dims": ("time",), "units": "s"})

@@ -32,9 +32,7 @@ class Splitting:
     An oscillator of 2 rad/s released from 1 m is at ``cos 2 t``, here with an error bound of 1e-6:
 
     >>> import numpy as np
-    >>> from data_synth.integrators import Accuracy, Load, Output, Problem, Splitting, State, integrate
-    >>> from data_synth.dynamics.system import System
-    >>> from data_synth.operation.shaft_angle import ShaftAngle
+    >>> from data_synth.dynamics import Accuracy, Load, Output, Problem, ShaftAngle, Splitting, State, System, integrate
     >>> one = np.eye(1)
     >>> system = System(mass=one, damping=0 * one, stiffness=4 * one, meshes=(), names=("mass x",))
     >>> problem = Problem(

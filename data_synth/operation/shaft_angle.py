@@ -4,6 +4,8 @@ Speed is linear between knots, so that the angle is quadratic there and both dir
 stand still, and reverse.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
@@ -48,6 +50,16 @@ class ShaftAngle:
     ------
     ValueError
         Knots that are not two finite vectors of one length, or times that fall.
+
+    Examples
+    --------
+    Run-up from standstill to 10 rev/s in 2 s: the angle is ``10 t^2 / 4`` revolutions:
+
+    >>> import numpy as np
+    >>> from data_synth.dynamics import ShaftAngle
+    >>> shaft = ShaftAngle(times_s=np.array([0.0, 2.0]), speeds_hz=np.array([0.0, 10.0]))
+    >>> shaft.revolutions([1.0, 2.0]).tolist(), shaft.times([10.0]).tolist()
+    ([2.5, 10.0], [2.0])
     """
 
     times_s: Array
@@ -121,7 +133,7 @@ class ShaftAngle:
         if np.any(self.speeds_hz < 0):
             raise ValueError(
                 f"the shaft turns back, at {np.min(self.speeds_hz):g} rev/s, so an angle has no one time; "
-                "ask `passages` for all of them"
+                "`crossings` returns all of them"
             )
         from_zero = np.asarray(revolutions, dtype=np.float64) + self.datum_rev
         piece = np.searchsorted(self._knots_rev, from_zero, side="right")
@@ -164,11 +176,11 @@ class ShaftAngle:
         zeros = self.times_s[passing] + share * np.diff(self.times_s)[passing]
         return np.unique(np.concatenate([zeros, self.times_s[self.speeds_hz == 0]]))
 
-    def scaled(self, ratio: float) -> "ShaftAngle":
+    def scaled(self, ratio: float) -> ShaftAngle:
         """Return the angle of a shaft with the signed speed ratio `ratio` to this one."""
         return ShaftAngle(times_s=self.times_s, speeds_hz=self.speeds_hz * ratio, datum_rev=self.datum_rev * ratio)
 
-    def travelled(self) -> "ShaftAngle":
+    def travelled(self) -> ShaftAngle:
         """Return the accumulated revolutions since time zero in either sense, by which parts wear, roll and slip."""
         zeros = np.setdiff1d(self.turning_points_s(), self.times_s)
         at = np.searchsorted(self.times_s, zeros)

@@ -156,6 +156,7 @@ def add_impacts(
 def _add_impacts(
     prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array, *, timing_errors_s: Array | None
 ) -> None:
+    """Add the response of every sensor to a train of impacts, by way of its path and measurement chain."""
     times_s, strength = prepared.impacts_at_source(number, train)
     scene, duration_s = prepared.scene, None
     if train.duration_rev is not None:
@@ -289,6 +290,7 @@ class _ChannelFilter:
 
 
 def _add_motion(prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array) -> None:
+    """Add the response of every sensor to the simulated motion of a faulty bearing, integrated block by block."""
     bearing = bearing_simulation(prepared, number, train)
     filters = [_channel_filter(prepared, bearing, train, index) for index in range(len(signal))]
     samples, each = signal.shape[1], bearing.per_sample

@@ -154,6 +154,7 @@ class _Broken:
 
 
 def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact) -> Teeth:
+    """Return the mesh properties of a contact in gear dynamics, with its damaged teeth and how they change in time."""
     scene = stage.scene
     declared = declared_of(scene).mesh(contact.mesh)
     later = float(stage.rng_for("phase", "gear_mesh", contact.mesh, "teeth").random())
@@ -266,6 +267,7 @@ def _stiffnesses(
 
 
 def _stiffness(scene: Scene, contact: Contact, damaged: list[DamagedTooth], *, by_cycles: float) -> Stiffness:
+    """Return the mesh stiffness of a contact, of the shape that the scene declares or that its teeth allow."""
     declared, pair = declared_of(scene).mesh(contact.mesh), contact.equivalent_pair
     known = contact.parallel or contact.cone is not None
     undercut = min(map(abs, pair.teeth)) * math.sin(pair.pressure_angle_rad) ** 2 < 2 * pair.addendum
@@ -356,6 +358,7 @@ class Knotted:
 def _by_strain_energy(
     contact: Contact, bore_share: float, mean: float | None, damaged: list[DamagedTooth]
 ) -> TeethInMesh:
+    """Return the stiffness by strain energy of the teeth in contact, scaled to the mean if one is given."""
     one, two = contact.equivalent_pair.reference_radii_m
     try:
         pair = ToothPair(gears=contact.equivalent_pair, bore_radii_m=(bore_share * one, bore_share * two))

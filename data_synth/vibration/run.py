@@ -100,6 +100,7 @@ def _copies(scene: Scene, name: str) -> tuple[str, ...]:
 
 
 def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, SupportStiffness]]:
+    """Yield the links with declared bearings, and the stiffness of these."""
     for link, item in declared_of(scene).bearings:
         if kinematics.bodies.get(link) == kinematics.mechanism.frame and not item.torsion_nm_rad:
             raise SceneError(
@@ -431,6 +432,7 @@ def _elimination(motion: Motion, rows: Array) -> tuple[Array, Integers]:
 
 
 def _reduced_system(system: System, elimination: Array, free: Integers, kept: list[int]) -> System:
+    """Return a system in fewer degrees of freedom, ``T' M T`` and so on, T being `elimination`."""
     gyroscopic = None if system.gyroscopic is None else elimination.T @ system.gyroscopic @ elimination
     return System(
         mass=_symmetric(elimination.T @ system.mass @ elimination),

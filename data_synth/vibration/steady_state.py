@@ -49,7 +49,20 @@ class PeriodicState:
 
     Examples
     --------
-    See `periodic_state`, which returns it.
+    At rest on a spring of 100 N/m under 1 N; the multipliers' product is ``exp(-c T / m)`` (Liouville's formula):
+
+    >>> import numpy as np
+    >>> from data_synth.dynamics import (
+    ...     Body, Load, Output, Problem, ShaftAngle, Support, Transition, build_system, periodic_state,
+    ... )
+    >>> spring = Support(between=("mass", None), x=100.0, damping_s=0.01)  # c = 0.01 s x 100 N/m
+    >>> system = build_system([Body(name="mass", mass_kg=1.0, motions=("x",))], [spring])
+    >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1))
+    >>> problem = Problem(system=system, reference=steady, load=Load(constant=np.ones(1)), duration_s=0.5)
+    >>> output = Output(rate_hz=1.0, displacement=np.eye(1))
+    >>> state = periodic_state(problem, method=Transition(), output=output, samples=8)
+    >>> state.start.displacement.round(9).tolist(), bool(np.isclose(np.prod(state.multipliers), np.exp(-0.5)))
+    ([0.01], True)
     """
 
     start: State
@@ -102,11 +115,9 @@ def periodic_state(
     is k / (c omega) = 10 um:
 
     >>> import numpy as np
-    >>> from data_synth.integrators import Load, Output, Problem, Splitting, Steps, periodic_state
-    >>> from data_synth.dynamics.system import Mesh, System
-    >>> from data_synth.gears.mesh_stiffness import Constant
-    >>> from data_synth.operation.shaft_angle import ShaftAngle
-    >>> from data_synth.gears.transmission_error import ProfileError
+    >>> from data_synth.dynamics import (
+    ...     Constant, Load, Mesh, Output, Problem, ProfileError, ShaftAngle, Splitting, Steps, System, periodic_state,
+    ... )
     >>> one, error = np.eye(1), ProfileError(harmonics_m=np.array([1e-6]))
     >>> mesh = Mesh(name="m", direction=np.ones(1), stiffness=Constant(mean=100.0), error=error)
     >>> system = System(mass=one, damping=one, stiffness=0 * one, meshes=(mesh,), names=("mass x",))

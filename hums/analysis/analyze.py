@@ -115,6 +115,7 @@ def analyze(
         assessed,
         fm4=fm4_by_gear(indicators, _best_channels(assessed), harmonics=settings.harmonics),
         faulty=[channel.name for channel in channels if channel.faulty],
+        depths={channel.name: channel.depths for channel in channels},
     )
     excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
     excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]

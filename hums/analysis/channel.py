@@ -2,27 +2,41 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, ExpectedLine, MeasuredLine, envelope_sidebands, search
+from hums.analysis.detection import LineAssessor
+from hums.analysis.lines import (
+    ENVELOPE,
+    ORDER_SPECTRUM,
+    ExpectedLine,
+    MeasuredLine,
+    envelope_sidebands,
+    is_support,
+    search,
+    supports,
+)
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import AnalysisError, EnvelopeBand
 from hums.analysis.settings import AnalysisSettings
 from hums.gearbox.components import closest
 from hums.gearbox.orders import BearingOrders
 from hums.records.record import Sampling, channel_values, sampling, vibration_channels
-from signals.demodulation.band_selection import choose_band
-from signals.demodulation.envelope import envelope
+from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.health import SensorHealth, sensor_health
 from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample
 from signals.shaft.phase import ShaftPhase
 from signals.spectra.spectra import AmplitudeSpectrum, order_spectrum
 
 _ENVELOPE_SHARE = 0.5
+_WIDEST = 0.25  # of the rate: halves of the range are the widest bands
+_SEEN = 0.01  # probability that noise alone makes a line, below which it counts
+_MESH_SHARE = 0.1  # of a band's power, above which beats of meshes and shafts could be its envelope
+_LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
 _SHORTEST = 64  # samples that a check of the sensor needs
@@ -46,6 +60,7 @@ class AnalysedChannel:
     health: SensorHealth | None
     band: EnvelopeBand | None
     no_band: str = ""
+    depths: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     @property
     def faulty(self) -> bool:
@@ -129,43 +144,34 @@ def analyse_channel(
     """Return the sensor health, spectra and measured lines of a channel with samples `values`."""
     when, units = sampling(record, name), record[name].attrs["units"]
     health = sensor_health(values, rate_hz=when.rate_hz, units=units) if values.size >= _SHORTEST else None
-    crest_factor = _crest_factor(values)
-    by_spectrum = {key: [line for line in expected if line.spectrum == key] for key in (ORDER_SPECTRUM, ENVELOPE)}
-    band, no_band = _envelope_band(values, health, when.rate_hz, by_spectrum[ENVELOPE], machine, settings)
-    angular, spectra = {}, {}
-    lines: list[MeasuredLine] = []
-    out_of_range: list[ExpectedLine] = []
-    for key in (ENVELOPE, ORDER_SPECTRUM):  # the smaller spectrum first: the envelope needs memory of its own
-        searched = by_spectrum[key]
-        highest, stated, source = PASSBAND / 2 * when.rate_hz / machine.top_speed_hz, settings.max_order, values
-        if key == ENVELOPE:
-            if band is None:
-                out_of_range += searched if no_band else []
-                continue
-            source, stated = _envelope_of(values, when.rate_hz, band.band_hz, name), None
-            # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
-            highest = _ENVELOPE_SHARE * (band.high_hz - band.low_hz) / machine.top_speed_hz
-        last = _spectrum_end(searched, stated, highest)
-        angular[key] = resample_in_angle(source, record, name, machine.phase, last)
-        del source
-        spectra[key] = order_spectrum(angular[key], max_order=last)
-        found, above = search(spectra[key], searched, channel=name, units=units)
-        if key == ENVELOPE:
-            found += _with_sidebands(spectra[key], found, machine.bearings)
-        lines = [*found, *lines]
-        out_of_range = [*above, *out_of_range]
+    searched = [line for line in expected if line.spectrum == ORDER_SPECTRUM]
+    last = _spectrum_end(searched, settings.max_order, PASSBAND / 2 * when.rate_hz / machine.top_speed_hz)
+    signal = resample_in_angle(values, when, name, machine.phase, last)
+    spectra = {ORDER_SPECTRUM: order_spectrum(signal, max_order=last)}
+    lines, out_of_range = search(spectra[ORDER_SPECTRUM], searched, channel=name, units=units)
+    missing = health is not None and health.missing.any()
+    samples = _interpolated(values, health.missing) if health is not None and missing else values
+    searched = [line for line in expected if line.spectrum == ENVELOPE]
+    best, no_band = _best_envelope(samples, record, name, machine, searched, lines, settings)
+    if best is not None:
+        spectra[ENVELOPE] = best.spectrum
+        lines = [*lines, *best.lines, *_with_sidebands(best, machine.bearings)]
+        out_of_range = [*out_of_range, *best.out_of_range]
+    elif no_band:
+        out_of_range = [*out_of_range, *searched]
     return AnalysedChannel(
         name=name,
         units=units,
-        signal=angular[ORDER_SPECTRUM],
+        signal=signal,
         spectra=spectra,
         lines=tuple(lines),
         out_of_range=tuple(out_of_range),
         duration_s=when.count / when.rate_hz,
         rate_hz=when.rate_hz,
-        crest_factor=crest_factor,
+        crest_factor=_crest_factor(values),
         health=health,
-        band=band,
+        band=None if best is None else best.band,
+        depths={} if best is None else best.depths,
         no_band=no_band,
     )
 
@@ -177,15 +183,14 @@ def _crest_factor(values: Values) -> float:
 
 def resample_in_angle(
     values: Values,
-    record: xr.Dataset,
+    when: Sampling,
     name: str,
     phase: ShaftPhase,
     last_order: float,
     *,
     multiple_of: int = 8,
 ) -> AngularSignal:
-    """Return a channel resampled at equal angle increments of `phase`, with a passband up to `last_order`."""
-    when = sampling(record, name)
+    """Return samples of a channel at equal angle increments of `phase`, with a passband up to `last_order`."""
     try:
         return angular_resample(
             values,
@@ -198,28 +203,131 @@ def resample_in_angle(
         raise AnalysisError(f'channel "{name}": {error}') from None
 
 
-def _envelope_band(
+@dataclass(frozen=True, kw_only=True)
+class _Envelope:
+    """The envelope of one band: its order spectrum, and the lines measured in it."""
+
+    band: EnvelopeBand
+    spectrum: AmplitudeSpectrum
+    lines: list[MeasuredLine]
+    out_of_range: list[ExpectedLine]
+    level: float
+    bands_searched: int
+    depths: Mapping[tuple[str, str], float] = field(default_factory=dict)
+
+    @cached_property
+    def evidence(self) -> tuple[float, MeasuredLine | None]:
+        """How far the lines of a bearing defect stand out, and its fundamental: the largest of all defects.
+
+        Root sum of squares of the ratios to the background, of the fundamental and the harmonics that support it.
+        """
+        seen = [line for line in self.lines if line.line.false_alarm_probability < _SEEN]
+        best: tuple[float, MeasuredLine | None] = (0.0, None)
+        for line in seen:
+            if line.expected.fundamental:
+                own = math.hypot(*(o.line.snr for o in seen if o is line or (is_support(o) and supports(o, line))))
+                best = max(best, (own, line), key=lambda pair: pair[0])
+        return best
+
+
+def _best_envelope(
     values: Values,
-    health: SensorHealth | None,
-    rate_hz: float,
-    expected: Sequence[ExpectedLine],
+    record: xr.Dataset,
+    name: str,
     machine: Machine,
+    expected: Sequence[ExpectedLine],
+    shaft_locked: Sequence[MeasuredLine],
     settings: AnalysisSettings,
-) -> tuple[EnvelopeBand | None, str]:
-    """Return the band to demodulate, or None with the reason why none could be chosen."""
-    given = settings.envelope_band_hz
+) -> tuple[_Envelope | None, str]:
+    """Return the envelope in which bearing lines stand out most, or None with the reason why there is none.
+
+    Bands whose power is mostly that of meshes and shafts are left to others: their lines beat with one another.
+    """
+    given, when = settings.envelope_band_hz, sampling(record, name)
     if given is None or not expected:
         return None, ""
-    if isinstance(given, tuple):
-        return EnvelopeBand(low_hz=given[0], high_hz=given[1], chosen=False), ""
-    # as wide as the lines need, but at most a quarter of the rate, which leaves a choice
-    needed = _spectrum_end(expected, None, math.inf) * machine.top_speed_hz / _ENVELOPE_SHARE
-    samples = values if health is None or not health.missing.any() else _interpolated(values, health.missing)
+    bands: tuple[tuple[float, float], ...] = (given,) if isinstance(given, tuple) else ()
+    if not bands:
+        # as wide as the lines need, but at most a quarter of the rate, which leaves a choice
+        needed = _spectrum_end(expected, None, math.inf) * machine.top_speed_hz / _ENVELOPE_SHARE
+        try:
+            bands = bank_bands(rate_hz=when.rate_hz, least_width_hz=min(needed, _WIDEST * when.rate_hz))
+        except ValueError as error:
+            return None, str(error)
+    assessor = LineAssessor({bearing.name: bearing for bearing in machine.bearings}, settings.false_alarm_probability)
+    depths: dict[tuple[str, str], float] = {}
+    slowest = min((line.order for line in expected if line.fundamental), default=1.0)
+    best: _Envelope | None = None
     try:
-        best = choose_band(samples, rate_hz=rate_hz, modulation_hz=min(needed, rate_hz / 4))
+        for band, (rate_hz, envelope) in zip(
+            bands, bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=bands), strict=True
+        ):
+            # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
+            last = _spectrum_end(expected, None, _ENVELOPE_SHARE * (band[1] - band[0]) / machine.top_speed_hz)
+            at = replace(when, rate_hz=rate_hz, count=envelope.size)
+            signal = resample_in_angle(envelope, at, name, machine.phase, last)
+            level = float(signal.values.mean())
+            signal = level_normalised(signal, revolutions=_LEVEL_PERIODS / slowest)
+            spectrum = order_spectrum(signal, max_order=last)
+            lines, out_of_range = search(
+                spectrum, expected, channel=name, units=record[name].attrs["units"], level=level, searches=len(bands)
+            )
+            here = _Envelope(
+                band=EnvelopeBand(low_hz=band[0], high_hz=band[1], chosen=len(bands) > 1),
+                spectrum=spectrum,
+                lines=lines,
+                out_of_range=out_of_range,
+                level=level,
+                bands_searched=len(bands),
+            )
+            for line in assessor.assess(lines):
+                if line.significant and line.measured.expected.fundamental:
+                    family = line.measured.family
+                    depths[family] = max(depths.get(family, 0.0), line.measured.depth)
+            if best is None or _preferred(here, best, shaft_locked, machine):
+                best = here
     except ValueError as error:
-        return None, str(error)
-    return EnvelopeBand(low_hz=best.low_hz, high_hz=best.high_hz, chosen=True, why=best.why, doubts=best.doubts), ""
+        raise AnalysisError(
+            f'envelope of channel "{name}": {error} Or leave the channel out with channels=(...), on the command line '
+            "--channel NAME."
+        ) from None
+    return best if best is None else replace(_explained(best), depths=depths), ""
+
+
+def _preferred(one: _Envelope, other: _Envelope, shaft_locked: Sequence[MeasuredLine], machine: Machine) -> bool:
+    """Whether to demodulate one band rather than another."""
+    clear, clear_other = (_mesh_share(each, shaft_locked, machine) < _MESH_SHARE for each in (one, other))
+    return clear if clear != clear_other else one.evidence[0] > other.evidence[0]
+
+
+def _mesh_share(envelope: _Envelope, shaft_locked: Sequence[MeasuredLine], machine: Machine) -> float:
+    """Return the share of a band's power that significant lines of meshes and shafts have, at any speed."""
+    speeds = machine.phase.mean_speed_per_revolution_hz()
+    slow, fast = float(speeds.min()), float(speeds.max())
+    power = sum(
+        line.line.amplitude**2 / 2
+        for line in shaft_locked
+        if line.line.false_alarm_probability < _SEEN
+        and line.line.found * fast > envelope.band.low_hz
+        and line.line.found * slow < envelope.band.high_hz
+    )
+    return power / (envelope.level**2 / 2) if envelope.level > 0 else 0.0
+
+
+def _explained(envelope: _Envelope) -> _Envelope:
+    """Return an envelope with the reason for its band, and what speaks against it."""
+    if not envelope.band.chosen:
+        return envelope
+    evidence, line = envelope.evidence
+    low, high = envelope.band.band_hz
+    why = f"{low:.6g}-{high:.6g} Hz, of {envelope.bands_searched} bands from halves to sixteenths of the range"
+    doubts: tuple[str, ...] = ()
+    if line is None:
+        doubts = ("In no band does a bearing line stand out.",)
+    else:
+        part = f"{line.expected.component} {line.expected.kind.replace('_', ' ')}"
+        why += f": lines of {part} stand out most in it, together {evidence:.3g} times their surroundings"
+    return replace(envelope, band=replace(envelope.band, why=why + ".", doubts=doubts))
 
 
 def _interpolated(values: Values, missing: NDArray[np.bool_]) -> Values:
@@ -228,29 +336,17 @@ def _interpolated(values: Values, missing: NDArray[np.bool_]) -> Values:
     return np.where(missing, np.interp(places, places[~missing], values[~missing]).astype(values.dtype), values)
 
 
-def _envelope_of(values: Values, rate_hz: float, band_hz: tuple[float, float], name: str) -> Values:
-    try:
-        return envelope(values, rate_hz=rate_hz, band_hz=band_hz)
-    except ValueError as error:
-        raise AnalysisError(
-            f'envelope of channel "{name}": {error} Or leave the channel out with channels=(...), on the command line '
-            "--channel NAME."
-        ) from None
-
-
 def _spectrum_end(expected: Iterable[ExpectedLine], stated: float | None, highest: float) -> float:
     """Return the highest order of a spectrum: as stated, or sufficient for all expected lines; at most `highest`."""
     needed = _MARGIN * (max((line.order + line.tolerance for line in expected), default=0.0) + 1.0)
     return min(stated or max(needed, _LEAST_ORDERS), highest)
 
 
-def _with_sidebands(
-    spectrum: AmplitudeSpectrum, lines: Sequence[MeasuredLine], bearings: Iterable[BearingOrders]
-) -> list[MeasuredLine]:
+def _with_sidebands(envelope: _Envelope, bearings: Iterable[BearingOrders]) -> list[MeasuredLine]:
     """Return the measured sidebands of every bearing fundamental, spaced as its kind of defect modulates it."""
     by_name = {bearing.name: bearing for bearing in bearings}
     beside: list[MeasuredLine] = []
-    for line in lines:
+    for line in envelope.lines:
         if not line.expected.fundamental:
             continue
         bearing = by_name[line.expected.component]
@@ -261,5 +357,5 @@ def _with_sidebands(
         }.get(line.expected.kind, 0.0)
         spacings = dict.fromkeys(abs(x) for x in (spacing, bearing.carried) if x)
         expected = envelope_sidebands(line, spacings)
-        beside += search(spectrum, expected, channel=line.channel, units=line.units)[0]
+        beside += search(envelope.spectrum, expected, channel=line.channel, units=line.units, level=envelope.level)[0]
     return beside

@@ -8,11 +8,13 @@ The rule, fixed on the wind turbine and CWRU records:
    and sidebands). A detected line is *significant* (column ``claimed``) unless one of these explains it:
 
    - leakage: through the window, a larger line contributes half of its amplitude or more;
+   - a bearing line is no peak: the spectrum still rises at the edge of the searched range;
    - it lies within the main lobe (two bins) of a harmonic of a stronger significant line, of a sideband of that line
      spaced by a ring's rotation or the cage, or of a multiple of the cage order which that line implies. The defect
      order of one race is itself such a multiple for the other race; there the weaker line is explained only below a
-     third of the stronger, since comparable lines on both races are evidence of two defects. A damaged rolling element
-     also produces a line at the cage order;
+     third of the stronger, since comparable lines on both races are evidence of two defects. Unequal elements produce
+     a line at the cage order, and what is below a third of another defect of the same bearing is hidden by it: impacts
+     of one spot excite lines at the orders of the others;
    - in the envelope, impacts once per revolution of a shaft, or once per contact of a planet's damaged tooth, produce
      any multiple of that order;
    - it is a sideband that the planet pass produces in a healthy stage.
@@ -24,14 +26,13 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from hums.analysis.lines import ENVELOPE, TOOTH_KINDS, MeasuredLine
+from hums.analysis.lines import ENVELOPE, LOBE_BINS, TOOTH_KINDS, MeasuredLine, is_support, supports
 from hums.gearbox.orders import BEARING_KINDS, BearingOrders
 from signals.spectra.lines import record_probability
 
-__all__ = ["OF_CAGE", "RIVAL_FACTOR", "AssessedLine", "LineAssessor", "implied_cage", "is_support", "supports"]
+__all__ = ["OF_CAGE", "RIVAL_FACTOR", "AssessedLine", "LineAssessor", "implied_cage"]
 
 RIVAL_FACTOR = 3.0
-LOBE_BINS = 2.0
 LEAKAGE_SHARE = 0.5
 OF_CAGE = "times the cage rate implied by"
 _EXPLAINED_HARMONICS = 3
@@ -61,7 +62,7 @@ class LineAssessor:
 
     def assess(self, lines: Sequence[MeasuredLine]) -> list[AssessedLine]:
         """Return whether each line is significant, or which stronger line explains it, in the given order."""
-        searches = max(1, sum(line.expected.fundamental for line in lines))
+        searches = max(1, sum(line.searches for line in lines if line.expected.fundamental))
         probability = [record_probability(line.line.false_alarm_probability, searches=searches) for line in lines]
         result = [
             AssessedLine(measured=line, false_alarm_probability=p, significant=False)
@@ -88,6 +89,8 @@ class LineAssessor:
         """Return the cause that produces this line without any defect, or an empty string."""
         if line.line.leakage > LEAKAGE_SHARE * line.line.amplitude:
             return "the flank of a stronger line beside it"
+        if line.expected.kind in BEARING_KINDS and line.line.at_edge:
+            return "the flank of what stands outside of the searched range"
         if line.expected.kind == "tooth":
             centre = line.expected.order - line.expected.sideband * line.expected.spacing
             for spacing in self.healthy_spacings.get(line.expected.component, ()):
@@ -143,14 +146,19 @@ class LineAssessor:
             if 0 < multiple <= 2 * bearing.elements and _near(weaker, multiple * cage) and not rival:
                 return f"{multiple} {OF_CAGE} {name}"
         element = stronger.expected.kind == "rolling_element"
-        if element and weaker.expected.kind == "cage" and weaker.expected.component == stronger.expected.component:
-            return f"the cage's rate, at which it takes {name} through the load zone"
+        same = weaker.expected.component == stronger.expected.component
+        if same and weaker.expected.kind == "cage":
+            why = "it takes" if element else "elements that are not alike modulate"
+            return f"the cage's rate, at which {why} {name}" + (" through the load zone" if element else "")
         spacings = {abs(bearing.inner_ring), abs(bearing.outer_ring), bearing.cage if element else cage} - {0.0}
         for harmonic in range(1, _EXPLAINED_HARMONICS + 1):
             for spacing in spacings:
                 side = round((order - harmonic * base) / spacing)
                 if 0 < abs(side) <= _EXPLAINED_SIDEBANDS and _near(weaker, harmonic * base + side * spacing):
                     return f"sideband {side:+d} x {spacing:.3g} of harmonic {harmonic} of {name}"
+        times = stronger.line.amplitude / weaker.line.amplitude
+        if same and not is_support(weaker) and times > RIVAL_FACTOR:
+            return f"hidden by {name}, {times:.0f} times as large"
         return ""
 
 
@@ -178,22 +186,6 @@ def _combined_levels(detected: Sequence[MeasuredLine]) -> Callable[[MeasuredLine
 def _is_comb(line: MeasuredLine) -> bool:
     """Whether a line is an envelope harmonic of impacts once per shaft revolution or per contact of two teeth."""
     return line.expected.spectrum == ENVELOPE and line.expected.kind in {"shaft", *TOOTH_KINDS}
-
-
-def is_support(line: MeasuredLine) -> bool:
-    """Whether a line is a harmonic or sideband of a bearing defect, significant only with its fundamental."""
-    return line.expected.kind in BEARING_KINDS and not line.expected.fundamental
-
-
-def supports(line: MeasuredLine, fundamental: MeasuredLine) -> bool:
-    """Whether a harmonic or sideband belongs to a fundamental: same family and channel, at the right spacing."""
-    if line.family != fundamental.family or line.channel != fundamental.channel or not fundamental.expected.fundamental:
-        return False
-    if line.expected.sideband:
-        return True  # its order was computed from the measured fundamental
-    return abs(line.line.found - line.expected.harmonic * fundamental.line.found) <= (
-        line.expected.harmonic * LOBE_BINS * line.bin_width
-    )
 
 
 def _near(line: MeasuredLine, order: float, *, bins: float = LOBE_BINS) -> bool:

@@ -1,9 +1,10 @@
 """Findings from assessed lines.
 
-A significant fundamental (see `hums.analysis.detection`) raises a finding. It is *diagnosed* when the line is at least
-six times its background, a harmonic or sideband at the right spacing supports it, and no other kind of defect of the
-same bearing nor, for a race, a multiple of the cage order is within a factor of three of it; for a gear, when FM4 of
-the synchronous average shows a local disturbance. Otherwise it is *indicated*, and the evidence states why. A line of a
+A significant fundamental (see `hums.analysis.detection`) raises a finding. That of a bearing is *diagnosed* when it
+modulates its band by a tenth of the mean or more, a harmonic or sideband at the right spacing supports it, and no other
+race or element of the same bearing comes within a factor of three of it in any band; one of a cage never, since damage
+of an element makes the same line. For a gear the line must be at least six times its background, and FM4 of the
+synchronous average show a local disturbance. Otherwise it is *indicated*, and the evidence states why. A line of a
 faulty sensor is never diagnosed.
 
 Indicators support a finding or cast doubt on it; they never raise one, which would change
@@ -14,14 +15,20 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from hums.analysis.detection import OF_CAGE, RIVAL_FACTOR, AssessedLine, is_support, supports
-from hums.analysis.lines import ENVELOPE
+from hums.analysis.detection import RIVAL_FACTOR, AssessedLine
+from hums.analysis.lines import ENVELOPE, is_support, supports
 from hums.gearbox.orders import BEARING_KINDS
+
+Depths = Mapping[str, Mapping[tuple[str, str], float]]
+"""Of each channel the largest modulation, over all bands, by each kind of defect of each bearing."""
 
 __all__ = ["DIAGNOSED", "INDICATED", "Finding", "Fm4", "findings"]
 
 DIAGNOSED, INDICATED = "diagnosed", "indicated"
 STRONG_SNR = 6.0
+# Part of the mean envelope by which a damaged race modulates it. Halved, weak lines of sound bearings are diagnosed;
+# doubled, early damage is only indicated.
+FAULTY_DEPTH = 0.1
 SUPPORT_PROBABILITY = 0.01
 
 
@@ -53,11 +60,16 @@ class Finding:
 
 
 def findings(
-    assessed: Sequence[AssessedLine], *, fm4: Mapping[str, Fm4], faulty: Collection[str] = ()
+    assessed: Sequence[AssessedLine],
+    *,
+    fm4: Mapping[str, Fm4],
+    faulty: Collection[str] = (),
+    depths: Depths | None = None,
 ) -> list[Finding]:
     """Return a finding for every component and kind with a significant fundamental.
 
-    Diagnosed findings come before indicated ones, then those of higher level over the background.
+    Diagnosed findings come before indicated ones, bearings before gears, whose sidebands every sound pair has, too;
+    then those of higher level over the background.
 
     Parameters
     ----------
@@ -67,6 +79,8 @@ def findings(
         FM4 of the gears whose synchronous average exists.
     faulty : collection of str
         Channels with a faulty sensor.
+    depths : mapping of channel to mapping, optional
+        See `Depths`: rivals count where they are largest.
     """
     families: dict[tuple[str, str], list[AssessedLine]] = {}
     for line in assessed:
@@ -77,12 +91,14 @@ def findings(
         if any(line.significant and line.measured.expected.fundamental for line in lines)
     }
     results = [
-        _bearing_finding(lines, raised, _cage_multiples(lines, families), faulty)
+        _bearing_finding(lines, raised, faulty, depths or {})
         if kind in BEARING_KINDS
         else _gear_finding(lines, fm4.get(component), faulty)
         for (component, kind), lines in raised.items()
     ]
-    return sorted(results, key=lambda finding: (finding.verdict != DIAGNOSED, -finding.snr))
+    return sorted(
+        results, key=lambda finding: (finding.verdict != DIAGNOSED, finding.kind not in BEARING_KINDS, -finding.snr)
+    )
 
 
 def _main_line(lines: Sequence[AssessedLine]) -> AssessedLine:
@@ -94,59 +110,37 @@ def _main_line(lines: Sequence[AssessedLine]) -> AssessedLine:
 def _bearing_finding(
     lines: Sequence[AssessedLine],
     raised: Mapping[tuple[str, str], Sequence[AssessedLine]],
-    cage_multiples: Sequence[int],
     faulty: Collection[str],
+    depths: Depths,
 ) -> Finding:
     """Return the finding on one kind of defect of a bearing, indicated if rivals or weak evidence leave doubts."""
     main = _main_line(lines)
     component, kind = main.measured.family
     channel = [line for line in lines if line.measured.channel == main.measured.channel]
     support = _supporting_lines(main, channel)
-    largest = _largest_amplitude(channel)
+    own, seen = main.measured.depth, {family: _largest_depth(others) for family, others in raised.items()}
+    for family, depth in (pair for channel in depths.values() for pair in channel.items()):
+        seen[family] = max(seen.get(family, 0.0), depth)
     rivals = {
-        other_kind: _largest_amplitude(other_lines)
-        for (other, other_kind), other_lines in raised.items()
-        if other == component and other_kind != kind and _largest_amplitude(other_lines) * RIVAL_FACTOR > largest
+        other_kind: depth
+        for (other, other_kind), depth in seen.items()
+        if other == component and other_kind != kind and depth * RIVAL_FACTOR > own and kind != "cage" != other_kind
     }
     doubts = _sensor_doubts(main, faulty)
-    if main.measured.line.snr < STRONG_SNR:
+    if main.measured.depth < FAULTY_DEPTH:
         doubts.append(
-            f"the line is only {main.measured.line.snr:.1f} times its surroundings: it is there, but a line this weak "
-            "does not tell a fault from normal wear; compare with earlier and later records"
+            f"it modulates the band by only {main.measured.depth:.1%}: it is there, but sound bearings have races and "
+            "elements that are not perfect, too; compare with earlier and later records"
         )
+    if kind == "cage":
+        doubts.append("damage of a rolling element makes this line, too")
     if not support:
         doubts.append("no harmonic or sideband supports it")
     doubts += [
-        f"a line of {_kind_text(rival)} of the same bearing is {_comparison(size, largest)}"
+        f"a line of {_kind_text(rival)} of the same bearing is {_comparison(size, own)}"
         for rival, size in rivals.items()
     ]
-    if cage_multiples:
-        doubts.append(
-            f"lines at {', '.join(map(str, cage_multiples))} times the cage rate are of similar size: elements that "
-            "are not alike make them, as damage of one does, and a spot on a race does not"
-        )
     return _finding(main, support, doubts)
-
-
-def _cage_multiples(
-    lines: Sequence[AssessedLine], families: Mapping[tuple[str, str], Sequence[AssessedLine]]
-) -> list[int]:
-    """Return the multiples of the cage order at which lines are comparable to those of a race.
-
-    A defect of a race is struck by all elements alike, independently of the cage. For an inner race only the cage's own
-    lines count, since sidebands spaced by the shaft order lie at multiples of the cage order.
-    """
-    main = _main_line(lines)
-    component, kind = main.measured.family
-    largest = _largest_amplitude(line for line in lines if line.measured.channel == main.measured.channel)
-    compared = {"outer_race": ("cage", "rolling_element"), "inner_race": ("cage",)}.get(kind, ())
-    found = set()
-    for line in (line for other in compared for line in families.get((component, other), ())):
-        number, is_multiple, of = line.explained_by.partition(f" {OF_CAGE} ")
-        same = of == f"{component} {kind.replace('_', ' ')}" and line.measured.channel == main.measured.channel
-        if is_multiple and same and line.measured.line.amplitude * RIVAL_FACTOR > largest:
-            found.add(int(number))
-    return sorted(found)
 
 
 def _comparison(rival: float, own: float) -> str:
@@ -168,9 +162,9 @@ def _supporting_lines(main: AssessedLine, lines: Iterable[AssessedLine]) -> list
     return support
 
 
-def _largest_amplitude(lines: Iterable[AssessedLine]) -> float:
+def _largest_depth(lines: Iterable[AssessedLine]) -> float:
     return max(
-        (line.measured.line.amplitude for line in lines if line.significant and not line.measured.expected.sideband),
+        (line.measured.depth for line in lines if line.significant and not line.measured.expected.sideband),
         default=0.0,
     )
 
@@ -224,6 +218,8 @@ def _finding(main: AssessedLine, support: Sequence[str], doubts: Sequence[str]) 
         f"{where} at {found.found:.3f} orders (nominal {expected.order:.3f}{off}), {found.amplitude:.3g} "
         f"{main.measured.units}, {found.snr:.1f} times its surroundings"
     )
+    if main.measured.level > 0:
+        evidence += f", a modulation of the band by {main.measured.depth:.1%}"
     if support:
         evidence += "; supported by " + ", ".join(support)
     if doubts:

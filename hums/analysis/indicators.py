@@ -26,6 +26,7 @@ from hums.analysis.result import IndicatorValue
 from hums.analysis.settings import AnalysisSettings
 from hums.gearbox.components import planet_angles
 from hums.gearbox.orders import BEARING_KINDS
+from hums.records.record import sampling
 from signals.angle.averaging import SynchronousAverage, synchronous_average
 from signals.angle.planets import PassWindow, PlanetaryTeeth, pass_angle, planet_average, sun_average
 from signals.angle.residual import difference_signal, mesh_band, regular_signal, residual_signal
@@ -375,7 +376,12 @@ def _planet_indicators(
             raise ValueError(stage.misfit)  # noqa: TRY301
         last = min((settings.harmonics + 0.5) * teeth.ring, highest)
         signal = resample_in_angle(
-            values, record, channel.name, machine.phase.scaled(ratio), last, multiple_of=teeth.ring
+            values,
+            sampling(record, channel.name),
+            channel.name,
+            machine.phase.scaled(ratio),
+            last,
+            multiple_of=teeth.ring,
         )
         first = pass_angle(_mesh_band_signal(signal, teeth.ring), teeth=teeth).first_pass_rev
     except ValueError as error:

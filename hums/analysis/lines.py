@@ -11,9 +11,12 @@ from signals.spectra.spectra import AmplitudeSpectrum
 
 ORDER_SPECTRUM, ENVELOPE = "order_spectrum", "envelope"
 TOOTH_KINDS = ("tooth", "planet_tooth")
+LOBE_BINS = 2.0  # half width of the main lobe
 _SAME_ORDER = 1e-9
 # Jitter of a once-per-revolution tachometer spreads a mesh line over half an order on either side; the background of
 # its sidebands is therefore also measured this close to them.
+# In an envelope a level that wanders fills the lowest orders: a line there is also compared with what lies within half
+# its order.
 _CLOSE_ORDERS = 0.25
 
 
@@ -39,13 +42,24 @@ class ExpectedLine:
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredLine:
-    """An expected line as measured in the spectrum of one channel."""
+    """An expected line as measured in the spectrum of one channel.
+
+    `level` is the mean of the envelope whose spectrum it is, 0 of an order spectrum; `searches` the number of bands in
+    which it was looked for.
+    """
 
     expected: ExpectedLine
     channel: str
     units: str
     bin_width: float
     line: Line
+    level: float = 0.0
+    searches: int = 1
+
+    @property
+    def depth(self) -> float:
+        """Amplitude over the mean of the envelope: how deeply the defect modulates the band."""
+        return self.line.amplitude / self.level if self.level > 0 else 0.0
 
     @property
     def family(self) -> tuple[str, str]:
@@ -182,7 +196,13 @@ def envelope_sidebands(found: MeasuredLine, spacings: Iterable[float]) -> list[E
 
 
 def search(
-    spectrum: AmplitudeSpectrum, expected: Iterable[ExpectedLine], *, channel: str, units: str
+    spectrum: AmplitudeSpectrum,
+    expected: Iterable[ExpectedLine],
+    *,
+    channel: str,
+    units: str,
+    level: float = 0.0,
+    searches: int = 1,
 ) -> tuple[list[MeasuredLine], list[ExpectedLine]]:
     """Return the lines measured in one spectrum, and the expected ones out of its range.
 
@@ -191,12 +211,36 @@ def search(
     found, out_of_range = [], []
     for line in expected:
         try:
-            closer = _CLOSE_ORDERS if line.kind == "tooth" and line.spectrum == ORDER_SPECTRUM else None
+            closer = line.order / 2 if line.spectrum == ENVELOPE else _CLOSE_ORDERS if line.kind == "tooth" else None
             result = find_line(spectrum, expected=line.order, tolerance=line.tolerance, closer=closer)
         except ValueError:
             out_of_range.append(line)
             continue
         found.append(
-            MeasuredLine(expected=line, channel=channel, units=units, bin_width=spectrum.bin_width, line=result)
+            MeasuredLine(
+                expected=line,
+                channel=channel,
+                units=units,
+                bin_width=spectrum.bin_width,
+                line=result,
+                level=level,
+                searches=searches,
+            )
         )
     return found, out_of_range
+
+
+def is_support(line: MeasuredLine) -> bool:
+    """Whether a line is a harmonic or sideband of a bearing defect, significant only with its fundamental."""
+    return line.expected.kind in BEARING_KINDS and not line.expected.fundamental
+
+
+def supports(line: MeasuredLine, fundamental: MeasuredLine) -> bool:
+    """Whether a harmonic or sideband belongs to a fundamental: same family and channel, at the right spacing."""
+    if line.family != fundamental.family or line.channel != fundamental.channel or not fundamental.expected.fundamental:
+        return False
+    if line.expected.sideband:
+        return True  # its order was computed from the measured fundamental
+    return abs(line.line.found - line.expected.harmonic * fundamental.line.found) <= (
+        line.expected.harmonic * LOBE_BINS * line.bin_width
+    )

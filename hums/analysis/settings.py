@@ -25,7 +25,7 @@ class AnalysisSettings(Declared):
     max_acceleration_hz_s : float, optional
         Highest rate of change of that speed in rev/s per second; given together with `speed_range_hz`.
     envelope_band_hz : (float, float), "auto" or None
-        Band to demodulate in Hz, for all channels; ``"auto"`` chooses one for each channel (`signals.choose_band`)
+        Band to demodulate in Hz, for all channels; ``"auto"`` chooses one for each channel, of a bank of bands
         where the gearbox has bearings; None leaves the envelope and the bearing lines out.
     false_alarm_probability : float
         Probability that noise alone raises any finding in the record.

@@ -237,6 +237,7 @@ def _parsed(gearbox: str, settings: str) -> tuple[Gearbox, AnalysisSettings]:
 
 
 def _row(source: _Source, gearbox: Gearbox, settings: AnalysisSettings) -> dict[str, Any]:
+    """Return facts and results of one record for the table; where the analysis fails, the facts and the error."""
     facts = {"machine": "", "recorded_at": ""}
     try:
         with _opened(source) as record:

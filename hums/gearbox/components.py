@@ -158,6 +158,7 @@ def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:
 
 
 def _clause(details: ErrorDetails) -> str:
+    """Return what is wrong with one field of a declaration, and what to do, as a clause of an error."""
     place = ".".join(str(part + 1) if isinstance(part, int) else part for part in details["loc"])
     message = details["msg"].removeprefix("Value error, ").rstrip(".")
     if details["type"] == "missing":

@@ -308,6 +308,7 @@ class Gearbox(Declared):
 
     @cached_property
     def _copied(self) -> tuple[tuple[str, int], ...]:
+        """Return the links that exist several times, as planets do, with their number of copies."""
         single = {link for axis in self.axes if axis.copies is None for link in axis.links}
         copied = {
             link: axis.copies

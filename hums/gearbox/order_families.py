@@ -131,6 +131,7 @@ def _family(row: Any, harmonics: int, sidebands: int) -> Iterator[_Line]:  # noq
 
 
 def _line(row: Any, harmonic: int, sideband: int, spacing: Fraction | float) -> _Line:  # noqa: ANN401
+    """Return the line at a harmonic of a defect order plus a number of sideband spacings."""
     is_exact = isinstance(row.exact, Fraction) and isinstance(spacing, Fraction)
     exact = abs(harmonic * row.exact + sideband * spacing) if is_exact else None
     order = abs(harmonic * row.order + sideband * float(spacing)) if exact is None else float(exact)

@@ -224,6 +224,7 @@ class _Motion:
         reference: str | None,
         speeds: Mapping[str, float | Fraction] | None,
     ) -> "_Motion":
+        """Return speeds over that of the reference shaft; GearboxError where there is none, or it stands still."""
         kinematics = gearbox if isinstance(gearbox, Kinematics) else solve_kinematics(gearbox)
         name = reference or kinematics.gearbox.reference
         if name is None:
@@ -277,6 +278,7 @@ class _Motion:
         seen_from: str,
         sidebands: tuple[Fraction | float, ...] = (),
     ) -> DefectOrder:
+        """Return a row of the table of defect orders, its order without sign."""
         magnitude = -order if order < 0 else order
         return DefectOrder(
             component=component,

@@ -199,6 +199,7 @@ def _name_lines(lines: list[dict[Hashable, Any]], drawn: np.ndarray, *, ax: Axes
 
 
 def _name(line: dict[Hashable, Any], *, ax: Axes) -> Annotation:
+    """Write the name of a line above its peak in a spectrum."""
     return ax.annotate(
         _label(line),
         (line["order_found"], line["line_amplitude"]),

@@ -217,6 +217,7 @@ def _name_tips(arrows: list[_Arrow], starts: list[complex], ends: list[complex],
 
 
 def _write(arrow: _Arrow, size: float, at: complex, style: dict[str, Any], *, ax: Axes) -> Annotation:
+    """Write names and speed at an arrow of the velocity diagram."""
     separator = "\n" if style["ha"] == "center" else " "  # beside a tip a short name finds a place sooner
     seen = f"{separator}from {arrow.seen_from}" if arrow.seen_from else ""
     return ax.annotate(

@@ -39,6 +39,7 @@ def read(path: Path) -> dict[str, Field]:
 
 
 def _read_classic(path: Path) -> dict[str, Field]:
+    """Return every variable of a MATLAB file before version 7.3, read by scipy."""
     from scipy.io import loadmat  # noqa: PLC0415
 
     try:

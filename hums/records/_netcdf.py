@@ -86,6 +86,7 @@ class _Disk(FileIO):
 
 
 def _write_group(group: h5py.Group, dataset: xr.Dataset, chunks: Chunks, numbers: Iterator[int]) -> None:
+    """Write a dataset into an HDF5 group in the layout of netCDF4, with a dimension scale for each dimension."""
     variables, attrs = conventions.encode_dataset_coordinates(dataset)
     _write_attrs(group, attrs)
     scales: dict[Any, h5py.Dataset] = {}
@@ -129,6 +130,7 @@ def _new_scale(group: h5py.Group, dim: str, dataset: xr.Dataset, chunks: Chunks,
 
 
 def _new_dataset(group: h5py.Group, name: str, variable: xr.Variable, chunks: tuple[int, ...] | None) -> h5py.Dataset:
+    """Create an HDF5 dataset with the values of a variable, checksummed where it has chunks."""
     values = variable.to_numpy()
     dtype = values.dtype
     if dtype.kind in "UO":

@@ -168,6 +168,7 @@ class _Rows(BackendArray):
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
 
     def _read(self, key: tuple[Any, ...]) -> NDArray[Any]:
+        """Return the elements that an index selects from the shards that hold them; NaN past the end of a record."""
         picked, *columns = (np.asarray(np.arange(size)[part]) for size, part in zip(self.shape, key, strict=True))
         rows, shards = np.atleast_1d(picked), np.atleast_1d(picked) // self.per_shard
         spans = [(int(part.min()), int(part.max()) + 1) if part.size else (0, 0) for part in columns]

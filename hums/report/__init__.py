@@ -104,6 +104,7 @@ def render(analysis: Analysis) -> str:
 
 
 def _page(analysis: Analysis, facts: dict[str, Any]) -> str:
+    """Return the HTML page of an analysis."""
     template = (files("hums.report") / "page.html").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["words"] = lambda kind: str(kind).replace("_", " ")

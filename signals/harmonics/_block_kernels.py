@@ -70,18 +70,18 @@ def phasors(angle: Floats) -> Complexes:
 
 
 @compiled_sums
-def _add_moments(plain: Floats, late: Floats, cosine: Floats, sine: Floats, sums: Floats, after: Floats) -> None:
-    """Add the sums of two rows of weights times cosines, and times negative sines, to two pairs of numbers."""
+def _add_moments(even: Floats, odd: Floats, cosine: Floats, sine: Floats, even_sums: Floats, odd_sums: Floats) -> None:
+    """Add the sums of w cos and of -w sin to two moments (2,), w being u^m x for one and u^(m + 1) x for the other."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    for n in range(plain.size):
-        a += plain[n] * cosine[n]
-        b += plain[n] * sine[n]
-        c += late[n] * cosine[n]
-        d += late[n] * sine[n]
-    sums[0] += a
-    sums[1] -= b
-    after[0] += c
-    after[1] -= d
+    for n in range(even.size):
+        a += even[n] * cosine[n]
+        b += even[n] * sine[n]
+        c += odd[n] * cosine[n]
+        d += odd[n] * sine[n]
+    even_sums[0] += a
+    even_sums[1] -= b
+    odd_sums[0] += c
+    odd_sums[1] -= d
 
 
 @compiled_sums
@@ -131,7 +131,7 @@ def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: in
 
 @compiled_sums
 def _add_products(weights: Floats, one: Floats, other: Floats, sums: Floats, column: int) -> None:
-    """Add the products of a row of weights with two columns to two neighbouring numbers."""
+    """Add the inner products of a row of weights and two regressors to `sums` at `column` and the next."""
     a, b = 0.0, 0.0
     for n in range(weights.size):
         a += weights[n] * one[n]
@@ -169,20 +169,20 @@ def correlate(seen: Floats, phase: Floats, orders: Floats, shaft: Indices, lengt
                     sine[n] *= -here[n]
             for block in range(begin, end):
                 part = slice(max(block * length, first) - first, min((block + 1) * length, last) - first)
-                place, late = places[part], weighted[part]
+                u, weights = places[part], weighted[part]
                 start = (first + part.start) / length - block
-                for n in range(place.size):
-                    place[n] = start + n / length
+                for n in range(u.size):
+                    u[n] = start + n / length
                 for a in range(width):
                     column = columns[a, part]
-                    for n in range(late.size):
-                        late[n] = column[n]
+                    for n in range(weights.size):
+                        weights[n] = column[n]
                     for moment in range(moments):
                         row = sums[block, moment, a]
                         for b in range(0, a + 1, 2):
-                            _add_products(late, columns[b, part], columns[b + 1, part], row, b)
-                        for n in range(late.size):
-                            late[n] *= place[n]
+                            _add_products(weights, columns[b, part], columns[b + 1, part], row, b)
+                        for n in range(weights.size):
+                            weights[n] *= u[n]
 
 
 @compiled

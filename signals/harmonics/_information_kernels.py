@@ -146,11 +146,12 @@ def combine(
     flat, row = root.reshape(-1), solved.reshape(-1)
     last, inverse = np.empty((width, width)), np.zeros((width, width))
     for node in range(nodes):
+        # J = J_past + J_future, j likewise
         for i in range(flat.size):
             flat[i] = past[node, i] + future[node, i]
         for i in range(row.size):
             row[i] = past_vectors[node, i] + future_vectors[node, i]
-        for a in range(size):
+        for a in range(size):  # row by row of J = L L^T and of L s = j
             for b in range(a):
                 root[a, b] = (root[a, b] - _dot(root, a, root, b, b)) / root[b, b]
             pivot = root[a, a] - _dot(root, a, root, a, a)
@@ -167,7 +168,7 @@ def combine(
         at = min(node, len(information) - 1)
         explained[node] = 0.0
         for a in range(width - 1, -1, -1):
-            for lane in range(lanes):
+            for lane in range(lanes):  # the last block of L^T state = s: the levels
                 level = solved[differences + a, lane]
                 for b in range(a + 1, width):
                     level -= last[b, a] * levels[node, b, lane]

@@ -102,6 +102,7 @@ class ChainLikelihood:
             *self.measured, process[:, :columns].copy(), self.model.poles == 1, FORWARD, matrix, vector, *unstored,
             squares,
         )  # fmt: skip
+        # 2 log L = j J^-1 j + the filter's completed squares - log det J - the sum of log det(I + Q J)
         log_determinant += float(np.linalg.slogdet(matrix)[1])
         squares += np.sum(vector * np.linalg.solve(matrix, vector), axis=0)
         return np.asarray((squares - log_determinant) / 2)

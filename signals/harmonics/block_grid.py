@@ -30,8 +30,8 @@ class Grid:
 
     Attributes
     ----------
-    model : what is estimated.
-    x : (channel, sample) array, NaN where missing.
+    model : state-space model of the record.
+    x : (channel, sample) array, the record, NaN where missing.
     seen : (sample,) array, whether the sample is there.
     length : samples in a block.
     tolerance : largest relative leakage of an order that is not coupled.

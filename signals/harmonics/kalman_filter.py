@@ -182,7 +182,7 @@ def filter_on(
         values, normalised = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - begin, channels))
         innovation_variances = np.empty(len(normalised))
         before = done
-        while begin < span.stop:
+        while begin < span.stop:  # from one check of the covariance to the next
             end = min(begin + interval - state.count % interval, span.stop)
             part = slice(begin - span.start, end - span.start)
             skip = -state.count % output_every

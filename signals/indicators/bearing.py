@@ -24,6 +24,17 @@ class DefectEnergy:
         Their peak amplitudes, in the unit of the spectrum.
     background : float
         Energy of as many lines with the median amplitude beside each harmonic.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import amplitude_spectrum
+    >>> from signals.indicators import defect_energy
+    >>> envelope = 1 + 0.3 * np.cos(2 * np.pi * 3.6 * np.arange(3600) / 360)  # a line at the order 3.6
+    >>> spectrum = amplitude_spectrum(envelope, rate=360)
+    >>> found = defect_energy(spectrum, order=3.6, harmonics=1, tolerance=0.02, surroundings=2)
+    >>> found.orders.round(3).tolist(), found.amplitude.round(3).tolist()
+    ([3.6], [0.3])
     """
 
     orders: Array = field(metadata={"dims": ("harmonic",), "units": "as the axis"})

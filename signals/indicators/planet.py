@@ -23,6 +23,20 @@ class CarrierSidebands:
         Peak amplitudes, in the unit of the record.
     planets : int
         Number of planets.
+
+    Examples
+    --------
+    Lines at orders 39 and 40 about the mesh order 40 of a ring of 40 teeth; three planets add up at multiples of 3:
+
+    >>> import numpy as np
+    >>> from signals import SynchronousAverage
+    >>> from signals.indicators import carrier_sidebands
+    >>> angle = 2 * np.pi * np.arange(360) / 360
+    >>> x = np.cos(39 * angle) + 0.5 * np.cos(40 * angle)
+    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> lines = carrier_sidebands(average, ring_teeth=40, planets=3, harmonic=1, sidebands=3)
+    >>> lines.amplitude.round(6).tolist(), lines.orders[lines.expected].tolist()  # orders 37 to 43
+    ([0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0], [39, 42])
     """
 
     orders: NDArray[np.int64] = field(metadata={"dims": ("line",), "units": "order of the carrier"})

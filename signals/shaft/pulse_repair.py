@@ -1,10 +1,10 @@
 """Missing, double and spurious tachometer pulses: detection, numbering and repair.
 
-Detection compares each interval with those of the same stripe in the revolutions around it (`_pulse_faults`). Around
-the faults, pulses are numbered by dynamic programming over a beam of partial numberings (`_pulse_numbering`): a
-missing and an extra pulse each have a cost, and so has the error of each pulse against its prediction from the three
-before it. The search begins at the longest run of sound pulses and goes forwards and backwards from there. A first pass
-assumes a wide prediction error; a second uses the one that the first has found.
+Detection compares each interval with those of the same stripe in the revolutions around it. Around the faults, pulses
+are numbered by dynamic programming over a beam of partial numberings: a missing and an extra pulse each have a cost,
+and so has the error of each pulse against its prediction from the three before it. The search begins at the longest run
+of sound pulses and goes forwards and backwards from there. A first pass assumes a wide prediction error; a second uses
+the one that the first has found.
 """
 
 from __future__ import annotations

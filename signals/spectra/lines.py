@@ -60,6 +60,8 @@ class Line:
         Largest amplitude that the window spreads to this position from a larger line.
     false_alarm_probability : float
         Probability that noise alone has as large a maximum in the searched band.
+    at_edge : bool
+        Whether the spectrum still rises at the edge of the searched band: then no peak lies in it.
 
     Examples
     --------
@@ -78,6 +80,7 @@ class Line:
     background: float
     leakage: float
     false_alarm_probability: float
+    at_edge: bool = False
 
     @property
     def snr(self) -> float:
@@ -141,7 +144,7 @@ def find_line(
     half = max(tolerance, bin_width / 2)
     if expected + half > axis[-1]:
         raise ValueError(f"a line at {expected:g} +- {half:g} lies beyond the end of the spectrum, {axis[-1]:g}.")
-    found, amplitude = _peak(axis, spectrum.amplitude, expected - half, expected + half)
+    found, amplitude, at_edge = _peak(axis, spectrum.amplitude, expected - half, expected + half)
     background, noise, bins = _background(spectrum, found, surroundings)
     if bins < _FEWEST_BINS:
         raise ValueError(
@@ -169,6 +172,7 @@ def find_line(
         background=background,
         leakage=_leakage(spectrum, found, amplitude),
         false_alarm_probability=probability,
+        at_edge=at_edge,
     )
 
 
@@ -249,16 +253,19 @@ def record_probability(single: float, *, searches: int) -> float:
     return -math.expm1(searches * math.log1p(-single)) if single < 1 else 1.0
 
 
-def _peak(axis: Array, amplitude: Array, low: float, high: float) -> tuple[float, float]:
-    """Return position and height of the maximum in a band, by parabolic interpolation where it is a local one."""
+def _peak(axis: Array, amplitude: Array, low: float, high: float) -> tuple[float, float, bool]:
+    """Return position and height of the maximum in a band, by parabolic interpolation where it is a local one.
+
+    The third value says that it is none: a neighbour outside the band is larger.
+    """
     first, last = np.searchsorted(axis, [low, high])
     if last <= first:
         last = first + 1
     top = first + int(np.argmax(amplitude[first:last]))
-    if 0 < top < axis.size - 1:
-        left, middle, right = amplitude[top - 1 : top + 2]
-        curvature = left - 2 * middle + right
-        if middle >= max(left, right) and curvature < 0:
-            shift = 0.5 * (left - right) / curvature
-            return float(axis[top] + shift * (axis[1] - axis[0])), float(middle - 0.25 * (left - right) * shift)
-    return float(axis[top]), float(amplitude[top])
+    left, middle, right = amplitude[max(top - 1, 0)], amplitude[top], amplitude[min(top + 1, axis.size - 1)]
+    curvature = left - 2 * middle + right
+    at_edge = bool(middle < max(left, right))
+    if 0 < top < axis.size - 1 and not at_edge and curvature < 0:
+        shift = 0.5 * (left - right) / curvature
+        return float(axis[top] + shift * (axis[1] - axis[0])), float(middle - 0.25 * (left - right) * shift), False
+    return float(axis[top]), float(middle), at_edge

@@ -1,4 +1,4 @@
-"""Which integrator a problem and a scene take, and mesh forces under hats by exact transitions."""
+"""Which integrator a problem and a scene take, and mesh forces under triangular weights by exact transitions."""
 
 from dataclasses import replace
 
@@ -81,7 +81,7 @@ class TestChoice:
 
 
 def hats_by_exponentials(*, samples, per_period, fine):
-    """Mesh force under hats and at samples of the damped pair, by `expm` of the physical equations and Simpson's rule.
+    """Weighted mesh force of the damped pair, and that at samples, by `expm` of its equations and Simpson's rule.
 
     A sample is ``fine`` parts of a mesh period that is cut into ``per_period``: all jumps lie on edges of parts.
     """

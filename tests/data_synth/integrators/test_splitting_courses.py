@@ -1,4 +1,4 @@
-"""Teeth that change in time, and mesh forces under hats, against equations and sums written down here."""
+"""Teeth that change in time, and mesh forces under triangular weights, against equations and sums written down here."""
 
 from itertools import pairwise
 

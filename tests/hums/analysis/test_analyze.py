@@ -443,7 +443,7 @@ def test_a_band_is_chosen_where_the_bearing_rings():
     assert band["chosen"]
     assert band["low_hz"] < 6300  # the resonance, 640 Hz wide, is in it
     assert band["high_hz"] > 5700
-    assert "steady kurtosis" in band["why"]
+    assert "lines of input bearing inner race stand out most in it" in band["why"]
     first = summary(analysis)["findings"][0]
     assert (first["kind"], first["verdict"]) == ("inner_race", "diagnosed")
 

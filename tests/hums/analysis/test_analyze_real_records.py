@@ -122,7 +122,7 @@ def test_turbine_early_record_says_what_can_and_cannot_be_said(turbine_analyses)
     found = findings_table(analysis)
     assert "diagnosed" not in set(found["verdict"])
     page = render(analysis)
-    assert "times its surroundings: it is there, but a line this weak does not tell a fault" in page
+    assert "it is there, but sound bearings have races and elements that are not perfect, too" in page
     line = fundamental(analysis, "high speed bearing", "inner_race")
     assert 3.5 < line["snr"] < 5.5
 
@@ -174,10 +174,10 @@ def test_rig_weak_race_lines_of_the_ball_record_are_not_certain(rig_analyses):
 
 
 def test_rig_ball_record_is_not_an_outer_race_in_a_band_of_its_own_choice(real_data, data):
-    # the outer race's line leads there, but with multiples of the cage rate that a spot on a race does not make
+    # the outer race's line leads there, but other lines of the bearing are as large in other bands
     found = findings_table(analyze(rig_record(real_data, "B007_0"), load_gearbox(data / "cwru-rig.toml")))
     assert set(found["verdict"]) == {"indicated"}
-    assert "times the cage rate are of similar size" in found["evidence"].iloc[0]
+    assert "of similar size, which one local defect would not make" in found["evidence"].iloc[0]
 
 
 def test_nominal_speed_is_marked(rig_analyses):
@@ -218,14 +218,19 @@ def test_rig_names_the_faulty_race_in_a_band_of_its_own_choice(real_data, data, 
     assert found["kind"].iloc[0] == kind
 
 
-def test_rig_healthy_names_nothing_in_a_band_of_its_own_choice(real_data, data):
-    assert findings_table(analyze(rig_record(real_data, "normal_0"), load_gearbox(data / "cwru-rig.toml"))).empty
+def test_rig_healthy_diagnoses_nothing_in_a_band_of_its_own_choice(real_data, data):
+    # its bearing has weak lines of its own, a few per cent of the band's mean
+    found = findings_table(analyze(rig_record(real_data, "normal_0"), load_gearbox(data / "cwru-rig.toml")))
+    assert "diagnosed" not in set(found["verdict"])
+    assert found["evidence"].str.contains("modulates the band by only").all()
 
 
-@pytest.mark.parametrize("day", ["0326", "0420", "0425"])
-def test_turbine_inner_race_in_a_band_of_its_own_choice(real_data, turbine, day):
+@pytest.mark.parametrize(
+    ("day", "verdict"), [("0311", "indicated"), ("0326", "indicated"), ("0420", "diagnosed"), ("0425", "diagnosed")]
+)
+def test_turbine_inner_race_in_a_band_of_its_own_choice(real_data, turbine, day, verdict):
     first = findings_table(analyze(turbine_record(real_data, day), turbine)).iloc[0]
-    assert (first["component"], first["kind"], first["verdict"]) == ("high speed bearing", "inner_race", "diagnosed")
+    assert (first["component"], first["kind"], first["verdict"]) == ("high speed bearing", "inner_race", verdict)
 
 
 def test_no_sensor_of_the_real_records_is_sick(turbine_analyses, rig_analyses):

@@ -178,7 +178,8 @@ def test_a_bearing_defect_is_named_at_its_mean_rate(kind):
         lines = line_table(analysis, "envelope")
         mine = lines[(lines["component"] == BEARING) & (lines["kind"] == kind) & (lines["sideband"] == 0)]
         heard.append(mine.loc[mine["harmonic"] == 1, "amplitude"].item())
-    assert found[BEARING, kind].verdict == "diagnosed"
+    # an element makes the line of the cage, too
+    assert found[BEARING, kind].verdict == ("indicated" if kind == "cage" else "diagnosed")
     assert score(analysis, record).false_findings == ()
     assert heard[0] < heard[1]
 

@@ -42,6 +42,7 @@ def line(
     p=None,
     leakage=0.0,
     spacing=0.0,
+    level=20.0,
 ):
     chance = (1e-9 if snr > 4 else 0.5) if p is None else p
     return MeasuredLine(
@@ -68,6 +69,7 @@ def line(
             leakage=leakage,
             false_alarm_probability=chance,
         ),
+        level=level if spectrum == ENVELOPE else 0.0,
     )
 
 
@@ -105,7 +107,29 @@ def test_shadows_of_an_inner_race_line(kind, order, by):
 
 
 def test_no_shadow_two_and_a_half_bins_away():
-    assert claims(line("inner_race", 5.4, 60.0), line("rolling_element", 4.8 + 2.5 * BIN, 8.0)) == [True, True]
+    assert claims(line("inner_race", 5.4, 60.0), line("rolling_element", 4.8 + 2.5 * BIN, 21.0)) == [True, True]
+
+
+def test_what_is_below_a_third_of_another_defect_of_the_bearing_is_hidden_by_it():
+    assessed = ASSESSOR.assess([line("inner_race", 5.4, 60.0), line("rolling_element", 4.8 + 2.5 * BIN, 19.0)])
+    assert [entry.significant for entry in assessed] == [True, False]
+    assert assessed[1].explained_by == "hidden by b inner race, 3 times as large"
+
+
+def test_the_flank_outside_of_the_searched_range_is_no_line():
+    flank = line("inner_race", 5.4, 9.0)
+    (assessed,) = ASSESSOR.assess([replace(flank, line=replace(flank.line, at_edge=True))])
+    assert (assessed.significant, assessed.explained_by) == (
+        False,
+        "the flank of what stands outside of the searched range",
+    )
+
+
+def test_every_band_that_was_searched_counts():
+    # 0.0005 in one band is below 0.01; in thirty it is 0.0149
+    single = line("inner_race", 5.4, 9.0, p=0.0005)
+    assert claims(single) == [True]
+    assert claims(replace(single, searches=30)) == [False]
 
 
 def test_comparable_lines_on_both_races_are_rivals_and_not_certain():
@@ -145,8 +169,11 @@ def test_a_sick_sensor_leaves_every_finding_uncertain():
     [
         ([line("inner_race", 5.4, 10.0)], "no harmonic or sideband supports it"),
         (
-            [line("inner_race", 5.4, 4.5), line("inner_race", 10.8, 5.0, harmonic=2, fundamental=False)],
-            "only 4.5 times its surroundings",
+            [
+                line("inner_race", 5.4, 9.0, level=100.0),
+                line("inner_race", 10.8, 5.0, harmonic=2, fundamental=False, level=100.0),
+            ],
+            "it modulates the band by only 9.0%",
         ),
     ],
 )
@@ -283,13 +310,26 @@ def test_a_damaged_cage_is_no_damaged_element():
     assert [entry.significant for entry in assessed] == [True, True, True]
 
 
-@pytest.mark.parametrize(("beside", "verdict"), [(5.0, "indicated"), (2.9, "diagnosed")])
-def test_lines_of_the_cage_beside_an_outer_race_leave_it_uncertain(beside, verdict):
+def test_lines_of_the_cage_beside_an_outer_race_are_its_own():
     outer = [line("outer_race", 3.6, 14.0), line("outer_race", 7.2, 9.0, harmonic=2, fundamental=False)]
-    comb = [line("cage", 0.4, beside, p=1e-9), line("rolling_element", 4.8, beside, p=1e-9)]
-    (found,) = findings(ASSESSOR.assess([*outer, *comb]), fm4={})
-    assert (found.kind, found.verdict) == ("outer_race", verdict)
-    assert ("lines at 1, 12 times the cage rate are of similar size" in found.evidence) == (verdict == "indicated")
+    assessed = ASSESSOR.assess([*outer, line("cage", 0.4, 9.0), line("cage", 0.43, 9.0)])
+    assert assessed[2].explained_by == "1 times the cage rate implied by b outer race"
+    assert assessed[3].explained_by == "the cage's rate, at which elements that are not alike modulate b outer race"
+    (found,) = findings(assessed, fm4={})
+    assert (found.kind, found.verdict) == ("outer_race", "diagnosed")
+
+
+def test_a_rival_counts_in_the_band_that_shows_it_best():
+    outer = [line("outer_race", 3.6, 14.0), line("outer_race", 7.2, 9.0, harmonic=2, fundamental=False)]
+    for rival, verdict in ((0.2, "diagnosed"), (0.3, "indicated")):  # 14 over a level of 20 is 0.7
+        (found,) = findings(ASSESSOR.assess(outer), fm4={}, depths={"x": {("b", "inner_race"): rival}})
+        assert found.verdict == verdict
+
+
+def test_a_cage_is_never_certain():
+    cage = [line("cage", 0.4, 17.0), line("cage", 0.8, 12.0, harmonic=2, fundamental=False)]
+    (found,) = findings(ASSESSOR.assess(cage), fm4={})
+    assert (found.verdict, "damage of a rolling element makes this line, too" in found.evidence) == ("indicated", True)
 
 
 def test_lines_of_the_shaft_beside_an_inner_race_are_no_comb_of_the_cage():

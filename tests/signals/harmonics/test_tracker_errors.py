@@ -147,7 +147,7 @@ def test_an_amplitude_that_may_not_change_at_all_is_regression(poles, method, es
     )
     rows = np.stack([np.cos(phase), -np.sin(phase)], axis=1)
     real, imaginary = np.linalg.lstsq(rows, x)[0]
-    # The prior pulls by some 1e-9; fast's hats, at the ends, leave some 1e-3 of std 3e-3.
+    # The prior pulls by some 1e-9; fast's triangular weights, at the ends, leave some 1e-3 of std 3e-3.
     assert abs(tracks.complex_amplitude[0, -1] - complex(real, imaginary)) < (1e-8 if method == "exact" else 1e-3)
 
 

@@ -234,7 +234,7 @@ def test_ends_and_gaps_of_many_orders_are_those_of_the_exact_smoother(poles):
     apart = track_orders(**settings, method="fast", coupled=False)
     size = np.sqrt(np.mean(np.abs(exact.complex_amplitude) ** 2))
     off = np.abs(fast.complex_amplitude - exact.complex_amplitude) / size
-    # `rtol` is for envelopes at the edge of the band; all ten orders leak into one another where hats are cut.
+    # `rtol` is for envelopes at the edge of the band; ten orders leak into one another where weights are cut off.
     assert off.max() < 3e-3
     assert np.sqrt(np.mean(off**2)) < 5e-4
     assert np.abs(apart.complex_amplitude - exact.complex_amplitude).max() / size > 0.02

@@ -1,0 +1,280 @@
+"""What verdicts say of healthy and faulty machines: python benchmarks/verdicts.py [--records N] [--data DATA] [FOLDER].
+
+Writes verdicts.md into FOLDER (default docs/benchmarks). Measured records are those of the folder named in
+HUMS_REAL_DATA or by --data; without one only the synthetic part is made.
+"""
+
+import argparse
+import json
+import os
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from scipy import io
+
+from data_synth import Scene, load_scene, simulate
+from hums import (
+    AnalysisSettings,
+    Gearbox,
+    NominalSpeed,
+    PulseTimes,
+    analyze,
+    defect_orders,
+    findings_table,
+    load_gearbox,
+    make_record,
+    solve_kinematics,
+)
+
+ROOT = Path(__file__).resolve().parents[1]
+RIGS = ROOT / "tests" / "data"
+SETTINGS = AnalysisSettings(most_tracks=0)
+RACES = {"I": "inner_race", "O": "outer_race", "B": "rolling_element", "n": "", "N": ""}
+STATED = 0.01  # false-alarm probability of the settings
+
+NOTE = """\
+Made by `python benchmarks/verdicts.py --records {records}`, one process; the envelope band is chosen by the program,
+the false-alarm probability {stated}, and nothing tracked. A record is *named* when it has any finding, *diagnosed* when
+any is. The measured records are cut from their begin."""
+
+# A drive of a gearbox without faults, whose load or speed changes strongly.
+HEALTHY: dict[str, Any] = {
+    "gearbox": "two-stage",
+    "rate_hz": 50000,
+    "duration_s": 10,
+    "fidelity": "kinematic",
+    "speed": {"link": "input", "rpm": [[0, 1450], [10, 1500]]},
+    "torque": {"link": "output", "nm": [[0, 300]]},
+    "tachometer": {"link": "input", "pulses_per_rev": 1},
+    "noise": {"rms": 0.05},
+    "path": {"frequency_hz": 2600, "damping_ratio": 0.05},
+    "excitation": {"meshes": {"stage 1": 0.6, "stage 2": 0.3}, "harmonics": 4},
+    "sensor": [{"name": "a", "on": "input bearing", "units": "g"}],
+}
+STEPPED_SPEED = [[0, 1200], [3, 1200], [3.5, 1500], [6, 1500], [6.5, 1000], [10, 1000]]
+DRIVES: Mapping[str, dict[str, Any]] = {
+    "speed 450 to 1,800 rpm": {
+        "speed": {"link": "input", "rpm": [[0, 450], [10, 1800]]},
+        "excitation": HEALTHY["excitation"] | {"speed_exponent": 2},
+    },
+    "load in ramps, 90 to 500 N m": {
+        "torque": {"link": "output", "nm": [[0, 90], [2, 500], [4, 120], [7, 480], [10, 90]]}
+    },
+    "speed and load in steps": {
+        "speed": {"link": "input", "rpm": STEPPED_SPEED},
+        "torque": {"link": "output", "steps": [[0, 100], [3, 500], [6, 100]], "rise_s": 0.3},
+    },
+    "load 100 to 500 N m under noise of 0.6 g": {
+        "torque": {"link": "output", "nm": [[0, 100], [10, 500]]},
+        "noise": {"rms": 0.6},
+    },
+    "3 s with one load step": {
+        "duration_s": 3,
+        "speed": {"link": "input", "rpm": [[0, 1450], [3, 1500]]},
+        "torque": {"link": "output", "steps": [[0, 100], [1.5, 500]], "rise_s": 0.2},
+    },
+    "torque steps under a rising speed": {
+        "speed": {"link": "input", "rpm": [[0, 1200], [10, 1500]]},
+        "torque": {"link": "output", "steps": [[0, 100], [3, 500], [6, 100]], "rise_s": 0.5},
+    },
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """A measured record: group, name, gearbox, and the kind of the damaged part; empty where none is known."""
+
+    group: str
+    name: str
+    record: xr.Dataset
+    gearbox: Gearbox
+    kind: str
+
+
+def measured(folder: Path, *, seconds: float | None = None) -> Iterator[Measured]:
+    """Yield the measured records of a folder, cut to some seconds where asked."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # data sheets whose multiples are rounded
+        rigs = {name: load_gearbox(RIGS / f"{name}.toml") for name in ("cwru-rig", "mfpt-rig", "wind-turbine")}
+
+    def made(
+        group: str, name: str, x: np.ndarray, rate_hz: float, angle: NominalSpeed | PulseTimes, rig: str, kind: str
+    ) -> Measured:
+        values = np.asarray(x, dtype=np.float64)[: None if seconds is None else int(seconds * rate_hz)]
+        record = make_record({"case": values}, rate_hz=rate_hz, units="g", angle=angle)
+        return Measured(group=group, name=name, record=record, gearbox=rigs[rig], kind=kind)
+
+    def steady(rpm: float, rig: str) -> NominalSpeed:
+        return NominalSpeed(rpm=rpm, shaft=str(rigs[rig].reference))
+
+    for path in sorted((folder / "cwru").glob("*.mat")):
+        data, name = io.loadmat(path), path.stem
+        x = next(value for key, value in data.items() if key.endswith("DE_time")).ravel()
+        told = [float(value.ravel()[0]) for key, value in data.items() if key.endswith("RPM")]
+        rpm = told[0] if told else {"0": 1797.0, "2": 1750.0}[name[-1]]
+        hard = name.startswith(("B", "OR014"))
+        group = "healthy" if name[0] == "n" else "CWRU, hard" if hard else "CWRU, one race"
+        yield made(
+            group, name, x, 48000 if name[0] == "n" else 12000, steady(rpm, "cwru-rig"), "cwru-rig", RACES[name[0]]
+        )
+    for path in sorted((folder / "hit_self_built").glob("*.mat")):
+        data, name = io.loadmat(path), path.stem
+        x = next(value for key, value in data.items() if not key.startswith("__")).ravel()
+        group = "healthy" if name[0] == "N" else "HIT, one race"
+        yield made(group, name, x, 51200, steady(float(name.split("_")[1]), "cwru-rig"), "cwru-rig", RACES[name[0]])
+    for path in sorted((folder / "mfpt").glob("*.mat")):
+        bearing = io.loadmat(path, squeeze_me=True, struct_as_record=False)["bearing"]
+        yield made(
+            "MFPT", path.stem, bearing.gs, float(bearing.sr), steady(1500, "mfpt-rig"), "mfpt-rig", RACES[path.name[0]]
+        )
+    for path in sorted((folder / "wt_hss_bearing").glob("*.mat")):
+        data = io.loadmat(path)
+        times = data["tach"].ravel() if seconds is None else data["tach"].ravel()[data["tach"].ravel() < seconds]
+        pulses = PulseTimes(times_s=times, shaft="high speed shaft", pulses_per_rev=2)
+        yield made("wind turbine", path.stem, data["vibration"].ravel(), 97656, pulses, "wind-turbine", "inner_race")
+
+
+def measured_rows(folder: Path, *, seconds: float | None) -> list[dict[str, Any]]:
+    """Return a row for each group of measured records: how many are right, diagnosed, or say more than is true."""
+    rows: dict[str, dict[str, Any]] = {}
+    for case in measured(folder, seconds=seconds):
+        found = findings_table(analyze(case.record, case.gearbox, settings=SETTINGS))
+        row = rows.setdefault(case.group, dict.fromkeys(COLUMNS, 0) | {"records": case.group})
+        first = found["kind"].iloc[0] if len(found) else None
+        right = found["kind"] == case.kind
+        diagnosed = found["verdict"] == "diagnosed"
+        row["n"] += 1
+        row["right part first"] += first == case.kind
+        row["right part diagnosed"] += int((right & diagnosed).any())
+        row["wrong part first"] += first is not None and first != case.kind
+        row["wrong part diagnosed"] += int((~right & diagnosed).any())
+        row["other parts named"] += int((~right).sum())
+        row["a tooth named"] += int((found["kind"] == "tooth").any())
+    return list(rows.values())
+
+
+COLUMNS = (
+    "records",
+    "n",
+    "right part first",
+    "right part diagnosed",
+    "wrong part first",
+    "wrong part diagnosed",
+    "other parts named",
+    "a tooth named",
+)
+
+
+def synthetic_rows(records: int) -> list[dict[str, Any]]:
+    """Return a row for each drive of a healthy gearbox, then for noise alone whose level wanders."""
+    gearbox = load_gearbox("two-stage")
+
+    def row(what: str, made: Iterator[xr.Dataset]) -> dict[str, Any]:
+        tables = [findings_table(analyze(record, gearbox, settings=SETTINGS)) for record in made]
+        return {
+            "healthy": what,
+            "n": len(tables),
+            "named": sum(len(table) > 0 for table in tables),
+            "diagnosed": sum((table["verdict"] == "diagnosed").any() for table in tables),
+        }
+
+    rows = []
+    for what, change in DRIVES.items():
+        scene = Scene.from_mapping(HEALTHY | change)
+        rows.append(row(what, (simulate(scene, seed=seed) for seed in range(1, records + 1))))
+    scene = load_scene("run-up")
+    rows.append(row("`hums synth run-up`", (simulate(scene, seed=seed) for seed in range(1, records + 1))))
+    for wander in (0.2, 0.4, 0.8):
+        what = f"white noise, level wandering by exp({wander} g), g of about 4 Hz"
+        rows.append(row(what, (wandering(wander, seed) for seed in range(2 * records))))
+    return rows
+
+
+def wandering(wander: float, seed: int) -> xr.Dataset:
+    """Return 10 s of noise of 0.3 g whose level wanders: exp(wander g), g white noise smoothed by 0.25 s of Hann."""
+    rng, rate_hz, seconds = np.random.default_rng(seed), 6000, 10
+    window = np.hanning(rate_hz // 4)
+    g = np.convolve(rng.standard_normal(rate_hz * seconds + window.size - 1), window, mode="valid")
+    x = 0.3 * np.exp(wander * g / g.std()) * rng.standard_normal(g.size)
+    pulses = PulseTimes(times_s=np.arange(0.01, seconds, 1 / 24), shaft="input", pulses_per_rev=1)
+    return make_record({"case": x}, rate_hz=rate_hz, units="g", angle=pulses)
+
+
+def absent_bearings(seed: int, count: int = 21) -> Iterator[dict[str, Any]]:
+    """Yield geometries of bearings that are not there: 7 to 16 elements, ratio 0.15 to 0.35, 0 to 15 degrees."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        yield {
+            "elements": int(rng.integers(7, 17)),
+            "element_diameter_mm": float(rng.uniform(0.15, 0.35)) * 40.0,
+            "pitch_diameter_mm": 40.0,
+            "contact_angle_deg": float(rng.uniform(0, 15)),
+        }
+
+
+def _races(gearbox: Gearbox) -> dict[str, float]:
+    table = defect_orders(solve_kinematics(gearbox))
+    return {row.kind: float(row.order) for row in table.itertuples() if row.component.endswith("bearing")}
+
+
+def absent_rows(folder: Path, *, every: int) -> list[dict[str, Any]]:
+    """Return how often a bearing that is not there is named, on healthy and on faulty records."""
+    rows = {of: {"absent bearings on": of, "n": 0, "named": 0, "diagnosed": 0} for of in ("healthy", "faulty")}
+    for number, case in enumerate(measured(folder)):
+        if case.group in {"wind turbine", "CWRU, hard"} or (case.kind and number % every):
+            continue
+        declared = case.gearbox.bearings[0]
+        true = _races(case.gearbox)
+        row = rows["faulty" if case.kind else "healthy"]
+        for geometry in absent_bearings(number):
+            bearing = declared.changed(**geometry)
+            gearbox = case.gearbox.changed(bearings=(bearing,))
+            orders = _races(gearbox)
+            if any(abs(one / other - 1) < 0.02 for one in orders.values() for other in true.values()):  # noqa: PLR2004
+                continue
+            found = findings_table(analyze(case.record, gearbox, settings=SETTINGS))
+            row["n"] += 1
+            row["named"] += len(found) > 0
+            row["diagnosed"] += bool((found["verdict"] == "diagnosed").any())
+    return list(rows.values())
+
+
+def table_of(rows: list[dict[str, Any]]) -> str:
+    """Return rows as a table in Markdown."""
+    frame = pd.DataFrame(rows)
+    lines = ["| " + " | ".join(frame.columns) + " |", "|" + "---|" * len(frame.columns)]
+    lines += ["| " + " | ".join(str(value) for value in row) + " |" for row in frame.itertuples(index=False)]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure, and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", default=ROOT / "docs" / "benchmarks", type=Path)
+    parser.add_argument("--records", type=int, default=20, help="seeds of each drive")
+    parser.add_argument("--data", type=Path, default=os.environ.get("HUMS_REAL_DATA"))
+    parser.add_argument("--json", type=Path, help="also write the rows here")
+    given = parser.parse_args()
+    pages = ["# Verdicts", NOTE.format(records=given.records, stated=STATED)]
+    every: dict[str, Any] = {"synthetic": synthetic_rows(given.records)}
+    pages += ["## Healthy synthetic machines", table_of(every["synthetic"])]
+    if given.data is not None:
+        for seconds in (None, 1.0, 0.5, 0.25):
+            every[f"measured {seconds}"] = measured_rows(given.data, seconds=seconds)
+            title = "## Measured records" + (f", cut to {seconds:g} s" if seconds else "")
+            pages += [title, table_of(every[f"measured {seconds}"])]
+        every["absent"] = absent_rows(given.data, every=4)
+        pages += ["## Bearings that are not there", table_of(every["absent"])]
+    (given.folder / "verdicts.md").write_text("\n\n".join(pages) + "\n", encoding="utf-8")
+    if given.json:
+        given.json.write_text(json.dumps(every, default=float), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

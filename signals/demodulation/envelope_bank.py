@@ -1,0 +1,171 @@
+"""Envelopes of a bank of bands at once, and their level that changes slowly.
+
+Demodulating a band needs the Fourier transform of the record once, and for each band an inverse transform as long as
+twice the band is wide. A bank of nested bands, halves to sixteenths of the range, so costs little more than one band.
+
+What changes the level of a whole record (load, speed, noise that wanders) modulates every band of it. An envelope over
+its own moving average keeps what repeats within the width of that average.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import fft
+from scipy.ndimage import convolve1d
+
+from signals._validation import Samples, positive, real_samples
+from signals.spectra.spectra import without_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from signals.resampling.resampling import AngularSignal
+
+# Part of half the rate at which the bank begins and ends: offsets and drift lie below, the anti-alias filter above.
+_LOWEST, _HIGHEST = 0.02, 0.98
+_LEVELS = 4  # halves, quarters, eighths, sixteenths
+_LEVEL_POINTS = 64  # of the level within the width of its average
+
+
+def bank_bands(*, rate_hz: float, least_width_hz: float) -> tuple[tuple[float, float], ...]:
+    """Return the bands of a bank: halves, quarters, eighths and sixteenths of the range that are wide enough.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Sampling rate in Hz.
+    least_width_hz : float
+        Width below which a band cannot carry the modulation that is looked for, in Hz.
+
+    Returns
+    -------
+    tuple of (low, high)
+        Edges in Hz, wider bands first.
+
+    Raises
+    ------
+    ValueError
+        Not even half the range is wide enough.
+
+    Examples
+    --------
+    >>> from signals.demodulation.envelope_bank import bank_bands
+    >>> bank_bands(rate_hz=1000, least_width_hz=200)
+    ((10.0, 250.0), (250.0, 490.0))
+    """
+    rate, least = positive(rate_hz, name="rate_hz"), positive(least_width_hz, name="least_width_hz")
+    low, high = _LOWEST * rate / 2, _HIGHEST * rate / 2
+    counts = [2**level for level in range(1, _LEVELS + 1) if (high - low) / 2**level >= least]
+    if not counts:
+        raise ValueError(
+            f"least_width_hz={least:g} is more than half the range up to {high:g} Hz; lower it, or sample faster."
+        )
+    edges = (np.linspace(low, high, count + 1).tolist() for count in counts)
+    return tuple(pair for each in edges for pair in pairwise(each))
+
+
+def bank_envelopes(
+    x: ArrayLike, *, rate_hz: float, bands_hz: Sequence[tuple[float, float]]
+) -> Iterator[tuple[float, Samples]]:
+    """Yield the envelope of each band, sampled at least at twice its width.
+
+    The envelope is the magnitude of the analytic signal of the band, cut out with sharp edges in the transform of the
+    whole record: `signals.demodulation.envelope.envelope` at fewer instants, to rounding. Its own bandwidth is not
+    limited; what lies above the band's width folds, which is noise of some per cent of the level at most.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Samples, any unit.
+    rate_hz : float
+        Sampling rate in Hz.
+    bands_hz : sequence of (low, high)
+        Edges in Hz, ``0 <= low < high <= rate_hz / 2``.
+
+    Yields
+    ------
+    rate_hz : float
+        Rate of the envelope in Hz, the first sample at that of the record.
+    values : (m,) array
+        In the unit and precision of `x`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.demodulation.envelope_bank import bank_envelopes
+    >>> t = np.arange(1000) / 1000
+    >>> x = (1 + 0.5 * np.cos(2 * np.pi * 5 * t)) * np.cos(2 * np.pi * 100 * t)
+    >>> ((rate, values),) = bank_envelopes(x, rate_hz=1000, bands_hz=[(80, 120)])
+    >>> rate, bool(np.allclose(values, 1 + 0.5 * np.cos(2 * np.pi * 5 * np.arange(values.size) / rate)))
+    (80.0, True)
+    """
+    signal = real_samples(x, name="the signal", minimum=4)
+    rate = positive(rate_hz, name="rate_hz")
+    size = signal.size
+    lines = fft.rfft(without_mean(signal))
+    lines[0] *= 0.5  # it and that at half the rate stand for one line, all others for two
+    if size % 2 == 0:
+        lines[-1] *= 0.5
+    for low, high in bands_hz:
+        if not 0 <= low < high <= rate / 2 * (1 + 1e-12):
+            raise ValueError(f"the band ({low:g}, {high:g}) Hz must rise and lie between 0 and {rate / 2:g} Hz.")
+        first, stop = int(np.ceil(low / rate * size)), int(np.floor(high / rate * size)) + 1
+        length = fft.next_fast_len(2 * (stop - first - 1) if stop - first > 1 else 2)
+        band = np.zeros(length, dtype=lines.dtype)
+        band[: stop - first] = lines[first:stop][:length]
+        analytic = fft.ifft(band, overwrite_x=True)
+        magnitude = np.abs(analytic)
+        magnitude *= 2 * length / size
+        yield length / size * rate, magnitude
+
+
+def level_normalised(signal: AngularSignal, *, revolutions: float) -> AngularSignal:
+    """Return an envelope over angle divided by its moving average, and multiplied by its mean.
+
+    The average is weighted by a Hann window over `revolutions`; at the ends by the part of it that lies in the record.
+    What repeats four times or more within it is passed with a gain within 1e-3 of 1, except at the ends.
+
+    Parameters
+    ----------
+    signal : AngularSignal
+        Not negative, any unit.
+    revolutions : float
+        Width of the window; the record's length if that is less.
+
+    Returns
+    -------
+    AngularSignal
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal
+    >>> from signals.demodulation.envelope_bank import level_normalised
+    >>> turns = np.arange(1600) / 16
+    >>> load = 1 + 0.5 * (turns > 50)
+    >>> x = AngularSignal(values=load, samples_per_rev=16, start_rev=0.0, passband_orders=6.0)
+    >>> flat = level_normalised(x, revolutions=4).values
+    >>> round(float(flat[200]), 3) == round(float(flat[1400]), 3) == round(float(load.mean()), 3)
+    True
+    """
+    width = min(positive(revolutions, name="revolutions"), float(signal.revolutions))
+    step = max(1, int(width * signal.samples_per_rev / _LEVEL_POINTS))
+    count = max(1, signal.values.size // step)
+    coarse = np.add.reduceat(signal.values, np.arange(0, count * step, step)) / np.diff(
+        np.append(np.arange(0, count * step, step), signal.values.size)
+    )
+    points = max(1, round(width * signal.samples_per_rev / step))
+    window = np.hanning(points + 2)[1:-1]
+    sums = convolve1d(coarse, window, mode="constant")
+    level = sums / convolve1d(np.ones(count), window, mode="constant")
+    middle = (np.arange(count) + 0.5) * step
+    smooth = np.interp(np.arange(signal.values.size), middle, level)
+    mean = float(signal.values.mean())
+    ratio = np.divide(signal.values, smooth, out=np.ones(signal.values.size), where=smooth > 0)
+    return replace(signal, values=ratio * mean)

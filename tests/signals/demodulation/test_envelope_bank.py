@@ -1,0 +1,71 @@
+"""A bank of envelopes is the envelope of each band; a level divided out leaves what repeats faster."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from signals.demodulation.envelope import envelope
+from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
+from signals.resampling.resampling import AngularSignal
+
+RNG = np.random.default_rng(5)
+
+
+@pytest.mark.parametrize("band", [(100.0, 200.0), (0.0, 500.0), (437.5, 500.0)])
+def test_each_envelope_is_that_of_its_band(band):
+    x = RNG.standard_normal(8000)
+    ((rate_hz, values),) = bank_envelopes(x, rate_hz=1000, bands_hz=[band])
+    every = 1000 / rate_hz
+    shared = np.arange(0, values.size, round(1 / (every % 1)) if every % 1 else 1)
+    whole = envelope(x, rate_hz=1000, band_hz=band)
+    at = np.round(shared * every).astype(int)
+    same = np.isclose(at, shared * every)
+    assert same.sum() > 50
+    assert_allclose(values[shared][same], whole[at[same]], rtol=1e-9, atol=1e-9)
+
+
+def test_bands_nest_and_cover_the_range():
+    bands = bank_bands(rate_hz=1000, least_width_hz=50)
+    widths = sorted({round(high - low, 6) for low, high in bands})
+    assert widths == [60.0, 120.0, 240.0]
+    for width in widths:
+        same = sorted(band for band in bands if abs(band[1] - band[0] - width) < 1e-6)
+        assert same[0][0] == pytest.approx(10)
+        assert same[-1][1] == pytest.approx(490)
+        assert all(one[1] == pytest.approx(other[0]) for one, other in pairwise(same))
+
+
+def test_no_band_is_wide_enough():
+    with pytest.raises(ValueError, match=r"least_width_hz=300 is more than half the range up to 490 Hz"):
+        bank_bands(rate_hz=1000, least_width_hz=300)
+
+
+def test_a_band_that_falls_is_refused():
+    with pytest.raises(ValueError, match=r"\(200, 100\) Hz must rise"):
+        next(bank_envelopes(np.ones(10), rate_hz=1000, bands_hz=[(200, 100)]))
+
+
+def over_angle(values, per_rev=32):
+    return AngularSignal(values=values, samples_per_rev=per_rev, start_rev=0.0, passband_orders=per_rev / 2.5)
+
+
+def test_a_level_is_divided_out_and_what_repeats_stays():
+    turns = np.arange(200 * 32) / 32
+    level = np.exp(np.sin(2 * np.pi * turns / 150))
+    x = over_angle(level * (1 + 0.3 * np.cos(2 * np.pi * turns)))
+    flat = level_normalised(x, revolutions=8).values
+    inner = slice(10 * 32, -10 * 32)
+    # over eight turns the level bends by (2 pi 8 / 150)^2 / 24 of itself, some 0.5 %
+    assert_allclose(flat[inner] / x.values.mean(), (1 + 0.3 * np.cos(2 * np.pi * turns))[inner], rtol=0.02)
+
+
+def test_a_record_shorter_than_the_average_is_divided_by_its_mean_level():
+    values = 1 + 0.1 * RNG.standard_normal(64)
+    flat = level_normalised(over_angle(values), revolutions=50).values
+    assert flat.mean() == pytest.approx(values.mean(), rel=0.05)
+
+
+def test_silence_stays_silent():
+    assert_allclose(level_normalised(over_angle(np.zeros(320)), revolutions=4).values, 0.0)
