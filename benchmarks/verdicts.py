@@ -209,13 +209,16 @@ def wandering(wander: float, seed: int) -> xr.Dataset:
 def absent_bearings(seed: int, count: int = 21) -> Iterator[dict[str, Any]]:
     """Yield geometries of bearings that are not there: 7 to 16 elements, ratio 0.15 to 0.35, 0 to 15 degrees."""
     rng = np.random.default_rng(seed)
-    for _ in range(count):
-        yield {
-            "elements": int(rng.integers(7, 17)),
-            "element_diameter_mm": float(rng.uniform(0.15, 0.35)) * 40.0,
-            "pitch_diameter_mm": 40.0,
-            "contact_angle_deg": float(rng.uniform(0, 15)),
-        }
+    while count:
+        elements, ratio, angle = int(rng.integers(7, 17)), float(rng.uniform(0.15, 0.35)), float(rng.uniform(0, 15))
+        if elements * ratio < 0.95 * np.pi:  # they fit on the pitch circle
+            count -= 1
+            yield {
+                "elements": elements,
+                "element_diameter_mm": 40.0 * ratio,
+                "pitch_diameter_mm": 40.0,
+                "contact_angle_deg": angle,
+            }
 
 
 def _races(gearbox: Gearbox) -> dict[str, float]:
