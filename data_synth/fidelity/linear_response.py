@@ -176,6 +176,8 @@ def check_lines_possible(motion: Motion, name: str) -> None:
         why = "planets rotate with their carrier"
     elif mesh.history is not None:
         why = "its teeth change with time"
+    elif mesh.friction:
+        why = "friction follows the force of its teeth"
     elif not np.min(mesh.stiffness(_phases(mesh, _MIN_POINTS * int(mesh.stiffness.period)))) > 0:
         why = "its teeth lose contact"
     else:

@@ -32,7 +32,8 @@ class MeshDynamics(Declared):
     line of action; `shape` its variation over a mesh cycle: from the strain energy of the teeth (spur gears without
     undercut or profile shift, whose bodies are held at `bore_share` of the reference radius), trapezoidal by the
     contact ratio, or constant. Left out, it is the first of these that the geometry allows. `error_um` is the amplitude
-    of the first mesh harmonic of the transmission error; `fidelity` that of this mesh, where it is lower than the
+    of the first mesh harmonic of the transmission error; `friction_coefficient` that of sliding between the flanks
+    (external gears on parallel axes; no friction if left out); `fidelity` that of this mesh, where it is lower than the
     scene's.
     """
 
@@ -45,6 +46,7 @@ class MeshDynamics(Declared):
     damping_n_s_m: NotNegative = 0.0
     backlash_um: NotNegative = 0.0
     error_um: NotNegative = 0.0
+    friction_coefficient: Annotated[float, Field(gt=0, lt=1)] | None = None
     bore_share: Annotated[float, Field(gt=0, lt=0.8)] = 0.4
     fidelity: Literal["kinematic", "torsional", "lateral", "full"] | None = None
 

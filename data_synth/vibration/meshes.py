@@ -170,6 +170,8 @@ def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact) -> Te
             error=errors[0],
             backlash_m=_UM * declared.backlash_um / 2,
             damping=declared.damping_n_s_m,
+            friction_coefficient=declared.friction_coefficient,
+            friction_cycles=later,
         ),
         passes=tuple((item.number, item.first + half - later + late, item.teeth, 2 * half) for item in broken),
         history=MeshHistory(times_s=times_s, stiffnesses=stiffnesses, errors=errors) if grows else None,
