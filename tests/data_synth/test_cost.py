@@ -73,7 +73,7 @@ def test_the_command_explains_and_writes_nothing(synth, name, tmp_path, monkeypa
     code, out, err = synth(name, "--explain")
     assert (code, err) == (0, "")
     scene = load_scene(name)
-    what = f"10 s of 1 channel(s) at {scene.rate_hz:g} Hz, {scene.samples} samples each"
+    what = f"10 s of {len(scene.sensors)} channel(s) at {scene.rate_hz:g} Hz, {scene.samples} samples each"
     assert out.startswith(f"{scene.gearbox.name}, {scene.fidelity}: {what}\n")
     assert "on one core" in out
     assert not list(tmp_path.iterdir())
