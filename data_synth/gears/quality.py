@@ -86,7 +86,7 @@ def cumulative_pitch_m(*, teeth: int, runout_m: float, single_pitch_m: float, rn
     >>> from data_synth.gears.quality import cumulative_pitch_m
     >>> rng = np.random.default_rng(1)
     >>> deviation = cumulative_pitch_m(teeth=30, runout_m=20e-6, single_pitch_m=7e-6, rng=rng)
-    >>> round(1e6 * np.max(np.abs(deviation - np.roll(deviation, 1))), 3)
+    >>> round(1e6 * float(np.max(np.abs(deviation - np.roll(deviation, 1)))), 3)
     7.0
     """
     spectrum = np.fft.rfft(rng.standard_normal(teeth))
