@@ -83,6 +83,8 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
         ``truth_hum_1``, ``truth_clipped_1``, ``truth_saturated_1``, ``truth_drop_outs_1``
             Where a channel has such a part: complex amplitude of the mains' harmonics at time zero, number of samples
             clipped and beyond the converter, and begin and end of missing samples in s.
+        ``truth_electrical``, ``truth_neighbour``, ``truth_knocks``, ``truth_gain``, ``truth_noise_level`` ...
+            What the scene's imperfections add from outside of the machine or change in its sensors; `docs/scenes.md`.
         ``truth_tooth_passes_1`` ...
             Where gears vibrate: times in s at which the damaged tooth of fault 1 ... is in the middle of its mesh; its
             attribute ``half_width_rev`` is half the time it is in mesh, in rev of the reference shaft.
