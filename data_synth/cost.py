@@ -40,6 +40,7 @@ _LEVELS = {
 }
 BYTES = 8  # of a sample in memory
 _LINE_COPIES, _FIXED_BYTES = 3, 40_000_000  # what was measured beside the channels of the demo of 1 s to 200 s
+_OUTSIDE = ("electrical", "neighbour", "knocks", "noise", "mounts", "gains", "temperature")
 _CHAIN = ("cross_axis", "resonance", "sensitivity", "hum", "anti_alias", "clipping", "quantisation", "drop_outs")
 
 
@@ -226,6 +227,17 @@ def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[P
         what=_counted(stage.pulses.times_s.size, time_factor, f"pulses of {scene.tachometer.link}"),
         why=", ".join(spoilt) or "exact",
     )
+    yield from _outside(scene)
+
+
+def _outside(scene: Scene) -> Iterator[Part]:
+    """Yield the imperfections of a scene that are no source of its machine."""
+    declared = scene.imperfections
+    for name in _OUTSIDE if declared is not None else ():
+        table = getattr(declared, name)
+        if table is not None:
+            given = ", ".join(f"{key} {value:g}" for key, value in table if isinstance(value, int | float))
+            yield Part(name=f"imperfections.{name}", what=given, why="as every real record has")
 
 
 def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain, time_factor: float) -> Part:

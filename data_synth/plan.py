@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
+from data_synth.scene.history import History
 from data_synth.scene.scene import Scene, SceneError, load_scene
 from hums.gearbox.components import Declared, Name, Positive, closest, named_file, read_toml, validated
 
@@ -149,6 +150,7 @@ class PlanTable(Declared):
     sampling: Literal["random", "sobol"] = "random"
     dtype: Literal["float32", "float64"] = "float32"
     records_per_shard: Annotated[int, Field(ge=1)] | None = None
+    history: History | None = None
     change: dict[str, Any] = Field(default={})
     classes: tuple[ClassTable, ...] = Field(default=(), alias="class")
 
@@ -176,6 +178,8 @@ class Plan:
         Size of the samples of one record on disk, in bytes.
     variants : tuple of RecordClass
         The classes, in the order of the plan.
+    history : History or None
+        What carries over from record to record.
 
     Examples
     --------
@@ -193,6 +197,7 @@ class Plan:
     records_per_shard: int
     record_bytes: int
     variants: tuple[RecordClass, ...]
+    history: History | None = None
 
     def variant_of(self, number: int) -> RecordClass:
         """Return the class of a record; the classes take turns, each as often in a cycle as its `share`.
@@ -264,7 +269,8 @@ class Plan:
         ('tooth_crack', ())
         """
         variant = self.variant_of(number)
-        return variant.scene(self.values(number), where=f'record {number}, class "{variant.name}"')
+        scene = variant.scene(self.values(number), where=f'record {number}, class "{variant.name}"')
+        return scene if self.history is None else self.history.scene(scene, number, seed=self.seed)
 
     def seed_of(self, number: int) -> int:
         """Return the seed with which a record is simulated.
@@ -315,6 +321,9 @@ class Plan:
                 found[label] = "" if kind is str else float("nan")
             else:
                 found[label] = kind(choices.index(values[label]) + 1 if choices else values[label])
+        if self.history is not None:
+            state = self.history.state(number, seed=self.seed)
+            found |= {"machine": self.history.machine(number), **{f"history.{key}": x for key, x in state.items()}}
         return found
 
     def _sobol_point(self, number: int, variant: RecordClass) -> NDArray[np.float64]:
@@ -419,6 +428,8 @@ def _plan(table: Mapping[str, Any], *, where: str) -> Plan:
         variants = tuple(_variants(declared, base))
         _label_kinds(variants)
         first = _checked(variants)
+        if declared.history is not None:
+            declared.history.scene(first, 0, seed=declared.seed)
     except (PlanError, SceneError) as error:
         raise PlanError(f"{where}: {error}") from None
     size = len(first.sensors) * first.samples * np.dtype(declared.dtype).itemsize
@@ -434,6 +445,7 @@ def _plan(table: Mapping[str, Any], *, where: str) -> Plan:
         records_per_shard=resolved["records_per_shard"],
         record_bytes=size,
         variants=variants,
+        history=declared.history,
     )
 
 

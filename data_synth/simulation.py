@@ -18,9 +18,17 @@ from data_synth.fidelity.choice import (
 from data_synth.kinematic.harmonics import ComplexArray, random_stream
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Scene, SceneError, Sensor, load_scene
+from data_synth.sources.disturbances import (
+    add_electrical,
+    add_outside_sources,
+    gain_drift,
+    noise_level,
+    recorder_filter,
+    sensor_truth,
+)
 from data_synth.sources.impacts import add_impacts
 from data_synth.sources.prepared import PreparedScene, prepare_scene
-from data_synth.transfer.acquisition import AllPoleFilter, add_noise, clip, drop_outs, hum_lines, linear_chain, quantise
+from data_synth.transfer.acquisition import add_noise, clip, drop_outs, hum_lines, quantise
 from data_synth.truth import angle_truth, mesh_lines, tooth_pass_truth, truth_variables
 from data_synth.vibration.meshes import Gears
 from data_synth.vibration.run import Motion, prepare_gears
@@ -75,6 +83,8 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
         ``truth_hum_1``, ``truth_clipped_1``, ``truth_saturated_1``, ``truth_drop_outs_1``
             Where a channel has such a part: complex amplitude of the mains' harmonics at time zero, number of samples
             clipped and beyond the converter, and begin and end of missing samples in s.
+        ``truth_electrical``, ``truth_neighbour``, ``truth_knocks``, ``truth_gain``, ``truth_noise_level`` ...
+            What the scene's imperfections add from outside of the machine or change in its sensors; `docs/scenes.md`.
         ``truth_tooth_passes_1`` ...
             Where gears vibrate: times in s at which the damaged tooth of fault 1 ... is in the middle of its mesh; its
             attribute ``half_width_rev`` is half the time it is in mesh, in rev of the reference shaft.
@@ -122,6 +132,11 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
         truth, attrs = _with_gears(prepared, gears, choice, signal, parts)
     else:
         truth, attrs = truth_variables(prepared), {}
+    truth |= add_outside_sources(prepared, signal, timing_errors_s=timing_errors_s)
+    if declared.imperfections is not None:
+        truth |= sensor_truth(prepared, truth["truth_speed"]["truth_time"])
+        _drift(prepared, signal, truth, parts)
+    truth |= add_electrical(prepared, signal, timing_errors_s=timing_errors_s)
     for number, sensor in enumerate(declared.sensors):
         truth |= _apply_chain(prepared, sensor, number + 1, signal[number], timing_errors_s=timing_errors_s)
     truth |= parts
@@ -253,14 +268,18 @@ def _apply_chain(
     scene, truth = prepared.scene, {}
     units, channel = sensor.channel_units, {"channel": sensor.name}
     if sensor.hum is not None:
-        lines = hum_lines(sensor.hum, _recorder_filter(sensor), rng=prepared.rng_for("hum", sensor.name))
+        lines = hum_lines(sensor.hum, recorder_filter(sensor), rng=prepared.rng_for("hum", sensor.name))
         frequencies = sensor.hum.frequency_hz * np.arange(1, lines.size + 1)
         _add_hum(values, lines, sensor.hum.frequency_hz, rate_hz=scene.rate_hz, timing_errors_s=timing_errors_s)
         dim = f"truth_hum_frequency_{number}"
         attrs = {"units": units, "convention": "x = Re{Z exp(2 pi j f t)}", **channel}
         truth[f"truth_hum_{number}"] = xr.DataArray(lines, dims=dim, coords={dim: frequencies}, attrs=attrs)
     gain = abs(sensor.sensitivity.value) if sensor.sensitivity is not None else 1.0
-    add_noise(values, rms=gain * scene.noise.rms, rng=prepared.rng_for("noise", sensor.name))
+    factor = None
+    if scene.imperfections is not None and scene.imperfections.noise is not None:
+        level_db = noise_level(prepared)
+        factor = lambda numbers: 10 ** (level_db(numbers / scene.rate_hz) / 20)  # noqa: E731
+    add_noise(values, rms=gain * scene.noise.rms, rng=prepared.rng_for("noise", sensor.name), factor=factor)
     if sensor.clipping is not None:
         beyond = clip(values, level=sensor.clipping.level)
         truth[f"truth_clipped_{number}"] = xr.DataArray(beyond, attrs={"units": "1", **channel})
@@ -277,9 +296,22 @@ def _apply_chain(
     return truth
 
 
-def _recorder_filter(sensor: Sensor) -> AllPoleFilter:
-    """Return the filter that hum from the cable passes: the anti-aliasing filter alone."""
-    return linear_chain(sensor.changed(resonance=None, sensitivity=None))
+def _drift(
+    prepared: PreparedScene, signal: Array, truth: dict[str, xr.DataArray], parts: dict[str, xr.DataArray]
+) -> None:
+    """Multiply the channels (sensor, n), in place, and what is stated of them by the drift of the sensitivity."""
+    scene = prepared.scene
+    if prepared.scene.imperfections is None or prepared.scene.imperfections.temperature is None:
+        return
+    for start in range(0, scene.samples, _BLOCK):
+        here = slice(start, min(start + _BLOCK, scene.samples))
+        factor = gain_drift(scene, np.arange(here.start, here.stop) / scene.rate_hz)
+        signal[:, here] *= factor
+        for sources in parts.values():
+            sources.values[..., here] *= factor
+    for name in ("truth_amplitude", "truth_chain_response"):
+        if name in truth:
+            truth[name] = truth[name].copy(data=truth[name].values * gain_drift(scene, prepared.instants_s))
 
 
 def _add_hum(

@@ -320,7 +320,9 @@ def _within_record(times_s: Array, stop_s: float) -> Array:
 def _pulse_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     """Return the true times of the marks, where the tachometer is degraded."""
     tachometer, pulses = prepared.scene.tachometer, prepared.pulses
-    if (tachometer.uneven, tachometer.missing, tachometer.spurious, tachometer.jitter) == (None,) * 4:
+    electrical = prepared.scene.imperfections.electrical if prepared.scene.imperfections is not None else None
+    pick_up = electrical.tachometer if electrical is not None else None
+    if (tachometer.uneven, tachometer.missing, tachometer.spurious, tachometer.jitter, pick_up) == (None,) * 5:
         return {}
     about = "phase zero is at the first of them"
     return {

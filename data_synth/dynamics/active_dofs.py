@@ -143,7 +143,7 @@ def _reduced_system(whole: Assembly, expansion: Array, chosen: Array) -> System:
         damping=_sum(size, [(spring.damping, spring) for spring in springs]),
         stiffness=_sum(size, [(spring.stiffness, spring) for spring in springs]),
         gyroscopic=gyroscopic if gyroscopic.any() else None,
-        meshes=tuple(replace(mesh, direction=row(mesh.direction)) for mesh in system.meshes),
+        meshes=tuple(mesh.in_coordinates(row) for mesh in system.meshes),
         names=tuple(system.names[number] for number in chosen),
         springs=springs,
     )

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 
@@ -18,6 +18,7 @@ from data_synth.dynamics.placement import (
     z_direction,
 )
 from data_synth.dynamics.system import Array, Vector
+from data_synth.gears.friction import SlidingFriction
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.mesh_stiffness import Constant, Shifted, Stiffness
 from data_synth.gears.transmission_error import SumOfErrors, TransmissionError
@@ -103,6 +104,10 @@ class MeshProperties:
         Geometry of the teeth, where the gearbox does not declare it.
     driver : str or None
         The driving link, where it is not the one nearer to the reference.
+    friction_coefficient : float or None
+        Of sliding between the flanks; for external gears on parallel axes.
+    friction_cycles : float
+        Mesh cycles since a pair entered, at phase zero, for friction alone.
 
     Examples
     --------
@@ -120,6 +125,8 @@ class MeshProperties:
     damping: float = 0.0
     geometry: GearPair | None = None
     driver: str | None = None
+    friction_coefficient: float | None = None
+    friction_cycles: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -355,7 +362,13 @@ def mesh_elements(parts: Parts) -> Iterator[GearMesh | GeneralMesh]:
         driving_speed = speed if driving[contact.name] == 0 else -speed
         stiffness, error = _with_planet_phase(parts, contact, given)
         cycles = float(abs(contact.teeth[0] * speed) / reference_speed)
+        friction = _friction(parts, contact, given, driver=driving[contact.name])
         if parts.torsion:
+            if friction is not None:
+                raise ValueError(
+                    f'mesh "{contact.mesh}": friction acts across the line of action, which torsion lacks; assemble '
+                    "the gears in the plane or in space, or leave friction_coefficient out."
+                )
             yield GeneralMesh(
                 name=contact.name,
                 motions=_torsion_row(parts, contact, -1 if contact.teeth[0] * driving_speed < 0 else 1),
@@ -367,9 +380,12 @@ def mesh_elements(parts: Parts) -> Iterator[GearMesh | GeneralMesh]:
             )
             continue
         direction, point = _line_of_action(parts, contact, driving_speed)
+        gears = _body_of(parts, contact, 0), _body_of(parts, contact, 1)
+        if friction is not None and driving[contact.name] == 1:  # the driver first
+            gears, direction = gears[::-1], (-direction[0], -direction[1], -direction[2])
         yield GearMesh(
             name=contact.name,
-            gears=(_body_of(parts, contact, 0), _body_of(parts, contact, 1)),
+            gears=gears,
             direction=direction,
             point_m=point,
             stiffness=stiffness,
@@ -377,7 +393,26 @@ def mesh_elements(parts: Parts) -> Iterator[GearMesh | GeneralMesh]:
             backlash_m=given.backlash_m,
             damping=given.damping,
             cycles_per_rev=cycles,
+            friction=friction,
         )
+
+
+def _friction(parts: Parts, contact: Contact, given: MeshProperties, *, driver: int) -> SlidingFriction | None:
+    """Return the sliding friction of a contact with its driver first, None without."""
+    if not given.friction_coefficient:
+        return None
+    pair = contact.equivalent_pair
+    if not contact.parallel or pair.teeth[1] < 0:
+        raise ValueError(
+            f'mesh "{contact.mesh}": friction_coefficient = {given.friction_coefficient:g}, but friction is known for '
+            "external gears on parallel axes only; leave it out."
+        )
+    if driver == 1:
+        pair = replace(pair, teeth=pair.teeth[::-1], profile_shift=pair.profile_shift[::-1])
+    lag = float(planet_phase_lag(parts.kinematics, contact, speeds=parts.speeds))
+    return SlidingFriction(
+        gears=pair, coefficient=given.friction_coefficient, by_cycles=(given.friction_cycles - lag) % 1.0
+    )
 
 
 def drivers(parts: Parts) -> dict[str, int]:

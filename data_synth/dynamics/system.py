@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -167,6 +167,14 @@ class Mesh:
     cycles_per_rev: float = 1.0
     history: MeshHistory | None = None
     friction: tuple[FrictionForce, ...] = ()
+
+    def in_coordinates(self, row: Callable[[Array], Array]) -> Mesh:
+        """Return the mesh in other coordinates: `row` turns a generalised force (dof,) into one of those."""
+        return replace(
+            self,
+            direction=row(self.direction),
+            friction=tuple(replace(force, direction=row(force.direction)) for force in self.friction),
+        )
 
     def teeth_at(self, phase_cycles: Array, times_s: Array) -> tuple[Array, Array]:
         """Return mesh stiffness in N/m and transmission error in m at phases and times.

@@ -258,8 +258,8 @@ class _Comparison:
 
     @cached_property
     def _linear_prediction(self) -> LinearPrediction | None:
-        """Prediction from linear responses; None with planets, whose routes to the sensors rotate."""
-        if self._whole.sensor_forces.rotate:
+        """Prediction from linear responses; None with planets, whose routes to sensors rotate, and with friction."""
+        if self._whole.sensor_forces.rotate or any(mesh.friction for mesh in self._whole.system.meshes):
             return None
         last = self.stage.instants_s.size - 1
         steady = np.ptp(self.stage.speed_hz) == 0 and np.ptp(self.stage.load) == 0

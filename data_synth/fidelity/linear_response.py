@@ -22,6 +22,7 @@ import numpy as np
 from data_synth.dynamics.modes import undamped_modes
 from data_synth.dynamics.system import Mesh
 from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily
+from data_synth.kinematic.imperfect_parts import imperfections_of
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import SceneError
 from data_synth.sources.prepared import PreparedScene
@@ -30,6 +31,7 @@ from data_synth.vibration.run import Motion, contacts_in
 _POINTS = 64  # to a period of the highest line, which is then right to half a percent for a stiffness that jumps
 _MIN_POINTS = 512  # points to a mesh cycle
 _MIN_STIFFNESS = 0.25  # of the mean stiffness: softer teeth are losing contact
+_LONGEST = 256  # mesh cycles of a period: each is a line apart
 _NEGLIGIBLE = 1e-5  # of the largest line of a mesh: -100 dB
 
 
@@ -176,6 +178,10 @@ def check_lines_possible(motion: Motion, name: str) -> None:
         why = "planets rotate with their carrier"
     elif mesh.history is not None:
         why = "its teeth change with time"
+    elif _has_pitch_deviations(motion) and mesh.error is not None and mesh.error.period > _LONGEST:
+        why = f"its pitch deviations repeat after {mesh.error.period} cycles only"
+    elif mesh.friction:
+        why = "friction follows the force of its teeth"
     elif not np.min(mesh.stiffness(_phases(mesh, _MIN_POINTS * int(mesh.stiffness.period)))) > 0:
         why = "its teeth lose contact"
     else:
@@ -183,6 +189,10 @@ def check_lines_possible(motion: Motion, name: str) -> None:
     raise SceneError(
         f'mesh "{name}": {why}, so it has no linear response; write fidelity = "torsional" or more for it.'
     )
+
+
+def _has_pitch_deviations(motion: Motion) -> bool:
+    return imperfections_of(motion.stage.scene).gears is not None
 
 
 def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothForces:
@@ -246,7 +256,8 @@ def lines_of(response: Response, forces: ToothForces) -> tuple[list[HarmonicFami
     own = np.arange(1, size.size + 1) % every == 0
     damaged = [fault.component for fault in stage.scene.faults if fault.component.rpartition("/")[0] == forces.mesh]
     families, amplitudes = [], []
-    for component, kind, kept in ((forces.mesh, "gear_mesh", own), (" + ".join(damaged), "tooth", ~own)):
+    between = (" + ".join(damaged), "tooth") if damaged else (forces.mesh, "pitch_deviation")
+    for component, kind, kept in ((forces.mesh, "gear_mesh", own), (*between, ~own)):
         values = outputs * kept[:, None]
         present = np.flatnonzero(np.any(values != 0, axis=(0, 2)))
         if present.size:

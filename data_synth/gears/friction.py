@@ -26,10 +26,13 @@ class SlidingFriction:
         The driver first.
     coefficient : float
         Coefficient of friction.
+    by_cycles : float
+        Mesh cycles since a pair entered, at phase zero.
     """
 
     gears: GearPair
     coefficient: float
+    by_cycles: float = 0.0
 
     def __post_init__(self) -> None:
         if self.gears.teeth[1] < 0:
@@ -62,7 +65,7 @@ class SlidingFriction:
         """Return, for every pair, place on the path, sense of friction (0 out of contact), and contact (0 or 1)."""
         begin, end = self.gears.path_m
         pitch_point = self.gears.base_radii_m[0] * math.tan(self.gears.working_angle_rad)
-        since = np.remainder(np.asarray(phase_cycles, dtype=np.float64), 1.0)
+        since = np.remainder(np.asarray(phase_cycles, dtype=np.float64) + self.by_cycles, 1.0)
         older = np.arange(math.ceil(self.gears.contact_ratio)).reshape(-1, *(1,) * since.ndim)
         on_path = begin + (since + older) * self.gears.base_pitch_m
         in_contact = (on_path < end).astype(np.float64)
@@ -82,7 +85,8 @@ class FrictionShare:
         gears = self.friction.gears
         begin, end = gears.path_m
         pitch_point = gears.base_radii_m[0] * math.tan(gears.working_angle_rad)
-        return tuple(sorted({0.0, *((place - begin) / gears.base_pitch_m % 1.0 for place in (end, pitch_point))}))
+        places = {0.0, *((place - begin) / gears.base_pitch_m for place in (end, pitch_point))}
+        return tuple(sorted((place - self.friction.by_cycles) % 1.0 for place in places))
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
         """Return the ratio at phases in mesh cycles, any shape."""

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from data_synth.gears.mesh_stiffness import Array, ComplexArray
 
+_NEAR = 1e-9  # cycles: phases nearer than this are one
+
 
 class TransmissionError(Protocol):
     """Departure from conjugate motion along the line of action, m."""
@@ -79,6 +81,12 @@ class PitchError:
     def period(self) -> int:
         """The number of teeth."""
         return int(np.size(self.teeth_m))
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Phases at which it or its slope jumps: between two of them it is linear."""
+        whole = np.arange(self.period)
+        return tuple(np.unique([whole, whole + self.handover % 1.0]).tolist())
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
         """Return m at phases in mesh cycles, any shape."""
@@ -164,6 +172,17 @@ class SumOfErrors:
     def period(self) -> int:
         """The least common multiple of its parts' periods."""
         return math.lcm(*(part.period for part in self.parts))
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Phases at which a part or its slope jumps."""
+        period, found = self.period, [np.zeros(0)]
+        for part, by in zip(self.parts, self.by_cycles or (0.0,) * len(self.parts), strict=True):
+            own = np.asarray(getattr(part, "jumps", ()), dtype=np.float64) - by
+            found.append((own + part.period * np.arange(period // part.period)[:, None]).ravel() % period)
+        every = np.sort(np.concatenate(found))
+        apart = np.diff(every, prepend=-1.0) > _NEAR
+        return tuple(every[apart & (every < period - _NEAR)].tolist())
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
         """Return m at phases in mesh cycles, any shape."""

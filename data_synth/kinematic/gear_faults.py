@@ -113,7 +113,7 @@ def gear_damage_family(
     retained = (largest >= SIDEBAND_CUTOFF * np.max(largest)) & (largest > 0)
     lines = np.stack([(turned * modulated.shares(*size))[retained] for size in sizes], axis=1)
     multiples = int(mesh.base_order / base_order) * harmonics[:, None] + int(tooth / base_order) * modulated.sidebands
-    coefficients = _fold_negative_orders(multiples[retained], lines[:, of_instant.ravel()])
+    coefficients = fold_negative_orders(multiples[retained], lines[:, of_instant.ravel()])
     return HarmonicFamily(
         component=fault.component,
         kind="tooth",
@@ -156,7 +156,7 @@ class _Modulation:
         return np.fft.fftshift(spectra, axes=1)
 
 
-def _fold_negative_orders(multiples: NDArray[np.int_], lines: ComplexArray) -> ComplexArray:
+def fold_negative_orders(multiples: NDArray[np.int_], lines: ComplexArray) -> ComplexArray:
     """Sum lines (m, instant) at whole multiples (m,) of a base order to (k, instant); negative ones are conjugated."""
     coefficients = np.zeros((int(np.max(np.abs(multiples), initial=1)) + 1, lines.shape[1]), dtype=np.complex128)
     np.add.at(coefficients, np.abs(multiples), np.where(multiples[:, None] < 0, lines.conj(), lines))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from data_synth.kinematic.harmonics import HarmonicFamily, RandomStreams
+from data_synth.kinematic.imperfect_parts import carrier_radius_m, planet_displacements_m, planet_loads
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Scene, SceneError
 from hums.gearbox.components import Axis
@@ -280,7 +281,11 @@ def _ring_mesh_family(
     planet, teeth = rings[family.component]
     axis = next(axis for axis in scene.gearbox.axes if planet in axis.links)
     places = _places_rad(axis)
-    path = MovingPath(window=window, places_rad=places, strengths=np.ones(places.size))
+    displacements_m = planet_displacements_m(scene, axis, rng_for=rng_for)
+    if displacements_m.any():
+        mesh = next(mesh for mesh in scene.gearbox.meshes if mesh.name == family.component)
+        places = places + displacements_m / carrier_radius_m(scene, mesh)
+    path = MovingPath(window=window, places_rad=places, strengths=planet_loads(scene, axis, rng_for=rng_for))
     return planet_pass_family(
         path,
         component=family.component,

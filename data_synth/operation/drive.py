@@ -41,7 +41,7 @@ class Drive:
     unloaded_share : float
         Tooth load without torque, relative to full load.
     full_load_nm : float
-        Largest absolute declared torque, without turbulence, N m.
+        Torque of full load, N m; 0 where the torque is 0 throughout.
     start_s : float
         Time from which the angle is known, s.
     """
@@ -57,6 +57,8 @@ class Drive:
         times = np.asarray(times_s, dtype=np.float64)
         if self.torque is None:
             return np.ones_like(times)
+        if not self.full_load_nm:
+            return np.full_like(times, self.unloaded_share)
         relative = np.abs(self.torque.at(times)) / self.full_load_nm
         return np.asarray(self.unloaded_share + (1 - self.unloaded_share) * relative)
 
@@ -90,7 +92,7 @@ def _with_torque(drive: Drive, scene: Scene, torque: PiecewiseLinear | None) -> 
     """Return the drive with the scene's torque, where it has one."""
     if scene.torque is None:
         return drive
-    full = max(abs(nm) for _, nm in scene.torque.rows)
+    full = scene.torque.full_load_nm or max(abs(nm) for _, nm in scene.torque.rows)
     return replace(drive, torque=torque, unloaded_share=scene.torque.unloaded_share, full_load_nm=full)
 
 

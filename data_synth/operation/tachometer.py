@@ -6,6 +6,7 @@ import numpy as np
 
 from data_synth.operation.drive import ReferenceAngle
 from data_synth.operation.shaft_angle import Array
+from data_synth.scene.imperfections import TachometerPickUp
 from data_synth.scene.operation import Tachometer
 
 
@@ -92,6 +93,28 @@ def recorded_pulses(
     extra = np.sort(extra + errors[marks.size :])
     times = np.unique(np.concatenate([(marks + errors[: marks.size])[seen], extra]))
     return Pulses(times_s=times, marks_s=marks, missed=np.flatnonzero(~seen).astype(np.float64), spurious_s=extra)
+
+
+def with_pick_up(
+    pulses: Pulses, pick_up: TachometerPickUp, *, mains_hz: float, stop_s: float, rng: np.random.Generator
+) -> Pulses:
+    """Return pulses with the mains in the cable: times that swing with it, and false pulses at some of its crests.
+
+    A sine of the mains on an edge of constant slope shifts its time by a sine.
+    """
+    turn = rng.random()
+    first_s = pulses.marks_s[0] if pulses.marks_s.size else stop_s
+    crests_s = (np.arange(np.ceil(first_s * mains_hz - turn), np.floor(stop_s * mains_hz - turn) + 1) + turn) / mains_hz
+    extra_s = crests_s[rng.random(crests_s.size) < pick_up.extra_share]
+    swing_s = pick_up.jitter_s * np.cos(2 * np.pi * (mains_hz * pulses.times_s - turn))
+    spurious_s = np.intersect1d(pulses.times_s, pulses.spurious_s, return_indices=True)[1]
+    moved_s = pulses.times_s + swing_s
+    return Pulses(
+        times_s=np.unique(np.concatenate([moved_s, extra_s])),
+        marks_s=pulses.marks_s,
+        missed=pulses.missed,
+        spurious_s=np.sort(np.concatenate([moved_s[spurious_s], extra_s])),
+    )
 
 
 def _spacing_errors_rev(tachometer: Tachometer, rng: np.random.Generator) -> Array | None:

@@ -184,12 +184,14 @@ _DEVIATIONS = 8  # a Gaussian fluctuation goes beyond once in 1e15
 class Torque(TimeHistory):
     """Torque on a link against time, declared as a speed is: ``nm``, ``csv`` or ``steps``.
 
-    The tooth load is proportional to ``u + (1 - u) abs(T) / max abs(T)``, u = `unloaded_share`, the largest torque
-    being that of knots or steps: an unloaded mesh still rattles. A scene without torque is at full load.
+    The tooth load is proportional to ``u + (1 - u) abs(T) / T_full``, u = `unloaded_share`, T_full = `full_load_nm` or,
+    left out, the largest torque of knots or steps: an unloaded mesh still rattles. A torque of 0 throughout is the load
+    u. A scene without torque is at full load.
     """
 
     nm: Knots | None = None
     unloaded_share: Share = 0.3
+    full_load_nm: Positive | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -198,8 +200,8 @@ class Torque(TimeHistory):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if not any(nm for _, nm in self.rows):
-            raise ValueError("nm is 0 throughout, so no load can be relative to it; leave torque out")
+        if self.full_load_nm is None and self.turbulence is not None and not any(nm for _, nm in self.rows):
+            raise ValueError("turbulence about nm = 0 has no load to be relative to; give full_load_nm")
         return self
 
     @property

@@ -15,6 +15,7 @@ from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, m
 
 from data_synth.scene.dynamics import Dynamics
 from data_synth.scene.faults import FAULT_KINDS, ROW_OF, BearingFault, Fault, GearFault, ShaftFault, ToothCrack
+from data_synth.scene.imperfections import Imperfections
 from data_synth.scene.operation import NotNegative, Share, Speed, Tachometer, Torque
 from data_synth.scene.sensors import Mode, Noise, PlanetPass, SamplingJitter, Sensor, check_chain
 from data_synth.scene.transfer_paths import Transfer, check_transfers
@@ -107,6 +108,7 @@ class Scene(Declared):
     transfer function from one source to one sensor. With `planet_pass` planets modulate their mesh as they pass the
     sensors (left out: the transfer function of a planet does not depend on its place, and there are no sidebands). With
     a `fidelity` other than kinematic the gears vibrate: `dynamics` then replaces what `excitation` declares of meshes.
+    `imperfections` are what healthy machines have.
 
     Examples
     --------
@@ -136,6 +138,7 @@ class Scene(Declared):
     transfers: tuple[Transfer, ...] = Field(default=(), alias="transfer")
     sampling_jitter: SamplingJitter | None = None
     noise: Noise = Noise()
+    imperfections: Imperfections | None = None
     faults: tuple[Fault, ...] = Field(default=(), alias="fault")
     sensors: tuple[Sensor, ...] = Field(alias="sensor", min_length=1)
 

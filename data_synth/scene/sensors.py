@@ -106,7 +106,7 @@ class Sensor(Declared):
     """An accelerometer on a bearing, link or mesh, and its channel.
 
     In a kinematic scene place and direction are labels. `units` are those of the motion; with a `sensitivity` the
-    channel is in its units.
+    channel is in its units. `gain` is an error of calibration: what the record has of the motion, 1 where left out.
     """
 
     name: Name
@@ -115,6 +115,7 @@ class Sensor(Declared):
     units: Literal["g", "m s-2"]
     cross_axis: CrossAxis | None = None
     resonance: Mode | None = None
+    gain: Positive | None = None
     sensitivity: Sensitivity | None = None
     hum: Hum | None = None
     anti_alias: AntiAlias | None = None

@@ -9,6 +9,7 @@ import numpy as np
 from data_synth.kinematic.bearing_faults import bearing_impact_trains, settling_time_s
 from data_synth.kinematic.gear_faults import ImpactTrain, damage_trains, gear_damage_family
 from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily, RandomStreams, add_lines
+from data_synth.kinematic.imperfect_parts import imperfect_families, imperfections_of, with_drawn_sensors
 from data_synth.kinematic.planet_pass import with_planet_pass
 from data_synth.kinematic.shaft_faults import (
     ShaftExcitation,
@@ -19,7 +20,7 @@ from data_synth.kinematic.shaft_faults import (
 )
 from data_synth.operation.drive import Drive, build_drive
 from data_synth.operation.shaft_angle import Array
-from data_synth.operation.tachometer import Pulses, recorded_pulses
+from data_synth.operation.tachometer import Pulses, recorded_pulses, with_pick_up
 from data_synth.scene.faults import FaultyGear, GearFault
 from data_synth.scene.scene import BearingFault, Scene, SceneError, ShaftFault
 from data_synth.scene.sensors import Sensor
@@ -77,7 +78,10 @@ def harmonic_families(
                 offset=offset,
             )
             added.append(family)
-    return with_planet_pass(scene, healthy, rng_for=rng_for) + added
+    imperfect = imperfect_families(
+        scene, healthy, top_speed_hz=drive.angle.top_speed_hz(0.0, scene.duration_s), rng_for=rng_for
+    )
+    return with_planet_pass(scene, healthy, rng_for=rng_for) + imperfect + added
 
 
 _EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
@@ -263,6 +267,7 @@ class PreparedScene:
 
 def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
     """Prepare a scene for simulation; `rng_for` returns the random generator that belongs to its words."""
+    scene = with_drawn_sensors(scene, rng_for=rng_for)
     tachometer = scene.tachometer
     spacing = 1 / tachometer.pulses_per_rev
     turn = tachometer.offset_rev if tachometer.offset_rev is not None else spacing * rng_for("tachometer").random()
@@ -305,7 +310,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
         gains=gains,
         paths=paths,
         chains=chains,
-        pulses=_pulses(scene, drive, rng=rng_for("pulses")),
+        pulses=_pulses(scene, drive, rng_for=rng_for),
     )
 
 
@@ -314,11 +319,20 @@ def ratio_of(scene: Scene, link: str) -> float:
     return float(abs(scene.ratio(link)))
 
 
-def _pulses(scene: Scene, drive: Drive, *, rng: np.random.Generator) -> Pulses:
+def _pulses(scene: Scene, drive: Drive, *, rng_for: RandomStreams) -> Pulses:
     link = scene.tachometer.link
     pulses = recorded_pulses(
-        drive.angle, scene.tachometer, turns_per_rev=ratio_of(scene, link), stop_s=last_s(scene), rng=rng
+        drive.angle, scene.tachometer, turns_per_rev=ratio_of(scene, link), stop_s=last_s(scene), rng=rng_for("pulses")
     )
+    electrical = imperfections_of(scene).electrical
+    if electrical is not None and electrical.tachometer is not None:
+        pulses = with_pick_up(
+            pulses,
+            electrical.tachometer,
+            mains_hz=electrical.mains_hz,
+            stop_s=last_s(scene),
+            rng=rng_for("imperfection", "tachometer"),
+        )
     if pulses.times_s.size < 2:  # noqa: PLR2004 - a speed is a difference
         raise SceneError(
             f"duration_s = {scene.duration_s:g} holds {pulses.times_s.size} pulse(s) of the tachometer, but a speed "

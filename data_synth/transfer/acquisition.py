@@ -6,7 +6,7 @@ what they did.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -66,6 +66,7 @@ def linear_chain(sensor: Sensor) -> AllPoleFilter:
     if sensor.anti_alias is not None:
         poles += butterworth_poles(sensor.anti_alias)
     gain = sensor.sensitivity.value if sensor.sensitivity is not None else 1.0
+    gain *= sensor.gain if sensor.gain is not None else 1.0
     return AllPoleFilter(gain=gain, poles=np.array(poles, dtype=np.complex128))
 
 
@@ -175,11 +176,18 @@ def add_ringing(
     add_decays(signal, firsts, initial_states, np.exp(poles / rate_hz), poles, timing_errors_s)
 
 
-def add_noise(signal: Array, *, rms: float, rng: np.random.Generator) -> None:
-    """Add white Gaussian noise of `rms`, in the signal's units, to a signal (n,) in place."""
-    if rms > 0:
-        for part in _blocks(signal):
-            part[:] += rms * rng.standard_normal(part.size)
+def add_noise(
+    signal: Array, *, rms: float, rng: np.random.Generator, factor: Callable[[Array], Array] | None = None
+) -> None:
+    """Add white Gaussian noise of `rms`, in the signal's units, to a signal (n,) in place.
+
+    `factor` returns that of the RMS at samples with these numbers, (n,); 1 if left out.
+    """
+    start = 0
+    for part in _blocks(signal) if rms > 0 else ():
+        noise = rms * rng.standard_normal(part.size)
+        part[:] += noise if factor is None else factor(np.arange(start, start + part.size, dtype=np.float64)) * noise
+        start += part.size
 
 
 def _blocks(signal: Array) -> Iterator[Array]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_synth.dynamics.parts import MeshProperties
-from data_synth.dynamics.placement import Contact, contacts_of, planet_phase_lag
+from data_synth.dynamics.placement import Contact, contacts_of, planet_of, planet_phase_lag
 from data_synth.dynamics.system import Mesh, MeshHistory
 from data_synth.gears.mesh_stiffness import (
     Constant,
@@ -21,7 +21,8 @@ from data_synth.gears.mesh_stiffness import (
     fourier_series,
 )
 from data_synth.gears.tooth_compliance import DamagedTooth, TeethInMesh, ToothPair, helical, teeth_in_mesh
-from data_synth.gears.transmission_error import ProfileError, SumOfErrors, TransmissionError
+from data_synth.gears.transmission_error import PitchError, ProfileError, SumOfErrors, TransmissionError
+from data_synth.kinematic.imperfect_parts import gear_deviations_m, planet_displacements_m
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.dynamics import Dynamics, MeshDynamics
 from data_synth.scene.faults import GearDamage, GearFault, damaged_teeth, transmission_errors
@@ -172,7 +173,8 @@ def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact) -> Te
     times_s = instants_of_growth(stage, [item.number for item in broken])
     stages = [[item.damage(stage, time_s) for item in broken] for time_s in times_s]
     stiffnesses = _stiffnesses(scene, contact, broken, stages, by_cycles=later)
-    errors = _errors(contact, broken, stages, error_m=_UM * declared.error_um, by_cycles=later)
+    own = _healthy_errors(stage, kinematics, contact, error_m=_UM * declared.error_um)
+    errors = _errors(contact, broken, stages, own=own, by_cycles=later)
     late = float(planet_phase_lag(kinematics, contact))
     grows = any(each is not stiffnesses[0] for each in stiffnesses) or any(each is not errors[0] for each in errors)
     return Teeth(
@@ -181,6 +183,8 @@ def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact) -> Te
             error=errors[0],
             backlash_m=_UM * declared.backlash_um / 2,
             damping=declared.damping_n_s_m,
+            friction_coefficient=declared.friction_coefficient,
+            friction_cycles=later,
         ),
         passes=tuple((item.number, item.first + half - later + late, item.teeth, 2 * half) for item in broken),
         history=MeshHistory(times_s=times_s, stiffnesses=stiffnesses, errors=errors) if grows else None,
@@ -222,10 +226,10 @@ def _errors(
     broken: Sequence[_Broken],
     stages: Sequence[Sequence[GearDamage]],
     *,
-    error_m: float,
+    own: Sequence[TransmissionError],
     by_cycles: float,
 ) -> tuple[TransmissionError | None, ...]:
-    """Return the transmission error of each stage; one object where they are the same."""
+    """Return the transmission error of each stage, `own` those without damage; one object where they are the same."""
     made: dict[tuple[object, ...], TransmissionError | None] = {}
     found = []
     for damage in stages:
@@ -236,10 +240,43 @@ def _errors(
                 for item, each in zip(broken, damage, strict=True)
                 for part in transmission_errors(each, pair=contact.equivalent_pair, first=item.first)
             ]
-            parts += [ProfileError(harmonics_m=np.array([error_m + 0j]))] if error_m else []
+            parts += own
             made[key] = SumOfErrors(parts=tuple(parts), by_cycles=(by_cycles,) * len(parts)) if parts else None
         found.append(made[key])
     return tuple(found)
+
+
+def _healthy_errors(
+    stage: PreparedScene, kinematics: Kinematics, contact: Contact, *, error_m: float
+) -> list[TransmissionError]:
+    """Return the errors of a contact without damage: declared, of pitch, and of a displaced planet.
+
+    Deviations along the pitch circle are ``cos(alpha)`` as large along the line of action. A planet ahead of its place
+    opens its meshes on both sides.
+    """
+    scene = stage.scene
+    mesh = next(mesh for mesh in kinematics.gearbox.meshes if mesh.name == contact.mesh)
+    found: list[TransmissionError] = [ProfileError(harmonics_m=np.array([error_m + 0j]))] if error_m else []
+    cosine, ratio = math.cos(contact.pair.transverse_angle_rad), contact.equivalent_pair.contact_ratio
+    for number, gear in enumerate(mesh.gears):
+        link = next(link for link in contact.links if link in kinematics.gearbox.instances(gear.link))
+        deviation_m = gear_deviations_m(scene, mesh, number, instance=link, rng_for=stage.rng_for)
+        if deviation_m.any():
+            found.append(PitchError(teeth_m=cosine * deviation_m, handover=min(max(ratio - 1, 0.0), 1.0)))
+    planet = planet_of(kinematics, contact)
+    named = _named(scene, contact.links[planet]) if planet is not None else None
+    if planet is not None and named is not None:
+        axis = next(axis for axis in scene.gearbox.axes if named in axis.links)
+        which = scene.gearbox.instances(named).index(contact.links[planet])
+        ahead_m = planet_displacements_m(scene, axis, rng_for=stage.rng_for)[which]
+        if ahead_m:
+            found.append(PitchError(teeth_m=np.array([cosine * ahead_m]), handover=0.0))
+    return found
+
+
+def _named(scene: Scene, instance: str) -> str | None:
+    """Return the declared link of which a link is a copy; None for one without copies."""
+    return next((link for link in scene.gearbox.copied if instance in scene.gearbox.instances(link)), None)
 
 
 def _stiffnesses(

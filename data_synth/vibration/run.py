@@ -121,7 +121,7 @@ def _meshes(gears: Gears, springs: Collection[str]) -> Iterator[tuple[str, MeshP
     for name, teeth in gears.teeth.items():
         given = teeth.properties
         if gears.meshes[name] in springs and given.stiffness is not None:
-            given = replace(given, stiffness=Constant(mean=given.stiffness.mean), error=None)
+            given = replace(given, stiffness=Constant(mean=given.stiffness.mean), error=None, friction_coefficient=None)
         yield name, given
 
 
@@ -440,7 +440,8 @@ def _reduced_system(system: System, elimination: Array, free: Integers, kept: li
         stiffness=_symmetric(elimination.T @ system.stiffness @ elimination),
         gyroscopic=gyroscopic,
         meshes=tuple(
-            replace(mesh, direction=mesh.direction @ elimination) for mesh in map(system.meshes.__getitem__, kept)
+            system.meshes[number].in_coordinates(lambda direction: np.asarray(direction @ elimination))
+            for number in kept
         ),
         names=tuple(system.names[number] for number in free),
         springs=tuple(

@@ -84,7 +84,6 @@ def test_the_plan_s_example_is_read_and_simulated(write):
         ("[10, 1200]", "[0, 1200]", "speed.rpm: the times must rise, but 0 s follows 0 s; sort the knots"),
         ("[10, 1200]", "[10, 0]", "speed: rpm = 0 at some time, but the shaft has to turn"),
         ("[10, 1200]", "[10, true]", "speed.rpm.2.2 = True"),
-        ("[[0, 500]]", "[[0, 0]]", "torque: nm is 0 throughout, so no load can be relative to it"),
         ("pulses_per_rev = 1", "pulses_per_rev = 2, offset_rev = 0.5", "offset_rev = 0.5 is a pulse spacing or more"),
         ("rate_hz = 50000", "rate_hz = 16000", "resonance.frequency_hz = 8000 is not below half of rate_hz = 16000"),
         ("rate_hz = 50000", "rate_hz = true", "rate_hz = True"),

@@ -1,0 +1,306 @@
+"""Healthy machines that are not perfect: pitch deviations, planets, residual imbalance, waviness, differing sensors."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+
+from data_synth.gears.quality import cumulative_pitch_m, runout_tolerance_m, single_pitch_tolerance_m
+from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, fold_negative_orders
+from data_synth.kinematic.harmonics import HarmonicFamily, RandomStreams
+from data_synth.kinematic.shaft_faults import imbalance, imbalance_force_n, shaft_fault_family
+from data_synth.operation.shaft_angle import Array
+from data_synth.scene.dynamics import Dynamics
+from data_synth.scene.imperfections import Imperfections
+from data_synth.scene.scene import Scene, SceneError
+from data_synth.scene.sensors import Mode
+from hums.gearbox.components import Axis, Mesh
+
+_STANDARD_GRAVITY = 9.80665
+_FINE = 8  # points of a gear's turn to a tooth, where the modulation by its deviations is evaluated
+
+
+def imperfections_of(scene: Scene) -> Imperfections:
+    """Return the declared imperfections of a scene, or none of them."""
+    return scene.imperfections or Imperfections()
+
+
+def imperfect_families(
+    scene: Scene, healthy: Sequence[HarmonicFamily], *, top_speed_hz: float, rng_for: RandomStreams
+) -> list[HarmonicFamily]:
+    """Return the families that a scene's imperfections add to the healthy ones.
+
+    Parameters
+    ----------
+    scene : Scene
+    healthy : sequence of HarmonicFamily
+    top_speed_hz : float
+        Top speed of the reference shaft, rev s-1.
+    rng_for : callable
+
+    Raises
+    ------
+    SceneError
+        Deviations of gears without a module, or a source with transfers to some of the sensors alone.
+    """
+    declared = imperfections_of(scene)
+    if declared.planets is not None:
+        _check_planets(scene)
+    families: list[HarmonicFamily] = []
+    if declared.gears is not None and scene.fidelity == "kinematic":
+        meshes = {family.component: family for family in healthy if family.kind == "gear_mesh"}
+        for mesh in scene.gearbox.meshes:
+            if mesh.name in meshes:
+                families += _pitch_families(scene, mesh, meshes[mesh.name], rng_for=rng_for)
+    if declared.imbalance is not None:
+        families += _imbalance_families(scene, top_speed_hz=top_speed_hz, rng_for=rng_for)
+    if declared.bearings is not None:
+        families += _waviness_families(scene, rng_for=rng_for)
+    return families
+
+
+# ---- Gears -----------------------------------------------------------------------------------------------------------
+
+
+def gear_deviations_m(scene: Scene, mesh: Mesh, gear: int, *, instance: str, rng_for: RandomStreams) -> Array:
+    """Draw the cumulative pitch deviations (teeth,) in m of gear 0 or 1 of a mesh along its pitch circle.
+
+    `instance` is its link, or that copy of it. Zero where the scene declares none.
+
+    Raises
+    ------
+    SceneError
+        A grade, but no module; or one outside of the standard.
+    """
+    quality, teeth = imperfections_of(scene).gears, abs(mesh.gears[gear].teeth)
+    if quality is None:
+        return np.zeros(teeth)
+    runout_m, pitch_m = ((None if um is None else 1e-6 * um) for um in (quality.runout_um, quality.single_pitch_um))
+    if runout_m is None or pitch_m is None:
+        if mesh.kind is not None or mesh.pitch_angle_deg is not None:
+            raise SceneError(
+                f'imperfections.gears: mesh "{mesh.name}" has no cylindrical gears, which ISO 1328-1 is for; give '
+                "runout_um and single_pitch_um."
+            )
+        module_m, transverse_m = _modules_m(scene, mesh)
+        size = {"diameter_m": teeth * transverse_m, "module_m": module_m}
+        try:
+            runout_m = runout_tolerance_m(**size, grade=quality.grade) if runout_m is None else runout_m
+            pitch_m = single_pitch_tolerance_m(**size, grade=quality.grade) if pitch_m is None else pitch_m
+        except ValueError as caught:
+            raise SceneError(f'imperfections.gears, mesh "{mesh.name}": {caught}') from None
+    rng = rng_for("imperfection", "pitch", mesh.name, instance)
+    return cumulative_pitch_m(teeth=teeth, runout_m=runout_m, single_pitch_m=pitch_m, rng=rng)
+
+
+def _modules_m(scene: Scene, mesh: Mesh) -> tuple[float, float]:
+    """Return normal and transverse module of a mesh, m."""
+    dynamics = (scene.dynamics or Dynamics()).mesh(mesh.name)
+    module_mm = dynamics.module_mm or mesh.module_mm
+    if module_mm is None:
+        raise SceneError(
+            f'imperfections ask for the module of mesh "{mesh.name}"; declare module_mm in the gearbox or in '
+            "dynamics.meshes."
+        )
+    return 1e-3 * module_mm, 1e-3 * module_mm / math.cos(math.radians(mesh.helix_angle_deg or 0.0))
+
+
+def _pitch_families(
+    scene: Scene, mesh: Mesh, family: HarmonicFamily, *, rng_for: RandomStreams
+) -> Iterator[HarmonicFamily]:
+    """Yield the sidebands that the deviations of each gear of a mesh add; planets share those of one."""
+    quality = imperfections_of(scene).gears
+    assert quality is not None  # noqa: S101 - the caller asks
+    _, transverse_m = _modules_m(scene, mesh)
+    for number, gear in enumerate(mesh.gears):
+        yield pitch_family(
+            family,
+            component=f"{mesh.name}/{gear.link}",
+            cumulative_m=gear_deviations_m(scene, mesh, number, instance=gear.link, rng_for=rng_for),
+            pitch_m=math.pi * transverse_m,
+            deflection_m=1e-6 * quality.deflection_um,
+        )
+
+
+def pitch_family(
+    mesh: HarmonicFamily, *, component: str, cumulative_m: Array, pitch_m: float, deflection_m: float
+) -> HarmonicFamily:
+    """Return the sidebands that the pitch deviations of a gear add to its mesh, at multiples of its rotation.
+
+    Harmonic h of the mesh is multiplied by ``(1 + f / deflection) exp(-2j pi h F / pitch)``, F the cumulative deviation
+    in mesh and f the single one: a tooth that is late by a part of the pitch is late by that part of a cycle. Both are
+    band-limited between teeth.
+
+    Parameters
+    ----------
+    mesh : HarmonicFamily
+        The healthy mesh, its coefficients (k,).
+    component : str
+        The gear.
+    cumulative_m : (teeth,) array
+        Along the pitch circle, m.
+    pitch_m : float
+        Transverse pitch, m.
+    deflection_m : float
+        Deflection of loaded teeth, m.
+    """
+    teeth = cumulative_m.size
+    points = _FINE * teeth
+    cumulative, single = (
+        _between_teeth(values, points) for values in (cumulative_m, cumulative_m - np.roll(cumulative_m, 1))
+    )
+    harmonics = np.arange(1, mesh.coefficients.shape[0] + 1)
+    changed = (1 + single / deflection_m) * np.exp(-2j * np.pi * np.outer(harmonics, cumulative / pitch_m)) - 1
+    sidebands = np.arange(-teeth + 1, teeth)
+    lines = mesh.coefficients[:, None] * (np.fft.fft(changed, axis=1) / points)[:, sidebands]
+    kept = np.abs(lines) >= SIDEBAND_CUTOFF * np.max(np.abs(lines))
+    kept &= np.abs(lines) > 0
+    multiples = teeth * harmonics[:, None] + sidebands
+    return replace(
+        mesh,
+        component=component,
+        kind="pitch_deviation",
+        base_order=mesh.base_order / teeth,
+        coefficients=fold_negative_orders(multiples[kept], lines[kept][:, None])[:, 0],
+    )
+
+
+def _between_teeth(values: Array, points: int) -> Array:
+    """Return the band-limited function through a value at each tooth (teeth,) at more `points` of a turn."""
+    spectrum = np.fft.rfft(values)
+    if values.size % 2 == 0:
+        spectrum[-1] /= 2  # of both signs in the longer one
+    return np.asarray(np.fft.irfft(spectrum, points) * (points / values.size))
+
+
+# ---- Planets ---------------------------------------------------------------------------------------------------------
+
+
+def planet_displacements_m(scene: Scene, axis: Axis, *, rng_for: RandomStreams) -> Array:
+    """Draw the displacements (planets,) in m of planets along their carrier's circle; zero where none are declared."""
+    declared, planets = imperfections_of(scene).planets, axis.copies or 1
+    if declared is None:
+        return np.zeros(planets)
+    drawn = rng_for("imperfection", "planet positions", axis.name).standard_normal(planets)
+    return np.asarray(1e-6 * declared.position_um * drawn)
+
+
+def carrier_radius_m(scene: Scene, ring_mesh: Mesh) -> float:
+    """Return the radius of the planets' circle by a mesh of theirs with a ring, ``m (z_ring - z_planet) / 2``, in m."""
+    _, transverse_m = _modules_m(scene, ring_mesh)
+    return transverse_m * (max(teeth := [abs(gear.teeth) for gear in ring_mesh.gears]) - min(teeth)) / 2
+
+
+def planet_loads(scene: Scene, axis: Axis, *, rng_for: RandomStreams) -> Array:
+    """Draw the load of each planet over their mean, (planets,); ones where no unequal planets are declared."""
+    declared, planets = imperfections_of(scene).planets, axis.copies or 1
+    if declared is None or planets == 1:
+        return np.ones(planets)
+    drawn = rng_for("imperfection", "planet loads", axis.name).standard_normal(planets)
+    return np.asarray(1 + declared.load_std * (drawn - np.mean(drawn)) / np.std(drawn))
+
+
+def _check_planets(scene: Scene) -> None:
+    """Raise SceneError for unequal planets that no line would show."""
+    if not scene.gearbox.copied:
+        raise SceneError(f'imperfections.planets: gearbox "{scene.gearbox.name}" has no planets; leave it out.')
+    if scene.fidelity == "kinematic" and scene.planet_pass is None:
+        raise SceneError(
+            "imperfections.planets: without planet_pass all planets of a kinematic scene are heard alike; add "
+            "planet_pass = { half_width_deg = 40 }, or leave it out."
+        )
+
+
+# ---- Shafts and bearings ---------------------------------------------------------------------------------------------
+
+
+def _imbalance_families(scene: Scene, *, top_speed_hz: float, rng_for: RandomStreams) -> Iterator[HarmonicFamily]:
+    declared = imperfections_of(scene).imbalance
+    assert declared is not None  # noqa: S101 - the caller asks
+    for shaft, order in scene.exact_orders("shaft").items():
+        shaft_hz = float(order) * top_speed_hz
+        force_n = imbalance_force_n(
+            mass_kg=declared.rotor_kg,
+            eccentricity_m=1e-3 * declared.grade / (2 * math.pi * shaft_hz),
+            speed_hz=shaft_hz,
+        )
+        yield shaft_fault_family(
+            imbalance(),
+            component=shaft,
+            order=order,
+            amplitude=amplitude_of_force(scene, shaft, force_n),
+            reference_speed_hz=top_speed_hz,
+            offset=float(rng_for("imperfection", "imbalance", shaft).random()),
+        )
+
+
+def _waviness_families(scene: Scene, *, rng_for: RandomStreams) -> Iterator[HarmonicFamily]:
+    declared = imperfections_of(scene).bearings
+    assert declared is not None  # noqa: S101 - the caller asks
+    for bearing in (name for each in scene.gearbox.bearings for name in each.names):
+        rates, rng = scene.bearing(bearing), rng_for("imperfection", "waviness", bearing)
+        for number in range(1, declared.harmonics + 1):
+            turned = abs(rates.inner_ring)
+            orders = (number * rates.outer_race, number * rates.inner_race - turned, number * rates.inner_race + turned)
+            force_n = 1e-6 * declared.waviness_um / number * declared.stiffness_n_m
+            amplitude = amplitude_of_force(scene, bearing, force_n)
+            for order, turn in zip(orders, rng.random(len(orders)), strict=True):
+                if order > 0:
+                    yield HarmonicFamily(
+                        component=bearing,
+                        kind="waviness",
+                        source=bearing,
+                        base_order=Fraction(order),
+                        coefficients=np.array([amplitude * np.exp(2j * np.pi * turn)]),
+                        load_dependent=False,
+                    )
+
+
+def in_units(scene: Scene, acceleration_m_s2: float) -> float:
+    """Return an acceleration in the units of a scene's sensors."""
+    return acceleration_m_s2 / (_STANDARD_GRAVITY if scene.sensors[0].units == "g" else 1.0)
+
+
+def amplitude_of_force(scene: Scene, source: str, force_n: float) -> float:
+    """Return the amplitude at its source of a force: over the housing's mass, or itself where transfers lead on.
+
+    Raises
+    ------
+    SceneError
+        Transfers that lead to some of the sensors alone.
+    """
+    reached = {transfer.sensor for transfer in scene.transfers if transfer.source == source}
+    if not reached:
+        return in_units(scene, force_n / (scene.dynamics or Dynamics()).housing_kg)
+    if missing := [sensor.name for sensor in scene.sensors if sensor.name not in reached]:
+        raise SceneError(
+            f'imperfections: "{source}" has a transfer to "{min(reached)}" and none to "{missing[0]}", so its '
+            "force has no amplitude there; declare both or neither."
+        )
+    return force_n
+
+
+# ---- Sensors ---------------------------------------------------------------------------------------------------------
+
+
+def with_drawn_sensors(scene: Scene, *, rng_for: RandomStreams) -> Scene:
+    """Return a scene whose sensors have the gains and mounting resonances that its imperfections draw."""
+    declared = imperfections_of(scene)
+    if declared.gains is None and declared.mounts is None:
+        return scene
+    sensors = []
+    for sensor in scene.sensors:
+        drawn: dict[str, object] = {}
+        if declared.gains is not None:
+            error_db = declared.gains.std_db * rng_for("imperfection", "gain", sensor.name).standard_normal()
+            drawn["gain"] = (sensor.gain or 1.0) * 10 ** (float(error_db) / 20)
+        if declared.mounts is not None and sensor.resonance is None:
+            spread = declared.mounts.spread * rng_for("imperfection", "mount", sensor.name).standard_normal()
+            drawn["resonance"] = Mode(
+                frequency_hz=declared.mounts.frequency_hz * math.exp(float(spread)),
+                damping_ratio=declared.mounts.damping_ratio,
+            )
+        sensors.append(sensor.changed(**drawn))
+    return scene.model_copy(update={"sensors": tuple(sensors)})

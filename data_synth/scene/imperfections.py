@@ -1,0 +1,207 @@
+"""What healthy machines and their measurement have beside faults, as a scene's ``[imperfections]`` declares it.
+
+Every table is off unless it is named; named without numbers, it has the defaults of this module. They were fixed from
+the sources named here before any detector was run on records with them, and are not to be tuned to one. Where no
+source gives a number, "ours, illustrative" stands beside it.
+
+Sources: ISO 1328-1:2013 (flank tolerances), ISO 21940-11:2016 (balance quality), ISO 6336-1 (tooth stiffness), Wardle
+(1988, Proc. Inst. Mech. Eng. C 202: orders of waviness), Rifai, Ortmeyer and McQuillan (2000, IEEE Trans. Power
+Delivery 15: interharmonics of inverters), Serridge and Licht (1987, Piezoelectric Accelerometers and Vibration
+Preamplifiers, Bruel & Kjaer: mounting resonances).
+"""
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from data_synth.scene.operation import NotNegative, Share
+from hums.gearbox.components import Declared, Name, Positive
+
+Ratio = Annotated[float, Field(gt=0, lt=1)]
+
+
+class GearQuality(Declared):
+    """Run-out and pitch deviations of every gear: the tolerances of an ISO 1328-1:2013 `grade`, or micrometres.
+
+    A gear has the run-out `runout_um` and the largest single pitch deviation `single_pitch_um`, both along its pitch
+    circle, at random teeth; left out, they are the tolerances of the grade. Where gears are kinematic, a tooth shifts
+    the phase of its mesh by its cumulative deviation, and raises its amplitude by the single one over `deflection_um`,
+    the deflection of loaded teeth.
+    """
+
+    grade: Annotated[int, Field(ge=1, le=11)] = 6  # industrial gears, 5 to 8; ours, illustrative
+    runout_um: NotNegative | None = None
+    single_pitch_um: NotNegative | None = None
+    deflection_um: Positive = 10.0  # 200 N/mm on 20 N/(mm um), the mesh stiffness of steel spur gears by ISO 6336-1
+
+
+class UnequalPlanets(Declared):
+    """Planets displaced on their carrier, and their unequal loads.
+
+    Displacements along the carrier's circle are drawn with the standard deviation `position_um`. Where gears vibrate,
+    unequal loads follow from them; a kinematic scene takes loads whose standard deviation over their mean is
+    `load_std`.
+    """
+
+    position_um: NotNegative = 20.0  # ours, illustrative: pin holes bored to IT7
+    load_std: Share = 0.05  # ours, illustrative: largest load of three planets about 5 % above the mean
+
+
+class ResidualImbalance(Declared):
+    """Residual imbalance of every shaft: balance quality `grade` G in mm/s, eccentricity times top angular speed."""
+
+    grade: Positive = 6.3  # gears and general machinery: ISO 21940-11:2016, table 1
+    rotor_kg: Positive = 2.0  # ours, illustrative
+
+
+class RaceWaviness(Declared):
+    """Waviness of both races of every bearing: weak lines at its healthy defect orders.
+
+    Lobes of the outer race beside multiples of the elements give lines at n BPFO, of the inner race at n BPFI +- its
+    rotation (Wardle 1988). The force is `stiffness_n_m` times ``waviness_um / n``.
+    """
+
+    waviness_um: Positive = 0.02  # amplitude of the first; ours, illustrative
+    stiffness_n_m: Positive = 1e8  # as the default of dynamics.bearings
+    harmonics: Annotated[int, Field(ge=1)] = 2
+
+
+class Inverter(Declared):
+    """An inverter that feeds the motor: lines at ``m mains + n output`` for (m, n, share) in `lines`.
+
+    The output frequency is `output_hz`, or follows the `link` of the motor (left out: the reference):
+    ``pole_pairs speed / (1 - slip)``. `share` is the amplitude over that of the mains.
+    """
+
+    output_hz: Positive | None = None
+    link: Name | None = None
+    pole_pairs: Annotated[int, Field(ge=1)] = 2
+    slip: Annotated[float, Field(ge=0, lt=1)] = 0.02  # induction motors at rated load, 1 to 5 %; ours, illustrative
+    # (6 k +- 1) mains +- 6 n output with a six-pulse bridge: Rifai, Ortmeyer and McQuillan (2000); shares are ours
+    lines: tuple[tuple[int, int, NotNegative], ...] = (
+        (0, 1, 1.0),
+        (0, 5, 0.3),
+        (0, 6, 0.5),
+        (0, 7, 0.2),
+        (1, 6, 0.1),
+        (-1, 6, 0.1),
+        (5, 6, 0.05),
+        (-5, 6, 0.05),
+    )
+
+
+class TachometerPickUp(Declared):
+    """Mains in the tachometer's cable: pulse times that swing with it, and false pulses at its crests.
+
+    `jitter_s` is the amplitude of the swing, `extra_share` the part of all crests that make a pulse.
+    """
+
+    jitter_s: NotNegative = 2e-6  # 10 mV on an edge of 5 V in 1 ms; ours, illustrative
+    extra_share: Share = 1e-3  # ours, illustrative
+
+
+class Electrical(Declared):
+    """Electrical lines in the cables of all sensors: harmonic k of the mains has ``decay ** (k - 1)`` of the first."""
+
+    mains_hz: Positive = 50.0  # 60 in the Americas
+    amplitude_m_s2: Positive = 0.05  # read as motion; ours, illustrative
+    harmonics: Annotated[int, Field(ge=1)] = 3
+    decay: Share = 0.5  # ours, illustrative
+    inverter: Inverter | None = None
+    tachometer: TachometerPickUp | None = None
+
+
+class Neighbour(Declared):
+    """A machine nearby at a constant speed of its own: harmonics of shaft and mesh, sidebands, impacts.
+
+    Harmonic k has ``decay ** (k - 1)`` of the first; each mesh harmonic has one sideband on either side, `sideband` as
+    large. Impacts, `impacts_per_rev` of them in a turn, ring its own mode. All numbers are ours, illustrative.
+    """
+
+    speed_hz: Positive = 24.3
+    teeth: Annotated[int, Field(ge=5)] = 31
+    shaft_m_s2: NotNegative = 0.05
+    mesh_m_s2: NotNegative = 0.1
+    harmonics: Annotated[int, Field(ge=1)] = 3
+    decay: Share = 0.5
+    sideband: Share = 0.2
+    impact_m_s2: NotNegative = 0.5
+    impacts_per_rev: Positive = 3.58
+    frequency_hz: Positive = 3100.0
+    damping_ratio: Ratio = 0.04
+
+
+class Knocks(Declared):
+    """Random impacts from outside, a Poisson process: `per_second` on average, amplitudes exponential about a mean.
+
+    They ring the scene's resonance. All numbers are ours, illustrative.
+    """
+
+    per_second: Positive = 0.5
+    mean_m_s2: Positive = 3.0
+
+
+class NoiseLevel(Declared):
+    """A noise level that wanders: in dB about the declared one, Gaussian, correlated over `time_scale_s`.
+
+    All numbers are ours, illustrative.
+    """
+
+    std_db: Positive = 1.5
+    time_scale_s: Positive = 5.0
+
+
+class Mounts(Declared):
+    """A mounting resonance of each sensor that declares none, log-normal about `frequency_hz`."""
+
+    frequency_hz: Positive = 28_000.0  # wax; stud 31 kHz, magnet 7 kHz: Serridge and Licht (1987)
+    spread: NotNegative = 0.1  # standard deviation of its logarithm; ours, illustrative
+    damping_ratio: Ratio = 0.03  # ours, illustrative
+
+
+class Gains(Declared):
+    """Gains that differ between sensors: each has an error of calibration with this standard deviation."""
+
+    std_db: Positive = 0.4  # 5 %, where data sheets of sensors for industry allow 10 %; ours, illustrative
+
+
+class Temperature(Declared):
+    """Temperature of the sensors, which changes their sensitivity: ``1 + per_k (T - 23 C)``, T linear in time."""
+
+    celsius: Annotated[float, Field(gt=-273.15, allow_inf_nan=False)] = 45.0  # ours, illustrative
+    drift_k_per_h: Annotated[float, Field(allow_inf_nan=False)] = 5.0  # ours, illustrative
+    per_k: Annotated[float, Field(gt=-0.01, lt=0.01)] = 1e-3  # piezoelectric ceramics, 0.05 to 0.15 %/K; illustrative
+
+
+class Imperfections(Declared):
+    """What healthy machines have: each table is off unless named, and has its defaults where no number is given.
+
+    Accelerations are divided by standard gravity where sensors are in g. Imbalance and waviness act as forces on the
+    housing, `dynamics.housing_kg`, or on declared transfers. Each draws from a random stream of its own.
+
+    Examples
+    --------
+    >>> from data_synth.scene.imperfections import Imperfections
+    >>> table = Imperfections.model_validate({"imbalance": {}, "gears": {"grade": 8}})
+    >>> table.imbalance.grade, table.gears.grade, table.planets
+    (6.3, 8, None)
+    """
+
+    gears: GearQuality | None = None
+    planets: UnequalPlanets | None = None
+    imbalance: ResidualImbalance | None = None
+    bearings: RaceWaviness | None = None
+    electrical: Electrical | None = None
+    neighbour: Neighbour | None = None
+    knocks: Knocks | None = None
+    noise: NoiseLevel | None = None
+    mounts: Mounts | None = None
+    gains: Gains | None = None
+    temperature: Temperature | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        inverter = self.electrical.inverter if self.electrical is not None else None
+        if inverter is not None and inverter.output_hz is not None and inverter.link is not None:
+            raise ValueError("electrical.inverter has both output_hz and link; keep one")
+        return self
