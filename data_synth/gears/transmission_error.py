@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 
 from data_synth.gears.mesh_stiffness import Array, ComplexArray
 
+_NEAR = 1e-9  # cycles: phases nearer than this are one
+
 
 class TransmissionError(Protocol):
     """Departure from conjugate motion along the line of action, m."""
@@ -153,6 +155,16 @@ class SumOfErrors:
     def period(self) -> int:
         """The least common multiple of its parts' periods."""
         return math.lcm(*(part.period for part in self.parts))
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Phases in [0, period), rising, at which one of them jumps or its slope does."""
+        found = [
+            np.add.outer(np.arange(0, self.period, part.period), np.asarray(getattr(part, "jumps", ())) - by).ravel()
+            for part, by in zip(self.parts, self.by_cycles or (0.0,) * len(self.parts), strict=True)
+        ]
+        every = np.sort(np.remainder(np.concatenate(found), self.period)) if found else np.zeros(0)
+        return tuple(every[np.diff(every, prepend=-1.0) > _NEAR].tolist())
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
         """Return m at phases in mesh cycles, any shape."""

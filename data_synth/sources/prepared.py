@@ -89,14 +89,21 @@ _EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
 
 def faulty_gear(scene: Scene, number: int, *, teeth: float, rng_for: RandomStreams) -> FaultyGear:
     """Return the properties of the gear of fault `number` (from 0) on which the fault depends."""
-    width_m = face_width_m(scene, scene.faults[number].component)
-    return FaultyGear(teeth=teeth, face_width_m=width_m, rng=lambda: rng_for("pits", str(number)))
+    mesh = mesh_name(scene.faults[number].component)
+    width_mm, module_mm = (declared_size_mm(scene, mesh, key) for key in ("face_width_mm", "module_mm"))
+    return FaultyGear(
+        teeth=teeth,
+        face_width_m=None if width_mm is None else 1e-3 * width_mm,
+        module_m=math.inf if module_mm is None else 1e-3 * module_mm,
+        rng=lambda: rng_for("pits", str(number)),
+    )
 
 
-def face_width_m(scene: Scene, component: str) -> float:
-    """Return the face width of the mesh of a gear such as ``stage 1/pinion``; infinite where it is not declared."""
-    declared = {mesh.name: mesh.face_width_mm for mesh in scene.gearbox.meshes}[mesh_name(component)]
-    return declared / 1000 if declared is not None else math.inf
+def declared_size_mm(scene: Scene, mesh: str, key: str) -> float | None:
+    """Return a size of a mesh such as `face_width_mm`: from `dynamics.meshes`, or the gearbox; None: from neither."""
+    own = getattr(scene.dynamics.mesh(mesh), key) if scene.dynamics is not None else None
+    found = own if own is not None else getattr({each.name: each for each in scene.gearbox.meshes}[mesh], key)
+    return None if found is None else float(found)
 
 
 def mesh_name(component: str) -> str:
