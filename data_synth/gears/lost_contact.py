@@ -155,14 +155,14 @@ def separation_m(gears: GearPair, beyond_cycles: ArrayLike, *, leaving: bool) ->
 
     Examples
     --------
-    A tenth of a base pitch off the path, gears of module 3 mm are some micrometres apart:
+    A tenth of a base pitch off the path, teeth of module 3 mm are some micrometres apart:
 
     >>> import math
     >>> from data_synth.gears.geometry import GearPair
     >>> from data_synth.gears.lost_contact import separation_m
     >>> pair = GearPair(teeth=(23, 67), module_m=3e-3, face_width_m=0.03, pressure_angle_rad=math.radians(20))
     >>> f"{1e6 * separation_m(pair, 0.1, leaving=True):.1f} um"
-    '9.6 um'
+    '12.3 um'
     """
     tip, flank = (0, 1) if leaving else (1, 0)
     path = np.asarray(beyond_cycles, dtype=np.float64) * gears.base_pitch_m
@@ -178,10 +178,10 @@ def separation_m(gears: GearPair, beyond_cycles: ArrayLike, *, leaving: bool) ->
         cosine = np.minimum(bases[flank] / np.hypot(across, along), 1.0)
         return np.arctan2(across, along) - travel / bases[flank], np.sqrt(1 / cosine**2 - 1) - np.arccos(cosine)
 
-    (turn, roll), (begin, at) = tip_seen_from_flank(path), tip_seen_from_flank(np.zeros(1))
+    (turn, roll), (begin, at) = tip_seen_from_flank(path), tip_seen_from_flank(np.zeros(()))
     # where the tip is beside the path the flank turns with it to the first order: that tells which flank it is
-    (near, rolled) = tip_seen_from_flank(np.array([_NEAR_PATH * gears.base_pitch_m]))
-    sign = 1.0 if abs(near - begin + rolled - at)[0] < abs(near - begin - rolled + at)[0] else -1.0
+    (near, rolled) = tip_seen_from_flank(np.asarray(_NEAR_PATH * gears.base_pitch_m))
+    sign = 1.0 if abs(near - begin + rolled - at) < abs(near - begin - rolled + at) else -1.0
     return np.asarray(bases[flank] * np.abs(turn - begin + sign * (roll - at)))
 
 
