@@ -56,6 +56,7 @@ def harmonic_families(
     for number, (fault, offset, relative_size) in enumerate(zip(scene.faults, offsets, relative_sizes, strict=True)):
         size = fault.initial_mm * relative_size
         if isinstance(fault, GearFault):
+            effect = fault.effect_mm(size)
             mesh, tooth = meshes[mesh_name(fault.component)], teeth[fault.component]
             family = gear_damage_family(
                 fault,
@@ -63,8 +64,8 @@ def harmonic_families(
                 mesh=mesh,
                 tooth=tooth,
                 offset=offset,
-                rise=size * fault.amplitude_per_mm,
-                lag_rad=size * fault.phase_rad_per_mm,
+                rise=effect * fault.amplitude_per_mm,
+                lag_rad=effect * fault.phase_rad_per_mm,
             )
             added.append(family)
         elif isinstance(fault, ShaftFault):
@@ -264,8 +265,12 @@ class PreparedScene:
 
     def impact_factor(self, number: int, times_s: Array) -> Array:
         """Return the factor of load, speed and growth in the impacts of a fault at `times_s` (m,)."""
-        share = self.drive.load(times_s) * _speed_factor(self.scene, self.drive, times_s)
-        return np.asarray(share * self.scene.faults[number].relative_size(times_s))
+        fault, share = self.scene.faults[number], self.drive.load(times_s)
+        grown = fault.relative_size(times_s)
+        if isinstance(fault, GearFault):
+            share = share**fault.load_exponent
+            grown = fault.effect_mm(fault.initial_mm * grown) / fault.effect_mm(fault.initial_mm)
+        return np.asarray(share * _speed_factor(self.scene, self.drive, times_s) * grown)
 
 
 def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
