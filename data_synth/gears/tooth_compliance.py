@@ -352,13 +352,13 @@ class DamagedTooth:
     ----------
     gear : 0 or 1
         The driving or the driven gear.
-    tooth : int
-        Number of the tooth; it enters at this phase, and again after a revolution of its gear.
+    tooth : int or None
+        Number of the tooth; it enters at this phase, and again after a revolution of its gear. None: all teeth alike.
     fault : ToothFault
     """
 
     gear: int
-    tooth: int
+    tooth: int | None
     fault: ToothFault
 
 
@@ -444,7 +444,7 @@ def teeth_in_mesh(
     ratio = pair.gears.contact_ratio
     counts = [abs(count) for count in teeth or pair.gears.teeth]
     for item in damaged:
-        if item.gear not in (0, 1) or not 0 <= item.tooth < counts[item.gear]:
+        if item.gear not in (0, 1) or not (item.tooth is None or 0 <= item.tooth < counts[item.gear]):
             raise ValueError(
                 f"gear = {item.gear}, tooth = {item.tooth}: gears are 0 and 1, and teeth count from 0 to "
                 f"{', '.join(str(count - 1) for count in counts)}."
@@ -458,8 +458,8 @@ def teeth_in_mesh(
         compliance=pair.compliance(path),
         damaged=tuple(
             (
-                counts[item.gear],
-                item.tooth,
+                1 if item.tooth is None else counts[item.gear],
+                item.tooth or 0,
                 found,
                 np.minimum(item.fault.added_compliance(pair, item.gear, path), _NO_CONTACT),
             )

@@ -188,9 +188,9 @@ def damage_trains(
     Returns
     -------
     list of ImpactTrain
-        With the amplitudes of the initial size; where the damage grows, they are proportional to its size.
+        With the amplitudes of the initial size; where the damage grows, they are proportional to its effect.
     """
-    trains, amplitude = [], fault.initial_mm * fault.impact_per_mm
+    trains, amplitude = [], float(fault.effect_mm(fault.initial_mm)) * fault.impact_per_mm
     for at, share in fault.impacts(gear):
         first, last = (float(tooth) * rev + offset - at for rev in span_rev)
         turns = np.arange(np.ceil(first), np.floor(last) + 1)

@@ -11,9 +11,10 @@ from pydantic import Field, model_validator
 
 from data_synth.gears import transmission_error
 from data_synth.gears.geometry import GearPair
+from data_synth.gears.lost_contact import LoadSharing, LostContact, broken_tip_gap, spall_gap, wear_gap
 from data_synth.gears.mesh_stiffness import Array
 from data_synth.gears.tooth_compliance import CrackedSection, DamagedTooth, Tooth, ToothPair
-from data_synth.gears.transmission_error import PitchError, ProfileError, TransmissionError
+from data_synth.gears.transmission_error import TransmissionError
 from data_synth.scene.fault_growth import GrowingFault
 from data_synth.scene.operation import NotNegative, Share
 from hums.gearbox.components import Declared, Name, Positive
@@ -43,21 +44,42 @@ class FaultyGear:
     ----------
     teeth : float
         Tooth pitches from one contact of a tooth to its next.
-    face_width_m : float
-        Infinite where it is not declared.
+    face_width_m : float or None
+        None where it is not declared.
+    module_m : float
+        Infinite where it is not declared: then a tooth may lose any depth.
     rng : callable
         Returns a generator in the same state at every call, so that draws are reproducible.
     """
 
     teeth: float
-    face_width_m: float = math.inf
+    face_width_m: float | None = None
+    module_m: float = math.inf
     rng: Callable[[], np.random.Generator] = field(default=lambda: np.random.default_rng(0), repr=False, compare=False)
 
     def face_fraction(self, size_m: float) -> float:
         """Return `size_m` as a fraction of the face width."""
+        if self.face_width_m is None:
+            raise ValueError(
+                "its face width is not declared; give face_width_mm in the gearbox's mesh or in dynamics.meshes"
+            )
         if not 0 <= size_m <= self.face_width_m:
             raise ValueError(f"size_m = {size_m:g} is not within the face width of {self.face_width_m:g} m")
         return size_m / self.face_width_m
+
+    def flank_depth(self, size_m: float) -> float:
+        """Return `size_m`, no more than half the thickness of the tooth at the reference circle, pi m / 4."""
+        return _at_most(size_m, math.pi / 4 * self.module_m, "half the thickness of its tooth")
+
+    def runout(self, size_m: float) -> float:
+        """Return `size_m`, no more than the bottom clearance, m / 4: beyond it tips touch roots (ISO 53)."""
+        return _at_most(size_m, self.module_m / 4, "the bottom clearance")
+
+
+def _at_most(size_m: float, most_m: float, name: str) -> float:
+    if not 0 <= size_m <= most_m:
+        raise ValueError(f"size_m = {size_m:g} is not within {name}, {most_m:.3g} m")
+    return size_m
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,22 +91,26 @@ class GearDamage:
     crack_m : (z,) array
         Depth of a crack in the root of each tooth, m: reduces its stiffness by the tooth model.
     contact_fraction : (z,) array
-        Fraction of the face width of each tooth in contact; stiffness is proportional. 1 is healthy, 0 a missing tooth.
+        Fraction of the face width of each tooth in contact; stiffness is proportional. 1 is healthy.
+    broken_m : (z,) array
+        Height that is gone from the tip of each tooth, m: no contact there.
     removed_m : (z,) array
-        Material removed from each flank along the line of action, m: a transmission error while the tooth is in
-        contact.
+        Depth of the spall in each flank, m: contact lost, and sinking in, over its length.
+    spall_pitches : float
+        Length of these spalls along the path of contact, in base pitches.
     runout_m : float
         Eccentricity of the pitch circle, m: a transmission error ``runout_m cos(2 pi turns)``.
     profile_m : float
-        Material worn alike from every flank where it slides, none at the pitch point: a transmission error
-        ``profile_m (1 - cos(4 pi phase)) / 2`` in the phase of the mesh, the pitch point at phase 0.
+        Greatest depth worn alike from every flank, none at the pitch point, m.
     crack_angle_rad : float
         Between cracks and the centre line of their tooth.
     """
 
     crack_m: Array = field(metadata={"dims": ("tooth",), "units": "m"})
     contact_fraction: Array = field(metadata={"dims": ("tooth",), "units": "1"})
+    broken_m: Array = field(metadata={"dims": ("tooth",), "units": "m"})
     removed_m: Array = field(metadata={"dims": ("tooth",), "units": "m"})
+    spall_pitches: float = 0.0
     runout_m: float = 0.0
     profile_m: float = 0.0
     crack_angle_rad: float = math.radians(_CRACK_ANGLE_DEG)
@@ -92,8 +118,14 @@ class GearDamage:
     @classmethod
     def on(cls, gear: FaultyGear, **damage: float) -> "GearDamage":
         """Return the damage of a gear that is healthy but for what is given."""
-        teeth = round(gear.teeth)
-        return cls(crack_m=np.zeros(teeth), contact_fraction=np.ones(teeth), removed_m=np.zeros(teeth), **damage)
+        crack, broken, removed = np.zeros((3, round(gear.teeth)))
+        return cls(crack_m=crack, contact_fraction=np.ones(crack.size), broken_m=broken, removed_m=removed, **damage)
+
+    @property
+    def loses_contact(self) -> bool:
+        """Whether pairs lose contact under load, so that the static force counts."""
+        per_tooth = (1 - self.contact_fraction, self.broken_m, self.removed_m)
+        return bool(self.profile_m or any(np.any(part) for part in per_tooth))
 
 
 def von_mises_window(turns: ArrayLike, *, width_turns: float) -> Array:
@@ -113,14 +145,24 @@ def phase_of_error(error_m: float, *, module_m: float, pressure_angle_rad: float
 class GearFault(GrowingFault):
     """A fault of a gear: of one tooth, active while that tooth is in mesh, unless its class says otherwise.
 
-    The size in mm times each of the three factors gives the relative rise of the mesh amplitude, the phase lag of the
-    first mesh harmonic (harmonic h: h times), and the amplitude of the impact, at full load. The factors are
-    illustrative: a kinematic scene has no tooth stiffness to derive them from.
+    The effect of the size, ``min(size, largest_effect_mm) ** size_exponent`` in mm, times each of the three factors
+    gives the relative rise of the mesh amplitude, the phase lag of the first mesh harmonic (harmonic h: h times), and
+    the amplitude of the impact, at full load; impacts go with the load to the power `load_exponent`. The factors are
+    illustrative, but for how crack and chipping compare and what the load does, which `data_synth.kinematic_fit` found
+    in gears in motion: it fits the factors of impacts to any such scene.
     """
 
     amplitude_per_mm: NotNegative = 0.2
     phase_rad_per_mm: NotNegative = 0.1
     impact_per_mm: NotNegative = 1.0
+    size_exponent: Positive = 1.0
+    load_exponent: NotNegative = 1.0
+    largest_effect_mm: Positive | None = None
+
+    def effect_mm(self, size_mm: ArrayLike) -> Array:
+        """Return what the factors are multiplied by at sizes (n,) in mm."""
+        most = math.inf if self.largest_effect_mm is None else self.largest_effect_mm
+        return np.asarray(np.minimum(size_mm, most) ** self.size_exponent)
 
     def width_pitches(self) -> float:
         """Return the width of the modulation window, in tooth pitches."""
@@ -161,6 +203,7 @@ class ToothCrack(GearFault):
 
     kind: Literal["tooth_crack"]
     depth_mm: Positive
+    size_exponent: Positive = 1.3
     angle_deg: Annotated[float, Field(gt=0, le=90)] = _CRACK_ANGLE_DEG
 
     @property
@@ -190,6 +233,7 @@ class Chipping(SizedGearFault):
     """A corner of one tooth broken off; the size is the lost face width."""
 
     kind: Literal["chipping"]
+    impact_per_mm: NotNegative = 1.2
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the fraction of the face that is still in contact."""
@@ -199,28 +243,30 @@ class Chipping(SizedGearFault):
 
 
 class MissingTooth(SizedGearFault):
-    """One tooth missing; the size scales the impact on the next one."""
+    """One tooth broken off; the size is the height that is gone from its tip, all of it from 2.25 modules on."""
 
     kind: Literal["missing_tooth"]
+    load_exponent: NotNegative = 0.0
 
     def impacts(self, gear: FaultyGear) -> ImpactPlaces:
         """Return one impact a turn, where the next tooth comes into contact."""
         return ((1 / (2 * gear.teeth), 1.0),)
 
-    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:  # noqa: ARG002 - a tooth is there or not
-        """Return the missing tooth."""
+    def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
+        """Return the broken tooth."""
         found = GearDamage.on(gear)
-        found.contact_fraction[0] = 0.0
+        found.broken_m[0] = size_m
         return found
 
 
 class Spall(SizedGearFault):
-    """A spall on the flank of one tooth, `length_pitches` long in parts of a tooth pitch.
+    """A spall on the flank of one tooth; the size is its depth, `length_pitches` its length along the path of contact.
 
     The contact enters it at one end, with `entry_share` of the impact at the other.
     """
 
     kind: Literal["spall"]
+    load_exponent: NotNegative = 0.0
     length_pitches: Length = 0.3
     entry_share: Annotated[float, Field(ge=-1, le=1)] = -0.5
 
@@ -234,9 +280,9 @@ class Spall(SizedGearFault):
         return ((-half, self.entry_share), (half, 1.0))
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
-        """Return the removed material."""
-        found = GearDamage.on(gear)
-        found.removed_m[0] = size_m
+        """Return the spall."""
+        found = GearDamage.on(gear, spall_pitches=self.length_pitches)
+        found.removed_m[0] = gear.flank_depth(size_m)
         return found
 
 
@@ -244,6 +290,7 @@ class Pitting(SizedGearFault):
     """Pits on `count` of `spread` adjacent teeth, `length_pitches` long: one the worst, others half as deep or more."""
 
     kind: Literal["pitting"]
+    load_exponent: NotNegative = 0.0
     length_pitches: Length = 0.3
     count: Annotated[int, Field(ge=1)] = 3
     spread: Annotated[int, Field(ge=1)] = 5
@@ -280,10 +327,10 @@ class Pitting(SizedGearFault):
         return tuple((place / gear.teeth, share) for place, share in self.pits(gear))
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
-        """Return the removed material."""
-        found = GearDamage.on(gear)
+        """Return a spall on each pitted tooth."""
+        found = GearDamage.on(gear, spall_pitches=self.length_pitches)
         for place, share in self.pits(gear):
-            found.removed_m[place % found.removed_m.size] = size_m * share
+            found.removed_m[place % found.removed_m.size] = gear.flank_depth(size_m) * share
         return found
 
 
@@ -310,7 +357,7 @@ class Eccentricity(_DistributedFault):
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the runout."""
-        return GearDamage.on(gear, runout_m=size_m)
+        return GearDamage.on(gear, runout_m=gear.runout(size_m))
 
 
 class Misalignment(_DistributedFault):
@@ -341,7 +388,7 @@ class Misalignment(_DistributedFault):
 
 
 class Wear(_DistributedFault):
-    """Uniform wear of depth `size_mm`: mesh harmonics rise in proportion to their number, without sidebands."""
+    """Wear of all teeth alike; the size is its greatest depth. Mesh harmonics rise in proportion to their number."""
 
     kind: Literal["wear"]
 
@@ -355,8 +402,11 @@ class Wear(_DistributedFault):
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the worn profile."""
-        return GearDamage.on(gear, profile_m=size_m)
+        return GearDamage.on(gear, profile_m=gear.flank_depth(size_m))
 
+
+LOSING_CONTACT = (Chipping, MissingTooth, Spall, Pitting, Misalignment, Wear)
+"""Faults by which pairs of teeth lose contact, the more the less load there is."""
 
 GEAR_FAULTS = ToothCrack | Chipping | MissingTooth | Spall | Pitting | Eccentricity | Misalignment | Wear
 
@@ -413,56 +463,65 @@ class RootCrack:
         return CrackedSection(remaining_m=remaining, tip_m=tip)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PartialFaceContact:
-    """A tooth in contact over a fraction of its face only: stiffness is proportional; with 0 there is no contact."""
+def damaged_teeth(
+    damage: GearDamage, *, gear: int, first: int, sharing: LoadSharing | None = None
+) -> Iterator[DamagedTooth]:
+    """Yield the teeth whose stiffness changes; tooth 0 of `damage` is number `first` of the mesh.
 
-    share: float
-
-    def added_compliance(self, pair: ToothPair, gear: int, phase_cycles: Array) -> Array:  # noqa: ARG002
-        """Return the added compliance of a pair, (n,) m/N."""
-        if self.share <= 0:
-            return np.full(phase_cycles.shape, math.inf)
-        return np.asarray((1 / self.share - 1) * pair.compliance(phase_cycles))
-
-    def jump_phases(self, pair: ToothPair, gear: int) -> tuple[float, ...]:  # noqa: ARG002
-        """Return no phases: the factor is the same all along the path."""
-        return ()
-
-
-def damaged_teeth(damage: GearDamage, *, gear: int, first: int) -> Iterator[DamagedTooth]:
-    """Yield the teeth whose stiffness changes; tooth 0 of `damage` is number `first` of the mesh."""
+    `sharing` is needed where the damage loses contact.
+    """
     teeth = damage.contact_fraction.size
     for place in range(teeth):
         tooth = (first + place) % teeth
         if damage.crack_m[place] > 0:
             crack = RootCrack(depth_m=float(damage.crack_m[place]), angle_rad=damage.crack_angle_rad)
             yield DamagedTooth(gear=gear, tooth=tooth, fault=crack)
-        share = float(damage.contact_fraction[place])
-        if share < 1:
-            yield DamagedTooth(gear=gear, tooth=tooth, fault=PartialFaceContact(share=share))
+    for place, lost in lost_contacts(damage, gear=gear, sharing=sharing):
+        yield DamagedTooth(gear=gear, tooth=None if lost.every else (first + place) % teeth, fault=lost)
 
 
-def transmission_errors(damage: GearDamage, *, pair: GearPair, first: int) -> Iterator[TransmissionError]:
+def lost_contacts(damage: GearDamage, *, gear: int, sharing: LoadSharing | None) -> Iterator[tuple[int, LostContact]]:
+    """Yield the number of each tooth of a damaged gear that loses contact, 0 where all do, and how."""
+    if not damage.loses_contact:
+        return
+    if sharing is None:
+        raise ValueError("sharing is missing; contact is lost by the static force on the pairs of teeth.")
+    pair = sharing.gears
+    for place in np.flatnonzero(damage.contact_fraction < 1):
+        yield int(place), LostContact(sharing=sharing, face_share=float(damage.contact_fraction[place]))
+    for place in np.flatnonzero(damage.broken_m):
+        gap = broken_tip_gap(pair, gear, height_m=float(damage.broken_m[place]))
+        yield int(place), LostContact(sharing=sharing, gap=gap)
+    for place in np.flatnonzero(damage.removed_m):
+        depth_m = float(damage.removed_m[place])
+        gap = spall_gap(pair, gear, depth_m=depth_m, length_pitches=damage.spall_pitches)
+        yield int(place), LostContact(sharing=sharing, gap=gap)
+    if damage.profile_m:
+        yield 0, LostContact(sharing=sharing, gap=wear_gap(pair, gear, depth_m=damage.profile_m), every=True)
+
+
+def transmission_errors(
+    damage: GearDamage,
+    *,
+    pair: GearPair,
+    gear: int,
+    first: int,
+    sharing: LoadSharing | None = None,
+    stiffness_too: bool = True,
+) -> Iterator[TransmissionError]:
     """Yield the transmission errors of a damaged gear; tooth 0 of `damage` enters the mesh at phase `first`.
 
-    Removed material lets the gears approach, so errors are positive. The mean of the uniform wear, ``profile_m / 2``,
-    moves no tooth against another and is left out.
+    Removed material lets the gears approach, so errors are positive. `stiffness_too` says whether pairs without
+    contact are missing in the mesh stiffness as well (`damaged_teeth`).
     """
     teeth = damage.removed_m.size
-    if np.any(damage.removed_m):
-        handover = min(pair.contact_ratio - 1, 1.0)
-        yield PitchError(teeth_m=np.roll(damage.removed_m, first), handover=max(handover, 0.0))
+    for place, lost in lost_contacts(damage, gear=gear, sharing=sharing):
+        yield lost.error(teeth=teeth, first=first + place, stiffness_too=stiffness_too)
     if damage.runout_m:
         middle = first + pair.contact_ratio / 2  # turn 0 is where the damaged tooth is in the middle of its mesh
         yield transmission_error.Eccentricity(
             teeth=teeth, eccentricity_m=damage.runout_m, phase_rad=math.pi / 2 - 2 * math.pi * middle / teeth
         )
-    if damage.profile_m:
-        pitch_point = pair.base_radii_m[0] * math.tan(pair.working_angle_rad)
-        at = (pitch_point - pair.path_m[0]) / pair.base_pitch_m
-        second = -damage.profile_m / 2 * np.exp(-4j * np.pi * at)
-        yield ProfileError(harmonics_m=np.array([0.0, second]))
 
 
 def _critical_section(tooth: Tooth) -> tuple[float, float]:

@@ -57,6 +57,7 @@ def harmonic_families(
     for number, (fault, offset, relative_size) in enumerate(zip(scene.faults, offsets, relative_sizes, strict=True)):
         size = fault.initial_mm * relative_size
         if isinstance(fault, GearFault):
+            effect = fault.effect_mm(size)
             mesh, tooth = meshes[mesh_name(fault.component)], teeth[fault.component]
             family = gear_damage_family(
                 fault,
@@ -64,8 +65,8 @@ def harmonic_families(
                 mesh=mesh,
                 tooth=tooth,
                 offset=offset,
-                rise=size * fault.amplitude_per_mm,
-                lag_rad=size * fault.phase_rad_per_mm,
+                rise=effect * fault.amplitude_per_mm,
+                lag_rad=effect * fault.phase_rad_per_mm,
             )
             added.append(family)
         elif isinstance(fault, ShaftFault):
@@ -93,14 +94,21 @@ _EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
 
 def faulty_gear(scene: Scene, number: int, *, teeth: float, rng_for: RandomStreams) -> FaultyGear:
     """Return the properties of the gear of fault `number` (from 0) on which the fault depends."""
-    width_m = face_width_m(scene, scene.faults[number].component)
-    return FaultyGear(teeth=teeth, face_width_m=width_m, rng=lambda: rng_for("pits", str(number)))
+    mesh = mesh_name(scene.faults[number].component)
+    width_mm, module_mm = (declared_size_mm(scene, mesh, key) for key in ("face_width_mm", "module_mm"))
+    return FaultyGear(
+        teeth=teeth,
+        face_width_m=None if width_mm is None else 1e-3 * width_mm,
+        module_m=math.inf if module_mm is None else 1e-3 * module_mm,
+        rng=lambda: rng_for("pits", str(number)),
+    )
 
 
-def face_width_m(scene: Scene, component: str) -> float:
-    """Return the face width of the mesh of a gear such as ``stage 1/pinion``; infinite where it is not declared."""
-    declared = {mesh.name: mesh.face_width_mm for mesh in scene.gearbox.meshes}[mesh_name(component)]
-    return declared / 1000 if declared is not None else math.inf
+def declared_size_mm(scene: Scene, mesh: str, key: str) -> float | None:
+    """Return a size of a mesh such as `face_width_mm`: from `dynamics.meshes`, or the gearbox; None: from neither."""
+    own = getattr(scene.dynamics.mesh(mesh), key) if scene.dynamics is not None else None
+    found = own if own is not None else getattr({each.name: each for each in scene.gearbox.meshes}[mesh], key)
+    return None if found is None else float(found)
 
 
 def mesh_name(component: str) -> str:
@@ -261,8 +269,12 @@ class PreparedScene:
 
     def impact_factor(self, number: int, times_s: Array) -> Array:
         """Return the factor of load, speed and growth in the impacts of a fault at `times_s` (m,)."""
-        share = self.drive.load(times_s) * _speed_factor(self.scene, self.drive, times_s)
-        return np.asarray(share * self.scene.faults[number].relative_size(times_s))
+        fault, share = self.scene.faults[number], self.drive.load(times_s)
+        grown = fault.relative_size(times_s)
+        if isinstance(fault, GearFault):
+            share = share**fault.load_exponent
+            grown = fault.effect_mm(fault.initial_mm * grown) / fault.effect_mm(fault.initial_mm)
+        return np.asarray(share * _speed_factor(self.scene, self.drive, times_s) * grown)
 
 
 def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:

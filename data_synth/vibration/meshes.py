@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from data_synth.dynamics.parts import MeshProperties
 from data_synth.dynamics.placement import Contact, contacts_of, planet_of, planet_phase_lag
 from data_synth.dynamics.system import Mesh, MeshHistory
+from data_synth.gears.lost_contact import LoadSharing, LostContact
 from data_synth.gears.mesh_stiffness import (
     Constant,
     Fourier,
@@ -106,10 +107,11 @@ class Gears:
     meshes: Mapping[str, str]
 
 
-def gears_of(stage: PreparedScene, kinematics: Kinematics) -> Gears:
+def gears_of(stage: PreparedScene, kinematics: Kinematics, *, static_n: Mapping[str, float] | None = None) -> Gears:
     """Return the gears with the teeth of every mesh.
 
-    The phase of each mesh at revolution zero is random, drawn as in a kinematic scene.
+    The phase of each mesh at revolution zero is random, drawn as in a kinematic scene. `static_n` has the static force
+    of each contact, which decides where damaged teeth lose contact.
     """
     try:
         contacts = contacts_of(kinematics, {})
@@ -121,7 +123,9 @@ def gears_of(stage: PreparedScene, kinematics: Kinematics) -> Gears:
         ) from None
     return Gears(
         kinematics=kinematics,
-        teeth={contact.name: _teeth(stage, kinematics, contact) for contact in contacts},
+        teeth={
+            contact.name: _teeth(stage, kinematics, contact, (static_n or {}).get(contact.name)) for contact in contacts
+        },
         meshes={contact.name: contact.mesh for contact in contacts},
     )
 
@@ -151,10 +155,11 @@ class _Broken:
         try:
             return fault.damage(size_m, gear)
         except ValueError as caught:
-            raise SceneError(f"fault {self.number + 1} at {time_s:g} s: {caught}") from None
+            when = "" if fault.growth is None else f" at {time_s:g} s"
+            raise SceneError(f'fault {self.number + 1}, {fault.kind} of "{fault.component}"{when}: {caught}.') from None
 
 
-def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact) -> Teeth:
+def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact, static_n: float | None) -> Teeth:
     """Return the mesh properties of a contact in gear dynamics, with its damaged teeth and how they change in time."""
     scene = stage.scene
     declared = declared_of(scene).mesh(contact.mesh)
@@ -172,9 +177,10 @@ def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact) -> Te
             broken.append(_Broken(number=number, gear=gear, teeth=teeth, first=first))
     times_s = instants_of_growth(stage, [item.number for item in broken])
     stages = [[item.damage(stage, time_s) for item in broken] for time_s in times_s]
-    stiffnesses = _stiffnesses(scene, contact, broken, stages, by_cycles=later)
-    own = _healthy_errors(stage, kinematics, contact, error_m=_UM * declared.error_um)
-    errors = _errors(contact, broken, stages, own=own, by_cycles=later)
+    sharing = _sharing(scene, contact, static_n) if static_n is not None else None
+    stiffnesses = _stiffnesses(scene, contact, broken, stages, sharing, by_cycles=later)
+    healthy = _healthy_errors(stage, kinematics, contact, error_m=_UM * declared.error_um)
+    errors = _errors(scene, contact, broken, stages, sharing, healthy=healthy, by_cycles=later)
     late = float(planet_phase_lag(kinematics, contact))
     grows = any(each is not stiffnesses[0] for each in stiffnesses) or any(each is not errors[0] for each in errors)
     return Teeth(
@@ -221,26 +227,54 @@ def _bends(sizes: Array, first: int, last: int, growth: float) -> Iterator[int]:
     yield from _bends(sizes, split, last, growth)
 
 
+def _sharing(scene: Scene, contact: Contact, static_n: float) -> LoadSharing:
+    """Return the pairs of healthy teeth of a contact under their static force."""
+    declared, pair = declared_of(scene).mesh(contact.mesh), contact.equivalent_pair
+    if _shape(scene, contact) == "teeth":
+        teeth = _by_strain_energy(contact, declared.bore_share, declared.stiffness_n_m, [])
+
+        def compliance(since: Array) -> Array:
+            return np.interp(since, teeth.path_cycles, teeth.compliance)
+    else:
+        alike = pair.contact_ratio / (declared.stiffness_n_m or pair.mean_stiffness())
+
+        def compliance(since: Array) -> Array:
+            return np.full(since.shape, alike)
+
+    most_m = _UM * declared.backlash_um or math.inf
+    return LoadSharing(gears=pair, pair_compliance=compliance, static_n=static_n, most_m=most_m)
+
+
 def _errors(
+    scene: Scene,
     contact: Contact,
     broken: Sequence[_Broken],
     stages: Sequence[Sequence[GearDamage]],
+    sharing: LoadSharing | None,
     *,
-    own: Sequence[TransmissionError],
+    healthy: Sequence[TransmissionError],
     by_cycles: float,
 ) -> tuple[TransmissionError | None, ...]:
-    """Return the transmission error of each stage, `own` those without damage; one object where they are the same."""
+    """Return the transmission error of each stage, one object where they are the same; `healthy` without damage."""
+    own = _shape(scene, contact) == "teeth"
     made: dict[tuple[object, ...], TransmissionError | None] = {}
     found = []
     for damage in stages:
-        key = tuple((each.removed_m.tobytes(), each.runout_m, each.profile_m) for each in damage)
+        key = tuple((*_lost(each), each.runout_m) for each in damage)
         if key not in made:
             parts = [
                 part
                 for item, each in zip(broken, damage, strict=True)
-                for part in transmission_errors(each, pair=contact.equivalent_pair, first=item.first)
+                for part in transmission_errors(
+                    each,
+                    pair=contact.equivalent_pair,
+                    gear=item.gear,
+                    first=item.first,
+                    sharing=sharing,
+                    stiffness_too=own,
+                )
             ]
-            parts += own
+            parts += healthy
             made[key] = SumOfErrors(parts=tuple(parts), by_cycles=(by_cycles,) * len(parts)) if parts else None
         found.append(made[key])
     return tuple(found)
@@ -279,11 +313,18 @@ def _named(scene: Scene, instance: str) -> str | None:
     return next((link for link in scene.gearbox.copied if instance in scene.gearbox.instances(link)), None)
 
 
+def _lost(damage: GearDamage) -> tuple[object, ...]:
+    """Return what of the damage makes pairs lose contact."""
+    parts = damage.contact_fraction, damage.removed_m, damage.broken_m
+    return *(part.tobytes() for part in parts), damage.profile_m
+
+
 def _stiffnesses(
     scene: Scene,
     contact: Contact,
     broken: Sequence[_Broken],
     stages: Sequence[Sequence[GearDamage]],
+    sharing: LoadSharing | None,
     *,
     by_cycles: float,
 ) -> tuple[Stiffness, ...]:
@@ -291,26 +332,31 @@ def _stiffnesses(
     made: dict[tuple[object, ...], Stiffness] = {}
     found = []
     for damage in stages:
-        key = tuple((each.crack_m.tobytes(), each.contact_fraction.tobytes()) for each in damage)
+        key = tuple((each.crack_m.tobytes(), *_lost(each)) for each in damage)
         if key not in made:
             damaged = [
                 tooth
                 for item, each in zip(broken, damage, strict=True)
-                for tooth in damaged_teeth(each, gear=item.gear, first=item.first)
+                for tooth in damaged_teeth(each, gear=item.gear, first=item.first, sharing=sharing)
             ]
             made[key] = _stiffness(scene, contact, damaged, by_cycles=by_cycles)
         found.append(made[key])
     return tuple(found)
 
 
-def _stiffness(scene: Scene, contact: Contact, damaged: list[DamagedTooth], *, by_cycles: float) -> Stiffness:
-    """Return the mesh stiffness of a contact, of the shape that the scene declares or that its teeth allow."""
-    declared, pair = declared_of(scene).mesh(contact.mesh), contact.equivalent_pair
+def _shape(scene: Scene, contact: Contact) -> str:
+    """Return how the stiffness of a contact varies: as declared, or by the teeth where the geometry allows it."""
+    pair = contact.equivalent_pair
     known = contact.parallel or contact.cone is not None
     undercut = min(map(abs, pair.teeth)) * math.sin(pair.pressure_angle_rad) ** 2 < 2 * pair.addendum
     spur = known and not undercut and not pair.helix_angle_rad and not any(pair.profile_shift)
-    shape = declared.shape or ("teeth" if spur else "trapezoid")
-    if damaged and shape != "teeth":
+    return declared_of(scene).mesh(contact.mesh).shape or ("teeth" if spur else "trapezoid")
+
+
+def _stiffness(scene: Scene, contact: Contact, damaged: list[DamagedTooth], *, by_cycles: float) -> Stiffness:
+    declared, pair, shape = declared_of(scene).mesh(contact.mesh), contact.equivalent_pair, _shape(scene, contact)
+    lost = [isinstance(tooth.fault, LostContact) and tooth.fault.face_share == 1 for tooth in damaged]
+    if not all(lost) and shape != "teeth":
         raise SceneError(
             f'mesh "{contact.mesh}": a tooth that is softer needs shape = "teeth", which is for straight teeth '
             'without undercut or profile shift; its shape is "' + shape + '".'

@@ -23,11 +23,12 @@ from data_synth.dynamics.system import Array, System
 from data_synth.gears.mesh_stiffness import Constant
 from data_synth.integrators.choice import MethodChoice, method_for
 from data_synth.integrators.problem import Accuracy, IntegrationError, Load, Output, Problem, Steps
+from data_synth.scene.faults import LOSING_CONTACT
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.meshes import Gears, Teeth, declared_of, gears_of, kinematics_of, tooth_passes
 from data_synth.vibration.sensor_forces import LAG, SensorForces, WeightedForces, sensor_forces_of
-from data_synth.vibration.torques import DriveLoad, drive_load_of
+from data_synth.vibration.torques import DriveLoad, drive_load_of, static_tooth_forces
 from hums.gearbox.kinematics import Kinematics
 
 # ---- The gearbox of a scene as equations of motion: its declared bodies, bearings and meshes assembled ---------------
@@ -272,7 +273,15 @@ def prepare_gears(stage: PreparedScene) -> Gears:
     """
     kinematics = kinematics_of(stage.scene)
     check_supported(stage.scene)
-    return gears_of(stage, kinematics)
+    if not any(isinstance(fault, LOSING_CONTACT) for fault in stage.scene.faults):
+        return gears_of(stage, kinematics)
+    healthy = replace(stage, scene=stage.scene.changed(faults=()), offsets=())
+    gears = gears_of(healthy, kinematics)
+    levels = dict.fromkeys(gears.meshes.values(), "torsional")
+    system = active_dofs_of(assembly_of(healthy, gears, levels=levels), levels).system
+    forces = static_tooth_forces(healthy, system, drive_load_of(healthy, kinematics, system))
+    named = zip(system.meshes, forces, strict=True)
+    return gears_of(stage, kinematics, static_n={mesh.name: float(np.mean(np.abs(each))) for mesh, each in named})
 
 
 def motion_of(

@@ -118,6 +118,23 @@ def static_deflection(system: System, force: Array) -> Array:
     return np.asarray(deflection + compliance @ (rows.T @ (means * shifts)))
 
 
+def static_tooth_forces(stage: PreparedScene, system: System, drive_load: DriveLoad) -> Array:
+    """Return the static force of each mesh at the instants of the truth, (mesh, instant) N."""
+    load = drive_load.load
+    speeds = 2 * np.pi * np.multiply.outer(stage.speed_hz, drive_load.rigid_motion * drive_load.full_rotation)
+    force = load.constant - speeds @ drive_load.damping
+    if load.varying is not None:
+        force = force + load.varying(stage.instants_s)
+    if load.quadratic_drag is not None:
+        force = force - load.quadratic_drag * speeds * np.abs(speeds)
+    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
+    angular, shapes = undamped_modes(system, means)
+    elastic = angular > 0
+    modal = (force @ shapes[:, elastic]) / angular[elastic] ** 2
+    directions = np.array([mesh.direction for mesh in system.meshes])
+    return np.asarray((means[:, None] * (directions @ shapes[:, elastic])) @ modal.T)
+
+
 def _loaded(scene: Scene, kinematics: Kinematics, driving: str) -> str:
     """Return the link at which power leaves the gearbox."""
     bodies, frame = kinematics.bodies, kinematics.mechanism.frame

@@ -245,7 +245,6 @@ def test_a_damaged_tooth_puts_lines_a_turn_apart():
 @pytest.mark.parametrize(
     ("fault", "sentence"),
     [
-        ({"kind": "missing_tooth", "size_mm": 1.0}, "its teeth lose contact, so it has no linear response"),
         (
             {"kind": "tooth_crack", "depth_mm": 1.0, "growth": {"law": "linear", "rate_mm_per_s": 1, "largest_mm": 2}},
             "its teeth change with time, so it has no linear response",

@@ -9,10 +9,11 @@ from numpy.testing import assert_allclose
 from scipy import integrate
 
 from data_synth.gears.geometry import GearPair
+from data_synth.gears.lost_contact import LoadSharing, LostContact
 from data_synth.gears.mesh_stiffness import Constant, Fourier, Rectangular, Shifted, Trapezoidal, fourier_series
 from data_synth.gears.tooth_compliance import DamagedTooth, Tooth, ToothPair, helical, hertz_stiffness, teeth_in_mesh
 from data_synth.gears.transmission_error import Eccentricity, Misalignment, PitchError, ProfileError, SumOfErrors
-from data_synth.scene.faults import PartialFaceContact, RootCrack
+from data_synth.scene.faults import RootCrack
 
 ALPHA = math.radians(20)
 EQUAL = GearPair(teeth=(62, 62), module_m=2e-3, face_width_m=20e-3, pressure_angle_rad=ALPHA)
@@ -290,6 +291,10 @@ class TestStrainEnergy:
             published_tooth(teeth=16, bore_radius_m=5e-3)
 
 
+def sharing(static_n):
+    return LoadSharing(gears=PAIR.gears, pair_compliance=PAIR.compliance, static_n=static_n)
+
+
 def damaged(fault, *, gear=0, tooth=3):
     return teeth_in_mesh(PAIR, damaged=[DamagedTooth(gear=gear, tooth=tooth, fault=fault)])
 
@@ -344,20 +349,21 @@ class TestFaults:
             assert touched.any()
 
     def test_a_narrow_face_carries_in_proportion(self):
-        path = damaged(PartialFaceContact(share=0.6)).path_cycles
-        added = PartialFaceContact(share=0.6).added_compliance(PAIR, 0, path)
-        assert_allclose(added, (1 / 0.6 - 1) * PAIR.compliance(path))
+        path = np.linspace(0, 0.4, 20)
+        added = LostContact(sharing=sharing(0.0), face_share=0.6).added_compliance(PAIR, 0, path)
+        assert_allclose(added, (1 / 0.6 - 1) * PAIR.compliance(path), rtol=1e-6)
 
     def test_a_missing_tooth_leaves_its_neighbours(self):
-        mesh = damaged(PartialFaceContact(share=0.0))
+        mesh = damaged(LostContact(sharing=sharing(1000.0), face_share=0.0))
         healthy = teeth_in_mesh(PAIR)
-        assert mesh(3.9) == 0  # alone in contact
+        # alone in contact: a neighbour off the path in its place
+        assert mesh(3.9) == pytest.approx(healthy(3.9), rel=2e-5)
         assert mesh(3.2) == pytest.approx(1 / PAIR.compliance(np.array([1.2]))[0], rel=2e-5)
         assert mesh(10.2) == healthy(10.2)
 
     def test_what_the_teeth_do_not_have_is_refused(self):
         with pytest.raises(ValueError, match="tooth = 31"):
-            damaged(PartialFaceContact(share=0.0), tooth=31)
+            damaged(RootCrack(depth_m=1e-3, angle_rad=1.5), tooth=31)
         with pytest.raises(ValueError, match="leaves nothing of a tooth"):
             damaged(RootCrack(depth_m=6e-3, angle_rad=1.5))
 

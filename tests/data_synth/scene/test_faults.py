@@ -226,7 +226,7 @@ def test_each_damage_changes_its_own_part_of_the_mechanics():
     touched = {
         "crack": {"crack_m": 1},
         "chipping": {"contact_fraction": 1},
-        "missing tooth": {"contact_fraction": 1},
+        "missing tooth": {"broken_m": 1},
         "spall": {"removed_m": 1},
         "pitting": {"removed_m": 3},
         "eccentricity": {"runout_m": 1},
@@ -235,11 +235,10 @@ def test_each_damage_changes_its_own_part_of_the_mechanics():
     }
     for name, damage in ALL.items():
         changed = damage.damage(size, GEAR)
-        for part in ("crack_m", "contact_fraction", "removed_m", "runout_m", "profile_m"):
+        for part in ("crack_m", "contact_fraction", "broken_m", "removed_m", "runout_m", "profile_m"):
             differing = np.sum(np.atleast_1d(getattr(changed, part) != getattr(sound, part)))
             assert differing == touched[name].get(part, 0), (name, part)
     assert LOCAL["chipping"].damage(0.005, GEAR).contact_fraction[0] == 0.75
-    assert LOCAL["missing tooth"].damage(0.0, GEAR).contact_fraction[0] == 0
     lean = ROUND["misalignment"].damage(0.005, replace(GEAR, teeth=360)).contact_fraction
     assert lean[0] == pytest.approx(0.75)
     assert np.all((lean >= 0.75) & (lean <= 1))
@@ -271,6 +270,12 @@ def test_what_makes_no_sense_is_refused():
         LOCAL["chipping"].damage(0.03, GEAR)
     with pytest.raises(ValueError, match="not within the face width of"):
         ROUND["misalignment"].damage(-1.0, GEAR)
+    with pytest.raises(ValueError, match="face width is not declared; give face_width_mm"):
+        LOCAL["chipping"].damage(1e-3, replace(GEAR, face_width_m=None))
+    known = replace(GEAR, module_m=3e-3)
+    for fault, most in (("spall", "half the thickness of its tooth, 0.00236 m"), ("eccentricity", "bottom clearance")):
+        with pytest.raises(ValueError, match=f"size_m = 0.0025 is not within .*{most}"):
+            ALL[fault].damage(2.5e-3, known)
     with pytest.raises(ValueError, match="count = 4 pitted teeth do not fit"):
         declared(Pitting, count=4, spread=3)
     with pytest.raises(ValueError, match="count"):

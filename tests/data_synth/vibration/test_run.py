@@ -12,6 +12,7 @@ from scipy.linalg import eigh
 
 from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.gears.geometry import GearPair
+from data_synth.gears.lost_contact import LoadSharing
 from data_synth.scene.faults import FaultyGear, GearDamage, damaged_teeth, transmission_errors
 from data_synth.scene.sensors import AntiAlias, Mode, Sensor
 from data_synth.simulation import random_stream
@@ -187,27 +188,24 @@ def test_an_eccentric_wheel_puts_sidebands_a_turn_apart():
         assert (min(spectrum[39], spectrum[41]) > 3e-5 * spectrum[40]) == there
 
 
-def test_what_is_worn_off_is_a_transmission_error():
+def test_runout_is_a_transmission_error():
     pair = GearPair(teeth=(20, 40), module_m=4e-3, face_width_m=0.03, pressure_angle_rad=np.radians(20))
-    middle = pair.contact_ratio / 2
-    wheel, pinion = FaultyGear(teeth=40), FaultyGear(teeth=20)
-    runout = [*transmission_errors(GearDamage.on(wheel, runout_m=2e-5), pair=pair, first=7)]
-    assert [part.period for part in runout] == [40]
-    assert_allclose(runout[0](7 + middle + np.array([0, 10, 20, 40])), [2e-5, 0, -2e-5, 2e-5], atol=1e-18)
-    spalled = GearDamage.on(pinion)
-    spalled.removed_m[0] = 1e-5
-    (hole,) = transmission_errors(spalled, pair=pair, first=19)
-    assert_allclose(hole(np.array([18.9, 19.99, 39.99, 0.99])), [0, 1e-5, 1e-5, 0], atol=1e-18)
-    (worn,) = transmission_errors(GearDamage.on(pinion, profile_m=1e-5), pair=pair, first=0)
-    # from the begin of contact, on the wheel's tip circle, to the pitch point
-    begin = np.sqrt(0.084**2 - (0.08 * np.cos(np.radians(20))) ** 2) - 0.08 * np.sin(np.radians(20))
-    pitch_point = begin / (np.pi * 4e-3 * np.cos(np.radians(20)))
-    assert_allclose(worn(pitch_point + np.array([0, 0.25, 0.5])), [-5e-6, 5e-6, -5e-6], atol=1e-18)
-    broken = GearDamage.on(pinion)
-    broken.contact_fraction[0] = 0.0
-    (gone,) = damaged_teeth(broken, gear=1, first=4)
+    middle, wheel = pair.contact_ratio / 2, FaultyGear(teeth=40)
+    (runout,) = transmission_errors(GearDamage.on(wheel, runout_m=2e-5), pair=pair, gear=1, first=7)
+    assert runout.period == 40
+    assert_allclose(runout(7 + middle + np.array([0, 10, 20, 40])), [2e-5, 0, -2e-5, 2e-5], atol=1e-18)
+
+
+def test_contact_is_lost_by_a_load():
+    broken = GearDamage.on(FaultyGear(teeth=20))
+    broken.broken_m[0] = 9e-3
+    with pytest.raises(ValueError, match="static force"):
+        [*damaged_teeth(broken, gear=1, first=4)]
+    pair = GearPair(teeth=(20, 40), module_m=4e-3, face_width_m=0.03, pressure_angle_rad=np.radians(20))
+    sharing = LoadSharing(gears=pair, pair_compliance=lambda since: np.full(since.shape, 3e-9), static_n=1e3)
+    (gone,) = damaged_teeth(broken, gear=1, first=4, sharing=sharing)
     assert (gone.gear, gone.tooth) == (1, 4)
-    assert np.all(np.isinf(gone.fault.added_compliance(None, 1, np.zeros(2))))
+    assert np.all(np.isinf(gone.fault.added_compliance(None, 1, np.array([0.1, 1.5]))))
 
 
 @pytest.mark.parametrize("order", [3, 4])

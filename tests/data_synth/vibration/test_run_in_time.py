@@ -300,7 +300,8 @@ def growing(*faults, **changes):
     "kind", ["tooth_crack", "chipping", "spall", "pitting", "eccentricity", "misalignment", "wear"]
 )
 def test_teeth_are_at_each_time_as_large_as_damage_is_then(kind):
-    size = 0.01 if kind in {"spall", "pitting", "eccentricity", "wear"} else 0.5
+    # teeth deflect by some microns: material gone beyond that is contact lost, at once
+    size = 0.5e-3 if kind in {"spall", "pitting", "wear"} else 0.01 if kind == "eccentricity" else 0.5
     law = {"law": "exponential", "time_constant_s": 0.15, "largest_mm": 3 * size}
     growth = motion(growing(fault(kind, size=size, growth=law)))
     mesh = growth.system.meshes[0]
@@ -310,11 +311,12 @@ def test_teeth_are_at_each_time_as_large_as_damage_is_then(kind):
         still = motion(growing(fault(kind, size=now))).system.meshes[0]
         stiffness, error = mesh.teeth_at(phases, np.full(phases.size, time_s))
         least, most = np.min(still.stiffness(phases)), np.max(still.stiffness(phases))
-        # straight lines between instants: 0.5 % of the growth in between
-        assert_allclose(stiffness, still.stiffness(phases), atol=0.01 * (most - least))
+        # straight lines between instants: 0.5 % of the growth in between, more where another pair takes over
+        assert_allclose(stiffness, still.stiffness(phases), atol=0.015 * (most - least))
         if still.error is not None:
             expected = still.error(phases)
-            assert_allclose(error, expected, atol=0.01 * np.max(np.abs(expected)))
+            # or 20 nm, where one pair takes the load over from another
+            assert_allclose(error, expected, atol=max(0.01 * np.max(np.abs(expected)), 2e-8))
     assert mesh.history.times_s.size < 20
 
 
@@ -380,7 +382,7 @@ def test_memory_does_not_grow_with_a_record_of_growing_teeth():
 def test_growth_beyond_the_tooth_is_refused_with_its_time():
     chipped = fault("chipping", size=20, growth={"law": "linear", "rate_mm_per_s": 100, "largest_mm": 40})
     with pytest.raises(
-        SceneError, match=r"fault 1 at 0\.\d+ s: size_m = 0\.03\d+ is not within the face width of 0\.03"
+        SceneError, match=r"fault 1, chipping .* at 0\.\d+ s: size_m = 0\.03\d+ is not within the face width of 0\.03"
     ):
         motion(growing(chipped))
 

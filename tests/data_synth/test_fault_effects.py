@@ -1,0 +1,176 @@
+"""Every kind of fault in every fidelity: it is in the record, grows with its size, and stays under a physical limit.
+
+The limits are those of the table in docs/scenes.md, "What bounds a fault", worked out here by hand.
+"""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from data_synth import Scene, SceneError, simulate
+from data_synth.gears.geometry import GearPair
+from data_synth.gears.lost_contact import separation_m
+from data_synth.scene.faults import FAULT_KINDS
+
+RATE_HZ, RPM, NOISE_G, HOUSING_KG, G = 12_000, 1200, 1e-3, 20.0, 9.80665
+TEETH, MODULE_M, FACE_M, ALPHA = (23, 40), 3e-3, 0.03, math.radians(20)
+TORQUE_NM = 200.0
+PAIR = GearPair(teeth=TEETH, module_m=MODULE_M, face_width_m=FACE_M, pressure_angle_rad=ALPHA)
+FORCE_N = TORQUE_NM / PAIR.base_radii_m[1]
+STIFFNESS_N_M = 20e9 * FACE_M  # 20 N/(mm um) of face, for steel gears (ISO 6336-1)
+GEARBOX = {
+    "name": "pair",
+    "frame": "housing",
+    "reference": "pinion",
+    "axes": {"in": ["housing", "pinion"], "out": ["housing", "wheel"]},
+    "mesh": [{"name": "mesh", "teeth": {"pinion": TEETH[0], "wheel": TEETH[1]}}],
+    "bearing": [
+        {
+            "names": ["bearing"],
+            "inner_ring": "pinion",
+            "outer_ring": "housing",
+            "elements": 9,
+            "element_diameter_mm": 12.7,
+            "pitch_diameter_mm": 60.5,
+        }
+    ],
+}
+EXCITATION = {"shaft_amplitude": 0.01, "mesh_amplitude": 0.3, "harmonics": 3, "decay": 0.5}
+SCENE = {
+    "gearbox": GEARBOX,
+    "rate_hz": RATE_HZ,
+    "duration_s": 0.25,
+    "speed": {"link": "pinion", "rpm": RPM},
+    "torque": {"link": "wheel", "nm": TORQUE_NM},
+    "tachometer": {"link": "pinion", "pulses_per_rev": 12},
+    "excitation": EXCITATION,
+    "resonance": {"frequency_hz": 2500, "damping_ratio": 0.05},
+    "noise": {"rms": NOISE_G},
+    "dynamics": {
+        "housing_kg": HOUSING_KG,
+        "mounts": {"frequency_hz": 150, "damping_ratio": 0.5},
+        "damping_ratio": 0.06,
+        "error": 0.02,
+        "meshes": {"mesh": {"module_mm": 1e3 * MODULE_M, "face_width_mm": 1e3 * FACE_M, "pressure_angle_deg": 20}},
+    },
+    "sensor": [{"name": "a", "on": "bearing", "direction": [0, 0, 1], "units": "g"}],
+}
+GEAR_SIZES = {  # mm
+    "tooth_crack": (1.0, 4.0),
+    "chipping": (3.0, 29.0),
+    "missing_tooth": (1.0, 7.0),
+    "spall": (0.003, 2.0),
+    "pitting": (0.003, 2.0),
+    "eccentricity": (0.1, 0.5),
+    "misalignment": (3.0, 29.0),
+    "wear": (0.003, 0.2),
+}
+SHAFT = dict.fromkeys(("imbalance", "bent_shaft", "shaft_misalignment"), (0.02, 0.5))
+BEARING = dict.fromkeys(("inner_race", "outer_race", "rolling_element", "cage"), (0.2, 2.0))
+SIZES = GEAR_SIZES | SHAFT | BEARING
+LINES = dict.fromkeys(("spall", "pitting", "eccentricity", "wear"), (0.1, 0.5))  # as kinematic gears have them
+FIDELITIES = ("kinematic", "torsional", "lateral", "full")
+QUICK = [("lateral", kind) for kind in GEAR_SIZES] + [("kinematic", kind) for kind in SIZES]
+REST = [(fidelity, kind) for fidelity in FIDELITIES for kind in SIZES if (fidelity, kind) not in QUICK]
+GRID = [*QUICK, *(pytest.param(*cell, marks=pytest.mark.slow) for cell in REST)]
+
+
+def fault(kind, size_mm, **keys):
+    size = {"depth_mm" if kind == "tooth_crack" else "size_mm": size_mm}
+    component = "mesh/pinion" if kind in GEAR_SIZES else "pinion" if kind in SHAFT else "bearing"
+    return {"kind": kind, "component": component, **size, **keys}
+
+
+@cache
+def record(fidelity, kind=None, size_mm=0.0):
+    faults = [] if kind is None else [fault(kind, size_mm)]
+    return simulate(Scene.from_mapping({**SCENE, "fidelity": fidelity, "fault": faults}), seed=1)["a"].values
+
+
+def added(fidelity, kind, size_mm):
+    """Faulty minus healthy, in g: noise is the same, by the seed."""
+    return record(fidelity, kind, size_mm) - record(fidelity)
+
+
+def sunk_m(kind, size_m):
+    """How far the mesh can sink in at most."""
+    middle = (PAIR.contact_ratio - 1) / 2
+    off = max(float(separation_m(PAIR, 1 - PAIR.contact_ratio / 2, leaving=side)) for side in (True, False))
+    assert 1 - PAIR.contact_ratio / 2 < middle
+    neighbour = off + FORCE_N / (STIFFNESS_N_M / 2)
+    on_path = PAIR.contact_ratio / 2 * PAIR.base_pitch_m + PAIR.path_m[0]
+    other = PAIR.centre_distance_m * math.sin(ALPHA) - on_path
+    length = 0.3 * PAIR.base_pitch_m * on_path / PAIR.base_radii_m[0]
+    sag = length**2 / 8 * (1 / on_path + 1 / other)
+    return {"spall": min(size_m, sag, neighbour), "pitting": min(size_m, sag, neighbour)}.get(
+        kind, size_m if kind in {"wear", "eccentricity"} else neighbour
+    )
+
+
+def limit_g(fidelity, kind, size_mm):
+    impact = 2 * size_mm * (0.0 if kind in SHAFT else 1.0)  # as declared; two that ring at once
+    if kind in SHAFT:
+        return 1.6 * size_mm  # all its harmonics in phase: 1 + 1/2
+    if fidelity == "kinematic" or kind in BEARING:
+        meshes = EXCITATION["mesh_amplitude"] * (1 + 2 * 0.5 + 3 * 0.25)
+        return impact + (0.2 + 0.1) * 3 * size_mm * meshes
+    # a mass under a constant force that falls onto its spring (Timoshenko, Strength of Materials: the impact factor)
+    factor = 1 + math.sqrt(1 + 2 * sunk_m(kind, 1e-3 * size_mm) * STIFFNESS_N_M / FORCE_N)
+    return factor * FORCE_N / HOUSING_KG / G  # on the rigid housing
+
+
+def test_the_table_has_every_kind():
+    assert set(SIZES) == set(FAULT_KINDS)
+
+
+@pytest.mark.parametrize(("fidelity", "kind"), GRID)
+def test_a_fault_is_in_the_record_grows_and_stays_under_its_limit(fidelity, kind):
+    sizes = (SIZES | LINES if fidelity == "kinematic" else SIZES)[kind]
+    small, large = (added(fidelity, kind, size) for size in sizes)
+    assert np.std(small) > NOISE_G
+    assert np.std(large) > 1.5 * np.std(small)
+    for part, size in zip((small, large), sizes, strict=True):
+        assert np.max(np.abs(part)) < limit_g(fidelity, kind, size)
+
+
+def test_a_spall_deeper_than_its_edges_let_the_flank_sink_is_no_louder():
+    assert np.array_equal(added("lateral", "spall", 2.0), added("lateral", "spall", 0.1))
+
+
+def test_a_longer_spall_is_louder():
+    def of(length):
+        faults = [fault("spall", 0.5, length_pitches=length)]
+        return simulate(Scene.from_mapping({**SCENE, "fidelity": "lateral", "fault": faults}), seed=1)["a"].values
+
+    short, long = (np.std(of(length) - record("lateral")) for length in (0.05, 0.9))
+    assert long > 3 * short
+
+
+def test_a_tooth_without_its_face_is_a_missing_one():
+    gone, faceless = added("lateral", "missing_tooth", 7.0), added("lateral", "chipping", 29.9999)
+    assert np.std(gone - faceless) < 0.01 * np.std(gone)
+
+
+@pytest.mark.parametrize("kind", ["chipping", "misalignment"])
+@pytest.mark.parametrize("shape", [None, "trapezoid"])
+def test_a_face_width_that_nobody_declares_is_asked_for(kind, shape):
+    gearbox = {**GEARBOX, "mesh": [{**GEARBOX["mesh"][0], "module_mm": 3, "pressure_angle_deg": 20}]}
+    keys = {"stiffness_n_m": 3e8, "shape": shape} if shape else {}
+    dynamics = {**SCENE["dynamics"], "meshes": {"mesh": keys}}
+    scene = {**SCENE, "gearbox": gearbox, "dynamics": dynamics, "fidelity": "lateral", "fault": [fault(kind, 1.0)]}
+    with pytest.raises(SceneError, match="face_width_mm"):
+        simulate(Scene.from_mapping(scene), seed=1)
+
+
+def test_a_size_that_a_tooth_does_not_have_is_refused():
+    for kind, size, words in (
+        ("spall", 3.0, "half the thickness of its tooth, 0.00236 m"),
+        ("wear", 3.0, "half the thickness of its tooth"),
+        ("eccentricity", 0.8, "the bottom clearance, 0.00075 m"),
+        ("chipping", 31.0, "the face width of 0.03 m"),
+    ):
+        scene = Scene.from_mapping({**SCENE, "fidelity": "lateral", "fault": [fault(kind, size)]})
+        with pytest.raises(SceneError, match=f'fault 1, {kind} of "mesh/pinion": size_m = .*{words}'):
+            simulate(scene, seed=1)

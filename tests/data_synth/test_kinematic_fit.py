@@ -1,0 +1,130 @@
+"""Kinematic impacts fitted to gears in motion, at loads, sizes and speeds at which they were not fitted."""
+
+import numpy as np
+import pytest
+
+from data_synth import Scene, SceneError, simulate
+from data_synth.kinematic_fit import fit_impact
+
+TEETH = (23, 40)
+SCENE = {
+    "gearbox": {
+        "name": "pair",
+        "frame": "housing",
+        "reference": "pinion",
+        "axes": {"in": ["housing", "pinion"], "out": ["housing", "wheel"]},
+        "mesh": [{"name": "mesh", "teeth": {"pinion": TEETH[0], "wheel": TEETH[1]}}],
+    },
+    "rate_hz": 20_000,
+    "tachometer": {"link": "pinion", "pulses_per_rev": 12},
+    "resonance": {"frequency_hz": 2500, "damping_ratio": 0.05},
+    "noise": {"rms": 0},
+    "dynamics": {
+        "mounts": {"frequency_hz": 150, "damping_ratio": 0.5},
+        "damping_ratio": 0.06,
+        "error": 0.02,
+        "meshes": {"mesh": {"module_mm": 3, "face_width_mm": 30, "pressure_angle_deg": 20}},
+    },
+    "sensor": [{"name": "a", "on": "pinion", "direction": [0, 0, 1], "units": "g"}],
+}
+TURNS, SEED = 3, 1
+# sizes that are fitted, at 200 N m and 1200 rpm; and four scenes: N m, rpm, mm
+CASES = {
+    "tooth_crack": ((1, 2, 3), ((80, 1200, 1.5), (300, 900, 2.5), (120, 1400, 2.5))),
+    "spall": ((0.003, 0.006, 0.02), ((80, 1200, 0.004), (300, 900, 1.0), (120, 1400, 1.0))),
+    "chipping": ((3, 6, 12), ((80, 1200, 4.0), (300, 900, 10.0), (120, 1400, 10.0))),
+    "missing_tooth": ((6, 7), ((80, 1200, 6.5), (300, 900, 8.0), (120, 1400, 8.0))),
+}
+QUICK = ("tooth_crack", "spall")
+# a resonance of the pair: 1600 rpm, where 23 teeth meet at 613 Hz
+RESONANCE = {"tooth_crack": (150, 1600, 1.5), "spall": (150, 1600, 0.004)}
+
+
+def scene(torque_nm, rpm, *faults, fidelity="lateral"):
+    return Scene.from_mapping(
+        {
+            **SCENE,
+            "fidelity": fidelity,
+            "torque": {"link": "wheel", "nm": torque_nm},
+            "speed": {"link": "pinion", "rpm": rpm},
+            "duration_s": TURNS * 60 / rpm,
+            "fault": [*faults],
+        }
+    )
+
+
+def fault(kind, size_mm):
+    size = {"depth_mm" if kind == "tooth_crack" else "size_mm": size_mm}
+    return {"kind": kind, "component": "mesh/pinion", **size}
+
+
+def residual_peak(torque_nm, rpm, table, *, fidelity):
+    """Peak of the synchronous average over turns of the pinion, faulty minus healthy."""
+    faulty, healthy = (
+        simulate(scene(torque_nm, rpm, *faults, fidelity=fidelity), seed=SEED)["a"].values for faults in ((table,), ())
+    )
+    turn = SCENE["rate_hz"] * 60 / rpm
+    at = np.arange(int(turn))
+    turns = [np.interp(at + number * turn, np.arange(faulty.size), faulty - healthy) for number in range(1, TURNS)]
+    return np.max(np.abs(np.mean(turns, axis=0)))
+
+
+@pytest.fixture(scope="module")
+def fits():
+    made = {}
+
+    def of(kind):
+        if kind not in made:
+            made[kind] = fit_impact(scene(200, 1200, fault(kind, 1.0)), sizes_mm=CASES[kind][0], seed=SEED)
+        return made[kind]
+
+    return of
+
+
+def apart_db(fit, torque_nm, rpm, size_mm):
+    moving = residual_peak(torque_nm, rpm, fault(fit.kind, size_mm), fidelity="lateral")
+    struck = residual_peak(torque_nm, rpm, fit.table(size_mm=size_mm, torque_nm=torque_nm), fidelity="kinematic")
+    return 20 * np.log10(struck / moving)
+
+
+@pytest.mark.parametrize(
+    "kind", [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in CASES]
+)
+def test_kinematic_peaks_are_those_of_motion_where_they_were_not_fitted(fits, kind):
+    found = [apart_db(fits(kind), *case) for case in CASES[kind][1]]
+    assert np.max(np.abs(found)) < 3, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", RESONANCE)
+def test_near_a_resonance_they_are_within_6_db(fits, kind):
+    assert abs(apart_db(fits(kind), *RESONANCE[kind])) < 6
+
+
+def test_what_softens_goes_with_the_load_and_what_lets_sink_does_not(fits):
+    # static deflection is linear in the load; the drop into a spall is its own depth
+    assert fits("tooth_crack").load_exponent == pytest.approx(1, abs=0.05)
+    assert fits("spall").load_exponent == pytest.approx(0, abs=0.15)
+    assert fits("tooth_crack").size_exponent > 1.3  # a cantilever: compliance rises faster than the crack
+    assert fits("spall").largest_effect_mm == pytest.approx(0.015, rel=0.1)  # L^2 / (8 rho), by hand
+
+
+def test_a_crack_and_a_chipped_face_of_one_size_are_not_the_same():
+    one, other = (
+        simulate(scene(200, 1200, fault(kind, 1.0), fidelity="kinematic"), seed=SEED)["a"].values
+        for kind in ("tooth_crack", "chipping")
+    )
+    assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("faults", "sizes", "words"),
+    [
+        ((), (1, 2), "0 faults"),
+        ((fault("wear", 0.1),), (1, 2), "a fit needs one fault of tooth_crack"),
+        ((fault("spall", 0.1),), (1, 1), "two different sizes"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused(faults, sizes, words):
+    with pytest.raises(SceneError, match=words):
+        fit_impact(scene(200, 1200, *faults), sizes_mm=sizes)
