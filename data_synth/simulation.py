@@ -21,7 +21,8 @@ from data_synth.scene.scene import Scene, SceneError, Sensor, load_scene
 from data_synth.sources.impacts import add_impacts
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.acquisition import AllPoleFilter, add_noise, clip, drop_outs, hum_lines, linear_chain, quantise
-from data_synth.truth import angle_truth, mesh_lines, tooth_pass_truth, truth_variables
+from data_synth.truth import angle_truth, tooth_pass_truth, truth_variables
+from data_synth.vibration.gear_lines import gear_lines
 from data_synth.vibration.meshes import Gears
 from data_synth.vibration.run import Motion, prepare_gears
 from hums.records.record import Channel, PulseTimes, make_record
@@ -205,7 +206,7 @@ def _with_gears(
         return truth_variables(prepared) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
     gear_signal = _gear_vibration(motion)
     signal += gear_signal
-    measured = mesh_lines(prepared, gear_signal)
+    measured = gear_lines(prepared, gear_signal)
     for name, sources in parts.items():
         # meshes act on each other, so all gears in motion are one source
         coords = {"truth_channel": sources["truth_channel"], "truth_source_name": ["gears, motion"]}
