@@ -324,7 +324,12 @@ _MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 
 def refuse_too_large(
-    scene: Scene | str | Path, out: Path | None = None, *, by_source: bool = False, phases: bool = False
+    scene: Scene | str | Path,
+    out: Path | None = None,
+    *,
+    by_source: bool = False,
+    phases: bool = False,
+    mechanics: bool = False,
 ) -> None:
     """Raise SceneError for a scene whose record is larger than the free memory or disk space.
 
@@ -333,7 +338,7 @@ def refuse_too_large(
     scene : Scene, path or catalogue name
     out : Path, optional
         Where the record is to be written; left out, it only has to fit into memory.
-    by_source, phases : bool
+    by_source, phases, mechanics : bool
         As for `simulate`.
 
     Raises
@@ -345,6 +350,8 @@ def refuse_too_large(
     rows = len(declared.sensors)
     if phases:
         rows += len(declared.gearbox.links) + 2 * sum(len(bearing.names) for bearing in declared.gearbox.bearings)
+    if mechanics:
+        rows += 4 * len(declared.gearbox.links) + 3 * len(declared.kinematics.contacts)
     if not by_source and rows * declared.samples * BYTES <= _SMALL_BYTES:
         return
     counted = count(declared)

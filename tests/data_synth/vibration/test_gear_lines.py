@@ -74,7 +74,7 @@ def test_halving_the_window_changes_the_lines_by_less_than_one_percent():
     lines = gear_lines(stage_of(declared), signal).lines
     orders = np.array([float(line.order) for line in lines])
     truth = np.stack([line.amplitude for line in lines], axis=1)
-    for length_rev in (1.0, 0.5):
+    for length_rev in (0.5, 0.25):
         again = Projection(samples=samples, orders=orders, window=Window(length_rev=length_rev, degree=2))
         found = again.amplitudes(instants_rev)
         change = np.sqrt(np.mean(np.abs(found - truth) ** 2, axis=2) / np.mean(np.abs(truth) ** 2))
