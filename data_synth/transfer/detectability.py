@@ -44,7 +44,7 @@ def matched_filter_snr_db(difference: Array, *, noise_psd: ArrayLike, rate_hz: f
     >>> from data_synth.transfer.detectability import matched_filter_snr_db
     >>> line = 0.1 * np.cos(2 * np.pi * 0.1 * np.arange(1000))
     >>> ratio_db = matched_filter_snr_db(line, noise_psd=2 / 1000, rate_hz=1000.0)
-    >>> round(ratio_db, 3), round(10 * np.log10(5), 3)
+    >>> round(ratio_db, 3), round(float(10 * np.log10(5)), 3)
     (6.99, 6.99)
     """
     psd = np.asarray(noise_psd, dtype=np.float64)
