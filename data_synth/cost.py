@@ -21,8 +21,10 @@ from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import HarmonicFamily, random_stream
 from data_synth.scene.scene import BearingFault, Fault, Scene, SceneError, Sensor, load_scene
 from data_synth.scene.transfer_paths import Transfer
+from data_synth.sources.impact_lines import impact_lines
 from data_synth.sources.impacts import bearing_simulation
 from data_synth.sources.prepared import PreparedScene, prepare_scene
+from data_synth.vibration.gear_lines import candidates_of
 from data_synth.vibration.meshes import Gears
 from data_synth.vibration.run import contacts_in, prepare_gears
 
@@ -32,6 +34,8 @@ _PER_LINE, _PER_SOURCE, _PER_POLE, _PER_NOISE = 0.5e-9, 8e-9, 5e-9, 12e-9  # s a
 _PER_CONTACT = 0.14e-6  # s a step and element of a bearing that moves
 _TEETH_S = 0.3  # s for teeth of gears that vibrate, and s a step of time, for each motion, and each pair of meshes:
 _PER_STEP, _PER_DEGREE, _PER_PAIR = 0.5e-6, 0.015e-6, 0.06e-6
+_PER_PROJECTED = 3e-6  # s a sample and channel, for the lines of gears in motion
+_MOST_PROJECTED = 1000  # lines of gears in motion for which memory is kept
 _TEETH = {LEFT_OUT: "nothing", SPRING: "a spring", KINEMATIC: "lines"}
 _LEVELS = {
     LEFT_OUT: "no sensor hears it above the floor: what is behind its teeth turns along",
@@ -182,15 +186,24 @@ def count(scene: Scene) -> Counted:
     if scene.fidelity == "kinematic":
         why = "kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated"
         parts: tuple[Part, ...] = (Part(name="fidelity", what="phases and modulations", why=why),)
+        projected = 0
     else:
         stage = with_full_duration(stage, scene)
         gears, choice = prepare_gears(stage), decided(scene)
         parts, vibrating = tuple(_gears(stage, gears, choice)), BYTES * scene.samples * len(scene.sensors)
         stage = with_kinematic_lines(stage, gears, choice.levels)
+        projected = min(_MOST_PROJECTED, len(candidates_of(scene, top=_top_order(stage), mixed=False).orders))
     lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes)
+    lines += sum(amplitudes[:, :, 0].size for _, _, amplitudes in impact_lines(stage))
+    lines += len(scene.sensors) * projected
     instants = stage.pulses.times_s.size + sum(train.revolutions.size for _, train in stage.trains)
     truth = 2 * BYTES * _LINE_COPIES * lines * scene.truth_times + round(BYTES * time_factor * instants)
     return Counted(stage=stage, time_factor=time_factor, gears=parts, working_bytes=truth + vibrating + _FIXED_BYTES)
+
+
+def _top_order(stage: PreparedScene) -> float:
+    """Return the Nyquist order at top speed."""
+    return stage.scene.rate_hz / 2 / stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
 
 
 def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[Part]:
@@ -284,7 +297,9 @@ def _gears(stage: PreparedScene, gears: Gears, choice: Choice) -> Iterator[Part]
             name="fidelity",
             what=f"{dof} degrees of freedom, {how}",
             why=f"{choice}; {why}",
-            seconds=_TEETH_S + running * steps * (_PER_STEP + _PER_DEGREE * dof + _PER_PAIR * meshes**2),
+            seconds=_TEETH_S
+            + running * steps * (_PER_STEP + _PER_DEGREE * dof + _PER_PAIR * meshes**2)
+            + scene.samples * len(scene.sensors) * _PER_PROJECTED,
         )
     for name, level in choice.levels.items():
         if level in _TEETH or motion is None:
@@ -321,7 +336,12 @@ _MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 
 def refuse_too_large(
-    scene: Scene | str | Path, out: Path | None = None, *, by_source: bool = False, phases: bool = False
+    scene: Scene | str | Path,
+    out: Path | None = None,
+    *,
+    by_source: bool = False,
+    phases: bool = False,
+    mechanics: bool = False,
 ) -> None:
     """Raise SceneError for a scene whose record is larger than the free memory or disk space.
 
@@ -330,7 +350,7 @@ def refuse_too_large(
     scene : Scene, path or catalogue name
     out : Path, optional
         Where the record is to be written; left out, it only has to fit into memory.
-    by_source, phases : bool
+    by_source, phases, mechanics : bool
         As for `simulate`.
 
     Raises
@@ -342,6 +362,8 @@ def refuse_too_large(
     rows = len(declared.sensors)
     if phases:
         rows += len(declared.gearbox.links) + 2 * sum(len(bearing.names) for bearing in declared.gearbox.bearings)
+    if mechanics:
+        rows += 4 * len(declared.gearbox.links) + 3 * len(declared.kinematics.contacts)
     if not by_source and rows * declared.samples * BYTES <= _SMALL_BYTES:
         return
     counted = count(declared)

@@ -1,5 +1,6 @@
 """Simulate a scene: sum the sources, apply the measurement chain, and state the truth beside the record."""
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from data_synth.cost import refuse_too_large
+from data_synth.dynamics.active_dofs import LEVELS
 from data_synth.fidelity.choice import (
     LEFT_OUT,
     Choice,
@@ -15,7 +17,7 @@ from data_synth.fidelity.choice import (
     simulated_motion,
     with_kinematic_lines,
 )
-from data_synth.kinematic.harmonics import ComplexArray, random_stream
+from data_synth.kinematic.harmonics import ComplexArray, RandomStreams, random_stream
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Scene, SceneError, Sensor, load_scene
 from data_synth.sources.disturbances import (
@@ -29,7 +31,10 @@ from data_synth.sources.disturbances import (
 from data_synth.sources.impacts import add_impacts
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.acquisition import add_noise, clip, drop_outs, hum_lines, quantise
-from data_synth.truth import angle_truth, mesh_lines, tooth_pass_truth, truth_variables
+from data_synth.transfer.detectability import matched_filter_snr_db
+from data_synth.truth import angle_truth, tooth_pass_truth, truth_variables
+from data_synth.vibration.gear_lines import gear_lines
+from data_synth.vibration.mechanics import link_speeds, mechanics_truth, speed_truth
 from data_synth.vibration.meshes import Gears
 from data_synth.vibration.run import Motion, prepare_gears
 from hums.records.record import Channel, PulseTimes, make_record
@@ -37,7 +42,15 @@ from hums.records.record import Channel, PulseTimes, make_record
 _BLOCK = 65536  # samples computed at once: what is only needed on the way does not grow with the record
 
 
-def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, phases: bool = False) -> xr.Dataset:
+def simulate(
+    scene: Scene | str | Path,
+    *,
+    seed: int,
+    by_source: bool = False,
+    phases: bool = False,
+    mechanics: bool = False,
+    detectability: bool = False,
+) -> xr.Dataset:
     """Simulate a scene: return its record together with its truth.
 
     Parameters
@@ -53,6 +66,15 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
     phases : bool
         Also return the exact angle at each sample of every shaft and of every bearing's cage and rolling elements,
         ``truth_shaft_revolutions`` (truth_shaft, time) and ``truth_roller_revolutions`` (truth_roller, time), in rev.
+    mechanics : bool
+        Also return the speed of every link at each sample and, where gears vibrate, what is inside the gearbox:
+        ``truth_mesh_deflection``, ``truth_mesh_force``, ``truth_mesh_stiffness`` and ``truth_bearing_force``, as
+        `data_synth.vibration.mechanics.mechanics_truth` defines them. It costs a second integration.
+    detectability : bool
+        Also return ``truth_fault_detectability_db`` (truth_channel, truth_fault): what each fault alone adds to the
+        noise-free healthy channel of the same seed, against the spectrum of the channel's noise and quantisation, as
+        `data_synth.transfer.detectability.matched_filter_snr_db` defines it. It costs a simulation for each fault and
+        one more.
 
     Returns
     -------
@@ -63,9 +85,9 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
             Z of the noise-free signal at each order of the reference shaft, ``x = Re{Z exp(j order phase)}``, phase
             zero at the first tachometer mark, after the filters and the sensitivity of the channel. Between the
             instants of truth_time Z is linear: the signal is built so, without approximation. Sources at one exact
-            order are added. The part of a tooth's impacts at the listed orders is included
-            (`data_synth.transfer.paths.impact_line` states the error); the further orders of impacts are not listed,
-            and a bearing with slip has no line.
+            order are added. Impacts of a damaged tooth have their own orders, down
+            to a hundredth of the loudest (`data_synth.transfer.paths.impact_line` states the error); a bearing with
+            slip has no line.
         ``truth_component``, ``truth_kind`` (truth_order)
             The sources at that order, largest first, joined by " + ".
         ``truth_chain_response`` (truth_channel, truth_order, truth_time), complex
@@ -89,10 +111,10 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
             Where gears vibrate: times in s at which the damaged tooth of fault 1 ... is in the middle of its mesh; its
             attribute ``half_width_rev`` is half the time it is in mesh, in rev of the reference shaft.
 
-        Where gears vibrate, truth_amplitude at the orders of the meshes is that of their steady motion, at constant
-        speed and torque. Attribute ``truth_mesh_lines`` states its error, or why it is left out, ``truth_fidelity``
-        which motions were simulated. Attribute ``truth_scene`` holds the scene with every default written out,
-        ``truth_seed`` the seed.
+        Where gears vibrate, truth_amplitude has every loud line of meshes, of damaged gears and of what they make
+        with each other, against time, projected from their clean signal (`data_synth.vibration.gear_lines.gear_lines`).
+        Attribute ``truth_mesh_lines`` states window, floor and error, ``truth_fidelity`` which motions were simulated.
+        Attribute ``truth_scene`` holds the scene with every default written out, ``truth_seed`` the seed.
 
     Raises
     ------
@@ -119,7 +141,7 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise SceneError(f"seed = {seed!r}: a whole number, 0 or more, is needed.")
-    refuse_too_large(declared, by_source=by_source, phases=phases)
+    refuse_too_large(declared, by_source=by_source, phases=phases, mechanics=mechanics)
     prepared = prepare_scene(declared, rng_for=partial(random_stream, seed))
     gears = prepare_gears(prepared) if declared.fidelity != "kinematic" else None
     choice = decided(declared) if gears is not None else None
@@ -141,6 +163,10 @@ def simulate(scene: Scene | str | Path, *, seed: int, by_source: bool = False, p
         truth |= _apply_chain(prepared, sensor, number + 1, signal[number], timing_errors_s=timing_errors_s)
     truth |= parts
     truth |= angle_truth(prepared) if phases else {}
+    if mechanics:
+        truth |= _mechanics(prepared, gears, choice)
+    if detectability:
+        truth |= _detectability(declared, seed, choice)
     return make_record(
         {sensor.name: _channel(sensor, values) for sensor, values in zip(declared.sensors, signal, strict=True)},
         rate_hz=declared.rate_hz,
@@ -220,7 +246,7 @@ def _with_gears(
         return truth_variables(prepared) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
     gear_signal = _gear_vibration(motion)
     signal += gear_signal
-    measured = mesh_lines(prepared, gear_signal)
+    measured = gear_lines(prepared, gear_signal)
     for name, sources in parts.items():
         # meshes act on each other, so all gears in motion are one source
         coords = {"truth_channel": sources["truth_channel"], "truth_source_name": ["gears, motion"]}
@@ -253,6 +279,72 @@ def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dic
             attrs={"units": prepared.scene.sensors[0].channel_units},
         )
     }
+
+
+# ---- on request ----------------------------------------------------------------------------------------------
+
+
+def _mechanics(prepared: PreparedScene, gears: Gears | None, choice: Choice | None) -> dict[str, xr.DataArray]:
+    """Return the speeds of all links and, where gears vibrate, what is inside the gearbox."""
+    if gears is None or choice is None:
+        return speed_truth(link_speeds(prepared))
+    still = [name for name, level in choice.levels.items() if level not in LEVELS]
+    motion = simulated_motion(prepared, gears, choice.levels)
+    if still or motion is None:
+        raise SceneError(
+            f'mechanics: mesh "{still[0]}" is {choice.levels[still[0]]}, so it has no deflection or force of its own; '
+            'write fidelity = "torsional", "lateral" or "full".'
+        )
+    return mechanics_truth(prepared, gears, motion)
+
+
+_OF_A_FAULT = {"offset", "impacts", "pits"}  # random streams that are named by the number of the fault
+
+
+def _detectability(declared: Scene, seed: int, choice: Choice | None) -> dict[str, xr.DataArray]:
+    """Return how detectable each fault alone is in each channel, in dB."""
+    levels = choice.levels if choice is not None else None
+    healthy = _noise_free(declared.changed(faults=()), partial(random_stream, seed), levels)
+    ratios_db = np.empty((len(declared.sensors), len(declared.faults)))
+    for number, fault in enumerate(declared.faults):
+
+        def rng_for(*words: str, number: int = number) -> np.random.Generator:
+            return random_stream(seed, *((words[0], str(number)) if words[0] in _OF_A_FAULT else words))
+
+        faulty = _noise_free(declared.changed(faults=(fault,)), rng_for, levels)
+        for row, sensor in enumerate(declared.sensors):
+            ratios_db[row, number] = matched_filter_snr_db(
+                faulty[row] - healthy[row], noise_psd=_noise_psd(declared, sensor), rate_hz=declared.rate_hz
+            )
+    about = "matched filter for what the fault adds, against the noise of the channel, 4 integral |D|^2 / S df"
+    return {
+        "truth_fault_detectability_db": xr.DataArray(
+            ratios_db,
+            dims=("truth_channel", "truth_fault"),
+            coords={"truth_channel": [sensor.name for sensor in declared.sensors]},
+            attrs={"units": "dB", "about": about},
+        )
+    }
+
+
+def _noise_free(scene: Scene, rng_for: RandomStreams, levels: Mapping[str, str] | None) -> Array:
+    """Return the channels of a scene after the linear part of their chains, (sensor, n)."""
+    prepared = prepare_scene(scene, rng_for=rng_for)
+    gears = prepare_gears(prepared) if levels is not None else None
+    if gears is not None and levels is not None:
+        prepared = with_kinematic_lines(prepared, gears, levels)
+    signal = _clean(prepared, timing_errors_s=_timing_errors_s(prepared))
+    motion = simulated_motion(prepared, gears, levels) if gears is not None and levels is not None else None
+    return signal if motion is None else signal + _gear_vibration(motion)
+
+
+def _noise_psd(scene: Scene, sensor: Sensor) -> float:
+    """Return the one-sided spectral density of a channel's noise: white, and that of rounding, a twelfth of a step."""
+    gain = abs(sensor.sensitivity.value) if sensor.sensitivity is not None else 1.0
+    variance = (gain * scene.noise.rms) ** 2
+    if sensor.quantisation is not None:
+        variance += (2 * sensor.quantisation.full_scale / 2**sensor.quantisation.bits) ** 2 / 12
+    return 2 * variance / scene.rate_hz
 
 
 # ---- what is not linear in the chain, or not of the machine --------------------------------------------------

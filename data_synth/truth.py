@@ -2,26 +2,17 @@
 
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
 
 import numpy as np
 import xarray as xr
-from numpy.polynomial.chebyshev import chebval
 
 from data_synth.bearings.impacts import signed_cage_order
-from data_synth.kinematic.gear_faults import ImpactTrain
-from data_synth.kinematic.harmonics import ComplexArray, common_base
-from data_synth.kinematic.planet_pass import pass_orders
+from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
+from data_synth.sources.impact_lines import impact_lines
 from data_synth.sources.prepared import PreparedScene, last_s
-from data_synth.transfer.paths import impact_line
+from data_synth.vibration.gear_lines import GearLines
 from data_synth.vibration.run import Motion, fault_passes
-
-_STEADY = 1e-12  # of the speed: what rounding may change
-_NUTTALL = (0.3635819, -0.4891775, 0.1365995, -0.0106411)
-_BINS = 4
-_BLOCK = 65536
-_NOT_RESOLVED = 2e-5  # of the largest line: leakage of the window
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,94 +22,6 @@ class _LineSource:
     component: str
     kind: str
     amplitude: ComplexArray
-
-
-@dataclass(frozen=True, kw_only=True)
-class MeshLines:
-    """Lines of vibrating gears at the orders of their meshes, order -> (mesh, Z (sensor,)), and their error."""
-
-    lines: dict[Fraction, tuple[str, ComplexArray]]
-    about: str
-
-
-def mesh_lines(prepared: PreparedScene, gears: Array) -> MeshLines:
-    """Measure the lines of meshes in the channels of gears in steady motion, (sensor, n).
-
-    With the four-term cosine window of least side lobes over the record (Nuttall 1981, -98 dB), so that lines four and
-    more of its periods away leak less than 2e-5 of themselves.
-    """
-    scene = prepared.scene
-    torque = prepared.drive.torque
-    if np.ptp(prepared.speed_hz) > _STEADY * np.max(prepared.speed_hz) or (
-        torque is not None and np.ptp(torque.values) > 0
-    ):
-        return MeshLines(
-            lines={}, about="left out: speed or torque changes, so the lines of gears have no one amplitude"
-        )
-    orders = scene.exact_orders("gear_mesh")
-    teeth = scene.exact_orders("tooth")
-    if any(fault.growth is not None and fault.component in teeth for fault in scene.faults):
-        return MeshLines(lines={}, about="left out: damage of teeth grows, so the lines of gears have no one amplitude")
-    # meshes shake each other, so lines stand at all multiples of what their orders have in common
-    passing = {mesh: pass_orders(scene, mesh) for mesh in orders}
-    bases = [*orders.values(), *(teeth[fault.component] for fault in scene.faults if fault.component in teeth)]
-    bases += [carrier for carrier, _ in passing.values() if carrier]
-    periods = float(reduce(common_base, bases)) * float(prepared.speed_hz[0]) * scene.duration_s
-    lines = {
-        order: (mesh, line)
-        for mesh, measured in zip(
-            orders, _measured(prepared, gears, [(orders[m], *passing[m]) for m in orders]), strict=True
-        )
-        for order, line in measured.items()
-    }
-    # planets cancel most of the lines beside those of their meshes
-    least = _NOT_RESOLVED * max((float(np.max(np.abs(line))) for _, line in lines.values()), default=0.0)
-    lines = {
-        order: (mesh, line)
-        for order, (mesh, line) in lines.items()
-        if not passing[mesh][1] or np.max(np.abs(line)) > least
-    }
-    known = "other lines add less than 2e-5" if periods >= _BINS else "lines less than 4 / duration_s away are in it"
-    return MeshLines(lines=lines, about=f"of the steady motion, by a window over the record: {known}")
-
-
-def _measured(
-    prepared: PreparedScene, gears: Array, families: list[tuple[Fraction, Fraction, int]]
-) -> list[dict[Fraction, ComplexArray]]:
-    """Return Z (sensor,) of the lines of families, summed block by block.
-
-    A family is an order with its harmonics, a second order, and the number of its multiples that are sidebands of each
-    harmonic and of zero.
-    """
-    scene = prepared.scene
-    top = scene.rate_hz / 2 / float(prepared.speed_hz[0])
-    totals: list[dict[Fraction, ComplexArray]] = [{} for _ in families]
-    for start in range(0, scene.samples, _BLOCK):
-        numbers = np.arange(start, min(start + _BLOCK, scene.samples))
-        turned = np.cos(2 * np.pi * (numbers + 0.5) / scene.samples)
-        windowed = np.ascontiguousarray(gears[:, start : start + numbers.size] * chebval(turned, _NUTTALL))
-        revolutions = prepared.drive.angle.revolutions(numbers / scene.rate_hz)
-        for total, (order, beside, sides) in zip(totals, families, strict=True):
-            once = _demodulator(order, revolutions)
-            steps = {side: _demodulator(side * beside, revolutions) for side in range(-sides, sides + 1) if side}
-            phasor = np.ones(numbers.size, dtype=np.complex128) if sides else once
-            for harmonic in range(0 if sides else 1, scene.excitation.harmonics + 1):
-                for side in range(-sides, sides + 1):
-                    line = harmonic * order + side * beside
-                    if 0 < line < top:
-                        measured = windowed @ (phasor * steps[side] if side else phasor)
-                        total[line] = total.get(line, 0.0) + measured
-                phasor = phasor * once
-    # the cosines of the window add up to nothing over the record
-    return [
-        {line: np.asarray(2 * measured / (_NUTTALL[0] * scene.samples)) for line, measured in total.items()}
-        for total in totals
-    ]
-
-
-def _demodulator(order: Fraction, revolutions: Array) -> ComplexArray:
-    """Return ``exp(-2j pi order revolutions)``."""
-    return np.asarray(np.exp(-2j * np.pi * np.remainder(float(order) * revolutions, 1.0)))
 
 
 def tooth_pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
@@ -133,7 +36,7 @@ def tooth_pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
     }
 
 
-def truth_variables(prepared: PreparedScene, *, measured: MeshLines | None = None) -> dict[str, xr.DataArray]:
+def truth_variables(prepared: PreparedScene, *, measured: GearLines | None = None) -> dict[str, xr.DataArray]:
     """Return the truth of every record: speed, lines (`measured` those of gears), chain, faults and tachometer."""
     instants = xr.DataArray(prepared.instants_s, dims="truth_time", attrs={"units": "s"})
     reference = str(prepared.scene.gearbox.reference)
@@ -207,12 +110,12 @@ def _torque_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, 
     }
 
 
-def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: MeshLines | None) -> dict[str, xr.DataArray]:
+def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearLines | None) -> dict[str, xr.DataArray]:
     """Return complex amplitude, component and kind of every line, and the frequency response of the chain."""
     every = _lines(prepared)
-    for order, (mesh, windowed) in (measured.lines if measured is not None else {}).items():
-        steady = np.repeat(windowed[:, None], instants.size, axis=1)
-        every.setdefault(order, []).append(_LineSource(component=mesh, kind="gear_mesh", amplitude=steady))
+    for line in measured.lines if measured is not None else ():
+        part = _LineSource(component=line.component, kind=line.kind, amplitude=line.amplitude)
+        every.setdefault(line.order, []).append(part)
     lines = dict(sorted(every.items()))
     for parts in lines.values():
         parts.sort(key=lambda part: -float(np.max(np.abs(part.amplitude))))
@@ -254,29 +157,11 @@ def _lines(prepared: PreparedScene) -> dict[Fraction, list[_LineSource]]:
             if nonzero:
                 part = _LineSource(component=family.component, kind=family.kind, amplitude=amplitudes[:, index])
                 lines.setdefault(order, []).append(part)
-    for number, train in prepared.trains:
-        for order, parts in lines.items():
-            if train.order is not None and train.amplitudes.any() and (order / train.order).denominator == 1:
-                parts.append(_impact_part(prepared, number, train, harmonic=int(order / train.order)))
+    for train, orders, amplitudes in impact_lines(prepared, listed=frozenset(lines)):
+        for index, order in enumerate(orders):
+            part = _LineSource(component=train.component, kind=train.kind, amplitude=amplitudes[:, index])
+            lines.setdefault(order, []).append(part)
     return lines
-
-
-def _impact_part(prepared: PreparedScene, number: int, train: ImpactTrain, *, harmonic: int) -> _LineSource:
-    """Return the part of a train of impacts in the line at one of its harmonics."""
-    load = prepared.impact_factor(number, prepared.instants_s)
-    frequency = harmonic * float(train.order or 0) * prepared.speed_hz
-    windowed = []
-    for sensor, gain, chain in zip(prepared.scene.sensors, prepared.gains[train.source], prepared.chains, strict=True):
-        path = prepared.paths.get((train.source, sensor.name))
-        rung = impact_line(
-            train,
-            harmonic=harmonic,
-            speed_hz=prepared.speed_hz,
-            load=load,
-            mode=prepared.scene.resonance if path is None else path,
-        )
-        windowed.append((abs(gain) if path is None else 1.0) * chain.response(frequency) * rung)
-    return _LineSource(component=train.component, kind=train.kind, amplitude=np.stack(windowed))
 
 
 def _fault_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, xr.DataArray]:

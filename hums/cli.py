@@ -306,6 +306,12 @@ def synth(
     explain: Annotated[bool, typer.Option("--explain", help="Print what will be built, why, and its cost.")] = False,
     by_source: Annotated[bool, typer.Option("--by-source", help="Also keep the clean signal of each source.")] = False,
     phases: Annotated[bool, typer.Option("--phases", help="Also keep every shaft's and roller's exact angle.")] = False,
+    mechanics: Annotated[
+        bool, typer.Option("--mechanics", help="Also keep mesh deflections, forces, stiffness and all speeds.")
+    ] = False,
+    detectability: Annotated[
+        bool, typer.Option("--detectability", help="Also state how detectable each fault is, in dB.")
+    ] = False,
 ) -> None:
     """Make a synthetic record with its truth."""
     from data_synth import explain as explained  # noqa: PLC0415
@@ -321,8 +327,10 @@ def synth(
         raise ValueError("--out is missing; name the record to write, as in -o record.h5, or ask with --explain.")
     if out.exists() and Path(scene).exists() and out.samefile(scene):
         raise ValueError(f"{out}: the record would overwrite its own scene; name another file, as in -o record.h5.")
-    refuse_too_large(scene, out, by_source=by_source, phases=phases)
-    record = simulate(scene, seed=seed, by_source=by_source, phases=phases)
+    refuse_too_large(scene, out, by_source=by_source, phases=phases, mechanics=mechanics)
+    record = simulate(
+        scene, seed=seed, by_source=by_source, phases=phases, mechanics=mechanics, detectability=detectability
+    )
     save_record(record, out)
     typer.echo(f"wrote {out}")
     print_record(record)

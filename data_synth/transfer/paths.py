@@ -300,19 +300,20 @@ def ringing_spectrum(mode: Mode | ModalPath | MeasuredPath, frequency_hz: ArrayL
 
 
 def impact_line(
-    train: ImpactTrain, *, harmonic: int, speed_hz: Array, load: Array, mode: Mode | ModalPath | MeasuredPath
+    train: ImpactTrain, *, harmonic: ArrayLike, speed_hz: Array, load: Array, mode: Mode | ModalPath | MeasuredPath
 ) -> ComplexArray:
-    """Return Z (instant,) of a harmonic of a strictly periodic train of impacts.
+    """Return Z (instant,) of a harmonic of a strictly periodic train of impacts; of some (h, 1) as (h, instant).
 
     ``2 a f H(m f) exp(j 2 pi m offset)`` with impacts at rate f through the spectrum H of the impulse response: exact
     at constant speed and load. When f changes at f' per second, the relative error is about ``f' / f`` times the decay
     time ``1 / (zeta w_n)``, and ``2 pi m f'`` times its square: 1e-4 in a run-up of 1 rev/s per second.
     """
     if train.order is None or not train.amplitudes.any():
-        return np.zeros(speed_hz.size, dtype=np.complex128)
+        return np.zeros(np.broadcast_shapes(np.shape(harmonic), speed_hz.shape), dtype=np.complex128)
+    numbers = np.asarray(harmonic)
     rate = float(train.order) * speed_hz
-    turn = np.exp(2j * np.pi * harmonic * train.offset)
-    return np.asarray(2 * train.amplitudes[0] * load * rate * ringing_spectrum(mode, harmonic * rate) * turn)
+    turn = np.exp(2j * np.pi * np.remainder(numbers * train.offset, 1.0))
+    return np.asarray(2 * train.amplitudes[0] * load * rate * ringing_spectrum(mode, numbers * rate) * turn)
 
 
 # ---- Transfer paths that a scene declares from sources to sensors, in the units of the sensors -----------------------

@@ -154,6 +154,7 @@ class Motion:
         Duration before time zero in which the transient of the start decays below the error; zero for a run-up.
     error : float
         Tolerated relative RMS error of the forces.
+    levels : mapping of mesh to "torsional", "lateral" or "full"
     """
 
     stage: PreparedScene
@@ -165,6 +166,7 @@ class Motion:
     oversampling: int
     settling_time_s: float
     error: float
+    levels: Mapping[str, str]
 
     @property
     def load(self) -> Load:
@@ -335,6 +337,7 @@ def motion_of(
         oversampling=oversampling,
         settling_time_s=0.0 if acting.full_rotation else math.log(1 / declared.error) / slowest,
         error=declared.error,
+        levels=dict(levels),
     )
 
 

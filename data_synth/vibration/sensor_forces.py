@@ -405,6 +405,34 @@ def sensor_forces_of(stage: PreparedScene, gears: Gears, whole: Assembly, active
     )
 
 
+def support_forces(
+    whole: Assembly, active: ActiveDofs, damping: dict[str, float]
+) -> tuple[list[str], Array, Array, Array]:
+    """Return the forces of the supports of each body on the frame along x, y and z of the gearbox, as output maps.
+
+    Returns
+    -------
+    names : list of str
+        As ``"input, x"``; forces that are always zero have no row.
+    displacement, velocity : (row, active dof) arrays
+    mesh_force : (row, contact) array
+    """
+    names, rows, parts = [], _Readings(whole, active, damping), whole.parts
+    for body in (*parts.kinematics.joints, *parts.elastic_links):
+        if parts.frame not in parts.frames(body):
+            continue
+        for axis, unit in zip("xyz", np.eye(3), strict=True):
+            along = np.asarray(parts.space @ unit)
+            along[np.abs(along) < _ALONG] = 0.0
+            gains = {other: float(other == body) for other in (*parts.kinematics.joints, *parts.elastic_links)}
+            rows.add(along, gains, frame=parts.frame, ring=False)
+            names.append(f"{body}, {axis}")
+    displacement, velocity, mesh_force = rows.maps
+    nonzero = np.any(np.hstack([displacement, velocity, mesh_force]) != 0, axis=1)
+    kept = [names[row] for row in np.flatnonzero(nonzero)]
+    return kept, displacement[nonzero], velocity[nonzero], mesh_force[nonzero]
+
+
 class _Readings:
     """Output maps of motion and mesh forces, added one by one."""
 
@@ -451,15 +479,18 @@ class _Readings:
 
     def output(self, rate_hz: float) -> Output:
         """Return the output with all maps."""
-        displacement, velocity, mesh_force = (
-            np.array(rows) for rows in (self._displacement, self._velocity, self._mesh_force)
-        )
+        displacement, velocity, mesh_force = self.maps
         return Output(
             rate_hz=rate_hz,
             displacement=displacement,
             velocity=velocity if velocity.any() else None,
             mesh_force=mesh_force if mesh_force.any() else None,
         )
+
+    @property
+    def maps(self) -> tuple[Array, Array, Array]:
+        """The maps of displacement, velocity and mesh force, a row for each reading."""
+        return np.array(self._displacement), np.array(self._velocity), np.array(self._mesh_force)
 
     def _append(self, displacement: Array, velocity: Array, mesh_force: Array) -> int:
         self._displacement.append(displacement)

@@ -462,7 +462,8 @@ def test_a_cracked_bevel_tooth_passes_once_a_turn():
     fault = {"kind": "tooth_crack", "component": "bevel/input", "depth_mm": 2.0}
     made = simulate(Scene.from_mapping({**BEVEL, "fault": [fault]}), seed=SEED)
     assert_allclose(np.diff(made["truth_tooth_passes_1"].values), 1 / 25, rtol=1e-9)
-    assert_allclose(made["truth_order"].values, [19, 38, 57])
+    assert {19, 38, 57} < set(made["truth_order"].values.tolist())
+    assert_allclose(made["truth_order"].values % 1, 0, atol=1e-9)  # the tooth, once a turn
     check_record(made)
 
 

@@ -1,0 +1,122 @@
+"""Quantities inside the gearbox at every sample: mesh deflection, force and stiffness, bearing forces, angular speeds.
+
+They come from a second integration of the same motion with the same steps, so that the channels stay as they are.
+"""
+
+import math
+
+import numpy as np
+import xarray as xr
+
+from data_synth.dynamics.active_dofs import active_dofs_of
+from data_synth.integrators.problem import IntegrationError, Output, Steps
+from data_synth.operation.shaft_angle import Array
+from data_synth.scene.scene import SceneError
+from data_synth.sources.prepared import PreparedScene
+from data_synth.vibration.meshes import Gears, declared_of
+from data_synth.vibration.run import Motion, assembly_of
+from data_synth.vibration.sensor_forces import support_forces
+
+_BLOCK = 8192
+
+
+def link_speeds(prepared: PreparedScene) -> dict[str, Array]:
+    """Return the speed of every link that turns in the frame, by kinematics alone: rev s-1 at each sample, signed."""
+    scene = prepared.scene
+    speed_hz = prepared.drive.angle.speed_hz(np.arange(scene.samples) / scene.rate_hz)
+    return {link: float(scene.ratio(link)) * speed_hz for link in scene.gearbox.links if scene.ratio(link) != 0}
+
+
+def speed_truth(speeds: dict[str, Array]) -> dict[str, xr.DataArray]:
+    """Return ``truth_link_speed`` (truth_link, time)."""
+    return {"truth_link_speed": _stacked("truth_link", speeds, "rev s-1", "in the frame, signed")}
+
+
+def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> dict[str, xr.DataArray]:
+    """Return the quantities inside a gearbox whose gears all move.
+
+    ``truth_mesh_deflection`` (truth_contact, time) in m, the dynamic transmission error along the line of action,
+    positive where teeth are pressed together; ``truth_mesh_force`` in N and ``truth_mesh_stiffness`` in N m-1 alike;
+    ``truth_bearing_force`` (truth_support, time) in N, what the bearings of a link press on the frame along an axis of
+    the scene; ``truth_link_speed`` (truth_link, time) in rev s-1, vibration included. All are values at the sampling
+    instants, not filtered.
+
+    Raises
+    ------
+    SceneError
+        If the integration fails.
+    """
+    scene, system = prepared.scene, motion.system
+    whole = assembly_of(prepared, gears, levels=motion.levels)
+    active = active_dofs_of(whole, motion.levels)
+    damping = {name: declared_of(scene).mesh(mesh).damping_n_s_m for name, mesh in gears.meshes.items()}
+    supports, displacement, velocity, force = support_forces(whole, active, damping)
+    turning = [link for link in link_speeds(prepared) if _rotation(prepared, link) in system.names]
+    rotations = np.eye(system.dof)[[system.names.index(_rotation(prepared, link)) for link in turning]]
+    contacts = len(system.meshes)
+    none = np.zeros((contacts, system.dof))
+    output = Output(
+        rate_hz=motion.output.rate_hz,
+        displacement=np.vstack([[m.direction for m in system.meshes], none, 0 * rotations, displacement]),
+        velocity=np.vstack([none, none, rotations / (2 * math.pi), velocity]),
+        mesh_force=np.vstack(
+            [np.zeros((contacts, contacts)), np.eye(contacts), np.zeros((len(turning), contacts)), force]
+        ),
+    )
+    values = _integrated(motion, output)
+    deflection, mesh_force, vibration, pressed = np.split(
+        values, np.cumsum([contacts, contacts, len(turning)]).tolist()
+    )
+    names = [mesh.name for mesh in system.meshes]
+    times_s = np.arange(scene.samples) / scene.rate_hz
+    revolutions = prepared.drive.angle.revolutions(times_s)
+    stiffness = [mesh.teeth_at(mesh.cycles_per_rev * revolutions, times_s)[0] for mesh in system.meshes]
+    speeds = link_speeds(prepared)
+    for link, row in zip(turning, vibration, strict=True):
+        speeds[link] = row if motion.drive_load.full_rotation else speeds[link] + row
+    along = "along the line of action, positive where teeth are pressed together"
+    return {
+        "truth_mesh_deflection": _stacked("truth_contact", dict(zip(names, deflection, strict=True)), "m", along),
+        "truth_mesh_force": _stacked("truth_contact", dict(zip(names, mesh_force, strict=True)), "N", along),
+        "truth_mesh_stiffness": _stacked("truth_contact", dict(zip(names, stiffness, strict=True)), "N m-1", along),
+        "truth_bearing_force": _stacked(
+            "truth_support", dict(zip(supports, pressed, strict=True)), "N", "on the frame"
+        ),
+        **speed_truth(speeds),
+    }
+
+
+def _rotation(prepared: PreparedScene, link: str) -> str:
+    return f"{prepared.scene.kinematics.bodies[link]} rotation"
+
+
+def _integrated(motion: Motion, output: Output) -> Array:
+    """Return the output at the samples of the channels, (row, n)."""
+    from data_synth.integrators.driver import integrate_blocks  # noqa: PLC0415
+
+    scene = motion.stage.scene
+    settling = math.ceil(motion.settling_time_s * scene.rate_hz)
+    duration_s = (settling + scene.samples - 1) / scene.rate_hz
+    problem = motion.problem(-settling / scene.rate_hz, duration_s)
+    values, number = np.empty((output.channels, scene.samples)), -settling * motion.oversampling
+    try:
+        for block in integrate_blocks(
+            problem,
+            method=motion.method.method,
+            output=output,
+            tolerance=Steps(per_sample=motion.steps()),
+            block=_BLOCK,
+        ):
+            at = number + np.arange(block.values.shape[0])
+            kept = (at >= 0) & (at % motion.oversampling == 0) & (at < scene.samples * motion.oversampling)
+            values[:, at[kept] // motion.oversampling] = block.values[kept].T
+            number += at.size
+    except IntegrationError as caught:
+        raise SceneError(f"the gears cannot be followed in time: {caught}") from None
+    return values
+
+
+def _stacked(dim: str, rows: dict[str, Array], units: str, about: str) -> xr.DataArray:
+    return xr.DataArray(
+        np.stack([*rows.values()]), dims=(dim, "time"), coords={dim: [*rows]}, attrs={"units": units, "about": about}
+    )

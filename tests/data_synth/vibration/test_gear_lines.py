@@ -1,0 +1,100 @@
+"""Lines of gears in motion: how much of the clean signal they are, and whether a tracker finds them."""
+
+import numpy as np
+import pytest
+from moving_pair import SEED, motion, scene, stage_of
+
+from data_synth import load_scene, simulate
+from data_synth.vibration.gear_lines import gear_lines
+from data_synth.vibration.order_projection import AngleSamples, Projection, Window
+from hums.records.validation import check_record
+from signals import track_orders
+
+
+def rebuilt(record):
+    """The signal of all lines of the truth in the first channel, by the convention that the record states."""
+    times_s = record["time"].values
+    revolutions = record["truth_shaft_revolutions"].sel(truth_shaft=record["truth_speed"].attrs["shaft"]).values
+    signal = np.zeros(times_s.size)
+    lines = record["truth_amplitude"].isel(truth_channel=0)
+    for order, z in zip(lines["truth_order"].values, lines.values, strict=True):
+        z_now = np.interp(times_s, record["truth_time"].values, z)
+        signal += (z_now * np.exp(2j * np.pi * np.remainder(order * revolutions, 1.0))).real
+    return signal
+
+
+def explained(found, signal):
+    return 1 - np.mean((signal - found) ** 2) / np.mean(signal**2)
+
+
+def clean(declared, seed=SEED):
+    return simulate(declared.changed(noise={"rms": 0}), seed=seed, phases=True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "least"),
+    [
+        ({"duration_s": 2.7}, 0.95),  # the period of the two-stage gearbox is 67 turns of its input, 2.68 s
+        # 50 turns do not separate all sidebands, and windows do not reach over the ends
+        ({"duration_s": 2.0, "speed": {"link": "input", "rpm": [[0, 1400], [2, 1500]]}}, 0.9),
+    ],
+    ids=["steady", "speeding up"],
+)
+def test_lines_are_the_signal_of_the_shipped_gears_and_of_their_fault(changes, least):
+    cracked = load_scene("gears-in-motion").changed(**changes)
+    faulty, healthy = clean(cracked), clean(cracked.changed(faults=()))
+    name = cracked.sensors[0].name
+    signals, lines = [made[name].values for made in (faulty, healthy)], [rebuilt(made) for made in (faulty, healthy)]
+    assert explained(lines[0], signals[0]) > 0.99
+    assert explained(lines[1], signals[1]) > 0.99
+    assert explained(lines[0] - lines[1], signals[0] - signals[1]) > least
+    assert {"gear_mesh", "tooth"} <= set(faulty["truth_kind"].values)
+    assert "tooth" not in healthy["truth_kind"].values
+    assert 322 in faulty["truth_order"].values  # the loudest, at 14 times the first mesh
+    check_record(faulty)
+
+
+RUN = {"speed": {"link": "pinion", "rpm": [[0, 500], [3, 900]]}, "duration_s": 3.0}
+
+
+@pytest.fixture(scope="module")
+def run_through_resonance():
+    return simulate(scene(**RUN), seed=SEED, phases=True)
+
+
+def test_halving_the_window_changes_the_lines_by_less_than_one_percent():
+    declared = scene(**RUN)
+    moving = motion(declared)
+    signal = np.concatenate([*moving.channels(samples=declared.samples)], axis=1)
+    angle = moving.stage.drive.angle
+    instants_rev = angle.revolutions(np.linspace(0, 3, 61))
+    samples = AngleSamples(
+        signal=signal, rate_hz=declared.rate_hz, revolutions=angle.revolutions, speed_hz=angle.speed_hz
+    )
+    lines = gear_lines(stage_of(declared), signal).lines
+    orders = np.array([float(line.order) for line in lines])
+    truth = np.stack([line.amplitude for line in lines], axis=1)
+    for length_rev in (0.5, 0.25):
+        again = Projection(samples=samples, orders=orders, window=Window(length_rev=length_rev, degree=2))
+        found = again.amplitudes(instants_rev)
+        change = np.sqrt(np.mean(np.abs(found - truth) ** 2, axis=2) / np.mean(np.abs(truth) ** 2))
+        assert np.max(change) < 0.01
+
+
+def test_a_tracker_finds_the_lines_of_a_run_through_a_resonance(run_through_resonance):
+    record = run_through_resonance
+    turns = record["truth_shaft_revolutions"].sel(truth_shaft="pinion").values
+    lines = record["truth_amplitude"].isel(truth_channel=0)
+    sizes = np.abs(lines.values)
+    loud = lines["truth_order"].values[sizes.max(axis=1) > 0.05 * sizes.max()]
+    rises = sizes.max(axis=1) / sizes.min(axis=1)
+    assert rises[np.isin(lines["truth_order"].values, loud)].max() > 10  # some line passes a resonance
+    tracks = track_orders(
+        record["a"].values, phase_rad=2 * np.pi * turns, orders=loud, bandwidth_hz=8.0, rate_hz=20_000.0, poles=2
+    )
+    truth = lines.sel(truth_order=loud)
+    inner = (truth["truth_time"] > 0.3) & (truth["truth_time"] < 2.7)  # a smoother has less to go by at the ends
+    at = np.rint(truth["truth_time"].values[inner] * 20_000).astype(int)
+    error = tracks.complex_amplitude[:, at] - truth.values[:, inner]
+    # a line changes by a tenth of itself in 1 / bandwidth: the smoother's own blur, and the lines beside those tracked
+    assert np.sqrt(np.mean(np.abs(error) ** 2)) < 0.02 * np.sqrt(np.mean(np.abs(truth.values[:, inner]) ** 2))
