@@ -252,7 +252,8 @@ def _apply_chain(
     scene, truth = prepared.scene, {}
     units, channel = sensor.channel_units, {"channel": sensor.name}
     if sensor.hum is not None:
-        lines = hum_lines(sensor.hum, _recorder_filter(sensor), rng=prepared.rng_for("hum", sensor.name))
+        recorder = _recorder_filter(sensor, rate_hz=scene.rate_hz)
+        lines = hum_lines(sensor.hum, recorder, rng=prepared.rng_for("hum", sensor.name))
         frequencies = sensor.hum.frequency_hz * np.arange(1, lines.size + 1)
         _add_hum(values, lines, sensor.hum.frequency_hz, rate_hz=scene.rate_hz, timing_errors_s=timing_errors_s)
         dim = f"truth_hum_frequency_{number}"
@@ -276,9 +277,9 @@ def _apply_chain(
     return truth
 
 
-def _recorder_filter(sensor: Sensor) -> AllPoleFilter:
+def _recorder_filter(sensor: Sensor, *, rate_hz: float) -> AllPoleFilter:
     """Return the filter that hum from the cable passes: the anti-aliasing filter alone."""
-    return linear_chain(sensor.changed(resonance=None, sensitivity=None))
+    return linear_chain(sensor.changed(resonance=None, sensitivity=None), rate_hz=rate_hz)
 
 
 def _add_hum(

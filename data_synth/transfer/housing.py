@@ -104,10 +104,22 @@ class Housing(PoleFilter):
         The mode of the scene's path.
     sensor : Sensor
     rate_hz : float
+        Of the force.
+    channel_rate_hz : float
+        Of the channel, which its anti-aliasing filter follows.
     """
 
-    def __init__(self, *, mass_kg: float, mounts: Mode, path: Mode | None, sensor: Sensor, rate_hz: float) -> None:
-        chain = linear_chain(sensor)
+    def __init__(
+        self,
+        *,
+        mass_kg: float,
+        mounts: Mode,
+        path: Mode | None,
+        sensor: Sensor,
+        rate_hz: float,
+        channel_rate_hz: float,
+    ) -> None:
+        chain = linear_chain(sensor, rate_hz=channel_rate_hz)
         mount = mode_pole(mounts)
         passed = [mode_pole(path), mode_pole(path).conjugate()] if path is not None else []
         self._low_pass = np.array([*passed, *chain.poles], dtype=np.complex128)

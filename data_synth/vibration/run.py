@@ -129,7 +129,8 @@ def _meshes(gears: Gears, springs: Collection[str]) -> Iterator[tuple[str, MeshP
 
 _BLOCK = 8192
 _TRIAL = 4096
-_MOST_DENSE = 8
+_MOST_DENSE = 64
+_FEWEST_DENSE = 2  # where a channel has a filter, so that it works before samples are left out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -311,7 +312,7 @@ def motion_of(
         2 * math.pi * declared.mounts.frequency_hz * declared.mounts.damping_ratio,
     )
     sensor_forces = sensor_forces_of(stage, gears, whole, active)
-    oversampling = 1
+    oversampling = _FEWEST_DENSE if any(sensor.anti_alias != "none" for sensor in scene.sensors) else 1
     while oversampling < _MOST_DENSE and np.max(angular) / (2 * math.pi) > oversampling * scene.rate_hz / 4:
         oversampling *= 2
     acting = drive_load_of(stage, kinematics, system)

@@ -54,23 +54,30 @@ class Route:
         sensor = scene.sensors[self.number]
         if self.path is None:
             return self._housing(scene, sensor, scene.rate_hz).response(frequency_hz)
-        return np.asarray(self.path.response(frequency_hz) * linear_chain(sensor).response(frequency_hz))
+        chain = linear_chain(sensor, rate_hz=scene.rate_hz)
+        return np.asarray(self.path.response(frequency_hz) * chain.response(frequency_hz))
 
     def filter_at(self, scene: Scene, *, rate_hz: float) -> "RouteFilter":
         """Return the filter of the route at rest, for a force at `rate_hz`."""
         sensor = scene.sensors[self.number]
+        chain = linear_chain(sensor, rate_hz=scene.rate_hz)
         if isinstance(self.path, MeasuredPath):
-            fir = measured_filter(self.path, linear_chain(sensor), rate_hz=rate_hz, sensor=sensor)
+            fir = measured_filter(self.path, chain, rate_hz=rate_hz, sensor=sensor)
             return RouteFilter(push=_StartingConstant(fir).push, lag=round(fir.delay_s * rate_hz))
         if self.path is None:
             return RouteFilter(push=self._housing(scene, sensor, rate_hz).push, lag=AHEAD)
-        poles, residues = path_residues(self.path, linear_chain(sensor), sensor=sensor.name)
+        poles, residues = path_residues(self.path, chain, sensor=sensor.name)
         return RouteFilter(push=PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=rate_hz).push, lag=AHEAD)
 
     def _housing(self, scene: Scene, sensor: Sensor, rate_hz: float) -> Housing:
         declared = declared_of(scene)
         return Housing(
-            mass_kg=declared.housing_kg, mounts=declared.mounts, path=scene.path, sensor=sensor, rate_hz=rate_hz
+            mass_kg=declared.housing_kg,
+            mounts=declared.mounts,
+            path=scene.path,
+            sensor=sensor,
+            rate_hz=rate_hz,
+            channel_rate_hz=scene.rate_hz,
         )
 
 
