@@ -25,7 +25,7 @@ from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import SceneError
 from data_synth.sources.prepared import PreparedScene
-from data_synth.vibration.run import Motion, contacts_in
+from data_synth.vibration.run import Motion, contacts_in, static_mesh_forces
 
 _POINTS = 64  # to a period of the highest line, which is then right to half a percent for a stiffness that jumps
 _MIN_POINTS = 512  # points to a mesh cycle
@@ -214,7 +214,7 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
         base_order=base_order,
         loaded=_lines(1 - mean / stiffness, lines),
         unloaded=_lines(-mean * error, lines),
-        static_n=_static(motion)[number],
+        static_n=static_mesh_forces(stage, motion.system, motion.drive_load)[number],
         stiffness=stiffness,
         error=error,
     )
@@ -274,24 +274,6 @@ def with_lines(stage: PreparedScene, response: Response, meshes: list[str]) -> P
         families += more
         amplitudes += outputs
     return replace(stage, families=families, amplitudes=amplitudes)
-
-
-def _static(motion: Motion) -> Array:
-    """Return the static force of each mesh at the instants of the truth, (mesh, instant) N."""
-    system, load, drive_load = motion.system, motion.load, motion.drive_load
-    times_s = motion.stage.instants_s
-    speeds = 2 * np.pi * np.multiply.outer(motion.stage.speed_hz, drive_load.rigid_motion * drive_load.full_rotation)
-    force = load.constant - speeds @ drive_load.damping
-    if load.varying is not None:
-        force = force + load.varying(times_s)
-    if load.quadratic_drag is not None:
-        force = force - load.quadratic_drag * speeds * np.abs(speeds)
-    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-    angular, shapes = undamped_modes(system, means)
-    elastic = angular > 0
-    modal = (force @ shapes[:, elastic]) / angular[elastic] ** 2
-    directions = np.array([mesh.direction for mesh in system.meshes])
-    return np.asarray((means[:, None] * (directions @ shapes[:, elastic])) @ modal.T)
 
 
 def _lines(values: Array, count: int) -> ComplexArray:

@@ -25,8 +25,9 @@ class Mode(Declared):
 class PlanetPass(Declared):
     """Amplitude modulation of planet meshes as the planets pass a sensor on a stationary ring gear.
 
-    The gain is 1 where a planet is nearest, and halfway to `floor` at `half_width_deg`. It applies to the meshes of
-    planets with the ring; what a damaged gear adds to such a mesh is not modulated.
+    The gain is 1 where a planet is nearest, and halfway to `floor` at `half_width_deg`. In a kinematic scene it applies
+    to all meshes of the planets; what a damaged gear adds to such a mesh is not modulated. Where gears vibrate, it is
+    the gain of the dynamic part of each force on the ring: the static part moves a rigid housing by its sum alone.
     """
 
     half_width_deg: Annotated[float, Field(gt=0, lt=180)]

@@ -316,6 +316,10 @@ def motion_of(
     while oversampling < _MOST_DENSE and np.max(angular) / (2 * math.pi) > oversampling * scene.rate_hz / 4:
         oversampling *= 2
     acting = drive_load_of(stage, kinematics, system)
+    static_n = static_mesh_forces(stage, system, acting)
+    sensor_forces = replace(
+        sensor_forces, static_n={mesh.name: force for mesh, force in zip(system.meshes, static_n, strict=True)}
+    )
     return Motion(
         stage=stage,
         system=replace(damped, damping=damped.damping + system.damping + acting.damping),
@@ -327,6 +331,28 @@ def motion_of(
         settling_time_s=0.0 if acting.full_rotation else math.log(1 / declared.error) / slowest,
         error=declared.error,
     )
+
+
+def static_mesh_forces(stage: PreparedScene, system: System, drive_load: DriveLoad) -> Array:
+    """Return the force of each mesh, of mean stiffness, under the load at the instants of the truth, (mesh, instant) N.
+
+    With ``a = Phi (Phi' F / omega^2)`` over the elastic modes, so that loads which accelerate the rigid motion bear on
+    the inertias.
+    """
+    load = drive_load.load
+    speeds = 2 * np.pi * np.multiply.outer(stage.speed_hz, drive_load.rigid_motion * drive_load.full_rotation)
+    force = load.constant - speeds @ drive_load.damping
+    if load.varying is not None:
+        force = force + load.varying(stage.instants_s)
+    if load.quadratic_drag is not None:
+        force = force - load.quadratic_drag * speeds * np.abs(speeds)
+    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
+    angular, shapes = undamped_modes(system, means)
+    elastic = angular > 0
+    modal = (force @ shapes[:, elastic]) / angular[elastic] ** 2
+    directions = np.array([mesh.direction for mesh in system.meshes])
+    static = np.asarray((means[:, None] * (directions @ shapes[:, elastic])) @ modal.T)
+    return np.asarray(np.broadcast_to(static, (means.size, stage.instants_s.size)))
 
 
 def check_supported(scene: Scene) -> None:
@@ -386,6 +412,8 @@ def without_meshes(motion: Motion, meshes: Collection[str]) -> Motion:
     kept = [number for number in range(len(system.meshes)) if number not in removed]
     drive_load, varying = motion.drive_load, motion.load.varying
     drag = motion.load.quadratic_drag
+    forces = motion.sensor_forces
+    names = {system.meshes[number].name for number in kept}
     load = Load(
         constant=motion.load.constant @ elimination,
         quadratic_drag=None if drag is None else drag[free],
@@ -399,6 +427,9 @@ def without_meshes(motion: Motion, meshes: Collection[str]) -> Motion:
             load=load,
             damping=elimination.T @ drive_load.damping @ elimination,
             rigid_motion=drive_load.rigid_motion[free],
+        ),
+        sensor_forces=replace(
+            forces, static_n={name: force for name, force in forces.static_n.items() if name in names}
         ),
         output=_reduced_output(motion.output, elimination, kept),
         teeth={mesh.name: motion.teeth[mesh.name] for number, mesh in enumerate(system.meshes) if number in kept},

@@ -2,13 +2,17 @@
 
 The force of a bearing is that of its springs; along a degree of freedom that is not simulated it follows from the mesh
 forces by statics. Mesh forces on gears of the frame, as a ring in its housing, act on it directly. Forces in
-coordinates that rotate with a carrier are resolved in the fixed direction of the sensor; and where planets pass the
-sensors, each ring mesh is weighted by the pass window of its angle from the sensor, which is taken to be on the ring in
-the direction of its axis.
+coordinates that rotate with a carrier are resolved in the fixed direction of the sensor.
+
+Where planets pass the sensors, the pass window of a planet's angle from the sensor, which is taken to be on the ring in
+the direction of its axis, is the gain of the dynamic part of its ring mesh's force: of F - F_0, F_0 the static force
+under the load of the instant. F_0 presses on a rigid housing like any other force, along its own direction, so that
+only the sum over the planets moves it: nothing, where they are alike and evenly spaced. That a static force bends an
+elastic ring as its planet passes is left out.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -290,13 +294,20 @@ class RotatingReading:
 
 @dataclass(frozen=True, kw_only=True)
 class PassingMesh:
-    """The force of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it."""
+    """The force of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it.
 
+    Its static part acts on the housing as ``cos(angle) first + sin(angle) second + axial`` of itself.
+    """
+
+    mesh: str
     route: int
     reading: int
     carrier: str
     place_rad: float
     weight: float
+    first: float
+    second: float
+    axial: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -311,6 +322,8 @@ class SensorForces:
         Transfer routes.
     carriers : mapping of carrier to (ratio, offset)
         Revolutions per revolution of the reference, and at its revolution zero.
+    static_n : mapping of mesh to (instant,) array
+        Static mesh forces under the load at the instants of the truth; none of a mesh that is left out.
     """
 
     stage: PreparedScene = field(repr=False)
@@ -320,6 +333,7 @@ class SensorForces:
     passing: tuple[PassingMesh, ...] = ()
     window: PassWindow | None = None
     carriers: dict[str, tuple[float, float]]
+    static_n: Mapping[str, Array] = field(default_factory=dict, repr=False)
 
     @property
     def rotate(self) -> bool:
@@ -337,14 +351,21 @@ class SensorForces:
             carrier: 2 * np.pi * np.remainder(ratio * revolutions + offset, 1.0)
             for carrier, (ratio, offset) in self.carriers.items()
         }
-        waves = {item.carrier: (np.cos(angles[item.carrier]), np.sin(angles[item.carrier])) for item in self.rotating}
+        waves = {carrier: (np.cos(angle), np.sin(angle)) for carrier, angle in angles.items()}
         for item in self.rotating:
             cosine, sine = waves[item.carrier]
             sensed[:, item.route] += cosine * readings[:, item.first] + sine * readings[:, item.second]
         for passes in self.passing:
             assert self.window is not None  # noqa: S101 - planets pass by it
-            gain = self.window.gain(angles[passes.carrier] + passes.place_rad)
-            sensed[:, passes.route] += passes.weight * gain * readings[:, passes.reading]
+            cosine, sine = waves[passes.carrier]
+            static = np.zeros(1)
+            if passes.mesh in self.static_n:
+                static = np.interp(times_s, self.stage.instants_s, self.static_n[passes.mesh])
+            dynamic = self.window.gain(angles[passes.carrier] + passes.place_rad) * (
+                readings[:, passes.reading] - static
+            )
+            rigid = static * (cosine * passes.first + sine * passes.second + passes.axial)
+            sensed[:, passes.route] += passes.weight * (dynamic + rigid)
         return np.asarray(sensed)
 
 
@@ -388,14 +409,20 @@ def sensor_forces_of(stage: PreparedScene, gears: Gears, whole: Assembly, active
             reading = rows.mesh(contact.name)
             joint = parts.kinematics.joints[parts.kinematics.bodies[contact.links[planet]]]
             for number, (along, gains) in enumerate(zip(directions, weights, strict=True)):
+                x, y, z = along
+                force = np.array(whole.on_frame[contact.name])
                 azimuth_rad = math.atan2(along[1], along[0]) if np.hypot(along[0], along[1]) > _ALONG else 0.0
                 passing.append(
                     PassingMesh(
+                        mesh=contact.name,
                         route=number,
                         reading=reading,
                         carrier=contact.carrier,
                         place_rad=planet_angle(scene.gearbox, joint.axis) - azimuth_rad,
                         weight=gains[parts.frame],
+                        first=float(force @ [x, y, 0.0]),
+                        second=float(force @ [y, -x, 0.0]),
+                        axial=float(force @ [0.0, 0.0, z]),
                     )
                 )
     return SensorForces(
