@@ -23,7 +23,7 @@ from data_synth.transfer.paths import mode_pole
 ComplexArray = NDArray[np.complex128]
 
 AHEAD = 2  # samples of the input that a response needs beyond itself
-_CORRECTION = np.array([1 / 90, -1 / 12 - 4 / 90, 1 + 2 / 12 + 6 / 90, -1 / 12 - 4 / 90, 1 / 90])
+CORRECTION = np.array([1 / 90, -1 / 12 - 4 / 90, 1 + 2 / 12 + 6 / 90, -1 / 12 - 4 / 90, 1 / 90])
 
 
 def step_weights(poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
@@ -74,7 +74,7 @@ class PoleFilter:
         self._input_history = joined[-2 * AHEAD - 1 :]
         direct = np.concatenate([self._direct_history, samples if at_once is None else at_once])
         self._direct_history = direct[-AHEAD:]
-        corrected = np.convolve(joined, _CORRECTION, mode="valid")
+        corrected = np.convolve(joined, CORRECTION, mode="valid")
         now, before = corrected[1:], corrected[:-1]
         out = self._direct * direct[:-AHEAD]  # what passes at once needs no line between samples
         for index, decay in enumerate(self._decay):
