@@ -324,7 +324,7 @@ def _why(family: HarmonicFamily, faulty: Mapping[str, Fault]) -> str:
 
 
 def _chain(sensor: Sensor) -> str:
-    parts = [part for part in _CHAIN if getattr(sensor, part) is not None]
+    parts = [part for part in _CHAIN if getattr(sensor, part) not in (None, "none")]
     return "noise" + "".join(f", {part}" for part in parts)
 
 

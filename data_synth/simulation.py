@@ -360,7 +360,8 @@ def _apply_chain(
     scene, truth = prepared.scene, {}
     units, channel = sensor.channel_units, {"channel": sensor.name}
     if sensor.hum is not None:
-        lines = hum_lines(sensor.hum, recorder_filter(sensor), rng=prepared.rng_for("hum", sensor.name))
+        recorder = recorder_filter(sensor, rate_hz=scene.rate_hz)
+        lines = hum_lines(sensor.hum, recorder, rng=prepared.rng_for("hum", sensor.name))
         frequencies = sensor.hum.frequency_hz * np.arange(1, lines.size + 1)
         _add_hum(values, lines, sensor.hum.frequency_hz, rate_hz=scene.rate_hz, timing_errors_s=timing_errors_s)
         dim = f"truth_hum_frequency_{number}"

@@ -25,7 +25,7 @@ SCENE = {
     "tachometer": {"link": "pinion", "pulses_per_rev": 12, "offset_rev": 0.03},
     "excitation": {"shaft_amplitude": 0, "speed_exponent": 1},
     "noise": {"rms": 0},
-    "sensor": [{"name": "a", "on": "pinion", "direction": [0, 0, 1], "units": "m s-2"}],
+    "sensor": [{"name": "a", "on": "pinion", "direction": [0, 0, 1], "units": "m s-2", "anti_alias": "none"}],
 }
 DYNAMICS = {
     "links": {

@@ -323,9 +323,7 @@ def _rotated(vector: Array, about: Array, angle: float) -> Array:
 
 def planet_of(kinematics: Kinematics, contact: Contact) -> int | None:
     """Return which gear of a contact, 0 or 1, is a planet of its carrier; None where neither or both are."""
-    joints, bodies = kinematics.joints, [kinematics.bodies[link] for link in contact.links]
-    frame = kinematics.mechanism.frame
-    carried = [body in joints and joints[body].carried_by == contact.carrier != frame for body in bodies]
+    carried = [_is_carried(kinematics, link, contact.carrier) for link in contact.links]
     return carried.index(True) if sum(carried) == 1 else None
 
 
@@ -335,16 +333,39 @@ def planet_phase_lag(
     """Return the phase lag of a contact behind that of the first planet, in mesh cycles.
 
     The teeth of the central gear pass a planet at the angle psi by ``Z psi / 2 pi`` cycles later than the first if
-    that gear rotates in the sense of psi relative to the carrier, else earlier.
+    that gear rotates in the sense of psi relative to the carrier, else earlier. Two planets in mesh with each other lag
+    as the mesh of one of them with a central gear, whose teeth are the same; where there is none, they are in step.
     """
-    planet = planet_of(kinematics, contact)
-    if planet is None:
+    gears = _planet_and_central(kinematics, contact)
+    if gears is None:
         return Fraction(0)
-    z, central = z_direction(kinematics), contact.links[1 - planet]
-    turn = planet_position(kinematics.gearbox, kinematics.joints[kinematics.bodies[contact.links[planet]]].axis)
+    planet, (central, teeth) = gears
+    turn = planet_position(kinematics.gearbox, kinematics.joints[kinematics.bodies[planet]].axis)
     passes = kinematics.relative_speed(central, seen_from=contact.carrier, speeds=speeds)
-    sense = passes * round(float(direction_of(kinematics, central) @ z))
-    return abs(contact.teeth[1 - planet]) * turn * (-1 if sense < 0 else 1)
+    sense = passes * round(float(direction_of(kinematics, central) @ z_direction(kinematics)))
+    return abs(teeth) * turn * (-1 if sense < 0 else 1)
+
+
+def _planet_and_central(kinematics: Kinematics, contact: Contact) -> tuple[str, tuple[str, int]] | None:
+    """Return the planet of a contact and the central gear that its teeth pass, with its teeth; None without both."""
+    here = dict(zip(contact.links, contact.teeth, strict=True))
+    number = planet_of(kinematics, contact)
+    if number is not None:
+        central = contact.links[1 - number]
+        return contact.links[number], (central, here[central])
+    for other in kinematics.contacts:
+        gears = dict(other.gears)
+        shared = [link for link, teeth in gears.items() if here.get(link) == teeth]
+        centrals = [link for link in gears if not _is_carried(kinematics, link, contact.carrier)]
+        if other.carrier == contact.carrier and len(shared) == len(centrals) == 1 and shared != centrals:
+            return shared[0], (centrals[0], gears[centrals[0]])
+    return None
+
+
+def _is_carried(kinematics: Kinematics, link: str, carrier: str) -> bool:
+    """Return whether a link is a planet of a carrier, which is not the frame."""
+    joints, body = kinematics.joints, kinematics.bodies[link]
+    return body in joints and joints[body].carried_by == carrier != kinematics.mechanism.frame
 
 
 def planet_angle(gearbox: Gearbox, axis_name: str) -> float:

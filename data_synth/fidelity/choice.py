@@ -228,9 +228,11 @@ class _Comparison:
         prediction, floor_db = self._linear_prediction, declared_of(self.stage.scene).floor_db
         if prediction is None:
             return None
-        estimate_db = self._predicted(prediction, levels, floor_db)
-        uniform = prediction.linear or all(level in LEVELS for level in levels.values())
-        return estimate_db if estimate_db > floor_db + _MARGIN_DB or (uniform and estimate_db < _SAME_DB) else None
+        estimate_db, motion = self._predicted(prediction, levels, floor_db)
+        # motions that are left out follow by linear equations, which lack what they do to a stiffness that varies
+        whole = motion is not None and motion.sensor_forces.structure is None
+        same = prediction.linear or (whole and all(level in LEVELS for level in levels.values()))
+        return estimate_db if estimate_db > floor_db + _MARGIN_DB or (same and estimate_db < _SAME_DB) else None
 
     def by_line_power(self) -> list[str]:
         """Return the meshes in order of the power of their lines."""
@@ -267,8 +269,10 @@ class _Comparison:
         forces = {name: tooth_forces(self._whole, name, points=_COARSE) for name in self.top}
         return LinearPrediction(whole=response_of(self._whole), forces=forces, instants=instants)
 
-    def _predicted(self, prediction: LinearPrediction, levels: Mapping[str, str], floor_db: float) -> float:
-        """Return the predicted error in dB with a fidelity for each mesh; above `floor_db` only a lower bound."""
+    def _predicted(
+        self, prediction: LinearPrediction, levels: Mapping[str, str], floor_db: float
+    ) -> tuple[float, Motion | None]:
+        """Return the predicted error in dB, above `floor_db` only a lower bound, and the motion where it was needed."""
         error_power = np.zeros(len(self.stage.scene.sensors))
         for name, level in levels.items():
             if level in (LEFT_OUT, SPRING):
@@ -284,7 +288,7 @@ class _Comparison:
             response = response_of(motion)
             for name in [name for name, level in levels.items() if level in LEVELS]:
                 error_power += prediction.motion_error(name, response)
-        return _ratio_db(error_power, prediction.total_power)
+        return _ratio_db(error_power, prediction.total_power), motion
 
     # ---- in time
 

@@ -96,7 +96,11 @@ class Response:
     inputs : (pole, mesh) complex array
         Excitation of each pole per N of p.
     direct : (route, mesh) array
-        Static bearing forces of constrained degrees of freedom per N of p.
+        Forces of gears of the frame per N of p.
+    absent : (input, pole) complex array
+        Contribution of each pole to the inputs of the response of motions that are not simulated.
+    absent_direct : (input, mesh) array
+        The same inputs per N of p.
     means : (mesh,) array
         Mean mesh stiffness in N/m.
     """
@@ -107,6 +111,8 @@ class Response:
     deflections: ComplexArray = field(repr=False, metadata={"dims": ("mesh", "pole"), "units": "m"})
     inputs: ComplexArray = field(repr=False, metadata={"dims": ("pole", "mesh"), "units": "N-1"})
     direct: Array = field(repr=False, metadata={"dims": ("listener", "mesh"), "units": "1"})
+    absent: ComplexArray = field(repr=False, metadata={"dims": ("input", "pole"), "units": "input"})
+    absent_direct: Array = field(repr=False, metadata={"dims": ("input", "mesh"), "units": "input N-1"})
     means: Array = field(repr=False, metadata={"dims": ("mesh",), "units": "N/m"})
 
     def number(self, name: str) -> int:
@@ -116,7 +122,12 @@ class Response:
     def channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
         scene, routes = self.motion.stage.scene, self.motion.sensor_forces.routes
-        force = self._modal(mesh, frequency_hz) @ self.outputs.T + self.direct[:, mesh]
+        modal = self._modal(mesh, frequency_hz)
+        force = modal @ self.outputs.T + self.direct[:, mesh]
+        structure = self.motion.sensor_forces.structure
+        if structure is not None:
+            inputs = modal @ self.absent.T + self.absent_direct[:, mesh]
+            force = force + np.einsum("ril,li->lr", structure.response(frequency_hz), inputs)
         outputs = np.zeros((len(scene.sensors), *np.shape(frequency_hz)), dtype=np.complex128)
         for route, deflections in zip(routes, force.T, strict=True):
             outputs[route.number] += deflections * route.response(scene, frequency_hz)
@@ -156,18 +167,27 @@ def response_of(motion: Motion) -> Response:
     matrix[count:, count:] = -(shapes.T @ damping @ shapes)
     poles, vectors = np.linalg.eig(matrix)
     directions = np.array([mesh.direction for mesh in system.meshes])
-    direct = np.zeros((output.channels, means.size)) if output.mesh_force is None else output.mesh_force
-    rows = (direct * means) @ directions
+    every = np.zeros((output.channels, means.size)) if output.mesh_force is None else output.mesh_force
+    rows = (every * means) @ directions
     rows = rows if output.displacement is None else rows + output.displacement
     velocity_rows = np.zeros_like(rows) if output.velocity is None else output.velocity
+    structure = motion.sensor_forces.structure
+    count_routes = output.channels if structure is None else structure.readings
+    readings = np.hstack([rows @ shapes, velocity_rows @ shapes]) @ vectors
+    if output.acceleration is not None:
+        accelerated = output.acceleration @ shapes
+        readings = readings + accelerated @ (vectors[count:] * poles)
+        every = every - accelerated @ (shapes.T @ directions.T)
     pushes = np.vstack([np.zeros((count, means.size)), -(shapes.T @ directions.T)])
     return Response(
         motion=motion,
         poles=poles.astype(np.complex128),
-        outputs=np.hstack([rows @ shapes, velocity_rows @ shapes]) @ vectors,
+        outputs=readings[:count_routes],
         deflections=(directions @ shapes) @ vectors[:count],
         inputs=np.linalg.solve(vectors, pushes.astype(np.complex128)),
-        direct=direct,
+        direct=every[:count_routes],
+        absent=readings[count_routes:],
+        absent_direct=every[count_routes:],
         means=means,
     )
 

@@ -1,14 +1,18 @@
-"""Modulation of ring meshes by planets that pass a sensor on the ring gear, and the lines it makes.
+"""Meshes of planets: the phase of each by its teeth, the modulation as planets pass a sensor, and the lines of both.
 
 Planet n is at ``theta + psi_n`` from the sensor, theta the angle of the carrier. The phase of its mesh with the ring is
 ``z_r (theta + psi_n)``, and its gain is the window of the same angle. So line ``l z_r + j`` of the carrier is ``C_l W_j
 sum_n a_n exp(1j (l z_r + j) psi_n)``: with N equal and evenly spaced planets only those with ``(l z_r + j) mod N = 0``
 reach the sensor (McFadden and Smith 1985, Proc. Inst. Mech. Eng. C 199, 65-70).
+
+A mesh with the sun has the phase ``z_s (theta_s - theta - psi_n)``, and reaches the ring through its planet, so by the
+same window (Feng and Zuo 2012, J. Sound Vib. 331, 4919-4939): its line ``l z_r + j`` has the phasors of ``j - l z_s``.
+Evenly spaced planets need z_s + z_r to be a multiple of N, so the same lines remain.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import numpy as np
@@ -172,13 +176,15 @@ def planet_pass_family(
     component: str,
     source: str,
     coefficients: ComplexArray,
-    ring_teeth: int,
+    ring_teeth: int | Fraction,
     carrier_order: Fraction,
     carrier_offset: float = 0.0,
+    phase_teeth: int | None = None,
 ) -> HarmonicFamily:
-    """Return the lines of the ring meshes at a sensor on the ring gear; they replace the harmonics of the mesh.
+    """Return the lines of the meshes of planets at a sensor on the ring gear; they replace the harmonics of the mesh.
 
-    Line ``m = l z_r + j`` of the carrier sums ``C_l W_j`` over all l and j that make m, times the phasor sum of m.
+    Line ``l z_r + j`` of the carrier sums ``C_l W_j`` over all l and j that make it, times the phasor sum of
+    ``l z + j``, z the `phase_teeth`.
 
     Parameters
     ----------
@@ -187,26 +193,33 @@ def planet_pass_family(
         The mesh, and the source of its transfer functions.
     coefficients : (k,) complex array
         C_l of one planet's mesh at the sensor, l from 1.
-    ring_teeth : int
-        z_r.
+    ring_teeth : int or Fraction
+        z_r: cycles of the mesh for one revolution of the carrier, relative to a ring at rest or any other gear.
     carrier_order : Fraction
         Revolutions of the carrier, in the frame, for one of the reference shaft: its absolute value.
     carrier_offset : float
         Turns of the carrier at revolution zero.
+    phase_teeth : int, optional
+        Teeth by which the mesh of a planet at psi is ahead, ``z psi``: z_r of the ring, which is the default; minus
+        its teeth for a sun.
     """
+    cycles, ahead = Fraction(ring_teeth), ring_teeth if phase_teeth is None else phase_teeth
     windows = path.window.coefficients()
     sidebands = np.arange(-windows.size + 1, windows.size)
-    multiples = ring_teeth * np.arange(1, coefficients.size + 1)[:, None] + sidebands
+    harmonics = np.arange(1, coefficients.size + 1)[:, None]
+    # counted in the largest order of which that of the mesh and that of the carrier are multiples
+    multiples = cycles.numerator * harmonics + cycles.denominator * sidebands
+    turned = float(ahead) * harmonics + sidebands
     lines = np.asarray(coefficients)[:, None] * windows[np.abs(sidebands)]
-    lines = lines * path.phasor_sum(multiples) * np.exp(2j * np.pi * carrier_offset * multiples)
+    lines = lines * path.phasor_sum(turned) * np.exp(2j * np.pi * carrier_offset * turned)
     summed = np.zeros(int(np.max(np.abs(multiples))) + 1, dtype=np.complex128)
     np.add.at(summed, np.abs(multiples), np.where(multiples < 0, lines.conj(), lines))
-    summed[np.abs(summed) < _ROUNDING * np.max(np.abs(summed), initial=0.0)] = 0.0
+    summed[np.abs(summed) < _ROUNDING * np.max(np.abs(coefficients), initial=0.0) * np.sum(path.strengths)] = 0.0
     return HarmonicFamily(
         component=component,
         kind="gear_mesh",
         source=source,
-        base_order=abs(carrier_order),
+        base_order=abs(carrier_order) / cycles.denominator,
         coefficients=summed[1:],
         load_dependent=True,
     )
@@ -222,30 +235,33 @@ def even_places_rad(planets: int, *, errors_rad: Sequence[float] | None = None) 
 
 
 _RETAINED = 1e-4
+_EVERYWHERE = PassWindow(half_width_rad=1.0, floor=1.0)  # the same gain wherever a planet is
 
 
 def with_planet_pass(
     scene: Scene, families: Sequence[HarmonicFamily], *, rng_for: RandomStreams
 ) -> list[HarmonicFamily]:
-    """Return the harmonic families, those of planets on a stationary ring gear modulated by the planet pass.
+    """Return the harmonic families, those of planets as the sum of one mesh for each planet.
+
+    Each mesh has the phase that its teeth and the place of its planet give it. With planet pass modulation, all meshes
+    of a carrier in a ring at rest are modulated; else the sensor responds to every planet alike.
 
     Raises
     ------
     SceneError
         A scene that asks for planet pass modulation of a gearbox without such planets.
     """
-    if scene.planet_pass is None:
-        return [*families]
-    rings = _rings(scene)
-    if not rings:
+    meshes, window = _planet_meshes(scene), pass_window(scene)
+    rings = {planets.carrier: name for name, planets in meshes.items() if planets.ring_at_rest}
+    if window is not None and not rings:
         raise SceneError(
             f'planet_pass asks for planets on a ring at rest, but gearbox "{scene.gearbox.name}" has none; '
             "leave it out."
         )
-    window = pass_window(scene)
-    assert window is not None  # noqa: S101 - planet_pass is there
     return [
-        _ring_mesh_family(scene, family, window, rings, rng_for) if family.component in rings else family
+        _planet_family(scene, family, meshes[family.component], window, rings, rng_for)
+        if family.component in meshes
+        else family
         for family in families
     ]
 
@@ -274,26 +290,51 @@ def pass_orders(scene: Scene, mesh: str) -> tuple[Fraction, int]:
     return abs(scene.ratio(carrier)), int(np.flatnonzero(lines >= _RETAINED * lines[0])[-1])
 
 
-def _ring_mesh_family(
-    scene: Scene, family: HarmonicFamily, window: PassWindow, rings: dict[str, tuple[str, int]], rng_for: RandomStreams
+@dataclass(frozen=True, kw_only=True)
+class _PlanetMesh:
+    """A mesh between planets of a carrier that turns and a gear on its axis, or between two sets of them.
+
+    `phase_teeth` are those by which a planet's mesh is ahead for its angle in the sense of the carrier.
+    """
+
+    planet: str
+    carrier: str
+    phase_teeth: int
+    ring_at_rest: bool
+
+
+def _planet_family(
+    scene: Scene,
+    family: HarmonicFamily,
+    planets: _PlanetMesh,
+    window: PassWindow | None,
+    rings: Mapping[str, str],
+    rng_for: RandomStreams,
 ) -> HarmonicFamily:
-    """Return the lines of one ring mesh at the sensors."""
-    planet, teeth = rings[family.component]
-    axis = next(axis for axis in scene.gearbox.axes if planet in axis.links)
-    places = _places_rad(axis)
+    """Return the lines of one mesh of planets at the sensors."""
+    axis = next(axis for axis in scene.gearbox.axes if planets.planet in axis.links)
+    places = _places_rad(axis) * (1 if scene.ratio(planets.carrier) > 0 else -1)
     displacements_m = planet_displacements_m(scene, axis, rng_for=rng_for)
     if displacements_m.any():
         mesh = next(mesh for mesh in scene.gearbox.meshes if mesh.name == family.component)
         places = places + displacements_m / carrier_radius_m(scene, mesh)
-    path = MovingPath(window=window, places_rad=places, strengths=planet_loads(scene, axis, rng_for=rng_for))
+    passes = window is not None and planets.carrier in rings
+    path = MovingPath(
+        window=window if window is not None and passes else _EVERYWHERE,
+        places_rad=places,
+        strengths=planet_loads(scene, axis, rng_for=rng_for),
+    )
+    offset = float(rng_for("planet pass", rings[planets.carrier]).random()) if passes else 0.0
+    carrier_order = abs(scene.ratio(planets.carrier))
     return planet_pass_family(
         path,
         component=family.component,
         source=family.source,
         coefficients=family.coefficients / places.size,  # the scene's amplitude is that of all planets together
-        ring_teeth=teeth,
-        carrier_order=family.base_order / teeth,
-        carrier_offset=float(rng_for("planet pass", family.component).random()),
+        ring_teeth=family.base_order / carrier_order,
+        carrier_order=carrier_order,
+        carrier_offset=offset,
+        phase_teeth=planets.phase_teeth,
     )
 
 
@@ -306,13 +347,39 @@ def _places_rad(axis: Axis) -> Array:
     return np.asarray(np.radians(given if given[0] == 0 else np.cumsum(given) - given))
 
 
-def _rings(scene: Scene) -> dict[str, tuple[str, int]]:
-    """Return planet and ring teeth of each mesh of planets with a stationary ring gear."""
-    found = {}
-    copied = scene.gearbox.copied
+def _planet_meshes(scene: Scene) -> dict[str, _PlanetMesh]:
+    """Return the meshes whose planets turn with a carrier in the frame.
+
+    A mesh between two sets of planets is as far ahead as the mesh of either with a gear on the axis of the carrier: the
+    same teeth pass both. Planets of two gears, whose teeth pass nothing else, are taken to be in step.
+    """
+    copied, found = scene.gearbox.copied, dict[str, _PlanetMesh]()
+    carriers = {contact.mesh: contact.carrier for contact in scene.kinematics.contacts}
+    between = []
     for mesh in scene.gearbox.meshes:
-        planets = [gear.link for gear in mesh.gears if gear.link in copied]
+        planets = [gear for gear in mesh.gears if gear.link in copied]
         others = [gear for gear in mesh.gears if gear.link not in copied]
-        if len(planets) == 1 and len(others) == 1 and scene.ratio(others[0].link) == 0:
-            found[mesh.name] = planets[0], abs(others[0].teeth)
+        carrier = carriers[mesh.name]
+        speed = scene.ratio(carrier) if planets and carrier != scene.kinematics.mechanism.frame else 0
+        if not speed:
+            continue
+        if len(planets) != 1 or len(others) != 1:
+            between.append((mesh.name, planets))
+            continue
+        passing = (scene.ratio(others[0].link) - speed) / speed
+        found[mesh.name] = _PlanetMesh(
+            planet=planets[0].link,
+            carrier=carrier,
+            phase_teeth=-abs(others[0].teeth) if passing > 0 else abs(others[0].teeth),
+            ring_at_rest=scene.ratio(others[0].link) == 0,
+        )
+    gears = {
+        (gear.link, gear.teeth): mesh.name for mesh in scene.gearbox.meshes for gear in mesh.gears if mesh.name in found
+    }
+    for name, planets in between:
+        known = next(
+            (found[gears[gear.link, gear.teeth]] for gear in planets if (gear.link, gear.teeth) in gears), None
+        )
+        if known is not None:
+            found[name] = replace(known, ring_at_rest=False)
     return found

@@ -105,9 +105,10 @@ class Scene(Declared):
 
     `resonance` is the mode excited by impacts. `path` is the mode through which shaft and mesh harmonics reach the
     sensors, so that their amplitude and phase change with speed (left out: a rigid path). Each of `transfers` is a
-    transfer function from one source to one sensor. With `planet_pass` planets modulate their mesh as they pass the
-    sensors (left out: the transfer function of a planet does not depend on its place, and there are no sidebands). With
-    a `fidelity` other than kinematic the gears vibrate: `dynamics` then replaces what `excitation` declares of meshes.
+    transfer function from one source to one sensor. With `planet_pass` planets modulate their meshes as they pass
+    the sensors (left out: the transfer function of a planet does not depend on its place, and there are no sidebands).
+    With a `fidelity` other than kinematic the gears vibrate: `dynamics` then replaces what `excitation` declares of
+    meshes.
     `imperfections` are what healthy machines have.
 
     Examples

@@ -216,7 +216,7 @@ def add_electrical(prepared: PreparedScene, signal: Array, *, timing_errors_s: A
             * _scale(sensor)
             * shares
             * np.exp(2j * np.pi * prepared.rng_for("imperfection", "electrical", sensor.name).random(shares.size))
-            * recorder_filter(sensor).response(frequencies_hz)
+            * recorder_filter(sensor, rate_hz=prepared.scene.rate_hz).response(frequencies_hz)
             for sensor in scene.sensors
         ]
     )
@@ -275,9 +275,9 @@ def _output(
     return (lambda mean: per_rev * float(speeds[int(mean)])), lambda times_s: per_rev * angle.revolutions(times_s)
 
 
-def recorder_filter(sensor: Sensor) -> AllPoleFilter:
+def recorder_filter(sensor: Sensor, *, rate_hz: float) -> AllPoleFilter:
     """Return the filter that pick-up of the cable passes: the anti-aliasing filter alone."""
-    return linear_chain(sensor.changed(resonance=None, gain=None, sensitivity=None))
+    return linear_chain(sensor.changed(resonance=None, gain=None, sensitivity=None), rate_hz=rate_hz)
 
 
 def _scale(sensor: Sensor) -> float:

@@ -298,7 +298,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
     _check_rate(scene, families, drive)
     sources = dict.fromkeys([family.source for family in families] + [train.source for _, train in trains])
     gains, paths = _gains(scene, [*sources], rng_for=rng_for), transfer_paths(scene)
-    chains = [linear_chain(sensor) for sensor in scene.sensors]
+    chains = [linear_chain(sensor, rate_hz=scene.rate_hz) for sensor in scene.sensors]
     speed_hz, load = drive.angle.speed_hz(instants_s), drive.load(instants_s)
     factor = _speed_factor(scene, drive, instants_s)
     amplitudes = []

@@ -57,22 +57,22 @@ class AllPoleFilter:
         return complex(-pole * AllPoleFilter(gain=self.gain, poles=np.delete(self.poles, index)).at(pole))
 
 
-def linear_chain(sensor: Sensor) -> AllPoleFilter:
-    """Return resonance, sensitivity and anti-aliasing filter of a sensor as one filter."""
+def linear_chain(sensor: Sensor, *, rate_hz: float) -> AllPoleFilter:
+    """Return resonance, sensitivity and anti-aliasing filter of a channel sampled at `rate_hz` as one filter."""
     poles: list[complex] = []
     if sensor.resonance is not None:
         pole = mode_pole(sensor.resonance)
         poles += [pole, pole.conjugate()]
-    if sensor.anti_alias is not None:
-        poles += butterworth_poles(sensor.anti_alias)
+    if isinstance(sensor.anti_alias, AntiAlias):
+        poles += butterworth_poles(sensor.anti_alias, rate_hz=rate_hz)
     gain = sensor.sensitivity.value if sensor.sensitivity is not None else 1.0
     gain *= sensor.gain if sensor.gain is not None else 1.0
     return AllPoleFilter(gain=gain, poles=np.array(poles, dtype=np.complex128))
 
 
-def butterworth_poles(filter_: AntiAlias) -> list[complex]:
+def butterworth_poles(filter_: AntiAlias, *, rate_hz: float) -> list[complex]:
     """Return the poles of a Butterworth low-pass filter: evenly on the left half of a circle (Butterworth 1930)."""
-    radius, order = 2 * math.pi * filter_.frequency_hz, filter_.order
+    radius, order = 2 * math.pi * filter_.cutoff_hz(rate_hz), filter_.order
     angles = [math.pi * (2 * k + order + 1) / (2 * order) for k in range(order)]
     return [
         radius * complex(math.cos(angle), 0.0 if 2 * k + 1 == order else math.sin(angle))

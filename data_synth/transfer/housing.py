@@ -23,7 +23,7 @@ from data_synth.transfer.paths import mode_pole
 ComplexArray = NDArray[np.complex128]
 
 AHEAD = 2  # samples of the input that a response needs beyond itself
-_CORRECTION = np.array([1 / 90, -1 / 12 - 4 / 90, 1 + 2 / 12 + 6 / 90, -1 / 12 - 4 / 90, 1 / 90])
+CORRECTION = np.array([1 / 90, -1 / 12 - 4 / 90, 1 + 2 / 12 + 6 / 90, -1 / 12 - 4 / 90, 1 / 90])
 
 
 def step_weights(poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
@@ -74,7 +74,7 @@ class PoleFilter:
         self._input_history = joined[-2 * AHEAD - 1 :]
         direct = np.concatenate([self._direct_history, samples if at_once is None else at_once])
         self._direct_history = direct[-AHEAD:]
-        corrected = np.convolve(joined, _CORRECTION, mode="valid")
+        corrected = np.convolve(joined, CORRECTION, mode="valid")
         now, before = corrected[1:], corrected[:-1]
         out = self._direct * direct[:-AHEAD]  # what passes at once needs no line between samples
         for index, decay in enumerate(self._decay):
@@ -104,10 +104,22 @@ class Housing(PoleFilter):
         The mode of the scene's path.
     sensor : Sensor
     rate_hz : float
+        Of the force.
+    channel_rate_hz : float
+        Of the channel, which its anti-aliasing filter follows.
     """
 
-    def __init__(self, *, mass_kg: float, mounts: Mode, path: Mode | None, sensor: Sensor, rate_hz: float) -> None:
-        chain = linear_chain(sensor)
+    def __init__(
+        self,
+        *,
+        mass_kg: float,
+        mounts: Mode,
+        path: Mode | None,
+        sensor: Sensor,
+        rate_hz: float,
+        channel_rate_hz: float,
+    ) -> None:
+        chain = linear_chain(sensor, rate_hz=channel_rate_hz)
         mount = mode_pole(mounts)
         passed = [mode_pole(path), mode_pole(path).conjugate()] if path is not None else []
         self._low_pass = np.array([*passed, *chain.poles], dtype=np.complex128)

@@ -2,7 +2,8 @@
 
 At every fidelity the gearbox is assembled in the plane or in space, and degrees of freedom that a fidelity lacks are
 constrained. Bearing forces are those of the springs along active degrees of freedom, and follow from the mesh forces by
-statics along constrained ones: so the force of a stiff bearing is the same at every fidelity.
+the response of bodies on their supports along constrained ones: so a mesh force reaches a sensor alike at every
+fidelity.
 """
 
 import math
@@ -26,6 +27,7 @@ from data_synth.integrators.problem import Accuracy, IntegrationError, Load, Out
 from data_synth.scene.faults import LOSING_CONTACT
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.prepared import PreparedScene
+from data_synth.transfer.housing import AHEAD
 from data_synth.vibration.meshes import Gears, Teeth, declared_of, gears_of, kinematics_of, tooth_passes
 from data_synth.vibration.sensor_forces import LAG, SensorForces, WeightedForces, sensor_forces_of
 from data_synth.vibration.torques import DriveLoad, drive_load_of, static_tooth_forces
@@ -131,7 +133,8 @@ def _meshes(gears: Gears, springs: Collection[str]) -> Iterator[tuple[str, MeshP
 
 _BLOCK = 8192
 _TRIAL = 4096
-_MOST_DENSE = 8
+_MOST_DENSE = 64
+_FEWEST_DENSE = 2  # where a channel has a filter, so that it works before samples are left out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,6 +198,10 @@ class Motion:
         weighted, delay = WeightedForces.of(self.output), (lag := max(filter_.lag for filter_ in filters))
         if weighted is not None:
             delay += LAG
+        structure = self.sensor_forces.structure
+        absent = structure.filter_at(self.output.rate_hz) if structure is not None else None
+        if absent is not None:
+            delay += AHEAD
         last = (settling_samples + samples - 1) * self.oversampling + delay
         problem = self.problem(-settling_samples / scene.rate_hz, last / self.output.rate_hz)
         steps = Steps(per_sample=self.steps())
@@ -205,6 +212,7 @@ class Motion:
             for block in integrate_blocks(problem, method=method, output=output, tolerance=steps, block=_BLOCK):
                 times_s = block.times_s - (delay - lag) / self.output.rate_hz
                 readings = (block.values, block.values) if weighted is None else weighted.push(block.values)
+                readings = readings if absent is None else absent.push(*readings)
                 forces, points = (self.sensor_forces.forces(each, times_s=times_s).T for each in readings)
                 outputs = np.zeros((len(scene.sensors), block.values.shape[0]))
                 for route, filter_, force, point in zip(routes, filters, forces, points, strict=True):
@@ -223,7 +231,8 @@ class Motion:
         if self.method.method.order is None:
             return 1
         scene, trial_output = self.stage.scene, self.output
-        if self.sensor_forces.rotate:  # forces of planets may cancel in the sum
+        # forces of planets may cancel in the sum, and supports that follow the mesh forces have no steps of their own
+        if self.sensor_forces.rotate or self.sensor_forces.structure is not None:
             trial_output = Output(rate_hz=trial_output.rate_hz, mesh_force=np.eye(len(self.system.meshes)))
         weighted = WeightedForces.of(trial_output)
         long_s = max(1, min(scene.samples - 1, _TRIAL)) / scene.rate_hz
@@ -322,11 +331,19 @@ def motion_of(
         declared.damping_ratio * float(np.min(angular[angular > 0], initial=np.inf)),
         2 * math.pi * declared.mounts.frequency_hz * declared.mounts.damping_ratio,
     )
-    sensor_forces = sensor_forces_of(stage, gears, whole, active)
-    oversampling = 1
+    acting = drive_load_of(stage, kinematics, system)
+    sensor_forces = sensor_forces_of(stage, gears, whole, active, damping=damped.damping + system.damping)
+    if sensor_forces.structure is not None:
+        slowest = min(slowest, float(np.min(-sensor_forces.structure.poles.real)))
+    oversampling = _FEWEST_DENSE if any(sensor.anti_alias != "none" for sensor in scene.sensors) else 1
     while oversampling < _MOST_DENSE and np.max(angular) / (2 * math.pi) > oversampling * scene.rate_hz / 4:
         oversampling *= 2
-    acting = drive_load_of(stage, kinematics, system)
+    static_n = static_tooth_forces(stage, system, acting)
+    by_mesh = {mesh.name: force for mesh, force in zip(system.meshes, static_n, strict=True)}
+    if (structure := sensor_forces.structure) is not None:  # supports share the load between planets
+        shares = structure.response(np.zeros(1))[:, :, 0].real @ structure.maps["mesh_force"] @ static_n
+        by_mesh |= {each.mesh: by_mesh[each.mesh] + shares[each.reading] for each in sensor_forces.passing}
+    sensor_forces = replace(sensor_forces, static_n=by_mesh)
     return Motion(
         stage=stage,
         system=replace(damped, damping=damped.damping + system.damping + acting.damping),
@@ -398,6 +415,8 @@ def without_meshes(motion: Motion, meshes: Collection[str]) -> Motion:
     kept = [number for number in range(len(system.meshes)) if number not in removed]
     drive_load, varying = motion.drive_load, motion.load.varying
     drag = motion.load.quadratic_drag
+    forces = motion.sensor_forces
+    names = {system.meshes[number].name for number in kept}
     load = Load(
         constant=motion.load.constant @ elimination,
         quadratic_drag=None if drag is None else drag[free],
@@ -411,6 +430,9 @@ def without_meshes(motion: Motion, meshes: Collection[str]) -> Motion:
             load=load,
             damping=elimination.T @ drive_load.damping @ elimination,
             rigid_motion=drive_load.rigid_motion[free],
+        ),
+        sensor_forces=replace(
+            forces, static_n={name: force for name, force in forces.static_n.items() if name in names}
         ),
         output=_reduced_output(motion.output, elimination, kept),
         teeth={mesh.name: motion.teeth[mesh.name] for number, mesh in enumerate(system.meshes) if number in kept},

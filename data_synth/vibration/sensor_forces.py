@@ -1,14 +1,19 @@
 """Forces on the housing in the direction of each sensor, from the motion of the gears and the mesh forces.
 
 The force of a bearing is that of its springs; along a degree of freedom that is not simulated it follows from the mesh
-forces by statics. Mesh forces on gears of the frame, as a ring in its housing, act on it directly. Forces in
-coordinates that rotate with a carrier are resolved in the fixed direction of the sensor; and where planets pass the
-sensors, each ring mesh is weighted by the pass window of its angle from the sensor, which is taken to be on the ring in
-the direction of its axis.
+forces by the response of the body on its supports (`data_synth.vibration.structure`). Mesh forces on gears of the
+frame, as a ring in its housing, act on it directly. Forces in coordinates that rotate with a carrier are resolved in
+the fixed direction of the sensor.
+
+Where planets pass the sensors, the pass window of a planet's angle from the sensor, which is taken to be on the ring in
+the direction of its axis, is the gain of the dynamic part of its ring mesh's force: of F - F_0, F_0 the static force
+under the load of the instant. F_0 presses on a rigid housing like any other force, along its own direction, so that
+only the sum over the planets moves it: nothing, where they are alike and evenly spaced. That a static force bends an
+elastic ring as its planet passes is left out.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,6 +33,7 @@ from data_synth.transfer.acquisition import linear_chain, path_residues
 from data_synth.transfer.housing import AHEAD, Housing, PoleFilter
 from data_synth.transfer.paths import FirPath, MeasuredPath, TransferPath, transfer_paths
 from data_synth.vibration.meshes import Gears, declared_of
+from data_synth.vibration.structure import Structure, structure_of
 
 # ---- Transfer routes from vibrating gears to sensors: through the housing, or by declared paths from single links ----
 # A declared path starts from the supports of a link, in the direction of its sensor; the housing transfers the rest.
@@ -54,23 +60,30 @@ class Route:
         sensor = scene.sensors[self.number]
         if self.path is None:
             return self._housing(scene, sensor, scene.rate_hz).response(frequency_hz)
-        return np.asarray(self.path.response(frequency_hz) * linear_chain(sensor).response(frequency_hz))
+        chain = linear_chain(sensor, rate_hz=scene.rate_hz)
+        return np.asarray(self.path.response(frequency_hz) * chain.response(frequency_hz))
 
     def filter_at(self, scene: Scene, *, rate_hz: float) -> "RouteFilter":
         """Return the filter of the route at rest, for a force at `rate_hz`."""
         sensor = scene.sensors[self.number]
+        chain = linear_chain(sensor, rate_hz=scene.rate_hz)
         if isinstance(self.path, MeasuredPath):
-            fir = measured_filter(self.path, linear_chain(sensor), rate_hz=rate_hz, sensor=sensor)
+            fir = measured_filter(self.path, chain, rate_hz=rate_hz, sensor=sensor)
             return RouteFilter(push=_StartingConstant(fir).push, lag=round(fir.delay_s * rate_hz))
         if self.path is None:
             return RouteFilter(push=self._housing(scene, sensor, rate_hz).push, lag=AHEAD)
-        poles, residues = path_residues(self.path, linear_chain(sensor), sensor=sensor.name)
+        poles, residues = path_residues(self.path, chain, sensor=sensor.name)
         return RouteFilter(push=PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=rate_hz).push, lag=AHEAD)
 
     def _housing(self, scene: Scene, sensor: Sensor, rate_hz: float) -> Housing:
         declared = declared_of(scene)
         return Housing(
-            mass_kg=declared.housing_kg, mounts=declared.mounts, path=scene.path, sensor=sensor, rate_hz=rate_hz
+            mass_kg=declared.housing_kg,
+            mounts=declared.mounts,
+            path=scene.path,
+            sensor=sensor,
+            rate_hz=rate_hz,
+            channel_rate_hz=scene.rate_hz,
         )
 
 
@@ -283,13 +296,20 @@ class RotatingReading:
 
 @dataclass(frozen=True, kw_only=True)
 class PassingMesh:
-    """The force of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it."""
+    """The force of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it.
 
+    Its static part acts on the housing as ``cos(angle) first + sin(angle) second + axial`` of itself.
+    """
+
+    mesh: str
     route: int
     reading: int
     carrier: str
     place_rad: float
     weight: float
+    first: float
+    second: float
+    axial: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -304,6 +324,10 @@ class SensorForces:
         Transfer routes.
     carriers : mapping of carrier to (ratio, offset)
         Revolutions per revolution of the reference, and at its revolution zero.
+    structure : Structure or None
+        Response of the motions that are not simulated. Its readings are the first of the output, its inputs the last.
+    static_n : mapping of mesh to (instant,) array
+        Static mesh forces under the load at the instants of the truth; none of a mesh that is left out.
     """
 
     stage: PreparedScene = field(repr=False)
@@ -313,6 +337,8 @@ class SensorForces:
     passing: tuple[PassingMesh, ...] = ()
     window: PassWindow | None = None
     carriers: dict[str, tuple[float, float]]
+    structure: Structure | None = field(default=None, repr=False)
+    static_n: Mapping[str, Array] = field(default_factory=dict, repr=False)
 
     @property
     def rotate(self) -> bool:
@@ -330,18 +356,27 @@ class SensorForces:
             carrier: 2 * np.pi * np.remainder(ratio * revolutions + offset, 1.0)
             for carrier, (ratio, offset) in self.carriers.items()
         }
-        waves = {item.carrier: (np.cos(angles[item.carrier]), np.sin(angles[item.carrier])) for item in self.rotating}
+        waves = {carrier: (np.cos(angle), np.sin(angle)) for carrier, angle in angles.items()}
         for item in self.rotating:
             cosine, sine = waves[item.carrier]
             sensed[:, item.route] += cosine * readings[:, item.first] + sine * readings[:, item.second]
         for passes in self.passing:
             assert self.window is not None  # noqa: S101 - planets pass by it
-            gain = self.window.gain(angles[passes.carrier] + passes.place_rad)
-            sensed[:, passes.route] += passes.weight * gain * readings[:, passes.reading]
+            cosine, sine = waves[passes.carrier]
+            static = np.zeros(1)
+            if passes.mesh in self.static_n:
+                static = np.interp(times_s, self.stage.instants_s, self.static_n[passes.mesh])
+            dynamic = self.window.gain(angles[passes.carrier] + passes.place_rad) * (
+                readings[:, passes.reading] - static
+            )
+            rigid = static * (cosine * passes.first + sine * passes.second + passes.axial)
+            sensed[:, passes.route] += passes.weight * (dynamic + rigid)
         return np.asarray(sensed)
 
 
-def sensor_forces_of(stage: PreparedScene, gears: Gears, whole: Assembly, active: ActiveDofs) -> SensorForces:
+def sensor_forces_of(
+    stage: PreparedScene, gears: Gears, whole: Assembly, active: ActiveDofs, *, damping: Array
+) -> SensorForces:
     """Return the forces of a scene's gears towards its sensors.
 
     Parameters
@@ -352,6 +387,8 @@ def sensor_forces_of(stage: PreparedScene, gears: Gears, whole: Assembly, active
         With all degrees of freedom.
     active : Kept
         Those that are simulated.
+    damping : (active, active) array
+        Damping of the simulated motions, without that of drive and load.
     """
     scene, parts = stage.scene, whole.parts
     frames = list(dict.fromkeys(contact.carrier for contact in parts.contacts if contact.carrier != parts.frame))
@@ -381,18 +418,26 @@ def sensor_forces_of(stage: PreparedScene, gears: Gears, whole: Assembly, active
             reading = rows.mesh(contact.name)
             joint = parts.kinematics.joints[parts.kinematics.bodies[contact.links[planet]]]
             for number, (along, gains) in enumerate(zip(directions, weights, strict=True)):
+                x, y, z = along
+                force = np.array(whole.on_frame[contact.name])
                 azimuth_rad = math.atan2(along[1], along[0]) if np.hypot(along[0], along[1]) > _ALONG else 0.0
                 passing.append(
                     PassingMesh(
+                        mesh=contact.name,
                         route=number,
                         reading=reading,
                         carrier=contact.carrier,
                         place_rad=planet_angle(scene.gearbox, joint.axis) - azimuth_rad,
                         weight=gains[parts.frame],
+                        first=float(force @ [x, y, 0.0]),
+                        second=float(force @ [y, -x, 0.0]),
+                        axial=float(force @ [0.0, 0.0, z]),
                     )
                 )
+    structure = rows.structure(damping, damping_ratio=declared_of(scene).damping_ratio)
     return SensorForces(
         stage=stage,
+        structure=structure,
         output=rows.output(scene.rate_hz),
         routes=routes,
         rotating=tuple(rotating),
@@ -442,8 +487,10 @@ class _Readings:
         self._names = [mesh.name for mesh in system.meshes]
         self._meshes = np.array([mesh.direction for mesh in system.meshes])
         self._damping = np.array([damping[name] for name in self._names])
+        self._absent: list[tuple[Array, Array]] = []
         self._displacement: list[Array] = []
         self._velocity: list[Array] = []
+        self._acceleration: list[Array] = []
         self._mesh_force: list[Array] = []
 
     def add(
@@ -463,27 +510,52 @@ class _Readings:
                     bearing = self._bearing(parts.piece(body, each), sensed)
                     displacement += weights[body] * bearing[0]
                     velocity += weights[body] * bearing[1]
-                    mesh_force += weights[body] * bearing[2]
         for contact in parts.contacts if ring else ():
             sensed = along if contact.carrier == frame else upright if contact.carrier in (axial or ()) else None
             if sensed is not None and contact.name in self._whole.on_frame:
                 projection = float(np.array(self._whole.on_frame[contact.name]) @ sensed)
                 mesh_force[self._names.index(contact.name)] += weights[parts.frame] * projection
         moving = self._active.expansion
+        self._absent.append((displacement, velocity))
         return self._append(displacement @ moving, velocity @ moving, mesh_force)
 
     def mesh(self, name: str) -> int:
         """Add the force of a mesh, and return its number."""
         none = np.zeros(self._active.numbers.size)
+        self._absent.append((np.zeros(len(self._coordinates.names)), np.zeros(len(self._coordinates.names))))
         return self._append(none, none, np.eye(len(self._names))[self._names.index(name)])
+
+    def structure(self, damping: Array, *, damping_ratio: float) -> Structure | None:
+        """Return the response of the motions that are not simulated, in the readings so far, and add its inputs."""
+        displacement, velocity = (np.array(rows) for rows in zip(*self._absent, strict=True))
+        # they deflect the meshes whose forces are read, too
+        means = np.array([mesh.stiffness.mean for mesh in self._whole.system.meshes])
+        displacement += (np.array(self._mesh_force) * means) @ self._meshes
+        structure = structure_of(
+            self._whole,
+            self._active,
+            displacement=displacement,
+            velocity=velocity,
+            damping=damping,
+            damping_ratio=damping_ratio,
+        )
+        if structure is not None:
+            for displacement, velocity, acceleration, mesh_force in zip(
+                *(structure.maps[name] for name in ("displacement", "velocity", "acceleration", "mesh_force")),
+                strict=True,
+            ):
+                self._append(displacement, velocity, mesh_force, acceleration)
+        return structure
 
     def output(self, rate_hz: float) -> Output:
         """Return the output with all maps."""
         displacement, velocity, mesh_force = self.maps
+        acceleration = np.array(self._acceleration)
         return Output(
             rate_hz=rate_hz,
             displacement=displacement,
             velocity=velocity if velocity.any() else None,
+            acceleration=acceleration if acceleration.any() else None,
             mesh_force=mesh_force if mesh_force.any() else None,
         )
 
@@ -492,35 +564,28 @@ class _Readings:
         """The maps of displacement, velocity and mesh force, a row for each reading."""
         return np.array(self._displacement), np.array(self._velocity), np.array(self._mesh_force)
 
-    def _append(self, displacement: Array, velocity: Array, mesh_force: Array) -> int:
+    def _append(
+        self, displacement: Array, velocity: Array, mesh_force: Array, acceleration: Array | None = None
+    ) -> int:
+        self._acceleration.append(np.zeros(displacement.size) if acceleration is None else acceleration)
         self._displacement.append(displacement)
         self._velocity.append(velocity)
         self._mesh_force.append(mesh_force)
         return len(self._displacement) - 1
 
-    def _bearing(self, body: str, along: Array) -> tuple[Array, Array, Array]:
-        """Return the force of a body's supports on the frame per displacement, velocity and mesh force."""
+    def _bearing(self, body: str, along: Array) -> tuple[Array, Array]:
+        """Return the force of a body's supports on the frame per displacement and velocity, (dof,) each."""
         displacement, velocity = np.zeros((2, len(self._coordinates.names)))
-        mesh_force = np.zeros(len(self._names))
         for share, motion in zip(along, "xyz", strict=True):
             number = self._coordinates.index.get((body, motion))
-            if number is None or abs(share) < _ALONG or not self._grounded(number):
+            if number is None or abs(share) < _ALONG:
                 continue
-            if number in self._active.numbers:
-                for spring in self._whole.grounded:
-                    if spring.direction[number]:
-                        projection = share * spring.direction[number] * spring.direction
-                        displacement += spring.stiffness * projection
-                        velocity += spring.damping * projection
-            else:
-                rows = self._meshes @ self._active.constraint[:, number]
-                mesh_force -= share * rows
-                velocity -= share * (rows * self._damping) @ self._meshes
-        return displacement, velocity, mesh_force
-
-    def _grounded(self, number: int) -> bool:
-        """Return whether a spring connects a degree of freedom to the frame."""
-        return any(spring.direction[number] for spring in self._whole.grounded)
+            for spring in self._whole.grounded:
+                if spring.direction[number]:
+                    projection = share * spring.direction[number] * spring.direction
+                    displacement += spring.stiffness * projection
+                    velocity += spring.damping * projection
+        return displacement, velocity
 
 
 def _sensitive_direction(stage: PreparedScene, whole: Assembly, sensor: Sensor, *, passes: bool) -> Array:

@@ -119,7 +119,11 @@ def static_deflection(system: System, force: Array) -> Array:
 
 
 def static_tooth_forces(stage: PreparedScene, system: System, drive_load: DriveLoad) -> Array:
-    """Return the static force of each mesh at the instants of the truth, (mesh, instant) N."""
+    """Return the force of each mesh, of mean stiffness, under the load at the instants of the truth, (mesh, instant) N.
+
+    With ``a = Phi (Phi' F / omega^2)`` over the elastic modes, so that loads which accelerate the rigid motion bear on
+    the inertias.
+    """
     load = drive_load.load
     speeds = 2 * np.pi * np.multiply.outer(stage.speed_hz, drive_load.rigid_motion * drive_load.full_rotation)
     force = load.constant - speeds @ drive_load.damping
@@ -132,7 +136,8 @@ def static_tooth_forces(stage: PreparedScene, system: System, drive_load: DriveL
     elastic = angular > 0
     modal = (force @ shapes[:, elastic]) / angular[elastic] ** 2
     directions = np.array([mesh.direction for mesh in system.meshes])
-    return np.asarray((means[:, None] * (directions @ shapes[:, elastic])) @ modal.T)
+    static = np.asarray((means[:, None] * (directions @ shapes[:, elastic])) @ modal.T)
+    return np.asarray(np.broadcast_to(static, (means.size, stage.instants_s.size)))
 
 
 def _loaded(scene: Scene, kinematics: Kinematics, driving: str) -> str:

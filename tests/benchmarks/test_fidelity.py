@@ -26,7 +26,8 @@ def test_the_report_has_a_row_for_each_fidelity_and_a_picture(tmp_path):
     assert [row.level for row in rows] == ["auto", KINEMATIC, "torsional", "lateral", "full"]
     auto, kinematic, torsional, lateral, full = rows
     assert auto.chosen == "kinematic"
-    assert auto.decibels == kinematic.decibels < -57 < torsional.decibels
+    assert auto.decibels == kinematic.decibels < -57
+    assert torsional.decibels < -40  # stiffness is constant, so what is left out follows exactly
     assert full.decibels == -np.inf
     assert lateral.decibels < fidelity.EXACT_DB
     save_figure(lambda ax: fidelity.draw(ax, {"even": rows}), tmp_path / "a.svg")

@@ -16,7 +16,7 @@ HEALTHY = {
     "speed": {"link": "input", "rpm": 6000},
     "tachometer": {"link": "input", "pulses_per_rev": 1},
     "noise": {"rms": 0},
-    "sensor": [{"name": "a", "on": "input bearing", "units": "g"}],
+    "sensor": [{"name": "a", "on": "input bearing", "units": "g", "anti_alias": "none"}],
 }
 RUN_UP = {
     **HEALTHY,
@@ -198,7 +198,8 @@ def test_noise_is_white_and_of_the_stated_size():
 
 
 def test_each_sensor_hears_each_source_in_its_own_way():
-    sensors = [{"name": name, "on": "stage 1", "units": "m s-2", "direction": [1, 0, 0]} for name in ("a", "b")]
+    common = {"on": "stage 1", "units": "m s-2", "anti_alias": "none", "direction": [1, 0, 0]}
+    sensors = [{"name": name, **common} for name in ("a", "b")]
     record = simulate(scene(RUN_UP, sensor=sensors), seed=12)
     first, second = record["truth_amplitude"].values
     gains = second / first

@@ -18,7 +18,7 @@ SCENE = {
     "noise": {"rms": 0},
     "resonance": {"frequency_hz": 3000, "damping_ratio": 0.1},
     "excitation": {"shaft_amplitude": 0, "mesh_amplitude": 0},
-    "sensor": [{"name": "a", "on": "input bearing", "units": "g"}],
+    "sensor": [{"name": "a", "on": "input bearing", "units": "g", "anti_alias": "none"}],
 }
 SHAFT = -23 / 67  # of the bearing's, against the input
 

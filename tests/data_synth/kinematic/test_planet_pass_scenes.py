@@ -1,8 +1,15 @@
+from functools import partial
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, simulate
+from data_synth.dynamics.placement import contacts_of, planet_phase_lag
+from data_synth.kinematic.harmonics import random_stream
+from data_synth.sources.prepared import healthy_families
+from data_synth.vibration.meshes import kinematics_of
+from hums.gearbox.model import load_gearbox
 
 SCENE = {
     "gearbox": "planetary-27-36-99",
@@ -70,3 +77,85 @@ def test_a_gearbox_without_planets_has_none_to_pass():
         record(**plain)
     with pytest.raises(SceneError, match="half_width_deg"):
         record(planet_pass={"half_width_deg": 180})
+
+
+# ---- every mesh has the phase that its teeth give it -------------------------------------------------------------
+
+HUNTING = {
+    "name": "planetary 20/31/82",
+    "frame": "housing",
+    "reference": "carrier",
+    "rigid": [["housing", "ring"]],
+    "axes": {
+        "main": ["housing", "sun", "ring", "carrier"],
+        "planet": {"links": ["carrier", "planet"], "copies": 3},
+    },
+    "mesh": [{"teeth": {"sun": 20, "planet": 31}}, {"teeth": {"planet": 31, "ring": -82}}],
+}
+WINDOW = {"half_width_deg": 40, "floor": 0.1}
+
+
+def lines(**changes):
+    """Multiples of the carrier that are in the truth, with their amplitudes."""
+    made = record(**{"gearbox": HUNTING, "excitation": {"shaft_amplitude": 0, "harmonics": 3}, **changes})
+    heard = np.abs(made["truth_amplitude"].values[0, :, 0])
+    orders = made["truth_order"].values
+    assert_allclose(orders, np.rint(orders), atol=1e-9)
+    return {round(order): size for order, size in zip(orders, heard, strict=True) if size > 1e-9}
+
+
+@pytest.mark.parametrize("only", ["sun-planet", "planet-ring"])
+def test_planets_alike_allow_multiples_of_their_number_alone(only):
+    other = {"sun-planet": "planet-ring", "planet-ring": "sun-planet"}[only]
+    heard = lines(planet_pass=WINDOW, excitation={"shaft_amplitude": 0, "meshes": {other: 0}, "harmonics": 3})
+    assert heard
+    assert all(line % 3 == 0 for line in heard)  # McFadden and Smith 1985; 82 is none
+    assert {81, 84, 165, 246} <= set(heard)
+
+
+def test_planets_at_unequal_places_bring_the_other_lines_back():
+    turns = np.array([0, 33, 67]) / 102  # where the teeth of sun and ring let planets in
+    planet = {"links": ["carrier", "planet"], "copies": 3, "spacing_deg": (360 * turns).tolist()}
+    uneven = HUNTING | {"axes": HUNTING["axes"] | {"planet": planet}}
+    for only in ("sun-planet", "planet-ring"):
+        silent = {"meshes": {name: 0 for name in ("sun-planet", "planet-ring") if name != only}}
+        heard = lines(gearbox=uneven, excitation={"shaft_amplitude": 0, "harmonics": 1} | silent)
+        even = lines(
+            gearbox=uneven | {"axes": HUNTING["axes"]}, excitation={"shaft_amplitude": 0, "harmonics": 1} | silent
+        )
+        # without a window a line is the mean of one phasor for each planet: z_r psi, or - z_s psi
+        teeth = {"sun-planet": -20, "planet-ring": 82}[only]
+        assert even == {}
+        assert heard == {82: pytest.approx(0.5 * abs(np.mean(np.exp(2j * np.pi * teeth * turns))), rel=1e-9)}
+        passed = lines(gearbox=uneven, planet_pass=WINDOW, excitation={"shaft_amplitude": 0, "harmonics": 1} | silent)
+        assert {80, 82, 83} <= set(passed)
+
+
+@pytest.mark.filterwarnings("ignore::hums.gearbox.model.GearboxWarning")
+@pytest.mark.parametrize("name", ["planetary-27-36-99", "wind-turbine-3-stage", "wolfrom", "oh-58"])
+def test_the_phases_are_those_of_gears_in_motion(name):
+    gearbox = load_gearbox(name)
+    table = {**SCENE, "gearbox": name, "rate_hz": 200_000, "excitation": {"shaft_amplitude": 0, "harmonics": 4}}
+    link = {"link": gearbox.reference}
+    size = {"module_mm": 3, "face_width_mm": 30, "pressure_angle_deg": 20}
+    table |= {"speed": link | {"rpm": 60}, "tachometer": link | {"pulses_per_rev": 60}, "noise": {"rms": 0}}
+    table |= {"dynamics": {"meshes": {mesh.name: size for mesh in gearbox.meshes}}, "duration_s": 0.1}
+    table["sensor"] = [{"name": "a", "on": gearbox.reference, "units": "g"}]
+    scene = Scene.from_mapping(table)
+    kinematics = kinematics_of(scene)
+    made = simulate(scene, seed=2)
+    heard = dict(zip(made["truth_order"].values.round(9), np.abs(made["truth_amplitude"].values[0, :, 0]), strict=True))
+    alone = {family.component: family for family in healthy_families(scene, rng_for=partial(random_stream, 2))}
+    for mesh in gearbox.meshes:
+        order = alone[mesh.name].base_order
+        if sum(family.base_order == order for family in alone.values() if family.kind == "gear_mesh") > 1:
+            continue  # meshes at one order are added
+        lags = [
+            planet_phase_lag(kinematics, contact)
+            for contact in contacts_of(kinematics, {})
+            if contact.mesh == mesh.name
+        ]
+        for harmonic in range(1, 5):
+            share = abs(np.mean(np.exp(-2j * np.pi * harmonic * np.array(lags, dtype=float))))
+            expected = share * abs(alone[mesh.name].coefficients[harmonic - 1])
+            assert heard.get(round(float(harmonic * order), 9), 0.0) == pytest.approx(expected, rel=1e-3, abs=1e-9)

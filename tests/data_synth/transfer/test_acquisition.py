@@ -16,7 +16,7 @@ from data_synth.transfer.acquisition import (
     ringing_residues,
 )
 
-SENSOR = {"name": "a", "on": "input bearing", "units": "g"}
+SENSOR = {"name": "a", "on": "input bearing", "units": "g", "anti_alias": "none"}
 LINEAR = {
     "resonance": {"frequency_hz": 9000, "damping_ratio": 0.05},
     "sensitivity": {"value": -0.1, "units": "V"},
@@ -49,15 +49,15 @@ def oracle(frequency_hz):
 
 
 def test_the_linear_chain_is_that_of_the_textbook():
-    chain = linear_chain(Sensor.model_validate({**SENSOR, **LINEAR}))
+    chain = linear_chain(Sensor.model_validate({**SENSOR, **LINEAR}), rate_hz=20_000)
     frequency = np.array([-3000.0, 0.0, 50.0, 6000.0, 8999.0, 20000.0])
     assert_allclose(chain.response(frequency), oracle(frequency), rtol=1e-10)  # coefficients of degree 5 lose digits
-    assert linear_chain(Sensor.model_validate(SENSOR)).response(1e4) == 1
+    assert linear_chain(Sensor.model_validate(SENSOR), rate_hz=20_000).response(1e4) == 1
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 8, 12])
 def test_butterworth_is_3_db_down_at_its_frequency_and_flat_before(order):
-    poles = np.array(butterworth_poles(AntiAlias(frequency_hz=1000.0, order=order)))
+    poles = np.array(butterworth_poles(AntiAlias(frequency_hz=1000.0, order=order), rate_hz=20_000))
     response = AllPoleFilter(poles=poles).response([100.0, 1000.0, 3000.0])
     assert_allclose(np.abs(response) ** 2, 1 / (1 + np.array([0.1, 1, 3]) ** (2 * order)), rtol=1e-12)
     assert np.all(poles.real < 0)
@@ -67,7 +67,7 @@ def test_butterworth_is_3_db_down_at_its_frequency_and_flat_before(order):
 def test_impacts_ring_through_the_chain_as_its_impulse_response(order):
     mode = Mode(frequency_hz=8000.0, damping_ratio=0.03)
     changed = {**LINEAR, "anti_alias": {"frequency_hz": 6000.0, "order": order}}
-    chain = linear_chain(Sensor.model_validate({**SENSOR, **changed}))
+    chain = linear_chain(Sensor.model_validate({**SENSOR, **changed}), rate_hz=20_000)
     poles, residues = ringing_residues(mode, chain)
     natural = 2 * np.pi * 8000
     own = np.roots([1, 2 * 0.03 * natural, natural**2])
@@ -105,7 +105,7 @@ def test_ringing_is_exact_between_samples_and_at_late_samples():
 
 def test_poles_that_coincide_are_refused():
     same = {"frequency_hz": 8000.0, "damping_ratio": 0.03}
-    chain = linear_chain(Sensor.model_validate({**SENSOR, "resonance": same}))
+    chain = linear_chain(Sensor.model_validate({**SENSOR, "resonance": same}), rate_hz=20_000)
     with pytest.raises(SceneError, match='sensor "a": its resonance or filter coincides with the resonance of 8000 Hz'):
         ringing_residues(Mode.model_validate(same), chain, sensor="a")
 
@@ -212,3 +212,46 @@ def test_a_chain_that_makes_no_sense_reads_as_a_sentence(change, sentence):
     with pytest.raises(SceneError) as caught:
         Scene.from_mapping(scene)
     assert sentence in str(caught.value)
+
+
+# ---- the filter that every channel has ---------------------------------------------------------------------------
+
+
+def test_what_folds_is_attenuated_by_default_and_off_has_to_be_said():
+    rate_hz = 12_000
+    chain = linear_chain(Sensor.model_validate({**SENSOR, "anti_alias": {}}), rate_hz=rate_hz)
+    plain = {key: value for key, value in SENSOR.items() if key != "anti_alias"}
+    assert linear_chain(Sensor.model_validate(plain), rate_hz=rate_hz).response(900.0) == chain.response(900.0)
+    cutoff_hz = rate_hz / 2.56
+    folding = np.linspace(rate_hz - cutoff_hz, 5 * rate_hz, 200)
+    decibels = 20 * np.log10(np.abs(chain.response(folding)))
+    # Butterworth 1930: -10 log10(1 + (f / f_c)^(2 n)), order 16
+    assert_allclose(decibels, -10 * np.log10(1 + (folding / cutoff_hz) ** 32), atol=1e-9)
+    assert decibels.max() < -60
+    assert np.abs(np.abs(chain.response(0.3 * rate_hz)) - 1) < 2.5e-4  # 0.002 dB
+
+
+def test_an_impact_rings_through_the_default_filter_without_aliases():
+    # a mode of 9 kHz at 20 kHz folds to 11 kHz and beyond; at four times the rate the filter alone does the work
+    change = {
+        "fault": [{"kind": "outer_race", "component": "input bearing", "size_mm": 1.0}],
+        "excitation": {"shaft_amplitude": 0, "mesh_amplitude": 0},
+        "resonance": {"frequency_hz": 9000, "damping_ratio": 0.3},
+        "duration_s": 0.2,
+    }
+    cutoff = {"frequency_hz": 20_000 / 2.56}
+    found = record(anti_alias={}, **change)["a"].values
+    dense = record(anti_alias=cutoff, rate_hz=80_000, **change)["a"].values[::4]
+    folded = record(**change)["a"].values
+    assert_allclose(found, dense, atol=1e-9 * np.max(np.abs(dense)))  # the same filter, whatever the rate
+    assert np.std(folded - dense) > 0.1 * np.std(dense)
+
+
+def test_the_truth_holds_behind_the_default_filter():
+    made = record(anti_alias={})
+    turns = 25 * made["time"].values - 0.25
+    waves = np.exp(2j * np.pi * np.outer(turns, made["truth_order"].values))
+    assert_allclose(made["a"].values, (waves @ made["truth_amplitude"].values[0, :, 0]).real, atol=1e-12)
+    chain = linear_chain(Sensor.model_validate({**SENSOR, "anti_alias": {}}), rate_hz=20_000)
+    expected = chain.response(25 * made["truth_order"].values)
+    assert_allclose(made["truth_chain_response"].values[0].T, [expected] * 21, rtol=1e-12)

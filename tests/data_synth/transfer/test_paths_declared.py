@@ -20,7 +20,7 @@ SCENE = {
     "speed": {"link": "input", "rpm": [[0, 1500], [0.5, 1530]]},
     "tachometer": {"link": "input", "pulses_per_rev": 1},
     "noise": {"rms": 0},
-    "sensor": [{"name": name, "on": "input bearing", "units": "m s-2"} for name in ("a", "b")],
+    "sensor": [{"name": name, "on": "input bearing", "units": "m s-2", "anti_alias": "none"} for name in ("a", "b")],
 }
 SILENT = {"shaft_amplitude": 0, "mesh_amplitude": 0}
 # (Hz, damping ratio, gain)

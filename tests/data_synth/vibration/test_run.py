@@ -45,7 +45,7 @@ PAIR = {
     "excitation": {"shaft_amplitude": 0, "harmonics": 4},
     "dynamics": DYNAMICS,
     "noise": {"rms": 0},
-    "sensor": [{"name": "a", "on": "pinion", "direction": [0, 0, 2], "units": "m s-2"}],
+    "sensor": [{"name": "a", "on": "pinion", "direction": [0, 0, 2], "units": "m s-2", "anti_alias": "none"}],
 }
 SEED = 3
 
@@ -77,7 +77,7 @@ def by_hand(times_s, *, speed_hz, acceleration_hz_s, torsional=False):
 
     # x, y and turn of the pinion, then of the wheel: pressed together where the pinion turns on and comes nearer
     g = np.array([np.sin(angle), np.cos(angle), base[0], -np.sin(angle), -np.cos(angle), base[1]])
-    mass = np.array([5, 5, 0.01, 12, 12, 0.06])
+    mass = mass_of = np.array([5, 5, 0.01, 12, 12, 0.06])
     spring, damper = np.array([4e7, 4e7, 0, 6e7, 6e7, 0]), np.array([400.0, 400.0, 0, 0, 0, 0])
     load = np.array([0, 0, 150, 0, 0, 300])
     # what speeds the wheel up, half as fast as the pinion and the other way, and comes from the pinion's torque
@@ -87,27 +87,34 @@ def by_hand(times_s, *, speed_hz, acceleration_hz_s, torsional=False):
     g_all, g, mass, load, speeding = g, g[moving], mass[moving], load[moving], speeding[moving]
     spring_of, damper_of, spring, damper = spring, damper, spring[moving], damper[moving]
     mean = 8e7
-    squares, shapes = eigh(np.diag(spring) + mean * np.outer(g, g), np.diag(mass))
-    heavy = mass[:, None] * shapes
-    damping = heavy * (2 * 0.05 * np.sqrt(np.maximum(squares, 0))) @ heavy.T + np.diag(damper)
+
+    def modal_damping(g, mass, spring, damper):
+        squares, shapes = eigh(np.diag(spring) + mean * np.outer(g, g), np.diag(mass))
+        heavy = mass[:, None] * shapes
+        return heavy * (2 * 0.05 * np.sqrt(np.maximum(squares, 0))) @ heavy.T + np.diag(damper)
+
+    damping = modal_damping(g, mass, spring, damper)
+    # what a torsional motion leaves out, d, on all six equations with the mean stiffness
+    placed, damping_of = np.eye(6)[:, moving], modal_damping(g_all, mass_of, spring_of, damper_of)
+    stiff = np.diag(spring_of) + mean * np.outer(g_all, g_all)
     w, zeta, count = 2 * np.pi * 150, 0.4, g.size
 
-    def force(t, q, v):
+    def slope(t, state):
+        q, v, (h, u) = state[:count], state[count : 2 * count], state[-2:]
+        d, d_rate = state[2 * count : -2].reshape(2, -1)
         cycles = phase(t)
         mesh = stiffness(cycles) * (g @ q - 3e-6 * np.cos(2 * np.pi * cycles))
-        if torsional:
-            return mesh, -(heard @ g_all) * mesh
-        return mesh, heard @ (spring_of * q + damper_of * v)
-
-    def slope(t, state):
-        q, v, (h, u) = state[:count], state[count : 2 * count], state[2 * count :]
-        mesh, bearing = force(t, q, v)
         a = (load + speeding * (t > 0) - spring * q - damping @ v - g * mesh) / mass
-        return np.concatenate([v, a, [u, bearing / 15 - 2 * zeta * w * u - w**2 * h]])
+        moved, rate = (d, d_rate) if torsional else (q, v)
+        bearing = heard @ (spring_of * moved + damper_of * rate)
+        pushed = (placed @ g - g_all) * mesh + placed @ damping @ v - damping_of @ placed @ v
+        d_change = (pushed - stiff @ d - damping_of @ d_rate) / mass_of
+        return np.concatenate([v, a, d_rate, d_change, [u, bearing / 15 - 2 * zeta * w * u - w**2 * h]])
 
     rest = np.linalg.lstsq(np.diag(spring) + mean * np.outer(g, g), load, rcond=None)[0]
-    bearing = -(heard @ g_all) * mean * (g @ rest) if torsional else heard @ (spring_of * rest)
-    start = np.concatenate([rest, np.zeros(count), [bearing / 15 / w**2, 0]])
+    left_out = np.linalg.lstsq(stiff, (placed @ g - g_all) * mean * (g @ rest), rcond=None)[0]
+    bearing = heard @ (spring_of * (left_out if torsional else rest))
+    start = np.concatenate([rest, np.zeros(count), left_out, np.zeros(6), [bearing / 15 / w**2, 0]])
     solved = solve_ivp(
         slope, (-0.12, times_s[-1]), start, method="DOP853", t_eval=times_s, rtol=1e-8, atol=1e-12, max_step=2e-4
     )
@@ -220,7 +227,7 @@ def test_the_way_from_force_to_channel_has_its_frequency_response(order):
     }
     sensor = Sensor(name="a", on="b", units="g", **chain)
     mounts, path = Mode(frequency_hz=30, damping_ratio=0.2), Mode(frequency_hz=2500, damping_ratio=0.1)
-    way = Housing(mass_kg=8, mounts=mounts, path=path, sensor=sensor, rate_hz=20_000)
+    way = Housing(mass_kg=8, mounts=mounts, path=path, sensor=sensor, rate_hz=20_000, channel_rate_hz=20_000)
     samples = np.arange(30_000)
     for frequency_hz, tolerance in ((40, 1e-7), (500, 1e-6), (2000, 1.2e-4), (4000, 8e-3)):
         s = 2j * np.pi * frequency_hz
@@ -232,13 +239,13 @@ def test_the_way_from_force_to_channel_has_its_frequency_response(order):
             pole = 2 * np.pi * 4000 * np.exp(1j * np.pi * (2 * k + order + 1) / (2 * order))
             expected *= -pole / (s - pole)
         assert_allclose(way.response(frequency_hz), expected, rtol=1e-12)
-        way = Housing(mass_kg=8, mounts=mounts, path=path, sensor=sensor, rate_hz=20_000)
+        way = Housing(mass_kg=8, mounts=mounts, path=path, sensor=sensor, rate_hz=20_000, channel_rate_hz=20_000)
         force = np.cos(2 * np.pi * frequency_hz / 20_000 * samples)
         heard = np.concatenate([way.push(part) for part in np.array_split(force, 7)])
         late = samples[20_000:]
         found = np.mean(heard[late] * np.exp(-2j * np.pi * frequency_hz / 20_000 * (late - AHEAD))) * 2
         assert abs(found / expected - 1) < tolerance
-    constant = Housing(mass_kg=8, mounts=mounts, path=path, sensor=sensor, rate_hz=20_000)
+    constant = Housing(mass_kg=8, mounts=mounts, path=path, sensor=sensor, rate_hz=20_000, channel_rate_hz=20_000)
     assert_allclose(constant.push(np.full(100, 5e3)), 0, atol=1e-9)
 
 

@@ -51,7 +51,7 @@ def scene(fidelity="full", *, hand="right", shape="constant", direction=(0, 0, 1
             "elsewhere": 0.0,
             "error": 1e-4,
         },
-        "sensor": [{"name": "a", "on": "pinion", "direction": list(direction), "units": "m s-2"}],
+        "sensor": [{"name": "a", "on": "pinion", "direction": list(direction), "units": "m s-2", "anti_alias": "none"}],
     }
     return Scene.from_mapping(table | changes)
 
