@@ -38,7 +38,7 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
     ``truth_mesh_deflection`` (truth_contact, time) in m, the dynamic transmission error along the line of action,
     positive where teeth are pressed together; ``truth_mesh_force`` in N and ``truth_mesh_stiffness`` in N m-1 alike;
     ``truth_bearing_force`` (truth_support, time) in N, what the bearings of a link press on the frame along an axis of
-    the scene; ``truth_link_speed`` (truth_link, time) in rev s-1, vibration included. All are values at the sampling
+    the scene, by the motions that are simulated: none at ``torsional``; ``truth_link_speed`` (truth_link, time) in rev s-1, vibration included. All are values at the sampling
     instants, not filtered.
 
     Raises
@@ -75,13 +75,12 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
     for link, row in zip(turning, vibration, strict=True):
         speeds[link] = row if motion.drive_load.full_rotation else speeds[link] + row
     along = "along the line of action, positive where teeth are pressed together"
+    forces = dict(zip(supports, pressed, strict=True))
     return {
         "truth_mesh_deflection": _stacked("truth_contact", dict(zip(names, deflection, strict=True)), "m", along),
         "truth_mesh_force": _stacked("truth_contact", dict(zip(names, mesh_force, strict=True)), "N", along),
         "truth_mesh_stiffness": _stacked("truth_contact", dict(zip(names, stiffness, strict=True)), "N m-1", along),
-        "truth_bearing_force": _stacked(
-            "truth_support", dict(zip(supports, pressed, strict=True)), "N", "on the frame"
-        ),
+        **({"truth_bearing_force": _stacked("truth_support", forces, "N", "on the frame")} if forces else {}),
         **speed_truth(speeds),
     }
 

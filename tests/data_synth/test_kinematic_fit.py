@@ -25,7 +25,7 @@ SCENE = {
         "error": 0.02,
         "meshes": {"mesh": {"module_mm": 3, "face_width_mm": 30, "pressure_angle_deg": 20}},
     },
-    "sensor": [{"name": "a", "on": "pinion", "direction": [0, 0, 1], "units": "g"}],
+    "sensor": [{"name": "a", "on": "pinion", "direction": [0, 0, 1], "units": "g", "anti_alias": "none"}],
 }
 TURNS, SEED = 3, 1
 # sizes that are fitted, at 200 N m and 1200 rpm; and four scenes: N m, rpm, mm

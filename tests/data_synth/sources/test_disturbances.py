@@ -21,7 +21,7 @@ MILL = {
     "excitation": {"shaft_amplitude": 0, "mesh_amplitude": 0},
     "resonance": {"frequency_hz": 2500, "damping_ratio": 0.05},
     "noise": {"rms": 0},
-    "sensor": [{"name": name, "on": "input bearing", "units": "m s-2"} for name in ("a", "b")],
+    "sensor": [{"name": name, "on": "input bearing", "units": "m s-2", "anti_alias": "none"} for name in ("a", "b")],
 }
 MODE = {"frequency_hz": 2000, "damping_ratio": 0.04}
 
