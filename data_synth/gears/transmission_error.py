@@ -69,6 +69,12 @@ class PitchError:
         """The number of teeth."""
         return int(np.size(self.teeth_m))
 
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Phases at which it jumps or bends: the ends of each passage to a tooth of another error."""
+        differing = np.flatnonzero(np.asarray(self.teeth_m) != np.roll(self.teeth_m, 1)).astype(np.float64)
+        return tuple(np.unique(np.remainder([differing, differing + self.handover], self.period)).tolist())
+
     def __call__(self, phase_cycles: ArrayLike) -> Array:
         """Return m at phases in mesh cycles, any shape."""
         phase, teeth = np.asarray(phase_cycles, dtype=np.float64), np.asarray(self.teeth_m, dtype=np.float64)
@@ -153,6 +159,16 @@ class SumOfErrors:
     def period(self) -> int:
         """The least common multiple of its parts' periods."""
         return math.lcm(*(part.period for part in self.parts))
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Phases at which a part jumps or bends."""
+        found, period = [np.zeros(0)], self.period
+        for part, by in zip(self.parts, self.by_cycles or (0.0,) * len(self.parts), strict=True):
+            within = np.asarray(getattr(part, "jumps", ()), dtype=np.float64) - by
+            every = np.arange(0, period, part.period)[:, None] + within
+            found.append(np.remainder(every, period).ravel())
+        return tuple(np.unique(np.concatenate(found)).tolist())
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
         """Return m at phases in mesh cycles, any shape."""
