@@ -38,7 +38,8 @@ eight paths that training has not seen. Records of the further labels {further} 
 Features are those of one `hums.analyze` with the record's own drawing, {features} of them: each indicator, and the
 signal-to-noise ratio of each kind of line in the order spectrum and in the envelope, in the logarithm, the largest and
 the mean over the parts of the gearbox, so that gearboxes of one and of three stages have the same. The classifier is
-multinomial logistic regression with an L2 penalty on standardised features, classes weighted equally."""
+multinomial logistic regression with an L2 penalty on standardised features, classes weighted equally. A recall of n
+records has a standard deviation of up to 0.5 / sqrt(n)."""
 
 
 # ---- Features ----------------------------------------------------------------------------------------------------
