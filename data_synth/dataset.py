@@ -8,18 +8,25 @@ import json
 import math
 import shutil
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import xarray as xr
 
+from data_synth.benchmark.card import data_card
+from data_synth.benchmark.detectability import energy_over_noise_db
+from data_synth.benchmark.records import DURATION_S, RATE_HZ, SENSOR, BenchmarkRecords
+from data_synth.cost import explain
 from data_synth.plan import Plan, PlanError, load_plan, parse_plan
 from data_synth.scene.scene import SceneError
 from data_synth.simulation import simulate
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
 from hums.records.store import atomic_write, open_shard, remove_partial_files, write_shard, write_tree
+
+AnyPlan: TypeAlias = Plan | BenchmarkRecords
 
 SCHEMA = "hums-dataset/1"
 _SHARD = "shards/{:06d}.h5"
@@ -27,17 +34,17 @@ _MADE_BY = "# made by hums-toolkit {}; the plan with its scene and every default
 
 
 def make_dataset(
-    plan: Plan | str | Path, folder: str | Path, *, workers: Workers | None = None, progress: bool = False
+    plan: AnyPlan | str | Path, folder: str | Path, *, workers: Workers | None = None, progress: bool = False
 ) -> Tally:
     """Make the dataset of a plan in a folder, or continue one that was interrupted.
 
     Parameters
     ----------
-    plan : Plan, str or Path
+    plan : Plan, BenchmarkRecords, str or Path
         A plan, the path of its file, or its name in the catalogue.
     folder : str or Path
         New, empty, or begun with the same plan. It receives ``plan.toml``, ``shards/``, ``index.h5`` (which
-        `hums.open_dataset` reads, written last) and ``labels.csv``.
+        `hums.open_dataset` reads, written last) and ``labels.csv``; of a benchmark ``data-card.md``, too.
     workers : Serial, Processes or Cluster of `hums.jobs`, optional
         What computes the files; one process if left out. The files do not depend on it.
     progress : bool
@@ -72,7 +79,7 @@ def make_dataset(
     ...     make_dataset(plan, folder).done, make_dataset(plan, folder).kept
     (2, 2)
     """
-    plan = plan if isinstance(plan, Plan) else load_plan(plan)
+    plan = load_plan(plan) if isinstance(plan, str | Path) else plan
     folder = Path(folder).resolve()
     _begin_folder(folder, plan)
     count = math.ceil(plan.records / plan.records_per_shard)
@@ -91,8 +98,57 @@ def make_dataset(
     )
     remove_partial_files(folder)
     if tally.done or not _is_indexed(folder):
+        if isinstance(plan, BenchmarkRecords):
+            with atomic_write(folder / "data-card.md") as part:
+                part.write_text(data_card(plan), encoding="utf-8")
         _write_index(folder, plan, [shards / job.name for job in jobs])
     return tally
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatasetCost:
+    """Size and time of a dataset, estimated.
+
+    Attributes
+    ----------
+    size_bytes : int
+        Of the samples of all records.
+    seconds : float
+        On one core.
+    """
+
+    size_bytes: int
+    seconds: float
+
+
+def dataset_cost(plan: AnyPlan) -> DatasetCost:
+    """Return the size of a dataset, and the time to make it as `data_synth.explain` estimates it for three records.
+
+    Parameters
+    ----------
+    plan : Plan or BenchmarkRecords
+
+    Returns
+    -------
+    DatasetCost
+
+    Raises
+    ------
+    SceneError
+        If one of the three cannot be simulated.
+
+    Examples
+    --------
+    A thousand records of 50,000 samples of 4 bytes:
+
+    >>> from data_synth import load_plan
+    >>> from data_synth.dataset import dataset_cost
+    >>> dataset_cost(load_plan("classification")).size_bytes
+    200000000
+    """
+    numbers = range(0, plan.records, max(1, plan.records // 3))[:3]
+    seconds = [explain(scene).seconds for number in numbers for scene in plan.scenes_of(number)]
+    return DatasetCost(size_bytes=plan.records * plan.record_bytes, seconds=sum(seconds) / len(numbers) * plan.records)
 
 
 def write_records(plan_text: str, shard: int, path: Path) -> None:
@@ -109,32 +165,44 @@ def write_records(plan_text: str, shard: int, path: Path) -> None:
     """
     plan = _parsed(plan_text)
     numbers = _record_numbers(plan, shard)
-    records = [_simulated(plan, number) for number in numbers]
-    rows = [plan.labels(number) for number in numbers]
+    made = [_simulated(plan, number) for number in numbers]
+    records, rows = [record for record, _ in made], [row for _, row in made]
     labels = {name: [row[name] for row in rows] for name in rows[0]}
     write_shard(records, path, labels=labels, dtype=plan.dtype)
 
 
 @lru_cache(maxsize=4)
-def _parsed(text: str) -> Plan:
+def _parsed(text: str) -> AnyPlan:
     return parse_plan(text)
 
 
-def _record_numbers(plan: Plan, shard: int) -> range:
+def _record_numbers(plan: AnyPlan, shard: int) -> range:
     return range(shard * plan.records_per_shard, min((shard + 1) * plan.records_per_shard, plan.records))
 
 
-def _simulated(plan: Plan, number: int) -> xr.Dataset:
+def _simulated(plan: AnyPlan, number: int) -> tuple[xr.Dataset, dict[str, Any]]:
+    """Return a record and its labels."""
+    labels = plan.labels(number)
     try:
-        return simulate(plan.scene(number), seed=plan.seed_of(number))
+        record, *pair = (simulate(scene, seed=plan.seed_of(number)) for scene in plan.scenes_of(number))
     except SceneError as error:
-        raise SceneError(f'record {number}, class "{plan.variant_of(number).name}": {error}') from None
+        raise SceneError(f'record {number}, class "{labels["class"]}": {error}') from None
+    if isinstance(plan, BenchmarkRecords):
+        labels["detectability_db"] = _detectability_db(*pair) if pair else float("nan")
+    return record, labels
+
+
+def _detectability_db(faulty: xr.Dataset, healthy: xr.Dataset) -> float:
+    """Return the detectability of a fault in a record of the benchmark's length."""
+    with_fault, without = (record[SENSOR].values for record in (faulty, healthy))
+    times = DURATION_S * RATE_HZ / without.size
+    return energy_over_noise_db(with_fault - without, without, times=times)
 
 
 # ---- the folder --------------------------------------------------------------------------------------------
 
 
-def _begin_folder(folder: Path, plan: Plan) -> None:
+def _begin_folder(folder: Path, plan: AnyPlan) -> None:
     """Write the plan into a new folder; refuse a folder begun with another plan."""
     mark = folder / "plan.toml"
     own = _MADE_BY.format(version("hums-toolkit")) + plan.text
@@ -162,7 +230,7 @@ def _require_same_plan(folder: Path, there: str, own: str) -> None:
     )
 
 
-def _check_space(plan: Plan, shards: Path, *, missing: int) -> None:
+def _check_space(plan: AnyPlan, shards: Path, *, missing: int) -> None:
     """Refuse a disk with less free space than the missing records need."""
     shards.mkdir(exist_ok=True)
     need, free = missing * plan.record_bytes, shutil.disk_usage(shards).free
@@ -177,7 +245,7 @@ def _is_indexed(folder: Path) -> bool:
     return (folder / "index.h5").is_file() and (folder / "labels.csv").is_file()
 
 
-def _write_index(folder: Path, plan: Plan, shards: Sequence[Path]) -> None:
+def _write_index(folder: Path, plan: AnyPlan, shards: Sequence[Path]) -> None:
     """Write the labels of all records, and the shapes and attributes of their arrays."""
     tables, attrs = [], {}
     arrays: dict[str, Any] = {}

@@ -20,12 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
+from data_synth.benchmark.records import DURATION_S, NAME, VERSION, BenchmarkRecords
 from data_synth.scene.history import History
 from data_synth.scene.scene import Scene, SceneError, load_scene
 from hums.gearbox.components import Declared, Name, Positive, closest, named_file, read_toml, validated
 
 __all__ = [
     "RANGES",
+    "BenchmarkTable",
     "Choice",
     "Log",
     "Plan",
@@ -198,6 +200,15 @@ class Plan:
     record_bytes: int
     variants: tuple[RecordClass, ...]
     history: History | None = None
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Names of the classes, in the order of the plan."""
+        return tuple(variant.name for variant in self.variants)
+
+    def scenes_of(self, number: int) -> tuple[Scene, ...]:
+        """Return the scenes that are simulated for a record."""
+        return (self.scene(number),)
 
     def variant_of(self, number: int) -> RecordClass:
         """Return the class of a record; the classes take turns, each as often in a cycle as its `share`.
@@ -375,7 +386,17 @@ def _label_kinds(variants: tuple[RecordClass, ...]) -> dict[str, tuple[type, tup
 # ---- reading -----------------------------------------------------------------------------------------------
 
 
-def load_plan(name_or_path: str | Path) -> Plan:
+class BenchmarkTable(Declared):
+    """The content of a plan file that names a versioned benchmark."""
+
+    benchmark: Literal["benchmark-1"]
+    version: str
+    records: Annotated[int, Field(ge=1)] = 1000
+    seed: Annotated[int, Field(ge=0)] = 1
+    duration_s: Positive = DURATION_S
+
+
+def load_plan(name_or_path: str | Path) -> Plan | BenchmarkRecords:
     """Load a plan from a TOML file, or from the catalogue by its name.
 
     Parameters
@@ -386,7 +407,8 @@ def load_plan(name_or_path: str | Path) -> Plan:
 
     Returns
     -------
-    Plan
+    Plan or BenchmarkRecords
+        The latter where the file names a versioned benchmark.
 
     Raises
     ------
@@ -407,7 +429,7 @@ def load_plan(name_or_path: str | Path) -> Plan:
     return _plan(table, where=str(path))
 
 
-def parse_plan(text: str, *, where: str = "plan") -> Plan:
+def parse_plan(text: str, *, where: str = "plan") -> Plan | BenchmarkRecords:
     """Return the plan of a TOML text; `where` names it in error sentences."""
     return _plan(tomllib.loads(text), where=where)
 
@@ -418,10 +440,23 @@ def plans() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
-def _plan(table: Mapping[str, Any], *, where: str) -> Plan:
+def _benchmark(table: Mapping[str, Any], *, where: str) -> BenchmarkRecords:
+    """Return a benchmark; refuse another version than that of this program."""
+    declared = validated(BenchmarkTable, dict(table), where=where, error=PlanError)
+    if declared.version != VERSION:
+        raise PlanError(
+            f'{where}: version = "{declared.version}" of {NAME}, but this program makes {VERSION}; '
+            "install the release that has the other one, or name this one."
+        )
+    return BenchmarkRecords(records=declared.records, seed=declared.seed, duration_s=declared.duration_s)
+
+
+def _plan(table: Mapping[str, Any], *, where: str) -> Plan | BenchmarkRecords:
     """Return the plan of a parsed plan file, after a check of every class."""
     import tomli_w  # noqa: PLC0415 - a plan is read seldom
 
+    if "benchmark" in table:
+        return _benchmark(table, where=where)
     declared = validated(PlanTable, dict(table), where=where, error=PlanError)
     base = _base(declared.scene, where)
     try:

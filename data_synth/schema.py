@@ -3,7 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from data_synth.plan import PlanTable
+from pydantic import TypeAdapter
+
+from data_synth.plan import BenchmarkTable, PlanTable
 from data_synth.scene.scene import FIDELITIES, Scene
 
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"
@@ -56,11 +58,12 @@ def plan_schema() -> dict[str, Any]:
     Examples
     --------
     >>> from data_synth.schema import plan_schema
-    >>> plan_schema()["required"]
-    ['scene', 'records', 'seed']
+    >>> sorted(plan_schema()["$defs"])
+    ['BenchmarkTable', 'ClassTable', 'PlanTable']
     """
-    schema: dict[str, Any] = PlanTable.model_json_schema(by_alias=True)
-    return {**_without_null(schema), "$schema": _DRAFT}
+    schema: dict[str, Any] = TypeAdapter(PlanTable | BenchmarkTable).json_schema(by_alias=True)
+    # what both have is alike; an editor completes by it
+    return {**_without_null(schema | {"properties": schema["$defs"]["PlanTable"]["properties"]}), "$schema": _DRAFT}
 
 
 def _as_table(pairs: dict[str, Any]) -> None:

@@ -345,12 +345,18 @@ def dataset(
 ) -> None:
     """Make a labelled dataset of synthetic records, or go on with one that was stopped."""
     from data_synth import load_plan, make_dataset  # noqa: PLC0415
+    from data_synth.dataset import dataset_cost  # noqa: PLC0415
 
-    declared = load_plan(plan)
-    tally = make_dataset(declared, out, workers=_workers(workers, scheduler), progress=True)
+    declared, chosen = load_plan(plan), _workers(workers, scheduler)
+    cost = dataset_cost(declared)
+    typer.echo(
+        f"{declared.records} records of {declared.record_bytes / 1e6:.3g} MB are {cost.size_bytes / 1e6:.3g} MB of "
+        f"samples; about {cost.seconds / 60:.2g} minutes of one core"
+    )
+    tally = make_dataset(declared, out, workers=chosen, progress=True)
     before = f", {tally.kept} of their {tally.kept + tally.done} files made before" if tally.kept else ""
     typer.echo(f"{out}: {declared.records} records{before}")
-    typer.echo(f"classes: {', '.join(variant.name for variant in declared.variants)}")
+    typer.echo(f"classes: {', '.join(declared.classes)}")
     typer.echo(f'open it: hums.open_dataset("{out}")')
 
 

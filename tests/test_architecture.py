@@ -35,6 +35,7 @@ ORDER = {
         gears < scene < operation < bearings < kinematic < transfer < sources
         gears < dynamics < integrators
         sources, integrators < vibration < fidelity < truth, cost < simulation < plan, kinematic_fit < dataset, schema
+        scene < benchmark < plan
     """,
 }
 LARGEST_FOLDER = 20  # modules, the __init__ not among them

@@ -84,9 +84,9 @@ class PitchError:
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Phases at which it or its slope jumps: between two of them it is linear."""
-        whole = np.arange(self.period)
-        return tuple(np.unique([whole, whole + self.handover % 1.0]).tolist())
+        """Phases at which it jumps or bends: the ends of each passage to a tooth of another error."""
+        differing = np.flatnonzero(np.asarray(self.teeth_m) != np.roll(self.teeth_m, 1)).astype(np.float64)
+        return tuple(np.unique(np.remainder([differing, differing + self.handover], self.period)).tolist())
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
         """Return m at phases in mesh cycles, any shape."""

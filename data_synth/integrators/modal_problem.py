@@ -1,9 +1,10 @@
 """A problem in modal coordinates: constant part, rank-one mesh forces, and tables over the mesh phase."""
 
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -241,8 +242,26 @@ def tabulated(functions: Sequence[Wave]) -> Waves:
     )
 
 
-def _table(function: Wave) -> tuple[Array, Array, Integers, Integers, Array, float]:
+Table: TypeAlias = tuple[Array, Array, Integers, Integers, Array, float]
+_TABLES: dict[int, tuple[weakref.ref[Callable[[Array], Array]], tuple[object, ...], Table]] = {}
+"""Tables by the identity of the function, as long as it lives: a trial and the run after it share them."""
+
+
+def _table(function: Wave) -> Table:
     """Return starts, densities, first cells and cell counts of the segments, rows of the cells, and the mean."""
+    key, where = id(function.value), (function.period, function.jumps)
+    known = _TABLES.get(key)
+    if known is not None and known[0]() is function.value and known[1] == where:
+        return known[2]
+    table = _tabulated_alone(function)
+    try:
+        _TABLES[key] = weakref.ref(function.value, lambda _: _TABLES.pop(key, None)), where, table
+    except TypeError:  # a function without weak references
+        _TABLES.pop(key, None)
+    return table
+
+
+def _tabulated_alone(function: Wave) -> Table:
     breaks = np.unique(np.array([0.0, *function.jumps, function.period]))
     density = _MIN_DENSITY
     while True:

@@ -48,3 +48,31 @@ def add_decays(
                 total += state[p].real
             state[p] *= steps[p]
         signal[sample] += total
+
+
+@compiled
+def add_pole_responses(
+    out: Array,
+    drive: Array,
+    decays: ComplexArray,
+    weights_new: ComplexArray,
+    weights_old: ComplexArray,
+    states: ComplexArray,
+) -> None:
+    """Add ``Re sum_p s_p`` to `out`, ``s_p[n] = decay_p s_p[n - 1] + new_p drive[n + 1] + old_p drive[n]``.
+
+    Parameters
+    ----------
+    out : (n,) array
+    drive : (n + 1,) array
+    decays, weights_new, weights_old : (p,) complex array
+    states : (p,) complex array
+        Before the first sample; after the last one on return.
+    """
+    for sample in range(out.size):
+        old, new = drive[sample], drive[sample + 1]
+        total = 0.0
+        for p in range(decays.size):
+            states[p] = decays[p] * states[p] + weights_new[p] * new + weights_old[p] * old
+            total += states[p].real
+        out[sample] += total

@@ -63,7 +63,7 @@ class PoleFilter:
         The input of the direct feedthrough may be given apart in `at_once`, (n,), where `samples` are smoothed. The
         first two samples of all are the response to a constant input.
         """
-        from scipy.signal import lfilter  # noqa: PLC0415
+        from data_synth.transfer._acquisition_kernels import add_pole_responses  # noqa: PLC0415
 
         if self._states is None:
             # at rest under the first sample: what it has driven each pole to
@@ -75,15 +75,9 @@ class PoleFilter:
         direct = np.concatenate([self._direct_history, samples if at_once is None else at_once])
         self._direct_history = direct[-AHEAD:]
         corrected = np.convolve(joined, CORRECTION, mode="valid")
-        now, before = corrected[1:], corrected[:-1]
         out = self._direct * direct[:-AHEAD]  # what passes at once needs no line between samples
-        for index, decay in enumerate(self._decay):
-            drive = self._weights_new[index] * now + self._weights_old[index] * before
-            state = np.array([decay * self._states[index]])
-            modal_response, _ = lfilter([1.0], [1.0, -decay], drive, zi=state)
-            self._states[index] = modal_response[-1]
-            out = out + modal_response.real
-        return np.asarray(out)
+        add_pole_responses(out, corrected, self._decay, self._weights_new, self._weights_old, self._states)
+        return out
 
 
 # ---- Housing ---------------------------------------------------------------------------------------------------------

@@ -95,7 +95,7 @@ def drive_load_of(stage: PreparedScene, kinematics: Kinematics, system: System) 
 
     def force(times_s: Array) -> Array:
         acceleration = 2 * np.pi * angle.acceleration_hz_s(times_s)
-        return np.multiply.outer(torque.at(times_s), unit) + np.multiply.outer(acceleration, inertia_torque)
+        return np.asarray(np.stack([torque.at(times_s), acceleration], axis=1) @ np.stack([unit, inertia_torque]))
 
     steady = np.ptp(torque.values) == 0 and np.ptp(stage.speed_hz) == 0
     load = Load(constant=force(np.zeros(1))[0]) if steady else _varying(force)

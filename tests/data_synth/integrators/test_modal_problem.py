@@ -10,7 +10,7 @@ from numpy.polynomial import legendre as polynomials
 from scipy import linalg
 
 from data_synth.integrators._periodic_kernels import integrals_at, legendre, value_at
-from data_synth.integrators.modal_problem import Wave, flow_of, modes_of, tabulated
+from data_synth.integrators.modal_problem import _TABLES, Wave, flow_of, modes_of, tabulated
 
 CURVES = {
     "smooth": Wave(ten_harmonics(), 1),
@@ -120,3 +120,22 @@ class TestFlow:
     def test_damping_that_couples_modes_is_kept(self):
         stiffness = np.diag([1e8, 0, 1e8, 0]) + MEAN * np.outer(DIRECTION, DIRECTION)
         assert not flow_of(modes_of(np.diag(MASSES), stiffness), np.diag([0, 0, 0, 1.0]), np.zeros(4)).classical
+
+
+def test_a_function_is_tabulated_once_and_forgotten_with_it():
+    calls = []
+
+    class Counted:
+        def __call__(self, phase):
+            calls.append(phase.size)
+            return np.sin(2 * np.pi * phase)
+
+    function, before = Counted(), len(_TABLES)
+    first, count = tabulated([Wave(function, 1.0)]), len(calls)
+    again = tabulated([Wave(function, 1.0)])
+    assert len(calls) == count
+    assert np.array_equal(first.rows, again.rows)
+    tabulated([Wave(function, 2.0)])
+    assert len(calls) > count
+    del function
+    assert len(_TABLES) == before

@@ -1,0 +1,62 @@
+"""Imperfections have the numbers of their standards, and every range has its ends."""
+
+import numpy as np
+import pytest
+
+from data_synth.benchmark.conditions import FAULTS, IMPERFECTIONS, Machine, draw_operation, merged, runout
+from data_synth.benchmark.gearboxes import draw_gearbox
+
+
+@pytest.fixture
+def machine():
+    gearbox = draw_gearbox("g", stages=2, rng=np.random.default_rng(1))
+    return Machine(
+        gearbox=gearbox,
+        mass_kg=50.0,
+        operation=draw_operation(gearbox, duration_s=10, rng=np.random.default_rng(2)),
+        rng=np.random.default_rng(3),
+        rng_of_gearbox=np.random.default_rng(4),
+    )
+
+
+def test_every_gear_has_a_runout_within_its_grade(machine):
+    faults = runout(machine)["fault"]
+    assert [fault["component"] for fault in faults] == [*machine.gearbox.components]
+    for fault in faults:
+        # ISO 1328-2 (1997): grade 8 has twice sqrt(2) the runout of grade 5, at least 5.6 um
+        assert 0.3 * 5.6 / 2 < 1e3 * fault["size_mm"] < (0.24 * 6 + np.sqrt(6 * 130) + 5.6) * 2**1.5 / 2
+
+
+def test_what_belongs_to_the_gearbox_does_not_change_with_the_record(machine):
+    other = Machine(**{**vars(machine), "rng": np.random.default_rng(9), "rng_of_gearbox": np.random.default_rng(4)})
+    assert runout(other) == runout(Machine(**{**vars(machine), "rng_of_gearbox": np.random.default_rng(4)}))
+
+
+def test_tables_merge_and_lists_join(machine):
+    table = {"fault": [], "sensor": {"name": "a"}}
+    for imperfection in IMPERFECTIONS:
+        table = merged(table, imperfection(machine))
+    assert table["sensor"]["name"] == "a"
+    assert {"hum", "anti_alias", "cross_axis"} < table["sensor"].keys()
+    assert len(table["fault"]) == 4
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_severity_goes_from_the_least_size_to_the_greatest(machine, name):
+    family = FAULTS[name]
+    least, middle, most = (
+        family.draw(machine, severity=severity, rng=np.random.default_rng(7)) for severity in (0.0, 0.5, 1.0)
+    )
+    key = "depth_mm" if name == "crack" else "size_mm"
+    assert least["component"] == most["component"]
+    assert most[key] / least[key] == pytest.approx(family.sizes[1] / family.sizes[0])
+    assert middle[key] == pytest.approx(np.sqrt(least[key] * most[key]))
+
+
+def test_an_imbalance_has_the_force_of_its_grade(machine):
+    fault = FAULTS["imbalance"].draw(machine, severity=1.0, rng=np.random.default_rng(7))
+    # e w = G: the acceleration of the housing is m G w / M
+    speed = machine.operation.rpm * np.pi / 30 * machine.gearbox.speed_ratio(fault["component"])
+    assert fault["size_mm"] * speed == pytest.approx(1600)
+    mass = fault["amplitude_per_mm"] * machine.mass_kg / (1e-3 * speed**2)
+    assert 0.1 < mass < 100  # kg of steel

@@ -1,0 +1,149 @@
+"""Splits, order and scenes of a benchmark, and a dataset of a few short records."""
+
+import hashlib
+import json
+import shutil
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hums
+from data_synth import PlanError, load_plan, make_dataset, simulate
+from data_synth.benchmark.records import CLASSES, FURTHER, SPLITS, VERSION, BenchmarkRecords, gearboxes, paths
+from data_synth.dataset import dataset_cost
+from data_synth.plan import parse_plan
+from hums.jobs import Tally
+
+PLAN = load_plan("benchmark-1")
+LABELS = [PLAN.labels(number) for number in range(PLAN.records)]
+
+
+class TestOrder:
+    def test_it_is_what_was_asked_for(self):
+        assert (PLAN.records, PLAN.duration_s, len(CLASSES)) == (1000, 10, 11)
+        assert len(gearboxes()) >= 12
+        assert len(SPLITS["test"].gearboxes) == 4
+
+    def test_splits_share_no_gearbox_and_no_path(self):
+        for pool, names in (("gearboxes", gearboxes()), ("paths", paths())):
+            every = [name for split in SPLITS.values() for name in getattr(split, pool)]
+            assert sorted(every) == sorted(names)
+            assert len(set(every)) == len(every)
+        for labels in LABELS:
+            assert labels["gearbox"] in SPLITS[labels["split"]].gearboxes
+            assert labels["path"] in SPLITS[labels["split"]].paths
+
+    def test_every_split_has_its_part_of_every_class(self):
+        counts = Counter((labels["split"], labels["class"]) for labels in LABELS)
+        for name, split in SPLITS.items():
+            for class_name, of_25 in (("healthy", 3), ("crack", 2), ("cage", 1)):
+                assert counts[name, class_name] == 1000 * split.share / 20 * of_25 / 25
+
+    def test_every_gearbox_is_healthy_and_has_every_fault(self):
+        seen = {(labels["gearbox"], labels["class"]) for labels in LABELS}
+        assert len(seen) == 16 * (len(CLASSES) + len(FURTHER))
+
+    def test_the_order_is_shuffled(self):
+        numbers = [CLASSES.index(labels["class"]) for labels in LABELS if labels["class"] in CLASSES]
+        # of independent draws: 3 / sqrt(920)
+        assert abs(np.corrcoef(numbers[1:], numbers[:-1])[0, 1]) < 0.1
+
+    def test_a_record_does_not_depend_on_how_many_there_are(self):
+        few = replace(PLAN, records=20)
+        assert str([few.labels(number) for number in range(20)]) == str(LABELS[:20])  # NaN is not equal to itself
+        with pytest.raises(ValueError, match=r"no record 20; the 20 of this plan count from 0"):
+            few.labels(20)
+
+    def test_seeds_change_records_and_not_gearboxes(self):
+        other = replace(PLAN, seed=2)
+        assert [other.labels(n)["class"] for n in range(50)] != [labels["class"] for labels in LABELS[:50]]
+        names = {labels["gearbox"]: labels["stages"] for labels in LABELS}
+        assert all(names[other.labels(n)["gearbox"]] == other.labels(n)["stages"] for n in range(50))
+
+    def test_severities_are_spread_and_columns_are_alike(self):
+        severities = [x["severity"] for x in LABELS if x["class"] not in ("healthy", "missing tooth")]
+        assert np.histogram(severities, bins=4, range=(0, 1))[0].min() > 0.2 * len(severities)
+        assert len({tuple(labels) for labels in LABELS}) == 1
+
+    def test_a_version_keeps_its_records(self):
+        # what changes this digest is another VERSION; floats to six digits, as libraries of mathematics agree on
+        rows = [{k: f"{v:.6g}" if isinstance(v, float) else str(v) for k, v in labels.items()} for labels in LABELS]
+        digest = hashlib.sha256(json.dumps(rows).encode()).hexdigest()
+        assert (VERSION, digest[:16]) == ("1.0", "72276242850fd992")
+
+
+class TestPlan:
+    def test_the_text_is_a_plan_that_says_the_same(self):
+        assert parse_plan(PLAN.text) == PLAN
+
+    def test_another_version_is_refused(self):
+        with pytest.raises(PlanError, match=r'plan: version = "9" of benchmark-1, but this program makes 1\.0'):
+            parse_plan(PLAN.text.replace('"1.0"', '"9"'))
+
+
+@pytest.fixture(scope="module")
+def small():
+    return BenchmarkRecords(records=4, seed=13342, duration_s=0.2)  # one stage each: wear, healthy, inner race, crack
+
+
+@pytest.fixture(scope="module")
+def folder(small, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("benchmark") / "small"
+    assert make_dataset(small, folder) == Tally(done=4, kept=0)
+    return folder
+
+
+class TestDataset:
+    def test_labels_are_columns(self, small, folder):
+        opened = hums.open_dataset(folder)
+        assert opened["input vertical"].shape == (4, 5120)
+        for number in range(4):
+            labels = small.labels(number)
+            for name, value in labels.items():
+                assert opened[name][number].item() == pytest.approx(value, nan_ok=True)
+            healthy = labels["class"] == "healthy"
+            assert np.isnan(opened["detectability_db"][number].item()) == healthy
+
+    def test_a_record_has_its_scene_and_its_fault_comes_last(self, small, folder):
+        for number in range(4):
+            record = hums.dataset_record(folder, number)
+            assert record.attrs["truth_scene"] == small.scene(number).to_toml()
+            kinds = [*record["truth_fault_kind"].values]
+            runouts = 2 * small.labels(number)["stages"]
+            assert kinds[:runouts] == ["eccentricity"] * runouts
+            assert len(kinds) == runouts + (small.labels(number)["class"] != "healthy")
+
+    def test_a_missing_file_is_made_again_to_the_byte(self, small, folder, tmp_path):
+        copy = tmp_path / "copy"
+        shutil.copytree(folder, copy)
+        before = (copy / "shards" / "000002.h5").read_bytes()
+        (copy / "shards" / "000002.h5").unlink()
+        (copy / "index.h5").unlink()
+        assert make_dataset(small, copy) == Tally(done=1, kept=3)
+        assert (copy / "shards" / "000002.h5").read_bytes() == before
+        assert (copy / "index.h5").read_bytes() == (folder / "index.h5").read_bytes()
+
+    def test_the_card_has_every_class_split_and_gearbox(self, folder):
+        card = (folder / "data-card.md").read_text(encoding="utf-8")
+        for name in (*CLASSES, *FURTHER, *SPLITS, *gearboxes()):
+            assert f"| {name} |" in card
+        assert max(len(line) for line in card.splitlines() if not line.startswith("|")) <= 120
+
+    def test_its_cost_is_known_before(self, small):
+        cost = dataset_cost(small)
+        assert cost.size_bytes == 4 * 5120 * 4
+        assert cost.seconds > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*CLASSES, *FURTHER])
+def test_every_class_can_be_simulated(name):
+    number = next(n for n, labels in enumerate(LABELS) if (labels["class"], labels["stages"]) == (name, 1))
+    plan = replace(PLAN, duration_s=0.2)
+    faulty, healthy = (
+        simulate(plan.scene(number, healthy=healthy), seed=1)["input vertical"].values for healthy in (False, True)
+    )
+    assert np.all(np.isfinite(faulty))
+    assert np.array_equal(faulty, healthy) == (name == "healthy")
