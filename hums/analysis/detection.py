@@ -16,7 +16,7 @@ The rule, fixed on the wind turbine and CWRU records:
      a line at the cage order, and what is below a third of another defect of the same bearing is hidden by it: impacts
      of one spot excite lines at the orders of the others;
    - in the envelope, impacts once per revolution of a shaft, or once per contact of a planet's damaged tooth, produce
-     any multiple of that order;
+     any multiple of that order; those of a tooth, which no bearing makes, explain lines up to three times as high;
    - it is a sideband that the planet pass produces in a healthy stage.
 3. Harmonics and sidebands of a bearing line are significant only together with it, at the right spacing. A line that
    would be a harmonic of two significant fundamentals supports neither.
@@ -71,8 +71,10 @@ class LineAssessor:
         significant: list[MeasuredLine] = []
         detected = [i for i in range(len(lines)) if probability[i] < self.false_alarm_probability]
         level = _combined_levels([lines[i] for i in detected])
+        # a tooth's impacts make every multiple of their rate, and a bearing no fraction of its own, so they come first;
         # a bearing's harmonics and sidebands follow all lines that can be significant alone
-        for i in sorted(detected, key=lambda i: (is_support(lines[i]), -level(lines[i]))):
+        rank = {i: (is_support(lines[i]), not _is_tooth_comb(lines[i]), -level(lines[i])) for i in detected}
+        for i in sorted(detected, key=rank.__getitem__):
             line = lines[i]
             parents = [other for other in significant if supports(line, other)] if is_support(line) else []
             if parents and not self._belongs_to_other(line, significant):
@@ -125,7 +127,8 @@ class LineAssessor:
             # own shaft's order, so that only the searched harmonics explain them.
             highest = _EXPLAINED_HARMONICS if weaker.expected.kind == "tooth" else multiple
             near = 0 < multiple <= highest and _near(weaker, multiple * base)
-            return f"harmonic {multiple} of {name}" if near else ""
+            above = _is_tooth_comb(stronger) and weaker.line.snr > RIVAL_FACTOR * stronger.line.snr
+            return f"harmonic {multiple} of {name}" if near and not above else ""
         harmonics = 1 if stronger.expected.kind == "tooth" else _EXPLAINED_HARMONICS
         for harmonic in range(1, harmonics + 1):
             if _near(weaker, harmonic * base):
@@ -181,6 +184,11 @@ def _combined_levels(detected: Sequence[MeasuredLine]) -> Callable[[MeasuredLine
         return math.hypot(line.line.snr, *(other.line.snr for other in others))
 
     return level
+
+
+def _is_tooth_comb(line: MeasuredLine) -> bool:
+    """Whether a line is an envelope harmonic of impacts once per contact of two teeth."""
+    return line.expected.spectrum == ENVELOPE and line.expected.kind in TOOTH_KINDS
 
 
 def _is_comb(line: MeasuredLine) -> bool:

@@ -123,7 +123,7 @@ def test_multiples_of_a_stronger_tooth_rate_are_no_bearing(kind, order, multiple
 
 def test_beside_a_multiple_or_above_the_teeth_a_bearing_line_stands():
     beside = line("b", "cage", CAGE + 2.5 * BIN, 42.0, fundamental=True)
-    stronger = line("b", "cage", CAGE, 80.0, fundamental=True)  # three lines of 40 make 69
+    stronger = line("b", "cage", CAGE, 121.0, fundamental=True)  # more than three times as high as lines of 40
     for own in (beside, stronger):
         assert LineAssessor({"b": BEARING}, 0.01).assess([own, *comb(40.0)])[0].significant
 
