@@ -5,6 +5,7 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+from browser import start_browser
 
 # Workers of pytest run side by side; threads of linear algebra beside them would wait for each other.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -46,3 +47,11 @@ def real_data(pytestconfig):
     if os.environ.get("HUMS_STRICT") == "1":
         pytest.fail(reason)
     return beside
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory):
+    """Headless Chromium, one for a worker; see tests/browser.py."""
+    driver = start_browser(tmp_path_factory.mktemp("profile"))
+    yield driver
+    driver.quit()

@@ -27,8 +27,8 @@ ORDER = {
     """,
     "hums": """
         gearbox, records < readers, plots, jobs, analysis
-        plots, analysis < report
-        jobs, analysis < fleet
+        plots, analysis, pages < report
+        jobs, analysis, pages < fleet
         readers, plots, report, fleet < cli
     """,
     "data_synth": """

@@ -1,0 +1,205 @@
+"""Figures of a page as JSON for plotly.js, and the page around them.
+
+The script comes from the Python package plotly; its classes are not imported, since a figure is plain JSON. Arrays are
+base64 of 4-byte floats or 1-byte codes. Colours named ``--line`` are those of `page.css`, in light, dark or print.
+"""
+
+import base64
+import html
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_CODES = 254  # of a byte; 255 is no value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure:
+    """A figure of a page.
+
+    Attributes
+    ----------
+    name : str
+        Identifier in the page: letters, digits and hyphens.
+    alt : str
+        What it shows, in a sentence, for those who do not see it.
+    traces : sequence of dict
+        Traces of plotly.js; arrays by `packed` or `packed_codes`; ``"--NAME"`` is a colour of ``page.css``.
+    layout : mapping
+        Layout of plotly.js, over that of all figures.
+    height_px : int
+        Height on the screen.
+    view, data : str and mapping
+        Name and data of a function in ``pages.views`` of the page's script that turns them into traces and layout.
+
+    Examples
+    --------
+    >>> from hums.pages.page import Figure, packed
+    >>> trace = {"type": "scatter", "x": packed([0, 1]), "y": packed([2, 3]), "line": {"color": "--line"}}
+    >>> Figure(name="rise", alt="A line that rises from 2 to 3.", traces=[trace]).height_px
+    360
+    """
+
+    name: str
+    alt: str
+    traces: Sequence[Mapping[str, Any]] = ()
+    layout: Mapping[str, Any] = field(default_factory=dict)
+    height_px: int = 360
+    view: str = ""
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+
+def packed(values: ArrayLike) -> dict[str, Any]:
+    """Return an array of one or two dimensions as base64 of 4-byte floats: 7 digits, NaN included.
+
+    Examples
+    --------
+    >>> from hums.pages.page import packed
+    >>> packed([0.0, 1.0])
+    {'dtype': 'f4', 'shape': [2], 'bdata': 'AAAAAAAAgD8='}
+    """
+    return _encoded(np.asarray(values, dtype="<f4"), "f4")
+
+
+def packed_codes(values: ArrayLike) -> dict[str, Any]:
+    """Return an array as bytes between its least and largest value, for maps in colours; one error is 0.2 % of them.
+
+    Examples
+    --------
+    >>> from hums.pages.page import packed_codes
+    >>> packed_codes([[0.0, 127.0, 254.0]])
+    {'dtype': 'u1', 'shape': [1, 3], 'bdata': 'AH/+', 'low': 0.0, 'step': 1.0}
+    """
+    given = np.asarray(values, dtype=np.float64)
+    finite = np.isfinite(given)
+    low = float(given[finite].min()) if finite.any() else 0.0
+    step = (float(given[finite].max()) - low) / _CODES if finite.any() else 0.0
+    codes = np.full(given.shape, _CODES + 1, dtype=np.uint8)
+    codes[finite] = np.rint((given[finite] - low) / (step or 1.0))
+    return _encoded(codes, "u1") | {"low": low, "step": step}
+
+
+def _encoded(values: NDArray[Any], dtype: str) -> dict[str, Any]:
+    data = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
+    return {"dtype": dtype, "shape": list(values.shape), "bdata": data}
+
+
+def least_and_largest(values: ArrayLike, *, columns: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return the least and the largest value of each column of a curve, in their order, and their indices.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Curve to draw.
+    columns : int
+        Columns of equal width it is divided into; each gives two values. A curve of no more than two values a column
+        comes back whole.
+
+    Returns
+    -------
+    values, indices : (m,) arrays
+        At most ``2 columns`` values, every peak and trough among them.
+
+    Examples
+    --------
+    >>> from hums.pages.page import least_and_largest
+    >>> values, indices = least_and_largest([0, 5, 1, 2, -3, 1], columns=2)
+    >>> values.tolist(), indices.tolist()
+    ([0.0, 5.0, 2.0, -3.0], [0, 1, 3, 4])
+    """
+    given = np.asarray(values, dtype=np.float64)
+    if given.size <= 2 * columns:
+        return given, np.arange(given.size)
+    step = -(-given.size // columns)
+    starts = np.arange(0, given.size, step)
+    padded = np.pad(given, (0, starts.size * step - given.size), mode="edge").reshape(-1, step)
+    both = np.sort(np.stack([padded.argmin(axis=1), padded.argmax(axis=1)], axis=1) + starts[:, None], axis=1)
+    indices = np.unique(np.minimum(both.ravel(), given.size - 1))
+    return given[indices], indices
+
+
+def figure_html(figure: Figure, *, caption: str = "") -> str:
+    """Return the HTML of a figure, with its data; `stand_alone_page` brings the script that draws it.
+
+    Parameters
+    ----------
+    figure : Figure
+        Figure to draw.
+    caption : str
+        HTML below it.
+
+    Examples
+    --------
+    >>> from hums.pages.page import Figure, figure_html
+    >>> figure_html(Figure(name="none", alt="Nothing at all."))[:38]
+    '<figure class="plot" id="figure-none">'
+    """
+    content = {
+        "traces": list(figure.traces),
+        "layout": dict(figure.layout),
+        "view": figure.view,
+        "data": dict(figure.data),
+        "alt": figure.alt,
+    }
+    below = f"<figcaption>{caption}</figcaption>" if caption else ""
+    return (
+        f'<figure class="plot" id="figure-{html.escape(figure.name)}"><div class="canvas" tabindex="0" role="group" '
+        f'aria-label="{html.escape(figure.alt)} Arrow keys move, plus and minus zoom, 0 shows all." '
+        f'style="height:{figure.height_px}px"></div>'
+        f'<script type="application/json">{_json(content)}</script>{below}</figure>'
+    )
+
+
+def _json(content: object) -> str:
+    """Return JSON that may stand in a script element."""
+    return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def stand_alone_page(*, title: str, body: str, style: str = "", script: str = "") -> str:
+    """Return a whole HTML page that needs no other file and asks for none.
+
+    Parameters
+    ----------
+    title : str
+        Title of the page.
+    body : str
+        Its HTML, figures by `figure_html` among it.
+    style : str
+        Style sheet after ``page.css``.
+    script : str
+        Script before the figures are drawn, after ``page.js``; it may add to ``pages.views``.
+
+    Examples
+    --------
+    >>> from hums.pages.page import stand_alone_page
+    >>> page = stand_alone_page(title="Fleet <A>", body="<h1>Fleet</h1>")
+    >>> "<title>Fleet &lt;A&gt;</title>" in page, "http" in page.split("<script>")[0]
+    (True, False)
+    """
+    ours = files("hums.pages")
+    css = (ours / "page.css").read_text(encoding="utf-8") + style
+    js = "\n".join([(ours / "page.js").read_text(encoding="utf-8"), script, "pages.begin();"])
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        '<meta name="color-scheme" content="light dark">\n<link rel="icon" href="data:,">\n'
+        f"<title>{html.escape(title)}</title>\n<style>\n{css}</style>\n</head>\n<body>\n{body}\n"
+        f"<script>{_plotly_script()}</script>\n<script>\n{js}\n</script>\n</body>\n</html>\n"
+    )
+
+
+def _plotly_script() -> str:
+    """Return plotly.js, from the package's files: `files` would import the package."""
+    from importlib.util import find_spec  # noqa: PLC0415
+    from pathlib import Path  # noqa: PLC0415
+
+    spec = find_spec("plotly")
+    if spec is None or spec.origin is None:
+        raise ValueError("plotly is not installed, whose script draws the pages' figures; pip install plotly.")
+    text = (Path(spec.origin).parent / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+    return text.replace("</script", "<\\/script")
