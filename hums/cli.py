@@ -387,6 +387,7 @@ def fleet(
         no_envelope=no_envelope,
         false_alarm_probability=false_alarm_probability,
         most_tracks=0,
+        pictures=False,
     )
     result = analyze_fleet(
         records, gearbox, out, settings=settings, workers=_workers(workers, scheduler), progress=True

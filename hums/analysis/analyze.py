@@ -1,10 +1,12 @@
 """Analysis of one record: from record, gearbox and settings to spectra, lines, tracks, indicators and findings.
 
 An analysis is an `xarray.DataTree` with the groups `/speed`, `/health`, `/order_spectrum`, `/envelope`, `/tracks`,
-`/indicators` and `/findings` (see `hums.analysis.result`); reports and scores are made from it alone.
+`/indicators` and `/findings` (see `hums.analysis.result`), and what pictures need (`hums.analysis.pictures`); reports
+and scores are made from it alone.
 """
 
 import json
+import logging
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -20,6 +22,7 @@ from hums.analysis.detection import AssessedLine, LineAssessor
 from hums.analysis.findings import Finding, findings
 from hums.analysis.indicators import channel_indicators, fm4_by_gear
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
+from hums.analysis.pictures import ChannelPictures, channel_pictures, picture_groups
 from hums.analysis.reference_angle import Machine, prepare_machine
 from hums.analysis.result import (
     SCHEMA,
@@ -34,10 +37,12 @@ from hums.analysis.result import (
 from hums.analysis.settings import AnalysisSettings
 from hums.analysis.tracks import lines_to_track, track_lines
 from hums.gearbox.model import Gearbox
-from hums.records.record import channel_values, check_record
+from hums.records.record import channel_values, check_record, sampling
 from signals.health import SensorHealth
 
 __all__ = ["AnalysisSettings", "analyze"]
+
+_log = logging.getLogger("hums")
 
 
 def analyze(
@@ -100,11 +105,15 @@ def analyze(
     expected = expected_lines(machine.kinematics, _plan(machine, settings))
     channels: list[AnalysedChannel] = []
     indicators: list[IndicatorValue] = []
-    for name in names:
+    pictures: list[ChannelPictures] = []
+    for number, name in enumerate(names, start=1):
+        _log.info("channel %s, %d of %d", name, number, len(names))
         values = varying_values(record, name)
         channel = analyse_channel(record, name, values, machine, expected, settings)
         channels.append(channel)
         indicators += channel_indicators(record, channel, values, machine, settings, histories)
+        if settings.pictures:
+            pictures.append(channel_pictures(channel, values, sampling(record, name), machine, settings))
     assessor = LineAssessor(
         {bearing.name: bearing for bearing in machine.bearings},
         settings.false_alarm_probability,
@@ -135,6 +144,7 @@ def analyze(
             "/findings": rows_dataset(found, Finding, dim="finding"),
         }
     )
+    tree = tree.assign(picture_groups(pictures)) if pictures else tree
     check_analysis(tree)
     return tree
 

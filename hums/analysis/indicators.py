@@ -37,7 +37,7 @@ from signals.spectra.integration import ISO_20816_HZ, ISO_20816_SLOW_HZ, velocit
 # ---- Condition indicators of a gear, from its synchronous average, residual and difference signal, and mesh band -----
 
 
-_SHAFT_ORDERS = (1, 2)  # removed from the residual signal together with the mesh
+SHAFT_ORDERS = (1, 2)  # removed from the residual signal together with the mesh
 GAUSSIAN_KURTOSIS = 3.0
 _OVER_NOISE = 4.0  # standard deviations of the kurtosis of noise, up to which it is not significant
 
@@ -158,7 +158,7 @@ def _residual_indicators(
     a standard deviation of sqrt(24 / 2n). The noise limit is four of these above 3.
     """
     last = gear.last_order(average)
-    cut: dict[str, Any] = {"teeth": gear.on_shaft, "harmonics": gear.harmonics, "shaft_orders": _SHAFT_ORDERS}
+    cut: dict[str, Any] = {"teeth": gear.on_shaft, "harmonics": gear.harmonics, "shaft_orders": SHAFT_ORDERS}
     limit = GAUSSIAN_KURTOSIS + _OVER_NOISE * math.sqrt(24 / (2 * last)) if last else math.nan
     for name in ("fm4", "m6a", "m8a"):
         yield monitored.evaluate(
@@ -476,10 +476,10 @@ def _fixed_axis_indicators(
     channel: AnalysedChannel, machine: Machine, settings: AnalysisSettings, baseline: Baseline
 ) -> Iterator[IndicatorValue]:
     """Yield the indicators of all shafts on axes fixed in the frame, and of their gears."""
-    for body, gears in _gears_on_shafts(machine).items():
+    for body, gears in gears_on_shafts(machine).items():
         monitored = MonitoredComponent(channel=channel.name, units=channel.units, component=body, kind="shaft")
         try:
-            average = _average(channel, machine, body)
+            average = shaft_average(channel, machine, body)
         except ValueError as error:
             for name in ("so1", "so2", "so3"):
                 yield monitored.evaluate(name, "average", unavailable(str(error)))
@@ -493,7 +493,7 @@ def _fixed_axis_indicators(
             yield from gear_indicators(of_gear, average, gear, baseline)
 
 
-def _average(channel: AnalysedChannel, machine: Machine, body: str) -> SynchronousAverage:
+def shaft_average(channel: AnalysedChannel, machine: Machine, body: str) -> SynchronousAverage:
     """Return the synchronous average of a shaft, over a number of revolutions that cancels the shafts in mesh with it.
 
     An average over a multiple of b revolutions has nulls at all orders of a mate that turns a/b times as fast. Mates
@@ -517,7 +517,7 @@ def _average(channel: AnalysedChannel, machine: Machine, body: str) -> Synchrono
     return average if every == 1 else synchronous_average(channel.signal, ratio=ratio, revolutions=count)
 
 
-def _gears_on_shafts(machine: Machine) -> dict[str, dict[str, int]]:
+def gears_on_shafts(machine: Machine) -> dict[str, dict[str, int]]:
     """Return the teeth of each gear by its component name, by shaft, for shafts and meshes on fixed axes."""
     kinematics = machine.kinematics
     frame = kinematics.bodies[kinematics.gearbox.frame]

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from hums.analysis.result import AnalysisError
-from hums.gearbox.components import Declared, sentences
+from hums.gearbox.components import Declared, Positive, sentences
 
 Band = tuple[float, float]
 
@@ -44,6 +44,14 @@ class AnalysisSettings(Declared):
         0.1 orders.
     most_tracks : int
         Largest number of lines tracked in each channel, the strongest first; 0 for none.
+    pictures : bool
+        Whether to keep what the report draws beside spectra and tracks: waveforms, order maps, synchronous averages
+        and kurtograms.
+    velocity_limits_mm_s : (float, float, float), optional
+        Largest RMS velocity in mm/s of the zones A, B and C of ISO 20816 for this machine, by its class in the part of
+        the standard that covers it or by agreement; without it no zone is stated.
+    machine_class : str
+        That class and part in words, which stand beside the zone.
     freeze_baseline : bool
         Leave the variances of the baseline unchanged, so that NA4 and NB4 become NA4* and NB4*.
     baseline_limit_std : float, optional
@@ -76,6 +84,9 @@ class AnalysisSettings(Declared):
     max_order: Annotated[float, Field(gt=0)] | None = None
     track_bandwidth_orders: Annotated[float, Field(gt=0)] | None = None
     most_tracks: Annotated[int, Field(ge=0)] = 24
+    pictures: bool = True
+    velocity_limits_mm_s: tuple[Positive, Positive, Positive] | None = None
+    machine_class: str = ""
     freeze_baseline: bool = False
     baseline_limit_std: Annotated[float, Field(gt=0)] | None = None
 
@@ -98,6 +109,9 @@ class AnalysisSettings(Declared):
         band = self.envelope_band_hz
         if isinstance(band, tuple) and not 0 <= band[0] < band[1]:
             raise ValueError(f"envelope_band_hz = {band} must rise from 0 or more; give (low, high)")
+        limits = self.velocity_limits_mm_s
+        if limits is not None and not limits[0] < limits[1] < limits[2]:
+            raise ValueError(f"velocity_limits_mm_s = {limits} must rise: the upper limits of zones A, B and C in mm/s")
         speeds = self.speed_range_hz
         if speeds is not None and not 0 < speeds[0] < speeds[1]:
             raise ValueError(f"speed_range_hz = {speeds} must rise from above 0; give (low, high)")

@@ -63,7 +63,8 @@ def packed(values: ArrayLike) -> dict[str, Any]:
     >>> packed([0.0, 1.0])
     {'dtype': 'f4', 'shape': [2], 'bdata': 'AAAAAAAAgD8='}
     """
-    return _encoded(np.asarray(values, dtype="<f4"), "f4")
+    with np.errstate(over="ignore"):  # beyond 3e38 it is infinite, which is drawn as missing
+        return _encoded(np.asarray(values).astype("<f4"), "f4")
 
 
 def packed_codes(values: ArrayLike) -> dict[str, Any]:

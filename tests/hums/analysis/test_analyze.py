@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.pictures import AVERAGES, KURTOGRAM, ORDER_MAP, WAVEFORM
 from hums.analysis.result import (
     GROUPS,
     AnalysisError,
@@ -49,7 +50,7 @@ def analysis():
 
 
 def test_layout(analysis):
-    assert set(analysis.children) == set(GROUPS)
+    assert set(analysis.children) == {*GROUPS, WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM}
     assert isinstance(analysis, xr.DataTree)
 
 

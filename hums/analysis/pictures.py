@@ -1,0 +1,183 @@
+"""What pictures need beside spectra and tracks: waveforms, order maps, synchronous averages and kurtograms.
+
+They are made while a channel's samples are in memory, at the resolution of a screen, and enter no verdict.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from hums.analysis.channel import AnalysedChannel, Values
+from hums.analysis.indicators import SHAFT_ORDERS, Gear, gears_on_shafts, shaft_average
+from hums.analysis.reference_angle import Machine
+from hums.analysis.settings import AnalysisSettings
+from hums.records.record import Sampling
+from signals.angle.residual import difference_signal
+from signals.demodulation.kurtogram import fast_kurtogram
+from signals.spectra.order_map import map_orders
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM = "waveform", "order_map", "averages", "kurtogram"
+_COLUMNS = 2000  # of a waveform, each with its least and largest sample: the pixels of a wide screen
+_STRETCH = 8192  # samples around the largest, in full
+_ROWS = 120  # of a map
+_CELLS = 800  # orders of a map
+_TURNS = 8  # of the reference in a row of a map: a sixth of an order resolved, and speed nearly steady
+_KURTOGRAM_SAMPLES = 2**21  # 42 s at 50 kHz: enough for 7 levels, in bounded time and memory
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelPictures:
+    """Datasets of one channel, by the name of their group; one that cannot be made is left out."""
+
+    channel: str
+    datasets: Mapping[str, xr.Dataset]
+
+
+def channel_pictures(
+    channel: AnalysedChannel, values: Values, when: Sampling, machine: Machine, settings: AnalysisSettings
+) -> ChannelPictures:
+    """Return the pictures of a channel with samples `values`."""
+    made = {WAVEFORM: _waveform(values, when)}
+    makers: dict[str, Callable[[], xr.Dataset]] = {
+        ORDER_MAP: partial(_order_map, channel, machine),
+        AVERAGES: partial(_averages, channel, machine, settings),
+        KURTOGRAM: partial(_kurtogram, values, when),
+    }
+    for name, make in makers.items():
+        try:
+            made[name] = make()
+        except ValueError:  # too short, or constant: the verdicts and indicators say so where it matters
+            continue
+    return ChannelPictures(channel=channel.name, datasets=made)
+
+
+def picture_groups(pictures: Sequence[ChannelPictures]) -> dict[str, xr.DataTree]:
+    """Return the groups of all channels: a group for each kind, with a child for each channel, in order."""
+    return {
+        name: xr.DataTree(
+            children={one.channel: xr.DataTree(one.datasets[name]) for one in pictures if name in one.datasets}
+        )
+        for name in (WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM)
+    }
+
+
+def pictures_of(analysis: xr.DataTree, name: str) -> Iterator[tuple[str, xr.Dataset]]:
+    """Yield channel and dataset of each picture of a kind; nothing where the analysis was made without them."""
+    if name in analysis.children:
+        for channel, child in analysis.children[name].children.items():
+            yield channel, child.to_dataset(inherit=False)
+
+
+def _waveform(values: Values, when: Sampling) -> xr.Dataset:
+    """Return the least and largest sample of every column, and the samples around the largest deviation in full."""
+    starts = np.arange(0, values.size, -(-values.size // _COLUMNS))
+    mean = values.mean(dtype=np.float64)
+    peak = int(np.argmax(values)) if values.max() - mean >= mean - values.min() else int(np.argmin(values))
+    first = max(0, min(peak - _STRETCH // 2, values.size - _STRETCH))
+    stretch = values[first : first + _STRETCH]
+    return xr.Dataset(
+        {
+            "least": ("column", np.minimum.reduceat(values, starts)),
+            "largest": ("column", np.maximum.reduceat(values, starts)),
+            "stretch": ("sample", np.array(stretch)),
+        },
+        coords={
+            "time_s": ("column", when.start_s + starts / when.rate_hz, {"units": "s"}),
+            "stretch_time_s": ("sample", when.start_s + (first + np.arange(stretch.size)) / when.rate_hz),
+        },
+        attrs={"column_s": float(starts[1] / when.rate_hz if starts.size > 1 else values.size / when.rate_hz)},
+    )
+
+
+def _order_map(channel: AnalysedChannel, machine: Machine) -> xr.Dataset:
+    """Return spectra over orders of stretches of whole revolutions, spread evenly over the record."""
+    signal = channel.signal
+    turns = min(_TURNS, signal.revolutions)
+    starts = np.unique(np.linspace(0, signal.revolutions - turns, _ROWS).astype(int))
+    rows = [
+        map_orders(
+            replace(
+                signal,
+                values=signal.values[start * signal.samples_per_rev : (start + turns) * signal.samples_per_rev],
+                start_rev=signal.start_rev + start,
+                unsettled=(0, 0),
+            ),
+            revolutions=turns,
+            phase=machine.phase,
+        )
+        for start in starts.tolist()
+    ]
+    times = np.array([row.time_s[0] for row in rows if row.time_s is not None])
+    speeds = np.array([row.speed_hz[0] for row in rows if row.speed_hz is not None])
+    amplitude = np.stack([row.value[0] for row in rows])
+    every = -(-amplitude.shape[1] // _CELLS)  # of neighbouring orders the largest, so that no line is lost
+    cells = amplitude.shape[1] // every
+    amplitude = amplitude[:, : cells * every].reshape(len(rows), cells, every).max(axis=2)
+    return xr.Dataset(
+        {
+            "amplitude": (("row", "order"), amplitude),
+            "speed_hz": ("row", speeds, {"units": "rev s-1"}),
+        },
+        coords={
+            "order": (np.arange(cells) * every + (every - 1) / 2) / turns,
+            "time_s": ("row", times, {"units": "s"}),
+        },
+        attrs={"turns": turns, "resolution_orders": rows[0].resolution},
+    )
+
+
+def _averages(channel: AnalysedChannel, machine: Machine, settings: AnalysisSettings) -> xr.Dataset:
+    """Return the synchronous average and the difference signal of every gear on a fixed axis, one after the other."""
+    rows: list[dict[str, Any]] = []
+    averages: list[NDArray[np.float64]] = []
+    differences: list[NDArray[np.float64]] = []
+    for shaft, gears in gears_on_shafts(machine).items() if not channel.faulty else ():
+        try:
+            average = shaft_average(channel, machine, shaft)
+        except ValueError:
+            continue
+        for component, teeth in gears.items():
+            gear = Gear(component=component, teeth=teeth, on_shaft=tuple(gears.values()), harmonics=settings.harmonics)
+            try:
+                left = difference_signal(
+                    average,
+                    teeth=gear.on_shaft,
+                    harmonics=gear.harmonics,
+                    shaft_orders=SHAFT_ORDERS,
+                    max_order=gear.last_order(average),
+                ).values
+            except ValueError:
+                left = np.full(average.values.size, np.nan)
+            averages.append(average.values)
+            differences.append(left)
+            rows.append(
+                {
+                    "component": component,
+                    "shaft": shaft,
+                    "teeth": teeth,
+                    "revolutions": average.revolutions,
+                    "size": average.values.size,
+                }
+            )
+    if not rows:
+        raise ValueError("no synchronous average could be made.")
+    table = {name: ("gear", [row[name] for row in rows]) for name in rows[0]}
+    return xr.Dataset(
+        {"average": ("angle", np.concatenate(averages)), "difference": ("angle", np.concatenate(differences))} | table
+    )
+
+
+def _kurtogram(values: Values, when: Sampling) -> xr.Dataset:
+    """Return the bands of the kurtogram with the kurtosis of each."""
+    gram = fast_kurtogram(values[:_KURTOGRAM_SAMPLES], rate_hz=when.rate_hz)
+    return xr.Dataset(
+        {name: ("band", getattr(gram, name)) for name in ("level", "low_hz", "high_hz", "kurtosis", "noise_std")},
+        attrs={"seconds": min(values.size, _KURTOGRAM_SAMPLES) / when.rate_hz},
+    )
