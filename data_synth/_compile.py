@@ -1,9 +1,11 @@
 """The one door of this package to numba: compiled kernels, cached on disk."""
 
+import logging
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
+from numba.core import event
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -30,3 +32,16 @@ def _compile(kernel: Callable[P, R], *, inside: bool) -> Callable[P, R]:
     fastmath = {"contract", "reassoc"}
     build = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=fastmath, forceinline=inside)
     return cast("Callable[P, R]", build(kernel))
+
+
+class _Announcer(event.Listener):
+    """Logs that a kernel is compiled, which takes seconds once and is then read from disk."""
+
+    def on_start(self, _event: event.Event) -> None:
+        logging.getLogger("hums").info("compiling, first run only")
+
+    def on_end(self, _event: event.Event) -> None:
+        pass
+
+
+cast("Any", event).register("numba:compile", _Announcer())

@@ -1,6 +1,7 @@
 """The command line `hums`."""
 
 import gc
+import logging
 import os
 import sys
 import warnings
@@ -101,6 +102,16 @@ SpeedRange = Annotated[
 MaxAcceleration = Annotated[
     float | None, typer.Option(metavar="HZ_PER_S", help="How fast that speed may change, rev/s in a second.")
 ]
+SpeedUnits = Annotated[Literal["rpm", "Hz"], typer.Option("--units", help="Of speeds: which of the two comes first.")]
+VelocityLimits = Annotated[
+    Optional[tuple[float, float, float]],  # noqa: UP045  (typer reads this form)
+    typer.Option(
+        "--velocity-limits",
+        metavar="AB BC CD",
+        help="Between the zones of ISO 20816, RMS velocity in mm/s, from the part of the standard for this machine.",
+    ),
+]
+MachineClass = Annotated[str, typer.Option("--machine-class", help="That part and class, which the report states.")]
 WorkerCount = Annotated[
     int | None, typer.Option("--workers", metavar="N", help="Processes to work in. Default one a processor.")
 ]
@@ -208,6 +219,7 @@ def convert(
         raise ValueError(f"{target}: the record would overwrite its own source, {source}; name another target.")
     if target.suffix.lower() not in RECORD_SUFFIXES:
         raise ValueError(f"{target}: a record is HDF5, so name it so: {target.with_suffix('.h5')}.")
+    _say(f"reading {source}")
     record = read(
         source,
         channels=channel,
@@ -242,6 +254,7 @@ def analyze(
     record: Annotated[Path, typer.Argument(help="A record, .h5.")],
     gearbox: Annotated[str, typer.Option(help="A .toml file or a catalogue name.")],
     out: Out,
+    *,
     envelope_band: Band = None,
     no_envelope: NoEnvelope = False,
     channel: Channels = None,
@@ -258,13 +271,16 @@ def analyze(
     false_alarm_probability: Annotated[float, typer.Option(help="For the whole record.")] = 0.01,
     max_order: Annotated[float | None, typer.Option(help="Where the order spectrum ends.")] = None,
     track_bandwidth: Annotated[float | None, typer.Option(help="Bandwidth of amplitude tracks, orders.")] = None,
+    velocity_limits: VelocityLimits = None,
+    machine_class: MachineClass = "",
+    units: SpeedUnits = "rpm",
 ) -> None:
     """Analyse a record and write the report."""
     from hums.analysis.analyze import analyze as run  # noqa: PLC0415
     from hums.analysis.result import open_analysis, summary  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.records.store import open_record  # noqa: PLC0415
-    from hums.report import prepare_folder, write_report  # noqa: PLC0415
+    from hums.report import prepare_folder, speed_text, write_report  # noqa: PLC0415
 
     settings = _settings(
         channels=tuple(channel) if channel else None,
@@ -277,14 +293,16 @@ def analyze(
         false_alarm_probability=false_alarm_probability,
         max_order=max_order,
         track_bandwidth_orders=track_bandwidth,
+        velocity_limits_mm_s=velocity_limits,
+        machine_class=machine_class,
     )
     with open_record(record) as opened, open_analysis(baseline) if baseline else nullcontext() as past:
         prepare_folder(out)
         analysis = run(opened, load_gearbox(gearbox), settings=settings, baseline=past)
-    page = write_report(analysis, out)
+        _say("writing the report")
+        page = write_report(analysis, out, baseline=past, units=units)
     facts = summary(analysis)
-    speed = facts["speed_hz"]
-    typer.echo(f"speed of {facts['reference']}: {speed['min']:.4g} to {speed['max']:.4g} rev/s")
+    typer.echo(f"speed of {facts['reference']}: {speed_text(facts, units=units)}")
     for note in facts["notes"]:
         typer.echo(f"note: {note}")
     for item in facts["health"]:
@@ -296,6 +314,31 @@ def analyze(
     if not facts["findings"]:
         typer.echo("nothing found")
     typer.echo(f"report: {page}")
+
+
+@app.command()
+def report(
+    analysis: Annotated[Path, typer.Argument(help="An analysis, such as the analysis.h5 of an earlier report.")],
+    out: Out,
+    baseline: Annotated[
+        Path | None, typer.Option(help="analysis.h5 of an earlier record: what has changed since, spectra beneath.")
+    ] = None,
+    units: SpeedUnits = "rpm",
+    pdf: Annotated[bool, typer.Option("--pdf", help="Print the page to report.pdf, too, through Chromium.")] = False,
+) -> None:
+    """Make the report again from a saved analysis."""
+    from hums.analysis.result import open_analysis  # noqa: PLC0415
+    from hums.report import prepare_folder, write_report  # noqa: PLC0415
+    from hums.report.pdf import write_pdf  # noqa: PLC0415
+
+    prepare_folder(out)
+    with open_analysis(analysis) as opened, open_analysis(baseline) if baseline else nullcontext() as past:
+        _say("writing the report")
+        page = write_report(opened.load(), out, baseline=past, units=units)
+    typer.echo(f"report: {page}")
+    if pdf:
+        _say("printing")
+        typer.echo(f"printed: {write_pdf(page)}")
 
 
 @app.command()
@@ -328,6 +371,7 @@ def synth(
     if out.exists() and Path(scene).exists() and out.samefile(scene):
         raise ValueError(f"{out}: the record would overwrite its own scene; name another file, as in -o record.h5.")
     refuse_too_large(scene, out, by_source=by_source, phases=phases, mechanics=mechanics)
+    _say(f"simulating {scene}")
     record = simulate(
         scene, seed=seed, by_source=by_source, phases=phases, mechanics=mechanics, detectability=detectability
     )
@@ -424,10 +468,12 @@ def demo(
 
     scene = load_scene("demo")
     prepare_folder(out)
+    _say("simulating a gearbox with two faults")
     save_record(simulate(scene, seed=seed), out / "record.h5")
     with open_record(out / "record.h5") as record:
         analysis = run(record, load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=DEMO_BAND_HZ))
         result = score(analysis, record)
+    _say("writing the report")
     page = write_report(analysis, out)
     typer.echo("Truth against estimate, peak amplitudes in g:")
     columns = ["component", "kind", "order", "true_amplitude", "amplitude", "std", "normalised_rms"]
@@ -449,6 +495,7 @@ RECORD_SUFFIXES = (".h5", ".hdf5")
 
 def main() -> int:
     """Run the command and return its exit code; an error of the user prints one sentence and returns 2."""
+    _show_steps()
     gc.set_threshold(50_000)  # imports make objects that stay; collecting among them is a tenth of a short run
     with warnings.catch_warnings():
         warnings.showwarning = _print_warning
@@ -467,6 +514,29 @@ def main() -> int:
             error.show()  # type: ignore[attr-defined]
             return 2
     return 0
+
+
+def _say(step: str) -> None:
+    """Say what begins, as the packages do through the logger "hums"."""
+    logging.getLogger("hums").info(step)
+
+
+def _show_steps() -> None:
+    """Show the steps of a command on standard error as they begin, each text once; nothing where that is piped."""
+    logger = logging.getLogger("hums")
+    if not sys.stderr.isatty() or logger.handlers:
+        return
+    shown: set[str] = set()
+
+    def new(record: logging.LogRecord) -> bool:
+        text = record.getMessage()
+        return not (text in shown or shown.add(text))  # type: ignore[func-returns-value]
+
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("hums: %(message)s"))
+    handler.addFilter(new)
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
 
 
 def _print_warning(message: Warning | str, *_: object, **__: object) -> None:

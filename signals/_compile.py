@@ -1,9 +1,11 @@
 """Compilation of kernels with numba, cached on disk; no other module of this package imports numba."""
 
+import logging
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
+from numba.core import event
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -26,3 +28,16 @@ def compiled_sums(kernel: Callable[P, R]) -> Callable[P, R]:
 def _compile(kernel: Callable[P, R], freedoms: set[str]) -> Callable[P, R]:
     build = cast("Any", numba.njit)(cache=True, nogil=True, error_model="numpy", fastmath=freedoms)
     return cast("Callable[P, R]", build(kernel))
+
+
+class _Announcer(event.Listener):
+    """Logs that a kernel is compiled, which takes seconds once and is then read from disk."""
+
+    def on_start(self, _event: event.Event) -> None:
+        logging.getLogger("hums").info("compiling, first run only")
+
+    def on_end(self, _event: event.Event) -> None:
+        pass
+
+
+cast("Any", event).register("numba:compile", _Announcer())

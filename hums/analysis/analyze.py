@@ -101,6 +101,7 @@ def analyze(
     gapped, constant = excluded_channels(record, chosen)
     names = [name for name in chosen if name not in gapped and name not in constant]
     histories = read_baseline(baseline, settings, units={name: record[name].attrs["units"] for name in names})
+    _log.info("angle of the reference shaft")
     machine = prepare_machine(record, gearbox, settings.model_copy(update={"channels": tuple(names)}))
     expected = expected_lines(machine.kinematics, _plan(machine, settings))
     channels: list[AnalysedChannel] = []
@@ -126,6 +127,7 @@ def analyze(
         faulty=[channel.name for channel in channels if channel.faulty],
         depths={channel.name: channel.depths for channel in channels},
     )
+    _log.info("amplitude tracks")
     excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
     excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
     tree = xr.DataTree.from_dict(

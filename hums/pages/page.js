@@ -2,8 +2,10 @@
 "use strict";
 const pages = (() => {
   const PRINT_WIDTH = 680;  // CSS pixels of 180 mm, between the margins of A4
+  const PRINT_HEIGHT = 0.78;  // of that on the screen, so that two figures share a sheet
   const figures = new Map();
   const views = {};  // name -> (data, figure) => ({traces, layout})
+  const firstDrawn = [];  // called once with each figure, to listen to its events
 
   function decode(value) {
     if (Array.isArray(value)) return value.map(decode);
@@ -39,9 +41,10 @@ const pages = (() => {
                   font: {family: "system-ui, DejaVu Sans, sans-serif", size: 12, color: "--ink"},
                   margin: {l: 60, r: 16, t: 30, b: 48}, hovermode: "closest", dragmode: "zoom",
                   hoverlabel: {bgcolor: "--panel", bordercolor: "--rule", font: {color: "--ink"}},
-                  legend: {orientation: "h", y: 1.02, yanchor: "bottom", x: 0, font: {size: 11}},
+                  legend: {orientation: "h", yref: "container", y: 0, yanchor: "bottom", x: 0, font: {size: 11}},
                   modebar: {bgcolor: "rgba(0,0,0,0)", color: "--faint", activecolor: "--ink"}};
   const CONFIG = {displaylogo: false, responsive: false, toImageButtonOptions: {format: "svg"},
+                  showSendToCloud: false,  // no data leaves the page
                   modeBarButtonsToRemove: ["select2d", "lasso2d"]};
 
   function draw(figure) {
@@ -50,17 +53,24 @@ const pages = (() => {
       figure.source.remove();
     }
     const spec = figure.spec, printing = document.documentElement.dataset.theme === "print";
+    figure.width = printing ? PRINT_WIDTH : figure.canvas.clientWidth;
     const seen = spec.view ? views[spec.view](spec.data, figure) : spec;
     let layout = merge(LAYOUT, merge(spec.layout, seen.layout));
     for (const key of Object.keys(layout).filter((name) => /^[xy]axis\d*$/.test(name))) {
       layout[key] = merge(AXIS, layout[key]);
     }
-    const width = printing ? PRINT_WIDTH : figure.canvas.clientWidth;
+    const traces = printing ? seen.traces.filter((trace) => trace.visible !== "legendonly") : seen.traces;
+    const width = figure.width;
     if (width < 600) layout.margin = {...layout.margin, l: Math.min(layout.margin.l, 48), r: 8};
-    layout = {...layout, width, height: figure.canvas.clientHeight};
+    const height = Math.round((seen.height || figure.height) * (printing ? PRINT_HEIGHT : 1));
+    figure.canvas.style.height = `${height}px`;
+    layout = {...layout, width, height};
     const style = getComputedStyle(document.documentElement);
-    const ready = Plotly.react(figure.canvas, themed(seen.traces, style), themed(layout, style), CONFIG);
-    figure.drawn = true;
+    const ready = Plotly.react(figure.canvas, themed(traces, style), themed(layout, style), CONFIG);
+    if (!figure.drawn) {
+      figure.drawn = true;
+      for (const listen of firstDrawn) listen(figure);
+    }
     for (const svg of figure.canvas.querySelectorAll("svg.main-svg")) svg.setAttribute("aria-hidden", "true");
     const first = figure.canvas.querySelector("svg.main-svg");
     if (first) {
@@ -109,7 +119,8 @@ const pages = (() => {
     }, {rootMargin: "300px"});
     for (const element of document.querySelectorAll("figure.plot")) {
       const [canvas, source] = [element.querySelector(".canvas"), element.querySelector("script")];
-      const figure = {name: element.id, element, canvas, source, state: {}, drawn: false};
+      const figure = {name: element.id, element, canvas, source, state: {}, drawn: false,
+                      height: Number.parseInt(canvas.style.height, 10)};
       figures.set(element.id, figure);
       canvas.addEventListener("keydown", (event) => keys(figure, event));
       watch.observe(canvas);
@@ -122,5 +133,5 @@ const pages = (() => {
     if (location.hash === "#print") print();
   }
 
-  return {figures, views, draw, drawAll, redraw, begin};
+  return {figures, views, firstDrawn, draw, drawAll, redraw, begin};
 })();

@@ -32,6 +32,8 @@ class Figure:
         Traces of plotly.js; arrays by `packed` or `packed_codes`; ``"--NAME"`` is a colour of ``page.css``.
     layout : mapping
         Layout of plotly.js, over that of all figures.
+    title : str
+        Title above it.
     height_px : int
         Height on the screen.
     view, data : str and mapping
@@ -49,6 +51,7 @@ class Figure:
     alt: str
     traces: Sequence[Mapping[str, Any]] = ()
     layout: Mapping[str, Any] = field(default_factory=dict)
+    title: str = ""
     height_px: int = 360
     view: str = ""
     data: Mapping[str, Any] = field(default_factory=dict)
@@ -132,7 +135,7 @@ def figure_html(figure: Figure, *, caption: str = "") -> str:
     figure : Figure
         Figure to draw.
     caption : str
-        HTML below it.
+        Text below it.
 
     Examples
     --------
@@ -147,9 +150,11 @@ def figure_html(figure: Figure, *, caption: str = "") -> str:
         "data": dict(figure.data),
         "alt": figure.alt,
     }
-    below = f"<figcaption>{caption}</figcaption>" if caption else ""
+    above = f'<p class="title">{html.escape(figure.title)}</p>' if figure.title else ""
+    below = f"<figcaption>{html.escape(caption)}</figcaption>" if caption else ""
     return (
-        f'<figure class="plot" id="figure-{html.escape(figure.name)}"><div class="canvas" tabindex="0" role="group" '
+        f'<figure class="plot" id="figure-{html.escape(figure.name)}">{above}'
+        '<div class="canvas" tabindex="0" role="group" '
         f'aria-label="{html.escape(figure.alt)} Arrow keys move, plus and minus zoom, 0 shows all." '
         f'style="height:{figure.height_px}px"></div>'
         f'<script type="application/json">{_json(content)}</script>{below}</figure>'

@@ -1,32 +1,27 @@
 """Report of an analysis: one self-contained HTML page, and tables as files."""
 
 import json
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
-import xarray as xr
 from jinja2 import Environment, StrictUndefined
 
-from hums.analysis.findings import DIAGNOSED
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
-from hums.analysis.result import (
-    Analysis,
-    check_analysis,
-    envelope_bands,
-    group,
-    indicator_table,
-    line_table,
-    save_analysis,
-    summary,
-)
+from hums.analysis.result import Analysis, check_analysis, indicator_table, line_table, save_analysis, summary
+from hums.gearbox.kinematics import solve_kinematics
+from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
-from hums.plots import plot_spectrum, plot_speed, plot_tracks, svg
+from hums.pages.page import stand_alone_page
+from hums.plots import mechanism_graph, svg
 from hums.records.store import atomic_write
-from hums.report.indicators import indicator_tables
+from hums.report.figures import Pictures, cursor_choices, sections
+from hums.report.indicators import indicator_tables, velocity_zones
+from hums.report.verdicts import component_styles, probability_words, verdict_rows
+
+Units: TypeAlias = Literal["rpm", "Hz"]
 
 
 def prepare_folder(folder: str | Path) -> Path:
@@ -49,7 +44,9 @@ def prepare_folder(folder: str | Path) -> Path:
     return folder
 
 
-def write_report(analysis: Analysis, folder: str | Path) -> Path:
+def write_report(
+    analysis: Analysis, folder: str | Path, *, baseline: Analysis | None = None, units: Units = "rpm"
+) -> Path:
     """Write ``report.html``, ``analysis.h5``, ``orders.csv``, ``indicators.csv`` and ``summary.json`` into a folder.
 
     Parameters
@@ -58,11 +55,16 @@ def write_report(analysis: Analysis, folder: str | Path) -> Path:
         Result of `analyze` or `open_analysis`.
     folder : str or Path
         Folder to write into, created if necessary. An existing file is replaced only when the new one is complete.
+    baseline : xarray.DataTree, optional
+        Analysis of an earlier record of the machine: the verdicts say what has changed since, and its spectra are
+        drawn beneath those of this record.
+    units : {"rpm", "Hz"}
+        In which speeds are given first.
 
     Returns
     -------
     Path
-        ``report.html``, a page without scripts that needs no other file.
+        ``report.html``, a page that needs no other file.
 
     Raises
     ------
@@ -93,71 +95,98 @@ def write_report(analysis: Analysis, folder: str | Path) -> Path:
     _write_text(folder / "orders.csv", "".join(rows))
     _write_text(folder / "indicators.csv", indicator_table(analysis).to_csv(index=False))
     page = folder / "report.html"
-    _write_text(page, _page(analysis, facts))
+    _write_text(page, _page(analysis, facts, baseline, units))
     return page
 
 
-def render(analysis: Analysis) -> str:
-    """Return the report as HTML, with the figures as SVG, without scripts or references to other files."""
+def render(analysis: Analysis, *, baseline: Analysis | None = None, units: Units = "rpm") -> str:
+    """Return the report as HTML that refers to no other file; see `write_report`."""
     check_analysis(analysis)
-    return _page(analysis, summary(analysis))
+    return _page(analysis, summary(analysis), baseline, units)
 
 
-def _page(analysis: Analysis, facts: dict[str, Any]) -> str:
+def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, units: Units) -> str:
     """Return the HTML page of an analysis."""
+    past = None if baseline is None else summary(baseline)
+    past_name = "" if past is None else f"baseline {past['recorded_at'] or past['record']}".strip()
+    styles = component_styles(facts)
+    pictures = Pictures(analysis=analysis, facts=facts, styles=styles, past=baseline, past_name=past_name)
+    drawn = sections(pictures)
+    choices = cursor_choices(facts)
     template = (files("hums.report") / "page.html").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["words"] = lambda kind: str(kind).replace("_", " ")
-    environment.filters["chance"] = _probability_text
-    return environment.from_string(template).render(
+    environment.filters["chance"] = probability_words
+    environment.filters["first_upper"] = _first_upper
+    environment.filters["sentence"] = lambda text: f"{_first_upper(text).rstrip('.')}."
+    page_facts = {"speed_hz": facts["speed_hz"]["mean"], "reference": facts["reference"], "choices": choices}
+    tail = [("components", "Components"), ("indicators", "Indicators"), ("health", "Sensors"), ("settings", "Settings")]
+    body = environment.from_string(template).render(
         facts=facts,
-        diagnosed=[finding for finding in facts["findings"] if finding["verdict"] == DIAGNOSED],
-        indicated=[finding for finding in facts["findings"] if finding["verdict"] != DIAGNOSED],
+        units=units,
+        speed_text=speed_text(facts, units=units),
+        contents=[("verdicts", "Verdicts"), *((section.name, section.title) for section in drawn), *tail],
+        verdicts=verdict_rows(facts, past),
+        zones=velocity_zones(facts["indicators"], facts["settings"].get("velocity_limits_mm_s")),
+        machine_class=facts["settings"].get("machine_class", ""),
+        mechanism=_mechanism(analysis),
+        mechanism_caption=f"Gearbox {facts['gearbox']}.",
+        sections=drawn,
+        choices=choices,
+        past_name=past_name,
         faint=_unexplained_bearing_lines(facts),
         components=_components(facts),
-        indicators=indicator_tables(facts["indicators"]),
-        figures=list(_figures(analysis)),
+        indicators=indicator_tables(facts["indicators"], facts["findings"]),
+        sampled=_sampled(facts),
+        page_facts=json.dumps(page_facts).replace("<", "\\u003c"),
+    )
+    ours = files("hums.report")
+    return stand_alone_page(
+        title=f"{facts['machine'] or facts['record'] or facts['gearbox']}: order-tracking report",
+        body=body,
+        style=(ours / "report.css").read_text(encoding="utf-8"),
+        script=(ours / "report.js").read_text(encoding="utf-8"),
     )
 
 
-def _figures(analysis: Analysis) -> Iterator[dict[str, str]]:
-    """Yield title, caption and SVG of every figure."""
-    speed = group(analysis, "speed")
-    yield _figure("Speed", "Mean over each revolution.", partial(plot_speed, speed), height=2.4)
-    for name, title in ((ORDER_SPECTRUM, "Order spectrum"), (ENVELOPE, "Envelope order spectrum")):
-        dataset = group(analysis, name)
-        bands = {band["channel"]: _band_caption(band) for band in envelope_bands(analysis)} if name == ENVELOPE else {}
-        for channel in _channels(dataset):
-            yield _figure(
-                f"{title}, {channel}",
-                f"{bands.get(channel, '')}{dataset.attrs['window'].capitalize()} window, resolution "
-                f"{dataset.attrs['resolution_orders']:.2g} orders. Dots: claimed lines. Ticks: lines looked for and "
-                "not claimed.",
-                partial(plot_spectrum, dataset, channel=channel, logarithmic=name == ORDER_SPECTRUM),
-            )
-    tracks = group(analysis, "tracks")
-    for channel in dict.fromkeys(tracks["track_channel"].to_numpy().tolist()) if "track" in tracks.sizes else []:
-        yield _figure(
-            f"Amplitude tracks, {channel}",
-            f"The largest lines by Kalman smoother, bandwidths {float(tracks['bandwidth_orders'].min()):.2g} to "
-            f"{float(tracks['bandwidth_orders'].max()):.2g} orders; bands are two standard deviations.",
-            partial(plot_tracks, tracks, channel=channel),
+def speed_text(facts: Mapping[str, Any], *, units: Units = "rpm") -> str:
+    """Return the speed of the reference in words: in rpm and Hz, the chosen one first, and how it is known."""
+    speed = facts["speed_hz"]
+
+    def span(factor: float, unit: str) -> str:
+        low, high = f"{factor * speed['min']:.5g}", f"{factor * speed['max']:.5g}"
+        return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+    first, second = ((60.0, "rpm"), (1.0, "Hz")) if units == "rpm" else ((1.0, "Hz"), (60.0, "rpm"))
+    known = ""
+    if speed["nominal"]:
+        known = ", declared (nominal)"
+    elif speed["tachometer"]:
+        known = f", measured by {speed['tachometer']}"
+    elif speed["estimated_from"]:
+        known = f", estimated from channel {speed['estimated_from']} with confidence {speed['confidence']:.3f}"
+    return f"{span(*first)} ({span(*second)}){known}"
+
+
+def _first_upper(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _sampled(facts: Mapping[str, Any]) -> dict[str, str]:
+    """Return how each sensor was sampled, in words; nothing of one that was left out."""
+    said = {item["name"]: "" for item in facts["health"]}
+    for channel in facts["channels"]:
+        sensor = f"{channel['sensor']}, " if "sensor" in channel else ""
+        said[channel["name"]] = (
+            f"{sensor}{channel['duration_s']:.4g} s at {channel['rate_hz']:g} Hz, {channel['units']}"
         )
+    return said
 
 
-def _band_caption(band: dict[str, Any]) -> str:
-    edges = f"{band['low_hz']:.6g} to {band['high_hz']:.6g} Hz"
-    if not band["chosen"]:
-        return f"Band {edges}, as given. "
-    return " ".join([f"Band {edges}, chosen from the record. {band['why']}", *band["doubts"]]) + " "
-
-
-def _figure(title: str, caption: str, draw: Callable[..., object], **size: float) -> dict[str, str]:
-    return {"title": title, "caption": caption, "svg": svg(lambda ax: draw(ax=ax), **size)}
-
-
-def _channels(dataset: xr.Dataset) -> list[str]:
-    return [str(name) for name in dataset["channel"].to_numpy()] if "channel" in dataset.coords else []
+def _mechanism(analysis: Analysis) -> str:
+    """Return the mechanism as SVG."""
+    kinematics = solve_kinematics(Gearbox.model_validate_json(analysis.attrs["gearbox_json"]))
+    return svg(lambda ax: mechanism_graph(kinematics, ax=ax), width=4.8, height=3.6)
 
 
 def _components(facts: dict[str, Any]) -> list[dict[str, Any]]:
@@ -189,12 +218,6 @@ def _unexplained_bearing_lines(facts: dict[str, Any]) -> list[dict[str, Any]]:
         and not row["claimed"]
         and (row["explained_by"] or row["false_alarm_probability"] < 0.5)  # noqa: PLR2004
     ]
-
-
-def _probability_text(probability: float) -> str:
-    if probability < 1e-6:  # noqa: PLR2004
-        return "below one in a million"
-    return f"{probability:.2g}"
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -1,7 +1,7 @@
-"""Tables of condition indicators for the report: one per channel and kind of component, a column per component."""
+"""Tables of condition indicators for the report: value, limit and meaning, one per channel and kind of component."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from signals.indicators import INDICATORS
@@ -13,35 +13,68 @@ _TITLES = {
     "planetary": "planetary stages",
     "bearing": "bearings",
 }
-_RAISED_BY = {
-    "velocity_rms": "unbalance, misalignment, looseness",
-}
+_PARTS = 6  # side by side in a table, so that it fits on a sheet
+_VELOCITY = ("RMS velocity of the vibration, in the band of ISO 20816-1", "unbalance, misalignment, looseness")
+_ZONES = (
+    ("A", "calm", "as of a newly commissioned machine"),
+    ("B", "calm", "acceptable for unrestricted long-term operation"),
+    ("C", "watch", "unsatisfactory for long-term operation"),
+    ("D", "alarm", "severe enough to cause damage"),
+)  # ISO 20816-1, evaluation zones, in our words
+
+Rows = Sequence[dict[str, Any]]
 
 
-def indicator_tables(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the tables of indicators: title, head, rows of cells, and the withheld indicators with the reason."""
+def indicator_tables(rows: Rows, findings: Rows = ()) -> list[dict[str, Any]]:
+    """Return the tables of indicators.
+
+    Each has a title, a head, rows of cells, one sentence on each indicator, the withheld ones with the reason, and of
+    each value above its limit on a part without a finding the faults that raise it too.
+    """
     tables: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
         kind = row["kind"] if row["kind"] in _TITLES else "bearing"
         part = f"{row['component']} {row['kind'].replace('_', ' ')}" if kind == "bearing" else row["component"]
         tables.setdefault((row["channel"], kind), []).append(row | {"part": part})
-    return [_table(channel, kind, mine) for (channel, kind), mine in tables.items()]
+    made = []
+    for (channel, kind), mine in tables.items():
+        parts = list(dict.fromkeys(row["part"] for row in mine))
+        every = len(parts) if kind == "bearing" else _PARTS
+        for first in range(0, len(parts), every):
+            here = parts[first : first + every]
+            made.append(_table(channel, kind, [row for row in mine if row["part"] in here], findings))
+    return made
 
 
-def _table(channel: str, kind: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def velocity_zones(rows: Rows, limits: Sequence[float] | None) -> list[dict[str, str]]:
+    """Return the zone of ISO 20816 of every channel whose velocity is measured, none without declared limits."""
+    zones = []
+    for row in rows if limits else ():
+        if row["indicator"] == "velocity_rms" and row["value"] is not None:
+            letter, style, meaning = _ZONES[sum(row["value"] > limit for limit in limits or ())]
+            zones.append(
+                {"channel": row["channel"], "zone": letter, "style": style, "meaning": meaning}
+                | {"value": f"{row['value']:.3g} mm/s"}
+            )
+    return zones
+
+
+def _table(channel: str, kind: str, rows: Rows, findings: Rows) -> dict[str, Any]:
     """Return one table: bearings in rows, since there are many; other components in columns."""
     parts = list(dict.fromkeys(row["part"] for row in rows))
     names = list(dict.fromkeys(row["indicator"] for row in rows))
     units = {row["indicator"]: row["unit"] for row in rows}
-    cells = {(row["indicator"], row["part"]): _cell(row) for row in rows}
+    cells = {(row["indicator"], row["part"]): _cell(row, findings) for row in rows}
     table = {
         "title": f"{_TITLES[kind][0].upper()}{_TITLES[kind][1:]}, {channel}",
         "withheld": _withheld(rows),
+        "raised": _raised_by_others(rows, findings),
     }
     if kind == "bearing":  # many of them, and few indicators
         return table | {
             "head": ["part", *(f"{_words(name)}, {units[name]}" for name in names)],
             "rows": [{"name": part, "cells": [cells.get((n, part), _NONE) for n in names]} for part in parts],
+            "meanings": [f"{_words(name)}: {_meaning(name)}" for name in names],
         }
     return table | {
         "head": ["indicator", *parts],
@@ -51,30 +84,73 @@ def _table(channel: str, kind: str, rows: Sequence[dict[str, Any]]) -> dict[str,
                 "name": _words(name),
                 "cells": [cells.get((name, part), _NONE) for part in parts],
                 "unit": units[name],
-                "raised_by": INDICATORS[name].raised_by if name in INDICATORS else _RAISED_BY.get(name, ""),
+                "meaning": _meaning(name),
             }
             for name in names
         ],
     }
 
 
+def _meaning(name: str) -> str:
+    """Return one sentence on an indicator: what it is, from its function, and what raises it."""
+    known = INDICATORS.get(name) or INDICATORS.get(name.removesuffix("_ratio"))
+    if known is None:
+        what, raised_by = _VELOCITY if name == "velocity_rms" else (_words(name), "")
+    else:
+        what = (known.function.__doc__ or "").splitlines()[0].removeprefix("Return ").rstrip(".")
+        raised_by = known.raised_by
+    what = what.removeprefix("the ").split(" (")[0].split(", in the unit of")[0].split(": `")[0].replace("`", "")
+    return f"{what[:1].upper()}{what[1:]}." + (f" Raised by: {raised_by}." if raised_by else "")
+
+
 def _words(name: str) -> str:
     return _WORDS.get(name) or name.replace("_", " ")
 
 
-_NONE: dict[str, Any] = {"text": "\N{EN DASH}", "high": False}
+_NONE: dict[str, Any] = {"text": "\N{EN DASH}", "style": "", "limit": ""}
 _SHORT = ("rms", "so1", "so2", "so3", "fm0", "fm4", "m6a", "m8a", "na4", "nb4")
 _WORDS = {name: name.upper() for name in _SHORT} | {"velocity_rms": "velocity RMS"}
 
 
-def _cell(row: dict[str, Any]) -> dict[str, Any]:
+def _cell(row: Mapping[str, Any], findings: Rows) -> dict[str, Any]:
     if row["value"] is None or math.isnan(row["value"]):
         return _NONE
-    limit = row["noise_limit"]
-    return {"text": f"{row['value']:.3g}", "high": limit is not None and row["value"] > limit}
+    limit, text = row["noise_limit"], f"{row['value']:.3g}"
+    if limit is None:
+        return {"text": text, "style": "", "limit": ""}
+    own = any(finding["component"] == row["component"] for finding in findings)
+    style = "calm" if row["value"] <= limit else "alarm" if own else "watch"
+    return {"text": text, "style": style, "limit": f"{limit:.3g}"}
 
 
-def _withheld(rows: Sequence[dict[str, Any]]) -> list[str]:
+def _raised_by_others(rows: Rows, findings: Rows) -> list[str]:
+    """Return a sentence for each value above its limit that a fault of a part in mesh or on its shaft raises, too."""
+    said = []
+    for row in rows:
+        high = row["value"] is not None and row["noise_limit"] is not None and row["value"] > row["noise_limit"]
+        if not high or any(finding["component"] == row["component"] for finding in findings):
+            continue
+        others = [
+            f"the {finding['verdict']} {finding['kind'].replace('_', ' ')} of {finding['component']}, {relation},"
+            for finding in findings
+            if (relation := _relation(row["component"], finding["component"]))
+        ]
+        if others:
+            raised = " and ".join(others)
+            said.append(f"{_words(row['indicator'])} of {row['part']} is above its limit; {raised} raises it, too.")
+    return said
+
+
+def _relation(part: str, other: str) -> str:
+    """Return how a fault of another component enters the average of a gear: in mesh with it, or on its shaft."""
+    mesh, _, link = part.rpartition("/")
+    other_mesh, _, other_link = other.rpartition("/")
+    if mesh and mesh == other_mesh:
+        return "in mesh with it"
+    return "on the same shaft" if mesh and link == other_link else ""
+
+
+def _withheld(rows: Rows) -> list[str]:
     """Return one sentence per reason that names the indicators withheld for it."""
     by_reason: dict[str, list[str]] = {}
     for row in rows:

@@ -1,6 +1,7 @@
 """The command line, in process: what it prints, what it writes, and how it fails."""
 
 import json
+import logging
 import sys
 import warnings
 
@@ -285,6 +286,32 @@ def test_analyze_passes_the_baseline_on(run, mat, tmp_path):
     assert run(*words, "-o", tmp_path / "two", "--baseline", tmp_path / "one" / "analysis.h5")[0] == 0
     assert "history of 2 records" in (tmp_path / "two" / "indicators.csv").read_text()
     assert run(*words, "-o", tmp_path / "three", "--freeze-baseline")[0] == 2
+
+
+def test_report_is_made_again(run, mat, tmp_path):
+    record, out = tmp_path / "record.h5", tmp_path / "out"
+    run(*convert_words(mat, record, "--tach-times", "tach", "--pulses-per-rev", 1, "--shaft", "input"))
+    words = ("--no-envelope", "--units", "Hz", "--velocity-limits", 1.8, 4.5, 11.2, "--machine-class", "ours")
+    code, shown, err = run("analyze", record, "--gearbox", "two-stage", "-o", out, *words)
+    assert (code, err) == (0, "")  # steps are told to a terminal alone
+    assert "speed of input: 20 Hz (1200 rpm)" in shown
+    assert "ISO 20816, ours" in (out / "report.html").read_text()
+    assert run("report", out / "analysis.h5", "-o", tmp_path / "again", "--units", "Hz")[0] == 0
+    assert (tmp_path / "again" / "report.html").read_text() == (out / "report.html").read_text()
+    earlier = ("--baseline", out / "analysis.h5")
+    assert run("report", out / "analysis.h5", "-o", tmp_path / "since", *earlier)[0] == 0
+    assert "baseline record.h5" in (tmp_path / "since" / "report.html").read_text()
+
+
+def test_steps_are_told_once_on_a_terminal(run, mat, tmp_path, monkeypatch, capsys):
+    logger = logging.getLogger("hums")
+    monkeypatch.setattr(logger, "handlers", [])
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    _, _, err = run(*convert_words(mat, tmp_path / "record.h5", "--no-tachometer"))
+    logger.info("compiling, first run only")
+    logger.info("compiling, first run only")
+    assert err.count("hums: reading") == 1
+    assert capsys.readouterr().err == "hums: compiling, first run only\n"
 
 
 def test_one_envelope_band_or_none(run, tmp_path):

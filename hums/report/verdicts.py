@@ -1,0 +1,167 @@
+"""Verdict strip of a report: part, certainty, severity, since when, and what to do next, from the findings alone."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hums.gearbox.orders import BEARING_KINDS
+
+NOTHING_FOUND = "nothing found"
+CLASSES = {"diagnosed": "alarm", "indicated": "watch", "not judged": "unknown", NOTHING_FOUND: "calm"}
+"""Class of the page's style sheet for each verdict; a word that is not here is shown as unknown."""
+
+_RARE = 1e-6
+_SAME_LINE_ORDERS = 1e-9
+_GROWN = 1.5  # our choice: amplitudes of a sound machine vary by less from record to record at one speed and load
+
+Facts = Mapping[str, Any]
+
+
+def probability_words(probability: float) -> str:
+    """Return a probability in words: "fewer than 1 in 1,000,000", "1 in 250", "12 in 100"."""
+    if probability < _RARE:
+        return f"fewer than 1 in {1 / _RARE:,.0f}"
+    if probability < 0.1:  # noqa: PLR2004
+        return f"1 in {1 / probability:,.0f}"
+    return f"{100 * probability:.0f} in 100"
+
+
+def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]]:
+    """Return the strip: one row per finding, or the one that says that nothing was found.
+
+    Parameters
+    ----------
+    facts : mapping
+        Result of `hums.summary`.
+    past : mapping, optional
+        That of an earlier record of the machine.
+
+    Returns
+    -------
+    list of dict
+        part, kind, verdict, style (class), sure, severity, since, next and evidence, in words.
+    """
+    rows = [_row(finding, facts, past) for finding in facts["findings"]]
+    rows.sort(key=lambda row: list(CLASSES).index(row["verdict"]) if row["verdict"] in CLASSES else len(CLASSES))
+    if not rows:
+        limit = facts["settings"]["false_alarm_probability"]
+        rows = [
+            {
+                "part": facts["machine"] or facts["gearbox"],
+                "kind": "",
+                "verdict": NOTHING_FOUND,
+                "style": CLASSES[NOTHING_FOUND],
+                "sure": "No line that a fault would make exceeds what noise reaches in "
+                f"{probability_words(limit)} records. A fault whose lines are no larger than those listed below would "
+                "not be seen.",
+                "severity": "none seen",
+                "since": "" if past is None else _before(past),
+                "next": "Keep this analysis as the baseline of later records.",
+                "evidence": "",
+            }
+        ]
+    return rows
+
+
+def component_styles(facts: Facts) -> dict[str, str]:
+    """Return the class of each component that has a finding, that of its gravest."""
+    gravest: dict[str, str] = {}
+    ranks = [*CLASSES.values()]
+    for finding in facts["findings"]:
+        style = CLASSES.get(finding["verdict"], "unknown")
+        known = gravest.setdefault(finding["component"], style)
+        if ranks.index(style) < ranks.index(known):
+            gravest[finding["component"]] = style
+    return gravest
+
+
+def _row(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> dict[str, str]:
+    verdict = finding["verdict"]
+    return {
+        "part": finding["component"],
+        "kind": finding["kind"].replace("_", " "),
+        "verdict": verdict,
+        "style": CLASSES.get(verdict, "unknown"),
+        "sure": _sure(finding),
+        "severity": _severity(finding),
+        "since": _since(finding, facts, past),
+        "next": _next(finding, facts),
+        "evidence": finding["evidence"],
+    }
+
+
+def _sure(finding: Mapping[str, Any]) -> str:
+    """Return the verdict with each of its probabilities; those of an analysis to come are named by their column."""
+    said = []
+    for name, value in finding.items():
+        if not name.endswith("probability") or value is None:
+            continue
+        if name == "false_alarm_probability":
+            said.append(f"noise alone makes such a line in {probability_words(value)} records")
+        else:
+            said.append(f"{name.replace('_', ' ')} {probability_words(value)}")
+    return "; ".join(said)
+
+
+def _severity(finding: Mapping[str, Any]) -> str:
+    if finding.get("amplitude") is None:
+        return "not measured"
+    return f"{finding['amplitude']:.3g} {finding['units']}, {finding['snr']:.3g} times its surroundings"
+
+
+def _since(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> str:
+    """Return how the finding compares with the earlier record, in words."""
+    if past is None:
+        return "one record alone cannot say; give an earlier analysis as the baseline"
+    same = [
+        other
+        for other in past["findings"]
+        if (other["component"], other["kind"]) == (finding["component"], finding["kind"])
+    ]
+    was = f"{same[0]['verdict']} then" if same else "not found then"
+    line = _line_of(finding, facts["orders"] + facts["envelope"])
+    then = None if line is None else _same_line(line, past["orders"] + past["envelope"])
+    grown = ""
+    if then is not None and line is not None and then["amplitude"] > 0:
+        factor, was_size = line["amplitude"] / then["amplitude"], f"{then['amplitude']:.3g} {then['units']}"
+        if 1 / _GROWN < factor < _GROWN:
+            grown = f"; its line was {was_size}, about the same"
+        else:
+            grown = (
+                f"; its line was {was_size} and has {'grown' if factor > 1 else 'fallen'} to {factor:.2g} times that"
+            )
+    return f"{_before(past)}: {was}{grown}"
+
+
+def _before(past: Facts) -> str:
+    return f"baseline {past['recorded_at'] or past['record'] or 'without a date'}"
+
+
+def _line_of(finding: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """Return the measured line that a finding names."""
+    for line in lines:
+        if (line["component"], line["kind"], line["channel"]) == (
+            finding["component"],
+            finding["kind"],
+            finding["channel"],
+        ) and abs(line["order_found"] - (finding["order_found"] or 0.0)) < _SAME_LINE_ORDERS * line["order_found"]:
+            return line
+    return None
+
+
+def _same_line(line: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    key = ("component", "kind", "harmonic", "sideband", "channel", "units")
+    return next((other for other in lines if all(other[name] == line[name] for name in key)), None)
+
+
+def _next(finding: Mapping[str, Any], facts: Facts) -> str:
+    """Return what to do next; our advice, and no part of the verdict."""
+    sick = {item["name"] for item in facts["health"] if item["status"] == "sick"}
+    if finding.get("channel") in sick:
+        return f"Mend the sensor of {finding['channel']} first, and record again."
+    if finding["verdict"] == "diagnosed":
+        if finding["kind"] in BEARING_KINDS:
+            return "Inspect the bearing, and its grease or oil for particles."
+        return "Inspect the teeth, from those that the average below shows."
+    if finding["verdict"] == "indicated":
+        return "Record again at the same speed and load, with this analysis as the baseline; inspect if it grows."
+    return "Remove what stands in the way of a verdict, and record again."
