@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 _PARALLEL = 1e-9
 _FACE_MODULES = 10.0  # face width over module where none is declared: usual for spur gears
-_GAP = 0.5  # between stages on one axis, of the face width
+_GAP = 1.0  # between stages on one axis, of the face width
 _WORM_SHARE = 0.35  # radius of a worm over that of its wheel, which its starts do not give
 _BELT_SHARE = 1.6  # centre distance of a belt over the sum of its radii
 _SIDES_DEG = (0.0, 180.0, 90.0, 270.0, 45.0, 135.0, 225.0, 315.0)
@@ -802,8 +802,8 @@ class _Drawing:
                 low, high = min(places[body]) - 0.5 * face, max(places[body]) + 0.5 * face
                 first = middle <= min(means.values()) and body == min(on_line, key=lambda each: means[each])
                 last = body == max(reversed(on_line), key=lambda each: means[each])
-                low = min(low, line.start - face) if first else low
-                high = max(high, line.end + face) if last else high
+                low = min(low, line.start - 1.5 * face) if first else low
+                high = max(high, line.end + 1.5 * face) if last else high
                 radius = min(0.3 * smallest, 0.25 * face) if smallest else 0.2 * face
                 yield Rod(
                     body=body, kind="shaft", points=(_vector(line.at(low)), _vector(line.at(high))), radius=radius
@@ -878,7 +878,7 @@ class _Drawing:
                 centre=_vector(line.at(place)),
                 axis=_vector(line.direction),
                 radius=radius,
-                element_radius=radius * ratio,
+                element_radius=radius * ratio if self.any_module else radius * max(ratio, 0.25),
                 elements=count,
             )
 

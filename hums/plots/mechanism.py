@@ -3,17 +3,18 @@
 import math
 from collections.abc import Iterable, Mapping
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon, Wedge
+from matplotlib.text import Annotation
 from numpy.typing import NDArray
 
 from hums.gearbox.components import Vector
 from hums.gearbox.layout import BearingShape, GearShape, Layout, Rod, layout_of, transverse_axes
 from hums.gearbox.model import Gearbox
-from hums.plots.labels import LabelSpace, apply_layout
+from hums.plots.labels import LabelSpace, apply_layout, point_size, spread
 from hums.plots.style import FAINT, INK
 
 Array = NDArray[np.float64]
@@ -87,7 +88,7 @@ def draw_mechanism(
     ax.set_axis_off()
     ax.set_title("\n".join(layout.notes), loc="left", fontsize=_TEXT, color=INK, y=-0.02, va="top")
     if names:
-        drawing.write_names()
+        drawing.write_names(beside=view != "axial")
     return ax
 
 
@@ -289,32 +290,58 @@ class _Drawing:
 
     # ---- names -----------------------------------------------------------------------------------------------
 
-    def write_names(self) -> None:
-        """Write each name at its part, beside it where another name is in the way."""
+    def write_names(self, *, beside: bool) -> None:
+        """Write the names in two columns beside the drawing with leaders, or on the parts where space is free."""
         apply_layout(self.ax)
+        labels = list({label[0]: label for label in self.labels}.values())
+        if beside:
+            points = np.array([at for _, at, _ in labels])
+            middle = float(points[:, 0].mean()) - _IN_PLANE
+            for side in (-1, 1):
+                self._write_column([label for label in labels if (label[1][0] < middle) == (side < 0)], side)
+            return
         space = LabelSpace()
-        for text, at, half in {label[0]: label for label in self.labels}.values():
+        for text, at, half in labels:
             pixels = np.diff(self.ax.transData.transform([(0.0, 0.0), (0.0, half)])[:, 1])[0] * 72 / self.ax.figure.dpi
             away = float(pixels) + 0.75 * _TEXT
-            written = self.ax.annotate(
-                text,
-                (float(at[0]), float(at[1])),
-                textcoords="offset points",
-                xytext=(0, 0),
-                ha="center",
-                va="center",
-                fontsize=_TEXT,
-                color=INK,
-                zorder=9,
-                annotation_clip=False,
-                bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.6},  # an outline would turn text into paths
-            )
+            written = self._write(text, at, xytext=(0, 0), textcoords="offset points", ha="center")
             width = 3.2 * len(text) / 2 + away
             places = [(0.0, 0.0)]
             for step in (1.0, 1.6, 2.4, 3.4):
                 places += [(0.0, step * away), (0.0, -step * away), (step * width, 0.0), (-step * width, 0.0)]
                 places += [(step * width, step * away), (-step * width, -step * away)]
             space.place_text(written, places)
+
+    def _write_column(self, labels: list[tuple[str, Array, float]], side: int) -> None:
+        """Write the names of one side under each other, each as near as can be to the height of its part."""
+        labels = sorted(labels, key=lambda label: float(label[1][1]))
+        ends = np.array([self.ax.transData.transform(at)[1] for _, at, _ in labels])
+        gap = 1.35 * _TEXT * point_size(self.ax)
+        heights = spread(ends, gap=gap, low=self.ax.bbox.y0, high=self.ax.bbox.y1)
+        drawn = self.ax.dataLim
+        x = self.ax.transData.transform((drawn.x0 if side < 0 else drawn.x1, 0))[0] + side * 1.5 * gap
+        to_data = self.ax.transData.inverted()
+        for (text, at, _), height in zip(labels, heights, strict=True):
+            leader = {"arrowstyle": "-", "color": FAINT, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
+            leader |= {"relpos": (0.0 if side > 0 else 1.0, 0.5)}
+            place = to_data.transform((x, height))
+            self._write(
+                text, at, xytext=place, textcoords="data", ha="left" if side > 0 else "right", arrowprops=leader
+            )
+            self.ax.plot(*at, ".", ms=3, color=INK, zorder=9)
+
+    def _write(self, text: str, at: Array, **where: Any) -> Annotation:  # noqa: ANN401  - settings of an annotation
+        return self.ax.annotate(
+            text,
+            (float(at[0]), float(at[1])),
+            va="center",
+            fontsize=_TEXT,
+            color=INK,
+            zorder=8,
+            annotation_clip=False,
+            bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.6},  # an outline would turn text into paths
+            **where,
+        )
 
 
 def _cross(one: Array, two: Array) -> Vector:
