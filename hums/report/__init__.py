@@ -11,17 +11,19 @@ from jinja2 import Environment, StrictUndefined
 
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.result import Analysis, check_analysis, indicator_table, line_table, save_analysis, summary
-from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
 from hums.pages.page import stand_alone_page
-from hums.plots import mechanism_graph, svg
+from hums.plots import coloured_components, draw_mechanism, svg
 from hums.records.store import atomic_write
 from hums.report.figures import Pictures, cursor_choices, sections
 from hums.report.indicators import indicator_tables, velocity_zones
 from hums.report.verdicts import component_styles, probability_words, verdict_rows
 
 Units: TypeAlias = Literal["rpm", "Hz"]
+# on the white ground of the drawing, in every light
+_PART_COLOURS = {"alarm": "#b4380a", "watch": "#e0a526", "unknown": "#8b95a1", "calm": "#a9d5b8"}
+_FAULT_KINDS = {*BEARING_KINDS, "tooth"}
 
 
 def prepare_folder(folder: str | Path) -> Path:
@@ -129,8 +131,8 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
         verdicts=verdict_rows(facts, past),
         zones=velocity_zones(facts["indicators"], facts["settings"].get("velocity_limits_mm_s")),
         machine_class=facts["settings"].get("machine_class", ""),
-        mechanism=_mechanism(analysis),
-        mechanism_caption=f"Gearbox {facts['gearbox']}.",
+        mechanism=_mechanism(analysis, facts, styles),
+        part_colours=_PART_COLOURS,
         sections=drawn,
         choices=choices,
         past_name=past_name,
@@ -183,10 +185,14 @@ def _sampled(facts: Mapping[str, Any]) -> dict[str, str]:
     return said
 
 
-def _mechanism(analysis: Analysis) -> str:
-    """Return the mechanism as SVG."""
-    kinematics = solve_kinematics(Gearbox.model_validate_json(analysis.attrs["gearbox_json"]))
-    return svg(lambda ax: mechanism_graph(kinematics, ax=ax), width=4.8, height=3.6)
+def _mechanism(analysis: Analysis, facts: Mapping[str, Any], styles: Mapping[str, str]) -> str:
+    """Return the drawing of the mechanism as SVG, every part that was searched in the colour of its verdict."""
+    gearbox = Gearbox.model_validate_json(analysis.attrs["gearbox_json"])
+    searched = {row["component"] for row in [*facts["orders"], *facts["envelope"]] if row["kind"] in _FAULT_KINDS}
+    verdicts = dict.fromkeys(searched, "calm") | dict(styles)
+    drawn = coloured_components(gearbox)
+    colours = {part: _PART_COLOURS[style] for part, style in verdicts.items() if part in drawn}
+    return svg(lambda ax: draw_mechanism(gearbox, ax=ax, colours=colours), width=4.8, height=4.0)
 
 
 def _components(facts: dict[str, Any]) -> list[dict[str, Any]]:
