@@ -15,9 +15,9 @@ from hums.pages.page import Figure, figure_html, least_and_largest, packed, pack
 
 Floats = NDArray[np.floating[Any]]
 
-_COLUMNS = 24_000  # of the spectra of all channels together: half a megabyte of the page
-_FEWEST_COLUMNS, _MOST_COLUMNS = 1500, 6000
-_MAP_CHANNELS = 8  # whose maps are drawn at full width; more share the same space
+_COLUMNS = 16_000  # of the spectra of all channels together: 0.7 MB of the page
+_FEWEST_COLUMNS, _MOST_COLUMNS = 700, 6000
+_FULL_CHANNELS = 8  # whose maps and waveforms are drawn in full; more share the same space
 _DRAWN_TRACKS = 4  # shown at first; the legend shows the others
 _LEVEL_FLOOR_DB = 100.0  # below the highest cell of a map
 _MOST_LABELS = 200
@@ -169,7 +169,7 @@ def _maps(pictures: Pictures) -> Iterator[str]:
     found = list(pictures_of(pictures.analysis, ORDER_MAP))
     for number, (channel, dataset) in enumerate(found):
         amplitude, order = dataset["amplitude"].to_numpy(), dataset["order"].to_numpy()
-        every = -(-len(found) // _MAP_CHANNELS)  # neighbouring orders are joined where there are many channels
+        every = -(-len(found) // _FULL_CHANNELS)  # neighbouring orders are joined where there are many channels
         if every > 1:
             cells = order.size // every
             amplitude = amplitude[:, : cells * every].reshape(len(amplitude), cells, every).max(axis=2)
@@ -347,10 +347,16 @@ def _kurtograms(pictures: Pictures) -> Iterator[str]:
 
 
 def _waveforms(pictures: Pictures) -> Iterator[str]:
-    for number, (channel, dataset) in enumerate(pictures_of(pictures.analysis, WAVEFORM)):
+    found = list(pictures_of(pictures.analysis, WAVEFORM))
+    every = -(-len(found) // _FULL_CHANNELS)
+    for number, (channel, dataset) in enumerate(found):
         units = _units(pictures, channel)
-        times = np.repeat(dataset["time_s"].to_numpy(), 2)
-        both = np.stack([dataset["least"].to_numpy(), dataset["largest"].to_numpy()], axis=1).ravel()
+        starts = np.arange(0, dataset.sizes["column"], every)
+        times = np.repeat(dataset["time_s"].to_numpy()[starts], 2)
+        least = np.minimum.reduceat(dataset["least"].to_numpy(), starts)
+        largest = np.maximum.reduceat(dataset["largest"].to_numpy(), starts)
+        both = np.stack([least, largest], axis=1).ravel()
+        dataset = dataset.isel(sample=slice(dataset.sizes["sample"] // every))
         stretch, first = dataset["stretch"].to_numpy(), float(dataset["stretch_time_s"][0])
         step = float(dataset["stretch_time_s"][1]) - first if stretch.size > 1 else 0.0
         line = {"type": "scatter", "mode": "lines", "line": {"color": "--line", "width": 0.8}, "showlegend": False}
@@ -373,7 +379,8 @@ def _waveforms(pictures: Pictures) -> Iterator[str]:
             },
         )
         yield figure_html(
-            figure, caption=f"Above: least and largest value of each {1e3 * float(dataset.attrs['column_s']):.3g} ms."
+            figure,
+            caption=f"Above: least and largest value of each {1e3 * every * float(dataset.attrs['column_s']):.3g} ms.",
         )
 
 

@@ -135,7 +135,7 @@ const report = (() => {
         traces.push({...base, mode: "lines", showlegend: false, hoverinfo: "skip", fill: "toself", opacity: 0.5,
           r: circle.map(([a, b]) => Math.hypot(a, b)), theta: circle.map(([a, b]) => Math.atan2(b, a) * 180 / Math.PI)});
       });
-      return {traces, layout: {uirevision: "polar", polar: {bgcolor: "rgba(0,0,0,0)", radialaxis: {gridcolor: "--rule", title: {text: data.units}, color: "--faint"},
+      return {traces, layout: {uirevision: "polar", margin: {b: 170}, polar: {bgcolor: "rgba(0,0,0,0)", radialaxis: {gridcolor: "--rule", title: {text: data.units}, color: "--faint"},
                 angularaxis: {gridcolor: "--rule", color: "--faint"}}}};
     }
     const bySpeed = against === "speed", x = bySpeed ? scaled(data.speed, rpm.factor) : data.time;
