@@ -31,7 +31,7 @@ __all__ = ["DIAGNOSED", "INDICATED", "NOTHING_FOUND", "NOT_JUDGED", "Finding", "
 
 DIAGNOSED, INDICATED, NOT_JUDGED, NOTHING_FOUND = "diagnosed", "indicated", "not judged", "nothing found"
 STRONG_SNR = 6.0
-CERTAIN = 0.1  # of the stated probability: what is diagnosed is ten times as rare among healthy machines
+CERTAIN = 0.5  # of the stated probability: what is diagnosed is twice as rare among healthy machines
 _UNKNOWN = "unknown: no earlier record of this machine to compare with"
 
 
@@ -157,9 +157,9 @@ def _bearing_verdict(
     stated: float,
 ) -> Finding:
     """Return the verdict on one kind of defect of a bearing in one channel."""
-    probability = library.probability(part.kind, part.strength, parts=searches)
+    probability = library.probability(part.strength, parts=searches)
     if probability > stated:
-        return _unnamed(part, probability, library.strength_at(part.kind, stated, parts=searches))
+        return _unnamed(part, probability, library.strength_at(stated, parts=searches))
     if part.hidden_by:
         return _not_judged(part, _hidden(part), probability=probability)
     rivals = [other for other in evidence if other.main.channel not in faulty and other is not part]
