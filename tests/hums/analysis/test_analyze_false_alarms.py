@@ -10,7 +10,7 @@ from hums.analysis.result import AnalysisError, findings_table
 from hums.analysis.score import score
 from hums.gearbox.model import load_gearbox
 
-RECORDS, PARTS = 400, 20  # parts that may run side by side
+RECORDS, PARTS = 500, 20  # parts that may run side by side
 BANDS = ((1900.0, 2900.0), "auto")
 HEALTHY = {
     "gearbox": "two-stage",
