@@ -26,10 +26,10 @@ ORDER = {
         health
     """,
     "hums": """
-        gearbox, records < readers, plots, jobs, analysis
+        gearbox, records < readers, plots, drawing, jobs, analysis
         plots, analysis < report
         jobs, analysis < fleet
-        readers, plots, report, fleet < cli
+        readers, plots, drawing, report, fleet < cli
     """,
     "data_synth": """
         gears < scene < operation < bearings < kinematic < transfer < sources
