@@ -18,9 +18,9 @@ from hums.gearbox.orders import rate_forms
 from hums.gearbox.rational import Form, add_pivot, evaluate, reduced
 from hums.records.store import atomic_write
 
-__all__ = ["free_links", "write_drawing"]
+__all__ = ["START_RPM", "free_links", "write_drawing"]
 
-_START_RPM = 1500  # the synchronous speed of a four-pole motor on 50 Hz: a usual input
+START_RPM = 1500  # the synchronous speed of a four-pole motor on 50 Hz: a usual input
 
 
 def write_drawing(
@@ -116,7 +116,7 @@ def _data(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> dic
             f'gearbox "{gearbox.name}" declares no reference shaft to count orders by; add reference = "LINK".'
         )
     links = free_links(kinematics)
-    start = dict.fromkeys(links, 0.0) | {links[0]: float(_START_RPM)} if speeds_rpm is None else dict(speeds_rpm)
+    start = dict.fromkeys(links, 0.0) | {links[0]: float(START_RPM)} if speeds_rpm is None else dict(speeds_rpm)
     if len(start) != kinematics.dof:
         raise ValueError(
             f'gearbox "{gearbox.name}" has {kinematics.dof} free speeds, but {len(start)} are given '

@@ -188,7 +188,7 @@ function rodShapes(rod) {
       const d = `M${a.map(x => x.toFixed(1)).join(" ")}L${b.map(x => x.toFixed(1)).join(" ")}`;
       pieces.push([dot(along(start, 0.5, minus(end, start)), toward),
         `<path d="${d}" stroke="var(--ink)" stroke-width="${wide + 1.2}"/>` +
-        `<path d="${d}" stroke="var(--steel)" stroke-width="${wide}" stroke-linecap="${axial ? "butt" : "square"}"/>`]);
+        `<path d="${d}" stroke="var(--frame)" stroke-width="${wide}" stroke-linecap="${axial ? "butt" : "square"}"/>`]);
     }
   }
   return pieces;
