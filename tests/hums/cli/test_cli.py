@@ -234,7 +234,7 @@ def test_synth_writes_a_record_with_truth(run, tmp_path):
 
 
 def test_warnings_reach_the_user_as_a_line(run, request):
-    turbine = request.path.parents[1] / "data" / "wind-turbine.toml"
+    turbine = request.path.parents[2] / "data" / "wind-turbine.toml"
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         code, _, err = run("orders", turbine)
