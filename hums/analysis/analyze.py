@@ -7,6 +7,7 @@ An analysis is an `xarray.DataTree` with the groups `/speed`, `/health`, `/order
 import json
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -45,13 +46,14 @@ from hums.analysis.tracks import lines_to_track, track_lines
 from hums.analysis.unexplained import UnexplainedLine
 from hums.gearbox.model import Gearbox
 from hums.records.record import channel_values, check_record
+from hums.records.store import open_record
 from signals.health import SensorHealth
 
 __all__ = ["AnalysisSettings", "analyze"]
 
 
 def analyze(
-    record: xr.Dataset,
+    record: xr.Dataset | str | PathLike[str],
     gearbox: Gearbox,
     *,
     settings: AnalysisSettings | None = None,
@@ -61,8 +63,8 @@ def analyze(
 
     Parameters
     ----------
-    record : xarray.Dataset
-        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`.
+    record : xarray.Dataset, str or Path
+        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`; or the path of a record.
     gearbox : Gearbox
         The gearbox, with one degree of freedom; the record's tachometer or declared speed is that of one of its links.
     settings : AnalysisSettings, optional
@@ -98,6 +100,9 @@ def analyze(
     >>> print(f"order {mesh['order']:g}: {mesh['amplitude']:.2f} {mesh['units']}")
     order 23: 0.50 g
     """
+    if isinstance(record, str | PathLike):
+        with open_record(record) as opened:
+            return analyze(opened, gearbox, settings=settings, baseline=baseline)
     settings = settings or AnalysisSettings()
     if not isinstance(settings, AnalysisSettings):
         raise AnalysisError(f"settings is a {type(settings).__name__}; pass hums.AnalysisSettings(...).")
