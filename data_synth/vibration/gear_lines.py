@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from itertools import permutations
+from math import lcm
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,32 +92,38 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
     """
     meshes, teeth = scene.exact_orders("gear_mesh"), scene.exact_orders("tooth")
     damaged = dict.fromkeys(fault.component for fault in scene.faults if fault.component in teeth)
-    found: dict[Fraction, tuple[int, str, str]] = {}
-
-    def add(order: Fraction, rank: int, component: str, kind: str) -> None:
-        if 0 < abs(order) <= top:
-            found.setdefault(abs(order), (rank, component, kind))
-
     bases = [(order, 0, mesh, mesh, "gear_mesh") for mesh, order in meshes.items()]
     # planets are not alike to a sensor: a tooth of a sun or a ring repeats once it has met all of them
     bases += [(teeth[name] / _planets(scene, mesh_name(name)), 1, mesh_name(name), name, "tooth") for name in damaged]
+    passes = {mesh: pass_orders(scene, mesh) for _, _, mesh, _, _ in bases}
+    # exact and a tenth of the time of fractions: all orders are whole multiples of one
+    exact = [*(order for order, *_ in bases), *(carrier for carrier, _ in passes.values())]
+    parts = lcm(*(order.denominator for order in exact))
+    most = int(Fraction(top) * parts)
+    found: dict[int, tuple[int, str, str]] = {}
+
+    def add(order: Fraction, beside: Fraction, sides: int, rank: int, component: str, kind: str) -> None:
+        """Add the multiples of an order with so many multiples of another on either side."""
+        step, side = int(order * parts), int(beside * parts)
+        for harmonic in range(int((top + sides * float(beside)) / float(order)) + 1):
+            for number in range(-sides, sides + 1):
+                place = abs(harmonic * step + number * side)
+                if 0 < place <= most:
+                    found.setdefault(place, (rank, component, kind))
+
     spacing = []
     for order, rank, mesh, component, kind in bases:
-        carrier, sides = pass_orders(scene, mesh)
-        for harmonic in range(int((top + sides * float(carrier)) / float(order)) + 1):
-            for side in range(-sides, sides + 1):
-                add(harmonic * order + side * carrier, rank, component, kind)
+        carrier, sides = passes[mesh]
+        add(order, carrier, sides, rank, component, kind)
         spacing += [float(order), *([float(carrier)] if sides else [])]
     if mixed:
         for (order, *_, component, kind), (beside, *_rest) in permutations(bases, 2):
-            for harmonic in range(int((top + _MIXED * float(beside)) / float(order)) + 1):
-                for number in range(-_MIXED, _MIXED + 1):
-                    add(harmonic * order + number * beside, 2, component, kind)
-    orders = tuple(sorted(found))
+            add(order, beside, _MIXED, 2, component, kind)
+    places = sorted(found)
     return Candidates(
-        orders=orders,
-        sources=tuple(found[order][1:] for order in orders),
-        ranks=np.array([found[order][0] for order in orders], dtype=np.int64),
+        orders=tuple(Fraction(place, parts) for place in places),
+        sources=tuple(found[place][1:] for place in places),
+        ranks=np.array([found[place][0] for place in places], dtype=np.int64),
         spacing=min(spacing, default=1.0),
     )
 

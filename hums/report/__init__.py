@@ -18,7 +18,7 @@ from hums.plots import coloured_components, draw_mechanism, svg
 from hums.records.store import atomic_write
 from hums.report.figures import Pictures, cursor_choices, sections
 from hums.report.indicators import indicator_tables, velocity_zones
-from hums.report.verdicts import component_styles, probability_words, verdict_rows
+from hums.report.verdicts import CLASSES, NOTHING_FOUND, component_styles, probability_words, verdict_rows
 
 Units: TypeAlias = Literal["rpm", "Hz"]
 # on the white ground of the drawing, in every light
@@ -112,7 +112,8 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
     past = None if baseline is None else summary(baseline)
     past_name = "" if past is None else f"baseline {past['recorded_at'] or past['record']}".strip()
     styles = component_styles(facts)
-    pictures = Pictures(analysis=analysis, facts=facts, styles=styles, past=baseline, past_name=past_name)
+    faulty = {part: style for part, style in styles.items() if style != CLASSES[NOTHING_FOUND]}
+    pictures = Pictures(analysis=analysis, facts=facts, styles=faulty, past=baseline, past_name=past_name)
     drawn = sections(pictures)
     choices = cursor_choices(facts)
     template = (files("hums.report") / "page.html").read_text(encoding="utf-8")
@@ -129,6 +130,7 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
         speed_text=speed_text(facts, units=units),
         contents=[("verdicts", "Verdicts"), *((section.name, section.title) for section in drawn), *tail],
         verdicts=verdict_rows(facts, past),
+        styles_of=CLASSES,
         zones=velocity_zones(facts["indicators"], facts["settings"].get("velocity_limits_mm_s")),
         machine_class=facts["settings"].get("machine_class", ""),
         mechanism=_mechanism(analysis, facts, styles),

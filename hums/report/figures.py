@@ -356,8 +356,8 @@ def _waveforms(pictures: Pictures) -> Iterator[str]:
         least = np.minimum.reduceat(dataset["least"].to_numpy(), starts)
         largest = np.maximum.reduceat(dataset["largest"].to_numpy(), starts)
         both = np.stack([least, largest], axis=1).ravel()
-        dataset = dataset.isel(sample=slice(dataset.sizes["sample"] // every))
-        stretch, first = dataset["stretch"].to_numpy(), float(dataset["stretch_time_s"][0])
+        stretch = dataset["stretch"].to_numpy()[: dataset.sizes["sample"] // every]
+        first = float(dataset["stretch_time_s"][0])
         step = float(dataset["stretch_time_s"][1]) - first if stretch.size > 1 else 0.0
         line = {"type": "scatter", "mode": "lines", "line": {"color": "--line", "width": 0.8}, "showlegend": False}
         figure = Figure(
@@ -378,10 +378,8 @@ def _waveforms(pictures: Pictures) -> Iterator[str]:
                 "yaxis2": {"title": {"text": units}, "domain": [0, 0.42], "anchor": "x2"},
             },
         )
-        yield figure_html(
-            figure,
-            caption=f"Above: least and largest value of each {1e3 * every * float(dataset.attrs['column_s']):.3g} ms.",
-        )
+        width_ms = 1e3 * every * float(dataset.attrs["column_s"])
+        yield figure_html(figure, caption=f"Above: least and largest value of each {width_ms:.3g} ms.")
 
 
 def _speed(pictures: Pictures) -> Iterator[str]:

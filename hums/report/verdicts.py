@@ -63,10 +63,10 @@ def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]
 
 
 def component_styles(facts: Facts) -> dict[str, str]:
-    """Return the class of each component that has a finding, that of its gravest."""
+    """Return the class of each component that was judged, that of its gravest verdict."""
     gravest: dict[str, str] = {}
     ranks = [*CLASSES.values()]
-    for finding in facts["findings"]:
+    for finding in facts.get("verdicts") or facts["findings"]:
         style = CLASSES.get(finding["verdict"], "unknown")
         known = gravest.setdefault(finding["component"], style)
         if ranks.index(style) < ranks.index(known):
@@ -95,17 +95,21 @@ def _sure(finding: Mapping[str, Any]) -> str:
     for name, value in finding.items():
         if not name.endswith("probability") or value is None:
             continue
-        if name == "false_alarm_probability":
+        if name != "false_alarm_probability":
+            said.append(f"{name.replace('_', ' ')} {probability_words(value)}")
+        elif finding.get("strength") is None:
             said.append(f"noise alone makes such a line in {probability_words(value)} records")
         else:
-            said.append(f"{name.replace('_', ' ')} {probability_words(value)}")
+            said.append(f"healthy machines show as much in {probability_words(value)} records")
     return "; ".join(said)
 
 
 def _severity(finding: Mapping[str, Any]) -> str:
-    if finding.get("amplitude") is None:
-        return "not measured"
-    return f"{finding['amplitude']:.3g} {finding['units']}, {finding['snr']:.3g} times its surroundings"
+    """Return what is known of the severity; that it needs an earlier record stands under "since when"."""
+    said = [part for part in finding.get("severity", "").split("; ") if part and not part.startswith("unknown")]
+    if finding.get("amplitude") is not None:
+        said.append(f"{finding['amplitude']:.3g} {finding['units']}, {finding['snr']:.3g} times its surroundings")
+    return "; ".join(said) or "not measured"
 
 
 def _since(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> str:
@@ -158,6 +162,8 @@ def _next(finding: Mapping[str, Any], facts: Facts) -> str:
     sick = {item["name"] for item in facts["health"] if item["status"] == "sick"}
     if finding.get("channel") in sick:
         return f"Mend the sensor of {finding['channel']} first, and record again."
+    if finding.get("next_step"):
+        return str(finding["next_step"])
     if finding["verdict"] == "diagnosed":
         if finding["kind"] in BEARING_KINDS:
             return "Inspect the bearing, and its grease or oil for particles."
