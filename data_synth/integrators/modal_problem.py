@@ -177,6 +177,7 @@ DEGREE = 5
 WIDTHS = (6, 7, 8, 9)  # coefficients of the function and of its three integrals, side by side in a row
 _MIN_DENSITY, _MAX_DENSITY = 16, 2048  # cells to a mesh cycle
 _FIT = 1e-11  # of the largest value: cells are halved until the polynomials are this close
+_LEAST_GAIN = 1.2  # of halving, by which even a kink within a cell gains 2
 
 _NODES = (1 - np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))) / 2
 _INTERPOLATE = np.linalg.inv(np.vander(_NODES, increasing=True))
@@ -263,14 +264,18 @@ def _table(function: Wave) -> Table:
 
 def _tabulated_alone(function: Wave) -> Table:
     breaks = np.unique(np.array([0.0, *function.jumps, function.period]))
+    # a value may change by all of its range over the shortest segment, and phases are rounded
+    rounding = 4 * np.finfo(float).eps * function.period / float(np.min(np.diff(breaks)))
     density = _MIN_DENSITY
-    while True:
-        starts, widths, counts, rows, error = _fitted(function, breaks, density)
-        if error <= _FIT or density >= _MAX_DENSITY:
-            break
+    starts, widths, counts, rows, error = _fitted(function, breaks, density)
+    while error > _FIT and density < _MAX_DENSITY:
         # the misfit falls with the power DEGREE + 1; rounding down the doublings avoids too many cells
         doublings = int(np.log2(error / _FIT) / (DEGREE + 1))
         density = min(density * 2 ** max(1, doublings), _MAX_DENSITY)
+        finer = _fitted(function, breaks, density)
+        if finer[-1] > error / _LEAST_GAIN and finer[-1] <= rounding:
+            break
+        starts, widths, counts, rows, error = finer
     mean, rows = _with_integrals(rows, widths)
     firsts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
     return starts, counts / np.diff(breaks), firsts, counts.astype(np.int64), rows, mean
