@@ -228,7 +228,14 @@ class BenchmarkRecords:
         sequence = np.random.SeedSequence(self.seed, spawn_key=(number,))
         return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
-    def scene(self, number: int, *, healthy: bool = False, duration_s: float | None = None) -> Scene:
+    def scene(
+        self,
+        number: int,
+        *,
+        healthy: bool = False,
+        duration_s: float | None = None,
+        severity: float | None = None,
+    ) -> Scene:
         """Return the scene of a record.
 
         Parameters
@@ -239,6 +246,8 @@ class BenchmarkRecords:
             Without its fault.
         duration_s : float, optional
             Length of the scene, if not that of the record.
+        severity : float, optional
+            Of its fault, from 0 to 1, if not that of the record.
 
         Returns
         -------
@@ -252,6 +261,8 @@ class BenchmarkRecords:
         (1, 0)
         """
         drawn = self._draw(number)
+        if severity is not None:
+            drawn = replace(drawn, severity=severity)
         table = self._table(number, drawn)
         fault = self._fault(number, drawn)
         if fault and not healthy:
