@@ -272,7 +272,10 @@ def _speed_estimation_orders(defect_orders: Sequence[DefectOrder], harmonics: in
 def _failure_reason(found: SpeedEstimate) -> str:
     if found.status == "not found":
         return "no shaft shows in it"
-    others = [f"{other.ratio:.3g} times it" for other in found.alternatives]
     middle = np.nanmedian(found.speed_hz)
-    other = f", or {', '.join(others)}" if others else ", but nearly all of it rests on a single order"
-    return f"the speed is ambiguous: it may be about {middle:.4g} rev/s{other}"
+    others = [
+        f"{np.nanmedian(other.speed_hz):.4g} rev/s ({other.ratio:.3g} times it, probability {other.probability:.2g})"
+        for other in found.alternatives
+    ]
+    other = f", or {', '.join(others)}" if others else ""
+    return f"the speed is ambiguous: it may be about {middle:.4g} rev/s{other}; {found.reason}"
