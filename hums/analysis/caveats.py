@@ -32,7 +32,7 @@ def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
         known = f'tachometer "{machine.source.tachometer}"' if machine.source.tachometer else "a declared speed"
         yield (
             f"The record has {known}, which tells the angle: the range and acceleration given for estimating the speed "
-            "(speed_range_hz, --speed-range; max_acceleration_hz_s, --max-acceleration) were not used."
+            "(speed_range_hz, --speed-range; max_acceleration_hz_s, --max-acceleration) were not used to estimate it."
         )
     if machine.phase.nominal:
         yield (

@@ -22,6 +22,7 @@ from signals.shaft.tacholess import SpeedEstimate, estimate_speed
 from signals.shaft.tachometer import shaft_phase
 
 _JITTER_LIMIT_RAD = 0.3  # phase error that takes 4 % off a line
+_FASTEST_HZ = 750.0  # 45,000 rpm, our choice: faster input shafts are of small turbines alone, and declare a range
 _FAULTY_PULSES = 0.05  # share of repaired pulses from which a tachometer is faulty
 
 
@@ -164,6 +165,8 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
             f'the record holds no whole revolution of the reference "{gearbox.reference}" ({turned:.3g} of one in '
             f"{phase.stop_s - phase.start_s:.3g} s); record longer, or choose a faster reference."
         )
+    if source.tachometer:
+        _refuse_implausible(phase, source.tachometer, gearbox.reference, settings)
     return Machine(
         kinematics=kinematics,
         reference=gearbox.reference,
@@ -172,6 +175,21 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
         phase=phase,
         source=source,
         ratio=abs(ratio),
+    )
+
+
+def _refuse_implausible(phase: ShaftPhase, tachometer: str, reference: str, settings: AnalysisSettings) -> None:
+    """Raise where the speed by the tachometer is mostly outside the declared range, or faster than any gearbox."""
+    speed = float(np.median(np.abs(phase.mean_speed_per_revolution_hz())))
+    low, high = settings.speed_range_hz or (0.0, _FASTEST_HZ)
+    if low <= speed <= high:
+        return
+    said = "the declared range" if settings.speed_range_hz else "what is plausible without a declared one"
+    raise AnalysisError(
+        f'tachometer "{tachometer}" gives {speed:.4g} rev/s ({60 * speed:,.0f} rpm) of the reference "{reference}", '
+        f"outside {said}, {low:g} to {high:g} rev/s. Check the tachometer, its pulses_per_rev and whether the shaft "
+        "turned, or declare the range: speed_range_hz=(low, high) with max_acceleration_hz_s=..., on the command line "
+        "--speed-range LOW HIGH --max-acceleration HZ_PER_S."
     )
 
 

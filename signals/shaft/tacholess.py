@@ -472,6 +472,8 @@ def _can_be_followed(signal: Array, rate: float, search: Search, speed: Array, s
 
 def _doubt(others: list[Rival], *, single: bool, foreign: bool, slower_hz: float | None, speed_hz: float) -> str:
     """Return why a speed is ambiguous, the strongest reason."""
+    if foreign:
+        return "only harmonics of one shaft show, which may be another machine's: none of the other orders does"
     if others:
         return (
             f"{len(others)} other speeds explain lines that it does not"
@@ -480,8 +482,6 @@ def _doubt(others: list[Rival], *, single: bool, foreign: bool, slower_hz: float
         )
     if single:
         return "nearly all of the evidence rests on a single order"
-    if foreign:
-        return "only harmonics of one shaft show, which may be another machine's: none of the other orders does"
     if slower_hz is not None:
         return (
             f"only its first harmonics show, which a shaft at {slower_hz:.4g} rev/s, {slower_hz / speed_hz:.3g} times "
