@@ -6,6 +6,7 @@ are judged. A gear is named where its probability, over all gears of the record,
 
 import argparse
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -208,9 +209,9 @@ def main() -> None:
     for part, rows in parts.items():
         if given.only in (None, part):
             for imperfect in (False,) if given.perfect else (False, True):
-                print(table_of(list(rows(given.records, imperfect=imperfect))), flush=True)
+                sys.stdout.write(table_of(list(rows(given.records, imperfect=imperfect))) + "\n")
     if given.data is not None and given.only in (None, "turbine"):
-        print(table_of(list(turbine_rows(Path(given.data)))))
+        sys.stdout.write(table_of(list(turbine_rows(Path(given.data)))) + "\n")
 
 
 if __name__ == "__main__":

@@ -225,9 +225,8 @@ class _Judge:
         named: list[GearJudgement] = []
         others = [row for row in judged if row.probability > self.threshold or not row.judgeable]
         for row in sorted((row for row in judged if row not in others), key=_evidence):
-            twin = next((one for one in named if math.isclose(one.order, row.order, rel_tol=1e-9)), None)
+            twin = next((one for one in named if row.component in one.also), None)
             if twin is not None:
-                named[named.index(twin)] = replace(twin, also=(*twin.also, row.component))
                 others.append(replace(row, explained_by=twin.component))
                 continue
             gear = gears[row.component]
@@ -235,7 +234,12 @@ class _Judge:
             if again.probability > self.threshold or not again.judgeable:
                 others.append(replace(row, explained_by=named[0].component))
                 continue
-            named.append(row)
+            also = tuple(
+                one.component
+                for one in judged
+                if one.component != row.component and math.isclose(one.order, row.order, rel_tol=1e-9)
+            )
+            named.append(replace(row, also=also))
             keep &= ~self._at_tooth(row, gear)
         return [*named, *sorted(others, key=_evidence)]
 

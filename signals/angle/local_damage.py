@@ -284,7 +284,8 @@ class LocalDamage:
     outlier : float
         The peak less the mean of the other places, over their standard deviation.
     rise : float
-        The peak's energy over that of the other places, as a ratio of geometric means.
+        The peak's energy over that of the other places, as a ratio of geometric means; what bounds the logarithm makes
+        it too small where it is large.
     position_rev, width_rev : float
         Middle of the peak, 0 to 1 of a turn, and its width.
     band : int
@@ -364,7 +365,8 @@ def _at_peak(curve: Array, statistic: Array, width: int, energies: FoldedEnergie
     others = curve[distance > max(pitch, width)]
     spread = float(others.std(ddof=1))
     outlier = float((curve[peak] - others.mean()) / spread) if spread > 0 else math.inf
-    independent = _independent(np.where(distance > max(pitch, width), curve - others.mean(), 0.0), others.size, pitch)
+    apart = np.where(distance > max(pitch, width), curve - others.mean(), 0.0)
+    independent = _independent(apart, others.size, pitch=pitch, width=width)
     scaled = outlier / math.sqrt(1 + 1 / independent)
     one = float(special.stdtr(max(1.0, independent - 1), -scaled)) if math.isfinite(scaled) else 0.0
     local = min(1.0, one * cells / width * len(_WIDTHS) * bands)
@@ -382,7 +384,7 @@ def _at_peak(curve: Array, statistic: Array, width: int, energies: FoldedEnergie
     )
 
 
-def _independent(deviations: Array, count: int, pitch: int) -> float:
+def _independent(deviations: Array, count: int, *, pitch: int, width: int) -> float:
     """Return how many independent values a curve over the turn holds, from its correlation within a tooth.
 
     A sound tooth that differs from its neighbours does so over its whole pitch, noise from cell to cell.
@@ -390,7 +392,7 @@ def _independent(deviations: Array, count: int, pitch: int) -> float:
     power = float(deviations @ deviations)
     if power == 0:
         return float(count)
-    lags = range(1, max(pitch, _WIDTHS[-1]))
+    lags = range(1, max(pitch, width))
     alike = sum(max(0.0, float(deviations @ np.roll(deviations, lag))) / power for lag in lags)
     return max(2.0, count / (1 + 2 * alike))
 
