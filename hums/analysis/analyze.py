@@ -17,8 +17,9 @@ from hums.analysis.baseline import HISTORIES, read_baseline
 from hums.analysis.caveats import notes
 from hums.analysis.channel import AnalysedChannel, analyse_channel, excluded_channels, selected_channels, varying_values
 from hums.analysis.detection import AssessedLine, LineAssessor
-from hums.analysis.findings import Finding, findings
-from hums.analysis.indicators import channel_indicators, fm4_by_gear
+from hums.analysis.findings import DIAGNOSED, Finding, findings
+from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_findings, gear_indicators
+from hums.analysis.indicators import channel_indicators
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.reference_angle import Machine, prepare_machine
 from hums.analysis.result import (
@@ -34,7 +35,7 @@ from hums.analysis.result import (
 from hums.analysis.settings import AnalysisSettings
 from hums.analysis.tracks import lines_to_track, track_lines
 from hums.gearbox.model import Gearbox
-from hums.records.record import channel_values, check_record
+from hums.records.record import channel_values, check_record, sampling
 from signals.health import SensorHealth
 
 __all__ = ["AnalysisSettings", "analyze"]
@@ -100,11 +101,24 @@ def analyze(
     expected = expected_lines(machine.kinematics, _plan(machine, settings))
     channels: list[AnalysedChannel] = []
     indicators: list[IndicatorValue] = []
+    gears: list[GearJudgement] = []
     for name in names:
         values = varying_values(record, name)
         channel = analyse_channel(record, name, values, machine, expected, settings)
         channels.append(channel)
         indicators += channel_indicators(record, channel, values, machine, settings, histories)
+        judged = gear_damage(
+            values,
+            sampling(record, name),
+            machine,
+            channel=name,
+            units=channel.units,
+            false_alarm_probability=settings.false_alarm_probability,
+            channels=len(names),
+            faulty=channel.faulty,
+        )
+        indicators += [] if channel.faulty else gear_indicators(judged)
+        gears += judged
     assessor = LineAssessor(
         {bearing.name: bearing for bearing in machine.bearings},
         settings.false_alarm_probability,
@@ -113,10 +127,11 @@ def analyze(
     assessed = assessor.assess([line for channel in channels for line in channel.lines])
     found = findings(
         assessed,
-        fm4=fm4_by_gear(indicators, _best_channels(assessed), harmonics=settings.harmonics),
         faulty=[channel.name for channel in channels if channel.faulty],
         depths={channel.name: channel.depths for channel in channels},
     )
+    found += gear_findings(gears, false_alarm_probability=settings.false_alarm_probability)
+    found.sort(key=lambda finding: finding.verdict != DIAGNOSED)
     excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
     excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
     tree = xr.DataTree.from_dict(
@@ -160,17 +175,6 @@ def _healthy_spacings(machine: Machine) -> dict[str, tuple[float, ...]]:
         for row in machine.defect_orders
         if row.kind == "tooth" and row.seen_from != frame
     }
-
-
-def _best_channels(assessed: Sequence[AssessedLine]) -> dict[str, str]:
-    """Return the channel with the highest signal-to-noise ratio of significant sidebands, by gear."""
-    best: dict[str, AssessedLine] = {}
-    for line in assessed:
-        if line.significant and line.measured.expected.kind == "tooth" and line.measured.expected.sideband:
-            name = line.measured.expected.component
-            if name not in best or line.measured.line.snr > best[name].measured.line.snr:
-                best[name] = line
-    return {name: line.measured.channel for name, line in best.items()}
 
 
 def _sensor_conditions(

@@ -3,9 +3,8 @@
 A significant fundamental (see `hums.analysis.detection`) raises a finding. That of a bearing is *diagnosed* when it
 modulates its band by a tenth of the mean or more, a harmonic or sideband at the right spacing supports it, and no other
 race or element of the same bearing comes within a factor of three of it in any band; one of a cage never, since damage
-of an element makes the same line. For a gear the line must be at least six times its background, and FM4 of the
-synchronous average show a local disturbance. Otherwise it is *indicated*, and the evidence states why. A line of a
-faulty sensor is never diagnosed.
+of an element makes the same line. Otherwise it is *indicated*, and the evidence states why. A line of a faulty sensor
+is never diagnosed. Gears are judged in `hums.analysis.gear_damage`.
 
 Indicators support a finding or cast doubt on it; they never raise one, which would change
 the false-alarm probability.
@@ -22,25 +21,13 @@ from hums.gearbox.orders import BEARING_KINDS
 Depths = Mapping[str, Mapping[tuple[str, str], float]]
 """Of each channel the largest modulation, over all bands, by each kind of defect of each bearing."""
 
-__all__ = ["DIAGNOSED", "INDICATED", "Finding", "Fm4", "findings"]
+__all__ = ["DIAGNOSED", "INDICATED", "Finding", "findings"]
 
 DIAGNOSED, INDICATED = "diagnosed", "indicated"
-STRONG_SNR = 6.0
 # Part of the mean envelope by which a damaged race modulates it. Halved, weak lines of sound bearings are diagnosed;
 # doubled, early damage is only indicated.
 FAULTY_DEPTH = 0.1
 SUPPORT_PROBABILITY = 0.01
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fm4:
-    """FM4 of a gear, the kurtosis of its difference signal, and the limit that a local disturbance exceeds.
-
-    The limit is the value that noise together with a smooth modulation over the revolution may reach.
-    """
-
-    kurtosis: float
-    limit: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,21 +49,18 @@ class Finding:
 def findings(
     assessed: Sequence[AssessedLine],
     *,
-    fm4: Mapping[str, Fm4],
     faulty: Collection[str] = (),
     depths: Depths | None = None,
 ) -> list[Finding]:
-    """Return a finding for every component and kind with a significant fundamental.
+    """Return a finding for every bearing and kind with a significant fundamental.
 
-    Diagnosed findings come before indicated ones, bearings before gears, whose sidebands every sound pair has, too;
-    then those of higher level over the background.
+    Diagnosed findings come before indicated ones, then those of higher level over the background. Sidebands of a mesh
+    raise none, for every sound pair has them: teeth are judged by `hums.analysis.gear_damage`.
 
     Parameters
     ----------
     assessed : sequence of AssessedLine
         All lines of all channels of the record.
-    fm4 : mapping of gear component to Fm4
-        FM4 of the gears whose synchronous average exists.
     faulty : collection of str
         Channels with a faulty sensor.
     depths : mapping of channel to mapping, optional
@@ -92,13 +76,10 @@ def findings(
     }
     results = [
         _bearing_finding(lines, raised, faulty, depths or {})
+        for (_, kind), lines in raised.items()
         if kind in BEARING_KINDS
-        else _gear_finding(lines, fm4.get(component), faulty)
-        for (component, kind), lines in raised.items()
     ]
-    return sorted(
-        results, key=lambda finding: (finding.verdict != DIAGNOSED, finding.kind not in BEARING_KINDS, -finding.snr)
-    )
+    return sorted(results, key=lambda finding: (finding.verdict != DIAGNOSED, -finding.snr))
 
 
 def _main_line(lines: Sequence[AssessedLine]) -> AssessedLine:
@@ -171,37 +152,6 @@ def _largest_depth(lines: Iterable[AssessedLine]) -> float:
 
 def _sensor_doubts(main: AssessedLine, faulty: Collection[str]) -> list[str]:
     return ["the sensor is sick, and may make such a line by itself"] if main.measured.channel in faulty else []
-
-
-def _gear_finding(lines: Sequence[AssessedLine], fm4: Fm4 | None, faulty: Collection[str]) -> Finding:
-    """Return the finding on a gear from its mesh sidebands and FM4."""
-    main = _main_line(lines)
-    sidebands = [
-        line
-        for line in lines
-        if line.significant and line.measured.expected.sideband and line.measured.channel == main.measured.channel
-    ]
-    others = [line for line in sidebands if line is not main]
-    support = [f"{len(sidebands)} claimed sidebands of its mesh"] if others else []
-    doubts = _sensor_doubts(main, faulty)
-    if fm4 is None and not doubts:
-        doubts.append("its synchronous average could not be made, so nothing shows that one tooth is at fault")
-    elif fm4 is not None and fm4.kurtosis <= fm4.limit:
-        doubts.append(
-            f"the difference signal of its synchronous average is not local (FM4 {fm4.kurtosis:.1f}; noise and "
-            f"smooth modulation reach {fm4.limit:.1f}): run-out, misalignment or load variation make such "
-            "sidebands too"
-        )
-    elif fm4 is not None:
-        support.append(
-            f"a difference signal of its synchronous average that is local (FM4 {fm4.kurtosis:.1f}; noise and "
-            f"smooth modulation reach {fm4.limit:.1f}), as one damaged tooth makes it"
-        )
-    if not others:
-        doubts.append("a single sideband stands alone")
-    if main.measured.line.snr < STRONG_SNR:
-        doubts.append(f"the largest is only {main.measured.line.snr:.1f} times its surroundings")
-    return _finding(main, support, doubts)
 
 
 def _finding(main: AssessedLine, support: Sequence[str], doubts: Sequence[str]) -> Finding:

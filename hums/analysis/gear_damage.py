@@ -6,7 +6,7 @@ need no window about the planet passes; the passes modulate the level of a turn,
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.analysis.channel import Values, resample_in_angle
+from hums.analysis.findings import INDICATED, Finding
 from hums.analysis.reference_angle import Machine
+from hums.analysis.result import IndicatorValue
 from hums.gearbox.orders import DefectOrder
 from hums.records.record import Sampling
 from signals.angle.local_damage import (
@@ -26,7 +28,7 @@ from signals.angle.local_damage import (
 )
 from signals.resampling.resampling import PASSBAND
 
-__all__ = ["GearJudgement", "gear_damage"]
+__all__ = ["GearJudgement", "gear_damage", "gear_findings", "gear_indicators"]
 
 # Sidebands of run-out and planet passes removed on either side of a mesh harmonic, in rotations of the fastest of its
 # gears. Halved, a run-out of several per cent leaves its second sideband; doubled, a quarter of the orders is lost.
@@ -253,3 +255,61 @@ class _Judge:
 
 def _evidence(row: GearJudgement) -> tuple[bool, float, float]:
     return (not row.judgeable, row.local, -row.statistic)
+
+
+def gear_findings(judged: Iterable[GearJudgement], *, false_alarm_probability: float) -> list[Finding]:
+    """Return a finding for every gear with a damaged tooth, in the channel that shows it best.
+
+    It is *indicated*: a single pitch deviation of a sound gear is as local, and nothing in one record tells the two
+    apart. A baseline or a declared grade of ISO 1328-1 would.
+    """
+    best: dict[str, GearJudgement] = {}
+    for row in judged:
+        if row.probability <= false_alarm_probability and not row.explained_by:
+            twins = {row.component, *row.also}
+            name = next((name for name in best if name in twins), row.component)
+            if name not in best or _evidence(row) < _evidence(best[name]):
+                best[name] = row
+    return [_finding(row) for row in sorted(best.values(), key=_evidence)]
+
+
+def _finding(row: GearJudgement) -> Finding:
+    low, high = row.band_orders
+    alike = f", or of {' or '.join(row.also)}, which this record cannot tell from it," if row.also else ""
+    evidence = (
+        f"the energy between the harmonics of its mesh, {low:.4g} to {high:.4g} orders, is {row.rise:.1f} times "
+        f"that of other teeth at one tooth{alike} in all parts of {row.turns} turns, {row.outlier:.1f} standard "
+        "deviations of the other teeth above them; not certain: a single pitch deviation of a sound gear does the "
+        "same; compare with an earlier record, or measure the tooth."
+    )
+    return Finding(
+        component=row.component,
+        kind="tooth",
+        channel=row.channel,
+        verdict=INDICATED,
+        evidence=evidence,
+        false_alarm_probability=row.probability,
+        snr=row.outlier if math.isfinite(row.outlier) else 1e9,
+        order_found=row.order,
+        amplitude=row.amplitude,
+        units=row.units,
+    )
+
+
+def gear_indicators(judged: Iterable[GearJudgement]) -> list[IndicatorValue]:
+    """Return how far the worst tooth of each gear stands out, for the table of indicators."""
+    return [
+        IndicatorValue(
+            channel=row.channel,
+            component=row.component,
+            kind="gear",
+            indicator="tooth_outlier",
+            value=row.outlier if row.judgeable else math.nan,
+            unit="1",
+            noise_limit=math.nan,
+            takes="residual energy over {} turns, {:.4g} to {:.4g} orders".format(row.turns, *row.band_orders),
+            source="Grubbs 1950",
+            withheld=row.not_judged,
+        )
+        for row in judged
+    ]
