@@ -34,6 +34,7 @@ __all__ = ["GearJudgement", "gear_damage", "gear_findings", "gear_indicators"]
 # gears. Halved, a run-out of several per cent leaves its second sideband; doubled, a quarter of the orders is lost.
 _SIDEBANDS = 2.5
 _SHAFT_ORDERS = 3  # of the fastest shaft: below it all is removed
+_SMOOTH_ORDERS = 2  # of a turn that run-out, misalignment or passing planets modulate; 0 for a sun, folded by planet
 _MASKED_TEETH = 1.5  # on either side of a damaged tooth, taken out before weaker gears are judged again
 _ROTATIONS = (999, 9999)  # least and most: more cost time where a tooth is found
 
@@ -104,6 +105,7 @@ class _Tooth:
     row: DefectOrder
     teeth: int
     per_turn: float
+    smooth_orders: int = _SMOOTH_ORDERS
 
 
 def gear_damage(
@@ -164,15 +166,14 @@ def _gears(machine: Machine) -> list[_Tooth]:
     for contact in machine.kinematics.contacts:
         for link, teeth in contact.gears:
             copies[f"{contact.mesh}/{link}"] = copies[f"{contact.mesh}/{link.rpartition(' ')[0]}"] = abs(teeth)
-    return [
-        _Tooth(
-            row=row,
-            teeth=copies[row.component],
-            per_turn=meshes[row.component.rpartition("/")[0]].order / row.order,
-        )
-        for row in machine.defect_orders
-        if row.kind == "tooth" and row.component in copies
-    ]
+    shafts = {row.component for row in machine.defect_orders if row.kind == "shaft"}
+    found = []
+    for row in (row for row in machine.defect_orders if row.kind == "tooth" and row.component in copies):
+        mesh, teeth = meshes[row.component.rpartition("/")[0]], copies[row.component]
+        per_turn = mesh.order / row.order
+        several = row.component.rpartition("/")[2] in shafts and round(teeth / per_turn) > 1
+        found.append(_Tooth(row=row, teeth=teeth, per_turn=per_turn, smooth_orders=0 if several else _SMOOTH_ORDERS))
+    return found
 
 
 def _energies(values: Values, when: Sampling, machine: Machine, channel: str) -> BandEnergies:
@@ -200,7 +201,9 @@ class _Judge:
         least, most = _ROTATIONS
         rotations = int(np.clip(2 * self.tests / self.threshold, least, most))
         try:
-            folds = folded(self.energies, order=gear.row.order, teeth=gear.per_turn, keep=keep)
+            folds = folded(
+                self.energies, order=gear.row.order, teeth=gear.per_turn, keep=keep, smooth_orders=gear.smooth_orders
+            )
         except ValueError as error:
             return replace(row, not_judged=str(error))
         found = local_damage(folds, rotations=rotations, rng=np.random.default_rng(0))

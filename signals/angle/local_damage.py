@@ -48,12 +48,12 @@ FEWEST_TURNS = 16
 """Turns of a gear that a judgement needs: eight blocks of two, so that a block's scatter is estimated from eight."""
 
 _BLOCKS = (8, 24)  # least and most blocks; more blocks cost time in the permutations and no longer sharpen the scatter
-_LEAST_CELLS, _MOST_CELLS = 24, 128  # of a turn
-_SMOOTH_ORDERS = 2  # of the turn, projected out: run-out, misalignment, planets passing
+_FEWEST_CELLS, _LEAST_CELLS, _MOST_CELLS = 10, 24, 128  # of a turn: needed, aimed at, and most
 _FLOOR = 0.1  # of a turn's geometric mean energy: bounds the logarithm from below
-_WIDTHS = (1, 2, 4)  # cells
+_WIDTHS = (1, 2, 4, 8)  # cells
 _HARMONICS = 40  # of each mesh removed; a mesh has no measurable ones beyond
 _FIRST, _ENOUGH = 99, 8  # rotations drawn before the permutation test may stop, and exceedances at which it does
+_NEIGHBOURS = 2.5  # teeth on either side of the peak not compared: pits spread, and the mesh rings on; at most a sixth
 _UNLIKELY = 0.05  # probability of the outlier alone above which more rotations could not make the tooth significant
 _SILENT = 1e-6  # of the median turn's energy: a turn below is a drop-out
 
@@ -78,6 +78,11 @@ class BandEnergies:
     samples_per_rev: float
     start_rev: float
     edges: Array
+
+    @property
+    def revolutions(self) -> Array:
+        """Angle of each sample, (n,), in revolutions of the reference."""
+        return self.start_rev + np.arange(self.values.shape[1]) / self.samples_per_rev
 
 
 def residual_energies(
@@ -123,7 +128,12 @@ def residual_energies(
     size, top = signal.values.size, signal.passband_orders
     if low >= top:
         raise ValueError(f"lowest_order={low:g} is not below {top:g}, the highest order of the signal; sample faster.")
-    lines = np.asarray(fft.rfft(signal.values))
+    values = signal.values - signal.values.mean()
+    ramp = min(signal.samples_per_rev, size // 8)  # the ends do not meet: without a taper they ring in every band
+    taper = np.sin(0.5 * np.pi * (np.arange(ramp) + 0.5) / ramp) ** 2
+    values[:ramp] *= taper
+    values[size - ramp :] *= taper[::-1]
+    lines = np.asarray(fft.rfft(values))
     per_order = size / signal.samples_per_rev
     for mesh, beside in meshes.items():
         width = min(beside, mesh / 4)
@@ -168,6 +178,7 @@ def folded(
     order: Fraction | float,
     teeth: float,
     keep: NDArray[np.bool_] | None = None,
+    smooth_orders: int = 2,
 ) -> FoldedEnergies:
     """Return band energies folded by the turns of a gear.
 
@@ -182,6 +193,9 @@ def folded(
         Teeth that pass in such a turn.
     keep : (n,) bool array, optional
         Samples to use; default all.
+    smooth_orders : int
+        Orders of the turn that run-out, misalignment and passing planets modulate, which are projected out. Give 0 for
+        a sun, which is folded more than once a turn: a modulation once in its turn does not repeat in a fold.
 
     Returns
     -------
@@ -203,8 +217,8 @@ def folded(
     """
     rate, pitch = positive(order, name="order"), positive(teeth, name="teeth")
     per_turn = energies.samples_per_rev / rate
-    bands, size = energies.values.shape
-    place = rate * (energies.start_rev + np.arange(size) / energies.samples_per_rev)
+    bands = energies.values.shape[0]
+    place = rate * energies.revolutions
     first, last = math.ceil(place[0] - 1e-9), math.floor(place[-1] + rate / energies.samples_per_rev + 1e-9)
     turns = last - first
     if turns < FEWEST_TURNS:
@@ -223,13 +237,13 @@ def folded(
     for band in range(bands):
         sums = np.bincount(index, weights=energies.values[band][inside], minlength=turns * cells)
         values[band] = _block_means(np.asarray(sums.reshape(turns, cells)), seen, edges)
-    return FoldedEnergies(values=_projected(values, pitch), turns=turns, teeth=pitch)
+    return FoldedEnergies(values=_projected(values, pitch, smooth_orders), turns=turns, teeth=pitch)
 
 
 def _cells(teeth: float, per_turn: float) -> int:
     """Return the number of cells of a turn: whole cells per tooth where the samples allow, so that teeth compare."""
     most = min(_MOST_CELLS, int(per_turn))
-    if most < 2 * _SMOOTH_ORDERS + 6:
+    if most < _FEWEST_CELLS:
         raise ValueError(
             f"{per_turn:.1f} samples in a turn cannot show one tooth; sample faster, or lower the number of bands."
         )
@@ -256,11 +270,11 @@ def _block_means(sums: Array, seen: NDArray[np.integer], edges: NDArray[np.integ
     return np.where(count > 0, means, overall)
 
 
-def _projected(values: Array, teeth: float) -> Array:
+def _projected(values: Array, teeth: float, smooth_orders: int) -> Array:
     """Remove the mean, the smooth orders, and the orders that all teeth share."""
     cells = values.shape[-1]
     lines = fft.rfft(values, axis=-1)
-    lines[..., : _SMOOTH_ORDERS + 1] = 0
+    lines[..., : smooth_orders + 1] = 0
     common = np.arange(1, int(lines.shape[-1] / teeth) + 1) * teeth
     whole_ones = np.rint(common[np.abs(common - np.rint(common)) < 1e-9]).astype(int)  # noqa: PLR2004
     lines[..., whole_ones[whole_ones < lines.shape[-1]]] = 0
@@ -362,10 +376,11 @@ def _at_peak(curve: Array, statistic: Array, width: int, energies: FoldedEnergie
     peak = int(np.argmax(curve))
     pitch = max(1, math.ceil(cells / energies.teeth))
     distance = np.abs((np.arange(cells) - peak + cells // 2) % cells - cells // 2)
-    others = curve[distance > max(pitch, width)]
+    beside = max(pitch, width, min(round(_NEIGHBOURS * pitch), cells // 6))
+    others = curve[distance > beside]
     spread = float(others.std(ddof=1))
     outlier = float((curve[peak] - others.mean()) / spread) if spread > 0 else math.inf
-    apart = np.where(distance > max(pitch, width), curve - others.mean(), 0.0)
+    apart = np.where(distance > beside, curve - others.mean(), 0.0)
     independent = _independent(apart, others.size, pitch=pitch, width=width)
     scaled = outlier / math.sqrt(1 + 1 / independent)
     one = float(special.stdtr(max(1.0, independent - 1), -scaled)) if math.isfinite(scaled) else 0.0

@@ -138,9 +138,9 @@ def test_a_tone_beside_the_mesh_keeps_its_amplitude():
     signal = AngularSignal(values=x, samples_per_rev=128, start_rev=2.0, passband_orders=56.0)
     found = residual_energies(signal, meshes={20.0: 2.5}, lowest_order=3.0, bands=4)
     band = int(np.searchsorted(found.edges, 27.25)) - 1
-    assert found.values[band] == pytest.approx(0.3**2, rel=1e-9)
-    others = np.delete(found.values, band, axis=0)
-    assert others.max() < 1e-20
+    middle = slice(found.values.shape[1] // 4, -found.values.shape[1] // 4)  # away from the tapered ends
+    assert found.values[band, middle] == pytest.approx(0.3**2, rel=0.02)  # whose sidebands the mesh takes along
+    assert np.delete(found.values, band, axis=0)[:, middle].max() < 1e-3 * 0.3**2
     assert found.values.shape[1] / found.samples_per_rev == pytest.approx(64)
 
 
