@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from itertools import permutations
-from math import lcm
 
 import numpy as np
 from numpy.typing import NDArray
