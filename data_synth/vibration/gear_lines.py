@@ -1,20 +1,22 @@
 """Lines of gears in motion: their orders, and their complex amplitudes against time, projected from the clean signal.
 
-Candidates are the orders that the drawing gives: harmonics of every mesh and of every damaged gear, with sidebands at
-the passes of planets, and in steady motion what two of them make with each other. Those that are loud are kept.
+Candidates are the orders that the drawing gives: harmonics of every mesh, of every damaged gear, and of every gear with
+pitch deviations, with sidebands at the passes of planets, and in steady motion what two of the first make with each
+other. Those that are loud are kept.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from itertools import permutations
-from math import lcm
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.kinematic.harmonics import ComplexArray
+from data_synth.kinematic.imperfect_parts import imperfections_of
 from data_synth.kinematic.planet_pass import pass_orders
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Scene
@@ -32,6 +34,7 @@ _LONGEST_CELLS = 1 << 20  # of a window in steady motion
 _SEARCHED = 16  # windows in which lines are looked for
 _APART, _APART_STEADY = 2.0, 1.5  # periods of the window that two lines have to be apart to be fitted together
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
+_LONGER = 4.0  # times the power of the least change: twice in amplitude, of windows that need not be longer still
 _PERIODS = 6.0  # of the smallest base order: the shortest window tried
 
 
@@ -62,8 +65,8 @@ class Candidates:
     orders : tuple of Fraction
     sources : tuple of (component, kind)
     ranks : (k,) int array
-        0 of meshes, 1 of damaged gears, 2 of what two of them make: where a window cannot separate two lines, that of
-        the lower rank stands for both.
+        0 of meshes, 1 of damaged gears, 2 of pitch deviations and of what two of the first make: where a window cannot
+        separate two lines, that of the lower rank stands for both.
     spacing : float
         Smallest order of which all multiples are candidates.
     """
@@ -95,37 +98,45 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
     bases = [(order, 0, mesh, mesh, "gear_mesh") for mesh, order in meshes.items()]
     # planets are not alike to a sensor: a tooth of a sun or a ring repeats once it has met all of them
     bases += [(teeth[name] / _planets(scene, mesh_name(name)), 1, mesh_name(name), name, "tooth") for name in damaged]
-    passes = {mesh: pass_orders(scene, mesh) for _, _, mesh, _, _ in bases}
-    # exact and a tenth of the time of fractions: all orders are whole multiples of one
-    exact = [*(order for order, *_ in bases), *(carrier for carrier, _ in passes.values())]
-    parts = lcm(*(order.denominator for order in exact))
-    most = int(Fraction(top) * parts)
+    uneven = [name for name in teeth if name not in damaged and imperfections_of(scene).gears is not None]
+    bases += [
+        (teeth[name] / _planets(scene, mesh_name(name)), 2, mesh_name(name), name, "pitch_deviation") for name in uneven
+    ]
+    passes = {mesh: pass_orders(scene, mesh) for mesh in meshes}
+    # whole multiples of one fraction: sums of them are whole numbers
+    unit = Fraction(
+        1, math.lcm(*(order.denominator for order in [*(base[0] for base in bases), *(c for c, _ in passes.values())]))
+    )
     found: dict[int, tuple[int, str, str]] = {}
 
-    def add(order: Fraction, beside: Fraction, sides: int, rank: int, component: str, kind: str) -> None:
-        """Add the multiples of an order with so many multiples of another on either side."""
-        step, side = int(order * parts), int(beside * parts)
-        for harmonic in range(int((top + sides * float(beside)) / float(order)) + 1):
-            for number in range(-sides, sides + 1):
-                place = abs(harmonic * step + number * side)
-                if 0 < place <= most:
-                    found.setdefault(place, (rank, component, kind))
+    def add(numbers: NDArray[np.int64], rank: int, component: str, kind: str) -> None:
+        sizes = np.abs(numbers.ravel())
+        for number in sizes[(sizes > 0) & (sizes <= top / unit)].tolist():
+            found.setdefault(number, (rank, component, kind))
 
     spacing = []
     for order, rank, mesh, component, kind in bases:
         carrier, sides = passes[mesh]
-        add(order, carrier, sides, rank, component, kind)
+        harmonics = np.arange(int((top + sides * float(carrier)) / float(order)) + 1)
+        add(_multiples(order / unit, harmonics, carrier / unit, sides), rank, component, kind)
         spacing += [float(order), *([float(carrier)] if sides else [])]
     if mixed:
-        for (order, *_, component, kind), (beside, *_rest) in permutations(bases, 2):
-            add(order, beside, _MIXED, 2, component, kind)
-    places = sorted(found)
+        for (order, rank, _, component, kind), (beside, other, *_rest) in permutations(bases, 2):
+            if max(rank, other) <= 1:
+                harmonics = np.arange(int((top + _MIXED * float(beside)) / float(order)) + 1)
+                add(_multiples(order / unit, harmonics, beside / unit, _MIXED), 2, component, kind)
+    orders = sorted(found)
     return Candidates(
-        orders=tuple(Fraction(place, parts) for place in places),
-        sources=tuple(found[place][1:] for place in places),
-        ranks=np.array([found[place][0] for place in places], dtype=np.int64),
+        orders=tuple(number * unit for number in orders),
+        sources=tuple(found[order][1:] for order in orders),
+        ranks=np.array([found[order][0] for order in orders], dtype=np.int64),
         spacing=min(spacing, default=1.0),
     )
+
+
+def _multiples(order: Fraction, harmonics: NDArray[np.int64], beside: Fraction, sides: int) -> NDArray[np.int64]:
+    """Return whole multiples of an order, with sidebands at multiples of another, (harmonic, side)."""
+    return np.asarray(np.add.outer(harmonics * int(order), np.arange(-sides, sides + 1) * int(beside)), dtype=np.int64)
 
 
 def _planets(scene: Scene, mesh: str) -> int:
@@ -280,8 +291,10 @@ def _varying_fit(
     while 2 * lengths[-1] <= longest:
         lengths.append(2 * lengths[-1])
     trials = np.unique(np.linspace(0, instants_rev.size - 1, _SEARCHED).round().astype(int))
-    changes, kept = np.empty((len(lengths), trials.size)), []
+    changes, kept = np.full((len(lengths), trials.size), np.inf), []
     for row, length_rev in enumerate(lengths):
+        if row > 1 and np.all(changes[row - 1] > _LONGER * np.min(changes[: row - 1], axis=0)):
+            break  # these already blur every line
         window = Window(length_rev=length_rev, degree=2)
         chosen, fitted = _kept(
             samples,

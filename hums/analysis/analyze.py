@@ -28,8 +28,9 @@ from hums.analysis.channel import (
     varying_values,
 )
 from hums.analysis.detection import AssessedLine, LineAssessor
-from hums.analysis.findings import Finding, findings, verdicts
-from hums.analysis.indicators import channel_indicators, fm4_by_gear
+from hums.analysis.findings import Finding, bearing_verdicts, findings, of_another_machine
+from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_indicators, gear_verdicts
+from hums.analysis.indicators import channel_indicators
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.pictures import ChannelPictures, channel_pictures, picture_groups
 from hums.analysis.reference_angle import Machine, prepare_machine
@@ -121,6 +122,7 @@ def analyze(
     expected = expected_lines(machine.kinematics, _plan(machine, settings))
     channels: list[AnalysedChannel] = []
     indicators: list[IndicatorValue] = []
+    gears: list[GearJudgement] = []
     pictures: list[ChannelPictures] = []
     for number, name in enumerate(names, start=1):
         _log.info("channel %s, %d of %d", name, number, len(names))
@@ -128,6 +130,18 @@ def analyze(
         channel = analyse_channel(record, name, values, machine, expected, settings)
         channels.append(channel)
         indicators += channel_indicators(record, channel, values, machine, settings, histories)
+        of_gears = gear_damage(
+            values,
+            sampling(record, name),
+            machine,
+            channel=name,
+            units=channel.units,
+            false_alarm_probability=settings.false_alarm_probability,
+            channels=len(names),
+            faulty=channel.faulty,
+        )
+        indicators += [] if channel.faulty else gear_indicators(of_gears)
+        gears += of_gears
         if settings.pictures:
             pictures.append(channel_pictures(channel, values, sampling(record, name), machine, settings))
     assessor = LineAssessor(
@@ -136,19 +150,7 @@ def analyze(
         _healthy_spacings(machine),
     )
     assessed = assessor.assess([line for channel in channels for line in channel.lines])
-    unlike = unlike_drawing(
-        [channel.spectra[ORDER_SPECTRUM] for channel in channels if not channel.faulty],
-        drawn_by(machine, settings),
-        setting_of(machine),
-    )
-    judged = verdicts(
-        assessed,
-        [part for channel in channels for part in channel.evidence],
-        fm4=fm4_by_gear(indicators, _best_channels(assessed), harmonics=settings.harmonics),
-        false_alarm_probability=settings.false_alarm_probability,
-        faulty=[channel.name for channel in channels if channel.faulty],
-        unlike=unlike,
-    )
+    unlike, judged = _verdicts(channels, gears, machine, settings)
     found = findings(judged)
     doubts = [unlike[0].upper() + unlike[1:] + "."] if unlike else []
     _log.info("amplitude tracks")
@@ -179,6 +181,28 @@ def analyze(
     return tree
 
 
+def _verdicts(
+    channels: Sequence[AnalysedChannel], gears: Sequence[GearJudgement], machine: Machine, settings: AnalysisSettings
+) -> tuple[str, list[Finding]]:
+    """Return why the record does not look like its gearbox, empty if it does, and the verdict on every part."""
+    unlike = unlike_drawing(
+        [channel.spectra[ORDER_SPECTRUM] for channel in channels if not channel.faulty],
+        drawn_by(machine, settings),
+        setting_of(machine),
+    )
+    # bearings and gears share what may be named in health
+    chance = settings.false_alarm_probability / (2 if gears and machine.bearings else 1)
+    judged = [
+        *bearing_verdicts(
+            [part for channel in channels for part in channel.evidence],
+            false_alarm_probability=chance,
+            faulty=[channel.name for channel in channels if channel.faulty],
+        ),
+        *gear_verdicts(gears, false_alarm_probability=chance),
+    ]
+    return unlike, [of_another_machine(one, unlike) for one in judged] if unlike else judged
+
+
 def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:
     band = settings.envelope_band_hz
     return SearchPlan(
@@ -200,17 +224,6 @@ def _healthy_spacings(machine: Machine) -> dict[str, tuple[float, ...]]:
         for row in machine.defect_orders
         if row.kind == "tooth" and row.seen_from != frame
     }
-
-
-def _best_channels(assessed: Sequence[AssessedLine]) -> dict[str, str]:
-    """Return the channel with the highest signal-to-noise ratio of significant sidebands, by gear."""
-    best: dict[str, AssessedLine] = {}
-    for line in assessed:
-        if line.significant and line.measured.expected.kind == "tooth" and line.measured.expected.sideband:
-            name = line.measured.expected.component
-            if name not in best or line.measured.line.snr > best[name].measured.line.snr:
-                best[name] = line
-    return {name: line.measured.channel for name, line in best.items()}
 
 
 def _sensor_conditions(
