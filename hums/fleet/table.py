@@ -6,7 +6,6 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -14,9 +13,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from hums.fleet.observation import seconds_since_1970
 from hums.records.store import atomic_write, write_tree
 
-__all__ = ["SIGNIFICANCE", "WrittenTables", "adjusted_p_values", "trend", "write_tables"]
+__all__ = ["SIGNIFICANCE", "WrittenTables", "adjusted_p_values", "read_row", "trend", "write_tables"]
 
 
 # ---- Trend of a series: Kendall's rank correlation test and the Theil-Sen slope --------------------------------------
@@ -115,15 +115,19 @@ class WrittenTables:
     no_trends: str
 
 
-def write_tables(results: Sequence[Path], folder: Path) -> WrittenTables:
+def write_tables(
+    results: Sequence[Path], folder: Path, *, health: Mapping[str, Mapping[str, Any]] | None = None
+) -> WrittenTables:
     """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the result files of the records.
+
+    `health` has, by the name of a record, why it was not judged and the health indices of its components.
 
     Memory holds the table, with 9 bytes per line, 4 per indicator and 1 per condition of each record, and one record.
     """
     columns = _Columns()
     for path in results:
-        columns.add(_read(path))
-    table = _table(results, columns)
+        columns.add(read_row(path))
+    table = _with_health(_table(results, columns), health or {})
     write_tree(xr.DataTree(table), folder / "fleet.h5")
     with atomic_write(folder / "fleet.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
         _write_csv(table, stream)
@@ -138,7 +142,8 @@ def write_tables(results: Sequence[Path], folder: Path) -> WrittenTables:
     )
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_row(path: Path) -> dict[str, Any]:
+    """Return the results of one record."""
     row: dict[str, Any] = json.loads(gzip.decompress(path.read_bytes()))
     return row
 
@@ -173,7 +178,7 @@ def _table(results: Sequence[Path], columns: _Columns) -> xr.Dataset:
     value = np.full((count, len(columns.indicators)), np.nan, dtype=np.float32)
     verdict = np.zeros((count, len(columns.conditions)), dtype=np.int8)
     for number, path in enumerate(results):
-        row = _read(path)
+        row = read_row(path)
         for name in _FACTS:
             facts[name].append(row[name])
         speed[number] = row.get("speed_hz", np.nan)
@@ -207,6 +212,23 @@ def _table(results: Sequence[Path], columns: _Columns) -> xr.Dataset:
         },
         attrs={"schema": "hums-fleet/1"},
     )
+
+
+def _with_health(table: xr.Dataset, health: Mapping[str, Mapping[str, Any]]) -> xr.Dataset:
+    """Return the table with the health index of every component watched, NaN where a record was not judged."""
+    records = [health.get(str(name), {}) for name in table["record"].to_numpy()]
+    watched = list(dict.fromkeys(sorted({name for one in records for name in one.get("index", ())})))
+    index = np.full((len(records), len(watched)), np.nan, dtype=np.float32)
+    score = np.full_like(index, np.nan)
+    places = {name: place for place, name in enumerate(watched)}
+    for number, one in enumerate(records):
+        for name, value in one.get("index", {}).items():
+            index[number, places[name]], score[number, places[name]] = value, one["scores"][name]
+    return table.assign(
+        health=(("record", "watched"), index, {"long_name": "health index: 0 normal, 1 alarm"}),
+        score=(("record", "watched"), score, {"long_name": "departure from normal, in deviations"}),
+        not_judged=("record", np.array([one.get("why", "") for one in records], dtype=np.str_)),
+    ).assign_coords(watched=np.array(watched, dtype=np.str_))
 
 
 def _coordinates(dim: str, names: Sequence[str], keys: Mapping[Key, int]) -> dict[str, tuple[str, NDArray[Any]]]:
@@ -245,7 +267,15 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     """Write the table as CSV, one row per record."""
     lines = _titles(table, "line")
     line_units, units = table["line_units"].to_numpy(), table["indicator_units"].to_numpy()
-    header = [*_FACTS, "speed_hz", *(f"verdict: {title}" for title in _titles(table, "condition"))]
+    watched = [f"health: {name}" for name in table["watched"].to_numpy()]
+    header = [
+        *_FACTS,
+        "speed_hz",
+        "not_judged",
+        "health_index",
+        *watched,
+        *(f"verdict: {title}" for title in _titles(table, "condition")),
+    ]
     header += [f"{title} [{unit}]" for title, unit in zip(_titles(table, "indicator"), units, strict=True)]
     header += [f"{title} [{unit}]" for title, unit in zip(lines, line_units, strict=True)]
     header += [f"{title} over surroundings" for title in lines]
@@ -253,11 +283,17 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     writer.writerow(header)
     facts = [table[name].to_numpy() for name in (*_FACTS, "speed_hz")]
     numbers = [table[name].to_numpy() for name in ("value", "amplitude", "snr")]
+    health, not_judged = table["health"].to_numpy(), table["not_judged"].to_numpy()
     for at, verdicts in enumerate(table["verdict"].to_numpy()):
         row: list[Any] = [column[at] for column in facts[:-1]] + [_number(facts[-1][at])]
+        row += [not_judged[at], _number(_largest(health[at])), *map(_number, health[at])]
         row += ["" if facts[3][at] else VERDICTS[verdict] for verdict in verdicts]
         row += [_number(value) for block in numbers for value in block[at]]
         writer.writerow(row)
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(values, where=np.isfinite(values), initial=-np.inf)) if np.isfinite(values).any() else np.nan
 
 
 def _number(value: float) -> str:
@@ -299,7 +335,7 @@ def _series_trends(table: xr.Dataset) -> Iterator[tuple[str, str, str, Trend]]:
 
 def _reason_for_no_trends(table: xr.Dataset) -> str:
     """Return the reason why the analysed records have no trends."""
-    dated = table["recorded_at"].to_numpy() != ""
+    dated = np.isfinite(_days_since_1970(table["recorded_at"].to_numpy()))
     if table.sizes["record"] and not dated.any():
         return "no trends: no record says when it was made; give recorded_at (hums convert --recorded-at)"
     most = max(Counter(table["machine"].to_numpy()[dated].tolist()).values(), default=0)
@@ -311,5 +347,5 @@ def _reason_for_no_trends(table: xr.Dataset) -> str:
 
 
 def _days_since_1970(moments: Iterable[str]) -> NDArray[np.float64]:
-    """Return the days since 1970 of ISO 8601 times, NaN for empty ones."""
-    return np.array([datetime.fromisoformat(when).timestamp() / _DAY_S if when else np.nan for when in moments])
+    """Return the days since 1970 of ISO 8601 times, NaN for what is none."""
+    return np.array([seconds_since_1970(when) / _DAY_S for when in moments])

@@ -1,0 +1,43 @@
+"""What is usual over machines, learned from healthy ones: deviations of indicators, and how scores depend on before."""
+
+import json
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from hums.fleet.series import Series
+from signals.monitoring.autocorrelation import Correlation
+from signals.monitoring.health import Prior
+from signals.monitoring.limits import HealthyScores
+
+__all__ = ["PRIOR_NAME", "healthy_scores", "prior_of"]
+
+PRIOR_NAME = "prior.json"
+
+
+@lru_cache(maxsize=1)
+def _learned() -> dict[str, Any]:
+    learned: dict[str, Any] = json.loads((files("hums.fleet") / PRIOR_NAME).read_text(encoding="utf-8"))
+    return learned
+
+
+def prior_of(series: Sequence[Series]) -> Prior:
+    """Return the usual deviations of some series, NaN for one that no machine of the prior had."""
+    learned = _learned()
+    usual = [learned["log_std"].get(key.indicator, math.nan) for key in series]
+    return Prior(series=np.array(usual), score=learned["score_std"], level=learned["level_std"], dof=learned["dof"])
+
+
+def healthy_scores() -> HealthyScores:
+    """Return the model of healthy scores that limits are made with."""
+    learned = _learned()
+    return HealthyScores(
+        shares=tuple(tuple(row) for row in learned["shares"]),
+        quantiles=tuple(learned["quantiles"]),
+        scale_dof=learned["dof"],
+        correlation=Correlation(),
+    )
