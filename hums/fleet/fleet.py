@@ -18,7 +18,7 @@ from typing import Any
 import xarray as xr
 
 from hums.analysis.analyze import AnalysisSettings, analyze
-from hums.fleet.history import Fact, watch_machines, write_alarms, write_baselines, write_components
+from hums.fleet.history import Fact, MachineHistory, watch_machines, write_alarms, write_baselines, write_components
 from hums.fleet.maintenance import Work, read_maintenance
 from hums.fleet.monitor import MonitorSettings
 from hums.fleet.observation import observation
@@ -187,8 +187,13 @@ def analyze_fleet(
     with atomic_write(folder / _LIST) as part:
         part.write_text(json.dumps(names), encoding="utf-8")
     paths = [results_folder / name for name in names]
-    alarms, health = _watch(paths, folder, monitoring or MonitorSettings(), work, append=append)
-    written = write_tables(paths, folder, health=health)
+    histories = _watch(paths, folder, monitoring or MonitorSettings(), work, append=append)
+    written = write_tables(
+        paths,
+        folder,
+        health={one["record"]: one for history in histories for one in history.records},
+        limits={history.state.machine: history.severe_score for history in histories},
+    )
     return Fleet(
         folder=folder,
         records=len(paths),
@@ -197,7 +202,7 @@ def analyze_fleet(
         kept=len(paths) - tally.done,
         errors=written.errors,
         no_trends=written.no_trends,
-        alarms=alarms,
+        alarms=sum(len(history.alarms) for history in histories),
     )
 
 
@@ -213,8 +218,8 @@ def _listed(folder: Path) -> list[str]:
 
 def _watch(
     paths: Sequence[Path], folder: Path, settings: MonitorSettings, work: Sequence[Work], *, append: bool
-) -> tuple[int, dict[str, dict[str, Any]]]:
-    """Write alarms, components and baselines; return the number of alarms, and what was judged of each record."""
+) -> list[MachineHistory]:
+    """Watch the machines; write alarms, components and baselines."""
     facts = []
     for path in paths:
         row = read_row(path)
@@ -222,10 +227,10 @@ def _watch(
     histories = watch_machines(
         facts, lambda path: observation(read_row(path)), folder / "watch", settings=settings, work=work, append=append
     )
-    alarms = write_alarms(histories, folder / "alarms.csv")
+    write_alarms(histories, folder / "alarms.csv")
     write_components(histories, folder / "components.csv")
     write_baselines(histories, folder / "baseline.h5")
-    return alarms, {one["record"]: one for history in histories for one in history.records}
+    return histories
 
 
 def _check_task(path: Path, task: dict[str, str]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from hums.fleet.maintenance import Work
-from hums.fleet.monitor import ALARM_COLUMNS, Judgement, MachineState, MonitorSettings, update
+from hums.fleet.monitor import ALARM_COLUMNS, SEVERE, Judgement, MachineState, MonitorSettings, update
 from hums.fleet.observation import Observation, order_key
 from hums.fleet.state import read_state, write_state
 from hums.records.store import atomic_write, write_tree
@@ -61,6 +61,12 @@ class MachineHistory:
     records: list[dict[str, Any]] = field(default_factory=list)
     alarms: list[dict[str, Any]] = field(default_factory=list)
     last: Judgement | None = None
+
+    @property
+    def severe_score(self) -> float:
+        """Score at which the middle EWMA is twice over its limit: a severe alarm; infinite if unknown."""
+        limits = self.state.epochs[0].limits
+        return math.inf if limits is None else SEVERE * limits.limits[1]
 
     def follow(self, seen: Iterable[Observation], work: Sequence[Work]) -> None:
         """Take further records, in the order of time."""
@@ -149,12 +155,11 @@ def _keep(history: MachineHistory, folder: Path, name: str) -> None:
 # ---- tables ----------------------------------------------------------------------------------------------------------
 
 
-def write_alarms(histories: Sequence[MachineHistory], path: Path) -> int:
-    """Write ``alarms.csv``, one row per alarm raised, oldest first, and return how many there are."""
+def write_alarms(histories: Sequence[MachineHistory], path: Path) -> None:
+    """Write ``alarms.csv``, one row per alarm raised, oldest first."""
     rows = [alarm for history in histories for alarm in history.alarms]
     rows.sort(key=lambda row: (*order_key(row["recorded_at"], row["record"]), row["machine"], row["component"]))
     _write(path, ALARM_COLUMNS, rows)
-    return len(rows)
 
 
 def write_components(histories: Sequence[MachineHistory], path: Path) -> None:

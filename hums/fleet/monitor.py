@@ -25,7 +25,7 @@ from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, learn_normal, regime
 from signals.monitoring.limits import ChartLimits, chart_limits
 
-__all__ = ["ALARM_COLUMNS", "Epoch", "Judgement", "MachineState", "MonitorError", "MonitorSettings", "update"]
+__all__ = ["ALARM_COLUMNS", "SEVERE", "Epoch", "Judgement", "MachineState", "MonitorError", "MonitorSettings", "update"]
 
 Array = NDArray[np.float64]
 ALARM_COLUMNS = (
@@ -46,7 +46,7 @@ ALARM_COLUMNS = (
 )
 RISES, FALLS = "level rises", "level falls suddenly"
 _DRIVERS = 3  # indicators an alarm names
-_HIGH = 2.0  # health index from which an alarm is severe: twice the limit
+SEVERE = 2.0  # health index from which an alarm is severe: twice the limit
 
 
 class MonitorError(ValueError):
@@ -346,7 +346,7 @@ def _judged(
             alarm = state.alarms.get(name, state.settings.rule.start())
             state.alarms[name], raised = state.settings.rule.step(alarm, np.asarray(index[name]))
             if raised:
-                severity = "sensor" if what else "high" if index[name] >= _HIGH else "alarm"
+                severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
                 row = _alarm(state, seen, component, drivers, value=index[name], severity=severity, epoch=epoch)
                 row["since"] = state.since[name]
                 state.open[name] = row
