@@ -449,9 +449,19 @@ def _of(name: str, component: str) -> bool:
 def _acknowledge(state: MachineState, component: str) -> None:
     for name, alarm in state.alarms.items():
         if _of(name, component):
+            if alarm.life == Life.RAISED:
+                _restart_charts(state, name)
             state.alarms[name] = state.settings.rule.acknowledge(alarm, np.asarray(True))
             if name in state.open:
                 state.open[name]["state"] = _word(state.alarms[name])
+
+
+def _restart_charts(state: MachineState, name: str) -> None:
+    """Let the charts of an acknowledged alarm begin anew, so that only later records decide whether it clears."""
+    component, _, what = name.partition(": ")
+    epoch = state.epochs[state.governed_by.get(component, 0)]
+    if epoch.charts is not None and epoch.limits is not None and (component, what) in epoch.scores:
+        epoch.charts = epoch.limits.charts.restart(epoch.charts, epoch.scores.index((component, what)))
 
 
 def _replace(state: MachineState, component: str) -> None:

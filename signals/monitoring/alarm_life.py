@@ -3,7 +3,7 @@
 | state | becomes | when |
 |---|---|---|
 | clear | raised | the index reached 1 in `of` of the last `within` judged records |
-| raised | acknowledged | somebody acknowledges it: it is latched until then |
+| raised | acknowledged | somebody acknowledges it: it is latched until then; its charts restart |
 | acknowledged | clear | `quiet` judged records in succession lie below `clear_below` |
 | acknowledged | raised (anew) | the index exceeds `again` times the one of the last alarm, by that rule |
 | any | clear | maintenance resets the component |

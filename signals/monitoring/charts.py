@@ -55,6 +55,12 @@ class Charts:
         """Return charts of scores of a shape, before the first record."""
         return ChartState(values=np.zeros((self.count, *shape)), rising=np.zeros(shape, dtype=np.int64))
 
+    def restart(self, state: ChartState, place: int) -> ChartState:
+        """Return the charts with those of one score as at the start."""
+        values, rising = state.values.copy(), state.rising.copy()
+        values[..., place], rising[..., place] = 0.0, 0
+        return ChartState(values=values, rising=rising)
+
     def step(self, state: ChartState, score: Array) -> ChartState:
         """Return the charts after one more record with `score` (...); NaN leaves them as they are."""
         judged = np.isfinite(score)

@@ -19,6 +19,7 @@ __all__ = ["Layout", "Normal", "Prior", "Reading", "learn_normal", "regime"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
+_WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
@@ -65,8 +66,8 @@ class Reading:
     """A record held against what is normal.
 
     ``departures`` (..., series) are in deviations, ``growth`` (..., series) in the unit of the series (for logarithms:
-    of how much it has grown), ``scores`` (..., scores) in deviations, ``level`` (..., channels) and ``recent``
-    (..., channels), its EWMA.
+    of how much it has grown), ``scores`` (..., scores) in deviations, ``level`` (..., channels) is the
+    median departure of a channel, and ``recent`` (..., channels) the EWMA that a sudden fall is held against.
     """
 
     departures: Array
@@ -80,7 +81,8 @@ class Reading:
 class Normal:
     """What was normal for a machine: the baselines of its series, levels and scores.
 
-    ``raw`` is of the series as they are, ``series`` without the level of their channel.
+    ``raw`` is of the series as they are, ``series`` without the level of their channel. ``level_center`` and
+    ``level_scale`` (2, ..., channels) are of the quantiles whose rise and sudden fall are watched.
     """
 
     layout: Layout
@@ -96,14 +98,19 @@ class Normal:
 
         `recent` (..., channels) is that of the record before; zero at the start.
         """
-        level = _levels(self.raw.standardised(values, covariates) * self.raw.scale, self.layout)
+        away = self.raw.standardised(values, covariates) * self.raw.scale
+        level = _levels(away, self.layout)
+        watched = [
+            _levels(away, self.layout, share) - center
+            for share, center in zip(_WATCHED, self.level_center, strict=True)
+        ]
         departures = self.series.standardised(_without(values, level, self.layout), covariates)
         fused = fused_scores(departures, self.layout.components)
         before = np.zeros_like(level) if recent is None else recent
-        rise = (level - self.level_center) / self.level_scale
-        fall = (before - (level - self.level_center)) / self.level_scale
+        rise = watched[0] / self.level_scale[0]
+        fall = (before - watched[1]) / self.level_scale[1]
         scores = np.concatenate([(fused - self.score_center) / self.score_scale, rise, fall], axis=-1)
-        after = np.where(np.isfinite(level), before + _RECENT * (level - self.level_center - before), before)
+        after = np.where(np.isfinite(watched[1]), before + _RECENT * (watched[1] - before), before)
         return Reading(
             departures=departures, growth=departures * self.series.scale, scores=scores, level=level, recent=after
         )
@@ -139,7 +146,8 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior)
     each = SeriesBaseline(
         **{name: getattr(raw, name)[..., None, :] for name in ("center", "scale")}, **_per_record(raw)
     )
-    level = _levels(each.standardised(values, covariates) * each.scale, layout)
+    away = each.standardised(values, covariates) * each.scale
+    level = _levels(away, layout)
     corrected = _without(values, level, layout)
     series = learn_baseline(corrected, covariates, prior_scale=prior.series, prior_dof=prior.dof)
     alone = SeriesBaseline(
@@ -148,13 +156,14 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior)
     departures = alone.standardised(corrected, covariates) * out_of_sample(records)
     fused = fused_scores(departures, layout.components)
     nothing = np.zeros((*values.shape[:-1], 0))
-    levels, scores = learn_baseline(level, nothing), learn_baseline(fused, nothing)
+    levels = [learn_baseline(_levels(away, layout, share), nothing) for share in _WATCHED]
+    scores = learn_baseline(fused, nothing)
     return Normal(
         layout=layout,
         raw=raw,
         series=series,
-        level_center=levels.center,
-        level_scale=pooled_scale(levels.scale, records, prior.level, prior.dof),
+        level_center=np.stack([one.center for one in levels]),
+        level_scale=np.stack([pooled_scale(one.scale, records, prior.level, prior.dof) for one in levels]),
         score_center=scores.center,
         score_scale=pooled_scale(scores.scale, records, prior.score, prior.dof),
     )
@@ -167,17 +176,21 @@ def _per_record(baseline: SeriesBaseline) -> dict[str, Array]:
     }
 
 
-def _levels(departures: Array, layout: Layout) -> Array:
-    """Return the median departure (..., channels) of the series with the signal's unit."""
+def _levels(departures: Array, layout: Layout, share: float = 0.5) -> Array:
+    """Return a quantile of the departures (..., channels) of the series with the signal's unit, the median."""
     levels = np.full((*departures.shape[:-1], len(layout.channels)), np.nan)
     for number, those in enumerate(layout.channels):
         if those.size:
             known = departures[..., those] / layout.powers[those]
             ordered = np.sort(known, axis=-1)  # NaN last
             count = np.isfinite(known).sum(axis=-1)
-            low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, those.size - 1)
-            middle = sum(np.take_along_axis(ordered, at[..., None], axis=-1)[..., 0] for at in (low, high)) / 2
-            levels[..., number] = np.where(count >= FEWEST_LEVELS, middle, np.nan)
+            place = share * np.maximum(count - 1, 0)
+            low = place.astype(np.int64)
+            first, second = (
+                np.take_along_axis(ordered, at[..., None], axis=-1)[..., 0]
+                for at in (low, np.minimum(low + 1, np.maximum(count - 1, 0)))
+            )
+            levels[..., number] = np.where(count >= FEWEST_LEVELS, first + (place - low) * (second - first), np.nan)
     return levels
 
 
