@@ -157,7 +157,7 @@ class Epoch:
         at = np.array([[one.covariates[name] for name in self.covariates] for one in seen]).reshape(len(seen), -1)
         self.low, self.high = regime(at)
         self.names, self.channels, layout = layout_of(self.series)
-        self.normal = learn_normal(values[:, kept], _logarithms(at), layout, prior_of(self.series))
+        self.normal = learn_normal(values[:, kept], _logarithms(at), layout, prior_of(self.series, layout))
         self.limits = chart_limits(
             len(seen), settings.false_alarm_every * layout.scores, healthy_scores(), rule=settings.rule
         )

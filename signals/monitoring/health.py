@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.monitoring.limits import pooled_scale
 from signals.monitoring.location import SeriesBaseline, learn_baseline
 from signals.monitoring.scores import fused_scores, out_of_sample
 
@@ -51,12 +50,12 @@ class Layout:
 class Prior:
     """Deviations that are usual over machines, and their weight as a number of records.
 
-    ``series`` has one for each series, NaN where none is known; ``score`` is that of a fused score, ``level`` of a
+    ``series`` has one for each series, NaN where none is known; ``score`` is that of each fused score, ``level`` of a
     channel's level, in the unit of the series.
     """
 
     series: Array
-    score: float
+    score: Array | float
     level: float
     dof: float
 
@@ -156,16 +155,19 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior)
     departures = alone.standardised(corrected, covariates) * out_of_sample(records)
     fused = fused_scores(departures, layout.components)
     nothing = np.zeros((*values.shape[:-1], 0))
-    levels = [learn_baseline(_levels(away, layout, share), nothing) for share in _WATCHED]
-    scores = learn_baseline(fused, nothing)
+    levels = [
+        learn_baseline(_levels(away, layout, share), nothing, prior_scale=prior.level, prior_dof=prior.dof)
+        for share in _WATCHED
+    ]
+    scores = learn_baseline(fused, nothing, prior_scale=prior.score, prior_dof=prior.dof)
     return Normal(
         layout=layout,
         raw=raw,
         series=series,
         level_center=np.stack([one.center for one in levels]),
-        level_scale=np.stack([pooled_scale(one.scale, records, prior.level, prior.dof) for one in levels]),
+        level_scale=np.stack([one.scale for one in levels]),
         score_center=scores.center,
-        score_scale=pooled_scale(scores.scale, records, prior.score, prior.dof),
+        score_scale=scores.scale,
     )
 
 

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from signals.monitoring.alarm_life import AlarmRule
 from signals.monitoring.autocorrelation import Correlation
 from signals.monitoring.charts import Charts, ChartState
+from signals.monitoring.location import learn_baseline
 
-__all__ = ["ChartLimits", "HealthyScores", "chart_limits", "pooled_scale"]
+__all__ = ["ChartLimits", "HealthyScores", "chart_limits"]
 
 Array = NDArray[np.float64]
 _MACHINES, _WATCHED = 6_000, 300  # drawn machines, and records watched of each: 1.8 million records
@@ -37,23 +38,29 @@ class HealthyScores:
     ----------
     shares : tuple of (white, short, long, season)
         Shares of variance of components of machines; each drawn component has one of them.
-    quantiles : tuple of float
-        Quantiles of the white part at equal steps of probability, of mean 0 and standard deviation 1; empty: normal.
+    quantiles : tuple of tuple of float
+        For each of the `shares`, quantiles of the white part at equal steps of probability, of mean 0 and standard
+        deviation 1; empty: normal.
     scale_dof : float
         Degrees of freedom with which the deviation of a component scatters about the usual one, and the weight of the
         usual one against a machine's own records; 0: nothing is usual.
+    widening : tuple of (baseline records, mean records between alarms, factor)
+        By how much limits are wider than the model's, as machines have shown; between them the factor goes with the
+        logarithms of both, beyond them it stays.
     correlation : Correlation
         Lengths of the parts, in records.
     """
 
     shares: tuple[tuple[float, float, float, float], ...] = ((1.0, 0.0, 0.0, 0.0),)
-    quantiles: tuple[float, ...] = ()
+    quantiles: tuple[tuple[float, ...], ...] = ()
     scale_dof: float = 0.0
+    widening: tuple[tuple[float, float, float], ...] = ()
     correlation: Correlation = field(default_factory=Correlation)
 
     def draw(self, machines: int, records: int, rng: np.random.Generator) -> Array:
         """Return scores (records, machines) of drawn components, about their mean, in usual deviations."""
-        parts = np.sqrt(np.asarray(self.shares)[rng.integers(len(self.shares), size=machines)].T)
+        which = rng.integers(len(self.shares), size=machines)
+        parts = np.sqrt(np.asarray(self.shares)[which].T)
         lengths = (self.correlation.short_records, self.correlation.long_records)
         phase = rng.uniform(0, 2 * np.pi, machines)
         scale = np.sqrt(self.scale_dof / rng.chisquare(self.scale_dof, machines)) if self.scale_dof else 1.0
@@ -62,17 +69,18 @@ class HealthyScores:
         found = np.empty((records, machines))
         for number in range(records):
             season = math.sqrt(2) * np.sin(2 * np.pi * number / self.correlation.season_records + phase)
-            found[number] = (
-                parts[0] * self._white(machines, rng) + (parts[1:3] * states).sum(axis=0) + parts[3] * season
-            )
+            found[number] = parts[0] * self._white(which, rng) + (parts[1:3] * states).sum(axis=0) + parts[3] * season
             states = decay * states + np.sqrt(1 - decay**2) * rng.standard_normal((2, machines))
         return found * scale
 
-    def _white(self, count: int, rng: np.random.Generator) -> Array:
+    def _white(self, which: NDArray[np.int64], rng: np.random.Generator) -> Array:
         if not self.quantiles:
-            return rng.standard_normal(count)
-        place = rng.uniform(0, len(self.quantiles) - 1, count)
-        return np.interp(place, np.arange(len(self.quantiles)), self.quantiles)
+            return rng.standard_normal(which.size)
+        table = np.asarray(self.quantiles)
+        place = rng.uniform(0, table.shape[1] - 1, which.size)
+        low = np.minimum(place.astype(np.int64), table.shape[1] - 2)
+        below, above = table[which, low], table[which, low + 1]
+        return np.asarray(below + (place - low) * (above - below))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,14 +113,6 @@ class ChartLimits:
         """Return the mean number of records of a healthy component between alarms with the limit at an index."""
         exponent = min((index - 1) / self.decades, 300.0)  # beyond which floats end
         return float(self.every_records * 10**exponent)
-
-
-def pooled_scale(own: Array | float, records: int, usual: Array | float, dof: float) -> Array:
-    """Return the deviation of a score from that of its own records and the usual one, weighted by their numbers."""
-    own_dof = max(records - 1, 0)
-    with np.errstate(invalid="ignore"):
-        mine = np.where(own_dof > 0, own_dof * np.square(own), 0.0)
-    return np.asarray(np.sqrt((mine + dof * np.square(usual)) / (own_dof + dof)))
 
 
 def chart_limits(
@@ -151,12 +151,25 @@ def chart_limits(
     slope, offset = drawn.tail
     if 1 / every_records < 10 ** rates[-1]:
         threshold = (math.log10(1 / every_records) - offset) / slope
+    threshold *= _wider(model.widening, size, every_records)
     return ChartLimits(
         charts=Charts(allowance=drawn.allowance),
         limits=tuple(scale * threshold for scale in drawn.scales),
         every_records=every_records,
         decades=-1 / (slope * threshold),
     )
+
+
+def _wider(table: tuple[tuple[float, float, float], ...], size: int, every_records: float) -> float:
+    """Return the factor of a table of (baseline records, records between alarms, factor)."""
+    sizes = sorted({row[0] for row in table})
+    if not sizes:
+        return 1.0
+    of_sizes = []
+    for one in sizes:
+        rates, factors = zip(*sorted(row[1:] for row in table if row[0] == one), strict=True)
+        of_sizes.append(float(np.interp(math.log(every_records), np.log(rates), factors)))
+    return float(np.interp(math.log(size), np.log(sizes), of_sizes))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,9 +188,8 @@ def _drawn(baseline: int, model: HealthyScores, rule: AlarmRule) -> _Drawn:
     rng = np.random.default_rng(_SEED)
     scores = model.draw(_MACHINES, baseline + _WATCHED, rng)
     learned, watched = scores[:baseline], scores[baseline:]
-    center = learned.mean(axis=0)
-    scale = pooled_scale(learned.std(axis=0, ddof=1), baseline, 1.0, model.scale_dof)
-    standard = (watched - center) / scale
+    normal = learn_baseline(learned, np.zeros((baseline, 0)), prior_scale=1.0, prior_dof=model.scale_dof)
+    standard = (watched - normal.center) / normal.scale
     allowance = 0.5 + 2 * float(standard.mean(axis=0).std())  # half a deviation, and what the mean may be off
     charts = Charts(allowance=allowance)
     state = charts.start((_MACHINES,))

@@ -1,6 +1,7 @@
 import csv
 import itertools
 import math
+import shutil
 import sys
 from datetime import UTC, datetime, timedelta
 
@@ -190,6 +191,23 @@ class TestGoingOn:
         assert (result.records, result.analysed, result.kept) == (3, 2, 1)
         rms = [float(line["a: record channel rms [g]"]) for line in rows(tmp_path / "out" / "fleet.csv")]
         assert rms == pytest.approx(np.array([1, 2, 3]) / math.sqrt(2), rel=1e-3)  # noise of 0.01 adds 1e-4 of it
+
+    def test_a_dataset_made_again_is_analysed_again(self, tmp_path):
+        plan = 'scene = "demo"\nrecords = 1\nseed = {}\nchange = {{ duration_s = 0.3, fault = [] }}'
+        tables = []
+        for seed in (1, 2):
+            shutil.rmtree(tmp_path / "made", ignore_errors=True)
+            make_dataset(parse_plan(plan.format(seed)), tmp_path / "made")
+            assert run([tmp_path / "made"], tmp_path / "out").analysed == 1
+            tables.append((tmp_path / "out" / "fleet.csv").read_bytes())
+        assert tables[0] != tables[1]
+
+    def test_a_date_that_is_none_costs_no_table(self, tmp_path):
+        made = record(1.0)
+        made.attrs["recorded_at"] = "yesterday"
+        save_record(made, tmp_path / "a.h5")
+        result = run([tmp_path], tmp_path / "out")
+        assert (result.records, len(rows(tmp_path / "out" / "fleet.csv"))) == (1, 1)
 
     def test_another_gearbox_or_other_settings_are_refused(self, records, done):
         with pytest.raises(

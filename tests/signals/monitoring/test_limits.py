@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from signals.monitoring.alarm_life import AlarmRule
-from signals.monitoring.limits import HealthyScores, chart_limits, pooled_scale
+from signals.monitoring.limits import HealthyScores, chart_limits
 
 CARRIED_OVER = HealthyScores(shares=((0.9, 0.05, 0.05, 0.0), (0.5, 0.2, 0.2, 0.1)), scale_dof=8.0)
 
@@ -11,7 +11,8 @@ def false_alarms(limits, baseline, model, *, machines, seed, records=300):
     """Alarms of fresh healthy machines, each with a baseline of its own, by the chain that watches."""
     scores = model.draw(machines, baseline + records, np.random.default_rng(seed))
     learned = scores[:baseline]
-    scale = pooled_scale(learned.std(axis=0, ddof=1), baseline, 1.0, model.scale_dof)
+    dof = model.scale_dof  # scaled inverse chi-squared prior about 1
+    scale = np.sqrt(((baseline - 1) * learned.var(axis=0, ddof=1) + dof) / (baseline - 1 + dof))
     rule, charts = AlarmRule(), limits.charts.start((machines,))
     alarm, count = rule.start((machines,)), 0
     for score in (scores[baseline:] - learned.mean(axis=0)) / scale:
