@@ -498,8 +498,8 @@ def page(given: argparse.Namespace, found: Analyses, resampled: Resampled) -> st
     text += ["## Time until a limit\n"]
     text.append(
         f"{given.forecasts} forecasts: {share:.0%} given, the others declined; 90 % intervals hold "
-        f"{inside:.0%} of the true times; median width {width:.3g} records, where a median of {remains:.3g} remain. Growth is linear, "
-        "exponential, quadratic, and by steps, which the model lacks.\n"
+        f"{inside:.0%} of the true times; median width {width:.3g} records, where a median of {remains:.3g} "
+        "remain. Growth is linear, exponential, quadratic, and by steps, which the model lacks.\n"
     )
     if given.data:
         text += ["## PRONOSTIA\n", "Baseline: the first tenth of each run; plain indicators of snapshots of 0.1 s.\n"]

@@ -1,0 +1,82 @@
+"""How often healthy machines show as much: the null distribution of a verdict.
+
+A line that noise alone would not make is no defect: sound bearings have waviness, loads wander, other machines are
+heard. The distribution is that of the strength of the evidence (`hums.analysis.evidence`) over all parts of a library
+of healthy synthetic records with every drive and imperfection of the generator; ``benchmarks/healthy_library.py`` makes
+it, from synthetic records only. It is empirical: nothing below one in the number of its records plus one is stated.
+
+A record with N parts shows its strongest by chance more often than each: ``1 - (1 - p)^N``, parts taken as independent,
+which is careful where they share a cause.
+"""
+
+import json
+import math
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+
+import numpy as np
+
+__all__ = ["HealthyMachines", "healthy_machines"]
+
+_FILE = "healthy_machines.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class HealthyMachines:
+    """Distribution of strengths over healthy records.
+
+    Attributes
+    ----------
+    records : int
+        Number of independent healthy records.
+    parts : int
+        Number of parts in all of them.
+    strengths : tuple of float
+        The largest strengths of parts, falling.
+    """
+
+    records: int
+    parts: int
+    strengths: tuple[float, ...]
+
+    def probability(self, strength: float, *, parts: int = 1) -> float:
+        """Return the probability that any of `parts` parts of a healthy record shows this strength or more.
+
+        Between two strengths of the library the probability is interpolated in its logarithm; above its largest it is
+        one over the number of records plus one.
+
+        Examples
+        --------
+        >>> from hums.analysis.healthy_machines import HealthyMachines
+        >>> library = HealthyMachines(records=99, parts=99, strengths=(0.4, 0.2, 0.1))
+        >>> [round(library.probability(s), 4) for s in (0.5, 0.2, 0.1)]
+        [0.01, 0.03, 0.04]
+        """
+        if not strength > 0:
+            return 1.0
+        known = np.sort(self.strengths)
+        # of n parts k are at least as strong as the k-th: (k + 1) / (n + 1); 1 at strength 0, 1 / (n + 1) above all
+        chance = np.concatenate([[self.parts + 1.0], np.arange(known.size, 0, -1) + 1.0, [1.0]])
+        places = np.concatenate([[0.0], known, known[-1:] * (1 + 1e-9)])
+        many = math.exp(float(np.interp(strength, places, np.log(chance))))
+        single = many / (self.parts + 1)
+        whole = -math.expm1(parts * math.log1p(-min(single, 1 - 1e-12)))
+        return min(1.0, max(whole, 1 / (self.records + 1)))
+
+    def strength_at(self, probability: float, *, parts: int = 1) -> float:
+        """Return the least strength whose `probability` is at most that stated; inf where no strength reaches it."""
+        low, high = 0.0, 2.0 * max(self.strengths, default=1.0)
+        if self.probability(high, parts=parts) > probability:
+            return math.inf
+        for _ in range(60):  # halvings of a double's range
+            middle = (low + high) / 2
+            low, high = (low, middle) if self.probability(middle, parts=parts) <= probability else (middle, high)
+        return high
+
+
+@cache
+def healthy_machines() -> HealthyMachines:
+    """Return the distribution that is shipped with the package."""
+    read = json.loads(resources.files("hums.analysis").joinpath(_FILE).read_text(encoding="utf-8"))
+    return HealthyMachines(records=read["records"], parts=read["parts"], strengths=tuple(read["strengths"]))
