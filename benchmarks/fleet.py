@@ -446,7 +446,8 @@ def run_to_failure(path: Path) -> tuple[int, float, str, bool]:
 
 INTRO = """# Fleet: alarms of healthy and failing machines
 
-Made by `python benchmarks/fleet.py ANALYSES --machines {machines}`. Fleets are resampled from {records} analyses of one
+Made by `python benchmarks/fleet.py ANALYSES --machines {machines} --forecasts {forecasts}`. Fleets are
+resampled from {records} analyses of one
 gearbox ({healthy} healthy): each series of indicators is its mean, its slopes on gain, noise, temperature and load,
 which carry over as `data_synth.scene.history` declares (5 and 50 records, a season of 365), and a residual drawn
 together for all series. The load is not measured, so it is no covariate. The prior (`hums/fleet/prior.json`) was
@@ -458,7 +459,7 @@ population they were learned over, not for another one. Nothing is tuned to meas
 def page(given: argparse.Namespace, found: Analyses, resampled: Resampled) -> str:
     """Return the page of all measurements."""
     healthy = int((found.kinds == "healthy").sum())
-    text = [INTRO.format(machines=given.machines, records=len(found.kinds), healthy=healthy)]
+    text = [INTRO.format(machines=given.machines, forecasts=given.forecasts, records=len(found.kinds), healthy=healthy)]
     text += [
         "## False alarms of healthy machines\n",
         f"{given.machines} machines, {WATCHED} records watched of each.\n",
