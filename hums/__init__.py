@@ -22,6 +22,13 @@ if TYPE_CHECKING:
     from hums.fleet.fleet import Fleet as Fleet
     from hums.fleet.fleet import FleetError as FleetError
     from hums.fleet.fleet import analyze_fleet as analyze_fleet
+    from hums.fleet.maintenance import MaintenanceError as MaintenanceError
+    from hums.fleet.maintenance import Work as Work
+    from hums.fleet.maintenance import read_maintenance as read_maintenance
+    from hums.fleet.monitor import Judgement as Judgement
+    from hums.fleet.monitor import MonitorError as MonitorError
+    from hums.fleet.monitor import MonitorSettings as MonitorSettings
+    from hums.fleet.watch import watch as watch
     from hums.gearbox.adjacency import from_adjacency_table as from_adjacency_table
     from hums.gearbox.kinematics import Kinematics as Kinematics
     from hums.gearbox.kinematics import solve_kinematics as solve_kinematics
@@ -66,10 +73,14 @@ _HOME = {
     "GearboxError": "hums.gearbox.model",
     "GearboxWarning": "hums.gearbox.model",
     "JobError": "hums.jobs",
+    "Judgement": "hums.fleet.monitor",
     "Kinematics": "hums.gearbox.kinematics",
+    "MaintenanceError": "hums.fleet.maintenance",
+    "MonitorError": "hums.fleet.monitor",
+    "MonitorSettings": "hums.fleet.monitor",
     "NominalSpeed": "hums.records.record",
-    "PulseTimes": "hums.records.record",
     "Processes": "hums.jobs",
+    "PulseTimes": "hums.records.record",
     "RecordError": "hums.records.record",
     "Score": "hums.analysis.score",
     "Serial": "hums.jobs",
@@ -77,6 +88,7 @@ _HOME = {
     "TorqueError": "hums.gearbox.torques",
     "Torques": "hums.gearbox.torques",
     "UnknownAngle": "hums.records.record",
+    "Work": "hums.fleet.maintenance",
     "analyze": "hums.analysis.analyze",
     "analyze_fleet": "hums.fleet.fleet",
     "calibrated": "hums.records.record",
@@ -97,12 +109,14 @@ _HOME = {
     "open_dataset": "hums.records.dataset_store",
     "open_record": "hums.records.store",
     "order_families": "hums.gearbox.order_families",
+    "read_maintenance": "hums.fleet.maintenance",
     "save_analysis": "hums.analysis.result",
     "save_record": "hums.records.store",
     "score": "hums.analysis.score",
     "solve_kinematics": "hums.gearbox.kinematics",
     "solve_torques": "hums.gearbox.torques",
     "summary": "hums.analysis.result",
+    "watch": "hums.fleet.watch",
     "write_report": "hums.report",
 }
 __all__ = sorted(_HOME)  # noqa: PLE0605

@@ -24,6 +24,7 @@ ORDER = {
         shaft < resampling < angle, spectra < demodulation, indicators
         harmonics < slipping_order
         health
+        monitoring
     """,
     "hums": """
         gearbox, records < readers, plots, drawing, jobs, analysis

@@ -8,8 +8,7 @@ that cannot be analysed becomes a row with its error.
 import gzip
 import hashlib
 import json
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from importlib.metadata import version
@@ -19,12 +18,15 @@ from typing import Any
 import xarray as xr
 
 from hums.analysis.analyze import AnalysisSettings, analyze
-from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
-from hums.analysis.result import Analysis, findings_table, group, indicator_table, line_table
-from hums.fleet.table import write_tables
+from hums.fleet.history import Fact, MachineHistory, watch_machines, write_alarms, write_baselines, write_components
+from hums.fleet.maintenance import Work, read_maintenance
+from hums.fleet.monitor import MonitorSettings
+from hums.fleet.observation import observation
+from hums.fleet.results import results
+from hums.fleet.table import read_row, write_tables
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, run_jobs
-from hums.records.dataset_store import dataset_record, dataset_size, is_dataset
+from hums.records.dataset_store import dataset_files, dataset_record, is_dataset
 from hums.records.store import atomic_write, open_record
 
 __all__ = ["Fleet", "FleetError", "analyze_fleet"]
@@ -51,8 +53,9 @@ class Fleet:
     Attributes
     ----------
     folder : Path
-        Holds ``fleet.h5`` and ``fleet.csv``, one row per record; ``trends.csv``, one row per series and machine; and
-        ``records/``, the results of each record.
+        Holds ``fleet.h5`` and ``fleet.csv``, one row per record; ``trends.csv``, one row per series and machine;
+        ``alarms.csv``, one row per alarm; ``components.csv``, the health of every component; ``baseline.h5``, what was
+        normal; ``records/``, the results of each record; and ``watch/``, the states of the machines.
     records, failed : int
         Number of records, and of those that could not be analysed.
     analysed, kept : int
@@ -61,6 +64,8 @@ class Fleet:
         Error of each failed record, by its name.
     no_trends : str
         Reason why ``trends.csv`` has no row; empty where it has rows.
+    alarms : int
+        Number of alarms raised, the rows of ``alarms.csv``.
 
     Examples
     --------
@@ -80,14 +85,16 @@ class Fleet:
     kept: int
     errors: Mapping[str, str] = field(default_factory=dict)
     no_trends: str = ""
+    alarms: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Source:
-    """A record: a file, or one of a dataset in a folder."""
+    """A record: a file, or one of a dataset in a folder; and the file that holds its samples."""
 
     name: str
     path: Path
+    file: Path
     number: int | None = None
 
 
@@ -99,8 +106,11 @@ def analyze_fleet(
     settings: AnalysisSettings | None = None,
     workers: Workers | None = None,
     progress: bool = False,
+    monitoring: MonitorSettings | None = None,
+    maintenance: str | Path | None = None,
+    append: bool = False,
 ) -> Fleet:
-    """Analyse many records of one gearbox type and write their table and trends into a folder.
+    """Analyse many records of one gearbox type; write their table, trends, alarms and baselines into a folder.
 
     Parameters
     ----------
@@ -117,6 +127,12 @@ def analyze_fleet(
         Where the records are analysed; default `Serial`.
     progress : bool
         Whether to draw a progress bar on standard error.
+    monitoring : MonitorSettings, optional
+        What is taken as normal for a machine, and how often a false alarm may be raised.
+    maintenance : path, optional
+        CSV file of components replaced and alarms acknowledged; `read_maintenance`.
+    append : bool
+        Whether the records that the folder holds from earlier runs belong to the fleet, too.
 
     Returns
     -------
@@ -146,6 +162,7 @@ def analyze_fleet(
     """
     gearbox = gearbox if isinstance(gearbox, Gearbox) else load_gearbox(gearbox)
     settings = settings or AnalysisSettings(most_tracks=0)
+    work = read_maintenance(maintenance) if maintenance is not None else ()
     found = _sources(sources)
     folder = Path(folder).resolve()
     task = {
@@ -153,27 +170,67 @@ def analyze_fleet(
         "settings": settings.model_dump_json(),
         "version": version("hums-toolkit"),
     }
-    results = folder / "records"
-    results.mkdir(parents=True, exist_ok=True)
+    results_folder = folder / "records"
+    results_folder.mkdir(parents=True, exist_ok=True)
     _check_task(folder / "task.json", task)
     jobs = [Job(name=_result_name(source), item=source) for source in found]
     tally = run_jobs(
         partial(_analyse_to_file, task["gearbox"], task["settings"]),
         jobs,
-        folder=results,
+        folder=results_folder,
         workers=workers or Serial(),
         title="records" if progress else None,
     )
-    written = write_tables([results / job.name for job in jobs], folder)
+    names = [job.name for job in jobs]
+    if append:
+        names = list(dict.fromkeys([*_listed(folder), *names]))
+    with atomic_write(folder / _LIST) as part:
+        part.write_text(json.dumps(names), encoding="utf-8")
+    paths = [results_folder / name for name in names]
+    histories = _watch(paths, folder, monitoring or MonitorSettings(), work, append=append)
+    written = write_tables(
+        paths,
+        folder,
+        health={one["record"]: one for history in histories for one in history.records},
+        limits={history.state.machine: history.severe_score for history in histories},
+    )
     return Fleet(
         folder=folder,
-        records=len(jobs),
+        records=len(paths),
         failed=len(written.errors),
         analysed=tally.done,
-        kept=tally.kept,
+        kept=len(paths) - tally.done,
         errors=written.errors,
         no_trends=written.no_trends,
+        alarms=sum(len(history.alarms) for history in histories),
     )
+
+
+_LIST = "records.json"
+
+
+def _listed(folder: Path) -> list[str]:
+    """Return the result files of the records that an earlier run had, in their order."""
+    path = folder / _LIST
+    names: list[str] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
+    return names
+
+
+def _watch(
+    paths: Sequence[Path], folder: Path, settings: MonitorSettings, work: Sequence[Work], *, append: bool
+) -> list[MachineHistory]:
+    """Watch the machines; write alarms, components and baselines."""
+    facts = []
+    for path in paths:
+        row = read_row(path)
+        facts.append(Fact(machine=row["machine"], record=row["record"], recorded_at=row["recorded_at"], path=path))
+    histories = watch_machines(
+        facts, lambda path: observation(read_row(path)), folder / "watch", settings=settings, work=work, append=append
+    )
+    write_alarms(histories, folder / "alarms.csv")
+    write_components(histories, folder / "components.csv")
+    write_baselines(histories, folder / "baseline.h5")
+    return histories
 
 
 def _check_task(path: Path, task: dict[str, str]) -> None:
@@ -199,7 +256,7 @@ def _sources(given: Sequence[str | Path]) -> list[_Source]:
     for path in map(Path, given):
         if not path.exists():
             raise FleetError(f"{path}: there is no such file or folder; check the path.")
-        for source in _sources_in_folder(path) if path.is_dir() else [_Source(name=str(path), path=path.resolve())]:
+        for source in _sources_in_folder(path) if path.is_dir() else [_of_file(path)]:
             found[source.path, source.number] = source
     if not found:
         raise FleetError("no records were named; name files, or folders that hold some.")
@@ -209,18 +266,23 @@ def _sources(given: Sequence[str | Path]) -> list[_Source]:
 def _sources_in_folder(folder: Path) -> list[_Source]:
     whole = folder.resolve()
     if is_dataset(folder) or (folder / "plan.toml").is_file():
-        return [_Source(name=f"{folder}/{n}", path=whole, number=n) for n in range(dataset_size(folder))]
-    there = [_Source(name=str(path), path=path.resolve()) for path in sorted(folder.rglob("*.h5"))]
+        files = enumerate(dataset_files(folder))
+        return [_Source(name=f"{folder}/{n}", path=whole, file=file, number=n) for n, file in files]
+    there = [_of_file(path) for path in sorted(folder.rglob("*.h5"))]
     if not there:
         raise FleetError(f"{folder} holds no record, no file that ends in .h5; make records with hums convert.")
     return there
 
 
+def _of_file(path: Path) -> _Source:
+    return _Source(name=str(path), path=path.resolve(), file=path.resolve())
+
+
 def _result_name(source: _Source) -> str:
-    """Return the name of a record's result file: a hash of its path, size and time of change."""
+    """Return the name of a record's result file: a hash of its path, and of its file's size and time of change."""
     key: list[Any] = [str(source.path), source.number]
-    if source.number is None and source.path.exists():
-        stat = source.path.stat()
+    if source.file.exists():
+        stat = source.file.stat()
         key += [stat.st_size, stat.st_mtime_ns]
     return hashlib.sha256(json.dumps(key).encode()).hexdigest()[:24] + ".json.gz"
 
@@ -242,7 +304,7 @@ def _row(source: _Source, gearbox: Gearbox, settings: AnalysisSettings) -> dict[
     try:
         with _opened(source) as record:
             facts = {name: str(record.attrs.get(name, "")) for name in facts}
-            return facts | _results(analyze(record, gearbox, settings=settings))
+            return facts | results(analyze(record, gearbox, settings=settings))
     except Exception as error:  # noqa: BLE001 - whatever is wrong with one record, the others are to be analysed
         sentence = str(error) if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: {error}"
         return facts | {"error": sentence or type(error).__name__}
@@ -250,28 +312,3 @@ def _row(source: _Source, gearbox: Gearbox, settings: AnalysisSettings) -> dict[
 
 def _opened(source: _Source) -> xr.Dataset:
     return open_record(source.path) if source.number is None else dataset_record(source.path, source.number)
-
-
-def _results(analysis: Analysis) -> dict[str, Any]:
-    """Return mean speed, lines, indicators and findings of an analysis as JSON types."""
-    speed = group(analysis, "speed")["speed_hz"]
-    return {
-        "error": "",
-        "speed_hz": speed.size / float((1 / speed).sum()),
-        "lines": [line for name in (ORDER_SPECTRUM, ENVELOPE) for line in _lines(analysis, name)],
-        "indicators": [
-            [row[name] for name in ("channel", "component", "kind", "indicator", "unit", "value")]
-            for row in indicator_table(analysis).to_dict("records")
-            if math.isfinite(row["value"])
-        ],
-        "findings": [
-            [row[name] for name in ("component", "kind", "verdict", "channel", "evidence")]
-            for row in findings_table(analysis).to_dict("records")
-        ],
-    }
-
-
-def _lines(analysis: Analysis, name: str) -> Iterator[list[Any]]:
-    for row in line_table(analysis, name).to_dict("records"):
-        key = [row["channel"], name, *(row[part] for part in ("component", "kind", "harmonic", "sideband", "units"))]
-        yield [*key, row["order"], row["amplitude"], row["snr"], int(row["claimed"])]

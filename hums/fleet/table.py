@@ -6,7 +6,6 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -14,16 +13,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from hums.fleet.observation import seconds_since_1970
 from hums.records.store import atomic_write, write_tree
+from signals.monitoring.forecast import local_trend, time_until
+from signals.monitoring.trends import FEWEST, trend_tests
 
-__all__ = ["SIGNIFICANCE", "WrittenTables", "adjusted_p_values", "trend", "write_tables"]
+__all__ = ["SIGNIFICANCE", "WrittenTables", "read_row", "trend", "write_tables"]
 
 
 # ---- Trend of a series: Kendall's rank correlation test and the Theil-Sen slope --------------------------------------
 
 
-Array = NDArray[np.floating]
-MIN_POINTS = 5  # five in order have p = 2 / 5! = 1/60; fewer are never significant
+Array = NDArray[np.float64]
 _MAX_SLOPE_POINTS = 400  # of the Theil-Sen slope, whose cost grows with the square
 CONFIDENCE = 0.95
 
@@ -63,7 +64,7 @@ def trend(values: Array, times: Array) -> Trend | None:
 
     known = np.isfinite(values) & np.isfinite(times)
     x, y = times[known], np.asarray(values[known], dtype=np.float64)
-    if x.size < MIN_POINTS or np.ptp(x) == 0 or np.ptp(y) == 0:
+    if x.size < FEWEST or np.ptp(x) == 0 or np.ptp(y) == 0:
         return None
     order = np.argsort(x, kind="stable")
     rank = kendalltau(x, y)
@@ -81,21 +82,11 @@ def trend(values: Array, times: Array) -> Trend | None:
     )
 
 
-def adjusted_p_values(p_values: Array) -> Array:
-    """Return p values (n,) adjusted for the false discovery rate among tests that may depend on each other.
-
-    Benjamini and Yekutieli (2001), Ann. Stat. 29(4), 1165-1188.
-    """
-    from scipy.stats import false_discovery_control  # noqa: PLC0415 - heavy
-
-    return np.asarray(false_discovery_control(p_values, method="by")) if p_values.size else p_values
-
-
 # ---- Table -----------------------------------------------------------------------------------------------------------
 
 
 SIGNIFICANCE = 0.01
-"""Adjusted p value below which a trend is called rising or falling."""
+"""False discovery rate below which a trend is called rising or falling."""
 
 VERDICTS = ("none", "indicated", "diagnosed")
 _LINE = ("channel", "spectrum", "component", "kind", "harmonic", "sideband", "units")
@@ -103,6 +94,8 @@ _INDICATOR = ("channel", "component", "kind", "indicator", "units")
 _CONDITION = ("component", "kind")
 _FACTS = ("record", "machine", "recorded_at", "error")
 _DAY_S = 86400.0
+FEWEST_SHOWN = 2  # values of which a change is shown
+_RECENT_POINTS = 300  # of a forecast: what lies before says little about the slope now
 Key = tuple[Any, ...]
 Row = Mapping[str, Any]
 
@@ -115,30 +108,40 @@ class WrittenTables:
     no_trends: str
 
 
-def write_tables(results: Sequence[Path], folder: Path) -> WrittenTables:
+def write_tables(
+    results: Sequence[Path],
+    folder: Path,
+    *,
+    health: Mapping[str, Mapping[str, Any]] | None = None,
+    limits: Mapping[str, float] | None = None,
+) -> WrittenTables:
     """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the result files of the records.
+
+    `health` has, by the name of a record, why it was not judged and the health indices of its components; `limits`
+    has the score of each machine until which the time is forecast.
 
     Memory holds the table, with 9 bytes per line, 4 per indicator and 1 per condition of each record, and one record.
     """
     columns = _Columns()
     for path in results:
-        columns.add(_read(path))
-    table = _table(results, columns)
+        columns.add(read_row(path))
+    table = _with_health(_table(results, columns), health or {})
     write_tree(xr.DataTree(table), folder / "fleet.h5")
     with atomic_write(folder / "fleet.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
         _write_csv(table, stream)
     with atomic_write(folder / "trends.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
-        rows = list(_series_trends(table))
+        rows = list(_series_trends(table, limits or {}))
         _write_trends(rows, stream)
     failed = table["error"].to_numpy() != ""
     names, errors = table["record"].to_numpy()[failed], table["error"].to_numpy()[failed]
     return WrittenTables(
         errors=dict(zip(names.tolist(), errors.tolist(), strict=True)),
-        no_trends="" if rows else _reason_for_no_trends(table.isel(record=~failed)),
+        no_trends="" if any("adjusted_p" in row for row in rows) else _reason_for_no_trends(table.isel(record=~failed)),
     )
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_row(path: Path) -> dict[str, Any]:
+    """Return the results of one record."""
     row: dict[str, Any] = json.loads(gzip.decompress(path.read_bytes()))
     return row
 
@@ -173,7 +176,7 @@ def _table(results: Sequence[Path], columns: _Columns) -> xr.Dataset:
     value = np.full((count, len(columns.indicators)), np.nan, dtype=np.float32)
     verdict = np.zeros((count, len(columns.conditions)), dtype=np.int8)
     for number, path in enumerate(results):
-        row = _read(path)
+        row = read_row(path)
         for name in _FACTS:
             facts[name].append(row[name])
         speed[number] = row.get("speed_hz", np.nan)
@@ -207,6 +210,23 @@ def _table(results: Sequence[Path], columns: _Columns) -> xr.Dataset:
         },
         attrs={"schema": "hums-fleet/1"},
     )
+
+
+def _with_health(table: xr.Dataset, health: Mapping[str, Mapping[str, Any]]) -> xr.Dataset:
+    """Return the table with the health index of every component watched, NaN where a record was not judged."""
+    records = [health.get(str(name), {}) for name in table["record"].to_numpy()]
+    watched = list(dict.fromkeys(sorted({name for one in records for name in one.get("index", ())})))
+    index = np.full((len(records), len(watched)), np.nan, dtype=np.float32)
+    score = np.full_like(index, np.nan)
+    places = {name: place for place, name in enumerate(watched)}
+    for number, one in enumerate(records):
+        for name, value in one.get("index", {}).items():
+            index[number, places[name]], score[number, places[name]] = value, one["scores"][name]
+    return table.assign(
+        health=(("record", "watched"), index, {"long_name": "health index: 0 normal, 1 alarm"}),
+        score=(("record", "watched"), score, {"long_name": "departure from normal, in deviations"}),
+        not_judged=("record", np.array([one.get("why", "") for one in records], dtype=np.str_)),
+    ).assign_coords(watched=np.array(watched, dtype=np.str_))
 
 
 def _coordinates(dim: str, names: Sequence[str], keys: Mapping[Key, int]) -> dict[str, tuple[str, NDArray[Any]]]:
@@ -245,7 +265,15 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     """Write the table as CSV, one row per record."""
     lines = _titles(table, "line")
     line_units, units = table["line_units"].to_numpy(), table["indicator_units"].to_numpy()
-    header = [*_FACTS, "speed_hz", *(f"verdict: {title}" for title in _titles(table, "condition"))]
+    watched = [f"health: {name}" for name in table["watched"].to_numpy()]
+    header = [
+        *_FACTS,
+        "speed_hz",
+        "not_judged",
+        "health_index",
+        *watched,
+        *(f"verdict: {title}" for title in _titles(table, "condition")),
+    ]
     header += [f"{title} [{unit}]" for title, unit in zip(_titles(table, "indicator"), units, strict=True)]
     header += [f"{title} [{unit}]" for title, unit in zip(lines, line_units, strict=True)]
     header += [f"{title} over surroundings" for title in lines]
@@ -253,11 +281,17 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     writer.writerow(header)
     facts = [table[name].to_numpy() for name in (*_FACTS, "speed_hz")]
     numbers = [table[name].to_numpy() for name in ("value", "amplitude", "snr")]
+    health, not_judged = table["health"].to_numpy(), table["not_judged"].to_numpy()
     for at, verdicts in enumerate(table["verdict"].to_numpy()):
         row: list[Any] = [column[at] for column in facts[:-1]] + [_number(facts[-1][at])]
+        row += [not_judged[at], _number(_largest(health[at])), *map(_number, health[at])]
         row += ["" if facts[3][at] else VERDICTS[verdict] for verdict in verdicts]
         row += [_number(value) for block in numbers for value in block[at]]
         writer.writerow(row)
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(values, where=np.isfinite(values), initial=-np.inf)) if np.isfinite(values).any() else np.nan
 
 
 def _number(value: float) -> str:
@@ -267,49 +301,126 @@ def _number(value: float) -> str:
 # ---- trends ------------------------------------------------------------------------------------------------
 
 
-def _write_trends(rows: Sequence[tuple[str, str, str, Trend]], stream: TextIO) -> None:
-    """Write the trends as CSV in ascending order of their adjusted p values."""
-    adjusted_p = adjusted_p_values(np.array([found.p_value for *_, found in rows]))
-    writer = csv.writer(stream, lineterminator="\n")
-    slopes = ("slope_per_day", "slope_low", "slope_high")
-    writer.writerow(
-        ["machine", "series", "units", "records", "median", *slopes, "kendall_tau", "p_value", "adjusted_p", "trend"]
-    )
-    for (machine, title, unit, found), adjusted in sorted(zip(rows, adjusted_p, strict=True), key=lambda pair: pair[1]):
-        word = "none" if adjusted >= SIGNIFICANCE else "rising" if found.tau > 0 else "falling"
-        numbers = (found.median, found.slope, found.slope_low, found.slope_high, found.tau, found.p_value, adjusted)
-        writer.writerow([machine, title, unit, found.points, *(f"{number:.6g}" for number in numbers), word])
+_TREND_COLUMNS = (
+    "machine",
+    "series",
+    "units",
+    "records",
+    "median",
+    "change",
+    "slope_per_day",
+    "slope_low",
+    "slope_high",
+    "kendall_tau",
+    "p_value",
+    "adjusted_p",
+    "trend",
+    "form",
+    "days_until_limit",
+    "days_low",
+    "days_high",
+    "no_forecast",
+)
+TOO_FEW = "too few to test"
 
 
-def _series_trends(table: xr.Dataset) -> Iterator[tuple[str, str, str, Trend]]:
-    """Yield machine, series, units and trend of every series with enough values."""
+def _write_trends(rows: Sequence[Mapping[str, Any]], stream: TextIO) -> None:
+    """Write the trends as CSV in ascending order of their adjusted p values, untested ones last."""
+    writer = csv.DictWriter(stream, _TREND_COLUMNS, lineterminator="\n", restval="")
+    writer.writeheader()
+    for row in sorted(rows, key=lambda row: row.get("adjusted_p", 2.0)):
+        writer.writerow({name: f"{value:.6g}" if isinstance(value, float) else value for name, value in row.items()})
+
+
+def _series_trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[dict[str, Any]]:
+    """Yield a row of ``trends.csv`` for every series of every machine that differs between two of its records."""
     days, machines = _days_since_1970(table["recorded_at"].to_numpy()), table["machine"].to_numpy()
+    watched = [f"health: {name}" for name in table["watched"].to_numpy()]
     blocks = [
-        (_titles(table, dim), table[f"{dim}_units"].to_numpy(), table[name].to_numpy())
-        for dim, name in (("indicator", "value"), ("line", "amplitude"))
+        (_titles(table, "indicator"), table["indicator_units"].to_numpy(), table["value"].to_numpy()),
+        (_titles(table, "line"), table["line_units"].to_numpy(), table["amplitude"].to_numpy()),
+        (watched, np.full(len(watched), "deviations"), table["score"].to_numpy()),
     ]
+    titles = [title for names, _, _ in blocks for title in names]
+    units = [str(unit) for _, those, _ in blocks for unit in those]
+    values = np.concatenate([block[2] for block in blocks], axis=1).astype(np.float64)
+    scored = len(titles) - len(watched)
     for machine in dict.fromkeys(machines):
-        rows = machines == machine
-        for titles, units, values in blocks:
-            for title, unit, series in zip(titles, units, values.T, strict=True):
-                found = trend(series[rows], days[rows])
-                if found is not None:
-                    yield str(machine), title, str(unit), found
+        rows = (machines == machine) & np.isfinite(days)
+        if rows.sum() >= FEWEST_SHOWN and np.ptp(days[rows]):
+            yield from _machine_trends(
+                str(machine), values[rows], days[rows], titles, units, scored, limits.get(str(machine), np.inf)
+            )
+
+
+def _machine_trends(
+    machine: str,
+    values: Array,
+    days: Array,
+    titles: Sequence[str],
+    units: Sequence[str],
+    scored: int,
+    limit: float,
+) -> Iterator[dict[str, Any]]:
+    """Yield the rows of one machine; series from `scored` on are scores, which have a limit."""
+    order = np.argsort(days, kind="stable")
+    values, days = values[order], days[order]
+    known = np.isfinite(values).sum(axis=0)
+    tests, places = None, np.flatnonzero(known >= FEWEST)
+    if places.size:
+        positive = np.nanmin(np.where(np.isfinite(values), values, np.inf), axis=0) > 0
+        positive[scored:] = False
+        logs = np.where(positive, np.log(np.where(positive & (values > 0), values, 1.0)), values)
+        tests = trend_tests(np.where(np.isfinite(values), logs, np.nan)[:, places], days)
+    at = {int(place): number for number, place in enumerate(places)}
+    for number, (title, unit) in enumerate(zip(titles, units, strict=True)):
+        series = values[:, number]
+        seen = series[np.isfinite(series)]
+        if seen.size < FEWEST_SHOWN or not np.ptp(seen):
+            continue
+        third = max(1, seen.size // 3)
+        first, last = float(np.median(seen[:third])), float(np.median(seen[-third:]))
+        row: dict[str, Any] = {"machine": machine, "series": title, "units": str(unit), "records": seen.size}
+        row |= {"median": float(np.median(seen)), "change": last / first if number < scored and first > 0 else ""}
+        found = trend(series, days) if tests is not None else None
+        if found is None or tests is None or number not in at:
+            yield row | {"trend": TOO_FEW}
+            continue
+        rate = float(tests.discovery_rate[at[number]])
+        rises = bool(tests.rises[at[number]])
+        row |= {"slope_per_day": found.slope, "slope_low": found.slope_low, "slope_high": found.slope_high}
+        row |= {"kendall_tau": found.tau, "p_value": found.p_value, "adjusted_p": rate}
+        row |= {"trend": "none" if not rate < SIGNIFICANCE else "rising" if rises else "falling"}
+        if row["trend"] != "none":
+            row["form"] = str(tests.form[at[number]])
+        yield row | (_forecast(series, days, limit) if number >= scored else {})
+
+
+def _forecast(series: Array, days: Array, limit: float) -> dict[str, Any]:
+    """Return the time until a score reaches its limit, or why there is none."""
+    known = np.flatnonzero(np.isfinite(series))
+    distinct = known[np.r_[True, np.diff(days[known]) > 0]][-_RECENT_POINTS:]
+    try:
+        found = local_trend(series[distinct], days[distinct])
+    except ValueError as error:
+        return {"no_forecast": str(error)}
+    ahead = time_until(limit, found, span=float(np.ptp(days[distinct])))
+    if ahead.reason:
+        return {"no_forecast": ahead.reason}
+    return {"days_until_limit": ahead.median, "days_low": ahead.low, "days_high": ahead.high}
 
 
 def _reason_for_no_trends(table: xr.Dataset) -> str:
     """Return the reason why the analysed records have no trends."""
-    dated = table["recorded_at"].to_numpy() != ""
+    dated = np.isfinite(_days_since_1970(table["recorded_at"].to_numpy()))
     if table.sizes["record"] and not dated.any():
         return "no trends: no record says when it was made; give recorded_at (hums convert --recorded-at)"
     most = max(Counter(table["machine"].to_numpy()[dated].tolist()).values(), default=0)
-    if most < MIN_POINTS:
-        return (
-            f"no trends: a machine needs {MIN_POINTS} analysed records with recorded_at, and the most of any is {most}"
-        )
-    return f"no trends: no series has {MIN_POINTS} values at different times that differ from each other"
+    if most < FEWEST:
+        return f"no trends: a machine needs {FEWEST} analysed records with recorded_at, and the most of any is {most}"
+    return f"no trends: no series has {FEWEST} values at different times that differ from each other"
 
 
 def _days_since_1970(moments: Iterable[str]) -> NDArray[np.float64]:
-    """Return the days since 1970 of ISO 8601 times, NaN for empty ones."""
-    return np.array([datetime.fromisoformat(when).timestamp() / _DAY_S if when else np.nan for when in moments])
+    """Return the days since 1970 of ISO 8601 times, NaN for what is none."""
+    return np.array([seconds_since_1970(when) / _DAY_S for when in moments])

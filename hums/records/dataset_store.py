@@ -19,7 +19,7 @@ from xarray.core import indexing
 from hums.records.record import RecordError, attach_time
 from hums.records.store import open_hdf5, open_shard, open_tree, record_of_shard
 
-__all__ = ["INDEX", "SCHEMA", "dataset_record", "dataset_size", "is_dataset", "open_dataset"]
+__all__ = ["INDEX", "SCHEMA", "dataset_files", "dataset_record", "dataset_size", "is_dataset", "open_dataset"]
 
 INDEX, SCHEMA = "index.h5", "hums-dataset/1"
 
@@ -88,6 +88,14 @@ def open_dataset(folder: str | Path) -> xr.Dataset:
 def dataset_size(folder: str | Path) -> int:
     """Return the number of records in a dataset."""
     return int(_index(Path(folder).resolve(), labels=False).attrs["records"])
+
+
+def dataset_files(folder: str | Path) -> list[Path]:
+    """Return the file that holds each record of a dataset."""
+    folder = Path(folder).resolve()
+    index = _index(folder, labels=False)
+    per_shard, pattern = int(index.attrs["records_per_shard"]), index.attrs["shards"]
+    return [folder / pattern.format(number // per_shard) for number in range(int(index.attrs["records"]))]
 
 
 def dataset_record(folder: str | Path, number: int) -> xr.Dataset:

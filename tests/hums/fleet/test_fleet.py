@@ -1,6 +1,7 @@
 import csv
 import itertools
 import math
+import shutil
 import sys
 from datetime import UTC, datetime, timedelta
 
@@ -15,7 +16,7 @@ from hums.analysis.result import findings_table, indicator_table, line_table
 from hums.cli import main
 from hums.fleet import fleet as fleet_room
 from hums.fleet.fleet import FleetError, analyze_fleet
-from hums.fleet.table import adjusted_p_values, trend
+from hums.fleet.table import trend
 from hums.jobs import Serial
 from hums.records.store import save_record
 
@@ -191,6 +192,23 @@ class TestGoingOn:
         rms = [float(line["a: record channel rms [g]"]) for line in rows(tmp_path / "out" / "fleet.csv")]
         assert rms == pytest.approx(np.array([1, 2, 3]) / math.sqrt(2), rel=1e-3)  # noise of 0.01 adds 1e-4 of it
 
+    def test_a_dataset_made_again_is_analysed_again(self, tmp_path):
+        plan = 'scene = "demo"\nrecords = 1\nseed = {}\nchange = {{ duration_s = 0.3, fault = [] }}'
+        tables = []
+        for seed in (1, 2):
+            shutil.rmtree(tmp_path / "made", ignore_errors=True)
+            make_dataset(parse_plan(plan.format(seed)), tmp_path / "made")
+            assert run([tmp_path / "made"], tmp_path / "out").analysed == 1
+            tables.append((tmp_path / "out" / "fleet.csv").read_bytes())
+        assert tables[0] != tables[1]
+
+    def test_a_date_that_is_none_costs_no_table(self, tmp_path):
+        made = record(1.0)
+        made.attrs["recorded_at"] = "yesterday"
+        save_record(made, tmp_path / "a.h5")
+        result = run([tmp_path], tmp_path / "out")
+        assert (result.records, len(rows(tmp_path / "out" / "fleet.csv"))) == (1, 1)
+
     def test_another_gearbox_or_other_settings_are_refused(self, records, done):
         with pytest.raises(
             FleetError, match=r"analysed with another settings; a table mixes none\. Name another folder"
@@ -225,7 +243,10 @@ class TestWhyThereAreNoTrends:
         assert result.no_trends == (
             "no trends: a machine needs 5 analysed records with recorded_at, and the most of any is 3"
         )
-        assert rows(tmp_path / "out" / "trends.csv") == []
+        shown = rows(tmp_path / "out" / "trends.csv")
+        assert {row["trend"] for row in shown} == {"too few to test"}
+        rms = {row["machine"]: float(row["change"]) for row in shown if row["series"] == "a: record channel rms"}
+        assert rms == pytest.approx({"fan": 1.4 / 1.0, "mill": 1.5 / 1.1}, rel=1e-3)  # days 0 to 4, and 1 to 5
 
     def test_no_dates(self, tmp_path):
         made = record(1.0)
@@ -291,7 +312,7 @@ class TestTrends:
         assert trends["worn", "a: record channel rms"] == "rising"
         assert trends["worn", "a: order_spectrum: stage 1 gear_mesh harmonic 1"] == "rising"
         # the probability that any series of the new machine is called a trend is about one in a hundred
-        assert {word for (machine, _), word in trends.items() if machine == "new"} == {"none"}
+        assert {word for (machine, _), word in trends.items() if machine == "new"} == {"none", "too few to test"}
 
     def test_slope_and_tau_by_every_pair(self):
         rng = np.random.default_rng(1)
@@ -318,11 +339,3 @@ class TestTrends:
         assert trend(values[:5], times[:5]) is None
         assert trend(np.ones(9), np.arange(9.0)) is None
         assert trend(np.arange(9.0), np.ones(9)) is None
-
-    def test_chances_are_adjusted_as_published(self):
-        # Benjamini & Yekutieli 2001, theorem 1.3: sorted p_i times m (1 + 1/2 + ... + 1/m) / i, made monotone
-        chances = np.array([0.3, 0.001, 0.02, 0.02])
-        harmonic = 1 + 1 / 2 + 1 / 3 + 1 / 4
-        expected = [0.3 * harmonic, 0.004 * harmonic, 0.02 * 4 / 3 * harmonic, 0.02 * 4 / 3 * harmonic]
-        assert adjusted_p_values(chances) == pytest.approx(np.minimum(expected, 1), rel=1e-12)
-        assert adjusted_p_values(np.array([])).size == 0

@@ -1,0 +1,256 @@
+"""Machines of a fleet watched over their records: alarms, baselines and health indices, written into a folder."""
+
+import csv
+import gzip
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from hums.fleet.maintenance import Work
+from hums.fleet.monitor import ALARM_COLUMNS, SEVERE, Judgement, MachineState, MonitorSettings, update
+from hums.fleet.observation import Observation, order_key
+from hums.fleet.state import read_state, write_state
+from hums.records.store import atomic_write, write_tree
+from signals.monitoring.alarm_life import Life
+
+__all__ = ["Fact", "MachineHistory", "watch_machines", "write_alarms", "write_baselines", "write_components"]
+
+COMPONENT_COLUMNS = (
+    "machine",
+    "component",
+    "health_index",
+    "state",
+    "since",
+    "channel",
+    "indicator",
+    "departure",
+    "once_in_records",
+    "judged",
+    "refused_share",
+    "unwatched_since",
+    "baseline",
+    "limits_from",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fact:
+    """A record: its machine, name and time, and the file of its results."""
+
+    machine: str
+    record: str
+    recorded_at: str
+    path: Path
+
+
+@dataclass(kw_only=True)
+class MachineHistory:
+    """A machine's state, and what each of its records brought.
+
+    ``records`` has the name, whether judged or why not, and the health indices of each; ``alarms`` every alarm.
+    """
+
+    state: MachineState
+    records: list[dict[str, Any]] = field(default_factory=list)
+    alarms: list[dict[str, Any]] = field(default_factory=list)
+    last: Judgement | None = None
+
+    @property
+    def severe_score(self) -> float:
+        """Score at which the middle EWMA is twice over its limit: a severe alarm; infinite if unknown."""
+        limits = self.state.epochs[0].limits
+        return math.inf if limits is None else SEVERE * limits.limits[1]
+
+    def follow(self, seen: Iterable[Observation], work: Sequence[Work]) -> None:
+        """Take further records, in the order of time."""
+        for one in seen:
+            found = update(self.state, one, work=work)
+            self.alarms += found.alarms
+            self.records.append({"record": one.record, "why": found.why, "index": found.index, "scores": found.scores})
+            if found.judged:
+                self.last = found
+
+
+def watch_machines(
+    records: Sequence[Fact],
+    load: Callable[[Path], Observation],
+    folder: Path,
+    *,
+    settings: MonitorSettings,
+    work: Sequence[Work] = (),
+    append: bool = False,
+) -> list[MachineHistory]:
+    """Return the histories of all machines, in the order of their names, and keep their states in a folder.
+
+    Parameters
+    ----------
+    records : sequence of Fact
+        All records, in any order.
+    load : callable
+        Returns the observation in the file of a record's results; one is in memory at a time.
+    folder : Path
+        Of the states.
+    settings : MonitorSettings
+        How machines are watched.
+    work : sequence of Work
+        Maintenance.
+    append : bool
+        Go on from the states in the folder with the records that are later than theirs. A machine with a new record
+        that is earlier is followed from its start again; the result is the same.
+    """
+    machines: dict[str, list[Fact]] = {}
+    for one in records:
+        machines.setdefault(one.machine, []).append(one)
+    folder.mkdir(parents=True, exist_ok=True)
+    found = []
+    for machine in sorted(machines):
+        ordered = sorted(machines[machine], key=lambda one: order_key(one.recorded_at, one.record))
+        name = hashlib.sha256(machine.encode()).hexdigest()[:16]
+        history = _earlier(folder, name, ordered, settings) if append else None
+        history = history or MachineHistory(state=MachineState(machine=machine, settings=settings))
+        history.follow((load(one.path) for one in ordered[len(history.records) :]), work)
+        _keep(history, folder, name)
+        found.append(history)
+    return found
+
+
+def _earlier(folder: Path, name: str, ordered: Sequence[Fact], settings: MonitorSettings) -> MachineHistory | None:
+    """Return the history in the folder where its records are the first of these, watched in the same way."""
+    path = folder / f"{name}.history.gz"
+    if not path.is_file():
+        return None
+    kept = json.loads(gzip.decompress(path.read_bytes()))
+    if [one["record"] for one in kept["records"]] != [one.record for one in ordered[: len(kept["records"])]]:
+        return None
+    state = read_state(folder / f"{name}.state.gz")
+    if state.settings != settings:
+        return None
+    history = MachineHistory(state=state, records=kept["records"], alarms=kept["alarms"])
+    if kept["last"]:
+        last = kept["last"]
+        growth = {key: (channel, indicator, away) for key, (channel, indicator, away) in last["growth"].items()}
+        history.last = Judgement(judged=True, index=last["index"], scores=last["scores"], growth=growth)
+    for number, alarm in enumerate(history.alarms):  # what happens to an open alarm shows in its row
+        for row in state.open.values():
+            if all(row[key] == alarm[key] for key in ("component", "indicator", "record")):
+                history.alarms[number] = row
+    return history
+
+
+def _keep(history: MachineHistory, folder: Path, name: str) -> None:
+    last = history.last and {key: getattr(history.last, key) for key in ("index", "scores", "growth")}
+    text = json.dumps({"records": history.records, "alarms": history.alarms, "last": last})
+    with atomic_write(folder / f"{name}.history.gz") as part:
+        part.write_bytes(gzip.compress(text.encode(), mtime=0))
+    write_state(history.state, folder / f"{name}.state.gz")
+
+
+# ---- tables ----------------------------------------------------------------------------------------------------------
+
+
+def write_alarms(histories: Sequence[MachineHistory], path: Path) -> None:
+    """Write ``alarms.csv``, one row per alarm raised, oldest first."""
+    rows = [alarm for history in histories for alarm in history.alarms]
+    rows.sort(key=lambda row: (*order_key(row["recorded_at"], row["record"]), row["machine"], row["component"]))
+    _write(path, ALARM_COLUMNS, rows)
+
+
+def write_components(histories: Sequence[MachineHistory], path: Path) -> None:
+    """Write ``components.csv``, one row per component of each machine as it is now, the worst first."""
+    rows = [row for history in histories for row in _components(history)]
+    rows.sort(key=lambda row: (-row["health_index"] if row["health_index"] != "" else math.inf, row["machine"]))
+    _write(path, COMPONENT_COLUMNS, rows)
+
+
+def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
+    state, last = history.state, history.last
+    seen = state.judged + state.refused
+    common = {
+        "machine": state.machine,
+        "judged": state.judged,
+        "refused_share": f"{state.refused / seen:.4g}" if seen else "",
+        "unwatched_since": state.unwatched_since,
+    }
+    if last is None:
+        yield common | {
+            "component": "",
+            "health_index": "",
+            "state": "learning" if not state.unwatched_since else "unwatched",
+        }
+        return
+    for name, index in last.index.items():
+        epoch = state.epochs[state.governed_by.get(name.partition(": ")[0], 0)]
+        if epoch.limits is None:
+            continue
+        channel, indicator, departure = last.growth[name]
+        alarm = state.alarms[name]
+        yield common | {
+            "component": name,
+            "health_index": index if math.isfinite(index) else "",
+            "state": Life(int(alarm.life)).name.lower(),
+            "since": state.since.get(name, ""),
+            "channel": channel,
+            "indicator": indicator,
+            "departure": departure,
+            "once_in_records": epoch.limits.every_records_at(index) if math.isfinite(index) else "",
+            "baseline": epoch.identity,
+            "limits_from": "prior over machines",
+        }
+
+
+def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
+    """Write ``baseline.h5``: a group for every baseline, with its identity, records, series and numbers."""
+    groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs={"schema": "hums-baseline/1"})}
+    for history in histories:
+        for epoch in history.state.epochs.values():
+            if epoch.normal is None or epoch.limits is None:
+                continue
+            normal = epoch.normal
+            columns = {
+                name: ("series", np.array([getattr(key, name) for key in epoch.series], dtype=np.str_))
+                for name in ("channel", "component", "kind", "indicator", "unit")
+            }
+            groups[f"/{epoch.identity}"] = xr.Dataset(
+                {
+                    **columns,
+                    "center": ("series", normal.series.center, {"long_name": "mean of the logarithm"}),
+                    "scale": ("series", normal.series.scale, {"long_name": "deviation of the logarithm"}),
+                    "slope": (
+                        ("covariate", "series"),
+                        normal.series.slopes,
+                        {"long_name": "per logarithm of the covariate"},
+                    ),
+                    "score_center": ("watched", normal.score_center),
+                    "score_scale": ("watched", normal.score_scale),
+                    "low": ("covariate", epoch.low, {"long_name": "lowest value judged"}),
+                    "high": ("covariate", epoch.high, {"long_name": "highest value judged"}),
+                    "limit": ("chart", np.array(epoch.limits.limits), {"long_name": "in deviations of the score"}),
+                },
+                coords={
+                    "watched": np.array(epoch.names, dtype=np.str_),
+                    "covariate": np.array(epoch.covariates, dtype=np.str_),
+                    "record": np.array(epoch.records, dtype=np.str_),
+                },
+                attrs={
+                    "machine": history.state.machine,
+                    "identity": epoch.identity,
+                    "declared_healthy": int(bool(history.state.settings.healthy)),
+                    "false_alarm_every": history.state.settings.false_alarm_every,
+                },
+            )
+    write_tree(xr.DataTree.from_dict(groups), path)
+
+
+def _write(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+    with atomic_write(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.DictWriter(stream, columns, lineterminator="\n", restval="")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({name: f"{x:.6g}" if isinstance(x := row.get(name, ""), float) else x for name in columns})

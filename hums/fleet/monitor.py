@@ -1,0 +1,502 @@
+"""A machine watched record by record: its baselines, charts and alarms, as a state of constant size.
+
+A state begins by collecting the records of a baseline. Then the baseline is frozen and every further record is held
+against it. Where a component is replaced, another epoch begins for it: the records after that are collected anew, and
+what is normal for it is learned from them, while the others keep theirs.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hums.fleet.maintenance import ACKNOWLEDGED, Work
+from hums.fleet.observation import Observation, seconds_since_1970
+from hums.fleet.prior import healthy_scores, prior_of
+from hums.fleet.series import Series, layout_of, vector
+from signals.monitoring.alarm_life import AlarmRule, AlarmState, Life
+from signals.monitoring.charts import ChartState
+from signals.monitoring.health import Normal, Reading, learn_normal, regime
+from signals.monitoring.limits import ChartLimits, chart_limits
+
+__all__ = ["ALARM_COLUMNS", "SEVERE", "Epoch", "Judgement", "MachineState", "MonitorError", "MonitorSettings", "update"]
+
+Array = NDArray[np.float64]
+ALARM_COLUMNS = (
+    "machine",
+    "component",
+    "channel",
+    "indicator",
+    "record",
+    "recorded_at",
+    "since",
+    "value",
+    "limit",
+    "false_alarm_every",
+    "severity",
+    "state",
+    "baseline",
+    "version",
+)
+RISES, FALLS = "level rises", "level falls suddenly"
+_DRIVERS = 3  # indicators an alarm names
+SEVERE = 2.0  # health index from which an alarm is severe: twice the limit
+
+
+class MonitorError(ValueError):
+    """Raised where a baseline cannot be learned as asked, or a state is not one.
+
+    Examples
+    --------
+    >>> import hums
+    >>> try:
+    ...     hums.MonitorSettings(baseline_records=1)
+    ... except hums.MonitorError as error:
+    ...     print(error)
+    baseline_records = 1: a spread needs 2 records or more.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitorSettings:
+    """How machines are watched.
+
+    Attributes
+    ----------
+    baseline_records : int
+        Number of judged records that a baseline is learned on, 2 or more.
+    baseline_from, baseline_until : str
+        Or the span of time whose records are learned on, ISO 8601; empty: open.
+    healthy : tuple of str
+        Or the names of the records that are declared healthy.
+    false_alarm_every : float
+        Mean number of records of a machine between false alarms, over all its components, sensors and charts.
+    rule : AlarmRule
+        When an alarm is raised and cleared.
+
+    Examples
+    --------
+    >>> import hums
+    >>> hums.MonitorSettings(baseline_until="2026-03-01").by_choice
+    True
+    """
+
+    baseline_records: int = 30
+    baseline_from: str = ""
+    baseline_until: str = ""
+    healthy: tuple[str, ...] = ()
+    false_alarm_every: float = 10_000.0
+    rule: AlarmRule = field(default_factory=AlarmRule)
+
+    def __post_init__(self) -> None:
+        if self.baseline_records < 2:  # noqa: PLR2004
+            raise MonitorError(f"baseline_records = {self.baseline_records}: a spread needs 2 records or more.")
+        if not self.false_alarm_every >= 10:  # noqa: PLR2004
+            raise MonitorError(f"false_alarm_every = {self.false_alarm_every:g}: give 10 records or more.")
+        for name in ("baseline_from", "baseline_until"):
+            when = getattr(self, name)
+            if when and math.isnan(seconds_since_1970(when)):
+                raise MonitorError(f"{name} = {when!r} is no ISO 8601 time; write 2026-03-01.")
+
+    @property
+    def by_choice(self) -> bool:
+        """Whether the records of the baseline are chosen by time or by name, not counted."""
+        return bool(self.baseline_from or self.baseline_until or self.healthy)
+
+    def chosen(self, seen: Observation) -> bool:
+        """Return whether a record belongs to a baseline that is chosen by time or name."""
+        if self.healthy:
+            return seen.record in self.healthy
+        seconds = seconds_since_1970(seen.recorded_at)
+        start, stop = (seconds_since_1970(when) if when else None for when in (self.baseline_from, self.baseline_until))
+        return math.isfinite(seconds) and (start is None or seconds >= start) and (stop is None or seconds <= stop)
+
+
+@dataclass(kw_only=True)
+class Epoch:
+    """A baseline and the charts held against it; until it is learned, the records collected for it.
+
+    ``counted`` says that its records are the next ones, as after a replacement, whatever the settings choose.
+    """
+
+    pending: list[Observation] = field(default_factory=list)
+    counted: bool = False
+    identity: str = ""
+    records: tuple[str, ...] = ()
+    series: tuple[Series, ...] = ()
+    covariates: tuple[str, ...] = ()
+    low: Array = field(default_factory=lambda: np.zeros(0))
+    high: Array = field(default_factory=lambda: np.zeros(0))
+    names: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ()
+    normal: Normal | None = None
+    limits: ChartLimits | None = None
+    charts: ChartState | None = None
+    recent: Array | None = None
+
+    @property
+    def scores(self) -> tuple[tuple[str, str], ...]:
+        """Component and what is watched of it, for each score."""
+        levels = [(f"sensor {name}", what) for what in (RISES, FALLS) for name in self.channels]
+        return (*((name, "") for name in self.names), *levels)
+
+    def learn(self, machine: str, settings: MonitorSettings) -> None:
+        """Learn what is normal from the collected records, and forget them."""
+        seen = self.pending
+        every = sorted(set().union(*(one.values for one in seen)))
+        values = np.array([vector(one.values, every) for one in seen])
+        kept = np.isfinite(values).sum(axis=0) * 2 >= len(seen)
+        self.series = tuple(key for key, keep in zip(every, kept, strict=True) if keep)
+        self.covariates = tuple(sorted(set.intersection(*(set(one.covariates) for one in seen))))
+        at = np.array([[one.covariates[name] for name in self.covariates] for one in seen]).reshape(len(seen), -1)
+        self.low, self.high = regime(at)
+        self.names, self.channels, layout = layout_of(self.series)
+        self.normal = learn_normal(values[:, kept], _logarithms(at), layout, prior_of(self.series, layout))
+        self.limits = chart_limits(
+            len(seen), settings.false_alarm_every * layout.scores, healthy_scores(), rule=settings.rule
+        )
+        self.charts = self.limits.charts.start((layout.scores,))
+        self.recent = np.zeros(len(self.channels))
+        self.records = tuple(one.record for one in seen)
+        self.identity = _identity(machine, self)
+        self.pending = []
+
+    def outside(self, seen: Observation) -> str:
+        """Return which covariate of a record lies outside what was learned, or an empty string."""
+        for name, low, high in zip(self.covariates, self.low, self.high, strict=True):
+            value = seen.covariates.get(name, math.nan)
+            if not low <= value <= high:
+                return f"{name} = {value:.4g} outside {low:.4g} to {high:.4g}"
+        return ""
+
+    def judge(self, seen: Observation) -> tuple[Reading, Array]:
+        """Return a record held against the baseline, and the health index of every score."""
+        if self.normal is None or self.limits is None or self.charts is None:
+            raise MonitorError("this baseline is not learned yet; watch more records first.")
+        at = np.array([seen.covariates[name] for name in self.covariates])
+        reading = self.normal.read(vector(seen.values, self.series), _logarithms(at), self.recent)
+        self.recent = reading.recent
+        self.charts = self.limits.charts.step(self.charts, reading.scores)
+        index = np.where(np.isfinite(reading.scores), self.limits.index(self.charts), np.nan)
+        return reading, index
+
+
+@dataclass(kw_only=True)
+class MachineState:
+    """All that is kept of a machine between two records.
+
+    Attributes
+    ----------
+    machine : str
+        Its name.
+    settings : MonitorSettings
+        How it is watched.
+    epochs : dict of int to Epoch
+        Baselines, 0 the first; one more for each replacement.
+    governed_by : dict of str to int
+        Epoch of each component that is not of the newest of the whole machine, 0.
+    alarms : dict of str to AlarmState
+        Of each component.
+    since : dict of str to str
+        When the CUSUM of each component last left zero.
+    open : dict of str to dict
+        The latest alarm of each component, a row of ``alarms.csv``.
+    judged, refused : int
+        Records judged, and refused because they lie outside what was learned or a tachometer or the analysis failed.
+    unwatched_since : str
+        Time of the first of the latest records in succession that were refused; empty where the latest was judged.
+    last_seconds : float
+        Time of the latest record, for maintenance between it and the next.
+    """
+
+    machine: str
+    settings: MonitorSettings = field(default_factory=MonitorSettings)
+    epochs: dict[int, Epoch] = field(default_factory=lambda: {0: Epoch()})
+    governed_by: dict[str, int] = field(default_factory=dict)
+    alarms: dict[str, AlarmState] = field(default_factory=dict)
+    since: dict[str, str] = field(default_factory=dict)
+    open: dict[str, dict[str, Any]] = field(default_factory=dict)
+    judged: int = 0
+    refused: int = 0
+    unwatched_since: str = ""
+    last_seconds: float = -math.inf
+
+    def check(self, machine: str) -> None:
+        """Raise MonitorError where a record is of another machine."""
+        if machine != self.machine:
+            raise MonitorError(
+                f"the record is of machine {machine!r} and the state of {self.machine!r}; keep a state for each."
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """What one record brought.
+
+    Attributes
+    ----------
+    judged : bool
+        Whether it was held against a baseline.
+    why : str
+        Why not: ``learning``, or the reason it was refused.
+    index : mapping of str to float
+        Health index of each component: 0 normal, 1 alarm; NaN where its sensors are sick.
+    scores : mapping of str to float
+        Score of each component in standard deviations.
+    growth : mapping of str to (str, str, float)
+        Channel, indicator and departure in deviations of what drives each component.
+    alarms : tuple of dict
+        Alarms raised now, rows of ``alarms.csv``.
+
+    Examples
+    --------
+    See `watch`, which returns it.
+
+    >>> import hums
+    >>> hums.Judgement(judged=False, why="learning").alarms
+    ()
+    """
+
+    judged: bool
+    why: str = ""
+    index: dict[str, float] = field(default_factory=dict)
+    scores: dict[str, float] = field(default_factory=dict)
+    growth: dict[str, tuple[str, str, float]] = field(default_factory=dict)
+    alarms: tuple[dict[str, Any], ...] = ()
+
+
+def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ()) -> Judgement:
+    """Take one more record of a machine into its state, and return what it brought.
+
+    Parameters
+    ----------
+    state : MachineState
+        Changed in place.
+    seen : Observation
+        The record; records come in the order of time.
+    work : sequence of Work
+        All maintenance; what lies between the latest record and this one is done first.
+    """
+    _do(state, seen, work)
+    alarms = _sensor_alarms(state, seen)
+    if seen.unjudged:
+        return _refused(state, seen, seen.unjudged, alarms)
+    outside = ""
+    readings = {}
+    for number, epoch in sorted(state.epochs.items()):
+        if epoch.normal is None:
+            if _collects(epoch, seen, state.settings):
+                epoch.pending.append(seen)
+                counted = epoch.counted or not state.settings.by_choice
+                if counted and len(epoch.pending) == state.settings.baseline_records:
+                    epoch.learn(state.machine, state.settings)
+                continue
+            if len(epoch.pending) < 2:  # noqa: PLR2004
+                continue
+            epoch.learn(state.machine, state.settings)  # the first record after those that were chosen
+        if refusal := epoch.outside(seen):
+            outside = outside or refusal
+            continue
+        readings[number] = epoch.judge(seen)
+    if not readings:
+        if outside:
+            return _refused(state, seen, outside, alarms)
+        return Judgement(judged=False, why="learning", alarms=tuple(alarms))
+    state.judged += 1
+    state.unwatched_since = ""
+    return _judged(state, seen, readings, alarms)
+
+
+def _collects(epoch: Epoch, seen: Observation, settings: MonitorSettings) -> bool:
+    return epoch.counted or not settings.by_choice or settings.chosen(seen)
+
+
+def _refused(state: MachineState, seen: Observation, why: str, alarms: list[dict[str, Any]]) -> Judgement:
+    state.refused += 1
+    state.unwatched_since = state.unwatched_since or seen.recorded_at or seen.record
+    return Judgement(judged=False, why=why, alarms=tuple(alarms))
+
+
+def _judged(
+    state: MachineState,
+    seen: Observation,
+    readings: dict[int, tuple[Reading, Array]],
+    alarms: list[dict[str, Any]],
+) -> Judgement:
+    """Take the health index of every component from the epoch that governs it, and step its alarm."""
+    index, scores, growth = {}, {}, {}
+    for number, (reading, indices) in readings.items():
+        epoch = state.epochs[number]
+        for place, (component, what) in enumerate(epoch.scores):
+            if state.governed_by.get(component, 0) != number:
+                continue
+            name = f"{component}: {what}" if what else component
+            index[name], scores[name] = float(indices[place]), float(reading.scores[place])
+            rising = int(epoch.charts.rising[place]) if epoch.charts is not None else 0
+            if rising <= 1:
+                state.since[name] = seen.recorded_at or seen.record
+            drivers = _drivers(epoch, reading, component, what)
+            growth[name] = drivers[0]
+            alarm = state.alarms.get(name, state.settings.rule.start())
+            state.alarms[name], raised = state.settings.rule.step(alarm, np.asarray(index[name]))
+            if raised:
+                severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
+                row = _alarm(state, seen, component, drivers, value=index[name], severity=severity, epoch=epoch)
+                row["since"] = state.since[name]
+                state.open[name] = row
+                alarms.append(row)
+            elif name in state.open:
+                state.open[name]["state"] = _word(state.alarms[name])
+    return Judgement(judged=True, index=index, scores=scores, growth=growth, alarms=tuple(alarms))
+
+
+def _drivers(epoch: Epoch, reading: Reading, component: str, what: str) -> list[tuple[str, str, float]]:
+    """Return channel, indicator and departure of the series that departs most, for an alarm."""
+    if what:
+        place = [f"sensor {name}" for name in epoch.channels].index(component)
+        return [(epoch.channels[place], what, float(reading.level[place]))]
+    those = [i for i, key in enumerate(epoch.series) if key.component == component]
+    away = np.nan_to_num(reading.departures[those], nan=-np.inf)
+    largest = np.argsort(-away, kind="stable")[:_DRIVERS]
+    keys = [epoch.series[those[i]] for i in largest]
+    return [
+        (key.channel, key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}", float(away[i]))
+        for key, i in zip(keys, largest, strict=True)
+    ]
+
+
+def _alarm(
+    state: MachineState,
+    seen: Observation,
+    component: str,
+    drivers: list[tuple[str, str, float]],
+    *,
+    value: float,
+    severity: str,
+    epoch: Epoch | None,
+) -> dict[str, Any]:
+    return {
+        "machine": state.machine,
+        "component": component,
+        "channel": drivers[0][0],
+        "indicator": "; ".join(dict.fromkeys(name for _, name, _ in drivers)),
+        "record": seen.record,
+        "recorded_at": seen.recorded_at,
+        "since": seen.recorded_at or seen.record,
+        "value": value,
+        "limit": 1.0,
+        "false_alarm_every": state.settings.false_alarm_every,
+        "severity": severity,
+        "state": Life.RAISED.name.lower(),
+        "baseline": epoch.identity if epoch is not None else "",
+        "version": version("hums-toolkit"),
+    }
+
+
+def _word(alarm: AlarmState) -> str:
+    return "cleared" if alarm.life == Life.CLEAR else Life(int(alarm.life)).name.lower()
+
+
+def _sensor_alarms(state: MachineState, seen: Observation) -> list[dict[str, Any]]:
+    """Return the alarms of sensors that are sick, by the same rule: an index of 1 while they are."""
+    alarms: list[dict[str, Any]] = []
+    if seen.unjudged == "not analysed":
+        return alarms
+    watched = {
+        name.removeprefix("sensor ").removesuffix(": health") for name in state.alarms if name.endswith(": health")
+    }
+    for sensor in sorted(watched | set(seen.sick)):
+        name = f"sensor {sensor}: health"
+        alarm = state.alarms.get(name, state.settings.rule.start())
+        state.alarms[name], raised = state.settings.rule.step(alarm, np.asarray(1.0 if sensor in seen.sick else 0.0))
+        if raised:
+            drivers = [(sensor, f"health: {seen.sick[sensor]}", math.nan)]
+            row = _alarm(state, seen, f"sensor {sensor}", drivers, value=1.0, severity="sensor", epoch=None)
+            state.open[name] = row
+            alarms.append(row)
+        elif name in state.open:
+            state.open[name]["state"] = _word(state.alarms[name])
+    return alarms
+
+
+# ---- maintenance -----------------------------------------------------------------------------------------------------
+
+
+def _do(state: MachineState, seen: Observation, work: Sequence[Work]) -> None:
+    """Do the maintenance between the latest record and this one."""
+    now = seconds_since_1970(seen.recorded_at)
+    if math.isnan(now):
+        return
+    for one in work:
+        if one.machine in ("", state.machine) and state.last_seconds < seconds_since_1970(one.date) <= now:
+            if one.action == ACKNOWLEDGED:
+                _acknowledge(state, one.component)
+            else:
+                _replace(state, one.component)
+    state.last_seconds = now
+
+
+def _of(name: str, component: str) -> bool:
+    return not component or name == component or name.startswith(f"{component}: ")
+
+
+def _acknowledge(state: MachineState, component: str) -> None:
+    for name, alarm in state.alarms.items():
+        if _of(name, component):
+            if alarm.life == Life.RAISED:
+                _restart_charts(state, name)
+            state.alarms[name] = state.settings.rule.acknowledge(alarm, np.asarray(True))
+            if name in state.open:
+                state.open[name]["state"] = _word(state.alarms[name])
+
+
+def _restart_charts(state: MachineState, name: str) -> None:
+    """Let the charts of an acknowledged alarm begin anew, so that only later records decide whether it clears."""
+    component, _, what = name.partition(": ")
+    epoch = state.epochs[state.governed_by.get(component, 0)]
+    if epoch.charts is not None and epoch.limits is not None and (component, what) in epoch.scores:
+        epoch.charts = epoch.limits.charts.restart(epoch.charts, epoch.scores.index((component, what)))
+
+
+def _replace(state: MachineState, component: str) -> None:
+    """Begin another epoch for a component, or for the whole machine; its alarms are cleared."""
+    fresh = max(state.epochs) + 1
+    if component:
+        state.governed_by[component] = fresh
+        state.epochs[fresh] = Epoch(counted=True)
+    else:
+        state.governed_by, state.epochs = {}, {0: Epoch(counted=True)}
+    used = {0, *state.governed_by.values()}
+    state.epochs = {number: epoch for number, epoch in state.epochs.items() if number in used}
+    for name in list(state.alarms):
+        if _of(name, component):
+            state.alarms[name] = state.settings.rule.start()
+            state.since.pop(name, None)
+            if name in state.open:
+                state.open[name]["state"] = "cleared"
+
+
+# ---- as text ---------------------------------------------------------------------------------------------------------
+
+
+def _logarithms(covariates: Array) -> Array:
+    """Return the logarithms of covariates that are above zero, and the others as they are."""
+    return np.where(covariates > 0, np.log(np.where(covariates > 0, covariates, 1.0)), covariates)
+
+
+def _identity(machine: str, epoch: Epoch) -> str:
+    """Return twelve digits that follow from a baseline's machine, records, series and numbers."""
+    if epoch.normal is None:
+        return ""
+    text = json.dumps([machine, epoch.records, [vars(key) for key in epoch.series]], sort_keys=True)
+    numbers = (epoch.normal.series.center, epoch.normal.series.scale, epoch.normal.score_scale)
+    digest = hashlib.sha256(text.encode())
+    for each in numbers:
+        digest.update(np.ascontiguousarray(each, dtype="<f8").tobytes())
+    return digest.hexdigest()[:12]

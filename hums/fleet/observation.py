@@ -1,0 +1,79 @@
+"""What a record says about its machine for monitoring: when, at what speed, which sensors are sound, and its series."""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+from hums.fleet.series import Series, series_of
+
+__all__ = ["Observation", "observation", "order_key", "seconds_since_1970"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observation:
+    """One record of a machine.
+
+    Attributes
+    ----------
+    machine, record, recorded_at : str
+        Names and time as the record states them; the time empty where it states none, or no date.
+    values : mapping of Series to float
+        Logarithms of its indicators and lines, none of a sick sensor.
+    covariates : mapping of str to float
+        What it was recorded at: speed in rev/s, and torque, temperature and others that were measured with it.
+    sick : mapping of str to str
+        Reason for every sick sensor or tachometer.
+    unjudged : str
+        Why nothing of this record is judged, or empty.
+    """
+
+    machine: str
+    record: str
+    recorded_at: str = ""
+    values: Mapping[Series, float] = field(default_factory=dict)
+    covariates: Mapping[str, float] = field(default_factory=dict)
+    sick: Mapping[str, str] = field(default_factory=dict)
+    unjudged: str = ""
+
+    @property
+    def days(self) -> float:
+        """Days since 1970, NaN where the record states no time."""
+        return seconds_since_1970(self.recorded_at) / 86400
+
+
+def observation(row: Mapping[str, Any]) -> Observation:
+    """Return the observation in the results of one record, as `hums.fleet.fleet` stores them."""
+    sick = {name: reasons for name, _, status, reasons in row.get("health", ()) if status == "sick"}
+    tachometers = [name for name, sensor, *_ in row.get("health", ()) if sensor == "tachometer" and name in sick]
+    unjudged = "not analysed" if row["error"] else "sick tachometer" if tachometers else ""
+    when = row["recorded_at"]
+    speed = row.get("speed_hz", math.nan)
+    return Observation(
+        machine=row["machine"],
+        record=row["record"],
+        recorded_at=when if math.isfinite(seconds_since_1970(when)) else "",
+        values={} if unjudged else {key: x for key, x in series_of(row).items() if key.channel not in sick},
+        covariates={"speed_hz": speed, **row.get("covariates", {})} if math.isfinite(speed) else {},
+        sick=sick,
+        unjudged=unjudged,
+    )
+
+
+def seconds_since_1970(when: str) -> float:
+    """Return the seconds since 1970 of an ISO 8601 time, in UTC where it has no offset; NaN of what is none."""
+    try:
+        moment = datetime.fromisoformat(when)
+    except ValueError:
+        return math.nan
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def order_key(recorded_at: str, record: str) -> tuple[Any, ...]:
+    """Return a key that sorts records by their time, then by their name with its numbers as numbers."""
+    seconds = seconds_since_1970(recorded_at)
+    parts = re.split(r"(\d+)", record)
+    natural = tuple((int(part), "") if part.isdigit() else (-1, part) for part in parts)
+    return (0, seconds, natural) if math.isfinite(seconds) else (1, 0.0, natural)

@@ -1,0 +1,79 @@
+"""Series that are watched: logarithms of the indicators and lines of a record, by channel, component and name."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from signals.monitoring.health import FEWEST_LEVELS, Layout
+
+__all__ = ["LINE_LEVEL", "LINE_RATIO", "Series", "layout_of", "series_of", "vector"]
+
+LINE_LEVEL, LINE_RATIO = "line_level", "line_over_surroundings"
+_OF_HISTORY = ("na4", "nb4")  # whose own history they are held against: the charts do that here
+
+
+@dataclass(frozen=True, kw_only=True, order=True)
+class Series:
+    """One number of every record of a machine: its channel, component, indicator and unit."""
+
+    channel: str
+    component: str
+    kind: str
+    indicator: str
+    unit: str
+
+    @property
+    def power(self) -> int:
+        """Power of the signal's unit: 1 of an amplitude, 2 of an energy, 0 of a ratio."""
+        if self.unit in ("1", "", "deg", "rad"):
+            return 0
+        return 2 if self.unit.endswith("2") and not self.unit.endswith("-2") else 1
+
+
+def series_of(row: Mapping[str, Any]) -> dict[Series, float]:
+    """Return the logarithms of the positive indicators and lines of one record's results.
+
+    The lines of a component in a spectrum are two series: the logarithm of the root mean square of their amplitudes,
+    and of what they are over their surroundings.
+    """
+    found = {
+        Series(channel=channel, component=component, kind=kind, indicator=name, unit=unit): math.log(value)
+        for channel, component, kind, name, unit, value in row.get("indicators", ())
+        if value > 0 and name not in _OF_HISTORY
+    }
+    lines: dict[tuple[str, ...], list[tuple[float, float]]] = {}
+    for channel, spectrum, component, kind, _, _, unit, _, amplitude, snr, _ in row.get("lines", ()):
+        if amplitude is not None and snr is not None and math.isfinite(amplitude) and math.isfinite(snr):
+            lines.setdefault((channel, spectrum, component, kind, unit), []).append((amplitude, snr))
+    for (channel, spectrum, component, kind, unit), values in lines.items():
+        squares = np.mean(np.square(values), axis=0)
+        for name, of, square in ((LINE_LEVEL, unit, squares[0]), (LINE_RATIO, "1", squares[1])):
+            if square > 0:
+                key = Series(channel=channel, component=component, kind=kind, indicator=f"{spectrum} {name}", unit=of)
+                found[key] = math.log(square) / 2
+    return found
+
+
+def vector(found: Mapping[Series, float], series: Iterable[Series]) -> NDArray[np.float64]:
+    """Return the values of some series, NaN where a record has none."""
+    return np.array([found.get(key, math.nan) for key in series], dtype=np.float64)
+
+
+def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, ...], Layout]:
+    """Return the names of components and of channels with a level, and which series belong to each."""
+    components = tuple(sorted({key.component for key in series}))
+    powers = np.array([key.power for key in series], dtype=np.float64)
+    absolute = {
+        channel: np.array([i for i, key in enumerate(series) if key.channel == channel and key.power], dtype=np.int64)
+        for channel in sorted({key.channel for key in series})
+    }
+    channels = {name: those for name, those in absolute.items() if those.size >= FEWEST_LEVELS}
+    groups = tuple(
+        np.array([i for i, key in enumerate(series) if key.component == name], dtype=np.int64) for name in components
+    )
+    layout = Layout(components=groups, channels=tuple(channels.values()), powers=powers)
+    return components, tuple(channels), layout

@@ -1,0 +1,101 @@
+"""The state of a watched machine as JSON: what is read is bit for bit what was written."""
+
+import gzip
+import json
+import math
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hums.fleet.monitor import Epoch, MachineState, MonitorError, MonitorSettings
+from hums.fleet.observation import Observation
+from hums.fleet.series import Series
+from hums.records.store import atomic_write
+from signals.monitoring.alarm_life import AlarmRule, AlarmState
+from signals.monitoring.charts import Charts, ChartState
+from signals.monitoring.health import Layout, Normal
+from signals.monitoring.limits import ChartLimits
+from signals.monitoring.location import SeriesBaseline
+
+__all__ = ["read_state", "write_state"]
+
+SCHEMA = "hums-watch/1"
+_KINDS = {
+    kind.__name__: kind
+    for kind in (
+        AlarmRule,
+        AlarmState,
+        ChartLimits,
+        ChartState,
+        Charts,
+        Epoch,
+        Layout,
+        MachineState,
+        MonitorSettings,
+        Normal,
+        Observation,
+        Series,
+        SeriesBaseline,
+    )
+}
+
+
+def write_state(state: MachineState, path: Path) -> None:
+    """Write a state to a file, whole or not at all."""
+    text = json.dumps({"schema": SCHEMA, "state": _encoded(state)})
+    with atomic_write(path) as part:
+        part.write_bytes(gzip.compress(text.encode(), mtime=0))
+
+
+def read_state(path: Path) -> MachineState:
+    """Return the state in a file of `write_state`.
+
+    Raises
+    ------
+    MonitorError
+        If the file holds none.
+    """
+    try:
+        table = json.loads(gzip.decompress(path.read_bytes()))
+        if table["schema"] != SCHEMA:
+            raise MonitorError(
+                f"{path} holds {table['schema']!r}, where a state holds {SCHEMA!r}; watch from the start."
+            )
+        state = _decoded(table["state"])
+    except (OSError, EOFError, KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise MonitorError(f"{path}: this is no state of hums.watch ({error}); name the file that it wrote.") from None
+    if not isinstance(state, MachineState):
+        raise MonitorError(f"{path}: this is no state of hums.watch; name the file that it wrote.")
+    return state
+
+
+def _encoded(thing: Any) -> Any:  # noqa: ANN401
+    """Return what JSON has for a value; a float is written with all digits that distinguish it."""
+    if is_dataclass(thing):
+        return [type(thing).__name__, {one.name: _encoded(getattr(thing, one.name)) for one in fields(thing)}]
+    if isinstance(thing, np.ndarray):
+        return ["array", str(thing.dtype), list(thing.shape), thing.ravel().tolist()]
+    if isinstance(thing, np.generic):
+        return _encoded(np.asarray(thing))
+    if isinstance(thing, dict):
+        return ["dict", [[_encoded(key), _encoded(value)] for key, value in thing.items()]]
+    if isinstance(thing, list | tuple):
+        return [type(thing).__name__, [_encoded(one) for one in thing]]
+    return thing
+
+
+def _decoded(thing: Any) -> Any:  # noqa: ANN401
+    if not isinstance(thing, list):
+        return thing
+    kind, *rest = thing
+    if kind == "array":
+        dtype, shape, values = rest
+        return np.array([math.nan if x is None else x for x in values], dtype=dtype).reshape(shape)
+    if kind == "dict":
+        return {_decoded(key): _decoded(value) for key, value in rest[0]}
+    if kind in ("list", "tuple"):
+        found = [_decoded(one) for one in rest[0]]
+        return tuple(found) if kind == "tuple" else found
+    return _KINDS[kind](**{name: _decoded(value) for name, value in rest[0].items()})

@@ -1,0 +1,77 @@
+"""One new record of a machine in, its health and alarms out: monitoring that stands in an acquisition loop."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from hums.analysis.result import Analysis
+from hums.fleet.maintenance import Work
+from hums.fleet.monitor import Judgement, MachineState, MonitorSettings, update
+from hums.fleet.observation import observation
+from hums.fleet.results import results
+from hums.fleet.state import read_state, write_state
+
+__all__ = ["watch"]
+
+
+def watch(
+    analysis: Analysis,
+    state: str | Path,
+    *,
+    settings: MonitorSettings | None = None,
+    work: Sequence[Work] = (),
+) -> Judgement:
+    """Hold a new record of a machine against what is normal for it, and keep the state of the machine in a file.
+
+    The first records make the baseline; then it is frozen. The state has a constant size and is read bit for bit as it
+    was written, so that a loop that was stopped goes on as if it had not been.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze`; the records of one machine come in the order of time.
+    state : str or Path
+        File of the machine's state; made where there is none.
+    settings : MonitorSettings, optional
+        How the machine is watched, for a new state; one that is there keeps its own.
+    work : sequence of Work, optional
+        Maintenance, of `read_maintenance`.
+
+    Returns
+    -------
+    Judgement
+        Whether the record was judged or why not, the health index of each component (0 normal, 1 alarm), and the alarms
+        raised now, rows of ``alarms.csv``.
+
+    Raises
+    ------
+    MonitorError
+        If the file holds no state, or that of another machine.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> import hums
+    >>> rng, gearbox = np.random.default_rng(0), hums.load_gearbox("two-stage")
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> with TemporaryDirectory() as folder:
+    ...     for _ in range(3):
+    ...         record = hums.make_record({"housing": rng.normal(size=8000)}, rate_hz=4000, units="g", angle=angle)
+    ...         analysis = hums.analyze(record, gearbox)
+    ...         found = hums.watch(analysis, f"{folder}/mill.state", settings=hums.MonitorSettings(baseline_records=2))
+    ...         print(found.judged, found.why, len(found.alarms))
+    False learning 0
+    False learning 0
+    True  0
+    """
+    row = results(analysis)
+    facts = {name: str(analysis.attrs.get(name, "")) for name in ("record", "machine", "recorded_at")}
+    path = Path(state)
+    if path.exists():
+        kept = read_state(path)
+    else:
+        kept = MachineState(machine=facts["machine"], settings=settings or MonitorSettings())
+    kept.check(facts["machine"])
+    found = update(kept, observation(facts | row), work=work)
+    write_state(kept, path)
+    return found

@@ -1,0 +1,72 @@
+"""Control charts of a score, record by record: exponentially weighted means and a cumulative sum.
+
+EWMA: Roberts (1959), Technometrics 1(3), 239-250; of weight 1 it is Shewhart's chart of single values. CUSUM: Page
+(1954), Biometrika 41, 100-115. One-sided: what falls is no fault.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["ChartState", "Charts"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChartState:
+    """Charts after the latest record.
+
+    Attributes
+    ----------
+    values : (charts, ...) array
+        The EWMAs in the order of their weights, then the CUSUM, in standard deviations of the score.
+    rising : (...) array
+        Records since the CUSUM was last zero, the maximum-likelihood estimate of when the mean changed.
+    """
+
+    values: Array
+    rising: NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Charts:
+    """Weights of the EWMAs, and the allowance of the CUSUM in standard deviations.
+
+    Attributes
+    ----------
+    weights : tuple of float
+        1 finds a jump in one record; 0.2 and 0.05 find shifts of about 1 and 0.5 standard deviations soonest (Lucas and
+        Saccucci 1990, Technometrics 32(1), 1-12).
+    allowance : float
+        Subtracted from each value; half of the shift to be found, beside what the baseline's mean may be off.
+    """
+
+    weights: tuple[float, ...] = (1.0, 0.2, 0.05)
+    allowance: float = 0.5
+
+    @property
+    def count(self) -> int:
+        """Number of charts."""
+        return len(self.weights) + 1
+
+    def start(self, shape: tuple[int, ...] = ()) -> ChartState:
+        """Return charts of scores of a shape, before the first record."""
+        return ChartState(values=np.zeros((self.count, *shape)), rising=np.zeros(shape, dtype=np.int64))
+
+    def restart(self, state: ChartState, place: int) -> ChartState:
+        """Return the charts with those of one score as at the start."""
+        values, rising = state.values.copy(), state.rising.copy()
+        values[..., place], rising[..., place] = 0.0, 0
+        return ChartState(values=values, rising=rising)
+
+    def step(self, state: ChartState, score: Array) -> ChartState:
+        """Return the charts after one more record with `score` (...); NaN leaves them as they are."""
+        judged = np.isfinite(score)
+        weights = np.reshape(self.weights, (-1, *[1] * np.ndim(score)))
+        ewma = state.values[:-1] + weights * (score - state.values[:-1])
+        cusum = np.maximum(0.0, state.values[-1] + score - self.allowance)
+        values = np.where(judged, np.concatenate([ewma, cusum[None]]), state.values)
+        rising = np.where(judged, np.where(cusum > 0, state.rising + 1, 0), state.rising)
+        return replace(state, values=values, rising=rising)

@@ -1,0 +1,216 @@
+"""What is normal for a machine's series, and the scores of its components against it.
+
+Series are logarithms, so that a gain adds to all that have the unit of the signal alike: their median departure is the
+level of the channel, which is watched by itself, up and suddenly down, and taken from them before components are
+judged. A gain that drifts is then no fault of a component.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from signals.monitoring.location import SeriesBaseline, learn_baseline
+from signals.monitoring.scores import fused_scores, out_of_sample
+
+__all__ = ["Layout", "Normal", "Prior", "Reading", "learn_normal", "regime"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
+_WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
+_RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Series of each component, and those of each channel whose common level is its gain.
+
+    Attributes
+    ----------
+    components : tuple of (k,) int array
+        Series of each component.
+    channels : tuple of (k,) int array
+        Series of each channel that have the signal's unit, or a power of it.
+    powers : (series,) array
+        Power of the signal's unit: 1 for an amplitude, 2 for an energy, 0 for a ratio.
+    """
+
+    components: tuple[Indices, ...]
+    channels: tuple[Indices, ...] = ()
+    powers: Array
+
+    @property
+    def scores(self) -> int:
+        """Number of scores: of components, of each channel's level, and of its sudden fall."""
+        return len(self.components) + 2 * len(self.channels)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prior:
+    """Deviations that are usual over machines, and their weight as a number of records.
+
+    ``series`` has one for each series, NaN where none is known; ``score`` is that of each fused score, ``level`` of a
+    channel's level, in the unit of the series.
+    """
+
+    series: Array
+    score: Array | float
+    level: float
+    dof: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """A record held against what is normal.
+
+    ``departures`` (..., series) are in deviations, ``growth`` (..., series) in the unit of the series (for logarithms:
+    of how much it has grown), ``scores`` (..., scores) in deviations, ``level`` (..., channels) is the
+    median departure of a channel, and ``recent`` (..., channels) the EWMA that a sudden fall is held against.
+    """
+
+    departures: Array
+    growth: Array
+    scores: Array
+    level: Array
+    recent: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Normal:
+    """What was normal for a machine: the baselines of its series, levels and scores.
+
+    ``raw`` is of the series as they are, ``series`` without the level of their channel. ``level_center`` and
+    ``level_scale`` (2, ..., channels) are of the quantiles whose rise and sudden fall are watched.
+    """
+
+    layout: Layout
+    raw: SeriesBaseline
+    series: SeriesBaseline
+    level_center: Array
+    level_scale: Array
+    score_center: Array
+    score_scale: Array
+
+    def read(self, values: Array, covariates: Array, recent: Array | None = None) -> Reading:
+        """Return a record (..., series) at covariates (..., covariates) held against the baseline.
+
+        `recent` (..., channels) is that of the record before; zero at the start.
+        """
+        away = self.raw.standardised(values, covariates) * self.raw.scale
+        level = _levels(away, self.layout)
+        watched = [
+            _levels(away, self.layout, share) - center
+            for share, center in zip(_WATCHED, self.level_center, strict=True)
+        ]
+        departures = self.series.standardised(_without(values, level, self.layout), covariates)
+        fused = fused_scores(departures, self.layout.components)
+        before = np.zeros_like(level) if recent is None else recent
+        rise = watched[0] / self.level_scale[0]
+        fall = (before - watched[1]) / self.level_scale[1]
+        scores = np.concatenate([(fused - self.score_center) / self.score_scale, rise, fall], axis=-1)
+        after = np.where(np.isfinite(watched[1]), before + _RECENT * (watched[1] - before), before)
+        return Reading(
+            departures=departures, growth=departures * self.series.scale, scores=scores, level=level, recent=after
+        )
+
+
+def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior) -> Normal:
+    """Return what is normal from the records of a baseline.
+
+    Parameters
+    ----------
+    values : (..., records, series) array
+        Logarithms of indicators; NaN where missing.
+    covariates : (..., records, covariates) array
+        What they were recorded at.
+    layout : Layout
+        Which series belong together.
+    prior : Prior
+        Usual deviations.
+
+    Returns
+    -------
+    Normal
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than 2 records.
+    """
+    records = values.shape[-2]
+    if records < 2:  # noqa: PLR2004
+        raise ValueError(f"a baseline of {records} records has no spread; learn it on 2 or more.")
+    raw = learn_baseline(values, covariates, prior_scale=prior.series, prior_dof=prior.dof)
+    each = SeriesBaseline(
+        **{name: getattr(raw, name)[..., None, :] for name in ("center", "scale")}, **_per_record(raw)
+    )
+    away = each.standardised(values, covariates) * each.scale
+    level = _levels(away, layout)
+    corrected = _without(values, level, layout)
+    series = learn_baseline(corrected, covariates, prior_scale=prior.series, prior_dof=prior.dof)
+    alone = SeriesBaseline(
+        **{name: getattr(series, name)[..., None, :] for name in ("center", "scale")}, **_per_record(series)
+    )
+    departures = alone.standardised(corrected, covariates) * out_of_sample(records)
+    fused = fused_scores(departures, layout.components)
+    nothing = np.zeros((*values.shape[:-1], 0))
+    levels = [
+        learn_baseline(_levels(away, layout, share), nothing, prior_scale=prior.level, prior_dof=prior.dof)
+        for share in _WATCHED
+    ]
+    scores = learn_baseline(fused, nothing, prior_scale=prior.score, prior_dof=prior.dof)
+    return Normal(
+        layout=layout,
+        raw=raw,
+        series=series,
+        level_center=np.stack([one.center for one in levels]),
+        level_scale=np.stack([one.scale for one in levels]),
+        score_center=scores.center,
+        score_scale=scores.scale,
+    )
+
+
+def _per_record(baseline: SeriesBaseline) -> dict[str, Array]:
+    return {
+        "slopes": baseline.slopes[..., None, :, :],
+        "covariate_center": baseline.covariate_center[..., None, :],
+    }
+
+
+def _levels(departures: Array, layout: Layout, share: float = 0.5) -> Array:
+    """Return a quantile of the departures (..., channels) of the series with the signal's unit, the median."""
+    levels = np.full((*departures.shape[:-1], len(layout.channels)), np.nan)
+    for number, those in enumerate(layout.channels):
+        if those.size:
+            known = departures[..., those] / layout.powers[those]
+            ordered = np.sort(known, axis=-1)  # NaN last
+            count = np.isfinite(known).sum(axis=-1)
+            place = share * np.maximum(count - 1, 0)
+            low = place.astype(np.int64)
+            first, second = (
+                np.take_along_axis(ordered, at[..., None], axis=-1)[..., 0]
+                for at in (low, np.minimum(low + 1, np.maximum(count - 1, 0)))
+            )
+            levels[..., number] = np.where(count >= FEWEST_LEVELS, first + (place - low) * (second - first), np.nan)
+    return levels
+
+
+def _without(values: Array, level: Array, layout: Layout) -> Array:
+    """Return the series without the level of their channel."""
+    corrected = values.copy()
+    for number, those in enumerate(layout.channels):
+        shift = np.nan_to_num(level[..., number])
+        corrected[..., those] -= shift[..., None] * layout.powers[those]
+    return corrected
+
+
+def regime(covariates: Array) -> tuple[Array, Array]:
+    """Return the lowest and highest covariates (covariates,) at which records are judged.
+
+    The range of the baseline, wider by a tenth of itself and 5 % of its middle on either side (our choice: lines
+    change little over that, and a steady machine is never as steady as its declared speed).
+    """
+    low, high = covariates.min(axis=0), covariates.max(axis=0)
+    margin = 0.1 * (high - low) + 0.05 * np.abs(high + low) / 2
+    return low - margin, high + margin

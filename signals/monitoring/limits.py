@@ -1,0 +1,228 @@
+"""Limits of control charts for a stated rate of false alarms, with the uncertainty of the baseline in them.
+
+A baseline of few records, which depend on each other, leaves the mean and the deviation of a score uncertain; limits
+that leave that out give several times the stated rate of false alarms (Jensen, Jones-Farmer, Champ and Woodall 2006,
+J. Qual. Technol. 38(4), 349-364). Here machines are drawn from a model of what is healthy, each learns its own
+baseline from as many records as the machine at hand, and the limit is the one at which all of them together raise the
+stated number of alarms. Those far in the tail follow the exponential fall of the rate with the limit.
+"""
+
+import math
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from signals.monitoring.alarm_life import AlarmRule
+from signals.monitoring.autocorrelation import Correlation
+from signals.monitoring.charts import Charts, ChartState
+from signals.monitoring.location import learn_baseline
+
+__all__ = ["ChartLimits", "HealthyScores", "chart_limits"]
+
+Array = NDArray[np.float64]
+_MACHINES, _WATCHED = 6_000, 300  # drawn machines, and records watched of each: 1.8 million records
+_SEED = 1  # the same machines for every limit, so that the same records give the same limit
+_TAIL = 0.999  # quantile at which the charts are made alike
+_THRESHOLDS = 60
+_FEWEST_ALARMS = 40  # of a threshold whose rate is taken as measured (its error is 16 %)
+_BASELINES = (2, 3, 4, 6, 8, 10, 15, 20, 30, 50, 80, 120, 200, 300, 500, 1000)  # for which limits are made
+
+
+@dataclass(frozen=True, kw_only=True)
+class HealthyScores:
+    """Model of the score of a healthy component: how it is spread, how it depends on the records before.
+
+    Attributes
+    ----------
+    shares : tuple of (white, short, long, season)
+        Shares of variance of components of machines; each drawn component has one of them.
+    quantiles : tuple of tuple of float
+        For each of the `shares`, quantiles of the white part at equal steps of probability, of mean 0 and standard
+        deviation 1; empty: normal.
+    scale_dof : float
+        Degrees of freedom with which the deviation of a component scatters about the usual one, and the weight of the
+        usual one against a machine's own records; 0: nothing is usual.
+    widening : tuple of (baseline records, mean records between alarms, factor)
+        By how much limits are wider than the model's, as machines have shown; between them the factor goes with the
+        logarithms of both, beyond them it stays.
+    correlation : Correlation
+        Lengths of the parts, in records.
+    """
+
+    shares: tuple[tuple[float, float, float, float], ...] = ((1.0, 0.0, 0.0, 0.0),)
+    quantiles: tuple[tuple[float, ...], ...] = ()
+    scale_dof: float = 0.0
+    widening: tuple[tuple[float, float, float], ...] = ()
+    correlation: Correlation = field(default_factory=Correlation)
+
+    def draw(self, machines: int, records: int, rng: np.random.Generator) -> Array:
+        """Return scores (records, machines) of drawn components, about their mean, in usual deviations."""
+        which = rng.integers(len(self.shares), size=machines)
+        parts = np.sqrt(np.asarray(self.shares)[which].T)
+        lengths = (self.correlation.short_records, self.correlation.long_records)
+        phase = rng.uniform(0, 2 * np.pi, machines)
+        scale = np.sqrt(self.scale_dof / rng.chisquare(self.scale_dof, machines)) if self.scale_dof else 1.0
+        states = rng.standard_normal((2, machines))
+        decay = np.exp(-1 / np.array(lengths))[:, None]
+        found = np.empty((records, machines))
+        for number in range(records):
+            season = math.sqrt(2) * np.sin(2 * np.pi * number / self.correlation.season_records + phase)
+            found[number] = parts[0] * self._white(which, rng) + (parts[1:3] * states).sum(axis=0) + parts[3] * season
+            states = decay * states + np.sqrt(1 - decay**2) * rng.standard_normal((2, machines))
+        return found * scale
+
+    def _white(self, which: NDArray[np.int64], rng: np.random.Generator) -> Array:
+        if not self.quantiles:
+            return rng.standard_normal(which.size)
+        table = np.asarray(self.quantiles)
+        place = rng.uniform(0, table.shape[1] - 1, which.size)
+        low = np.minimum(place.astype(np.int64), table.shape[1] - 2)
+        below, above = table[which, low], table[which, low + 1]
+        return np.asarray(below + (place - low) * (above - below))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChartLimits:
+    """Limits of the charts of one component.
+
+    Attributes
+    ----------
+    charts : Charts
+        With the allowance for a baseline of that size.
+    limits : tuple of float
+        Of each chart.
+    every_records : float
+        Mean number of records between false alarms of the component.
+    decades : float
+        How the rate of false alarms falls: it is a tenth where the limits are higher by this factor less 1.
+    """
+
+    charts: Charts
+    limits: tuple[float, ...]
+    every_records: float
+    decades: float
+
+    def index(self, state: ChartState) -> Array:
+        """Return the health index (...): the largest chart over its limit; 0 is normal, 1 the limit."""
+        limits = np.reshape(self.limits, (-1, *[1] * state.rising.ndim))
+        return np.asarray(np.maximum((state.values / limits).max(axis=0), 0.0))
+
+    def every_records_at(self, index: float) -> float:
+        """Return the mean number of records of a healthy component between alarms with the limit at an index."""
+        exponent = min((index - 1) / self.decades, 300.0)  # beyond which floats end
+        return float(self.every_records * 10**exponent)
+
+
+def chart_limits(
+    baseline_records: int, every_records: float, model: HealthyScores, *, rule: AlarmRule | None = None
+) -> ChartLimits:
+    """Return the limits at which healthy components raise an alarm once in a mean number of records.
+
+    Parameters
+    ----------
+    baseline_records : int
+        Records that a baseline was learned on; limits are those of the next smaller of some sixteen sizes up to 1,000.
+    every_records : float
+        Mean number of records between false alarms of one component, over all its charts.
+    model : HealthyScores
+        What healthy components are like.
+    rule : AlarmRule, optional
+        When an alarm is raised.
+
+    Returns
+    -------
+    ChartLimits
+
+    Raises
+    ------
+    ValueError
+        If the baseline has fewer than 2 records, or `every_records` is below 10.
+    """
+    if baseline_records < _BASELINES[0]:
+        raise ValueError(f"a baseline of {baseline_records} records has no spread; learn it on 2 or more.")
+    if not every_records >= 10:  # noqa: PLR2004
+        raise ValueError(f"every_records = {every_records:g}: an alarm in less than 10 records is no limit; give more.")
+    size = max(count for count in _BASELINES if count <= baseline_records)
+    drawn = _drawn(size, model, rule or AlarmRule())
+    thresholds, rates = np.array(drawn.thresholds), np.array(drawn.rates)
+    threshold = float(np.interp(-math.log10(1 / every_records), -rates, thresholds))
+    slope, offset = drawn.tail
+    if 1 / every_records < 10 ** rates[-1]:
+        threshold = (math.log10(1 / every_records) - offset) / slope
+    threshold *= _wider(model.widening, size, every_records)
+    return ChartLimits(
+        charts=Charts(allowance=drawn.allowance),
+        limits=tuple(scale * threshold for scale in drawn.scales),
+        every_records=every_records,
+        decades=-1 / (slope * threshold),
+    )
+
+
+def _wider(table: tuple[tuple[float, float, float], ...], size: int, every_records: float) -> float:
+    """Return the factor of a table of (baseline records, records between alarms, factor)."""
+    sizes = sorted({row[0] for row in table})
+    if not sizes:
+        return 1.0
+    of_sizes = []
+    for one in sizes:
+        rates, factors = zip(*sorted(row[1:] for row in table if row[0] == one), strict=True)
+        of_sizes.append(float(np.interp(math.log(every_records), np.log(rates), factors)))
+    return float(np.interp(math.log(size), np.log(sizes), of_sizes))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Drawn:
+    """Rates (log10, falling) at thresholds of charts in their scales, and the line that continues them."""
+
+    allowance: float
+    scales: tuple[float, ...]
+    thresholds: tuple[float, ...]
+    rates: tuple[float, ...]
+    tail: tuple[float, float]
+
+
+@lru_cache(maxsize=64)
+def _drawn(baseline: int, model: HealthyScores, rule: AlarmRule) -> _Drawn:
+    rng = np.random.default_rng(_SEED)
+    scores = model.draw(_MACHINES, baseline + _WATCHED, rng)
+    learned, watched = scores[:baseline], scores[baseline:]
+    normal = learn_baseline(learned, np.zeros((baseline, 0)), prior_scale=1.0, prior_dof=model.scale_dof)
+    standard = (watched - normal.center) / normal.scale
+    allowance = 0.5 + 2 * float(standard.mean(axis=0).std())  # half a deviation, and what the mean may be off
+    charts = Charts(allowance=allowance)
+    state = charts.start((_MACHINES,))
+    values = np.empty((charts.count, _WATCHED, _MACHINES), dtype=np.float32)
+    for number, score in enumerate(standard):
+        state = charts.step(state, score)
+        values[:, number] = state.values
+    scales = np.maximum(np.quantile(values.reshape(charts.count, -1), _TAIL, axis=1), 1e-6)
+    index = (values / scales[:, None, None].astype(np.float32)).max(axis=0)
+    thresholds = np.linspace(0.3, float(np.quantile(index.max(axis=0), 0.9995)), _THRESHOLDS)
+    alarms = np.array([_alarms(index, threshold, rule) for threshold in thresholds])
+    measured = alarms >= _FEWEST_ALARMS
+    last = int(np.flatnonzero(measured)[-1])
+    rates = np.log10(np.minimum.accumulate(alarms[: last + 1]) / index.size)
+    tail = slice(max(0, int(np.searchsorted(-rates, -(rates[-1] + 0.7)))), None)  # the last factor of five
+    slope, offset = np.polyfit(thresholds[: last + 1][tail], rates[tail], 1)
+    return _Drawn(
+        allowance=allowance,
+        scales=tuple(map(float, scales)),
+        thresholds=tuple(map(float, thresholds[: last + 1])),
+        rates=tuple(map(float, rates)),
+        tail=(float(slope), float(offset)),
+    )
+
+
+def _alarms(index: NDArray[np.float32], threshold: float, rule: AlarmRule) -> int:
+    """Return how many machines raise an alarm, which then stands."""
+    above = index >= threshold
+    counts = np.zeros(above.shape[1], dtype=np.int64)
+    fallen = np.zeros(above.shape[1], dtype=np.bool_)
+    for number in range(above.shape[0]):
+        counts += above[number]
+        if number >= rule.within:
+            counts -= above[number - rule.within]
+        fallen |= above[number] & (counts >= rule.of)
+    return int(fallen.sum())

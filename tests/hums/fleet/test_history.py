@@ -1,0 +1,72 @@
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fleets import HEALTHY, PINION, observed
+
+from hums.fleet.history import Fact, watch_machines, write_alarms, write_baselines, write_components
+from hums.fleet.monitor import ALARM_COLUMNS, MonitorSettings
+from hums.records.store import open_tree
+
+SETTINGS = MonitorSettings(baseline_records=20)
+COURSE = {one.record: one for one in (*HEALTHY, *(observed(number, **PINION) for number in range(40, 50)))}
+FACTS = [
+    Fact(machine="mill", record=name, recorded_at=one.recorded_at, path=Path(name)) for name, one in COURSE.items()
+]
+
+
+def watched(facts, folder, **more):
+    return watch_machines(facts, lambda path: COURSE[str(path)], folder, settings=SETTINGS, **more)
+
+
+def tables(histories, folder):
+    write_alarms(histories, folder / "alarms.csv")
+    write_components(histories, folder / "components.csv")
+    return [(folder / name).read_bytes() for name in ("alarms.csv", "components.csv")]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    histories = watched(FACTS, folder / "watch")
+    return histories, tables(histories, folder), folder
+
+
+class TestOrder:
+    def test_any_order_of_the_records_gives_the_same(self, whole, tmp_path):
+        shuffled = [FACTS[number] for number in np.random.default_rng(1).permutation(len(FACTS))]
+        assert tables(watched(shuffled, tmp_path / "watch"), tmp_path) == whole[1]
+
+    @pytest.mark.parametrize("first", [10, 43])
+    def test_appended_is_as_at_once(self, whole, tmp_path, first):
+        watched(FACTS[:first], tmp_path / "watch")
+        appended = watched(FACTS, tmp_path / "watch", append=True)
+        assert tables(appended, tmp_path) == whole[1]
+        (state,) = (path.read_bytes() for path in (tmp_path / "watch").glob("*.state.gz"))
+        (expected,) = (path.read_bytes() for path in (whole[2] / "watch").glob("*.state.gz"))
+        assert state == expected
+
+    def test_a_late_record_is_followed_from_the_start(self, whole, tmp_path):
+        watched(FACTS[:5] + FACTS[6:], tmp_path / "watch")
+        assert tables(watched(FACTS, tmp_path / "watch", append=True), tmp_path) == whole[1]
+
+
+def test_alarms_have_the_columns_and_name_their_baseline(whole):
+    with (whole[2] / "alarms.csv").open(encoding="utf-8", newline="") as stream:
+        (row,) = csv.DictReader(stream)
+    assert tuple(row) == ALARM_COLUMNS
+    assert (row["machine"], row["component"], row["state"]) == ("mill", "stage 1/pinion", "raised")
+    write_baselines(whole[0], whole[2] / "baseline.h5")
+    with open_tree(whole[2] / "baseline.h5") as tree:
+        baseline = tree[row["baseline"]].to_dataset()
+        assert baseline.attrs["machine"] == "mill"
+        assert baseline.record.to_numpy().tolist() == [f"record {number}" for number in range(20)]
+
+
+def test_components_are_the_worst_first(whole):
+    with (whole[2] / "components.csv").open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert rows[0]["component"] == "stage 1/pinion"
+    assert rows[0]["state"] == "raised"
+    assert float(rows[0]["once_in_records"]) > 1e6

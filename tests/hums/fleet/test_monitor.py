@@ -1,0 +1,105 @@
+from dataclasses import replace
+
+import pytest
+from fleets import HEALTHY, PINION, alarms, followed, observed
+
+from hums.fleet.maintenance import Work
+from hums.fleet.monitor import MonitorError, MonitorSettings
+from hums.fleet.observation import Observation
+from signals.monitoring.alarm_life import Life
+
+
+class TestAlarms:
+    def test_a_component_that_rises_raises_one_alarm(self):
+        state, found = followed([*HEALTHY, *(observed(number, **PINION) for number in range(40, 50))])
+        assert [one.why for one in found[:20]] == ["learning"] * 20
+        (alarm,) = alarms(found)
+        assert (alarm["component"], alarm["record"], alarm["severity"]) == ("stage 1/pinion", "record 41", "severe")
+        assert alarm["since"][:10] == "2026-04-10"  # the day of record 40
+        assert alarm["baseline"] == state.epochs[0].identity
+        assert len(alarm["baseline"]) == 12
+        assert found[-1].index["stage 1/pinion"] > 1 > found[-1].index["stage 2/wheel"]
+
+    def test_running_in_raises_none(self):
+        course = [observed(number, component="stage 1/pinion", shift=-min(number, 60) / 60) for number in range(120)]
+        assert alarms(followed(course)[1]) == []
+
+    def test_a_gain_is_the_sensors(self):
+        rises = [*HEALTHY, *(observed(number, gain=(number - 40) / 40) for number in range(40, 100))]
+        assert {alarm["component"] for alarm in alarms(followed(rises)[1])} == {"sensor a", "sensor b"}
+        falls = [*HEALTHY, *(observed(number, gain=-2.0) for number in range(40, 50))]
+        found = alarms(followed(falls)[1])
+        assert {alarm["component"] for alarm in found} == {"sensor a", "sensor b"}
+        assert {(alarm["indicator"], alarm["severity"]) for alarm in found} == {("level falls suddenly", "sensor")}
+
+
+class TestGate:
+    def test_other_speeds_are_refused(self):
+        state, found = followed(
+            [*HEALTHY, observed(40, speed_hz=40.0, **PINION), observed(41, speed_hz=40.0, **PINION)]
+        )
+        assert not found[-1].judged
+        assert found[-1].why.startswith("speed_hz = ")
+        assert (state.judged, state.refused, state.unwatched_since[:10]) == (20, 2, "2026-04-10")
+        followed([observed(42)], state=state)
+        assert state.unwatched_since == ""
+
+    def test_a_sick_sensor_raises_its_own_alarm_and_no_other(self):
+        sick = [replace(observed(number, sick=("a",)), values={}) for number in range(40, 44)]
+        _, found = followed([*HEALTHY, *sick])
+        (alarm,) = alarms(found)
+        assert (alarm["component"], alarm["indicator"], alarm["record"]) == ("sensor a", "health: clipped", "record 41")
+
+    def test_a_record_without_results_is_refused(self):
+        _, found = followed([*HEALTHY, Observation(machine="mill", record="broken", unjudged="not analysed")])
+        assert (found[-1].judged, found[-1].why) == (False, "not analysed")
+
+
+class TestBaseline:
+    def test_a_few_bad_records_do_not_hide_a_fault(self):
+        bad = [observed(n, component="stage 1/pinion", shift=5.0) if n in (3, 11) else observed(n) for n in range(40)]
+        _, found = followed([*bad, *(observed(number, **PINION) for number in range(40, 50))])
+        assert [alarm["component"] for alarm in alarms(found)] == ["stage 1/pinion"]
+
+    def test_of_a_span_and_of_names(self):
+        span = MonitorSettings(baseline_from="2026-03-05", baseline_until="2026-03-20T12:00:00Z")
+        state, _ = followed(HEALTHY, settings=span)
+        assert state.epochs[0].records == tuple(f"record {number}" for number in range(4, 20))
+        named = MonitorSettings(healthy=tuple(f"record {number}" for number in range(10)))
+        state, found = followed(HEALTHY, settings=named)
+        assert (len(state.epochs[0].records), found[10].judged) == (10, True)
+
+    def test_the_identity_follows_from_what_was_learned(self):
+        same, other = followed(HEALTHY)[0], followed([observed(number, seed=1) for number in range(40)])[0]
+        assert followed(HEALTHY)[0].epochs[0].identity == same.epochs[0].identity != other.epochs[0].identity
+
+    def test_refusals(self):
+        with pytest.raises(MonitorError, match="a spread needs 2 records or more"):
+            MonitorSettings(baseline_records=1)
+        with pytest.raises(MonitorError, match="is no ISO 8601 time; write 2026-03-01"):
+            MonitorSettings(baseline_until="last spring")
+
+
+class TestMaintenance:
+    COURSE = (*HEALTHY, *(observed(number, **PINION) for number in range(40, 90)))
+
+    def test_a_replaced_component_is_learned_anew_and_the_others_are_not(self):
+        work = [Work(date="2026-04-20", component="stage 1/pinion", serial="P-2")]
+        state, found = followed(self.COURSE, work=work)
+        assert [alarm["state"] for alarm in alarms(found)] == ["cleared"]
+        assert state.alarms["stage 1/pinion"].life == Life.CLEAR
+        assert state.epochs[1].records[0] == "record 50"  # of 20 April
+        assert "stage 1/pinion" not in found[60].index
+        assert "stage 2/wheel" in found[60].index
+        assert found[-1].index["stage 1/pinion"] < 1
+
+    def test_of_another_machine_does_nothing(self):
+        state, _ = followed(self.COURSE, work=[Work(date="2026-04-20", machine="fan")])
+        assert len(state.epochs[0].records) == 20
+        assert state.alarms["stage 1/pinion"].life == Life.RAISED
+
+    def test_an_acknowledged_alarm_clears_when_it_is_quiet(self):
+        healed = [*self.COURSE[:50], *(observed(number) for number in range(50, 140))]
+        work = [Work(date="2026-04-19", action="acknowledged")]
+        assert followed(healed)[0].open["stage 1/pinion"]["state"] == "raised"
+        assert followed(healed, work=work)[0].open["stage 1/pinion"]["state"] == "cleared"

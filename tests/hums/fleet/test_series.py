@@ -1,0 +1,39 @@
+import math
+
+import numpy as np
+import pytest
+
+from hums.fleet.series import Series, layout_of, series_of, vector
+
+
+def line(harmonic, amplitude, snr):
+    return ["a", "envelope", "bearing", "inner_race", harmonic, 0, "g", 1.0, amplitude, snr, 1]
+
+
+ROW = {
+    "indicators": [["a", "bearing", "inner_race", "defect_energy", "g2", 4.0], ["a", "gear", "gear", "fm4", "1", -1.0]],
+    "lines": [line(1, 3.0, 30.0), line(2, 4.0, 40.0), line(3, math.nan, 1.0)],
+}
+
+
+def test_logarithms_of_indicators_and_of_the_mean_square_of_lines():
+    found = {key.indicator: (value, key.power) for key, value in series_of(ROW).items()}
+    assert found == {
+        "defect_energy": (pytest.approx(math.log(4)), 2),
+        "envelope line_level": (pytest.approx(math.log(math.sqrt(12.5))), 1),
+        "envelope line_over_surroundings": (pytest.approx(math.log(math.sqrt(1250))), 0),
+    }
+
+
+def test_units_have_powers():
+    def power(unit):
+        return Series(channel="a", component="b", kind="c", indicator="d", unit=unit).power
+
+    assert [power(unit) for unit in ("g", "g2", "m s-2", "(m s-2)2", "1", "mm s-1", "rad")] == [1, 2, 1, 2, 0, 1, 0]
+
+
+def test_series_by_component_and_level_of_a_channel():
+    keys = tuple(sorted(series_of(ROW)))
+    names, channels, layout = layout_of(keys)
+    assert (names, channels, layout.scores) == (("bearing",), (), 1)  # two series with a unit are no level
+    assert np.isnan(vector({}, keys)).all()

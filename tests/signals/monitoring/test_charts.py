@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from signals.monitoring.charts import Charts
+
+
+def run_lengths(charts, chart, limit, *, machines=4000, records=1500, seed=1):
+    """Records until one chart of standard normal scores reaches its limit; infinite where it does not."""
+    rng, state = np.random.default_rng(seed), charts.start((machines,))
+    found = np.full(machines, np.inf)
+    for number in range(1, records + 1):
+        state = charts.step(state, rng.standard_normal(machines))
+        found = np.where(np.isinf(found) & (state.values[chart] >= limit), number, found)
+    return found
+
+
+def mean_run_length(found, records):
+    """Maximum-likelihood mean of what is exponential, and cut off."""
+    ended = np.isfinite(found)
+    return np.where(ended, found, records).sum() / ended.sum()
+
+
+class TestRunLength:
+    def test_cusum_as_published(self):
+        # Montgomery, Introduction to Statistical Quality Control, table 9.3: two-sided 168 for k = 1/2, h = 4; one
+        # side alarms half as often
+        found = run_lengths(Charts(allowance=0.5), -1, 4.0, records=800)
+        assert mean_run_length(found, 800) == pytest.approx(2 * 168, rel=4 / np.sqrt(np.isfinite(found).sum()) + 0.01)
+
+    def test_shewhart(self):
+        # one in 1 / 0.02275 values exceeds 2 deviations
+        found = run_lengths(Charts(), 0, 2.0, machines=2000, records=400)
+        assert mean_run_length(found, 400) == pytest.approx(1 / 0.0227501, rel=0.08)  # 2000 run lengths: 2.2 % each
+
+    def test_ewma_has_the_deviation_of_its_filter(self):
+        charts, rng = Charts(weights=(0.2,)), np.random.default_rng(2)
+        state = charts.start((20_000,))
+        for _ in range(40):  # 0.8^80 of the start is left
+            state = charts.step(state, rng.standard_normal(20_000))
+        assert state.values[0].std() == pytest.approx(np.sqrt(0.2 / 1.8), rel=4 / np.sqrt(2 * 20_000))
+
+
+def test_a_record_without_a_score_changes_nothing():
+    charts = Charts()
+    before = charts.step(charts.start((2,)), np.array([3.0, 1.0]))
+    after = charts.step(before, np.array([np.nan, 1.0]))
+    assert np.array_equal(after.values[:, 0], before.values[:, 0])
+    assert after.rising.tolist() == [1, 2]
+
+
+def test_the_cusum_says_since_when():
+    charts, state = Charts(allowance=0.5), Charts().start()
+    for score in (0.0, 5.0, -9.0, 0.2, 2.0, 2.0, 2.0):
+        state = charts.step(state, np.asarray(score))
+    assert state.rising == 3
