@@ -35,11 +35,13 @@ from hums.analysis.settings import AnalysisSettings
 from hums.analysis.tracks import lines_to_track, track_lines
 from hums.gearbox.model import Gearbox
 from hums.records.record import channel_values, check_record
+from signals._validation import checked
 from signals.health import SensorHealth
 
 __all__ = ["AnalysisSettings", "analyze"]
 
 
+@checked
 def analyze(
     record: xr.Dataset,
     gearbox: Gearbox,

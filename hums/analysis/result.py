@@ -14,6 +14,7 @@ from hums.analysis.findings import Finding
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.records.record import RecordError
 from hums.records.store import open_tree, write_tree
+from signals._validation import checked
 from signals.spectra.spectra import AmplitudeSpectrum
 
 if TYPE_CHECKING:
@@ -93,6 +94,7 @@ class IndicatorValue:
     withheld: str = ""
 
 
+@checked
 def save_analysis(analysis: Analysis, path: str | Path) -> None:
     """Write an analysis to one HDF5 file; an existing file is replaced only when the new one is complete.
 
@@ -127,6 +129,7 @@ def save_analysis(analysis: Analysis, path: str | Path) -> None:
     write_tree(analysis, path)
 
 
+@checked
 def open_analysis(path: str | Path) -> Analysis:
     """Return the analysis in a file that `save_analysis` wrote; arrays are read when first used.
 
@@ -278,6 +281,7 @@ def rows_dataset(rows: Sequence[Finding | SensorCondition | IndicatorValue], kin
 SUMMARY_SCHEMA = "hums-summary/1"
 
 
+@checked
 def line_table(analysis: Analysis, name: str) -> "pd.DataFrame":
     """Return the expected lines of one spectrum as measured, one row per line and channel.
 
@@ -335,6 +339,7 @@ def line_table(analysis: Analysis, name: str) -> "pd.DataFrame":
     ]
 
 
+@checked
 def findings_table(analysis: Analysis) -> "pd.DataFrame":
     """Return the findings, one row per component and kind of defect, the most certain first.
 
@@ -364,6 +369,7 @@ def findings_table(analysis: Analysis) -> "pd.DataFrame":
     return group(analysis, "findings").to_dataframe().reset_index(drop=True)
 
 
+@checked
 def indicator_table(analysis: Analysis) -> "pd.DataFrame":
     """Return the condition indicators, one row per channel, component and indicator.
 
@@ -394,6 +400,7 @@ def indicator_table(analysis: Analysis) -> "pd.DataFrame":
     return group(analysis, "indicators").to_dataframe().reset_index(drop=True)
 
 
+@checked
 def health_table(analysis: Analysis) -> "pd.DataFrame":
     """Return the condition of every sensor, one row each, the tachometer last.
 
@@ -441,6 +448,7 @@ def envelope_bands(analysis: Analysis) -> list[dict[str, Any]]:
     ]
 
 
+@checked
 def summary(analysis: Analysis) -> dict[str, Any]:
     """Return the speed, sensor health, lines, indicators and findings of an analysis as plain JSON types.
 

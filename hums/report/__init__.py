@@ -27,6 +27,7 @@ from hums.gearbox.orders import BEARING_KINDS
 from hums.plots import plot_spectrum, plot_speed, plot_tracks, svg
 from hums.records.store import atomic_write
 from hums.report.indicators import indicator_tables
+from signals._validation import checked
 
 
 def prepare_folder(folder: str | Path) -> Path:
@@ -49,6 +50,7 @@ def prepare_folder(folder: str | Path) -> Path:
     return folder
 
 
+@checked
 def write_report(analysis: Analysis, folder: str | Path) -> Path:
     """Write ``report.html``, ``analysis.h5``, ``orders.csv``, ``indicators.csv`` and ``summary.json`` into a folder.
 
