@@ -51,7 +51,7 @@ OPEN = {
 
 # What only one module may import.
 ONE_DOOR = {
-    "h5py": ("hums.records.store", "hums.records._netcdf"),
+    "h5py": ("hums.records.store", "hums.records._netcdf", "hums.records._contained"),
     "h5netcdf": ("hums.records.store",),
     "matplotlib": ("hums.plots",),
     "dask": ("hums.jobs",),

@@ -1,4 +1,4 @@
-"""Odd calls of every exported function of `signals`: a result or a sentence, within bounds; equal numbers have equal answers."""
+"""Odd calls of every exported function of `signals`: a result or a sentence; equal numbers have equal answers."""
 
 import faulthandler
 

@@ -192,12 +192,12 @@ def refine_phase(
 
 def listed_orders(orders: Sequence[float]) -> Array:
     """Return the orders sorted, each once; raise where one is not above zero."""
-    return np.unique([_listed(order) for order in orders]) if len(orders) else _no_orders()
+    return np.unique([_checked_order(order) for order in orders]) if len(orders) else _no_orders()
 
 
-def _listed(order: float) -> float:
+def _checked_order(order: float) -> float:
     """Return an order, or raise where it is none."""
-    if not _LEAST_ORDER <= positive(order, name="an order") <= 1 / _LEAST_ORDER:
+    if not _LEAST_ORDER <= positive(float(order), name="an order") <= 1 / _LEAST_ORDER:
         raise ValueError(f"an order of {order:g} is none of a shaft; list orders from {_LEAST_ORDER:g} on.")
     return float(order)
 
