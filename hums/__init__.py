@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from hums.analysis.result import open_analysis as open_analysis
     from hums.analysis.result import save_analysis as save_analysis
     from hums.analysis.result import summary as summary
+    from hums.analysis.result import unexplained_table as unexplained_table
+    from hums.analysis.result import verdict_table as verdict_table
     from hums.analysis.score import Score as Score
     from hums.analysis.score import score as score
     from hums.fleet.fleet import Fleet as Fleet
@@ -83,6 +85,8 @@ _HOME = {
     "dataset_record": "hums.records.dataset_store",
     "defect_orders": "hums.gearbox.orders",
     "findings_table": "hums.analysis.result",
+    "unexplained_table": "hums.analysis.result",
+    "verdict_table": "hums.analysis.result",
     "from_adjacency_table": "hums.gearbox.adjacency",
     "health_table": "hums.analysis.result",
     "indicator_table": "hums.analysis.result",

@@ -15,12 +15,21 @@ import xarray as xr
 
 from hums.analysis.baseline import HISTORIES, read_baseline
 from hums.analysis.caveats import notes
-from hums.analysis.channel import AnalysedChannel, analyse_channel, excluded_channels, selected_channels, varying_values
+from hums.analysis.channel import (
+    AnalysedChannel,
+    analyse_channel,
+    drawn_by,
+    excluded_channels,
+    selected_channels,
+    setting_of,
+    varying_values,
+)
 from hums.analysis.detection import AssessedLine, LineAssessor
-from hums.analysis.findings import Finding, findings
+from hums.analysis.findings import Finding, findings, verdicts
 from hums.analysis.indicators import channel_indicators, fm4_by_gear
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.reference_angle import Machine, prepare_machine
+from hums.analysis.resemblance import unlike_drawing
 from hums.analysis.result import (
     SCHEMA,
     Analysis,
@@ -33,6 +42,7 @@ from hums.analysis.result import (
 )
 from hums.analysis.settings import AnalysisSettings
 from hums.analysis.tracks import lines_to_track, track_lines
+from hums.analysis.unexplained import UnexplainedLine
 from hums.gearbox.model import Gearbox
 from hums.records.record import channel_values, check_record
 from signals._validation import checked
@@ -113,17 +123,26 @@ def analyze(
         _healthy_spacings(machine),
     )
     assessed = assessor.assess([line for channel in channels for line in channel.lines])
-    found = findings(
-        assessed,
-        fm4=fm4_by_gear(indicators, _best_channels(assessed), harmonics=settings.harmonics),
-        faulty=[channel.name for channel in channels if channel.faulty],
-        depths={channel.name: channel.depths for channel in channels},
+    unlike = unlike_drawing(
+        [channel.spectra[ORDER_SPECTRUM] for channel in channels if not channel.faulty],
+        drawn_by(machine, settings),
+        setting_of(machine),
     )
+    judged = verdicts(
+        assessed,
+        [part for channel in channels for part in channel.evidence],
+        fm4=fm4_by_gear(indicators, _best_channels(assessed), harmonics=settings.harmonics),
+        false_alarm_probability=settings.false_alarm_probability,
+        faulty=[channel.name for channel in channels if channel.faulty],
+        unlike=unlike,
+    )
+    found = findings(judged)
+    doubts = [unlike[0].upper() + unlike[1:] + "."] if unlike else []
     excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
     excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
     tree = xr.DataTree.from_dict(
         {
-            "/": xr.Dataset(attrs=_root_attrs(record, gearbox, machine, settings, channels, excluded)),
+            "/": xr.Dataset(attrs=_root_attrs(record, gearbox, machine, settings, channels, [*doubts, *excluded])),
             "/speed": _speed_dataset(machine),
             "/health": rows_dataset(
                 _sensor_conditions(record, channels, gapped, constant, machine), SensorCondition, dim="item"
@@ -135,6 +154,10 @@ def analyze(
                 {HISTORIES: histories.to_json()}
             ),
             "/findings": rows_dataset(found, Finding, dim="finding"),
+            "/unexplained": rows_dataset(
+                [line for channel in channels for line in channel.unexplained], UnexplainedLine, dim="line"
+            ),
+            "/verdicts": rows_dataset([one for one in judged if one not in found], Finding, dim="part"),
         }
     )
     check_analysis(tree)

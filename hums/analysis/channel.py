@@ -2,40 +2,40 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from hums.analysis.detection import LineAssessor
+from hums.analysis.evidence import BandEvidence, PartEvidence, Setting, bearing_evidence
 from hums.analysis.lines import (
     ENVELOPE,
     ORDER_SPECTRUM,
     ExpectedLine,
     MeasuredLine,
     envelope_sidebands,
-    is_support,
     search,
-    supports,
 )
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import AnalysisError, EnvelopeBand
 from hums.analysis.settings import AnalysisSettings
+from hums.analysis.thresholds import MESH_SHARE, PEAK_RATIO
+from hums.analysis.unexplained import Drawn, UnexplainedLine, drawn_orders, unexplained_lines
 from hums.gearbox.components import closest
-from hums.gearbox.orders import BearingOrders
+from hums.gearbox.orders import BEARING_KINDS, BearingOrders
 from hums.records.record import Sampling, channel_values, sampling, vibration_channels
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.health import SensorHealth, sensor_health
 from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample
 from signals.shaft.phase import ShaftPhase
+from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum, order_spectrum
 
 _ENVELOPE_SHARE = 0.5
 _WIDEST = 0.25  # of the rate: halves of the range are the widest bands
 _SEEN = 0.01  # probability that noise alone makes a line, below which it counts
-_MESH_SHARE = 0.1  # of a band's power, above which beats of meshes and shafts could be its envelope
 _LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
@@ -60,7 +60,8 @@ class AnalysedChannel:
     health: SensorHealth | None
     band: EnvelopeBand | None
     no_band: str = ""
-    depths: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    evidence: tuple[PartEvidence, ...] = ()
+    unexplained: tuple[UnexplainedLine, ...] = ()
 
     @property
     def faulty(self) -> bool:
@@ -149,10 +150,13 @@ def analyse_channel(
     signal = resample_in_angle(values, when, name, machine.phase, last)
     spectra = {ORDER_SPECTRUM: order_spectrum(signal, max_order=last)}
     lines, out_of_range = search(spectra[ORDER_SPECTRUM], searched, channel=name, units=units)
+    unexplained = unexplained_lines(
+        spectra[ORDER_SPECTRUM], drawn_by(machine, settings), setting_of(machine), channel=name, units=units
+    )
     missing = health is not None and health.missing.any()
     samples = _interpolated(values, health.missing) if health is not None and missing else values
     searched = [line for line in expected if line.spectrum == ENVELOPE]
-    best, no_band = _best_envelope(samples, record, name, machine, searched, lines, settings)
+    best, evidence, no_band = _envelopes(samples, record, name, machine, searched, lines, settings)
     if best is not None:
         spectra[ENVELOPE] = best.spectrum
         lines = [*lines, *best.lines, *_with_sidebands(best, machine.bearings)]
@@ -171,7 +175,8 @@ def analyse_channel(
         crest_factor=_crest_factor(values),
         health=health,
         band=None if best is None else best.band,
-        depths={} if best is None else best.depths,
+        evidence=evidence,
+        unexplained=tuple(unexplained),
         no_band=no_band,
     )
 
@@ -212,25 +217,9 @@ class _Envelope:
     lines: list[MeasuredLine]
     out_of_range: list[ExpectedLine]
     level: float
-    bands_searched: int
-    depths: Mapping[tuple[str, str], float] = field(default_factory=dict)
-
-    @cached_property
-    def evidence(self) -> tuple[float, MeasuredLine | None]:
-        """How far the lines of a bearing defect stand out, and its fundamental: the largest of all defects.
-
-        Root sum of squares of the ratios to the background, of the fundamental and the harmonics that support it.
-        """
-        seen = [line for line in self.lines if line.line.false_alarm_probability < _SEEN]
-        best: tuple[float, MeasuredLine | None] = (0.0, None)
-        for line in seen:
-            if line.expected.fundamental:
-                own = math.hypot(*(o.line.snr for o in seen if o is line or (is_support(o) and supports(o, line))))
-                best = max(best, (own, line), key=lambda pair: pair[0])
-        return best
 
 
-def _best_envelope(
+def _envelopes(
     values: Values,
     record: xr.Dataset,
     name: str,
@@ -238,26 +227,19 @@ def _best_envelope(
     expected: Sequence[ExpectedLine],
     shaft_locked: Sequence[MeasuredLine],
     settings: AnalysisSettings,
-) -> tuple[_Envelope | None, str]:
-    """Return the envelope in which bearing lines stand out most, or None with the reason why there is none.
+) -> tuple[_Envelope | None, tuple[PartEvidence, ...], str]:
+    """Return the envelope that speaks most for a bearing defect, the evidence of all bands, and why there is none.
 
     Bands whose power is mostly that of meshes and shafts are left to others: their lines beat with one another.
     """
-    given, when = settings.envelope_band_hz, sampling(record, name)
-    if given is None or not expected:
-        return None, ""
-    bands: tuple[tuple[float, float], ...] = (given,) if isinstance(given, tuple) else ()
+    when = sampling(record, name)
+    bands, no_band = _bands_to_search(when.rate_hz, machine, expected, settings)
     if not bands:
-        # as wide as the lines need, but at most a quarter of the rate, which leaves a choice
-        needed = _spectrum_end(expected, None, math.inf) * machine.top_speed_hz / _ENVELOPE_SHARE
-        try:
-            bands = bank_bands(rate_hz=when.rate_hz, least_width_hz=min(needed, _WIDEST * when.rate_hz))
-        except ValueError as error:
-            return None, str(error)
+        return None, (), no_band
     assessor = LineAssessor({bearing.name: bearing for bearing in machine.bearings}, settings.false_alarm_probability)
-    depths: dict[tuple[str, str], float] = {}
     slowest = min((line.order for line in expected if line.fundamental), default=1.0)
-    best: _Envelope | None = None
+    found: list[_Envelope] = []
+    seen: list[BandEvidence] = []
     try:
         for band, (rate_hz, envelope) in zip(
             bands, bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=bands), strict=True
@@ -272,32 +254,72 @@ def _best_envelope(
             lines, out_of_range = search(
                 spectrum, expected, channel=name, units=record[name].attrs["units"], level=level, searches=len(bands)
             )
-            here = _Envelope(
-                band=EnvelopeBand(low_hz=band[0], high_hz=band[1], chosen=len(bands) > 1),
-                spectrum=spectrum,
-                lines=lines,
-                out_of_range=out_of_range,
-                level=level,
-                bands_searched=len(bands),
+            chosen = EnvelopeBand(
+                low_hz=band[0], high_hz=band[1], chosen=not isinstance(settings.envelope_band_hz, tuple)
             )
-            for line in assessor.assess(lines):
-                if line.significant and line.measured.expected.fundamental:
-                    family = line.measured.family
-                    depths[family] = max(depths.get(family, 0.0), line.measured.depth)
-            if best is None or _preferred(here, best, shaft_locked, machine):
-                best = here
+            found.append(_Envelope(band=chosen, spectrum=spectrum, lines=lines, out_of_range=out_of_range, level=level))
+            peaks = spectral_peaks(spectrum, ratio=PEAK_RATIO)
+            seen.append(
+                BandEvidence(
+                    band_hz=band,
+                    lines=assessor.assess(lines),
+                    orders=peaks.position,
+                    depths=peaks.amplitude / level if level > 0 else np.zeros(peaks.position.size),
+                    bin_width=spectrum.bin_width,
+                    clear=not chosen.chosen or _mesh_share(found[-1], shaft_locked, machine) < MESH_SHARE,
+                )
+            )
     except ValueError as error:
         raise AnalysisError(
             f'envelope of channel "{name}": {error} Or leave the channel out with channels=(...), on the command line '
             "--channel NAME."
         ) from None
-    return best if best is None else replace(_explained(best), depths=depths), ""
+    evidence = bearing_evidence(seen, assessor.bearings, setting_of(machine))
+    strongest = max(evidence, key=lambda part: (not part.hidden_by, part.strength), default=None)
+    shown = [place for place, band in enumerate(seen) if band.clear] or [0]
+    place = shown[0]
+    if strongest is not None and strongest.strength > 0:
+        place = next(place for place in range(len(seen)) if seen[place].band_hz == strongest.band_hz)
+    best = found[place]
+    return replace(best, band=_explained(best.band, strongest, len(bands))), tuple(evidence), ""
 
 
-def _preferred(one: _Envelope, other: _Envelope, shaft_locked: Sequence[MeasuredLine], machine: Machine) -> bool:
-    """Whether to demodulate one band rather than another."""
-    clear, clear_other = (_mesh_share(each, shaft_locked, machine) < _MESH_SHARE for each in (one, other))
-    return clear if clear != clear_other else one.evidence[0] > other.evidence[0]
+def _bands_to_search(
+    rate_hz: float, machine: Machine, expected: Sequence[ExpectedLine], settings: AnalysisSettings
+) -> tuple[Sequence[tuple[float, float]], str]:
+    """Return the bands to demodulate, or none with the reason."""
+    given = settings.envelope_band_hz
+    if given is None or not expected:
+        return (), ""
+    if isinstance(given, tuple):
+        return (given,), ""
+    # as wide as the lines need, but at most a quarter of the rate, which leaves a choice
+    needed = _spectrum_end(expected, None, math.inf) * machine.top_speed_hz / _ENVELOPE_SHARE
+    try:
+        return bank_bands(rate_hz=rate_hz, least_width_hz=min(needed, _WIDEST * rate_hz)), ""
+    except ValueError as error:
+        return (), str(error)
+
+
+def drawn_by(machine: Machine, settings: AnalysisSettings) -> Drawn:
+    """Return the orders that the drawing explains."""
+    return drawn_orders(
+        machine.defect_orders,
+        bearing_kinds=BEARING_KINDS,
+        tolerance=settings.nominal_speed_tolerance if machine.phase.nominal else 0.0,
+        slip=settings.slip,
+    )
+
+
+def setting_of(machine: Machine) -> Setting:
+    """Return what of the machine explains lines of an envelope."""
+    speeds = machine.phase.mean_speed_per_revolution_hz()
+    return Setting(
+        shafts=tuple(sorted({row.order for row in machine.defect_orders if row.kind == "shaft" and row.order > 0})),
+        speed_hz=float(speeds.mean()),
+        speed_range_hz=float(np.ptp(speeds)),
+        measured=not machine.phase.nominal,
+    )
 
 
 def _mesh_share(envelope: _Envelope, shaft_locked: Sequence[MeasuredLine], machine: Machine) -> float:
@@ -314,20 +336,18 @@ def _mesh_share(envelope: _Envelope, shaft_locked: Sequence[MeasuredLine], machi
     return power / (envelope.level**2 / 2) if envelope.level > 0 else 0.0
 
 
-def _explained(envelope: _Envelope) -> _Envelope:
-    """Return an envelope with the reason for its band, and what speaks against it."""
-    if not envelope.band.chosen:
-        return envelope
-    evidence, line = envelope.evidence
-    low, high = envelope.band.band_hz
-    why = f"{low:.6g}-{high:.6g} Hz, of {envelope.bands_searched} bands from halves to sixteenths of the range"
+def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -> EnvelopeBand:
+    """Return a band with the reason for its choice, and what speaks against it."""
+    if not band.chosen:
+        return band
+    why = f"{band.low_hz:.6g}-{band.high_hz:.6g} Hz, of {count} bands from halves to sixteenths of the range"
     doubts: tuple[str, ...] = ()
-    if line is None:
+    if strongest is None or strongest.strength == 0:
         doubts = ("In no band does a bearing line stand out.",)
     else:
-        part = f"{line.expected.component} {line.expected.kind.replace('_', ' ')}"
-        why += f": lines of {part} stand out most in it, together {evidence:.3g} times their surroundings"
-    return replace(envelope, band=replace(envelope.band, why=why + ".", doubts=doubts))
+        part = f"{strongest.component} {strongest.kind.replace('_', ' ')}"
+        why += f": the line of {part} modulates it by {strongest.main.depth:.1%}, and speaks most for a part in it"
+    return replace(band, why=why + ".", doubts=doubts)
 
 
 def _interpolated(values: Values, missing: NDArray[np.bool_]) -> Values:

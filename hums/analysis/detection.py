@@ -27,12 +27,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hums.analysis.lines import ENVELOPE, LOBE_BINS, TOOTH_KINDS, MeasuredLine, is_support, supports
+from hums.analysis.thresholds import RIVAL_FACTOR
 from hums.gearbox.orders import BEARING_KINDS, BearingOrders
 from signals.spectra.lines import record_probability
 
-__all__ = ["OF_CAGE", "RIVAL_FACTOR", "AssessedLine", "LineAssessor", "implied_cage"]
+__all__ = ["OF_CAGE", "AssessedLine", "LineAssessor", "implied_cage"]
 
-RIVAL_FACTOR = 3.0
 LEAKAGE_SHARE = 0.5
 OF_CAGE = "times the cage rate implied by"
 _EXPLAINED_HARMONICS = 3

@@ -1,35 +1,38 @@
-"""Findings from assessed lines.
+"""Verdicts on the parts of a machine.
 
-A significant fundamental (see `hums.analysis.detection`) raises a finding. That of a bearing is *diagnosed* when it
-modulates its band by a tenth of the mean or more, a harmonic or sideband at the right spacing supports it, and no other
-race or element of the same bearing comes within a factor of three of it in any band; one of a cage never, since damage
-of an element makes the same line. For a gear the line must be at least six times its background, and FM4 of the
-synchronous average show a local disturbance. Otherwise it is *indicated*, and the evidence states why. A line of a
-faulty sensor is never diagnosed.
+Every kind of defect of every part has one of four verdicts:
 
-Indicators support a finding or cast doubt on it; they never raise one, which would change
-the false-alarm probability.
+- *diagnosed*: few healthy machines show as much, and nothing is left to doubt;
+- *indicated*: few healthy machines show as much, but a doubt remains, which the evidence names;
+- *not judged*: the record cannot say: too short or too noisy, out of the band, the sensor faulty, or its line hidden by
+  something else;
+- *nothing found*: a modulation by a tenth of the level would have stood out, and does not.
+
+The probability is that over healthy machines (`hums.analysis.healthy_machines`), for all parts of the record together,
+not that of noise. A bearing is diagnosed if its line modulates a band by a tenth of the mean or more, a harmonic or
+sideband supports it, on a race that turns through the load zone a sideband, no other race or element of it comes within
+a factor of three, and nothing unexplained is deeper; its cage never, since damage of an element makes the same line.
+For a gear the line must be at least six times its background, and FM4 of the synchronous average show a local
+disturbance.
 """
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from hums.analysis.detection import RIVAL_FACTOR, AssessedLine
-from hums.analysis.lines import ENVELOPE, is_support, supports
+from hums.analysis.detection import AssessedLine
+from hums.analysis.evidence import PartEvidence
+from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
+from hums.analysis.lines import ENVELOPE, MeasuredLine
+from hums.analysis.thresholds import FAULTY_DEPTH, JUDGED_SNR, RIVAL_FACTOR
 from hums.gearbox.orders import BEARING_KINDS
 
-Depths = Mapping[str, Mapping[tuple[str, str], float]]
-"""Of each channel the largest modulation, over all bands, by each kind of defect of each bearing."""
+__all__ = ["DIAGNOSED", "INDICATED", "NOTHING_FOUND", "NOT_JUDGED", "Finding", "Fm4", "findings", "verdicts"]
 
-__all__ = ["DIAGNOSED", "INDICATED", "Finding", "Fm4", "findings"]
-
-DIAGNOSED, INDICATED = "diagnosed", "indicated"
+DIAGNOSED, INDICATED, NOT_JUDGED, NOTHING_FOUND = "diagnosed", "indicated", "not judged", "nothing found"
 STRONG_SNR = 6.0
-# Part of the mean envelope by which a damaged race modulates it. Halved, weak lines of sound bearings are diagnosed;
-# doubled, early damage is only indicated.
-FAULTY_DEPTH = 0.1
-SUPPORT_PROBABILITY = 0.01
+CERTAIN = 0.1  # of the stated probability: what is diagnosed is ten times as rare among healthy machines
+_UNKNOWN = "unknown: no earlier record of this machine to compare with"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +48,12 @@ class Fm4:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """Verdict on one kind of defect of one component, with the evidence in words and its strongest line."""
+    """Verdict on one kind of defect of one component, with the evidence in words and its strongest line.
+
+    `depth` is the part of the band's level by which the line modulates it, `detectable_depth` the one that this record
+    would show, `explained` the share of all unexplained lines of the band that this part explains; NaN where a verdict
+    has none. `doubts` are what keeps it from being diagnosed, or judged.
+    """
 
     component: str
     kind: str
@@ -57,47 +65,236 @@ class Finding:
     order_found: float
     amplitude: float
     units: str
+    strength: float = math.nan
+    depth: float = math.nan
+    detectable_depth: float = math.nan
+    explained: float = math.nan
+    doubts: str = ""
+    severity: str = _UNKNOWN
+    next_step: str = ""
+    least_change: str = ""
 
 
-def findings(
+def findings(every: Sequence[Finding]) -> list[Finding]:
+    """Return the verdicts that name a part: diagnosed before indicated, bearings before gears, the deepest first."""
+    named = [one for one in every if one.verdict in {DIAGNOSED, INDICATED}]
+    return sorted(
+        named,
+        key=lambda one: (
+            one.verdict != DIAGNOSED,
+            one.kind not in BEARING_KINDS,
+            -(one.strength if math.isfinite(one.strength) else one.snr),
+        ),
+    )
+
+
+def verdicts(
     assessed: Sequence[AssessedLine],
+    evidence: Sequence[PartEvidence],
     *,
     fm4: Mapping[str, Fm4],
+    false_alarm_probability: float,
     faulty: Collection[str] = (),
-    depths: Depths | None = None,
+    unlike: str = "",
+    library: HealthyMachines | None = None,
 ) -> list[Finding]:
-    """Return a finding for every component and kind with a significant fundamental.
-
-    Diagnosed findings come before indicated ones, bearings before gears, whose sidebands every sound pair has, too;
-    then those of higher level over the background.
+    """Return the verdict on every kind of defect of every part.
 
     Parameters
     ----------
     assessed : sequence of AssessedLine
         All lines of all channels of the record.
+    evidence : sequence of PartEvidence
+        Of the bearings, in all channels.
     fm4 : mapping of gear component to Fm4
         FM4 of the gears whose synchronous average exists.
+    false_alarm_probability : float
+        Share of healthy records in which a part may be named.
     faulty : collection of str
         Channels with a faulty sensor.
-    depths : mapping of channel to mapping, optional
-        See `Depths`: rivals count where they are largest.
+    unlike : str
+        Why the record does not look like its gearbox: then no part is judged.
+    library : HealthyMachines, optional
+        Default the shipped one.
     """
-    families: dict[tuple[str, str], list[AssessedLine]] = {}
+    library = library or healthy_machines()
+    parts = {(part.component, part.kind) for part in evidence}
+    searches = max(1, len(evidence))
+    results = []
+    for family in sorted(parts):
+        own = [part for part in evidence if (part.component, part.kind) == family]
+        sound = [part for part in own if part.main.channel not in faulty]
+        if not sound:
+            results.append(_not_judged(own[0], "the sensor is faulty, and may make any line by itself"))
+            continue
+        judged = [
+            (_bearing_verdict(part, evidence, faulty, library, searches, false_alarm_probability)) for part in sound
+        ]
+        results.append(min(judged, key=lambda one: (_RANK[one.verdict], -one.strength)))
+    raised: dict[tuple[str, str], list[AssessedLine]] = {}
     for line in assessed:
-        families.setdefault(line.measured.family, []).append(line)
-    raised = {
-        family: lines
-        for family, lines in families.items()
-        if any(line.significant and line.measured.expected.fundamental for line in lines)
-    }
-    results = [
-        _bearing_finding(lines, raised, faulty, depths or {})
-        if kind in BEARING_KINDS
-        else _gear_finding(lines, fm4.get(component), faulty)
-        for (component, kind), lines in raised.items()
-    ]
-    return sorted(
-        results, key=lambda finding: (finding.verdict != DIAGNOSED, finding.kind not in BEARING_KINDS, -finding.snr)
+        if line.measured.expected.kind not in BEARING_KINDS and line.measured.channel not in faulty:
+            raised.setdefault(line.measured.family, []).append(line)
+    for (component, _), lines in raised.items():
+        if any(line.significant and line.measured.expected.fundamental for line in lines):
+            results.append(_gear_finding(lines, fm4.get(component)))
+    return [_of_another_machine(one, unlike) for one in results] if unlike else results
+
+
+def _of_another_machine(one: Finding, why: str) -> Finding:
+    return replace(one, verdict=NOT_JUDGED, evidence=f"not judged: {why}.", doubts=why, severity=_UNKNOWN, next_step="")
+
+
+_RANK = {DIAGNOSED: 0, INDICATED: 1, NOT_JUDGED: 2, NOTHING_FOUND: 3}
+
+
+def _bearing_verdict(
+    part: PartEvidence,
+    evidence: Sequence[PartEvidence],
+    faulty: Collection[str],
+    library: HealthyMachines,
+    searches: int,
+    stated: float,
+) -> Finding:
+    """Return the verdict on one kind of defect of a bearing in one channel."""
+    probability = library.probability(part.kind, part.strength, parts=searches)
+    if probability > stated:
+        return _unnamed(part, probability, library.strength_at(part.kind, stated, parts=searches))
+    if part.hidden_by:
+        return _not_judged(part, _hidden(part), probability=probability)
+    rivals = [other for other in evidence if other.main.channel not in faulty and other is not part]
+    doubts = _doubts(part, rivals)
+    if probability > CERTAIN * stated and not doubts:
+        doubts.append(f"one in {1 / probability:.0f} healthy machines shows as much")
+    return _named(part, doubts, probability)
+
+
+def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
+    """Return what keeps a bearing's defect from being certain."""
+    main, doubts = part.main, []
+    if main.depth < FAULTY_DEPTH:
+        doubts.append(
+            f"it modulates the band by only {main.depth:.1%}: it is there, but sound bearings have races and "
+            "elements that are not perfect, too; compare with earlier and later records"
+        )
+    if part.kind == "cage":
+        doubts.append("damage of a rolling element makes this line, too")
+    if not part.support:
+        doubts.append("no harmonic or sideband supports it")
+    elif part.kind == "inner_race" and not part.sidebands:
+        doubts.append("no sideband shows it passing the load zone, as a spot on a turning race does")
+    for rival in rivals:
+        same = rival.component == part.component and rival.kind != part.kind
+        if (
+            same
+            and rival.main.depth * RIVAL_FACTOR > main.depth
+            and rival.strength > 0
+            and part.kind != "cage" != rival.kind
+        ):
+            doubts.append(f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(rival, part)}")
+    order, depth = part.deepest_other
+    known = any(
+        abs(order - multiple * rival.main.line.found) <= multiple * rival.main.bin_width
+        for rival in rivals
+        if rival.strength > 0
+        for multiple in (1, 2, 3)
+    )
+    if depth > main.depth and not known:
+        doubts.append(f"the line at {order:.3f} orders, which nothing explains, is deeper ({depth:.1%})")
+    return doubts
+
+
+def _comparison(rival: PartEvidence, part: PartEvidence) -> str:
+    if rival.main.depth > RIVAL_FACTOR * part.main.depth:
+        return f"{rival.main.depth / part.main.depth:.0f} times as large, of which this may be a trace"
+    return "of similar size, which one local defect would not make"
+
+
+def _named(part: PartEvidence, doubts: Sequence[str], probability: float) -> Finding:
+    """Return a finding on a bearing; any doubt makes it indicated."""
+    main = part.main
+    band = f"{part.band_hz[0]:.6g}-{part.band_hz[1]:.6g} Hz"
+    evidence = f"{_line_text(main)}, a modulation of the band {band} by {main.depth:.1%}"
+    if part.support:
+        evidence += "; supported by " + ", ".join(part.support)
+    if doubts:
+        evidence += "; not certain: " + "; ".join(doubts)
+    kind = _kind_text(part.kind)
+    return replace(
+        _blank(part),
+        verdict=INDICATED if doubts else DIAGNOSED,
+        evidence=evidence + ".",
+        false_alarm_probability=probability,
+        explained=part.explained,
+        doubts="; ".join(doubts),
+        severity=f"{_UNKNOWN}; it modulates the band by {main.depth:.1%}",
+        next_step=(
+            f"Take another record at the same speed and load, and compare the line of {kind}; plan an inspection."
+            if doubts
+            else f"Inspect {kind} of {part.component}; until then record it often at the same speed and load."
+        ),
+        least_change=f"diagnosed without this doubt: {doubts[0]}" if doubts else _least_doubt(part),
+    )
+
+
+def _least_doubt(part: PartEvidence) -> str:
+    return f"indicated, if it modulated the band by less than {FAULTY_DEPTH:.0%} (now {part.main.depth:.1%})"
+
+
+def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
+    """Return that a part is not judged where its defect would not have shown, else that nothing was found."""
+    if part.detectable_depth > FAULTY_DEPTH:
+        return _not_judged(
+            part,
+            f"too short or too noisy: only a modulation by {part.detectable_depth:.0%} would stand out, "
+            f"{JUDGED_SNR:.0f} times its surroundings, where damage begins at {FAULTY_DEPTH:.0%}",
+        )
+    seen = (
+        f"{_line_text(part.main)}: healthy machines show as much in one of {1 / probability:.0f} records"
+        if part.strength > 0
+        else "no line stands where it would make one"
+    )
+    return replace(
+        _blank(part),
+        verdict=NOTHING_FOUND,
+        evidence=f"{seen}; a modulation by {part.detectable_depth:.1%} would have stood out.",
+        false_alarm_probability=probability,
+        doubts=_hidden(part) if part.hidden_by else "",
+        least_change=f"indicated from a strength of {needed:.3g} on (now {part.strength:.3g})",
+    )
+
+
+def _hidden(part: PartEvidence) -> str:
+    return f"its line may be something else's: {part.hidden_by}"
+
+
+def _not_judged(part: PartEvidence, why: str, *, probability: float = math.nan) -> Finding:
+    return replace(
+        _blank(part),
+        verdict=NOT_JUDGED,
+        evidence=f"not judged: {why}.",
+        false_alarm_probability=probability,
+        doubts=why,
+        next_step="Take a longer record at a steady speed and load." if why.startswith("too short") else "",
+    )
+
+
+def _blank(part: PartEvidence) -> Finding:
+    found = part.main.line
+    return Finding(
+        component=part.component,
+        kind=part.kind,
+        channel=part.main.channel,
+        verdict=NOT_JUDGED,
+        evidence="",
+        false_alarm_probability=math.nan,
+        snr=found.snr if math.isfinite(found.snr) else 1e9,
+        order_found=found.found,
+        amplitude=found.amplitude,
+        units=part.main.units,
+        strength=part.strength,
+        depth=part.main.depth,
+        detectable_depth=part.detectable_depth,
     )
 
 
@@ -107,73 +304,7 @@ def _main_line(lines: Sequence[AssessedLine]) -> AssessedLine:
     return max(fundamental, key=lambda line: line.measured.line.snr)
 
 
-def _bearing_finding(
-    lines: Sequence[AssessedLine],
-    raised: Mapping[tuple[str, str], Sequence[AssessedLine]],
-    faulty: Collection[str],
-    depths: Depths,
-) -> Finding:
-    """Return the finding on one kind of defect of a bearing, indicated if rivals or weak evidence leave doubts."""
-    main = _main_line(lines)
-    component, kind = main.measured.family
-    channel = [line for line in lines if line.measured.channel == main.measured.channel]
-    support = _supporting_lines(main, channel)
-    own, seen = main.measured.depth, {family: _largest_depth(others) for family, others in raised.items()}
-    for family, depth in (pair for channel in depths.values() for pair in channel.items()):
-        seen[family] = max(seen.get(family, 0.0), depth)
-    rivals = {
-        other_kind: depth
-        for (other, other_kind), depth in seen.items()
-        if other == component and other_kind != kind and depth * RIVAL_FACTOR > own and kind != "cage" != other_kind
-    }
-    doubts = _sensor_doubts(main, faulty)
-    if main.measured.depth < FAULTY_DEPTH:
-        doubts.append(
-            f"it modulates the band by only {main.measured.depth:.1%}: it is there, but sound bearings have races and "
-            "elements that are not perfect, too; compare with earlier and later records"
-        )
-    if kind == "cage":
-        doubts.append("damage of a rolling element makes this line, too")
-    if not support:
-        doubts.append("no harmonic or sideband supports it")
-    doubts += [
-        f"a line of {_kind_text(rival)} of the same bearing is {_comparison(size, own)}"
-        for rival, size in rivals.items()
-    ]
-    return _finding(main, support, doubts)
-
-
-def _comparison(rival: float, own: float) -> str:
-    if rival > RIVAL_FACTOR * own:
-        return f"{rival / own:.0f} times as large, of which this may be a trace"
-    return "of similar size, which one local defect would not make"
-
-
-def _supporting_lines(main: AssessedLine, lines: Iterable[AssessedLine]) -> list[str]:
-    """Return the names of the harmonics and sidebands of a fundamental that noise alone seldom produces."""
-    support = []
-    for line in lines:
-        expected, found = line.measured.expected, line.measured.line
-        if not is_support(line.measured) or not supports(line.measured, main.measured) or line.explained_by:
-            continue
-        if found.false_alarm_probability <= SUPPORT_PROBABILITY:
-            name = f"sideband {expected.sideband:+d}" if expected.sideband else f"harmonic {expected.harmonic}"
-            support.append(f"{name} at {found.found:.3f}")
-    return support
-
-
-def _largest_depth(lines: Iterable[AssessedLine]) -> float:
-    return max(
-        (line.measured.depth for line in lines if line.significant and not line.measured.expected.sideband),
-        default=0.0,
-    )
-
-
-def _sensor_doubts(main: AssessedLine, faulty: Collection[str]) -> list[str]:
-    return ["the sensor is sick, and may make such a line by itself"] if main.measured.channel in faulty else []
-
-
-def _gear_finding(lines: Sequence[AssessedLine], fm4: Fm4 | None, faulty: Collection[str]) -> Finding:
+def _gear_finding(lines: Sequence[AssessedLine], fm4: Fm4 | None) -> Finding:
     """Return the finding on a gear from its mesh sidebands and FM4."""
     main = _main_line(lines)
     sidebands = [
@@ -183,16 +314,16 @@ def _gear_finding(lines: Sequence[AssessedLine], fm4: Fm4 | None, faulty: Collec
     ]
     others = [line for line in sidebands if line is not main]
     support = [f"{len(sidebands)} claimed sidebands of its mesh"] if others else []
-    doubts = _sensor_doubts(main, faulty)
-    if fm4 is None and not doubts:
+    doubts = []
+    if fm4 is None:
         doubts.append("its synchronous average could not be made, so nothing shows that one tooth is at fault")
-    elif fm4 is not None and fm4.kurtosis <= fm4.limit:
+    elif fm4.kurtosis <= fm4.limit:
         doubts.append(
             f"the difference signal of its synchronous average is not local (FM4 {fm4.kurtosis:.1f}; noise and "
             f"smooth modulation reach {fm4.limit:.1f}): run-out, misalignment or load variation make such "
             "sidebands too"
         )
-    elif fm4 is not None:
+    else:
         support.append(
             f"a difference signal of its synchronous average that is local (FM4 {fm4.kurtosis:.1f}; noise and "
             f"smooth modulation reach {fm4.limit:.1f}), as one damaged tooth makes it"
@@ -201,25 +332,8 @@ def _gear_finding(lines: Sequence[AssessedLine], fm4: Fm4 | None, faulty: Collec
         doubts.append("a single sideband stands alone")
     if main.measured.line.snr < STRONG_SNR:
         doubts.append(f"the largest is only {main.measured.line.snr:.1f} times its surroundings")
-    return _finding(main, support, doubts)
-
-
-def _finding(main: AssessedLine, support: Sequence[str], doubts: Sequence[str]) -> Finding:
-    """Return the finding on the main line's component; any doubt makes it indicated."""
     found, expected = main.measured.line, main.measured.expected
-    where = (
-        "envelope line"
-        if expected.spectrum == ENVELOPE
-        else f"sideband {expected.sideband:+d} of mesh harmonic {expected.harmonic}"
-    )
-    offset = found.found / expected.order - 1
-    off = f", {offset:+.1%}" if abs(offset) > 5e-4 else ""  # noqa: PLR2004  (what one decimal can show)
-    evidence = (
-        f"{where} at {found.found:.3f} orders (nominal {expected.order:.3f}{off}), {found.amplitude:.3g} "
-        f"{main.measured.units}, {found.snr:.1f} times its surroundings"
-    )
-    if main.measured.level > 0:
-        evidence += f", a modulation of the band by {main.measured.depth:.1%}"
+    evidence = _line_text(main.measured)
     if support:
         evidence += "; supported by " + ", ".join(support)
     if doubts:
@@ -235,6 +349,23 @@ def _finding(main: AssessedLine, support: Sequence[str], doubts: Sequence[str]) 
         order_found=found.found,
         amplitude=found.amplitude,
         units=main.measured.units,
+        doubts="; ".join(doubts),
+    )
+
+
+def _line_text(line: MeasuredLine) -> str:
+    """Return a line in words: where it stands, how large it is."""
+    found, expected = line.line, line.expected
+    where = (
+        "envelope line"
+        if expected.spectrum == ENVELOPE
+        else f"sideband {expected.sideband:+d} of mesh harmonic {expected.harmonic}"
+    )
+    offset = found.found / expected.order - 1
+    off = f", {offset:+.1%}" if abs(offset) > 5e-4 else ""  # noqa: PLR2004  (what one decimal can show)
+    return (
+        f"{where} at {found.found:.3f} orders (nominal {expected.order:.3f}{off}), {found.amplitude:.3g} "
+        f"{line.units}, {found.snr:.1f} times its surroundings"
     )
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 
 from hums.analysis.detection import AssessedLine
-from hums.analysis.findings import Finding
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.records.record import RecordError
 from hums.records.store import open_tree, write_tree
@@ -265,7 +264,7 @@ def _line_table(lines: Sequence[AssessedLine]) -> xr.Dataset:
     return xr.Dataset({name: ("line", values) for name, values in columns.items()})
 
 
-def rows_dataset(rows: Sequence[Finding | SensorCondition | IndicatorValue], kind: type, *, dim: str) -> xr.Dataset:
+def rows_dataset(rows: Sequence[object], kind: type, *, dim: str) -> xr.Dataset:
     """Return dataclass rows of one kind as a dataset along `dim`, with one variable for each field."""
     columns: dict[str, NDArray[Any]] = {}
     for field in fields(kind):
@@ -367,6 +366,74 @@ def findings_table(analysis: Analysis) -> "pd.DataFrame":
     0
     """
     return group(analysis, "findings").to_dataframe().reset_index(drop=True)
+
+
+@checked
+def verdict_table(analysis: Analysis) -> "pd.DataFrame":
+    """Return the verdict on every kind of defect of every part, the findings first.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` or `open_analysis`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The columns of `findings_table`; verdict is also ``"not judged"``, with the reason in evidence, or ``"nothing
+        found"`` where a defect would have shown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> noise = np.random.default_rng(0).normal(size=80000)
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> verdicts = hums.verdict_table(hums.analyze(record, hums.load_gearbox("two-stage")))
+    >>> sorted(set(verdicts["verdict"])) == ["not judged", "nothing found"]  # of slow parts 20 s show too little
+    True
+    """
+    import pandas as pd  # noqa: PLC0415
+
+    tables = [group(analysis, name).to_dataframe() for name in ("findings", "verdicts") if name in analysis.children]
+    filled = [table for table in tables if len(table)] or tables[:1]
+    return pd.concat(filled, ignore_index=True)
+
+
+@checked
+def unexplained_table(analysis: Analysis) -> "pd.DataFrame":
+    """Return the lines of the order spectra that nothing in the drawing explains, the largest of each channel first.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` or `open_analysis`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        channel; order in cycles per revolution of the reference and frequency_hz at the mean speed; amplitude (peak) in
+        units; ratio to the median of the surroundings; spacing, the order of which it and others are multiples, NaN
+        where it stands alone; might_be, what the family might be.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> times_s = np.arange(40000) / 4000
+    >>> x = np.cos(2 * np.pi * 333 * times_s) + np.random.default_rng(0).normal(0, 0.05, times_s.size)
+    >>> pulses = hums.PulseTimes(times_s=np.arange(201) / 20, shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"housing": x}, rate_hz=4000, units="g", angle=pulses)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> hums.unexplained_table(analysis)[["order", "frequency_hz", "amplitude"]].round(2).values.tolist()
+    [[16.65, 333.0, 1.0]]
+    """
+    import pandas as pd  # noqa: PLC0415
+
+    if "unexplained" not in analysis.children:
+        return pd.DataFrame()
+    return group(analysis, "unexplained").to_dataframe().reset_index(drop=True)
 
 
 @checked
@@ -504,6 +571,8 @@ def summary(analysis: Analysis) -> dict[str, Any]:
         "envelope": _records(line_table(analysis, ENVELOPE)),
         "indicators": _records(indicator_table(analysis)),
         "findings": _records(findings_table(analysis)),
+        "verdicts": _records(verdict_table(analysis)),
+        "unexplained": _records(unexplained_table(analysis)),
     }
 
 

@@ -1,0 +1,298 @@
+"""Healthy synthetic machines: the library from which verdicts learn what health looks like, and those that score.
+
+    python benchmarks/healthy_library.py --records 1000 --jobs 2
+
+writes `hums/analysis/healthy_machines.json`: of each kind of part the strengths of evidence that healthy records show.
+The even half of the gearboxes and two thirds of the drives are in the library; the others are held out for
+`benchmarks/verdicts.py`. Records are synthetic; no measured one teaches anything.
+"""
+
+import argparse
+import json
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from data_synth import Scene, simulate
+from data_synth.benchmark.gearboxes import draw_bearing, draw_gearbox
+from hums import AnalysisError, AnalysisSettings, analyze, findings_table
+from hums.analysis.result import group
+from hums.gearbox.components import Bearing, frozen
+from hums.gearbox.model import Gearbox, load_gearbox
+
+ROOT = Path(__file__).resolve().parents[1]
+SHIPPED = ROOT / "hums" / "analysis" / "healthy_machines.json"
+SETTINGS = AnalysisSettings(most_tracks=0)
+KEPT = 400  # strengths of each kind: three times those that decide at one in a hundred of a thousand records
+
+# Link of the catalogue's gearboxes whose speed is driven, and links on the frame's axes that get bearings.
+CATALOGUE: Mapping[str, tuple[str, ...]] = {
+    "two-stage": (),
+    "wind-turbine-3-stage": ("high speed shaft", "intermediate gear", "main shaft"),
+    "planetary-27-36-99": (),
+    "oh-58": ("input", "bevel gear", "carrier"),
+    "alouette-iii": ("input", "main shaft", "tail"),
+    "glinsky-planetary-1": (),
+    "glinsky-idler": (),
+    "glinsky-compound": (),
+}
+DRAWN = 12  # gearboxes drawn from the benchmark's family, one to three stages
+IMPERFECTIONS = (
+    "gears",
+    "planets",
+    "imbalance",
+    "bearings",
+    "electrical",
+    "neighbour",
+    "knocks",
+    "noise",
+    "mounts",
+    "temperature",
+)
+SHARE = 0.25  # of the records with an imperfection: each is one of several that a machine may have
+SOUND_NEIGHBOURS = 0.8  # of the library's neighbours: a damaged one beside a sound machine is rare
+LENGTHS_S = (1.0, 3.0, 6.0, 10.0)
+
+
+@cache
+def gearboxes(held_out: bool) -> tuple[Gearbox, ...]:
+    """Return the gearboxes of the library, or those held out, all with bearings."""
+    found = []
+    for number, (name, links) in enumerate(CATALOGUE.items()):
+        if (number % 2 == 1) == held_out:
+            found.append(_with_bearings(load_gearbox(name), links, np.random.default_rng([7, number])))
+    for number in range(DRAWN):
+        if (number % 2 == 1) == held_out:
+            rng = np.random.default_rng([8, number])
+            drawn = draw_gearbox(f"drawn {number}", stages=1 + number % 3, rng=rng)
+            bearings = {link: draw_bearing(rng) for link in drawn.links}
+            found.append(Gearbox.model_validate(frozen(drawn.table(bearings))))
+    return tuple(found)
+
+
+def _with_bearings(gearbox: Gearbox, links: tuple[str, ...], rng: np.random.Generator) -> Gearbox:
+    """Return a gearbox with a bearing of a drawn geometry between each link and the frame."""
+    if gearbox.bearings:
+        return gearbox
+    on_frame = (
+        links
+        or tuple(
+            link
+            for axis in gearbox.axes
+            for link in axis.links
+            if gearbox.frame in axis.links and link != gearbox.frame
+        )[:3]
+    )
+    made = []
+    for link in on_frame:
+        drawn = draw_bearing(rng)
+        made.append(
+            {
+                "names": (f"{link} bearing",),
+                "inner_ring": link,
+                "outer_ring": gearbox.frame,
+                "elements": drawn.elements,
+                "element_diameter_mm": drawn.element_diameter_mm,
+                "pitch_diameter_mm": drawn.pitch_diameter_mm,
+                "contact_angle_deg": drawn.contact_angle_deg,
+            }
+        )
+    return gearbox.changed(bearings=tuple(Bearing.model_validate(one) for one in made))
+
+
+def _constant(top: float, load: float, _: float, rng: np.random.Generator) -> dict[str, Any]:
+    return {"rpm": [[0, top * rng.uniform(0.5, 1)]], "nm": [[0, load * rng.uniform(0.2, 1)]]}
+
+
+def _drift(top: float, load: float, t: float, rng: np.random.Generator) -> dict[str, Any]:
+    start = top * rng.uniform(0.6, 0.9)
+    return {"rpm": [[0, start], [t, start * rng.uniform(1.02, 1.1)]], "nm": [[0, load * rng.uniform(0.2, 1)]]}
+
+
+def _run_up(top: float, load: float, t: float, rng: np.random.Generator) -> dict[str, Any]:
+    return {"rpm": [[0, top / 4], [t, top]], "nm": [[0, load * rng.uniform(0.2, 1)]], "exponent": 2.0}
+
+
+def _coast_down(top: float, load: float, t: float, rng: np.random.Generator) -> dict[str, Any]:
+    return {"rpm": [[0, top], [t, top / 4]], "nm": [[0, load * rng.uniform(0.2, 1)]]}
+
+
+def _speed_steps(top: float, load: float, t: float, rng: np.random.Generator) -> dict[str, Any]:
+    levels = top * rng.uniform(0.5, 1, 3)
+    rows = [[0, levels[0]], [0.3 * t, levels[0]], [0.37 * t, levels[1]], [0.65 * t, levels[1]], [0.72 * t, levels[2]]]
+    return {"rpm": [*rows, [t, levels[2]]], "nm": [[0, load * rng.uniform(0.2, 1)]]}
+
+
+def _load_ramps(top: float, load: float, t: float, rng: np.random.Generator) -> dict[str, Any]:
+    at = np.linspace(0, t, 5)
+    return {"rpm": [[0, top * rng.uniform(0.5, 1)]], "nm": [[s, load * rng.uniform(0.2, 1)] for s in at]}
+
+
+def _load_steps(top: float, load: float, t: float, rng: np.random.Generator) -> dict[str, Any]:
+    steps = [[0, load * 0.2], [0.35 * t, load], [0.65 * t, load * rng.uniform(0.2, 0.5)]]
+    start = top * rng.uniform(0.5, 0.9)
+    return {"rpm": [[0, start], [t, 1.1 * start]], "steps": steps, "rise_s": 0.05 * t}
+
+
+def _turbulence(top: float, load: float, _: float, rng: np.random.Generator) -> dict[str, Any]:
+    return {"rpm": [[0, top * rng.uniform(0.5, 0.9)]], "nm": [[0, 0.6 * load]], "turbulence": 0.2 * load}
+
+
+def _start_stop(top: float, load: float, t: float, rng: np.random.Generator) -> dict[str, Any]:
+    high = top * rng.uniform(0.5, 1)
+    rows = [[0, 0.2 * high], [0.25 * t, high], [0.75 * t, high], [t, 0.2 * high]]
+    return {"rpm": rows, "nm": [[0, load * rng.uniform(0.2, 1)]], "exponent": 1.0}
+
+
+Drive = Callable[[float, float, float, np.random.Generator], dict[str, Any]]
+LEARNED: Mapping[str, Drive] = {
+    "constant": _constant,
+    "ramp 1:4": _run_up,
+    "speed steps": _speed_steps,
+    "load ramps": _load_ramps,
+    "turbulence": _turbulence,
+    "start and stop": _start_stop,
+}
+HELD_OUT: Mapping[str, Drive] = {"drift": _drift, "coast down 4:1": _coast_down, "load steps": _load_steps}
+
+
+def table(number: int, *, held_out: bool) -> tuple[dict[str, Any], str]:
+    """Return the scene of a healthy machine as a table, and its drive's name."""
+    rng = np.random.default_rng([20 + held_out, number])
+    boxes = gearboxes(held_out)
+    gearbox = boxes[number % len(boxes)]
+    drives = HELD_OUT if held_out else LEARNED
+    name = list(drives)[int(rng.integers(len(drives)))]
+    seconds = float(rng.choice(LENGTHS_S, p=(0.15, 0.25, 0.35, 0.25)))
+    top = float(rng.uniform(900, 3000))
+    drive = drives[name](top, 500.0, seconds, rng)
+    rate_hz = float(rng.choice([20000, 25600]))
+    link = str(gearbox.reference)
+    torque: dict[str, Any] = {"link": link}
+    if "steps" in drive:
+        torque |= {"steps": drive["steps"], "rise_s": drive["rise_s"]}
+    else:
+        torque |= {"nm": drive["nm"]}
+    if "turbulence" in drive:
+        torque["turbulence"] = {"rms": drive["turbulence"], "time_scale_s": 1.0}
+    mesh = float(rng.uniform(0.1, 1.0))
+    on = [one for bearing in gearbox.bearings for one in bearing.names]
+    scene = {
+        "gearbox": gearbox,
+        "rate_hz": rate_hz,
+        "duration_s": seconds,
+        "fidelity": "kinematic",
+        "speed": {"link": link, "rpm": drive["rpm"]},
+        "torque": torque,
+        "tachometer": {"link": link, "pulses_per_rev": int(rng.choice([1, 2, 60]))},
+        "noise": {"rms": float(10 ** rng.uniform(-2, -0.2))},
+        "path": {"frequency_hz": float(rng.uniform(1200, 5000)), "damping_ratio": float(rng.uniform(0.02, 0.1))},
+        "resonance": {"frequency_hz": float(rng.uniform(4000, 0.4 * rate_hz)), "damping_ratio": 0.03},
+        "excitation": {
+            "mesh_amplitude": mesh,
+            "shaft_amplitude": float(rng.uniform(0.01, 0.2)),
+            "harmonics": int(rng.integers(2, 6)),
+            "speed_exponent": drive.get("exponent", 0.0),
+        },
+        "dynamics": {
+            "housing_kg": 20.0,
+            "meshes": {mesh.name: {"module_mm": 3.0, "face_width_mm": 30.0} for mesh in gearbox.meshes},
+        },
+        "imperfections": {key: {} for key in IMPERFECTIONS if rng.uniform() < SHARE},
+        "sensor": [{"name": "a", "on": str(rng.choice(on)), "units": "g"}],
+    }
+    if any("planet 2" in link for link in gearbox.links):
+        scene["planet_pass"] = {"half_width_deg": float(rng.uniform(20, 60))}
+    else:
+        scene["imperfections"].pop("planets", None)
+    if "neighbour" in scene["imperfections"] and not held_out and rng.uniform() < SOUND_NEIGHBOURS:
+        scene["imperfections"]["neighbour"] = {"impact_m_s2": 0.0}
+    return scene, name
+
+
+def record(number: int, *, held_out: bool) -> tuple[xr.Dataset, Gearbox, str, tuple[str, ...]]:
+    """Return a healthy record, its gearbox, the drive's name, and the imperfections it has."""
+    made, drive = table(number, held_out=held_out)
+    scene = Scene.from_mapping(made)
+    return simulate(scene, seed=number), scene.gearbox, drive, tuple(made["imperfections"])
+
+
+def strengths(number: int, *, held_out: bool) -> dict[str, Any]:
+    """Return what the analysis of a healthy record says: strengths of all parts, and who is named."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        data, gearbox, drive, imperfections = record(number, held_out=held_out)
+        of = {
+            "number": number,
+            "gearbox": gearbox.name,
+            "drive": drive,
+            "imperfections": imperfections,
+            "duration_s": float(data.sizes["time"]) / float(data.attrs["rate_hz"]),
+        }
+        try:
+            analysis = analyze(data, gearbox, settings=SETTINGS)
+        except AnalysisError as error:
+            return of | {"rows": [], "named": [], "refused": str(error)}
+    rows = [
+        (str(kind), float(value), str(hidden))
+        for name in ("findings", "verdicts")
+        for kind, value, hidden in zip(
+            *(group(analysis, name)[key].to_numpy() for key in ("kind", "strength", "doubts")), strict=True
+        )
+    ]
+    named = findings_table(analysis)
+    return of | {
+        "rows": rows,
+        "named": named[["component", "kind", "verdict", "evidence"]].to_numpy().tolist(),
+        "refused": "",
+    }
+
+
+def every(numbers: range, *, held_out: bool, jobs: int) -> Iterator[dict[str, Any]]:
+    """Yield `strengths` of many records."""
+    run = partial(strengths, held_out=held_out)
+    if jobs == 1:
+        yield from map(run, numbers)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        yield from pool.map(run, numbers, chunksize=4)
+
+
+def main() -> None:
+    """Make the library and write it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--records", type=int, default=1000)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--json", type=Path, help="also write what every record showed here")
+    given = parser.parse_args()
+    parts: dict[str, int] = {}
+    values: dict[str, list[float]] = {}
+    shown = []
+    for one in every(range(given.records), held_out=False, jobs=given.jobs):
+        if one["refused"]:
+            continue
+        shown.append(one)
+        for kind, strength, doubts in one["rows"]:
+            if not np.isfinite(strength):
+                continue
+            parts[kind] = parts.get(kind, 0) + 1
+            if strength > 0 and not doubts.startswith("its line may be"):
+                values.setdefault(kind, []).append(strength)
+        if len(shown) % 50 == 0:
+            sys.stderr.write(f"{len(shown)} records\n")
+    kept = {kind: sorted((round(v, 5) for v in found), reverse=True)[:KEPT] for kind, found in values.items()}
+    text = json.dumps({"records": len(shown), "parts": parts, "strengths": kept})
+    SHIPPED.write_text(text + "\n", encoding="utf-8")
+    if given.json:
+        given.json.write_text(json.dumps(shown), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,370 @@
+"""Evidence for defects of bearings: how deeply each modulates the record, over all bands, and what else may explain it.
+
+A defect of a race strikes once per element and rings what lies in its way. In the envelope of a band that carries the
+ringing, over its slowly varying level, it makes a line at its order, harmonics that fall, and sidebands spaced by what
+carries it through the load zone. The *depth* of a line is its amplitude over the mean of the envelope: no unit, no
+gain, and near one where the strikes are all the band has.
+
+The strength of the evidence is the root sum of squares of the depths of the fundamental and of its harmonics, none of
+them counted as more than the fundamental, times ``snr^2 / (snr^2 + TRUSTED_SNR^2)``, which is small for what noise
+makes in a short record. A spot that turns through the load zone is hit harder there: where sidebands are to be expected
+and none stands out, the strength counts a quarter. The band with the most strength speaks for the part.
+
+A part is not counted for a line which a larger one explains that is not its own: the same multiple of a deeper line, a
+sideband of it, or a part of a much deeper line's order, in whatever band that line is deepest; nor for a harmonic of
+the mains, nor for one of a comb of multiples of a shaft.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hums.analysis.detection import AssessedLine
+from hums.analysis.lines import MeasuredLine, supports
+from hums.analysis.thresholds import (
+    EXACT_BINS,
+    FEWEST_CYCLES,
+    JUDGED_SNR,
+    MAINS_ACCURACY,
+    MAINS_HARMONICS,
+    MAINS_HZ,
+    MATCH_BINS,
+    NO_SIDEBAND,
+    RIVAL_FACTOR,
+    STEADY_SPEED,
+    TRUSTED_SNR,
+)
+from hums.gearbox.orders import BearingOrders
+
+__all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "strength"]
+
+_SEEN = 0.01  # probability that noise alone makes a harmonic, below which it counts
+_SIDEBANDS = 3  # on either side that support a fundamental
+_MULTIPLES = 3  # of a deeper line that may be looked at as the part's own
+_EXPLAINING_SIDEBANDS = 2  # of a deeper line: the third of a real defect is below its fundamental
+_PARTS = 5  # of a deeper line's order
+_COMB = 30  # multiples of a shaft that impacts once a turn make
+_FAST_BINS = 20  # multiples of a slower shaft lie so densely that any line is near one
+
+Numbers = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What of a machine explains lines: orders of its shafts, and its mean and range of speed in rev/s.
+
+    `measured` says that the speed is not merely declared.
+    """
+
+    shafts: tuple[float, ...]
+    speed_hz: float
+    speed_range_hz: float = 0.0
+    measured: bool = True
+
+    @property
+    def steady(self) -> bool:
+        """Whether lines at a fixed frequency are narrow in orders."""
+        return self.speed_range_hz <= STEADY_SPEED * self.speed_hz
+
+
+@dataclass(frozen=True, kw_only=True)
+class BandEvidence:
+    """What the envelope of one band shows: the expected lines, and all peaks by order and depth.
+
+    `clear` says that no mesh or shaft has a large part of the band's power.
+    """
+
+    band_hz: tuple[float, float]
+    lines: Sequence[AssessedLine]
+    orders: Numbers
+    depths: Numbers
+    bin_width: float
+    clear: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartEvidence:
+    """The evidence for one kind of defect of one bearing in one channel.
+
+    Attributes
+    ----------
+    main : MeasuredLine
+        The fundamental in the band that speaks most for it; where none does, in that with the lowest background.
+    strength : float
+        See the module; 0 where no line is significant.
+    support : tuple of str
+        Harmonics and sidebands that noise alone seldom makes.
+    sidebands : int
+        Number of sidebands among them.
+    hidden_by : str
+        What else explains its line; empty where nothing does.
+    detectable_depth : float
+        The modulation that would be `JUDGED_SNR` times the background, in the band where that is least.
+    explained : float
+        Share that it has of the power of all lines of the band that neither shafts nor meshes make.
+    deepest_other : (float, float)
+        Order and depth of the deepest line in any band that this part does not explain; (0, 0) if there is none.
+    """
+
+    main: MeasuredLine
+    band_hz: tuple[float, float]
+    strength: float = 0.0
+    support: tuple[str, ...] = ()
+    sidebands: int = 0
+    hidden_by: str = ""
+    detectable_depth: float = math.inf
+    explained: float = 0.0
+    deepest_other: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def component(self) -> str:
+        """Name of the bearing."""
+        return self.main.expected.component
+
+    @property
+    def kind(self) -> str:
+        """Kind of the defect."""
+        return self.main.expected.kind
+
+
+def strength(depths: Sequence[float], snr: float) -> float:
+    """Return the strength of a family of lines from the depths of fundamental and harmonics and their common ratio.
+
+    Parameters
+    ----------
+    depths : sequence of float
+        The fundamental first.
+    snr : float
+        Root sum of squares of the ratios to the background.
+
+    Examples
+    --------
+    >>> from hums.analysis.evidence import strength
+    >>> round(strength([0.3, 0.9], 800.0), 4)  # the harmonic counts as the fundamental
+    0.4242
+    >>> round(strength([0.3], 8.0), 4)
+    0.15
+    """
+    if not depths:
+        return 0.0
+    comb = math.hypot(*(min(depth, depths[0]) for depth in depths))
+    return comb * snr**2 / (snr**2 + TRUSTED_SNR**2)
+
+
+def bearing_evidence(
+    bands: Sequence[BandEvidence], bearings: Mapping[str, BearingOrders], setting: Setting
+) -> list[PartEvidence]:
+    """Return the evidence for every kind of defect of every bearing whose fundamental was measured in a band.
+
+    Parameters
+    ----------
+    bands : sequence of BandEvidence
+        All bands of one channel.
+    bearings : mapping of str to BearingOrders
+    setting : Setting
+    """
+    usable = [band for band in bands if band.clear] or list(bands)
+    families: dict[tuple[str, str], list[tuple[BandEvidence, AssessedLine]]] = {}
+    for band in usable:
+        for line in band.lines:
+            expected = line.measured.expected
+            if expected.fundamental and expected.order >= FEWEST_CYCLES * band.bin_width:
+                families.setdefault(line.measured.family, []).append((band, line))
+    others = _Others(usable, setting)
+    return [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
+
+
+class _Others:
+    """Lines of all bands that no shaft makes."""
+
+    def __init__(self, bands: Sequence[BandEvidence], setting: Setting) -> None:
+        self.setting = setting
+        self.width = MATCH_BINS * max((band.bin_width for band in bands), default=0.0)
+        orders = np.concatenate([np.zeros(0), *(band.orders for band in bands)])
+        depths = np.concatenate([np.zeros(0), *(band.depths for band in bands)])
+        kept = ~self.of_shafts(orders)
+        self.orders, self.depths = orders[kept], depths[kept]
+        # shafts too slow to tell their sidebands from the line itself explain nothing
+        self.spacings = tuple({round(s, 9): s for s in setting.shafts if s > 2 * self.width}.values())
+
+    def of_shafts(self, orders: Numbers) -> NDArray[np.bool_]:
+        """Return which orders are multiples of a shaft's."""
+        on = np.zeros(orders.size, dtype=bool)
+        for shaft in self.setting.shafts:
+            if shaft > 2 * self.width:
+                on |= np.abs(orders - shaft * np.round(orders / shaft)) <= self.width
+        return on
+
+    def deepest(self, order: float) -> float:
+        """Return the depth of the deepest line at an order."""
+        return float(self.depths[np.abs(self.orders - order) <= self.width].max(initial=0.0))
+
+
+def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrders, others: _Others) -> PartEvidence:
+    """Return the evidence for one part from its fundamental in every band."""
+    spacings = _spacings(bearing, seen[0][1].measured.expected.kind)
+    rated = [(_strength_in(band, line, spacings), number) for number, (band, line) in enumerate(seen)]
+    least = min(range(len(seen)), key=lambda number: _background_depth(seen[number][1].measured))
+    best, number = max(rated)
+    if best == 0:
+        number = least
+    band, line = seen[number]
+    main = line.measured
+    plain = PartEvidence(
+        main=main,
+        band_hz=band.band_hz,
+        detectable_depth=JUDGED_SNR * _background_depth(seen[least][1].measured),
+    )
+    if best == 0:
+        return plain
+    harmonics, sidebands = _support(main, band, spacings)
+    own = _own(others.orders, main.line.found, spacings, others.width)
+    in_band = ~others.of_shafts(band.orders)
+    mine = _own(band.orders[in_band], main.line.found, spacings, others.width)
+    power = band.depths[in_band] ** 2
+    rest = others.depths[~own]
+    deepest = int(np.argmax(rest)) if rest.size else -1
+    own_depth = max(main.depth, others.deepest(main.line.found))
+    hidden = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting) or _mains(main.line.found, others)
+    return PartEvidence(
+        main=main,
+        band_hz=band.band_hz,
+        strength=best,
+        support=(*harmonics, *sidebands),
+        sidebands=len(sidebands),
+        hidden_by=hidden or _explanation(main.line.found, own_depth, others),
+        detectable_depth=plain.detectable_depth,
+        explained=float(power[mine].sum() / power.sum()) if power.size and power.sum() else 1.0,
+        deepest_other=(0.0, 0.0) if deepest < 0 else (float(others.orders[~own][deepest]), float(rest[deepest])),
+    )
+
+
+def _strength_in(band: BandEvidence, line: AssessedLine, spacings: Sequence[float]) -> float:
+    if not line.significant:
+        return 0.0
+    width = MATCH_BINS * band.bin_width
+    separable = [spacing for spacing in spacings if spacing > 2 * width]
+    bare = separable and not _sidebands(line.measured, band, separable)
+    family = [line.measured]
+    for other in band.lines:
+        measured = other.measured
+        if (
+            other is not line
+            and not measured.expected.sideband
+            and supports(measured, line.measured)
+            and measured.line.false_alarm_probability < _SEEN
+        ):
+            family.append(measured)
+    whole = strength([one.depth for one in family], math.hypot(*(one.line.snr for one in family)))
+    return NO_SIDEBAND * whole if bare else whole
+
+
+def _background_depth(line: MeasuredLine) -> float:
+    return line.line.background / line.level if line.level > 0 else math.inf
+
+
+def _spacings(bearing: BearingOrders, kind: str) -> tuple[float, ...]:
+    """Return the spacings of the sidebands that the passage through the load zone gives a defect."""
+    turning = {
+        "inner_race": bearing.inner_ring,
+        "outer_race": bearing.outer_ring,
+        "rolling_element": bearing.cage,
+    }.get(kind, 0.0)
+    return tuple(dict.fromkeys(abs(spacing) for spacing in (turning, bearing.carried) if spacing))
+
+
+def _support(
+    main: MeasuredLine, band: BandEvidence, spacings: Iterable[float]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of the harmonics and of the sidebands that stand out in a band."""
+    harmonics = [
+        f"harmonic {other.measured.expected.harmonic} at {other.measured.line.found:.3f}"
+        for other in band.lines
+        if other.measured.expected.harmonic > 1
+        and not other.measured.expected.sideband
+        and supports(other.measured, main)
+        and other.measured.line.false_alarm_probability <= _SEEN
+        and not other.explained_by
+    ]
+    return tuple(harmonics), tuple(_sidebands(main, band, spacings))
+
+
+def _sidebands(main: MeasuredLine, band: BandEvidence, spacings: Iterable[float]) -> list[str]:
+    """Return the names of the sidebands of a fundamental among the peaks of its band."""
+    width, sidebands = MATCH_BINS * band.bin_width, []
+    for spacing in spacings:
+        if spacing <= 2 * width:
+            continue
+        for side in (*range(-_SIDEBANDS, 0), *range(1, _SIDEBANDS + 1)):
+            order = main.line.found + side * spacing
+            near = np.abs(band.orders - order) <= width
+            if order > 0 and near.any():
+                sidebands.append(f"sideband {side:+d} at {float(band.orders[near][0]):.3f}")
+    return sidebands
+
+
+def _own(orders: Numbers, fundamental: float, spacings: Iterable[float], width: float) -> NDArray[np.bool_]:
+    """Return which orders are harmonics of a fundamental, or sidebands of them."""
+    offsets = [0.0, *(side * s for s in spacings for side in range(-_SIDEBANDS, _SIDEBANDS + 1) if side)]
+    own = np.zeros(orders.size, dtype=bool)
+    for offset in offsets:
+        multiple = np.maximum(1, np.round((orders - offset) / fundamental))
+        own |= np.abs(orders - offset - multiple * fundamental) <= width * np.sqrt(multiple)
+    return own
+
+
+def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Setting) -> str:
+    """Return of which comb of a shaft's multiples a line is one, or an empty string."""
+    width = band.bin_width
+    for shaft in setting.shafts:
+        multiple, off = round(order / shaft), abs(order - round(order / shaft) * shaft)
+        if shaft <= _FAST_BINS * width or not 1 <= multiple <= _COMB or off > width:
+            continue
+        if off <= EXACT_BINS * width and setting.measured:
+            return f"it stands at {multiple} times the order {shaft:.4g} of a shaft"
+        beside = [k for k in (1, 2, multiple - 1, multiple + 1) if k not in {0, multiple}]
+        seen = [
+            k
+            for k in beside
+            if band.depths[np.abs(band.orders - k * shaft) <= width].max(initial=0.0) * RIVAL_FACTOR > depth
+        ]
+        if seen:
+            return f"it is {multiple} times the order {shaft:.4g} of a shaft, of which {seen[0]} times stands out, too"
+    return ""
+
+
+def _mains(order: float, others: _Others) -> str:
+    """Return of which mains a line is a harmonic, or an empty string."""
+    setting = others.setting
+    if not setting.steady:
+        return ""
+    frequency = order * setting.speed_hz
+    for mains in MAINS_HZ:
+        multiple = round(frequency / mains)
+        near = MAINS_ACCURACY * multiple * mains + 0.5 * others.width * setting.speed_hz
+        if 1 <= multiple <= MAINS_HARMONICS and abs(frequency - multiple * mains) <= near:
+            return f"{frequency:.2f} Hz is {multiple} times mains of {mains:g} Hz"
+    return ""
+
+
+def _explanation(order: float, depth: float, others: _Others) -> str:
+    """Return which deeper line explains a line, or an empty string."""
+    apart = np.abs(others.orders - order) > others.width
+    deeper = apart & (others.depths >= depth)
+    for other, size in zip(others.orders[deeper], others.depths[deeper], strict=True):
+        name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
+        for multiple in range(1, _MULTIPLES + 1):
+            if multiple > 1 and abs(order - multiple * other) <= others.width:
+                return f"it is {multiple} times {name}"
+            for spacing in others.spacings:
+                for side in (*range(-_EXPLAINING_SIDEBANDS, 0), *range(1, _EXPLAINING_SIDEBANDS + 1)):
+                    if abs(order - multiple * other - side * spacing) <= others.width:
+                        of = f"{multiple} times " if multiple > 1 else ""
+                        return f"it is a sideband {side:+d} x {spacing:.3g} of {of}{name}"
+        parts = round(other / order)
+        if 1 < parts <= _PARTS and size > RIVAL_FACTOR * depth and abs(other - parts * order) <= others.width:
+            return f"it is a part of {name}"
+    return ""

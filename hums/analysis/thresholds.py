@@ -1,0 +1,97 @@
+"""Constants that decide a verdict, each with its reason and what changes when it is halved or doubled.
+
+What was changed was read off ``python benchmarks/verdicts.py``; see ``docs/benchmarks/verdicts.md``.
+"""
+
+FAULTY_DEPTH = 0.1
+"""Part of the mean envelope by which a damaged race modulates it.
+
+A spot that is hit once per element lifts the envelope at each hit; waviness and a wandering level of sound machines
+stay below. Halved, weak lines of sound bearings are diagnosed; doubled, early damage is only indicated, and more parts
+count as judgeable in short records.
+"""
+
+TRUSTED_SNR = 8.0
+"""Ratio to the background at which a modulation has half of its weight.
+
+Noise alone reaches 4 at one point of 65,000 and a record has thousands of points in tens of bands. Halved, noise is
+weighed like evidence in short records; doubled, weak lines of long records lose three quarters of their weight.
+"""
+
+JUDGED_SNR = 6.0
+"""Ratio to the background that a modulation by `FAULTY_DEPTH` must reach for its absence to mean something.
+
+Halved, records of a few turns are called clean; doubled, records of a minute are not judged.
+"""
+
+RIVAL_FACTOR = 3.0
+"""Ratio of two lines above which the smaller may be a trace of the larger; within it they are rivals.
+
+Halved, traces of one race on the other are named as second faults; doubled, two real faults hide one another.
+"""
+
+NO_SIDEBAND = 0.25
+"""Weight of a line without the sidebands that the load zone would give it.
+
+Halved, defects under a load that turns with the shaft are lost; doubled, impacts of a neighbouring machine that happen
+to fall on the order of an inner race are named as often as real ones.
+"""
+
+MESH_SHARE = 0.1
+"""Share of a band's power in lines of meshes and shafts from which their beats could be its envelope.
+
+Halved, bands with a weak mesh line are lost; doubled, beats of a mesh and a shaft are read as races.
+"""
+
+PEAK_RATIO = 4.0
+"""Ratio to the surroundings from which any point of an envelope's spectrum counts as a line.
+
+Halved, noise explains real lines; doubled, weak families of other sources explain nothing.
+"""
+
+UNEXPLAINED_RATIO = 6.0
+"""Ratio to the surroundings from which a line of the order spectrum that nothing explains is listed.
+
+Noise reaches it at one point of 10^11. Halved, noise fills the list and makes families; doubled, a neighbouring
+machine goes unnoticed and its impacts count as evidence.
+"""
+
+STRANGE_FACTOR = 3.0
+"""Ratio of a line that looks like a mesh to the largest drawn mesh line from which the drawing is doubted.
+
+Halved, gearboxes whose meshes are quiet beside another machine are doubted; doubled, drawings with one mesh in common
+pass.
+"""
+
+FEWEST_CYCLES = 8.0
+"""Cycles of a defect's line in a record below which it is not judged.
+
+Halved, one swing of the load is read as a cage; doubled, slow parts of short records are not judged.
+"""
+
+EXACT_BINS = 0.35
+"""Distance in bins within which a line that is locked to a measured shaft is read.
+
+Halved, lines of shafts in noise are taken for races; doubled, races within two thirds of a bin of a multiple of a shaft
+are hidden by it.
+"""
+
+MATCH_BINS = 2.5
+"""Distance in bins within which two lines are one: half the main lobe of a Hann window and half a bin of grid.
+
+Halved, harmonics of a slipping bearing are missed; doubled, accidents explain real lines.
+"""
+
+STEADY_SPEED = 0.005
+"""Largest change of speed, over its mean, at which lines of the mains are narrow in orders.
+
+Halved, records of machines on the grid count as varying; doubled, smeared lines are compared with a frequency.
+"""
+
+MAINS_HZ = (50.0, 60.0)
+MAINS_HARMONICS = 12
+MAINS_ACCURACY = 1e-3
+"""Deviation of a grid's frequency in normal operation, 50 mHz of 50 Hz.
+
+Halved, hum of weak grids is taken for a defect; doubled, defects within a tenth of a hertz of hum are hidden.
+"""

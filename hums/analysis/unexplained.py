@@ -1,0 +1,195 @@
+"""Lines of an order spectrum that nothing in the drawing explains, and what they might be.
+
+A peak is explained where it stands at a multiple of a shaft's order, at a harmonic of a mesh or a sideband of one
+spaced by any shaft, at a multiple of the mains, or on the flank of a larger line. What is left is listed with the
+spacing that it shares with others: a family of multiples of one order is that bearing's whose defect order it is, else
+another machine's, or that of a part which the drawing lacks.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from hums.analysis.evidence import Setting
+from hums.analysis.thresholds import MAINS_ACCURACY, MAINS_HARMONICS, MAINS_HZ, MATCH_BINS, UNEXPLAINED_RATIO
+from hums.gearbox.orders import DefectOrder
+from signals.spectra.peaks import spectral_peaks
+from signals.spectra.spectra import AmplitudeSpectrum
+
+__all__ = ["Drawn", "UnexplainedLine", "drawn_orders", "on_mains", "unexplained_lines"]
+
+_FEWEST = 4  # members of a family: three multiples of one order among tens of lines happen by chance
+_CHANCE = 1e-3
+_LARGE = 20  # lines that are tried as multiples
+_WIDE_BINS = 20  # of a spacing: multiples of a narrower one are near to any line
+_MULTIPLES = 60  # of a spacing, up to the third mesh harmonic of a small gear
+_SAME = 1e-3  # relative: a spacing and a shaft's order are the same
+_PARTS = 5  # of a shaft's order: a family of its multiples may have some of them only
+_SHAFT_MULTIPLES = 30
+_SIDEBANDS = 8  # on either side of a mesh harmonic: run-out, pitch deviations, speed that wanders
+_MESH_HARMONICS = 12
+_MOST = 60  # lines that are listed, the largest first
+_LOBE_BINS = 4.0
+
+Numbers = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """Orders that the drawing explains: of shafts, meshes, the bearings' defects with their slip, planet carriers."""
+
+    shafts: tuple[float, ...]
+    meshes: tuple[float, ...]
+    bearings: tuple[float, ...]
+    carriers: tuple[float, ...]
+    tolerance: float
+    slip: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnexplainedLine:
+    """A line that nothing in the drawing explains.
+
+    `frequency_hz` is its order times the mean speed; `spacing` the order of which it and others are multiples, NaN
+    where it stands alone; `ratio` its amplitude over the median of its surroundings.
+    """
+
+    channel: str
+    order: float
+    frequency_hz: float
+    amplitude: float
+    units: str
+    ratio: float
+    spacing: float
+    might_be: str
+
+
+def unexplained_lines(
+    spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting, *, channel: str, units: str
+) -> list[UnexplainedLine]:
+    """Return the lines of an order spectrum that the drawing does not explain, the largest first."""
+    peaks = spectral_peaks(spectrum, ratio=UNEXPLAINED_RATIO)
+    width = MATCH_BINS * spectrum.bin_width
+    kept = ~_flanks(peaks.position, peaks.amplitude, _LOBE_BINS * spectrum.bin_width)
+    kept &= ~_explained(peaks.position, drawn, width)
+    mains = on_mains(peaks.position, setting, width)
+    left = np.flatnonzero(kept & ~mains)
+    left = left[np.argsort(-peaks.amplitude[left])][:_MOST]
+    orders = peaks.position[left]
+    spacings = _families(orders, spectrum.bin_width)
+    return [
+        UnexplainedLine(
+            channel=channel,
+            order=float(order),
+            frequency_hz=float(order * setting.speed_hz),
+            amplitude=float(peaks.amplitude[place]),
+            units=units,
+            ratio=float(peaks.amplitude[place] / max(peaks.background[place], np.finfo(float).tiny)),
+            spacing=float(spacing),
+            might_be=_guess(float(order), float(spacing), setting, drawn),
+        )
+        for place, order, spacing in zip(left, orders, spacings, strict=True)
+    ]
+
+
+def _guess(order: float, spacing: float, setting: Setting, drawn: Drawn) -> str:
+    """Return in words what a family's line might be; empty for a line that stands alone."""
+    if not np.isfinite(spacing):
+        return ""
+    family = f"{order / spacing:.0f} times {spacing:.4g} orders ({spacing * setting.speed_hz:.4g} Hz)"
+    for race in drawn.bearings:
+        multiple = max(1, round(spacing / race))
+        if abs(spacing - multiple * race) <= drawn.slip * multiple * race:
+            return f"{family}: a bearing's defect of order {race:.4g}"
+    for shaft in drawn.shafts:
+        for part in range(1, _PARTS + 1):
+            multiple = max(1, round(part * spacing / shaft))
+            if abs(part * spacing - multiple * shaft) <= max(drawn.tolerance, _SAME) * multiple * shaft:
+                return f"{family}: a shaft of order {shaft:.4g}"
+    return f"{family}: another machine, or a part that the drawing lacks"
+
+
+def _flanks(orders: Numbers, amplitudes: Numbers, reach: float) -> NDArray[np.bool_]:
+    """Return which peaks stand within the reach of a larger one's window."""
+    first, last = np.searchsorted(orders, orders - reach), np.searchsorted(orders, orders + reach)
+    return np.array(
+        [amplitudes[a:b].max() > one for a, b, one in zip(first, last, amplitudes, strict=True)], dtype=bool
+    )
+
+
+def _near(orders: Numbers, places: Numbers, width: float, tolerance: float) -> NDArray[np.bool_]:
+    """Return which orders stand within a width, or a relative tolerance, of any of some sorted places."""
+    if not places.size or not orders.size:
+        return np.zeros(orders.size, dtype=bool)
+    at = np.searchsorted(places, orders)
+    below, above = places[np.maximum(at - 1, 0)], places[np.minimum(at, places.size - 1)]
+    nearest = np.minimum(np.abs(orders - below), np.abs(orders - above))
+    return nearest <= np.maximum(width, tolerance * orders)
+
+
+def _explained(orders: Numbers, drawn: Drawn, width: float) -> NDArray[np.bool_]:
+    shafts = np.array([s for s in drawn.shafts if s > 0])
+    most = int(orders.max(initial=0.0) / max(shafts.max(initial=1.0), 1e-9)) + _SHAFT_MULTIPLES
+    own = np.outer(shafts, np.arange(1, most + 1)).ravel()
+    offsets = np.concatenate([[0.0], np.outer(shafts, np.arange(1, _SIDEBANDS + 1)).ravel()])
+    offsets = np.unique(np.concatenate([offsets, -offsets]))
+    meshes = np.outer(drawn.meshes, np.arange(1, _MESH_HARMONICS + 1)).ravel()
+    locked = np.sort(np.concatenate([own, (meshes[:, None] + offsets).ravel()]))
+    return _near(orders, locked, width, drawn.tolerance)
+
+
+def on_mains(orders: Numbers, setting: Setting, width: float) -> NDArray[np.bool_]:
+    """Return which orders are harmonics of the mains, where the speed is steady."""
+    on = np.zeros(orders.size, dtype=bool)
+    if not setting.steady:
+        return on
+    for mains in MAINS_HZ:
+        multiple = np.round(orders * setting.speed_hz / mains)
+        off = np.abs(orders * setting.speed_hz - multiple * mains)
+        near = off <= MAINS_ACCURACY * multiple * mains + width * setting.speed_hz
+        on |= near & (multiple >= 1) & (multiple <= MAINS_HARMONICS)
+    return on
+
+
+def _families(orders: Numbers, bin_width: float) -> Numbers:
+    """Return of each order the spacing of the family of multiples that it belongs to, NaN where there is none.
+
+    Each of the largest lines over each whole number is tried as a spacing: the larger the number, the better it is
+    known. Members are more than chance makes: the probability that as many of the lines, at random orders, lie within
+    half a bin of its multiples, times the number of spacings tried, is below `_CHANCE`.
+    """
+    spacings = np.full(orders.size, np.nan)
+    tried = np.unique(np.outer(orders[:_LARGE], 1 / np.arange(1, _MULTIPLES + 1)))
+    tried = tried[tried > _WIDE_BINS * bin_width]
+    free = np.ones(orders.size, dtype=bool)
+    while tried.size:
+        multiple = np.round(orders / tried[:, None])
+        near = np.abs(orders - multiple * tried[:, None]) <= 0.5 * bin_width
+        on = free & near & (multiple >= 1) & (multiple <= _MULTIPLES)
+        counts = np.count_nonzero(on, axis=1)
+        chance = bdtrc(counts - 1, np.count_nonzero(free), bin_width / tried) * tried.size
+        best = int(np.argmin(np.where(counts >= _FEWEST, chance, np.inf)))
+        if counts[best] < _FEWEST or chance[best] > _CHANCE:
+            break
+        spacings[on[best]] = tried[best]
+        free &= ~on[best]
+    return spacings
+
+
+_LOCKED = {"shaft", "planet_pass", "tooth", "planet_tooth"}
+
+
+def drawn_orders(rows: Sequence[DefectOrder], *, bearing_kinds: Iterable[str], tolerance: float, slip: float) -> Drawn:
+    """Return what the drawing explains from its defect orders."""
+    kinds = set(bearing_kinds)
+    return Drawn(
+        shafts=tuple(sorted({row.order for row in rows if row.kind in _LOCKED and row.order > 0})),
+        meshes=tuple(sorted({row.order for row in rows if row.kind == "gear_mesh"})),
+        bearings=tuple(sorted({row.order for row in rows if row.kind in kinds})),
+        carriers=tuple(sorted({row.order / row.sources for row in rows if row.kind == "planet_pass"})),
+        tolerance=tolerance,
+        slip=slip,
+    )
