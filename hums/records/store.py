@@ -22,7 +22,7 @@ import xarray as xr
 
 from hums.records._contained import fingerprint, objects, refuse_reaching_out, refuse_too_large
 from hums.records._netcdf import Chunks, DiskError, write_netcdf
-from hums.records.fields import RecordWarning
+from hums.records.fields import RecordWarning, plain_repr
 from hums.records.record import SCHEMA, RecordError, attach_time, check_record, detach_time
 
 __all__ = [
@@ -393,6 +393,8 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
     RecordError
         If it is missing, a directory, or empty.
     """
+    if not isinstance(path, str | os.PathLike) or "\0" in os.fspath(path):
+        raise RecordError(f"path={plain_repr(path)[:100]}: the name of a file is needed, a str or Path without NUL.")
     file = Path(path)
     if file.is_dir():
         raise RecordError(f"{file} is a directory; name a file in it.")

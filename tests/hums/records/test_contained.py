@@ -95,3 +95,16 @@ def test_a_record_of_another_program_is_opened_with_a_warning(tmp_path, record):
         del file.attrs["_NCProperties"]
     with pytest.warns(RecordWarning, match="another program"):
         hums.open_record(path).close()
+
+
+def test_a_foreign_time_of_recording_is_refused_when_opened(tmp_path, record):
+    with pytest.raises(RecordError, match="recorded_at='yesterday'"):
+        hums.save_record(record.assign_attrs(recorded_at="yesterday"), tmp_path / "record.h5")
+    with pytest.raises(RecordError, match="recorded_at=5: text"):
+        hums.save_record(record.assign_attrs(recorded_at=5), tmp_path / "record.h5")
+
+
+def test_what_is_no_path_is_refused():
+    for path in (5, None, "a\0b"):
+        with pytest.raises(RecordError, match="the name of a file is needed"):
+            hums.open_record(path)
