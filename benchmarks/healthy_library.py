@@ -30,7 +30,7 @@ from hums.gearbox.model import Gearbox, load_gearbox
 ROOT = Path(__file__).resolve().parents[1]
 SHIPPED = ROOT / "hums" / "analysis" / "healthy_machines.json"
 SETTINGS = AnalysisSettings(most_tracks=0)
-KEPT = 400  # strengths of each kind: three times those that decide at one in a hundred of a thousand records
+KEPT = 400  # strengths, the largest: many times those that decide at one in a hundred of some thousand records
 
 # Link of the catalogue's gearboxes whose speed is driven, and links on the frame's axes that get bearings.
 CATALOGUE: Mapping[str, tuple[str, ...]] = {
@@ -272,22 +272,18 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", type=Path, help="also write what every record showed here")
     given = parser.parse_args()
-    parts: dict[str, int] = {}
-    values: dict[str, list[float]] = {}
-    shown = []
+    parts, values, shown = 0, [], []
     for one in every(range(given.records), held_out=False, jobs=given.jobs):
         if one["refused"]:
             continue
         shown.append(one)
-        for kind, strength, doubts in one["rows"]:
-            if not np.isfinite(strength):
-                continue
-            parts[kind] = parts.get(kind, 0) + 1
+        for _, strength, doubts in one["rows"]:
+            parts += bool(np.isfinite(strength))
             if strength > 0 and not doubts.startswith("its line may be"):
-                values.setdefault(kind, []).append(strength)
+                values.append(strength)
         if len(shown) % 50 == 0:
             sys.stderr.write(f"{len(shown)} records\n")
-    kept = {kind: sorted((round(v, 5) for v in found), reverse=True)[:KEPT] for kind, found in values.items()}
+    kept = sorted((round(value, 5) for value in values), reverse=True)[:KEPT]
     text = json.dumps({"records": len(shown), "parts": parts, "strengths": kept})
     SHIPPED.write_text(text + "\n", encoding="utf-8")
     if given.json:

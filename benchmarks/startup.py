@@ -162,15 +162,15 @@ class Checkout:
 
 def first_demo(checkout: Checkout) -> dict[str, float]:
     """Return the time of the demo before any kernel is compiled."""
-    return {"first demo": checkout.run("-m", "hums.cli", "demo", "-o", "demo")[0]}
+    return {"first demo": checkout.run("-m", "hums", "demo", "-o", "demo")[0]}
 
 
 def measure(checkout: Checkout, effort: Effort) -> dict[str, float]:
     """Return all figures of one round but that of the first demo."""
     found: dict[str, float] = {}
     if effort.with_demo:
-        found["demo"] = checkout.run("-m", "hums.cli", "demo", "-o", "demo")[0]
-        words = ("-m", "hums.cli", "analyze", "demo/record.h5", "--gearbox", "two-stage", "-o", "analysis")
+        found["demo"] = checkout.run("-m", "hums", "demo", "-o", "demo")[0]
+        words = ("-m", "hums", "analyze", "demo/record.h5", "--gearbox", "two-stage", "-o", "analysis")
         found["analyze"] = checkout.run(*words)[0]
         found |= checkout.figures(ANALYSIS, "demo/record.h5", "2")[1]
     long = checkout.room / "long.h5"

@@ -17,12 +17,11 @@ from typing import Any, TypeAlias
 import xarray as xr
 
 from data_synth.benchmark.card import data_card
-from data_synth.benchmark.detectability import energy_over_noise_db
-from data_synth.benchmark.records import DURATION_S, RATE_HZ, SENSOR, BenchmarkRecords
+from data_synth.benchmark.records import DURATION_S, BenchmarkRecords
 from data_synth.cost import explain
 from data_synth.plan import Plan, PlanError, load_plan, parse_plan
-from data_synth.scene.scene import SceneError
-from data_synth.simulation import simulate
+from data_synth.scene.scene import Scene, SceneError
+from data_synth.simulation import fault_detectability, simulate
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
 from hums.records.store import atomic_write, open_shard, remove_partial_files, write_shard, write_tree
 
@@ -184,19 +183,18 @@ def _simulated(plan: AnyPlan, number: int) -> tuple[xr.Dataset, dict[str, Any]]:
     """Return a record and its labels."""
     labels = plan.labels(number)
     try:
-        record, *pair = (simulate(scene, seed=plan.seed_of(number)) for scene in plan.scenes_of(number))
+        scene, *trial = plan.scenes_of(number)
+        record = simulate(scene, seed=plan.seed_of(number))
+        if isinstance(plan, BenchmarkRecords):
+            labels["detectability_db"] = _detectability_db(*trial, seed=plan.seed_of(number)) if trial else float("nan")
     except SceneError as error:
         raise SceneError(f'record {number}, class "{labels["class"]}": {error}') from None
-    if isinstance(plan, BenchmarkRecords):
-        labels["detectability_db"] = _detectability_db(*pair) if pair else float("nan")
     return record, labels
 
 
-def _detectability_db(faulty: xr.Dataset, healthy: xr.Dataset) -> float:
-    """Return the detectability of a fault in a record of the benchmark's length."""
-    with_fault, without = (record[SENSOR].values for record in (faulty, healthy))
-    times = DURATION_S * RATE_HZ / without.size
-    return energy_over_noise_db(with_fault - without, without, times=times)
+def _detectability_db(trial: Scene, *, seed: int) -> float:
+    """Return the detectability of the one fault of a short scene in a record of the benchmark's length."""
+    return float(fault_detectability(trial, seed=seed)[0, 0]) + 10 * math.log10(DURATION_S / trial.duration_s)
 
 
 # ---- the folder --------------------------------------------------------------------------------------------

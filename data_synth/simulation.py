@@ -72,9 +72,8 @@ def simulate(
         `data_synth.vibration.mechanics.mechanics_truth` defines them. It costs a second integration.
     detectability : bool
         Also return ``truth_fault_detectability_db`` (truth_channel, truth_fault): what each fault alone adds to the
-        noise-free healthy channel of the same seed, against the spectrum of the channel's noise and quantisation, as
-        `data_synth.transfer.detectability.matched_filter_snr_db` defines it. It costs a simulation for each fault and
-        one more.
+        noise-free healthy channel of the same seed, against the channel's noise and quantisation, as
+        `fault_detectability` returns it. It costs a simulation for each fault and one more.
 
     Returns
     -------
@@ -166,7 +165,7 @@ def simulate(
     if mechanics:
         truth |= _mechanics(prepared, gears, choice)
     if detectability:
-        truth |= _detectability(declared, seed, choice)
+        truth["truth_fault_detectability_db"] = fault_detectability(declared, seed=seed)
     return make_record(
         {sensor.name: _channel(sensor, values) for sensor, values in zip(declared.sensors, signal, strict=True)},
         rate_hz=declared.rate_hz,
@@ -301,30 +300,53 @@ def _mechanics(prepared: PreparedScene, gears: Gears | None, choice: Choice | No
 _OF_A_FAULT = {"offset", "impacts", "pits"}  # random streams that are named by the number of the fault
 
 
-def _detectability(declared: Scene, seed: int, choice: Choice | None) -> dict[str, xr.DataArray]:
-    """Return how detectable each fault alone is in each channel, in dB."""
-    levels = choice.levels if choice is not None else None
-    healthy = _noise_free(declared.changed(faults=()), partial(random_stream, seed), levels)
-    ratios_db = np.empty((len(declared.sensors), len(declared.faults)))
-    for number, fault in enumerate(declared.faults):
+def fault_detectability(scene: Scene, *, seed: int) -> xr.DataArray:
+    """Return how detectable each fault of a scene alone is in each channel, in dB.
+
+    What the fault adds to the noise-free healthy channel of the same seed, against the white noise of the channel, with
+    its wandering level, and that of quantisation: `data_synth.transfer.detectability.matched_filter_snr_db`, which is 0
+    dB where nothing but one standard deviation of a matched filter's output is added. It costs a simulation for each
+    fault and one more, none of them with a truth.
+
+    Parameters
+    ----------
+    scene : Scene
+    seed : int
+
+    Returns
+    -------
+    xarray.DataArray
+        (truth_channel, truth_fault); see `simulate`.
+
+    Raises
+    ------
+    SceneError
+        A scene that cannot be simulated.
+    """
+    levels = None if scene.fidelity == "kinematic" else decided(scene).levels
+    healthy = _noise_free(scene.changed(faults=()), partial(random_stream, seed), levels)
+    variances = [_noise_variance(scene, sensor, partial(random_stream, seed)) for sensor in scene.sensors]
+    ratios_db = np.empty((len(scene.sensors), len(scene.faults)))
+    for number, fault in enumerate(scene.faults):
 
         def rng_for(*words: str, number: int = number) -> np.random.Generator:
             return random_stream(seed, *((words[0], str(number)) if words[0] in _OF_A_FAULT else words))
 
-        faulty = _noise_free(declared.changed(faults=(fault,)), rng_for, levels)
-        for row, sensor in enumerate(declared.sensors):
+        faulty = _noise_free(scene.changed(faults=(fault,)), rng_for, levels)
+        for row, variance in enumerate(variances):
+            mean = float(np.mean(variance))
+            # the filter matched in noise of varying level weights each instant by the inverse of its variance
+            weighted = (faulty[row] - healthy[row]) * (np.sqrt(mean / variance) if mean else 1.0)
             ratios_db[row, number] = matched_filter_snr_db(
-                faulty[row] - healthy[row], noise_psd=_noise_psd(declared, sensor), rate_hz=declared.rate_hz
+                weighted, noise_psd=2 * mean / scene.rate_hz, rate_hz=scene.rate_hz
             )
     about = "matched filter for what the fault adds, against the noise of the channel, 4 integral |D|^2 / S df"
-    return {
-        "truth_fault_detectability_db": xr.DataArray(
-            ratios_db,
-            dims=("truth_channel", "truth_fault"),
-            coords={"truth_channel": [sensor.name for sensor in declared.sensors]},
-            attrs={"units": "dB", "about": about},
-        )
-    }
+    return xr.DataArray(
+        ratios_db,
+        dims=("truth_channel", "truth_fault"),
+        coords={"truth_channel": [sensor.name for sensor in scene.sensors]},
+        attrs={"units": "dB", "about": about},
+    )
 
 
 def _noise_free(scene: Scene, rng_for: RandomStreams, levels: Mapping[str, str] | None) -> Array:
@@ -338,13 +360,19 @@ def _noise_free(scene: Scene, rng_for: RandomStreams, levels: Mapping[str, str] 
     return signal if motion is None else signal + _gear_vibration(motion)
 
 
-def _noise_psd(scene: Scene, sensor: Sensor) -> float:
-    """Return the one-sided spectral density of a channel's noise: white, and that of rounding, a twelfth of a step."""
+def _noise_variance(scene: Scene, sensor: Sensor, rng_for: RandomStreams) -> Array:
+    """Return the variance of a channel's white noise, (n,) where its level wanders, else (1,), with that of rounding.
+
+    Rounding to steps adds a twelfth of the square of one.
+    """
     gain = abs(sensor.sensitivity.value) if sensor.sensitivity is not None else 1.0
-    variance = (gain * scene.noise.rms) ** 2
+    variance = np.full(1, (gain * scene.noise.rms) ** 2)
+    if scene.imperfections is not None and scene.imperfections.noise is not None:
+        level_db = noise_level(scene, rng_for=rng_for)
+        variance = variance * 10 ** (level_db(np.arange(scene.samples) / scene.rate_hz) / 10)
     if sensor.quantisation is not None:
-        variance += (2 * sensor.quantisation.full_scale / 2**sensor.quantisation.bits) ** 2 / 12
-    return 2 * variance / scene.rate_hz
+        variance = variance + (2 * sensor.quantisation.full_scale / 2**sensor.quantisation.bits) ** 2 / 12
+    return variance
 
 
 # ---- what is not linear in the chain, or not of the machine --------------------------------------------------
@@ -370,7 +398,7 @@ def _apply_chain(
     gain = abs(sensor.sensitivity.value) if sensor.sensitivity is not None else 1.0
     factor = None
     if scene.imperfections is not None and scene.imperfections.noise is not None:
-        level_db = noise_level(prepared)
+        level_db = noise_level(scene, rng_for=prepared.rng_for)
         factor = lambda numbers: 10 ** (level_db(numbers / scene.rate_hz) / 20)  # noqa: E731
     add_noise(values, rms=gain * scene.noise.rms, rng=prepared.rng_for("noise", sensor.name), factor=factor)
     if sensor.clipping is not None:

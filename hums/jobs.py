@@ -17,8 +17,6 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from hums.records.store import remove_partial_files
-
 __all__ = ["Cluster", "Job", "JobError", "Processes", "Serial", "Tally", "Workers", "run_jobs"]
 
 Item = TypeVar("Item")
@@ -153,6 +151,8 @@ def run_jobs(
     Exception
         Any exception of `function`, after the running jobs have ended. Finished files remain.
     """
+    from hums.records.store import remove_partial_files  # noqa: PLC0415 - xarray, which a worker may do without
+
     folder = folder.resolve()
     with _locked(folder):
         remove_partial_files(folder)

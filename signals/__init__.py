@@ -61,6 +61,8 @@ if TYPE_CHECKING:
     from signals.resampling.resampling import time_resample as time_resample
     from signals.resampling.stream import AngularStream as AngularStream
     from signals.resampling.stream import angular_blocks as angular_blocks
+    from signals.shaft.declared_speed import DeclaredSpeed as DeclaredSpeed
+    from signals.shaft.declared_speed import refine_declared_speed as refine_declared_speed
     from signals.shaft.phase import ShaftPhase as ShaftPhase
     from signals.shaft.phase import constant_speed as constant_speed
     from signals.shaft.phase_demodulation import RefinedPhase as RefinedPhase
@@ -130,6 +132,8 @@ _HOME = {
     "ShaftPhase": "signals.shaft.phase",
     "SpectralCorrelation": "signals.spectra.cyclostationary",
     "SpectralKurtosis": "signals.demodulation.kurtogram",
+    "DeclaredSpeed": "signals.shaft.declared_speed",
+    "refine_declared_speed": "signals.shaft.declared_speed",
     "SpeedEstimate": "signals.shaft.tacholess",
     "SynchronousAverage": "signals.angle.averaging",
     "TimeSignal": "signals.resampling.resampling",

@@ -15,7 +15,7 @@ _SIZES = {
     "crack": "depth of the crack",
     "chipping": "face width broken off",
     "missing tooth": "face width: the whole tooth",
-    "spall": "depth of the spall",
+    "spall": "depth of the spall, whose length rises with it to 0.8 pitches",
     "wear": "material worn off",
     "eccentricity": "of the pitch circle",
     "imbalance": "eccentricity of the mass; the column size_mm has it in mm",
@@ -63,9 +63,9 @@ Sizes are drawn evenly in the logarithm; `severity` is 0 at the least and 1 at t
 |---|---|---|---|
 {classes}
 
-`detectability_db` is the energy that the fault adds over the noise, as a matched filter would have it: 10 log10 of the
-sum of abs(D)^2 / N over all frequencies, D faulty minus healthy with the same seed, N the running median of the healthy
-spectrum, both of {trial:g} s and scaled to 10 s. NaN for healthy records. Below some 15 dB no method finds the fault;
+`detectability_db` is the signal-to-noise ratio of the filter matched to what the fault adds behind the measurement
+chain: 10 log10 of the sum of its squares, each over the variance of the noise at that instant, from {trial:g} s without
+noise, with and without the fault, scaled to 10 s. NaN for healthy records. Below some 15 dB no method finds the fault;
 above it a method that does not know the machine may still miss it.
 
 ## Gearboxes
@@ -83,8 +83,6 @@ each steady within 0.2 %, wandering by 3 % (RMS), in a ramp or in a step (column
 `load_share` are those at the beginning). Every record, healthy or not, has:
 
 {imperfections}
-
-So the truth of a healthy record lists the eccentricity of each gear; the fault of the class is the last one.
 
 ## Limits
 
@@ -112,7 +110,7 @@ def data_card(plan: benchmark.BenchmarkRecords) -> str:
     >>> from data_synth import load_plan
     >>> from data_synth.benchmark.card import data_card
     >>> data_card(load_plan("benchmark-1")).splitlines()[0]
-    '# benchmark-1 1.0: synthetic gearbox vibration with labelled faults'
+    '# benchmark-1 1.1: synthetic gearbox vibration with labelled faults'
     """
     total = sum(split.share for split in benchmark.SPLITS.values())
     split_of = {name: split for split, pool in benchmark.SPLITS.items() for name in pool.gearboxes}

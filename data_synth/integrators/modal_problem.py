@@ -177,6 +177,8 @@ DEGREE = 5
 WIDTHS = (6, 7, 8, 9)  # coefficients of the function and of its three integrals, side by side in a row
 _MIN_DENSITY, _MAX_DENSITY = 16, 2048  # cells to a mesh cycle
 _FIT = 1e-11  # of the largest value: cells are halved until the polynomials are this close
+_FIT_ERROR = 1e-9  # the same of transmission errors, which no method integrates exactly: a third of the time
+_LEAST_GAIN = 1.2  # of halving, by which even a kink within a cell gains 2
 
 _NODES = (1 - np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))) / 2
 _INTERPOLATE = np.linalg.inv(np.vander(_NODES, increasing=True))
@@ -206,11 +208,12 @@ class Waves(NamedTuple):
 
 
 class Wave(NamedTuple):
-    """A function of the phase in cycles, its period and its jumps in [0, period)."""
+    """A function of the phase in cycles, its period, its jumps in [0, period), and the relative misfit of its table."""
 
     value: Callable[[Array], Array]
     period: float
     jumps: tuple[float, ...] = ()
+    misfit: float = _FIT
 
 
 def tabulated(functions: Sequence[Wave]) -> Waves:
@@ -249,7 +252,7 @@ _TABLES: dict[int, tuple[weakref.ref[Callable[[Array], Array]], tuple[object, ..
 
 def _table(function: Wave) -> Table:
     """Return starts, densities, first cells and cell counts of the segments, rows of the cells, and the mean."""
-    key, where = id(function.value), (function.period, function.jumps)
+    key, where = id(function.value), (function.period, function.jumps, function.misfit)
     known = _TABLES.get(key)
     if known is not None and known[0]() is function.value and known[1] == where:
         return known[2]
@@ -263,14 +266,18 @@ def _table(function: Wave) -> Table:
 
 def _tabulated_alone(function: Wave) -> Table:
     breaks = np.unique(np.array([0.0, *function.jumps, function.period]))
+    # a value may change by all of its range over the shortest segment, and phases are rounded
+    rounding = 4 * np.finfo(float).eps * function.period / float(np.min(np.diff(breaks)))
     density = _MIN_DENSITY
-    while True:
-        starts, widths, counts, rows, error = _fitted(function, breaks, density)
-        if error <= _FIT or density >= _MAX_DENSITY:
-            break
+    starts, widths, counts, rows, error = _fitted(function, breaks, density)
+    while error > function.misfit and density < _MAX_DENSITY:
         # the misfit falls with the power DEGREE + 1; rounding down the doublings avoids too many cells
-        doublings = int(np.log2(error / _FIT) / (DEGREE + 1))
+        doublings = int(np.log2(error / function.misfit) / (DEGREE + 1))
         density = min(density * 2 ** max(1, doublings), _MAX_DENSITY)
+        finer = _fitted(function, breaks, density)
+        if finer[-1] > error / _LEAST_GAIN and finer[-1] <= rounding:
+            break
+        starts, widths, counts, rows, error = finer
     mean, rows = _with_integrals(rows, widths)
     firsts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
     return starts, counts / np.diff(breaks), firsts, counts.astype(np.int64), rows, mean
@@ -530,7 +537,7 @@ def assemble(problem: Problem) -> Assembled:
         friction_rows=modes.rows(np.array([force.direction for force in frictions], dtype=np.float64).reshape(-1, dof)),
         friction_mesh=np.repeat(np.arange(len(system.meshes)), [len(m.friction) for m in system.meshes]),
         stiffnesses=waves,
-        errors=tabulated([Wave(e, e.period, getattr(e, "jumps", ())) for e in [*errors, *more]]),
+        errors=tabulated([Wave(e, e.period, getattr(e, "jumps", ()), _FIT_ERROR) for e in [*errors, *more]]),
         error_of=error_of,
         later_stiffnesses=later_stiffnesses,
         later_errors=np.array([later_errors[of] if of >= 0 else -1 for of in error_of], dtype=np.int64),

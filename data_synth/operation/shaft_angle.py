@@ -171,7 +171,7 @@ class ShaftAngle:
     def turning_points_s(self) -> Array:
         """Return the rising times between which the angle is monotone or constant."""
         before, after = self.speeds_hz[:-1], self.speeds_hz[1:]
-        passing = np.flatnonzero(before * after < 0)
+        passing = np.flatnonzero(np.sign(before) * np.sign(after) < 0)  # a product of speeds could underflow
         share = before[passing] / (before[passing] - after[passing])
         zeros = self.times_s[passing] + share * np.diff(self.times_s)[passing]
         return np.unique(np.concatenate([zeros, self.times_s[self.speeds_hz == 0]]))

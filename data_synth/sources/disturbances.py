@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from data_synth.kinematic.harmonics import ComplexArray, add_lines
+from data_synth.kinematic.harmonics import ComplexArray, RandomStreams, add_lines
 from data_synth.kinematic.imperfect_parts import imperfections_of, in_units
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.imperfections import Electrical, Inverter, NoiseLevel
@@ -61,7 +61,7 @@ def sensor_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, x
     if declared.temperature is not None:
         histories["truth_temperature"] = (lambda times_s: _temperature_c(scene, times_s), "degC")
     if declared.noise is not None:
-        histories["truth_noise_level"] = (noise_level(prepared), "dB")
+        histories["truth_noise_level"] = (noise_level(scene, rng_for=prepared.rng_for), "dB")
     for name, (history, units) in histories.items():
         truth[name] = xr.DataArray(
             history(prepared.instants_s), dims="truth_time", coords={"truth_time": instants}, attrs={"units": units}
@@ -69,15 +69,15 @@ def sensor_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, x
     return truth
 
 
-def noise_level(prepared: PreparedScene) -> Callable[[Array], Array]:
+def noise_level(scene: Scene, *, rng_for: RandomStreams) -> Callable[[Array], Array]:
     """Return the level of the noise over the declared one in dB, at times (n,) in s.
 
     A stationary Gauss-Markov process at knots, a tenth of its time scale apart, and linear between them.
     """
-    declared = imperfections_of(prepared.scene).noise
+    declared = imperfections_of(scene).noise
     if declared is None:
         return np.zeros_like
-    knots_s, levels_db = _wander(declared, prepared.scene.duration_s, prepared.rng_for("imperfection", "noise level"))
+    knots_s, levels_db = _wander(declared, scene.duration_s, rng_for("imperfection", "noise level"))
     return lambda times_s: np.interp(times_s, knots_s, levels_db)
 
 

@@ -1,9 +1,11 @@
 """Lines of gears in motion: their orders, and their complex amplitudes against time, projected from the clean signal.
 
-Candidates are the orders that the drawing gives: harmonics of every mesh and of every damaged gear, with sidebands at
-the passes of planets, and in steady motion what two of them make with each other. Those that are loud are kept.
+Candidates are the orders that the drawing gives: harmonics of every mesh, of every damaged gear, and of every gear with
+pitch deviations, with sidebands at the passes of planets, and in steady motion what two of the first make with each
+other. Those that are loud are kept.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -14,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.kinematic.harmonics import ComplexArray
+from data_synth.kinematic.imperfect_parts import imperfections_of
 from data_synth.kinematic.planet_pass import pass_orders
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Scene
@@ -31,6 +34,7 @@ _LONGEST_CELLS = 1 << 20  # of a window in steady motion
 _SEARCHED = 16  # windows in which lines are looked for
 _APART, _APART_STEADY = 2.0, 1.5  # periods of the window that two lines have to be apart to be fitted together
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
+_LONGER = 4.0  # times the power of the least change: twice in amplitude, of windows that need not be longer still
 _PERIODS = 6.0  # of the smallest base order: the shortest window tried
 
 
@@ -61,8 +65,8 @@ class Candidates:
     orders : tuple of Fraction
     sources : tuple of (component, kind)
     ranks : (k,) int array
-        0 of meshes, 1 of damaged gears, 2 of what two of them make: where a window cannot separate two lines, that of
-        the lower rank stands for both.
+        0 of meshes, 1 of damaged gears, 2 of pitch deviations and of what two of the first make: where a window cannot
+        separate two lines, that of the lower rank stands for both.
     spacing : float
         Smallest order of which all multiples are candidates.
     """
@@ -91,34 +95,48 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
     """
     meshes, teeth = scene.exact_orders("gear_mesh"), scene.exact_orders("tooth")
     damaged = dict.fromkeys(fault.component for fault in scene.faults if fault.component in teeth)
-    found: dict[Fraction, tuple[int, str, str]] = {}
-
-    def add(order: Fraction, rank: int, component: str, kind: str) -> None:
-        if 0 < abs(order) <= top:
-            found.setdefault(abs(order), (rank, component, kind))
-
     bases = [(order, 0, mesh, mesh, "gear_mesh") for mesh, order in meshes.items()]
     # planets are not alike to a sensor: a tooth of a sun or a ring repeats once it has met all of them
     bases += [(teeth[name] / _planets(scene, mesh_name(name)), 1, mesh_name(name), name, "tooth") for name in damaged]
+    uneven = [name for name in teeth if name not in damaged and imperfections_of(scene).gears is not None]
+    bases += [
+        (teeth[name] / _planets(scene, mesh_name(name)), 2, mesh_name(name), name, "pitch_deviation") for name in uneven
+    ]
+    passes = {mesh: pass_orders(scene, mesh) for mesh in meshes}
+    # whole multiples of one fraction: sums of them are whole numbers
+    unit = Fraction(
+        1, math.lcm(*(order.denominator for order in [*(base[0] for base in bases), *(c for c, _ in passes.values())]))
+    )
+    found: dict[int, tuple[int, str, str]] = {}
+
+    def add(numbers: NDArray[np.int64], rank: int, component: str, kind: str) -> None:
+        sizes = np.abs(numbers.ravel())
+        for number in sizes[(sizes > 0) & (sizes <= top / unit)].tolist():
+            found.setdefault(number, (rank, component, kind))
+
     spacing = []
     for order, rank, mesh, component, kind in bases:
-        carrier, sides = pass_orders(scene, mesh)
-        for harmonic in range(int((top + sides * float(carrier)) / float(order)) + 1):
-            for side in range(-sides, sides + 1):
-                add(harmonic * order + side * carrier, rank, component, kind)
+        carrier, sides = passes[mesh]
+        harmonics = np.arange(int((top + sides * float(carrier)) / float(order)) + 1)
+        add(_multiples(order / unit, harmonics, carrier / unit, sides), rank, component, kind)
         spacing += [float(order), *([float(carrier)] if sides else [])]
     if mixed:
-        for (order, *_, component, kind), (beside, *_rest) in permutations(bases, 2):
-            for harmonic in range(int((top + _MIXED * float(beside)) / float(order)) + 1):
-                for number in range(-_MIXED, _MIXED + 1):
-                    add(harmonic * order + number * beside, 2, component, kind)
-    orders = tuple(sorted(found))
+        for (order, rank, _, component, kind), (beside, other, *_rest) in permutations(bases, 2):
+            if max(rank, other) <= 1:
+                harmonics = np.arange(int((top + _MIXED * float(beside)) / float(order)) + 1)
+                add(_multiples(order / unit, harmonics, beside / unit, _MIXED), 2, component, kind)
+    orders = sorted(found)
     return Candidates(
-        orders=orders,
+        orders=tuple(number * unit for number in orders),
         sources=tuple(found[order][1:] for order in orders),
         ranks=np.array([found[order][0] for order in orders], dtype=np.int64),
         spacing=min(spacing, default=1.0),
     )
+
+
+def _multiples(order: Fraction, harmonics: NDArray[np.int64], beside: Fraction, sides: int) -> NDArray[np.int64]:
+    """Return whole multiples of an order, with sidebands at multiples of another, (harmonic, side)."""
+    return np.asarray(np.add.outer(harmonics * int(order), np.arange(-sides, sides + 1) * int(beside)), dtype=np.int64)
 
 
 def _planets(scene: Scene, mesh: str) -> int:
@@ -273,8 +291,10 @@ def _varying_fit(
     while 2 * lengths[-1] <= longest:
         lengths.append(2 * lengths[-1])
     trials = np.unique(np.linspace(0, instants_rev.size - 1, _SEARCHED).round().astype(int))
-    changes, kept = np.empty((len(lengths), trials.size)), []
+    changes, kept = np.full((len(lengths), trials.size), np.inf), []
     for row, length_rev in enumerate(lengths):
+        if row > 1 and np.all(changes[row - 1] > _LONGER * np.min(changes[: row - 1], axis=0)):
+            break  # these already blur every line
         window = Window(length_rev=length_rev, degree=2)
         chosen, fitted = _kept(
             samples,

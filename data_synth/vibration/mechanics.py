@@ -38,8 +38,9 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
     ``truth_mesh_deflection`` (truth_contact, time) in m, the dynamic transmission error along the line of action,
     positive where teeth are pressed together; ``truth_mesh_force`` in N and ``truth_mesh_stiffness`` in N m-1 alike;
     ``truth_bearing_force`` (truth_support, time) in N, what the bearings of a link press on the frame along an axis of
-    the scene, by the motions that are simulated: none at ``torsional``; ``truth_link_speed`` (truth_link, time) in
-    rev s-1, vibration included. All are values at the sampling instants, not filtered.
+    the scene: of motions that are not simulated the static part, what meshes press on the link (none under planets);
+    ``truth_link_speed`` (truth_link, time) in rev s-1, vibration included. All are values at the sampling instants, not
+    filtered.
 
     Raises
     ------

@@ -119,16 +119,29 @@ class Window:
         shape = chebval(np.cos(2 * np.pi * (position + 0.5)), _NUTTALL)
         return np.asarray(shape * np.power.outer(position, np.arange(2 * self.degree + 1)).T)
 
-    def normal_matrix(self, orders: Array) -> ComplexArray:
-        """Return the normal matrix of lines at signed orders (k,): unknowns by line, then by degree."""
-        at, size = _NODES / 2, self.degree + 1
-        apart = self.length_rev * (orders[None, :] - orders[:, None])
-        near = np.abs(apart) < 2 * _SEPARATED
-        moments = np.zeros((*apart.shape, 2 * self.degree + 1), dtype=np.complex128)
-        waves = np.exp(2j * np.pi * np.multiply.outer(apart[near], at))
-        moments[near] = waves @ (self.weights(at) * _WEIGHTS / 2).T
-        by_degree = moments[:, :, np.add.outer(np.arange(size), np.arange(size))]
-        return np.asarray(np.transpose(by_degree, (0, 2, 1, 3)).reshape(orders.size * size, -1))
+    def normal_matrix(self, orders: Array) -> tuple[int, ComplexArray]:
+        """Return the bandwidth and the diagonals of the normal matrix of lines at rising signed orders (k,).
+
+        Unknowns are ordered by line, then by degree; lines farther apart than twice `separated` have no entry. The
+        diagonals (2 bandwidth + 1, unknowns) are stored as `scipy.linalg.solve_banded` takes them.
+        """
+        size, reach = self.degree + 1, 2 * self.separated
+        neighbours = int(np.max(np.searchsorted(orders, orders + reach) - np.arange(orders.size))) - 1
+        band = (neighbours + 1) * size - 1
+        diagonals = np.zeros((2 * band + 1, orders.size * size), dtype=np.complex128)
+        at = _NODES / 2
+        quadrature = (self.weights(at) * _WEIGHTS / 2).T
+        for ahead in range(neighbours + 1):
+            row = np.arange(orders.size - ahead)
+            apart = self.length_rev * (orders[row + ahead] - orders[row])
+            moments = np.exp(2j * np.pi * np.multiply.outer(apart, at)) @ quadrature
+            moments[apart >= 2 * _SEPARATED] = 0
+            for d in range(size):
+                for e in range(size):
+                    above = ahead * size + e - d
+                    diagonals[band - above, (row + ahead) * size + e] = moments[:, d + e]
+                    diagonals[band + above, row * size + d] = moments[:, d + e].conj()
+        return band, diagonals
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,12 +248,16 @@ class Projection:
 
     def _solved(self, moments: ComplexArray) -> ComplexArray:
         """Return half of Z in powers of u from the normal equations, (window, channel, degree, k)."""
+        from scipy.linalg import solve_banded  # noqa: PLC0415
+
         signed = np.concatenate([-self.orders[::-1], [0.0], self.orders])
         size, count = self.window.degree + 1, self.orders.size
         solved = np.empty((*moments.shape[:-1], count), dtype=np.complex128)
         groups = np.split(np.arange(signed.size), np.flatnonzero(np.diff(signed) > self.window.separated) + 1)
         single = np.array([group[0] for group in groups if group.size == 1 and group[0] > count], dtype=np.int64)
-        alone = np.linalg.inv(self.window.normal_matrix(np.zeros(1)))
+        alone = solve_banded(
+            (size - 1, size - 1), self.window.normal_matrix(np.zeros(1))[1], np.eye(size, dtype=np.complex128)
+        )
         solved[..., single - count - 1] = np.einsum("de,wcek->wcdk", alone, moments[..., single - count])
         for group in groups:
             if group.size == 1 or group[-1] <= count:
@@ -248,7 +265,8 @@ class Projection:
             of_group = moments[..., np.abs(group - count)]
             right = np.where(group < count, np.conj(of_group), of_group)  # (window, channel, degree, group)
             right = np.moveaxis(right, -1, -2).reshape(*moments.shape[:2], -1)
-            left = np.linalg.solve(self.window.normal_matrix(signed[group]), right.reshape(-1, right.shape[-1]).T)
+            band, diagonals = self.window.normal_matrix(signed[group])
+            left = solve_banded((band, band), diagonals, right.reshape(-1, right.shape[-1]).T)
             unknowns = left.T.reshape(*moments.shape[:2], group.size, size)
             kept = group > count
             solved[..., group[kept] - count - 1] = np.moveaxis(unknowns, -1, -2)[..., kept]

@@ -8,9 +8,9 @@ fidelity.
 
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,10 @@ from data_synth.dynamics.system import Array, System
 from data_synth.gears.mesh_stiffness import Constant
 from data_synth.integrators.choice import MethodChoice, method_for
 from data_synth.integrators.problem import Accuracy, IntegrationError, Load, Output, Problem, Steps
+from data_synth.kinematic.harmonics import random_stream
 from data_synth.scene.faults import LOSING_CONTACT
 from data_synth.scene.scene import Scene, SceneError
-from data_synth.sources.prepared import PreparedScene
+from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.housing import AHEAD
 from data_synth.vibration.meshes import Gears, Teeth, declared_of, gears_of, kinematics_of, tooth_passes
 from data_synth.vibration.sensor_forces import LAG, SensorForces, WeightedForces, sensor_forces_of
@@ -40,7 +41,12 @@ _PARALLEL = 1e-9
 
 
 def assembly_of(
-    stage: PreparedScene, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()
+    stage: PreparedScene,
+    gears: Gears,
+    *,
+    levels: Mapping[str, str],
+    springs: Collection[str] = (),
+    speed_rad_s: float | None = None,
 ) -> Assembly:
     """Return the gearbox of a scene in the plane, or in space where its axes cross or a mesh has full motion.
 
@@ -54,6 +60,8 @@ def assembly_of(
     levels : mapping of mesh to "torsional", "lateral" or "full"
     springs : collection of mesh
         Meshes of constant mean stiffness without transmission error.
+    speed_rad_s : float, optional
+        Speed of the reference in rad/s for the gyroscopic terms; default the scene's mean.
 
     Raises
     ------
@@ -61,6 +69,7 @@ def assembly_of(
         If `data_synth.dynamics.assembly.assemble` raises ValueError.
     """
     scene, kinematics = stage.scene, gears.kinematics
+    speed = _speed_rad_s(stage, kinematics) if speed_rad_s is None else speed_rad_s
     declared, full = declared_of(scene), "full" in levels.values()
     try:
         return assemble_parts(
@@ -73,7 +82,7 @@ def assembly_of(
             },
             supports=dict(_supports(scene, kinematics)),
             meshes=dict(_meshes(gears, springs)),
-            speed_rad_s=_speed_rad_s(stage, kinematics) if full or has_planets(kinematics) else 0.0,
+            speed_rad_s=speed if full or has_planets(kinematics) else 0.0,
             rotating_frame="carriers",
         )
     except ValueError as caught:
@@ -272,6 +281,36 @@ class Motion:
             start=self.drive_load.start(self.system, drive, start_s),
             start_s=start_s,
         )
+
+
+def scene_system(scene: Scene) -> Callable[[float], System]:
+    """Return the equations of motion of a scene's gears as a function of speed, for modes and stability.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its fidelity says which motions the bodies have; lateral where it is kinematic or automatic.
+
+    Returns
+    -------
+    callable
+        From the speed of the reference in rad/s, for the gyroscopic terms, to the system with its modal damping.
+
+    Raises
+    ------
+    SceneError
+        If the gearbox cannot be assembled.
+    """
+    stage = prepare_scene(scene, rng_for=partial(random_stream, 0))
+    gears = prepare_gears(stage)
+    level = scene.fidelity if scene.fidelity in {"torsional", "full"} else "lateral"
+    levels = dict.fromkeys(gears.meshes.values(), level)
+
+    def system_at(speed_rad_s: float) -> System:
+        system = active_dofs_of(assembly_of(stage, gears, levels=levels, speed_rad_s=speed_rad_s), levels).system
+        return with_modal_damping(system, ratio=declared_of(scene).damping_ratio)
+
+    return system_at
 
 
 def prepare_gears(stage: PreparedScene) -> Gears:

@@ -455,6 +455,9 @@ def support_forces(
 ) -> tuple[list[str], Array, Array, Array]:
     """Return the forces of the supports of each body on the frame along x, y and z of the gearbox, as output maps.
 
+    Of motions that are not simulated they are those of statics: what the meshes press on the body. Where planets turn
+    there are none of these, since planets and carrier share their forces.
+
     Returns
     -------
     names : list of str
@@ -463,6 +466,12 @@ def support_forces(
     mesh_force : (row, contact) array
     """
     names, rows, parts = [], _Readings(whole, active, damping), whole.parts
+    meshes, index = whole.system.meshes, whole.coordinates.index
+    rigid = np.ones(len(whole.coordinates.names), dtype=bool)
+    rigid[active.numbers] = False
+    if any(contact.carrier != parts.frame for contact in parts.contacts):
+        rigid[:] = False
+    statics = []
     for body in (*parts.kinematics.joints, *parts.elastic_links):
         if parts.frame not in parts.frames(body):
             continue
@@ -471,8 +480,14 @@ def support_forces(
             along[np.abs(along) < _ALONG] = 0.0
             gains = {other: float(other == body) for other in (*parts.kinematics.joints, *parts.elastic_links)}
             rows.add(along, gains, frame=parts.frame, ring=False)
+            numbers = [index.get((parts.piece(body, parts.frame), motion)) for motion in "xyz"]
+            held = [(share, number) for share, number in zip(along, numbers, strict=True) if number is not None]
+            statics.append(
+                [-sum(share * mesh.direction[number] for share, number in held if rigid[number]) for mesh in meshes]
+            )
             names.append(f"{body}, {axis}")
     displacement, velocity, mesh_force = rows.maps
+    mesh_force = mesh_force + np.array(statics)
     nonzero = np.any(np.hstack([displacement, velocity, mesh_force]) != 0, axis=1)
     kept = [names[row] for row in np.flatnonzero(nonzero)]
     return kept, displacement[nonzero], velocity[nonzero], mesh_force[nonzero]

@@ -7,6 +7,7 @@ An analysis is an `xarray.DataTree` with the groups `/speed`, `/health`, `/order
 import json
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,9 @@ from hums.analysis.channel import (
     varying_values,
 )
 from hums.analysis.detection import AssessedLine, LineAssessor
-from hums.analysis.findings import Finding, findings, verdicts
-from hums.analysis.indicators import channel_indicators, fm4_by_gear
+from hums.analysis.findings import Finding, bearing_verdicts, findings, of_another_machine
+from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_indicators, gear_verdicts
+from hums.analysis.indicators import channel_indicators
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.reference_angle import Machine, prepare_machine
 from hums.analysis.resemblance import unlike_drawing
@@ -44,7 +46,8 @@ from hums.analysis.settings import AnalysisSettings
 from hums.analysis.tracks import lines_to_track, track_lines
 from hums.analysis.unexplained import UnexplainedLine
 from hums.gearbox.model import Gearbox
-from hums.records.record import channel_values, check_record
+from hums.records.record import channel_values, check_record, sampling
+from hums.records.store import open_record
 from signals._validation import checked
 from signals.health import SensorHealth
 
@@ -53,7 +56,7 @@ __all__ = ["AnalysisSettings", "analyze"]
 
 @checked
 def analyze(
-    record: xr.Dataset,
+    record: xr.Dataset | str | PathLike[str],
     gearbox: Gearbox,
     *,
     settings: AnalysisSettings | None = None,
@@ -63,8 +66,8 @@ def analyze(
 
     Parameters
     ----------
-    record : xarray.Dataset
-        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`.
+    record : xarray.Dataset, str or Path
+        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`; or the path of a record.
     gearbox : Gearbox
         The gearbox, with one degree of freedom; the record's tachometer or declared speed is that of one of its links.
     settings : AnalysisSettings, optional
@@ -100,6 +103,9 @@ def analyze(
     >>> print(f"order {mesh['order']:g}: {mesh['amplitude']:.2f} {mesh['units']}")
     order 23: 0.50 g
     """
+    if isinstance(record, str | PathLike):
+        with open_record(record) as opened:
+            return analyze(opened, gearbox, settings=settings, baseline=baseline)
     settings = settings or AnalysisSettings()
     if not isinstance(settings, AnalysisSettings):
         raise AnalysisError(f"settings is a {type(settings).__name__}; pass hums.AnalysisSettings(...).")
@@ -112,30 +118,31 @@ def analyze(
     expected = expected_lines(machine.kinematics, _plan(machine, settings))
     channels: list[AnalysedChannel] = []
     indicators: list[IndicatorValue] = []
+    gears: list[GearJudgement] = []
     for name in names:
         values = varying_values(record, name)
         channel = analyse_channel(record, name, values, machine, expected, settings)
         channels.append(channel)
         indicators += channel_indicators(record, channel, values, machine, settings, histories)
+        of_gears = gear_damage(
+            values,
+            sampling(record, name),
+            machine,
+            channel=name,
+            units=channel.units,
+            false_alarm_probability=settings.false_alarm_probability,
+            channels=len(names),
+            faulty=channel.faulty,
+        )
+        indicators += [] if channel.faulty else gear_indicators(of_gears)
+        gears += of_gears
     assessor = LineAssessor(
         {bearing.name: bearing for bearing in machine.bearings},
         settings.false_alarm_probability,
         _healthy_spacings(machine),
     )
     assessed = assessor.assess([line for channel in channels for line in channel.lines])
-    unlike = unlike_drawing(
-        [channel.spectra[ORDER_SPECTRUM] for channel in channels if not channel.faulty],
-        drawn_by(machine, settings),
-        setting_of(machine),
-    )
-    judged = verdicts(
-        assessed,
-        [part for channel in channels for part in channel.evidence],
-        fm4=fm4_by_gear(indicators, _best_channels(assessed), harmonics=settings.harmonics),
-        false_alarm_probability=settings.false_alarm_probability,
-        faulty=[channel.name for channel in channels if channel.faulty],
-        unlike=unlike,
-    )
+    unlike, judged = _verdicts(channels, gears, machine, settings)
     found = findings(judged)
     doubts = [unlike[0].upper() + unlike[1:] + "."] if unlike else []
     excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
@@ -164,6 +171,28 @@ def analyze(
     return tree
 
 
+def _verdicts(
+    channels: Sequence[AnalysedChannel], gears: Sequence[GearJudgement], machine: Machine, settings: AnalysisSettings
+) -> tuple[str, list[Finding]]:
+    """Return why the record does not look like its gearbox, empty if it does, and the verdict on every part."""
+    unlike = unlike_drawing(
+        [channel.spectra[ORDER_SPECTRUM] for channel in channels if not channel.faulty],
+        drawn_by(machine, settings),
+        setting_of(machine),
+    )
+    # bearings and gears share what may be named in health
+    chance = settings.false_alarm_probability / (2 if gears and machine.bearings else 1)
+    judged = [
+        *bearing_verdicts(
+            [part for channel in channels for part in channel.evidence],
+            false_alarm_probability=chance,
+            faulty=[channel.name for channel in channels if channel.faulty],
+        ),
+        *gear_verdicts(gears, false_alarm_probability=chance),
+    ]
+    return unlike, [of_another_machine(one, unlike) for one in judged] if unlike else judged
+
+
 def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:
     band = settings.envelope_band_hz
     return SearchPlan(
@@ -185,17 +214,6 @@ def _healthy_spacings(machine: Machine) -> dict[str, tuple[float, ...]]:
         for row in machine.defect_orders
         if row.kind == "tooth" and row.seen_from != frame
     }
-
-
-def _best_channels(assessed: Sequence[AssessedLine]) -> dict[str, str]:
-    """Return the channel with the highest signal-to-noise ratio of significant sidebands, by gear."""
-    best: dict[str, AssessedLine] = {}
-    for line in assessed:
-        if line.significant and line.measured.expected.kind == "tooth" and line.measured.expected.sideband:
-            name = line.measured.expected.component
-            if name not in best or line.measured.line.snr > best[name].measured.line.snr:
-                best[name] = line
-    return {name: line.measured.channel for name, line in best.items()}
 
 
 def _sensor_conditions(

@@ -32,7 +32,14 @@ def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
         known = f'tachometer "{machine.source.tachometer}"' if machine.source.tachometer else "a declared speed"
         yield (
             f"The record has {known}, which tells the angle: the range and acceleration given for estimating the speed "
-            "(speed_range_hz, --speed-range; max_acceleration_hz_s, --max-acceleration) were not used."
+            "(speed_range_hz, --speed-range; max_acceleration_hz_s, --max-acceleration) were not used to estimate it."
+        )
+    declared = machine.source.declared
+    if declared is not None and declared.refined:
+        lines = ", ".join(f"{order:.4g}" for order in declared.orders[:6])
+        yield (
+            f"The declared speed of {shaft} was refined from {declared.declared_hz:.5g} to {declared.speed_hz:.5g} Hz "
+            f"by lines of orders {lines} per turn of it, which show that speed within the tolerance."
         )
     if machine.phase.nominal:
         yield (

@@ -12,38 +12,33 @@ The probability is that over healthy machines (`hums.analysis.healthy_machines`)
 not that of noise. A bearing is diagnosed if its line modulates a band by a tenth of the mean or more, a harmonic or
 sideband supports it, on a race that turns through the load zone a sideband, no other race or element of it comes within
 a factor of three, and nothing unexplained is deeper; its cage never, since damage of an element makes the same line.
-For a gear the line must be at least six times its background, and FM4 of the synchronous average show a local
-disturbance.
+Gears are judged in `hums.analysis.gear_damage`, and are at most indicated.
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from hums.analysis.detection import AssessedLine
 from hums.analysis.evidence import PartEvidence
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.lines import ENVELOPE, MeasuredLine
 from hums.analysis.thresholds import FAULTY_DEPTH, JUDGED_SNR, RIVAL_FACTOR
 from hums.gearbox.orders import BEARING_KINDS
 
-__all__ = ["DIAGNOSED", "INDICATED", "NOTHING_FOUND", "NOT_JUDGED", "Finding", "Fm4", "findings", "verdicts"]
+__all__ = [
+    "DIAGNOSED",
+    "INDICATED",
+    "NOTHING_FOUND",
+    "NOT_JUDGED",
+    "Finding",
+    "bearing_verdicts",
+    "findings",
+    "of_another_machine",
+]
 
 DIAGNOSED, INDICATED, NOT_JUDGED, NOTHING_FOUND = "diagnosed", "indicated", "not judged", "nothing found"
-STRONG_SNR = 6.0
-CERTAIN = 0.1  # of the stated probability: what is diagnosed is ten times as rare among healthy machines
+CERTAIN = 0.5  # of the stated probability: what is diagnosed is twice as rare among healthy machines
 _UNKNOWN = "unknown: no earlier record of this machine to compare with"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fm4:
-    """FM4 of a gear, the kurtosis of its difference signal, and the limit that a local disturbance exceeds.
-
-    The limit is the value that noise together with a smooth modulation over the revolution may reach.
-    """
-
-    kurtosis: float
-    limit: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,32 +83,23 @@ def findings(every: Sequence[Finding]) -> list[Finding]:
     )
 
 
-def verdicts(
-    assessed: Sequence[AssessedLine],
+def bearing_verdicts(
     evidence: Sequence[PartEvidence],
     *,
-    fm4: Mapping[str, Fm4],
     false_alarm_probability: float,
     faulty: Collection[str] = (),
-    unlike: str = "",
     library: HealthyMachines | None = None,
 ) -> list[Finding]:
-    """Return the verdict on every kind of defect of every part.
+    """Return the verdict on every kind of defect of every bearing.
 
     Parameters
     ----------
-    assessed : sequence of AssessedLine
-        All lines of all channels of the record.
     evidence : sequence of PartEvidence
-        Of the bearings, in all channels.
-    fm4 : mapping of gear component to Fm4
-        FM4 of the gears whose synchronous average exists.
+        In all channels.
     false_alarm_probability : float
-        Share of healthy records in which a part may be named.
+        Share of healthy records in which a bearing may be named.
     faulty : collection of str
         Channels with a faulty sensor.
-    unlike : str
-        Why the record does not look like its gearbox: then no part is judged.
     library : HealthyMachines, optional
         Default the shipped one.
     """
@@ -131,17 +117,11 @@ def verdicts(
             (_bearing_verdict(part, evidence, faulty, library, searches, false_alarm_probability)) for part in sound
         ]
         results.append(min(judged, key=lambda one: (_RANK[one.verdict], -one.strength)))
-    raised: dict[tuple[str, str], list[AssessedLine]] = {}
-    for line in assessed:
-        if line.measured.expected.kind not in BEARING_KINDS and line.measured.channel not in faulty:
-            raised.setdefault(line.measured.family, []).append(line)
-    for (component, _), lines in raised.items():
-        if any(line.significant and line.measured.expected.fundamental for line in lines):
-            results.append(_gear_finding(lines, fm4.get(component)))
-    return [_of_another_machine(one, unlike) for one in results] if unlike else results
+    return results
 
 
-def _of_another_machine(one: Finding, why: str) -> Finding:
+def of_another_machine(one: Finding, why: str) -> Finding:
+    """Return a verdict that judges nothing, since the record does not look like its gearbox."""
     return replace(one, verdict=NOT_JUDGED, evidence=f"not judged: {why}.", doubts=why, severity=_UNKNOWN, next_step="")
 
 
@@ -157,9 +137,9 @@ def _bearing_verdict(
     stated: float,
 ) -> Finding:
     """Return the verdict on one kind of defect of a bearing in one channel."""
-    probability = library.probability(part.kind, part.strength, parts=searches)
+    probability = library.probability(part.strength, parts=searches)
     if probability > stated:
-        return _unnamed(part, probability, library.strength_at(part.kind, stated, parts=searches))
+        return _unnamed(part, probability, library.strength_at(stated, parts=searches))
     if part.hidden_by:
         return _not_judged(part, _hidden(part), probability=probability)
     rivals = [other for other in evidence if other.main.channel not in faulty and other is not part]
@@ -295,61 +275,6 @@ def _blank(part: PartEvidence) -> Finding:
         strength=part.strength,
         depth=part.main.depth,
         detectable_depth=part.detectable_depth,
-    )
-
-
-def _main_line(lines: Sequence[AssessedLine]) -> AssessedLine:
-    """Return the significant fundamental of the highest level over the background."""
-    fundamental = [line for line in lines if line.significant and line.measured.expected.fundamental]
-    return max(fundamental, key=lambda line: line.measured.line.snr)
-
-
-def _gear_finding(lines: Sequence[AssessedLine], fm4: Fm4 | None) -> Finding:
-    """Return the finding on a gear from its mesh sidebands and FM4."""
-    main = _main_line(lines)
-    sidebands = [
-        line
-        for line in lines
-        if line.significant and line.measured.expected.sideband and line.measured.channel == main.measured.channel
-    ]
-    others = [line for line in sidebands if line is not main]
-    support = [f"{len(sidebands)} claimed sidebands of its mesh"] if others else []
-    doubts = []
-    if fm4 is None:
-        doubts.append("its synchronous average could not be made, so nothing shows that one tooth is at fault")
-    elif fm4.kurtosis <= fm4.limit:
-        doubts.append(
-            f"the difference signal of its synchronous average is not local (FM4 {fm4.kurtosis:.1f}; noise and "
-            f"smooth modulation reach {fm4.limit:.1f}): run-out, misalignment or load variation make such "
-            "sidebands too"
-        )
-    else:
-        support.append(
-            f"a difference signal of its synchronous average that is local (FM4 {fm4.kurtosis:.1f}; noise and "
-            f"smooth modulation reach {fm4.limit:.1f}), as one damaged tooth makes it"
-        )
-    if not others:
-        doubts.append("a single sideband stands alone")
-    if main.measured.line.snr < STRONG_SNR:
-        doubts.append(f"the largest is only {main.measured.line.snr:.1f} times its surroundings")
-    found, expected = main.measured.line, main.measured.expected
-    evidence = _line_text(main.measured)
-    if support:
-        evidence += "; supported by " + ", ".join(support)
-    if doubts:
-        evidence += "; not certain: " + "; ".join(doubts)
-    return Finding(
-        component=expected.component,
-        kind=expected.kind,
-        channel=main.measured.channel,
-        verdict=INDICATED if doubts else DIAGNOSED,
-        evidence=evidence + ".",
-        false_alarm_probability=main.false_alarm_probability,
-        snr=found.snr if math.isfinite(found.snr) else 1e9,
-        order_found=found.found,
-        amplitude=found.amplitude,
-        units=main.measured.units,
-        doubts="; ".join(doubts),
     )
 
 

@@ -7,7 +7,7 @@ only.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
@@ -19,7 +19,6 @@ from scipy import fft
 
 from hums.analysis.baseline import Baseline
 from hums.analysis.channel import AnalysedChannel, Values, resample_in_angle
-from hums.analysis.findings import Fm4
 from hums.analysis.lines import ENVELOPE
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
@@ -83,18 +82,6 @@ class MonitoredComponent:
             source=source or (known.source if known else ""),
             withheld=withheld,
         )
-
-
-def modulated_mesh_kurtosis(harmonics: int) -> float:
-    """Return the kurtosis of a mesh signal of equal harmonics in phase with sinusoidal amplitude over the revolution.
-
-    Run-out and misalignment leave such a difference signal, in which nothing is local, although harmonics in phase
-    peak once per tooth. The moments of ``sum_k cos(k x)`` are exact as means over 4 `harmonics` + 1 points; the
-    independent sinusoidal amplitude contributes its kurtosis of 3/2.
-    """
-    angle = 2 * np.pi * np.arange(4 * harmonics + 1) / (4 * harmonics + 1)
-    waves = np.cos(np.multiply.outer(np.arange(1, harmonics + 1), angle)).sum(axis=0)
-    return float(1.5 * np.mean(waves**4) / np.mean(waves**2) ** 2)
 
 
 def unavailable(reason: str) -> Callable[[], float]:
@@ -440,19 +427,6 @@ def channel_indicators(
     rows += planetary_indicators(record, channel, values, machine, settings, baseline)
     rows += _bearing_indicators(channel, machine, settings)
     return rows
-
-
-def fm4_by_gear(rows: Sequence[IndicatorValue], channel_of: Mapping[str, str], *, harmonics: int) -> dict[str, Fm4]:
-    """Return FM4 of each gear in `channel_of`, in that channel, with its limit.
-
-    The limit allows for noise and a smoothly modulated mesh of that number of harmonics.
-    """
-    smooth = modulated_mesh_kurtosis(harmonics)
-    return {
-        row.component: Fm4(kurtosis=row.value, limit=row.noise_limit + max(0.0, smooth - GAUSSIAN_KURTOSIS))
-        for row in rows
-        if row.indicator == "fm4" and not row.withheld and channel_of.get(row.component) == row.channel
-    }
 
 
 def _raw_signal_indicators(values: Values, channel: AnalysedChannel, machine: Machine) -> Iterator[IndicatorValue]:

@@ -17,11 +17,14 @@ from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BearingOrders, DefectOrder, bearing_orders, defects
 from hums.records.record import channel_values, nominal_speed, sampling, tachometers, vibration_channels
+from signals.shaft.declared_speed import DeclaredSpeed, refine_declared_speed
 from signals.shaft.phase import ShaftPhase, constant_speed
 from signals.shaft.tacholess import SpeedEstimate, estimate_speed
 from signals.shaft.tachometer import shaft_phase
 
 _JITTER_LIMIT_RAD = 0.3  # phase error that takes 4 % off a line
+_FEWEST_SAMPLES = 64  # to look for lines in
+_FASTEST_HZ = 750.0  # 45,000 rpm, our choice: faster input shafts are of small turbines alone, and declare a range
 _FAULTY_PULSES = 0.05  # share of repaired pulses from which a tachometer is faulty
 
 
@@ -41,13 +44,17 @@ class SpeedFromVibration:
 
 @dataclass(frozen=True, kw_only=True)
 class AngleSource:
-    """Shaft whose angle is known, and its source: a tachometer, a declared speed, or the vibration."""
+    """Shaft whose angle is known, and its source: a tachometer, a declared speed, or the vibration.
+
+    `declared` is the declared speed with what the lines of the first channel say of it.
+    """
 
     shaft: str
     phase: ShaftPhase
     tachometer: str = ""
     pulses_per_rev: int = 0
     estimated: SpeedFromVibration | None = None
+    declared: DeclaredSpeed | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,7 +162,7 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
     if gearbox.reference is None:
         raise AnalysisError(f'gearbox "{gearbox.name}" declares no reference shaft; add reference = "LINK".')
     defect_orders = defects(kinematics)
-    source = _angle_source(record, defect_orders, gearbox.reference, settings)
+    source = _angle_source(record, kinematics, defect_orders, gearbox.reference, settings)
     ratio = _ratio(kinematics, source.shaft, gearbox.reference)
     phase = source.phase if abs(ratio) == 1 else source.phase.scaled(abs(ratio))
     turned = float(phase.revolutions[-1] - phase.revolutions[0])
@@ -164,6 +171,8 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
             f'the record holds no whole revolution of the reference "{gearbox.reference}" ({turned:.3g} of one in '
             f"{phase.stop_s - phase.start_s:.3g} s); record longer, or choose a faster reference."
         )
+    if source.tachometer:
+        _refuse_implausible(phase, source.tachometer, gearbox.reference, settings)
     return Machine(
         kinematics=kinematics,
         reference=gearbox.reference,
@@ -172,6 +181,21 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
         phase=phase,
         source=source,
         ratio=abs(ratio),
+    )
+
+
+def _refuse_implausible(phase: ShaftPhase, tachometer: str, reference: str, settings: AnalysisSettings) -> None:
+    """Raise where the speed by the tachometer is mostly outside the declared range, or faster than any gearbox."""
+    speed = float(np.median(np.abs(phase.mean_speed_per_revolution_hz())))
+    low, high = settings.speed_range_hz or (0.0, _FASTEST_HZ)
+    if low <= speed <= high:
+        return
+    said = "the declared range" if settings.speed_range_hz else "what is plausible without a declared one"
+    raise AnalysisError(
+        f'tachometer "{tachometer}" gives {speed:.4g} rev/s ({60 * speed:,.0f} rpm) of the reference "{reference}", '
+        f"outside {said}, {low:g} to {high:g} rev/s. Check the tachometer, its pulses_per_rev and whether the shaft "
+        "turned, or declare the range: speed_range_hz=(low, high) with max_acceleration_hz_s=..., on the command line "
+        "--speed-range LOW HIGH --max-acceleration HZ_PER_S."
     )
 
 
@@ -190,7 +214,11 @@ def _ratio(kinematics: Kinematics, shaft: str, reference: str) -> float:
 
 
 def _angle_source(
-    record: xr.Dataset, defect_orders: Sequence[DefectOrder], reference: str, settings: AnalysisSettings
+    record: xr.Dataset,
+    kinematics: Kinematics,
+    defect_orders: Sequence[DefectOrder],
+    reference: str,
+    settings: AnalysisSettings,
 ) -> AngleSource:
     """Return the shaft angle from a tachometer, else a declared speed, else the vibration."""
     names = tachometers(record)
@@ -201,10 +229,9 @@ def _angle_source(
         return _tachometer_angle(record, settings.tachometer or names[0])
     declared = nominal_speed(record)
     if declared is not None:
-        when = sampling(record, vibration_channels(record)[0])
-        stop = when.start_s + (when.count - 1) / when.rate_hz
-        phase = constant_speed(float(declared), start_s=when.start_s, stop_s=stop)
-        return AngleSource(shaft=declared.attrs["shaft"], phase=phase)
+        shaft = declared.attrs["shaft"]
+        ratio = abs(_ratio(kinematics, shaft, reference))
+        return _declared_angle(record, float(declared), shaft, ratio, defect_orders, settings)
     if settings.speed_range_hz is None or settings.max_acceleration_hz_s is None:
         raise AnalysisError(
             "the record has neither a tachometer nor a declared speed. To have the speed of the reference "
@@ -214,6 +241,36 @@ def _angle_source(
     return _vibration_angle(
         record, defect_orders, reference, settings, settings.speed_range_hz, settings.max_acceleration_hz_s
     )
+
+
+def _declared_angle(
+    record: xr.Dataset,
+    speed_hz: float,
+    shaft: str,
+    ratio: float,
+    defect_orders: Sequence[DefectOrder],
+    settings: AnalysisSettings,
+) -> AngleSource:
+    """Return the angle of a shaft at its declared speed, refined by the lines of the first channel within tolerance.
+
+    `ratio` is the number of turns of the reference, to which the orders refer, per turn of the shaft.
+    """
+    name = (settings.channels or vibration_channels(record))[0]
+    when = sampling(record, name)
+    found = DeclaredSpeed(declared_hz=speed_hz, speed_hz=speed_hz)
+    values = np.asarray(channel_values(record, name), dtype=np.float64)
+    orders = _speed_estimation_orders(defect_orders, settings.harmonics, below=when.rate_hz / 2 / (speed_hz * ratio))
+    if settings.nominal_speed_tolerance > 0 and values.size >= _FEWEST_SAMPLES and np.isfinite(values).all():
+        found = refine_declared_speed(
+            values,
+            rate_hz=when.rate_hz,
+            speed_hz=speed_hz,
+            orders=[order * ratio for order in orders],
+            tolerance=settings.nominal_speed_tolerance,
+        )
+    stop = when.start_s + (when.count - 1) / when.rate_hz
+    phase = constant_speed(found.speed_hz, start_s=when.start_s, stop_s=stop)
+    return AngleSource(shaft=shaft, phase=phase, declared=found)
 
 
 def _tachometer_angle(record: xr.Dataset, name: str) -> AngleSource:
@@ -272,7 +329,10 @@ def _speed_estimation_orders(defect_orders: Sequence[DefectOrder], harmonics: in
 def _failure_reason(found: SpeedEstimate) -> str:
     if found.status == "not found":
         return "no shaft shows in it"
-    others = [f"{other.ratio:.3g} times it" for other in found.alternatives]
     middle = np.nanmedian(found.speed_hz)
-    other = f", or {', '.join(others)}" if others else ", but nearly all of it rests on a single order"
-    return f"the speed is ambiguous: it may be about {middle:.4g} rev/s{other}"
+    others = [
+        f"{np.nanmedian(other.speed_hz):.4g} rev/s ({other.ratio:.3g} times it, probability {other.probability:.2g})"
+        for other in found.alternatives
+    ]
+    other = f", or {', '.join(others)}" if others else ""
+    return f"the speed is ambiguous: it may be about {middle:.4g} rev/s{other}; {found.reason}"

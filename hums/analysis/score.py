@@ -29,7 +29,7 @@ class Score:
     normalised_rms : float
         RMS over all tracks and outputs of the error of each quadrature over its `std`; 1 if `std` is right.
     faults : pandas.DataFrame
-        One row per fault of the scene: component, kind, and verdict. A shaft fault or wear raises no finding, since its
+        One row per fault of the scene: component, kind, and verdict. What goes all round raises no finding, since its
         lines occur in sound machines too: its verdict is ``"measured"`` where they are significant. ``"missed"`` where
         there is neither a finding nor such a line.
     false_findings : tuple of str
@@ -140,11 +140,11 @@ def _true_amplitude(record: xr.Dataset, track: xr.Dataset) -> np.ndarray | None:
 
 
 MEASURED, MISSED = "measured", "missed"
-# Kind of line in which each kind of fault shows. Shaft and mesh lines occur in sound machines and raise no finding.
+# Kind of line in which each kind of fault shows. Lines of shafts and meshes and sidebands occur in sound machines, and
+# raise no finding.
 _KIND_OF_FAULT = {
-    **dict.fromkeys(
-        ("tooth_crack", "chipping", "missing_tooth", "spall", "pitting", "eccentricity", "misalignment"), "tooth"
-    ),
+    **dict.fromkeys(("tooth_crack", "chipping", "missing_tooth", "spall", "pitting"), "tooth"),
+    **dict.fromkeys(("eccentricity", "misalignment"), "sidebands"),
     "wear": "gear_mesh",
     **dict.fromkeys(("imbalance", "bent_shaft", "shaft_misalignment"), "shaft"),
 }
@@ -176,10 +176,11 @@ def _verdicts(analysis: Analysis, record: xr.Dataset) -> tuple[list[tuple[str, s
 
 
 def _measured(analysis: Analysis) -> set[tuple[str, str]]:
-    """Return the shafts with a significant line in the order spectrum, and the gears whose mesh has one."""
+    """Return the shafts with a significant line in the order spectrum, and the gears whose mesh or sidebands have."""
     lines = group(analysis, ORDER_SPECTRUM)
     rows = list(zip(*(lines[name].to_numpy() for name in ("component", "kind", "claimed")), strict=True))
     claimed = {(str(component), str(kind)) for component, kind, is_claimed in rows if is_claimed}
     gears = {str(component) for component, kind, _ in rows if kind == "tooth"}
     of_mesh = {(gear, "gear_mesh") for gear in gears if (gear.rpartition("/")[0], "gear_mesh") in claimed}
-    return of_mesh | {(component, kind) for component, kind in claimed if kind == "shaft"}
+    sidebands = {(component, "sidebands") for component, kind in claimed if kind == "tooth"}
+    return of_mesh | sidebands | {(component, kind) for component, kind in claimed if kind == "shaft"}

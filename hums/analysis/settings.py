@@ -21,7 +21,8 @@ class AnalysisSettings(Declared):
         Tachometer that measures the shaft angle, where the record has several; default the first.
     speed_range_hz : (float, float), optional
         Lowest and highest speed of the reference in rev/s. Needed where the record has neither a tachometer nor a
-        declared speed: the speed is then estimated from the vibration.
+        declared speed: the speed is then estimated from the vibration. A tachometer whose median speed lies outside is
+        refused; without a range, above 750 rev/s.
     max_acceleration_hz_s : float, optional
         Highest rate of change of that speed in rev/s per second; given together with `speed_range_hz`.
     envelope_band_hz : (float, float), "auto" or None

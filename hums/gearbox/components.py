@@ -414,8 +414,9 @@ class Multiples(Declared):
 
 
 class Bearing(Declared):
-    """A rolling bearing between two links, by geometry or by a data sheet's multiples.
+    """A rolling bearing between two links, by geometry, by a data sheet's multiples, or by its name in the catalogue.
 
+    ``bearing`` is that name, as ``hums bearings`` prints them, from which the geometry follows.
     ``position_mm`` is where each one supports the shaft, along the shaft's axis from the axis' ``through``, in the
     order of ``names``; ``takes_axial`` lists those of the names that hold the shaft along its axis.
     """
@@ -423,6 +424,7 @@ class Bearing(Declared):
     names: Annotated[tuple[Name, ...], Field(min_length=1)]
     inner_ring: Name
     outer_ring: Name
+    bearing: Name | None = None
     elements: Annotated[int, Field(ge=2)] | None = None
     element_diameter_mm: Positive | None = None
     pitch_diameter_mm: Positive | None = None
@@ -447,7 +449,7 @@ class Bearing(Declared):
             raise ValueError("both multiples and diameters are given; keep one")
         if self.multiples is None and (None in geometry or self.elements is None):
             raise ValueError(
-                "give elements, element_diameter_mm and pitch_diameter_mm, or "
+                "give elements, element_diameter_mm and pitch_diameter_mm, bearing = a name of `hums bearings`, or "
                 "multiples = { inner = ..., outer = ..., element_spin = ..., cage = ... }"
             )
         diameter, pitch = geometry

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
+from hums.gearbox.bearings import bearing_catalogue, bearings_named
 from hums.gearbox.components import (
     X_AXIS,
     Axis,
@@ -30,6 +31,7 @@ from hums.gearbox.components import (
     coaxial_warning,
     named_file,
     planet_angles,
+    quoted,
     read_toml,
     shipped_files,
     unit_vector,
@@ -62,6 +64,7 @@ __all__ = [
 
 # `data_synth` imports the base of all hand-written files from here: re-exported
 
+_GEOMETRY = ("elements", "element_diameter_mm", "pitch_diameter_mm", "contact_angle_deg")  # of a bearing
 _TOLERANCE = 0.0101  # a data sheet prints two decimals: inner + outer is whole within the rounding of both
 
 
@@ -151,6 +154,17 @@ class Gearbox(Declared):
             )
             table = table | {"axes": axes}
         return table
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named_bearings(cls, table: Any) -> Any:  # noqa: ANN401
+        """Read ``bearing = "SKF 6205-2RS JEM"`` of a bearing: its geometry is that of the catalogue."""
+        given = table.get("bearing") if isinstance(table, dict) else None
+        if not isinstance(given, list | tuple):
+            return table
+        named = (isinstance(row, dict) and isinstance(row.get("bearing"), str) for row in given)
+        rows = (row | _catalogue_geometry(row) if by_name else row for row, by_name in zip(given, named, strict=True))
+        return table | {"bearing": tuple(rows)}
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -249,6 +263,7 @@ class Gearbox(Declared):
         gearbox = validated(cls, dict(table), where=where, error=GearboxError)
         for sentence in (
             *_multiples_warnings(gearbox),
+            *_designation_warnings(gearbox),
             *_planet_warnings(gearbox),
             *_sign_warnings(gearbox),
         ):
@@ -405,6 +420,40 @@ def _multiples_warnings(gearbox: Gearbox) -> Iterator[str]:
                 f"elements ({elements}); the data sheet rounds, so expect its lines up to "
                 f"{abs(total / elements - 1):.1%} from nominal"
             )
+
+
+def _catalogue_geometry(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the geometry of a bearing that is given by its name; what is declared beside it has to agree."""
+    name = table["bearing"]
+    found = bearings_named(name)
+    if not found:
+        raise ValueError(
+            f'bearing = "{name}" is not in the catalogue{closest(name, [row.name for row in bearing_catalogue()])}; '
+            "or give elements, element_diameter_mm and pitch_diameter_mm"
+        )
+    if len(found) > 1:
+        raise ValueError(
+            f'bearing = "{name}" is made in several ways; name one of {quoted(row.name for row in found)}, '
+            "or give elements, element_diameter_mm and pitch_diameter_mm"
+        )
+    geometry = {key: getattr(found[0], key) for key in _GEOMETRY}
+    for key, value in geometry.items():
+        if table.get(key) not in (None, value):
+            raise ValueError(
+                f"{key} = {table[key]} contradicts {found[0].name}, which has {value:g}; leave one of them out"
+            )
+    return geometry
+
+
+def _designation_warnings(gearbox: Gearbox) -> Iterator[str]:
+    """Yield a warning for each bearing whose designation leaves its maker open."""
+    for bearing in gearbox.bearings:
+        for row in bearings_named(bearing.bearing) if bearing.bearing else ():
+            if bearing.bearing in row.designations:
+                yield (
+                    f'bearing "{bearing.names[0]}": {bearing.bearing} is taken as that of {row.name}; the inner '
+                    f'geometry differs between makers, so write bearing = "{row.name}", or give its diameters'
+                )
 
 
 def _planet_warnings(gearbox: Gearbox) -> Iterator[str]:

@@ -10,8 +10,8 @@ a planet carrier moves the contact, the planets passing a sensor on the frame.
 """
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -163,9 +163,80 @@ def defects(
     element_formula: ElementFormula = "usual",
 ) -> tuple[DefectOrder, ...]:
     """Return the rows of `defect_orders` as objects; parameters and errors as there."""
-    motion = _Motion.of(gearbox, reference, speeds)
-    rows = (*_shafts(motion), *_meshes(motion), *_planets(motion), *_bearings(motion, element_formula))
-    return tuple(row for row in rows if row.order > 0)
+    rows = _rows(_Motion.of(gearbox, reference, speeds), element_formula)
+    return tuple(_unsigned(row) for row in rows if row.order)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RateForm:
+    """A defect rate as a linear form in the speeds of some links: the rate is the magnitude of their sum.
+
+    Attributes
+    ----------
+    component, kind, seen_from : str
+    sources : int
+        As in `defect_orders`.
+    factors : tuple of Fraction or float
+        Factor of each speed; Fractions where teeth alone define them.
+    """
+
+    component: str
+    kind: str
+    sources: int
+    seen_from: str
+    factors: tuple[Fraction, ...] | tuple[float, ...]
+
+
+def rate_forms(kinematics: Kinematics, inputs: Sequence[str]) -> tuple[RateForm, ...]:
+    """Return every defect rate as a linear form in the speeds of as many links as there are degrees of freedom.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        From `solve_kinematics`.
+    inputs : sequence of str
+        Links whose speeds determine all others.
+
+    Returns
+    -------
+    tuple of RateForm
+        Rows as those of `defect_orders`, those at rest for all speeds left out.
+
+    Examples
+    --------
+    >>> import hums
+    >>> from hums.gearbox.orders import rate_forms
+    >>> kinematics = hums.solve_kinematics(hums.load_gearbox("glinsky-planetary-1"))
+    >>> mesh = next(row for row in rate_forms(kinematics, ["sun", "carrier"]) if row.kind == "gear_mesh")
+    >>> [str(factor) for factor in mesh.factors]  # 24 teeth, seen from the carrier
+    ['24', '-24']
+    """
+    at_one = [kinematics.rates({link: Fraction(link == name) for link in inputs}) for name in inputs]
+    tables = [_rows(_Motion(kinematics, rates, exact=True), "usual") for rates in at_one]
+    forms = []
+    for rows in zip(*tables, strict=True):
+        first, exact = rows[0], [row.exact for row in rows if row.exact is not None]
+        factors = tuple(exact) if len(exact) == len(rows) else tuple(row.order for row in rows)
+        if any(factors):
+            forms.append(
+                RateForm(
+                    component=first.component,
+                    kind=first.kind,
+                    sources=first.sources,
+                    seen_from=first.seen_from,
+                    factors=factors,
+                )
+            )
+    return tuple(forms)
+
+
+def _rows(motion: "_Motion", formula: ElementFormula) -> tuple[DefectOrder, ...]:
+    """Return all rows with their signs, in an order that no speed changes."""
+    return (*_shafts(motion), *_meshes(motion), *_planets(motion), *_bearings(motion, formula))
+
+
+def _unsigned(row: DefectOrder) -> DefectOrder:
+    return row if row.order > 0 else replace(row, order=-row.order, exact=None if row.exact is None else -row.exact)
 
 
 def bearing_orders(
@@ -278,13 +349,12 @@ class _Motion:
         seen_from: str,
         sidebands: tuple[Fraction | float, ...] = (),
     ) -> DefectOrder:
-        """Return a row of the table of defect orders, its order without sign."""
-        magnitude = -order if order < 0 else order
+        """Return a row of the table of defect orders, its order with the sign of the rate."""
         return DefectOrder(
             component=component,
             kind=kind,
-            exact=magnitude if self.exact else None,
-            order=float(magnitude),
+            exact=order if self.exact else None,
+            order=float(order),
             sources=sources,
             seen_from=seen_from,
             sidebands=sidebands,
@@ -365,16 +435,19 @@ def _bearings(motion: _Motion, formula: ElementFormula) -> Iterator[DefectOrder]
         copies = max(len(motion.gearbox.instances(ring)) for ring in (bearing.inner_ring, bearing.outer_ring))
         carrier, inner, outer = _rings(motion, bearing)
         carrier_speed = motion.rotation(carrier)
-        for rates in _rates_of(motion, bearing, formula):
-            elements, cage = copies * rates.elements, f"{rates.name} cage"
+        inner_race, outer_race, defect, cage_share, count = bearing_multiples(bearing, element_formula=formula)
+        relative = float(inner - outer)
+        cage_rate = float(outer) + cage_share * relative
+        for name in bearing.names:
+            cage = f"{name} cage"
             for kind, order, sources, seen_from, modulation in (
-                ("inner_race", rates.inner_race, copies, bearing.inner_ring, (inner, carrier_speed)),
-                ("outer_race", rates.outer_race, copies, bearing.outer_ring, (outer, carrier_speed)),
-                ("rolling_element", rates.rolling_element, elements, cage, (rates.cage, carrier_speed)),
-                ("cage", rates.cage, copies, carrier, ()),
+                ("inner_race", inner_race * relative, copies, bearing.inner_ring, (inner, carrier_speed)),
+                ("outer_race", outer_race * relative, copies, bearing.outer_ring, (outer, carrier_speed)),
+                ("rolling_element", defect * relative, copies * count, cage, (cage_rate, carrier_speed)),
+                ("cage", cage_rate, copies, carrier, ()),
             ):
                 yield DefectOrder(
-                    component=rates.name,
+                    component=name,
                     kind=kind,
                     exact=None,
                     order=order,

@@ -11,12 +11,15 @@ from hums.plots.dynamics import (
 )
 from hums.plots.export import save_figure, svg
 from hums.plots.graph import mechanism_graph
+from hums.plots.mechanism import coloured_components, draw_mechanism
 from hums.plots.speed_chart import speed_order_chart
 from hums.plots.style import KIND_COLOURS
 from hums.plots.velocities import velocity_diagram
 
 __all__ = [
     "KIND_COLOURS",
+    "coloured_components",
+    "draw_mechanism",
     "mechanism_graph",
     "plot_campbell",
     "plot_frequencies",

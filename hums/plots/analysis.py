@@ -1,7 +1,7 @@
 """Figures of an analysis: speed, spectra with their significant lines, amplitude tracks."""
 
 from collections.abc import Hashable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -16,13 +16,13 @@ _MOST_LABELS = 14
 _NAME_GAP = 5  # points from a line to its name
 
 
-def plot_speed(speed: xr.Dataset, *, ax: Axes) -> Axes:
+def plot_speed(speed: xr.Dataset | xr.DataTree, *, ax: Axes) -> Axes:
     """Draw the speed of the reference against time.
 
     Parameters
     ----------
-    speed : xarray.Dataset
-        Group ``/speed`` of an analysis.
+    speed : xarray.Dataset or xarray.DataTree
+        Group ``/speed`` of an analysis, or the analysis.
     ax : matplotlib.axes.Axes
         Axes to draw on.
 
@@ -44,6 +44,7 @@ def plot_speed(speed: xr.Dataset, *, ax: Axes) -> Axes:
     >>> plot_speed(speed, ax=Figure().add_subplot()).get_ylabel()
     'speed of input, rev/s'
     """
+    speed = _group(speed, "speed")
     ax.plot(speed["time_s"], speed["speed_hz"], color=LINE, lw=1.2)
     ax.set(xlabel="time, s", ylabel=f"speed of {speed.attrs['shaft']}, rev/s")
     low, high = float(speed["speed_hz"].min()), float(speed["speed_hz"].max())
@@ -52,19 +53,28 @@ def plot_speed(speed: xr.Dataset, *, ax: Axes) -> Axes:
     return ax
 
 
-def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes, logarithmic: bool = False) -> Axes:
+def plot_spectrum(
+    group: xr.Dataset | xr.DataTree,
+    *,
+    channel: str,
+    ax: Axes,
+    logarithmic: bool = False,
+    spectrum: Literal["order_spectrum", "envelope"] = "order_spectrum",
+) -> Axes:
     """Draw one channel's spectrum against order; significant lines have a dot and a name, other expected ones a tick.
 
     Parameters
     ----------
-    group : xarray.Dataset
-        Group ``/order_spectrum`` or ``/envelope`` of an analysis.
+    group : xarray.Dataset or xarray.DataTree
+        Group ``/order_spectrum`` or ``/envelope`` of an analysis, or the analysis.
     channel : str
         Channel to draw.
     ax : matplotlib.axes.Axes
         Axes to draw on.
     logarithmic : bool
         Whether the amplitude axis is logarithmic, which shows the sidebands beside a strong mesh line.
+    spectrum : {"order_spectrum", "envelope"}
+        Group to draw of a whole analysis.
 
     Returns
     -------
@@ -81,12 +91,12 @@ def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes, logarithmic: boo
     >>> from matplotlib.figure import Figure
     >>> from hums.plots import plot_spectrum
     >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
-    >>> spectra = analysis["order_spectrum"].to_dataset()
-    >>> plot_spectrum(spectra, channel="housing", ax=Figure().add_subplot()).get_ylabel()
+    >>> plot_spectrum(analysis, channel="housing", ax=Figure().add_subplot()).get_ylabel()
     'peak amplitude, g'
     """
-    spectrum = group.sel(channel=channel)
-    orders, amplitude = _column_maxima(spectrum["order"].to_numpy(), spectrum["amplitude"].to_numpy())
+    group = _group(group, spectrum)
+    drawn = group.sel(channel=channel)
+    orders, amplitude = _column_maxima(drawn["order"].to_numpy(), drawn["amplitude"].to_numpy())
     ax.plot(orders, amplitude, color=LINE, lw=0.7)
     lines = _lines(group, channel)
     top = float(amplitude.max()) or 1.0
@@ -99,7 +109,7 @@ def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes, logarithmic: boo
         ax.plot(*zip(*ticks, strict=True), "|", color=colour, ms=5, alpha=0.5, clip_on=False) if ticks else None
     ax.set(
         xlabel="order, cycles per revolution of the reference",
-        ylabel=f"peak amplitude, {spectrum['units'].item()}",
+        ylabel=f"peak amplitude, {drawn['units'].item()}",
         xlim=(0, float(orders[-1])),
         yscale="log" if logarithmic else "linear",
         ylim=(bottom, 1.1 * top),
@@ -110,13 +120,13 @@ def plot_spectrum(group: xr.Dataset, *, channel: str, ax: Axes, logarithmic: boo
     return ax
 
 
-def plot_tracks(tracks: xr.Dataset, *, channel: str, ax: Axes, most: int = 6) -> Axes:
+def plot_tracks(tracks: xr.Dataset | xr.DataTree, *, channel: str, ax: Axes, most: int = 6) -> Axes:
     """Draw the largest amplitude tracks of a channel, each with a band of plus and minus two standard deviations.
 
     Parameters
     ----------
-    tracks : xarray.Dataset
-        Group ``/tracks`` of an analysis.
+    tracks : xarray.Dataset or xarray.DataTree
+        Group ``/tracks`` of an analysis, or the analysis.
     channel : str
         Channel to draw.
     ax : matplotlib.axes.Axes
@@ -141,10 +151,11 @@ def plot_tracks(tracks: xr.Dataset, *, channel: str, ax: Axes, most: int = 6) ->
     >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
     >>> from matplotlib.figure import Figure
     >>> from hums.plots import plot_tracks
-    >>> ax = plot_tracks(analysis["tracks"].to_dataset(), channel="housing", ax=Figure().add_subplot())
+    >>> ax = plot_tracks(analysis, channel="housing", ax=Figure().add_subplot())
     >>> round(float(ax.lines[0].get_ydata().mean()), 2)
     0.5
     """
+    tracks = _group(tracks, "tracks")
     mine = tracks.isel(track=np.flatnonzero(tracks["track_channel"].to_numpy() == channel))
     size = np.abs(mine["complex_amplitude"].to_numpy()).mean(axis=1)
     for rank, index in enumerate(np.argsort(-size)[:most]):
@@ -162,6 +173,11 @@ def plot_tracks(tracks: xr.Dataset, *, channel: str, ax: Axes, most: int = 6) ->
     ax.set_ylim(bottom=0)
     ax.legend(fontsize=7, ncols=2, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return ax
+
+
+def _group(data: xr.Dataset | xr.DataTree, name: str) -> xr.Dataset:
+    """Return a group of an analysis, or the group itself."""
+    return data[name].to_dataset() if isinstance(data, xr.DataTree) else data
 
 
 def _name_lines(lines: list[dict[Hashable, Any]], drawn: np.ndarray, *, ax: Axes) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 from matplotlib.transforms import Bbox
 
@@ -228,7 +227,8 @@ def _write(arrow: _Arrow, size: float, at: complex, style: dict[str, Any], *, ax
         fontsize=7.5,
         color=MARK if arrow.seen_from else LINE,
         annotation_clip=False,
-        path_effects=[withStroke(linewidth=2.0, foreground="white")],  # the lines through zero stay behind it
+        # the lines through zero stay behind it; an outline would turn text into paths
+        bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.4},
         **style,
     )
 

@@ -105,7 +105,10 @@ class ForeignFile:
     stated: Mapping[str, Stated] = field(default_factory=lambda: MappingProxyType({}))
 
     def name(self, name: str) -> str:
-        """Return the key in `fields` of a name that may have slashes for dots."""
+        """Return the key in `fields` of a name with slashes for dots, or of a channel or column by number."""
+        numbered = (f"{kind} {name}" for kind in ("channel", "column"))
+        if name not in self.fields and (found := next((key for key in numbered if key in self.fields), None)):
+            return found
         return name if name in self.fields else name.strip("/").replace("/", ".")
 
     def metadata(self, name: str) -> Stated:

@@ -8,12 +8,14 @@ from numbers import Real
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.readers.columns import ForeignFile, descriptions
+from hums.readers.columns import ForeignFile, descriptions, rate_of_step
 from hums.records.record import RecordError
 
 __all__ = ["check_time_column", "rate_hz_of", "start_and_epoch"]
 
 _TIME_COLUMNS = {"t", "time", "t_s", "time_s", "t_sec", "time_sec", "time_seconds"}  # also "Time [s]" and "time (s)"
+_SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6}
+_UNEVEN = 0.25  # of a step: one missing sample in the middle moves the times by half of one
 _RATE_TOLERANCE = 0.01
 _STEP_TOLERANCE = 1e-5  # a step printed with six digits
 
@@ -27,6 +29,8 @@ def rate_hz_of(file: ForeignFile, name: str, *, declared: float | None) -> float
     stated = file.metadata(name).rate_hz
     if declared is None:
         if stated is None:
+            stated = _rate_of_time_column(file, name)
+        if stated is None:
             raise RecordError(
                 f"{file.path.name} does not state its samples per second: rate_hz=... (--rate-hz) is needed."
             )
@@ -39,6 +43,38 @@ def rate_hz_of(file: ForeignFile, name: str, *, declared: float | None) -> float
                 "--rate-hz out, or correct the file."
             )
     return declared
+
+
+def _rate_of_time_column(file: ForeignFile, name: str) -> float | None:
+    """Return the samples per second of a column of evenly spaced times whose header states their unit, else None.
+
+    Raises
+    ------
+    RecordError
+        If its header states no unit, or the times are not even: a sample may be missing.
+    """
+    count = file.vector(name).size
+    for title, field in file.fields.items():
+        words = re.sub(r"[\W_]+", " ", title.lower()).split()
+        if isinstance(field, str) or field.size != count or count < 2 or words[:1] not in (["t"], ["time"]):  # noqa: PLR2004
+            continue
+        unit = next((_SECONDS[word] for word in words[1:] if word in _SECONDS), None)
+        if unit is None:
+            raise RecordError(
+                f'{file.path.name}: the header "{title}" does not say the unit of its times; write it as in "time (s)" '
+                "or give rate_hz=... (--rate-hz)."
+            )
+        times_s = unit * field.reshape(-1).astype(np.float64)
+        step_s = (times_s[-1] - times_s[0]) / (count - 1)
+        off = np.abs(times_s - np.linspace(times_s[0], times_s[-1], count))
+        if not (step_s > 0 and np.max(off) < _UNEVEN * step_s):
+            raise RecordError(
+                f'{file.path.name}: the times in "{title}" are not evenly spaced, so they state no rate: row '
+                f"{int(np.argmax(off)) + 1} is {np.max(off) / abs(step_s or 1):.3g} steps from where it should be. "
+                "Resample the record, or give rate_hz=... (--rate-hz) where only the printed times are rounded."
+            )
+        return rate_of_step(step_s)
+    return None
 
 
 def start_and_epoch(file: ForeignFile, names: Sequence[str], *, rate_hz: float) -> tuple[float, datetime | None]:

@@ -167,6 +167,10 @@ class TachometerWaveform:
         Name of the tachometer in the record, where its samples are `NAME_waveform`.
     rate_hz : float or None
         Samples per second where they differ from the record's.
+    full_scale : float or None
+        Range of the channel in `units`; a waveform that swings by less than a hundredth of it is refused as hum. By
+        default 1 for volts, since pulses of conditioned tachometers are of volts and inputs of 1 V and more; none for
+        other units, whose range cannot be supposed.
 
     Examples
     --------
@@ -185,6 +189,7 @@ class TachometerWaveform:
     units: str = "V"
     name: str = "tachometer"
     rate_hz: float | None = None
+    full_scale: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -399,7 +404,7 @@ def _angle_variables(
         else:
             waveform = _waveform_variable(source, rate_hz=rate_hz, start_s=start_s)
             yield f"{source.name}_waveform", waveform
-            times_s, threshold = _detected_pulses(source.name, waveform, rate_hz=rate_hz, start_s=start_s)
+            times_s, threshold = _detected_pulses(source, waveform, rate_hz=rate_hz, start_s=start_s)
             attrs["threshold"] = threshold
         yield source.name, xr.Variable(f"pulse_{source.name}", times_s, attrs)
 
@@ -425,17 +430,21 @@ def _waveform_variable(source: TachometerWaveform, *, rate_hz: float, start_s: f
     return _channel_variable(channel, name=name, rate_hz=rate_hz, start_s=start_s, role="tachometer")
 
 
+_VOLTS = 1.0  # the least range of inputs for tachometers, in V
+
+
 def _detected_pulses(
-    name: str, waveform: xr.Variable, *, rate_hz: float, start_s: float
+    source: TachometerWaveform, waveform: xr.Variable, *, rate_hz: float, start_s: float
 ) -> tuple[NDArray[np.float64], float]:
     """Return the pulse times of a tachometer waveform in s, and the detection threshold."""
     from signals.shaft.tachometer import pulse_times  # noqa: PLC0415 - only a waveform needs signal processing
 
     own_rate = waveform.attrs.get("rate_hz", rate_hz)
+    full_scale = _VOLTS if source.full_scale is None and source.units == "V" else source.full_scale
     try:
-        train = pulse_times(waveform.values, rate_hz=own_rate, start_s=start_s)
+        train = pulse_times(waveform.values, rate_hz=own_rate, start_s=start_s, full_scale=full_scale)
     except ValueError as error:
-        raise RecordError(f'tachometer "{name}": no pulses found in its waveform: {error}') from error
+        raise RecordError(f'tachometer "{source.name}": no pulses found in its waveform: {error}') from error
     return np.asarray(train.times_s, dtype=np.float64), float(train.threshold)
 
 

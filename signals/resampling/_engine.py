@@ -142,13 +142,15 @@ class Track:
         skip = first - cell * NODE_STEP
         out, out_slopes = np.empty(last - first), np.empty(last - first)
         hermite(values, slopes, NODE_STEP, skip, out, out_slopes)
-        for inexact in self._inexact_cells(nodes, values, slopes):
-            begin, end = max(inexact * NODE_STEP - skip, 0), min((inexact + 1) * NODE_STEP - skip, out.size)
-            points = np.arange(first + begin, first + end, dtype=np.float64)
-            out[begin:end], out_slopes[begin:end] = self._values(points), self._slopes(points)
+        inexact = self._inexact_cells(nodes, values, slopes)
+        if inexact.size:
+            points = (inexact[:, None] * NODE_STEP - skip + np.arange(NODE_STEP)).ravel()
+            points = points[(points >= 0) & (points < out.size)]
+            at = (first + points).astype(np.float64)
+            out[points], out_slopes[points] = self._values(at), self._slopes(at)
         return out, out_slopes
 
-    def _inexact_cells(self, nodes: Array, values: Array, slopes: Array) -> list[int]:
+    def _inexact_cells(self, nodes: Array, values: Array, slopes: Array) -> NDArray[np.int64]:
         """Return the cells in which the cubic exceeds the tolerance."""
         rise = np.diff(values)
         early, late = NODE_STEP * slopes[:-1] - rise, rise - NODE_STEP * slopes[1:]
@@ -156,7 +158,7 @@ class Track:
         for u in (1 / 3, 2 / 3):
             cubic = values[:-1] + u * rise + u * (1 - u) * ((1 - u) * early + u * late)
             inexact |= ~(np.abs(cubic - self._values(nodes[:-1] + u * NODE_STEP)) <= _TOLERANCE)
-        return [int(index) for index in np.flatnonzero(inexact)]
+        return np.flatnonzero(inexact)
 
     def _values(self, points: Array) -> Array:
         inside, passed = self._reflected(points)

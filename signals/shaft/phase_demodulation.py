@@ -280,7 +280,7 @@ def _speed_error(
 
     The phase increment of each order over two hops, averaged over three such spans, is divided by the order. Orders
     that disagree with the rest by more than their noise get less weight (Cauchy weights, iterated three times), and the
-    remaining disagreement increases the variance.
+    remaining disagreement increases the variance, and takes as much from the information.
     """
     steps = lines[2:] * lines[:-2].conj()
     steps = np.concatenate([steps[:1], steps, steps[-1:]])
@@ -298,7 +298,7 @@ def _speed_error(
     if orders.size > 1:
         spread = (weights * (error - mean[:, None]) ** 2).sum(axis=1, keepdims=True) / (orders.size - 1)
         spread = np.maximum(_running_mean(spread)[:, 0], 1.0)
-    return mean, spread / total, information.sum(axis=1)
+    return mean, spread / total, information.sum(axis=1) / spread
 
 
 def _corrected(step: _Pass) -> ShaftPhase:

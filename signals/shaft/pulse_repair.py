@@ -212,6 +212,7 @@ def _converged(indices: Counts, numbers: Counts, pulses: int) -> bool:
 _DOUBLE = 0.1  # of the interval: an extra pulse this soon after a true one is its double
 _MOST_STD, _LEAST_STD = 0.08, 0.01  # of the prediction error, in intervals
 _OUTLIER = 2.0  # standard deviations; leaving out a pulse with a smaller prediction error costs more than keeping it
+_LATE = 3.0  # of the median prediction error, scaled: some 20 times the jitter, and 7 where the shaft is 3 times faster
 _FEWEST_SOUND = 4  # consecutive pulses to begin from
 _CALIBRATION_REVS = 3  # sound ones that suffice to estimate the angles of the stripes
 _MOST_MISSING = 8  # consecutive pulses; a longer gap cannot be counted with certainty
@@ -313,14 +314,19 @@ def number_pulses(times: Array, *, stripes: int) -> tuple[Counts, Counts]:
     if intervals.size < 3:  # noqa: PLR2004 - too few to compare
         return everything, everything
     least, most = expected_intervals(intervals, period=period_of(intervals, stripes))
-    wrong = short_intervals(intervals, least)
-    wrong[long_intervals(intervals, most)] = True
+    wrong = _wrong_intervals(intervals, least, most)
+    if stripes == 1 and not wrong.any():
+        return everything, everything
+    begin, run = _longest_sound_run(times, wrong)
+    positions = np.arange(stripes) / stripes
+    calibrated = run.size >= _CALIBRATION_REVS * stripes
+    if calibrated:
+        positions = _stripe_positions(run, np.arange(run.size), stripes)
+        wrong |= _wrong_at_the_ends(intervals, positions, begin)
     if not wrong.any():
         return everything, everything
     begin, run = _longest_sound_run(times, wrong)
     anchor = begin + _steadiest_pulse(run, stripes)
-    positions = np.arange(stripes) / stripes
-    calibrated = run.size >= _CALIBRATION_REVS * stripes
     if calibrated:
         positions = _stripe_positions(run, np.arange(run.size), stripes)
     doubtful = wrong | doubtful_intervals(intervals, least, most)
@@ -328,11 +334,53 @@ def number_pulses(times: Array, *, stripes: int) -> tuple[Counts, Counts]:
     if not calibrated and stripes > 1:
         positions = _stripe_positions(times[kept], counts, stripes)
     error = np.abs(_prediction_errors(times[kept], counts, positions))
-    std = float(np.clip(1.5 * 1.4826 * np.median(error), _LEAST_STD, _MOST_STD))
+    spread = 1.5 * 1.4826 * float(np.median(error))
+    std = min(max(spread, _LEAST_STD), _MOST_STD)
     doubtful[kept[-error.size :][error > _OUTLIER * std] - 1] = True
     kept, counts = numbered(times, positions, doubtful=doubtful, anchor=anchor, std=std)
+    kept, counts = _with_late_pulses(times, kept, counts, tolerance=min(_LATE * spread, _DOUBLE))
     _refuse_too_many(times, kept, counts)
     return kept, counts - counts[0]
+
+
+def _wrong_intervals(intervals: Array, least: Array, most: Array) -> NDArray[np.bool_]:
+    """Return whether each interval is too short or too long for its neighbours."""
+    wrong = short_intervals(intervals, least)
+    wrong[long_intervals(intervals, most)] = True
+    return wrong
+
+
+def _wrong_at_the_ends(intervals: Array, positions: Array, begin: int) -> NDArray[np.bool_]:
+    """Return whether each interval of the outer revolutions is wrong for its neighbours, with the stripes made even.
+
+    There the same stripe has passed too seldom to tell a fault from an acceleration; intervals over the angles of their
+    stripes, the first of which is pulse `begin`, can be compared with those beside them.
+    """
+    stripes = positions.size
+    widths = np.diff(np.append(positions, 1.0)) * stripes
+    even = intervals / np.maximum(widths[(np.arange(intervals.size) - begin) % stripes], 1e-3)
+    wrong = _wrong_intervals(even, *expected_intervals(even, period=1))
+    wrong[PERIODS * stripes : -PERIODS * stripes] = False
+    return wrong
+
+
+def _with_late_pulses(times: Array, kept: Counts, counts: Counts, *, tolerance: float) -> tuple[Counts, Counts]:
+    """Return the numbering with the pulses left out that are where a missing one should be: early or late, not wrong.
+
+    `tolerance` is in intervals. A jitter of many thousand pulses has outliers, of which the search makes a missing and
+    a spurious pulse each.
+    """
+    missing = np.setdiff1d(np.arange(counts[0], counts[-1] + 1), counts, assume_unique=True)
+    extra = np.setdiff1d(np.arange(times.size), kept, assume_unique=True)
+    if not (missing.size and extra.size):
+        return kept, counts
+    expected = np.interp(missing, counts, times[kept])
+    interval = np.interp(missing + 0.5, counts, times[kept]) - np.interp(missing - 0.5, counts, times[kept])
+    nearest = extra[np.argmin(np.abs(times[extra] - expected[:, None]), axis=1)]
+    same = np.abs(times[nearest] - expected) < tolerance * interval
+    index, first = np.unique(nearest[same], return_index=True)
+    order = np.argsort(np.concatenate([kept, index]))
+    return np.concatenate([kept, index])[order], np.concatenate([counts, missing[same][first]])[order]
 
 
 def _refuse_too_many(times: Array, kept: Counts, counts: Counts) -> None:
@@ -468,11 +516,18 @@ def _prediction_errors(times: Array, counts: Counts, positions: Array) -> Array:
 
 
 def _stripe_positions(times: Array, counts: Counts, stripes: int) -> Array:
-    """Return the angles of the stripes in revolutions, (stripes,), as medians over the revolutions."""
+    """Return the angles of the stripes in revolutions, (stripes,), as medians over the revolutions.
+
+    The angle between passes of the first stripe is a cubic spline of time, exact at constant acceleration: linear
+    interpolation would bend evenly spaced stripes by the acceleration, with a kink at the first stripe that a repair
+    takes for a fault in every revolution.
+    """
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415 - at need
+
     first = counts % stripes == 0
     if np.count_nonzero(first) < 3:  # noqa: PLR2004
         return np.arange(stripes) / stripes
-    turns = np.interp(times, times[first], (counts[first] // stripes).astype(np.float64), left=np.nan, right=np.nan)
+    turns = CubicSpline(times[first], (counts[first] // stripes).astype(np.float64), extrapolate=False)(times)
     fraction = turns - counts // stripes
     positions = np.arange(stripes) / stripes
     for stripe in range(1, stripes):

@@ -22,6 +22,7 @@ _PULSES_PER_BLOCK = 8
 _LEAST_SWING = 0.1  # of the largest of all blocks: less is a shaft at rest
 _LEAST_SNR = 8.0  # swing over the standard deviation of the noise
 _SHARPER = 0.8
+_LEAST_OF_RANGE = 0.01  # swing over the channel's range: conditioned pulses fill a tenth of it or more; hum is below
 
 Edge = Literal["rising", "falling", "auto"]
 
@@ -75,6 +76,7 @@ def pulse_times(
     edge: Edge = "rising",
     min_interval_s: float = 0.0,
     on_gap: Literal["refuse", "mark"] = "refuse",
+    full_scale: float | None = None,
 ) -> PulseTrain:
     """Return the times of the edges of a tachometer waveform, interpolated linearly between samples.
 
@@ -93,6 +95,9 @@ def pulse_times(
         An edge less than this many seconds after the one before is left out, and counted.
     on_gap : {"refuse", "mark"}
         Whether values that are not finite raise, or are listed in `gaps_s`, no edge being found across them.
+    full_scale : float, optional
+        Range of the channel, its largest value, in the unit of the waveform. A waveform that swings by less than a
+        hundredth of it is hum or noise of a shaft at rest, or of a sensor that is not there, and raises.
 
     Returns
     -------
@@ -101,7 +106,8 @@ def pulse_times(
     Raises
     ------
     ValueError
-        Fewer than two edges, a constant waveform, gaps, or a waveform that looks like a list of times.
+        Fewer than two edges, a constant waveform, a swing far below `full_scale`, gaps, or a waveform that looks like a
+        list of times.
 
     Notes
     -----
@@ -134,6 +140,8 @@ def pulse_times(
     _refuse_non_waveform(wave)
     wave, edge_found, found = _edges(wave, edge)
     sign = -1.0 if edge_found == "falling" else 1.0
+    if full_scale is not None:
+        _refuse_faint(found, positive(full_scale, name="full_scale"))
     times, debounced = _debounced(start + found.positions / rate, closest)
     if times.size < 2:  # noqa: PLR2004
         sense = "downwards" if edge_found == "falling" else "upwards"
@@ -163,6 +171,17 @@ class _Edges:
     centres: Array
     levels: Array
     margins: Array
+
+
+def _refuse_faint(found: _Edges, full_scale: float) -> None:
+    """Raise where the waveform swings by far less than the range of its channel."""
+    swing = float(np.median(found.margins)) / _HYSTERESIS
+    if swing < _LEAST_OF_RANGE * full_scale:
+        raise ValueError(
+            f"the waveform swings by {swing:.3g}, below {_LEAST_OF_RANGE:.0%} of the range of its channel, "
+            f"{full_scale:g}: hum or noise, not pulses. Check that the shaft turns and the sensor is connected; if it "
+            "is so faint, state the range it was recorded with (full_scale)."
+        )
 
 
 def _refuse_non_waveform(wave: Array) -> None:

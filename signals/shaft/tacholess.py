@@ -48,11 +48,14 @@ _MISSED = 0.1  # prior probability that a frame contains no line of a rotating s
 _SURROUNDINGS_BINS = 40
 _RIVALS = 4
 _LEAST_ODDS = 20.0  # of the found speed against another, to be unambiguous
-_TEMPERING = 0.5  # ratio of scores that has these odds: lines of other machines are not independent noise
+# ratio of scores that has these odds: lines of other machines are not independent noise. Of low whole orders alone,
+# which a louder machine or the mains may make, a third is enough to doubt
+_TEMPERING, _TEMPERING_FAMILY = 0.5, 0.7
 _SAME_LINE = 2.0  # bins
 _SUPPORT = 0.1  # least sum of all other scores over that of the strongest order
 SHOWS = 3.0  # least score of a significant order
 _SAME_SPEED = 0.01
+_LOW_ORDERS, _FAMILY = 10, 3  # whole orders below which this many lines in a row may be harmonics of anything
 _NEVER = -50.0
 
 
@@ -162,10 +165,41 @@ def single_line(search: Search, speed_hz: float, shown: Array) -> bool:
     return shown.size > 1 and supporting < max(CERTAIN, _SUPPORT * float(shown.max()))
 
 
+def low_family(search: Search, shown: Array) -> bool:
+    """Return whether all lines are of whole orders below ten, and at most three: harmonics of any machine.
+
+    Four lines in a row are taken for the shaft. Orders that differ from whole ones by less than the tolerance of a
+    speed are the same.
+    """
+    lines = np.unique(np.round(search.orders[shown > SHOWS], 1))
+    return bool(lines.size <= _FAMILY and _low(search.orders[shown > SHOWS]).all())
+
+
+def _low(orders: Array) -> NDArray[np.bool_]:
+    """Return whether each order is a whole one below ten, as the harmonics of a shaft."""
+    return np.asarray((orders < _LOW_ORDERS) & (np.abs(orders - np.rint(orders)) < _SAME_SPEED))
+
+
+def no_mesh_shows(search: Search, shown: Array) -> bool:
+    """Return whether only the first harmonics of a shaft show, although other orders, as of meshes, are listed."""
+    return low_family(search, shown) and not _low(search.orders).all()
+
+
+def slower_shaft(search: Search, speed_hz: float, shown: Array) -> float | None:
+    """Return half the speed, or a third, where it is in range and the lines cannot rule it out; else None.
+
+    The first harmonics of a fast shaft are even or third harmonics of a slower one, whose others may be weak.
+    """
+    if not low_family(search, shown):
+        return None
+    return next((speed_hz / part for part in (2, 3) if speed_hz / part >= search.speeds[0]), None)
+
+
 def rivals(search: Search, speed: Array, seen: NDArray[np.bool_], shown: Array) -> list[Rival]:
     """Search again without the speeds found so far; return the paths that are not much less likely."""
     from signals.shaft._line_likelihood_kernels import most_likely_path  # noqa: PLC0415
 
+    temper = _TEMPERING_FAMILY if low_family(search, shown) else _TEMPERING
     votes = search.votes[seen].copy()
     found: list[Rival] = []
     last, scores = speed[seen], shown
@@ -175,26 +209,26 @@ def rivals(search: Search, speed: Array, seen: NDArray[np.bool_], shown: Array) 
         path = np.full(speed.size, np.nan)
         path[seen] = last
         scores = search.score(path, seen)
-        if scores.sum() < _TEMPERING * shown.sum():
+        if scores.sum() < (1 - temper) * shown.sum():
             break
-        odds = _odds(search, (speed[seen], shown), (last, scores))
+        odds = _odds(search, (speed[seen], shown), (last, scores), tempering=temper)
         if odds > 1 / _LEAST_ODDS:
             found.append(Rival(speed=path, odds=odds))
     return found
 
 
-def _odds(search: Search, first: tuple[Array, Array], second: tuple[Array, Array]) -> float:
+def _odds(search: Search, first: tuple[Array, Array], second: tuple[Array, Array], *, tempering: float) -> float:
     """Return the odds of the second path against the first, from the lines that only one of them explains.
 
     Half the speed explains the same lines with even multiples of its orders, so only lines that are not shared can
     decide. Lines of other machines make frames less independent than the model assumes, so the log odds are tempered: a
-    rival with half the evidence of the first gets odds of 1 to 20.
+    rival with the share 1 - `tempering` of the evidence of the first gets odds of 1 to 20.
     """
     positions = [np.outer(path, search.orders) * search.evidence.bins_per_hz for path, _ in (first, second)]
     apart = np.median(np.abs(positions[0][:, :, None] - positions[1][:, None, :]), axis=0) > _SAME_LINE
     one = float(first[1][apart.all(axis=1)].sum())
     other = float(second[1][apart.all(axis=0)].sum())
-    temper = max(1.0, _TEMPERING * max(one, other) / np.log(_LEAST_ODDS))
+    temper = max(1.0, tempering * max(one, other) / np.log(_LEAST_ODDS))
     return float(np.exp(min((other - one) / temper, 300.0)))
 
 
@@ -206,7 +240,10 @@ _SHORTEST_RUN = 4
 _LONGEST_FRAME_S = 2.0
 _SMEAR = 4.0  # bins by which the median order may move within a frame at the largest acceleration
 _MOST_DEMODULATED = 8
-_WINDOW_REV = 6.0
+_WINDOWS_REV = (6.0, 24.0)  # of the refinement: the first that leads to a sure speed that keeps the lines
+_SURE = 1.5e-3  # largest median std of the refined speed, relative: three of them are within half a per cent
+_KEPT = 0.92  # least evidence along the refined speed over that of the search, which favours bins: half a one costs 7 %
+_LEFT_STD, _LEFT_SHARE = 2.5, 0.05  # of the search, in this share of frames: the refined speed follows another line
 _FEWEST_SAMPLES = 64  # a frame
 
 
@@ -226,9 +263,10 @@ class SpeedEstimate:
     Attributes
     ----------
     status : {"ok", "ambiguous", "not found"}
-        Ambiguous where `alternatives` are nearly as likely (give a narrower range of speeds, or more orders); where
-        nearly all evidence is of one of several orders (a single line may be any order, or another machine's); or where
-        the phase of the harmonics cannot be followed.
+        Ambiguous for the `reason` given: `alternatives` are nearly as likely; nearly all evidence is of one of several
+        orders, which may be any order, or another machine's; at most three whole orders below ten show, which half or a
+        third of the speed, in range, would show too, or while none of the other orders does; or the phase of the
+        harmonics cannot be followed surely enough.
     times_s : (frame,) array
         Times in s of the middles of the frames.
     speed_hz, std_hz : (frame,) arrays
@@ -246,6 +284,8 @@ class SpeedEstimate:
         Phase refined from the harmonics; None unless the status is "ok".
     phase_std_rev : float
         Median standard deviation of the phase in revolutions.
+    reason : str
+        Why the status is not "ok", in a clause; empty where it is.
 
     Examples
     --------
@@ -268,6 +308,7 @@ class SpeedEstimate:
     evidence: float
     phase: ShaftPhase | None
     phase_std_rev: float
+    reason: str = ""
 
 
 @checked
@@ -387,37 +428,81 @@ def _estimate(signal: Array, rate: float, search: Search, start_s: float) -> Spe
     # with the variance of the uniform distribution within a step of the grid
     std = np.sqrt(((search.speeds - mean[:, None]) ** 2 * near).sum(axis=1) / weight + search.spacing**2 / 12)
     shown = search.score(mean, seen)
-    others = rivals(search, mean, seen, shown)
+    others = [
+        other
+        for other in rivals(search, mean, seen, shown)
+        if other.odds > 1 or low_family(search, shown) or _can_be_followed(signal, rate, search, other.speed, seen)
+    ]
     total = 1 + sum(other.odds for other in others)
     share = 1 / total
     single = single_line(search, float(np.median(mean[seen])), shown)
     if single:
         share /= search.orders.size
+    slower, foreign = slower_shaft(search, float(np.median(mean[seen])), shown), no_mesh_shows(search, shown)
     phase, phase_std = None, np.nan
-    if not others and not single:
+    if not others and not single and slower is None and not foreign:
         phase, mean, std, phase_std = _refined(signal, rate, search, mean, std, seen, shown)
+    reason = ""
     if phase is None:
         share = min(share, 0.5)
+        reason = _doubt(others, single=single, foreign=foreign, slower_hz=slower, speed_hz=float(np.median(mean[seen])))
+    alternatives = tuple(
+        Alternative(
+            speed_hz=other.speed,
+            ratio=float(np.median(other.speed[seen] / mean[seen])),
+            probability=other.odds / total,
+        )
+        for other in others
+    )
+    if slower is not None and not any(
+        abs(one.ratio * np.median(mean[seen]) / slower - 1) < _SAME_SPEED for one in alternatives
+    ):
+        ratio = slower / float(np.median(mean[seen]))
+        alternatives += (
+            Alternative(speed_hz=np.where(seen, mean * ratio, np.nan), ratio=ratio, probability=1 - share),
+        )
     return SpeedEstimate(
         status="ambiguous" if phase is None else "ok",
         times_s=search.evidence.times_s + start_s,
         speed_hz=np.where(seen, mean, np.nan),
         std_hz=np.where(seen, std, np.nan),
         confidence=confidence * share,
-        alternatives=tuple(
-            Alternative(
-                speed_hz=other.speed,
-                ratio=float(np.median(other.speed[seen] / mean[seen])),
-                probability=other.odds / total,
-            )
-            for other in others
-        ),
+        alternatives=alternatives,
         orders=search.orders,
         shown=shown,
         evidence=float(evidence),
         phase=None if phase is None else replace(phase, times_s=phase.times_s + start_s),
         phase_std_rev=float(phase_std),
+        reason=reason,
     )
+
+
+def _can_be_followed(signal: Array, rate: float, search: Search, speed: Array, seen: NDArray[np.bool_]) -> bool:
+    """Return whether a rival's harmonics hold together in phase: a patchwork of other lines does not."""
+    path = np.where(seen, speed, np.nan)
+    scores = search.score(path, seen)
+    std = np.full(speed.size, search.spacing)
+    return _refined(signal, rate, search, path, std, seen, scores)[0] is not None
+
+
+def _doubt(others: list[Rival], *, single: bool, foreign: bool, slower_hz: float | None, speed_hz: float) -> str:
+    """Return why a speed is ambiguous, the strongest reason."""
+    if foreign:
+        return "only harmonics of one shaft show, which may be another machine's: none of the other orders does"
+    if others:
+        return (
+            f"{len(others)} other speeds explain lines that it does not"
+            if len(others) > 1
+            else ("another speed explains lines that it does not")
+        )
+    if single:
+        return "nearly all of the evidence rests on a single order"
+    if slower_hz is not None:
+        return (
+            f"only its first harmonics show, which a shaft at {slower_hz:.4g} rev/s, {slower_hz / speed_hz:.3g} times "
+            "it and in the range, may have too"
+        )
+    return "the phase of its harmonics cannot be followed surely through the record"
 
 
 def _not_found(search: Search, evidence: float, start_s: float) -> SpeedEstimate:
@@ -435,6 +520,7 @@ def _not_found(search: Search, evidence: float, start_s: float) -> SpeedEstimate
         evidence=float(evidence),
         phase=None,
         phase_std_rev=np.nan,
+        reason="no shaft shows against noise",
     )
 
 
@@ -447,21 +533,27 @@ def _refined(
     tolerance = float(np.median(std[seen] / speed[seen]))
     scores = shown * (shown > SHOWS)
     strongest = np.sort(search.orders[np.argsort(-scores)[: min(_MOST_DEMODULATED, np.count_nonzero(scores))]])
-    window = min(_WINDOW_REV, float(rough.revolutions[-1] - rough.revolutions[0]) / 3)
-    try:  # refused where speeds of single frames are too rough for windows of several revolutions
-        refined = refine_phase(
-            signal, rate_hz=rate, phase=rough, orders=strongest.tolist(), tolerance=tolerance, window_rev=window
-        )
-    except ValueError:
-        refined = None
-    if refined is None or refined.phase is None:
-        return None, speed, std, np.nan
-    phase = refined.phase
-    inside = np.clip(times, phase.start_s, phase.stop_s)
-    error = np.interp(times, refined.times_s, refined.std_hz)
-    extrapolated = (times < refined.times_s[0]) | (times > refined.times_s[-1])
-    error[extrapolated] = std[extrapolated]
-    return phase, phase.speed_hz(inside), error, float(np.median(refined.phase_std_rev))
+    for window_rev in _WINDOWS_REV:
+        window = min(window_rev, float(rough.revolutions[-1] - rough.revolutions[0]) / 3)
+        try:  # refused where speeds of single frames are too rough for windows of several revolutions
+            refined = refine_phase(
+                signal, rate_hz=rate, phase=rough, orders=strongest.tolist(), tolerance=tolerance, window_rev=window
+            )
+        except ValueError:
+            continue
+        phase = refined.phase
+        if phase is None:
+            continue
+        refined_speed = phase.speed_hz(np.clip(times, phase.start_s, phase.stop_s))
+        error = np.interp(times, refined.times_s, refined.std_hz)
+        extrapolated = (times < refined.times_s[0]) | (times > refined.times_s[-1])
+        sure = np.median(refined.std_hz / refined.speed_hz) < _SURE
+        kept = search.score(refined_speed, seen).sum() > _KEPT * shown.sum()
+        left = np.abs(refined_speed - speed)[seen] > _LEFT_STD * np.hypot(np.maximum(std, search.spacing), error)[seen]
+        if sure and kept and np.mean(left) <= _LEFT_SHARE:
+            error[extrapolated] = std[extrapolated]
+            return phase, refined_speed, error, float(np.median(refined.phase_std_rev))
+    return None, speed, std, np.nan
 
 
 def _integrated(times: Array, speed: Array, *, half_frame: float, stop_s: float) -> ShaftPhase:

@@ -188,9 +188,26 @@ def _background(spectrum: AmplitudeSpectrum, found: float, reach: float) -> tupl
     beside = spectrum.amplitude[first:last][np.abs(axis[first:last] - found) > lobe]
     if not beside.size:
         return 0.0, 0.0, 0.0
-    median = float(np.median(beside))
-    level = beside[beside <= _LINE * median]
-    return median, float(np.median(level)), float(level.size * (axis[1] - axis[0]) / spectrum.bin_width)
+    median, noise, kept = _medians(beside)
+    return median, noise, float(kept * (axis[1] - axis[0]) / spectrum.bin_width)
+
+
+def _medians(values: Array) -> tuple[float, float, int]:
+    """Return the median, that of the values at most `_LINE` times as large, and their number.
+
+    One search for both: values left out are above the median, so that the second one lies in the lower half.
+    """
+    lower = np.partition(values, values.size // 2)[: values.size // 2 + 1]
+    median = _largest_mean(lower, values.size)
+    kept = int(np.count_nonzero(values <= _LINE * median))
+    if kept == values.size:
+        return median, median, kept
+    return median, _largest_mean(np.partition(lower, kept // 2)[: kept // 2 + 1], kept), kept
+
+
+def _largest_mean(lower: Array, count: int) -> float:
+    """Return the median of `count` values from the lowest ``count // 2 + 1`` of them, the largest of which is last."""
+    return float(lower[-1]) if count % 2 else float((lower[:-1].max() + lower[-1]) / 2)
 
 
 def _leakage(spectrum: AmplitudeSpectrum, found: float, amplitude: float) -> float:

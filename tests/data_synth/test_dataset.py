@@ -203,7 +203,7 @@ class TestGoingOn:
         text = SMALL.replace("rate_hz = 5000", "rate_hz = 50000").replace("records = 7", "records = 36")
         (tmp_path / "plan.toml").write_text(text)
         alone = [sys.executable, "-c", "import data_synth; data_synth.make_dataset('plan.toml', 'killed')"]
-        spread = [sys.executable, "-m", "hums.cli", "dataset", "plan.toml", "-o", "killed", "--workers", "2"]
+        spread = [sys.executable, "-m", "hums", "dataset", "plan.toml", "-o", "killed", "--workers", "2"]
         killed, rng, found = tmp_path / "killed", np.random.default_rng(0), []
         for command, files in ((alone, 2), (spread, 5)):
             quiet = {"cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}

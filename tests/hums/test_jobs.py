@@ -24,7 +24,7 @@ WRITTEN = {f"{item}.txt": f"item {item}" for item in range(6)}
 
 
 class TestWorkers:
-    @pytest.mark.parametrize("workers", [Serial(), Processes(count=1), Processes(count=3)])
+    @pytest.mark.parametrize("workers", [Serial(), Processes(count=2)])
     def test_all_make_the_same_files(self, tmp_path, workers):
         assert run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=workers) == Tally(done=6, kept=0)
         assert contents(tmp_path) == WRITTEN

@@ -39,6 +39,13 @@ class TestTables:
         # cells are halved until the polynomial of degree five fits to 1e-11 of the largest value
         np.testing.assert_allclose(found, curve.value(at), rtol=1e-10)
 
+    def test_a_steep_ramp_far_from_phase_zero_is_not_refined_for_its_rounding(self):
+        # over 1e-6 of a cycle, phases near 1000 are rounded by 1e-13: a misfit of 1e-7 that no cell removes
+        low, high = 997.3, 997.3 + 1e-6
+        table = tabulated([Wave(lambda p: np.interp(p, [low, high], [0.0, 1.0]), 1000, (low, high))])
+        assert table.rows.shape[0] < 40_000  # at 16 to a cycle 16,002
+        assert value_at(table, 0, (low + high) / 2) == pytest.approx(0.5, abs=1e-6)
+
     @pytest.mark.parametrize("stretch", STRETCHES)
     @pytest.mark.parametrize("name", CURVES)
     def test_moments_by_quadrature(self, name, stretch):

@@ -52,3 +52,11 @@ def test_every_mark_is_found_once(pieces, per_rev):
 def test_what_makes_no_sense_is_refused(changes, sentence):
     with pytest.raises(ValueError, match=sentence):
         crossings(BACK, **{"per_rev": 1, "start_s": 0.0, "stop_s": 1.0, **changes})
+
+
+def test_a_reversal_between_speeds_whose_product_underflows():
+    angle = ShaftAngle(times_s=np.array([0.0, 1.0, 2.0, 3.0]), speeds_hz=np.array([1.0, 1e-200, -1e-200, -1.0]))
+    # half a revolution forth in the first second, and back in the last: marks at 1 and 3 eighths pass twice
+    found = crossings(angle, per_rev=4, start_s=0.0, stop_s=3.0, offset=-0.5)
+    assert_array_equal(found.numbers, [0, 1, 1, 0])
+    assert_allclose(angle.turning_points_s(), [1.5])

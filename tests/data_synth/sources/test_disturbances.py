@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.kinematic.harmonics import random_stream
 from data_synth.sources.disturbances import noise_level
-from data_synth.sources.prepared import prepare_scene
 
 MILL = {
     "gearbox": "two-stage",
@@ -124,7 +123,7 @@ def test_knocks_are_a_poisson_process():
 def test_a_level_wanders_with_its_deviation_and_time_scale():
     slow = {"rate_hz": 200, "duration_s": 4000, "speed": {"link": "input", "rpm": 60}}
     declared = scene({"noise": {"std_db": 2, "time_scale_s": 4}}, **slow, resonance={**MODE, "frequency_hz": 80})
-    level_db = noise_level(prepare_scene(declared, rng_for=partial(random_stream, 1)))(np.arange(0, 4000, 0.4))
+    level_db = noise_level(declared, rng_for=partial(random_stream, 1))(np.arange(0, 4000, 0.4))
     assert np.std(level_db) == pytest.approx(2, rel=0.15)  # of 4000 / 8 values, 4 deviations
     correlation = np.mean(level_db[10:] * level_db[:-10]) / np.var(level_db)
     assert correlation == pytest.approx(np.exp(-1), abs=0.15)

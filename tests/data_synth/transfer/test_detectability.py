@@ -70,3 +70,18 @@ def test_each_fault_has_its_own_label_whatever_stands_beside_it():
     ]
     expected = 10 * np.log10(np.sum((made[0] - made[1]) ** 2) / 0.2**2)
     assert both.values[0, 1] == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_wandering_level_weights_each_instant_by_the_inverse_of_its_variance():
+    scene = Scene.from_mapping(
+        {**BASE, "fault": [IMBALANCE], "imperfections": {"noise": {"std_db": 6, "time_scale_s": 0.1}}}
+    )
+    made = simulate(scene, seed=2, detectability=True)
+    clean = [
+        simulate(scene.changed(noise={"rms": 0}, faults=faults), seed=2)["a"].values for faults in (scene.faults, ())
+    ]
+    level_db = np.interp(made["time"], made["truth_time"], made["truth_noise_level"])
+    expected = 10 * np.log10(np.sum((clean[0] - clean[1]) ** 2 / (0.2**2 * 10 ** (level_db / 10))))
+    # the truth has an instant each 50 ms, the level a knot each 10 ms: steps of 2.6 dB, averaged over a hundred knots
+    assert made["truth_fault_detectability_db"].values[0, 0] == pytest.approx(expected, abs=1.5)
+    assert abs(expected - labels(IMBALANCE).values[0, 0]) > 0.5  # than with an even level

@@ -54,6 +54,16 @@ def test_lines_are_the_signal_of_the_shipped_gears_and_of_their_fault(changes, l
     check_record(faulty)
 
 
+def test_pitch_deviations_of_sound_gears_have_lines():
+    even = scene(duration_s=1.6, noise={"rms": 0})
+    uneven = even.changed(imperfections={"gears": {"runout_um": 20, "single_pitch_um": 6}})
+    record = simulate(uneven, seed=SEED, phases=True)
+    assert explained(rebuilt(record), record["a"].values) > 0.99
+    assert "pitch_deviation" in record["truth_kind"].values
+    without = simulate(even, seed=SEED)
+    assert "pitch_deviation" not in without["truth_kind"].values
+
+
 RUN = {"speed": {"link": "pinion", "rpm": [[0, 500], [3, 900]]}, "duration_s": 3.0}
 
 

@@ -21,13 +21,18 @@ def test_mean_forces_are_those_of_statics(inside):
     check_record(inside)
     # 0.3 s are 3 turns of the pinion; what drifts is the soft start, which has died to 1e-5
     assert_allclose(inside["truth_mesh_force"].values.mean(axis=1), FORCE_N, rtol=2e-3)
-    if "torsional" in inside.attrs["truth_scene"]:  # no motion there presses a bearing
-        assert "truth_bearing_force" not in inside
-        return
     pressed = inside["truth_bearing_force"]
     across = [-FORCE_N * np.sin(ALPHA), -FORCE_N * np.cos(ALPHA)]
     assert pressed["truth_support"].values.tolist() == ["pinion, y", "pinion, z", "gear, y", "gear, z"]
     assert_allclose(pressed.values.mean(axis=1), [*across, -across[0], -across[1]], rtol=2e-3)
+
+
+def test_forces_on_the_frame_are_action_and_reaction(inside):
+    pressed, mesh = inside["truth_bearing_force"].values, inside["truth_mesh_force"].values[0]
+    if 'fidelity = "torsional"' not in inside.attrs["truth_scene"]:
+        return  # masses on their bearings take a part
+    assert_allclose(pressed[:2], -pressed[2:], rtol=1e-12)
+    assert_allclose(np.hypot(*pressed[:2]), np.abs(mesh), rtol=1e-12)
 
 
 def test_the_force_is_stiffness_times_deflection(inside):

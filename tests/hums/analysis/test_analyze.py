@@ -21,7 +21,7 @@ from hums.analysis.result import (
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.gearbox.orders import defects
 from hums.records.record import Channel, NominalSpeed, PulseTimes, RecordError, UnknownAngle, make_record
-from hums.records.store import write_tree
+from hums.records.store import open_record, save_record, write_tree
 from hums.report import render
 
 TWO_STAGE = load_gearbox("two-stage")
@@ -46,6 +46,14 @@ def analysis():
     return analyze(
         tone_record(), load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=(1200.0, 2200.0))
     )
+
+
+def test_the_path_of_a_record_is_as_good_as_the_record(tmp_path):
+    save_record(tone_record(), tmp_path / "record.h5")
+    settings = AnalysisSettings(envelope_band_hz=None)
+    from_path = analyze(tmp_path / "record.h5", TWO_STAGE, settings=settings)
+    with open_record(tmp_path / "record.h5") as record:
+        xr.testing.assert_identical(from_path, analyze(record, TWO_STAGE, settings=settings))
 
 
 def test_layout(analysis):

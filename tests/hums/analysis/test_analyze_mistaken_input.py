@@ -174,7 +174,7 @@ def test_an_estimated_angle_has_no_tachometer_to_blame():
     [(None, 'tachometer "tachometer"'), (NominalSpeed(rpm=60 * SPEED_HZ, shaft="input"), "a declared speed")],
 )
 def test_a_speed_range_that_is_not_needed_is_noted(angle, known):
-    said = notes(record_of(angle=angle), speed_range_hz=(1.0, 2.0), max_acceleration_hz_s=1.0)
+    said = notes(record_of(angle=angle), speed_range_hz=(15.0, 25.0), max_acceleration_hz_s=1.0)
     assert any(note.startswith(f"The record has {known}") and "--speed-range" in note for note in said)
 
 
@@ -194,3 +194,20 @@ def test_a_report_is_no_baseline(tmp_path):
         open_analysis(tmp_path / "nowhere.h5")
     save_analysis(analysed(record_of(channels={"a": Channel(values=vibration(), units="g")})), tmp_path / "a.h5")
     open_analysis(tmp_path / "a.h5").close()
+
+
+class TestImplausibleTachometer:
+    @staticmethod
+    def record(hz):
+        noise = np.random.default_rng(0).standard_normal(20_000)
+        pulses = PulseTimes(times_s=np.arange(0.001, 0.999, 1 / hz), shaft="input", pulses_per_rev=1)
+        return make_record({"vib": noise}, rate_hz=20_000, units="g", angle=pulses)
+
+    def test_59700_rpm_is_refused(self):
+        with pytest.raises(AnalysisError, match=r'tachometer "tachometer" gives 995 rev/s \(59,700 rpm\).*750 rev/s'):
+            analyze(self.record(995.0), load_gearbox("two-stage"))
+
+    def test_a_speed_outside_the_declared_range_is_refused(self):
+        settings = AnalysisSettings(speed_range_hz=(10, 30), max_acceleration_hz_s=5)
+        with pytest.raises(AnalysisError, match=r"gives 40 rev/s .* outside the declared range, 10 to 30 rev/s"):
+            analyze(self.record(40.0), load_gearbox("two-stage"), settings=settings)

@@ -115,11 +115,10 @@ def test_a_damaged_gear_is_named_and_its_sideband_tracked(kind):
     sidebands = []
     for record, analysis in trips:
         found = found_in(analysis)
-        assert set(found) == {(PINION, "tooth")}
         # one tooth, or a few neighbours, are told from what goes all round the gear
-        assert found[PINION, "tooth"].verdict == ("diagnosed" if kind in LOCAL else "indicated")
+        assert set(found) == ({(PINION, "tooth")} if kind in LOCAL else set())
         result = score(analysis, record)
-        assert list(result.faults["verdict"]) == [found[PINION, "tooth"].verdict]
+        assert list(result.faults["verdict"]) == ["indicated" if kind in LOCAL else "measured"]
         # errors are as large as their std says; of 18 tracks with few independent values each a median says it better
         # than a mean, which one with too narrow a bandwidth can spoil
         assert 0.6 < result.tracks["normalised_rms"].median() < 1.25

@@ -125,18 +125,6 @@ def test_fm4_shows_one_bad_tooth_and_noise_its_limit(gearbox):
     assert loud.noise_limit == pytest.approx(3 + 4 * np.sqrt(24 / 160))
 
 
-def test_a_tooth_finding_rests_on_fm4(gearbox):
-    def cracked(turns):
-        dip = 1 - 0.5 * np.exp(-(((turns % 1) - 0.5) ** 2) / (2 * 0.02**2))
-        return dip * cosine(23, 0.5, turns) + struck_tooth(turns)
-
-    analysis = analyze(record_of(over_turns(cracked, noise=0.05)), gearbox, settings=BARE)
-    tooth = next(f for f in summary(analysis)["findings"] if f["component"] == "stage 1/pinion")
-    fm4 = value(analysis, "stage 1/pinion", "fm4").value
-    assert tooth["verdict"] == "diagnosed"
-    assert f"FM4 {fm4:.1f}" in tooth["evidence"]
-
-
 class TestBaseline:
     @staticmethod
     def na4(analysis):

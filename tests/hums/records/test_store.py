@@ -6,7 +6,6 @@ import shutil
 import stat
 import subprocess
 import sys
-import time
 import tracemalloc
 from datetime import UTC, datetime
 from pathlib import Path
@@ -323,58 +322,76 @@ import numpy as np
 from hums.records.record import NominalSpeed, make_record
 from hums.records.store import save_record
 record = make_record({"a": np.ones(400_000)}, rate_hz=1000, units="g", angle=NominalSpeed(rpm=1, shaft="s"))
-save_record(record.isel(time=slice(10)), "record.h5")
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
-try:
-    save_record(record, "record.h5")
-except OSError as error:
-    print(os.listdir(), flush=True)
-os._exit(0)  # what HDF5 makes of its unfinished file when the program ends is not our matter
+for limit in sys.argv[1:]:
+    os.mkdir(limit)
+    if not (child := os.fork()):
+        os.chdir(limit)
+        save_record(record.isel(time=slice(10)), "record.h5")
+        resource.setrlimit(resource.RLIMIT_FSIZE, (int(limit), resource.RLIM_INFINITY))
+        try:
+            save_record(record, "record.h5")
+        except OSError as error:
+            print(limit, os.listdir(), flush=True)
+        os._exit(0)  # what HDF5 makes of its unfinished file when the program ends is not our matter
+    os.waitpid(child, 0)
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files as Linux does")
-@pytest.mark.parametrize("limit", [5_000, 1_000_000, 3_202_000])  # in the header, the samples, the last flush
-def test_a_disk_that_is_full_leaves_the_old_file_whole(tmp_path, limit):
+def test_a_disk_that_is_full_leaves_the_old_file_whole(tmp_path):
     pytest.importorskip("resource")
-    words = [sys.executable, "-c", FULL_DISK, str(limit)]
+    limits = ["5000", "1000000", "3202000"]  # in the header, the samples, the last flush
+    words = [sys.executable, "-c", FULL_DISK, *limits]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
-    assert done.stdout == "['record.h5']\n", done.stderr
-    with open_record(tmp_path / "record.h5") as opened:
-        assert opened["a"].to_numpy().tolist() == [1.0] * 10
+    assert done.stdout.splitlines() == [f"{limit} ['record.h5']" for limit in limits], done.stderr
+    for limit in limits:
+        with open_record(tmp_path / limit / "record.h5") as opened:
+            assert opened["a"].to_numpy().tolist() == [1.0] * 10
 
 
 KILLED = """
-import itertools
+import itertools, os, signal, sys, time
 import numpy as np
 from hums.records.record import NominalSpeed, make_record
 from hums.records.store import save_record
-for run in itertools.count(1):
-    values = np.full(300_000, float(run))
-    angle = NominalSpeed(rpm=run, shaft="input")
-    save_record(make_record({"a": values}, rate_hz=1000, units="g", angle=angle, attrs={"run": run}), "record.h5")
-    print(run, flush=True)
+
+def write(told):
+    for run in itertools.count(1):
+        values = np.full(300_000, float(run))
+        angle = NominalSpeed(rpm=run, shaft="input")
+        save_record(make_record({"a": values}, rate_hz=1000, units="g", angle=angle, attrs={"run": run}), "record.h5")
+        os.write(told, f"{run}\\n".encode())
+
+for wait_s in sys.argv[1:]:
+    os.mkdir(wait_s)
+    there, told = os.pipe()
+    if not (child := os.fork()):
+        os.chdir(wait_s)
+        write(told)
+    os.close(told)
+    with open(there) as lines:
+        first = lines.readline()
+        time.sleep(float(wait_s))
+        os.kill(child, signal.SIGKILL)
+        print(wait_s, os.waitpid(child, 0)[1], *(first + lines.read()).split(), flush=True)
 """
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills a process the way of POSIX")
-@pytest.mark.parametrize("wait_s", np.random.default_rng(5).uniform(0, 0.1, size=3))
-def test_a_killed_program_leaves_a_whole_file(tmp_path, wait_s):
-    words = [sys.executable, "-c", KILLED]
-    with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as program:
-        try:
-            told = program.stdout.readline()
-            time.sleep(wait_s)
-        finally:
-            program.kill()
-        told += program.stdout.read()
-    assert program.returncode == -9
-    *_, finished = map(int, told.split())
-    with open_record(tmp_path / "record.h5") as opened:
-        run = int(opened.attrs["run"])
-        assert run in (finished, finished + 1)  # the next may have come into place and not been told
-        np.testing.assert_array_equal(opened["a"], np.full(300_000, float(run)))
-        save_record(opened, tmp_path / "record.h5")  # what the killed program left behind is in nobody's way
+def test_a_killed_program_leaves_a_whole_file(tmp_path):
+    waits = np.random.default_rng(5).uniform(0, 0.1, size=3).astype(str).tolist()
+    words = [sys.executable, "-c", KILLED, *waits]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=300)
+    told = [line.split() for line in done.stdout.splitlines()]
+    assert [(wait, status) for wait, status, *_ in told] == [(wait, "9") for wait in waits]
+    for wait, _, *finished in told:
+        path = tmp_path / wait / "record.h5"
+        with open_record(path) as opened:
+            run = int(opened.attrs["run"])
+            # the next may have come into place and not been told
+            assert run in (int(finished[-1]), int(finished[-1]) + 1)
+            np.testing.assert_array_equal(opened["a"], np.full(300_000, float(run)))
+            save_record(opened, path)  # what the killed program left behind is in nobody's way
 
 
 def test_what_is_no_record_is_not_written(record, tmp_path):

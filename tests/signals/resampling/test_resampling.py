@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from signals.resampling._engine import weight_rows, windowed_sinc
+from signals.resampling._engine import Track, weight_rows, windowed_sinc
 from signals.resampling._engine_kernels import add_moments, filter_moments, interpolate, invert
 from signals.resampling.resampling import AngularSignal, angle_map, angular_resample, time_resample, whole_revolutions
 from signals.resampling.stream import AngularStream
@@ -635,3 +635,20 @@ class TestKernels:
         exact = np.where(cuts < 1, 0.0, weights @ x / weights.sum(axis=1))
         # cubics through rows are within 1.4e-7 of the largest weight, 64 of them at random signs
         np.testing.assert_allclose(found, exact, rtol=0, atol=1.4e-7 * 8)
+
+
+@pytest.mark.parametrize("span", [(-70, 500), (290, 301), (100, 1001)])
+def test_a_map_with_a_corner_is_exact_at_every_point(span):
+    # no cubic follows the corner; beyond its ends the map goes on as its reflection about them
+    def value(t):
+        return 2 * t + np.abs(t - 300.3)
+
+    track = Track(
+        value=value, slope=lambda t: np.where(t < 300.3, 1.0, 3.0), start=0.0, stop=1200.0, origin=0.0, spacing=1.0,
+        offset=5.0, scale=0.5,
+    )  # fmt: skip
+    found, slope = track.at(*span)
+    points = np.arange(*span, dtype=np.float64)
+    expected = np.where(points < 0, 2 * value(0.0) - value(-points), value(np.abs(points)))
+    np.testing.assert_allclose(found, (expected - 5) * 0.5, atol=1e-8)  # the stated tolerance
+    np.testing.assert_allclose(slope, track.slope(np.abs(points)) * 0.5, atol=1e-8)

@@ -4,6 +4,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from signals.shaft import _pulse_repair_kernels, pulse_repair
 from signals.shaft.pulse_repair import number_pulses, possible_stops
@@ -304,3 +306,45 @@ class TestOtherWays:
     def test_directions_that_are_none(self, direction):
         with pytest.raises(ValueError, match=r"must be \+1, -1, or one of them for each of the 4 pulses"):
             shaft_phase([0.0, 1, 2, 3], direction=direction)
+
+
+class TestOneFaultIsOneRepair:
+    """At constant acceleration a the pulse at angle n / p comes at (sqrt(f^2 + 2 a n / p) - f) / a."""
+
+    @staticmethod
+    def ramp(start_hz, stop_hz, duration_s, per_rev, jitter, rng):
+        a = (stop_hz - start_hz) / duration_s
+        turns = np.arange(int((start_hz + stop_hz) / 2 * duration_s * per_rev)) / per_rev
+        times = 2 * turns / (start_hz + np.sqrt(start_hz**2 + 2 * a * turns))
+        return times + jitter * np.gradient(times) * rng.standard_normal(times.size)
+
+    @given(
+        ends=st.tuples(st.floats(6, 60), st.floats(6, 60)).filter(lambda ends: abs(ends[0] - ends[1]) > 0.1),
+        duration=st.floats(1, 6),
+        per_rev=st.sampled_from([1, 2, 4, 20, 60]),
+        jitter=st.sampled_from([0.0, 1e-5, 1e-3]),  # of the interval; at 5e-3 a pulse in a thousand is a fault itself
+        fault=st.sampled_from(["missing", "double", "spurious"]),
+        place=st.floats(0, 1),
+        seed=st.integers(0, 1000),
+    )
+    @settings(max_examples=60, deadline=None)
+    def test_of_one_pulse(self, ends, duration, per_rev, jitter, fault, place, seed):
+        times = self.ramp(*ends, duration, per_rev, jitter, np.random.default_rng(seed))
+        # intervals are predicted from five, those of stripes from a revolution too: nearer to an end less is certain
+        margin = 6 + min(per_rev, 6)
+        assume(times.size > 4 * max(margin, per_rev))
+        at = margin + int(place * (times.size - 2 * margin - 2))
+        gap = times[at + 1] - times[at]
+        share = {"missing": 0.0, "double": 0.05, "spurious": 0.5}[fault]
+        bad = np.delete(times, at) if fault == "missing" else np.insert(times, at + 1, times[at] + share * gap)
+        phase = shaft_phase(bad, pulses_per_rev=per_rev)
+        repairs = phase.repairs
+        found = {"missing": repairs.missing, "double": repairs.double, "spurious": repairs.spurious}
+        assert found == {"missing": 0, "double": 0, "spurious": 0} | {fault: 1}
+        np.testing.assert_array_equal(phase.times_s, np.delete(times, at) if fault == "missing" else times)
+
+    def test_of_a_run_up_of_3000_rpm_in_a_second_twenty_stripes(self):
+        """Linear interpolation between passes of the first stripe made 23 missing and 23 spurious of this."""
+        times = self.ramp(0.1, 50.0, 1.0, 20, 0.0, np.random.default_rng(0))
+        repairs = shaft_phase(np.delete(times, 436), pulses_per_rev=20).repairs
+        assert (repairs.missing, repairs.total) == (1, 1)

@@ -160,3 +160,13 @@ def test_a_wave_of_many_pulses_takes_no_loop():
     wave = np.repeat(np.tile([0.0, 1.0], 1000), rng.integers(3, 9, 2000))
     edges = np.flatnonzero(np.diff(wave) > 0) + 0.5
     np.testing.assert_allclose(pulse_times(wave, rate_hz=1.0).times_s, edges, rtol=1e-15)
+
+
+class TestRangeOfTheChannel:
+    def test_hum_far_below_it_is_no_tachometer(self):
+        t = np.arange(51_200) / 51_200
+        hum = 0.9e-3 * np.sin(2 * np.pi * 995 * t)
+        with pytest.raises(ValueError, match=r"swings by 0.0018, below 1% of the range .* 10: hum or noise"):
+            pulse_times(hum, rate_hz=51_200, full_scale=10.0)
+        assert pulse_times(hum, rate_hz=51_200, full_scale=0.1).times_s.size == 994
+        assert pulse_times(1000 * hum, rate_hz=51_200, full_scale=10.0).times_s.size == 994

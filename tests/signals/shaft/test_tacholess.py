@@ -133,7 +133,12 @@ class TestAccuracy:
         law = ramp(speed, speed + 1e-9, 20)
         _, x = vibration(law, duration=20, orders=orders, snr_db=-5, seed=2, sidebands=False)
         found = estimate_speed(
-            x, rate_hz=RATE_HZ, orders=orders, speed_range_hz=(3, 10), max_acceleration_hz_s=0.1, frame_s=1.0
+            x,
+            rate_hz=RATE_HZ,
+            orders=orders,
+            speed_range_hz=(0.6 * speed, 10),  # half of the speed would have the same lines
+            max_acceleration_hz_s=0.1,
+            frame_s=1.0,
         )
         assert found.status == "ok"
         assert found.alternatives == ()
@@ -194,6 +199,38 @@ class TestDoubt:
         found = estimate_speed(x, rate_hz=RATE_HZ, orders=MESH, speed_range_hz=(28, 33), max_acceleration_hz_s=1)
         assert found.status == "ambiguous"
         assert found.confidence.max() <= 0.5
+
+    def test_three_harmonics_may_be_of_half_the_speed(self):
+        _, x = vibration(ramp(20, 20 + 1e-9, 10), duration=10, orders=(1, 2, 3), snr_db=5, seed=3, sidebands=False)
+        found, narrow = (
+            estimate_speed(x, rate_hz=RATE_HZ, orders=(1, 2, 3), speed_range_hz=speeds, max_acceleration_hz_s=2)
+            for speeds in ((8, 28), (15, 28))
+        )
+        assert (found.status, narrow.status) == ("ambiguous", "ok")
+        assert "a shaft at 10 rev/s" in found.reason
+        assert any(abs(other.ratio - 0.5) < 1e-3 for other in found.alternatives)
+        assert narrow.reason == ""
+
+    def test_harmonics_without_the_meshes_may_be_of_another_machine(self):
+        _, x = vibration(ramp(24, 24 + 1e-9, 10), duration=10, orders=(1, 2, 3), snr_db=10, seed=3, sidebands=False)
+        orders = (1, 2, 3, 19.5, 39, 58.5)
+        found = estimate_speed(x, rate_hz=RATE_HZ, orders=orders, speed_range_hz=(15, 38), max_acceleration_hz_s=2)
+        assert found.status == "ambiguous"
+        assert "none of the other orders does" in found.reason
+
+    def test_a_constant_speed_beside_a_hum_does_not_roam(self):
+        """Order 2 at 58.4 Hz and the mains at 60 Hz: windows of six turns, 5 Hz wide, followed their beat."""
+        _, x = vibration(ramp(29.2, 29.2 + 1e-9, 10), duration=10, orders=(1, 2, 3), snr_db=0, seed=1, sidebands=False)
+        t = np.arange(x.size) / RATE_HZ
+        for hum in (0.3, 1.0, 2.0):
+            found = estimate_speed(
+                x + hum * np.sin(2 * np.pi * 60 * t),
+                rate_hz=RATE_HZ,
+                orders=(1, 2, 3),
+                speed_range_hz=(20, 41),
+                max_acceleration_hz_s=5,
+            )
+            assert found.status == "ambiguous" or np.abs(found.speed_hz / 29.2 - 1).max() < 0.005
 
     def test_two_machines(self):
         # a pump at another speed, its lines as strong: two answers, or none

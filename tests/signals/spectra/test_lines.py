@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from signals.spectra.lines import Line, false_alarm_probability, find_line, record_probability
+from signals.spectra.lines import Line, _medians, false_alarm_probability, find_line, record_probability
 from signals.spectra.spectra import amplitude_spectrum
 
 PER_REV = 32
@@ -180,3 +180,13 @@ class TestRefusals:
         short = amplitude_spectrum(tone()[: 5 * PER_REV], rate=PER_REV)
         with pytest.raises(ValueError, match="the record is too short"):
             find_line(short, expected=ORDER)
+
+
+@pytest.mark.parametrize("count", [40, 41, 300])
+def test_the_noise_is_the_median_of_what_is_no_line(count):
+    # numpy's medians, of all and of what is at most four times that; a third are lines, so that the two differ
+    rng = np.random.default_rng(count)
+    values = rng.rayleigh(size=count) * np.where(rng.random(count) < 1 / 3, 30.0, 1.0)
+    level = values[values <= 4 * np.median(values)]
+    assert level.size < count
+    assert _medians(values) == (np.median(values), np.median(level), level.size)

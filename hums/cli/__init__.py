@@ -1,14 +1,17 @@
 """The command line `hums`."""
 
 import gc
+import math
 import os
-import sys
 import warnings
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
 import typer
+
+from hums.cli.options import parse_speeds
+from hums.cli.pictures import bearings, drawing, dynamics
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +39,7 @@ def print_orders(table: "pd.DataFrame", *, csv: bool, json: bool) -> None:
         typer.echo(plain.to_json(orient="records", double_precision=15))
     else:
         plain = table.assign(exact=fractions.fillna("")).drop(columns="sidebands")
-        typer.echo(plain.to_string(index=False, formatters={"order": "{:.6f}".format}))
+        typer.echo(plain.to_string(index=False, formatters={"order": "{:.6f}".format, "hz": "{:.6g}".format}))
 
 
 def print_record(record: "xr.Dataset") -> None:
@@ -75,7 +78,6 @@ app = typer.Typer(
     name="hums",
     help="Order tracking for gearboxes: kinematics, records, analyses, reports, synthetic data.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 
@@ -126,6 +128,10 @@ def common(
     """Order tracking for gearboxes: kinematics, records, analyses, reports, synthetic data."""
 
 
+for command in (drawing, dynamics, bearings):
+    app.command()(command)
+
+
 @app.command()
 def orders(
     gearbox: Annotated[str, typer.Argument(help="A .toml file or a catalogue name.")],
@@ -134,7 +140,8 @@ def orders(
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Draw the lines against speed: .svg, .png or .pdf.")] = None,
-    rpm: Annotated[
+    rpm: Annotated[float | None, typer.Option(help="Speed of the reference: adds the frequencies in Hz.")] = None,
+    plot_rpm: Annotated[
         Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
         typer.Option(metavar="LOW HIGH", help="Speeds of the reference to draw, up to the given one or 3000."),
     ] = None,
@@ -146,14 +153,18 @@ def orders(
 
     if csv and json:
         raise ValueError("--csv and --json are both given; keep one.")
-    if rpm and not plot:
-        raise ValueError("--rpm says which speeds to draw; add --plot FILE.")
-    speeds = dict(_parse_speed(text) for text in speed) if speed else None
+    if plot_rpm and not plot:
+        raise ValueError("--plot-rpm says which speeds to draw; add --plot FILE.")
+    if rpm is not None and not (math.isfinite(rpm) and rpm):
+        raise ValueError(f"--rpm {rpm:g}: give the speed of the reference, in rpm, other than 0.")
+    speeds = parse_speeds(speed)
     kinematics = solve_kinematics(load_gearbox(gearbox))
     table = defect_orders(kinematics, reference=reference, speeds=speeds)
+    top = abs(rpm) if rpm is not None else _reference_rpm(kinematics, reference, speeds)
+    if rpm is not None:
+        table.insert(list(table.columns).index("exact"), "hz", table["order"] * top / 60)
     if plot:
-        top = _reference_rpm(kinematics, reference, speeds)
-        _plot_orders(table, rpm or (top / 10, top), plot)
+        _plot_orders(table, plot_rpm or (top / 10, top), plot)
     print_orders(table, csv=csv, json=json)
 
 
@@ -501,17 +512,6 @@ def _settings(*, no_envelope: bool, **chosen: Any) -> "AnalysisSettings":  # noq
     return AnalysisSettings(**stated, **({"envelope_band_hz": None} if no_envelope else {}))
 
 
-def _parse_speed(text: str) -> tuple[str, float]:
-    link, separator, rpm = text.rpartition("=")
-    try:
-        return link, float(rpm)
-    except ValueError:
-        separator = ""
-    if not separator:
-        raise ValueError(f'--speed "{text}": write LINK=RPM, as in --speed "sun=1500".')
-    return link, 0.0
-
-
 def _plot_orders(table: "pd.DataFrame", reference_rpm: tuple[float, float], path: Path) -> None:
     from hums.plots import save_figure, speed_order_chart  # noqa: PLC0415
 
@@ -524,7 +524,3 @@ def _reference_rpm(kinematics: "Kinematics", reference: str | None, speeds: dict
     if speeds is None or link is None:
         return DRAWN_RPM
     return abs(float(kinematics.relative_speed(link, seen_from=frame, speeds=speeds)))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -76,7 +76,8 @@ def test_orders_of_several_degrees_of_freedom(run):
         ((), (300, 3000)),
         (("--speed", "output=100"), pytest.approx((10 * RATIO, 100 * RATIO))),
         (("--reference", "output", "--speed", "output=100"), (10, 100)),
-        (("--rpm", 500, 600), (500, 600)),
+        (("--plot-rpm", 500, 600), (500, 600)),
+        (("--rpm", 1500), (150, 1500)),
     ],
 )
 def test_speeds_of_an_orders_plot(run, tmp_path, monkeypatch, words, low_high):
@@ -164,7 +165,8 @@ def test_no_source_of_angle_names_all_three(run, mat, tmp_path):
         (("orders", "two-stag"), 'did you mean "two-stage"?'),
         (("orders", "two-stage", "--speed", "fast"), "write LINK=RPM"),
         (("orders", "two-stage", "--csv", "--json"), "keep one"),
-        (("orders", "two-stage", "--rpm", "0", "100"), "add --plot"),
+        (("orders", "two-stage", "--plot-rpm", "0", "100"), "add --plot"),
+        (("orders", "two-stage", "--rpm", "0"), "other than 0"),
         (("orders", "two-stage", "--plot", "orders.txt"), "orders.txt"),
         (("schema", "scenery"), "gearbox"),
         (("ordrs",), "ordrs"),
@@ -232,7 +234,7 @@ def test_synth_writes_a_record_with_truth(run, tmp_path):
 
 
 def test_warnings_reach_the_user_as_a_line(run, request):
-    turbine = request.path.parents[1] / "data" / "wind-turbine.toml"
+    turbine = request.path.parents[2] / "data" / "wind-turbine.toml"
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         code, _, err = run("orders", turbine)

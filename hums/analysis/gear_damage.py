@@ -1,0 +1,353 @@
+"""Judgement of every gear of a channel for one damaged tooth (`signals.angle.local_damage`).
+
+A gear is followed by the meetings of one of its teeth with its mates: once a turn on fixed axes; of a sun or ring once
+for each planet and turn relative to the carrier, of a planet once per turn relative to it. Sun, planets and ring so
+need no window about the planet passes; the passes modulate the level of a turn, which is divided out.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hums.analysis.channel import Values, resample_in_angle
+from hums.analysis.findings import INDICATED, NOT_JUDGED, NOTHING_FOUND, Finding
+from hums.analysis.reference_angle import Machine
+from hums.analysis.result import IndicatorValue
+from hums.gearbox.orders import DefectOrder
+from hums.records.record import Sampling
+from signals.angle.local_damage import (
+    BandEnergies,
+    LocalDamage,
+    folded,
+    local_damage,
+    residual_energies,
+)
+from signals.resampling.resampling import PASSBAND
+
+__all__ = ["GearJudgement", "gear_damage", "gear_indicators", "gear_verdicts"]
+
+# Sidebands of run-out and planet passes removed on either side of a mesh harmonic, in rotations of the fastest of its
+# gears. Halved, a run-out of several per cent leaves its second sideband; doubled, a quarter of the orders is lost.
+_SIDEBANDS = 2.5
+_SHAFT_ORDERS = 3  # of the fastest shaft: below it all is removed
+_SMOOTH_ORDERS = 2  # of a turn that run-out, misalignment or passing planets modulate; 0 for a sun, folded by planet
+_MASKED_TEETH = 1.5  # on either side of a damaged tooth, taken out before weaker gears are judged again
+_ROTATIONS = (999, 9999)  # least and most: more cost time where a tooth is found
+
+
+@dataclass(frozen=True, kw_only=True)
+class GearJudgement:
+    """Whether one tooth of a gear is damaged, in one channel.
+
+    Attributes
+    ----------
+    channel, units : str
+    component : str
+        Mesh and gear, as in `hums.defect_orders`.
+    also : tuple of str
+        Gears that this one cannot be told apart from, because their teeth meet at the same rate.
+    order : float
+        Meetings of one tooth per revolution of the reference.
+    teeth : int
+    turns : int
+        Turns of the gear used, each meeting of a sun's or ring's tooth with a planet counted; 0 where not judged.
+    probability : float
+        That a gear without a damaged tooth gives this, over all gears and channels judged; 1 where not judged.
+    local, repeats : float
+        Its two parts, of this gear alone (see `LocalDamage`).
+    statistic, outlier, rise : float
+        As in `LocalDamage`.
+    amplitude : float
+        RMS of the envelope at the tooth, in `units`.
+    position_rev : float
+        Place of the tooth, in turns from the reference's angle zero.
+    band_orders : (float, float)
+        Orders of the reference in which it stands out most.
+    explained_by : str
+        A gear whose damaged tooth makes this gear's appearance; empty where there is none.
+    not_judged : str
+        Reason, empty where judged.
+    """
+
+    channel: str
+    units: str
+    component: str
+    also: tuple[str, ...] = ()
+    order: float
+    teeth: int
+    turns: int = 0
+    probability: float = 1.0
+    local: float = 1.0
+    repeats: float = 1.0
+    statistic: float = 0.0
+    outlier: float = 0.0
+    rise: float = 1.0
+    amplitude: float = math.nan
+    position_rev: float = math.nan
+    band_orders: tuple[float, float] = (math.nan, math.nan)
+    explained_by: str = ""
+    not_judged: str = ""
+
+    @property
+    def judgeable(self) -> bool:
+        """Whether the record could be judged for this gear."""
+        return not self.not_judged
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Tooth:
+    """A gear of a mesh: its row of the defect orders, its teeth, and how many pass from one meeting to the next."""
+
+    row: DefectOrder
+    teeth: int
+    per_turn: float
+    smooth_orders: int = _SMOOTH_ORDERS
+
+
+def gear_damage(
+    values: Values,
+    when: Sampling,
+    machine: Machine,
+    *,
+    channel: str,
+    units: str,
+    false_alarm_probability: float,
+    channels: int = 1,
+    faulty: bool = False,
+) -> list[GearJudgement]:
+    """Return the judgement of every gear of a gearbox in one channel, the most conspicuous first.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Samples of the channel.
+    when : Sampling
+        Rate and start.
+    machine : Machine
+        Gearbox and angle of its reference.
+    channel, units : str
+        Name and unit.
+    false_alarm_probability : float
+        Of a record: gears below it are significant, and explain weaker ones.
+    channels : int
+        Number of channels judged, over which the probability is taken.
+    faulty : bool
+        Whether the sensor is, so that nothing is judged.
+    """
+    gears = _gears(machine)
+    if not gears:
+        return []
+    judged = [
+        GearJudgement(
+            channel=channel, units=units, component=gear.row.component, order=gear.row.order, teeth=gear.teeth
+        )
+        for gear in gears
+    ]
+    if faulty:
+        return [replace(row, not_judged="the sensor is sick") for row in judged]
+    try:
+        energies = _energies(values, when, machine, channel)
+    except ValueError as error:
+        return [replace(row, not_judged=str(error)) for row in judged]
+    tests = channels * len({gear.row.order for gear in gears})
+    judge = _Judge(energies=energies, tests=tests, threshold=false_alarm_probability)
+    judged = [judge.of(row, gear) for row, gear in zip(judged, gears, strict=True)]
+    return judge.explained(judged, {gear.row.component: gear for gear in gears})
+
+
+def _gears(machine: Machine) -> list[_Tooth]:
+    """Return the gears of every mesh."""
+    meshes = {row.component: row for row in machine.defect_orders if row.kind == "gear_mesh"}
+    copies: dict[str, int] = {}
+    for contact in machine.kinematics.contacts:
+        for link, teeth in contact.gears:
+            copies[f"{contact.mesh}/{link}"] = copies[f"{contact.mesh}/{link.rpartition(' ')[0]}"] = abs(teeth)
+    shafts = {row.component for row in machine.defect_orders if row.kind == "shaft"}
+    found = []
+    for row in (row for row in machine.defect_orders if row.kind == "tooth" and row.component in copies):
+        mesh, teeth = meshes[row.component.rpartition("/")[0]], copies[row.component]
+        per_turn = mesh.order / row.order
+        several = row.component.rpartition("/")[2] in shafts and round(teeth / per_turn) > 1
+        found.append(_Tooth(row=row, teeth=teeth, per_turn=per_turn, smooth_orders=0 if several else _SMOOTH_ORDERS))
+    return found
+
+
+def _energies(values: Values, when: Sampling, machine: Machine, channel: str) -> BandEnergies:
+    """Return the band energies of what is left of a channel without its meshes and shafts."""
+    last = PASSBAND / 2 * when.rate_hz / machine.top_speed_hz
+    signal = resample_in_angle(values, when, channel, machine.phase, last)
+    meshes: dict[float, float] = {}
+    for row in (row for row in machine.defect_orders if row.kind == "gear_mesh"):
+        beside = _SIDEBANDS * max((float(spacing) for spacing in row.sidebands), default=0.0)
+        meshes[row.order] = max(beside, meshes.get(row.order, 0.0))
+    fastest = max(row.order for row in machine.defect_orders if row.kind == "shaft")
+    return residual_energies(signal, meshes=meshes, lowest_order=_SHAFT_ORDERS * fastest)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Judge:
+    """Judges the gears of one channel, `tests` of them in the record."""
+
+    energies: BandEnergies
+    tests: int
+    threshold: float
+
+    def of(self, row: GearJudgement, gear: _Tooth, keep: NDArray[np.bool_] | None = None) -> GearJudgement:
+        """Return the judgement of a gear, from some of the samples."""
+        least, most = _ROTATIONS
+        rotations = int(np.clip(2 * self.tests / self.threshold, least, most))
+        try:
+            folds = folded(
+                self.energies, order=gear.row.order, teeth=gear.per_turn, keep=keep, smooth_orders=gear.smooth_orders
+            )
+        except ValueError as error:
+            return replace(row, not_judged=str(error))
+        found = local_damage(folds, rotations=rotations, rng=np.random.default_rng(0))
+        return replace(row, **self._fields(found))
+
+    def _fields(self, found: LocalDamage) -> dict[str, Any]:
+        level = float(self.energies.values[found.band].mean())
+        return {
+            "turns": found.turns,
+            "probability": min(1.0, self.tests * found.probability),
+            "local": found.local,
+            "repeats": found.repeats,
+            "statistic": found.statistic,
+            "outlier": found.outlier,
+            "rise": found.rise,
+            "amplitude": math.sqrt(level * found.rise),
+            "position_rev": found.position_rev,
+            "band_orders": (float(self.energies.edges[found.band]), float(self.energies.edges[found.band + 1])),
+        }
+
+    def explained(self, judged: Sequence[GearJudgement], gears: dict[str, _Tooth]) -> list[GearJudgement]:
+        """Return the judgements in order of evidence, each weighed without the teeth that stronger ones explain."""
+        keep = np.ones(self.energies.values.shape[1], dtype=bool)
+        named: list[GearJudgement] = []
+        others = [row for row in judged if row.probability > self.threshold or not row.judgeable]
+        for row in sorted((row for row in judged if row not in others), key=_evidence):
+            twin = next((one for one in named if row.component in one.also), None)
+            if twin is not None:
+                others.append(replace(row, explained_by=twin.component))
+                continue
+            gear = gears[row.component]
+            again = self.of(row, gear, keep) if named else row
+            if again.probability > self.threshold or not again.judgeable:
+                others.append(replace(row, explained_by=named[0].component))
+                continue
+            also = tuple(
+                one.component
+                for one in judged
+                if one.component != row.component and math.isclose(one.order, row.order, rel_tol=1e-9)
+            )
+            named.append(replace(row, also=also))
+            keep &= ~self._at_tooth(row, gear)
+        return [*named, *sorted(others, key=_evidence)]
+
+    def _at_tooth(self, row: GearJudgement, gear: _Tooth) -> NDArray[np.bool_]:
+        """Return which samples lie within some teeth of the damaged one."""
+        energies = self.energies
+        place = energies.start_rev + np.arange(energies.values.shape[1]) / energies.samples_per_rev
+        apart = (row.order * place - row.position_rev + 0.5) % 1.0 - 0.5
+        return np.asarray(np.abs(apart) < _MASKED_TEETH / gear.per_turn)
+
+
+def _evidence(row: GearJudgement) -> tuple[bool, float, float]:
+    return (not row.judgeable, row.local, -row.statistic)
+
+
+def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: float) -> list[Finding]:
+    """Return the verdict on every gear, in the channel that shows it best.
+
+    A damaged tooth is *indicated*: a single pitch deviation of a sound gear is as local, and nothing in one record
+    tells the two apart. A baseline or a declared grade of ISO 1328-1 would. Wear of all teeth is not judged at all.
+    """
+    named: dict[str, GearJudgement] = {}
+    for row in judged:
+        if row.probability <= false_alarm_probability and not row.explained_by:
+            twins = {row.component, *row.also}
+            name = next((name for name in named if name in twins), row.component)
+            if name not in named or _evidence(row) < _evidence(named[name]):
+                named[name] = row
+    best: dict[str, GearJudgement] = {}
+    for row in judged:
+        if row.component not in best or _evidence(row) < _evidence(best[row.component]):
+            best[row.component] = row
+    others = [row for name, row in best.items() if name not in {row.component for row in named.values()}]
+    return [
+        *(_indicated(row) for row in sorted(named.values(), key=_evidence)),
+        *(_unnamed(row, false_alarm_probability) for row in others),
+    ]
+
+
+def _indicated(row: GearJudgement) -> Finding:
+    low, high = row.band_orders
+    alike = f", or of {' or '.join(row.also)}, which this record cannot tell from it," if row.also else ""
+    doubt = "a single pitch deviation of a sound gear does the same"
+    evidence = (
+        f"the energy between the harmonics of its mesh, {low:.4g} to {high:.4g} orders, is {row.rise:.1f} times "
+        f"that of other teeth at one tooth{alike} in all parts of {row.turns} turns, {row.outlier:.1f} standard "
+        f"deviations of the other teeth above them; not certain: {doubt}; compare with an earlier record, or measure "
+        "the tooth."
+    )
+    return replace(
+        _blank(row),
+        verdict=INDICATED,
+        evidence=evidence,
+        doubts=doubt,
+        next_step="Compare with an earlier record at the same speed and load, or inspect the tooth.",
+        least_change="diagnosed, if an earlier record of this machine did not show it",
+    )
+
+
+def _unnamed(row: GearJudgement, stated: float) -> Finding:
+    """Return why a gear is not judged, or that no tooth stands out."""
+    why = row.not_judged or (
+        f"what it shows may be that of {row.explained_by}" if row.explained_by and row.probability <= stated else ""
+    )
+    if why:
+        return replace(_blank(row), verdict=NOT_JUDGED, evidence=f"not judged: {why}.", doubts=why)
+    return replace(
+        _blank(row),
+        verdict=NOTHING_FOUND,
+        evidence=f"no tooth stands out in {row.turns} turns; wear of all teeth alike needs an earlier record.",
+        least_change=f"indicated from a probability of {stated:.3g} on (now {row.probability:.3g})",
+    )
+
+
+def _blank(row: GearJudgement) -> Finding:
+    return Finding(
+        component=row.component,
+        kind="tooth",
+        channel=row.channel,
+        verdict=NOT_JUDGED,
+        evidence="",
+        false_alarm_probability=row.probability if row.judgeable else math.nan,
+        snr=row.outlier if math.isfinite(row.outlier) else 1e9,
+        order_found=row.order,
+        amplitude=row.amplitude,
+        units=row.units,
+    )
+
+
+def gear_indicators(judged: Iterable[GearJudgement]) -> list[IndicatorValue]:
+    """Return how far the worst tooth of each gear stands out, for the table of indicators."""
+    return [
+        IndicatorValue(
+            channel=row.channel,
+            component=row.component,
+            kind="gear",
+            indicator="tooth_outlier",
+            value=row.outlier if row.judgeable else math.nan,
+            unit="1",
+            noise_limit=math.nan,
+            takes="residual energy over {} turns, {:.4g} to {:.4g} orders".format(row.turns, *row.band_orders),
+            source="Grubbs 1950",
+            withheld=row.not_judged,
+        )
+        for row in judged
+    ]

@@ -1,0 +1,170 @@
+"""A page on which a mechanism turns: its drawing, velocity vectors, and every defect order at speeds set by hand."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from fractions import Fraction
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from hums.gearbox.kinematics import Kinematics, solve_kinematics
+from hums.gearbox.layout import layout_of, transverse_axes
+from hums.gearbox.model import Gearbox, GearboxError
+from hums.gearbox.orders import rate_forms
+from hums.gearbox.rational import Form, add_pivot, evaluate, reduced
+from hums.records.store import atomic_write
+
+__all__ = ["START_RPM", "free_links", "write_drawing"]
+
+START_RPM = 1500  # the synchronous speed of a four-pole motor on 50 Hz: a usual input
+
+
+def write_drawing(
+    gearbox: Gearbox | Kinematics, path: str | Path, *, speeds_rpm: Mapping[str, float] | None = None
+) -> Path:
+    """Write one page, usable without a network, on which the mechanism turns at speeds set by sliders.
+
+    It holds the drawing, the angular velocity vectors, and the table of defect orders with exact fractions and
+    frequencies.
+
+    Parameters
+    ----------
+    gearbox : Gearbox or Kinematics
+        The gearbox, or its solution where `solve_kinematics` got further constraints.
+    path : str or Path
+        File to write, ``.html``. An existing file is replaced when the new one is complete.
+    speeds_rpm : mapping of link to rpm, optional
+        Links with a slider, as many as there are degrees of freedom, and where the sliders begin. Default the
+        reference at 1500 rpm and, of several degrees of freedom, further shafts at rest.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    ValueError
+        A suffix other than .html, speeds that are too many, or a gearbox without a reference.
+    GearboxError
+        Speeds that do not determine all others.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import hums
+    >>> from hums.drawing import write_drawing
+    >>> with TemporaryDirectory() as folder:
+    ...     page = write_drawing(hums.load_gearbox("two-stage"), f"{folder}/two-stage.html")
+    ...     print(page.stat().st_size < 1_000_000)
+    True
+    """
+    path = Path(path)
+    if path.suffix.lower() not in {".html", ".htm"}:
+        raise ValueError(f'"{path}" ends in "{path.suffix}"; end the page in .html.')
+    kinematics = gearbox if isinstance(gearbox, Kinematics) else solve_kinematics(gearbox)
+    text = _page(kinematics, speeds_rpm)
+    with atomic_write(path) as part:
+        part.write_text(text, encoding="utf-8")
+    return path
+
+
+def free_links(kinematics: Kinematics) -> tuple[str, ...]:
+    """Return the reference and further shafts whose speeds determine all others, one for each degree of freedom.
+
+    Examples
+    --------
+    >>> import hums
+    >>> from hums.drawing import free_links
+    >>> free_links(hums.solve_kinematics(hums.load_gearbox("car-differential")))
+    ('cage', 'left wheel')
+    """
+    frame = kinematics.mechanism.frame
+    shafts = [body for body, joint in kinematics.joints.items() if joint.carried_by == frame]
+    chosen: list[str] = []
+    known: dict[str, Form] = {}
+    for link in dict.fromkeys([kinematics.gearbox.reference or shafts[0], *shafts]):
+        speed = reduced(reduced(kinematics.spin(link), kinematics.pivots), known)
+        if speed:  # not determined by those chosen before
+            add_pivot(known, speed, next(iter(speed)))
+            chosen.append(link)
+    return tuple(chosen)
+
+
+def _page(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> str:
+    folder = files("hums.drawing")
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
+    data = _data(kinematics, speeds_rpm)
+    return template.render(
+        data=data,
+        # "<" is escaped so that no name can end the script
+        json=Markup(json.dumps(data, allow_nan=False).replace("<", "\\u003c")),  # noqa: S704
+        script=Markup((folder / "page.js").read_text(encoding="utf-8")),  # noqa: S704  - ours
+    )
+
+
+def _data(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> dict[str, Any]:
+    """Return what the page needs: inputs, rates as linear forms in them, and the drawing."""
+    gearbox = kinematics.gearbox
+    if gearbox.reference is None:
+        raise GearboxError(
+            f'gearbox "{gearbox.name}" declares no reference shaft to count orders by; add reference = "LINK".'
+        )
+    links = free_links(kinematics)
+    start = dict.fromkeys(links, 0.0) | {links[0]: float(START_RPM)} if speeds_rpm is None else dict(speeds_rpm)
+    if len(start) != kinematics.dof:
+        raise ValueError(
+            f'gearbox "{gearbox.name}" has {kinematics.dof} free speeds, but {len(start)} are given '
+            f"({', '.join(start) or 'none'}); give one for each of as many links, as for {', '.join(links)}."
+        )
+    at_one = [kinematics.rates({link: Fraction(link == name) for link in start}) for name in start]
+    layout = layout_of(gearbox)
+    normal = _normal(layout.across, layout.up)
+    shapes = asdict(layout)
+    for gear in shapes["gears"]:
+        gear["e1"], gear["e2"] = transverse_axes(gear["axis"], normal)
+    for bearing in shapes["bearings"]:
+        bearing["e1"], bearing["e2"] = transverse_axes(bearing["axis"], normal)
+        bodies = [kinematics.bodies[bearing[ring]] for ring in ("inner", "outer")]
+        carriers = [kinematics.joints[body].carried_by for body in bodies if body in kinematics.joints]
+        bearing["carrier"] = next((body for body in carriers if body in bodies), carriers[0])
+    for pair in shapes["pairs"]:
+        pair["rate"] = [_number(rates[pair["body"]]) for rates in at_one]
+    top = max(1.0, *(abs(rpm) for rpm in start.values()))
+    return {
+        "name": gearbox.name,
+        "frame": kinematics.mechanism.frame,
+        "reference": gearbox.reference,
+        "inputs": [{"link": link, "rpm": rpm, "top": 2 * top} for link, rpm in start.items()],
+        "links": [{"link": link, "body": body} for link, body in kinematics.bodies.items()],
+        "referenceForm": [_number(evaluate(kinematics.spin(gearbox.reference), rates)) for rates in at_one],
+        "rows": [
+            {
+                "component": row.component,
+                "kind": row.kind,
+                "sources": row.sources,
+                "seen_from": row.seen_from,
+                "factors": [_number(factor) for factor in row.factors],
+            }
+            for row in rate_forms(kinematics, tuple(start))
+        ],
+        "drawing": shapes | {"axial": layout.axial, "normal": normal},
+    }
+
+
+def _number(value: Fraction | float) -> str | float:
+    """Return a fraction as text, ``437/4087``, which the page computes with exactly; a float as it is."""
+    return str(value) if isinstance(value, Fraction) else value
+
+
+def _normal(one: Sequence[float], two: Sequence[float]) -> tuple[float, float, float]:
+    return (
+        one[1] * two[2] - one[2] * two[1],
+        one[2] * two[0] - one[0] * two[2],
+        one[0] * two[1] - one[1] * two[0],
+    )

@@ -1,0 +1,349 @@
+"""The mechanism of a gearbox, drawn from its file: a section through its axes, or the view along them."""
+
+import math
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle, Polygon, Wedge
+from matplotlib.text import Annotation
+from numpy.typing import NDArray
+
+from hums.gearbox.components import Vector
+from hums.gearbox.layout import BearingShape, GearShape, Layout, Rod, layout_of, transverse_axes
+from hums.gearbox.model import Gearbox
+from hums.plots.labels import LabelSpace, apply_layout, point_size, spread
+from hums.plots.style import FAINT, INK
+
+Array = NDArray[np.float64]
+View = Literal["section", "axial"]
+
+_STEEL, _FRAME = "#dfe6ee", "#c3cad3"
+_RIM = 0.14  # thickness of the rim of a ring gear, of its pitch radius
+_TEXT = 7.0  # points
+_IN_PLANE = 1e-6
+
+
+def draw_mechanism(
+    gearbox: Gearbox,
+    *,
+    ax: Axes,
+    view: View | None = None,
+    colours: Mapping[str, str] | None = None,
+    names: bool = True,
+) -> Axes:
+    """Draw the mechanism of a gearbox: gears by their pitch circles, shafts, carriers and bearings.
+
+    What the gearbox file leaves open is schematic, as the note below the drawing says.
+
+    Parameters
+    ----------
+    gearbox : Gearbox
+        From `hums.load_gearbox`.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+    view : {"section", "axial"}, optional
+        Section through the axes, which shows all parts, or the view along parallel axes, which shows pitch circles.
+        Default the section.
+    colours : mapping of component to colour, optional
+        Colours of parts, by the names of `hums.defect_orders`: a bearing, a shaft or link, a mesh (``"stage 1"``: its
+        pitch point), a gear of a mesh (``"stage 1/pinion"``).
+    names : bool
+        Whether parts are named.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Raises
+    ------
+    ValueError
+        A view along axes that are not parallel, or a colour for a component that the gearbox does not have.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> import hums
+    >>> from hums.plots import draw_mechanism
+    >>> gearbox = hums.load_gearbox("two-stage")
+    >>> ax = draw_mechanism(gearbox, ax=Figure().add_subplot(), colours={"input bearing": "red"})
+    >>> [text.get_text() for text in ax.texts if "bearing" in text.get_text()]
+    ['input bearing', 'intermediate bearing']
+    """
+    layout, chosen = layout_of(gearbox), dict(colours or {})
+    _check_components(layout, chosen)
+    if view == "axial" and not layout.planar:
+        raise ValueError(f'gearbox "{gearbox.name}": its axes are not parallel; draw view="section".')
+    drawing = _Drawing(ax, layout, gearbox, chosen)
+    if view == "axial":
+        drawing.axial()
+    else:
+        drawing.section()
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.autoscale_view()
+    ax.margins(0.08)
+    ax.set_axis_off()
+    ax.set_title("\n".join(layout.notes), loc="left", fontsize=_TEXT, color=INK, y=-0.02, va="top")
+    if names:
+        drawing.write_names(beside=view != "axial")
+    return ax
+
+
+def coloured_components(gearbox: Gearbox) -> frozenset[str]:
+    """Return the names of components that `draw_mechanism` can colour.
+
+    Examples
+    --------
+    >>> import hums
+    >>> from hums.plots.mechanism import coloured_components
+    >>> sorted(coloured_components(hums.load_gearbox("glinsky-parallel-pair")))[:3]
+    ['gear 1', 'gear 1-gear 2', 'gear 1-gear 2/gear 1']
+    """
+    return _components(layout_of(gearbox))
+
+
+def _components(layout: Layout) -> frozenset[str]:
+    gears = {name for gear in layout.gears for name in _names_of(gear)}
+    bodies = {rod.body for rod in layout.rods} | {pair.body for pair in layout.pairs}
+    meshes = {point.mesh for point in layout.meshes}
+    return frozenset(gears | bodies | meshes | {bearing.name for bearing in layout.bearings})
+
+
+def _check_components(layout: Layout, colours: Mapping[str, str]) -> None:
+    known = _components(layout)
+    for name in colours:
+        if name not in known:
+            raise ValueError(f'colours: the drawing has no "{name}"; it has {", ".join(sorted(known))}.')
+
+
+def _names_of(gear: GearShape) -> tuple[str, ...]:
+    """Return the components that a gear stands for, the most special first."""
+    return (*(f"{mesh}/{gear.declared}" for mesh in gear.meshes), gear.declared, gear.link, gear.body)
+
+
+class _Drawing:
+    """The shapes of a layout on Axes, projected to the plane of the picture."""
+
+    def __init__(self, ax: Axes, layout: Layout, gearbox: Gearbox, colours: Mapping[str, str]) -> None:
+        self.ax, self.layout, self.colours = ax, layout, colours
+        self.across, self.up = np.array(layout.across), np.array(layout.up)
+        rigid = next((group for group in gearbox.rigid if gearbox.frame in group), (gearbox.frame,))
+        self.frame = {gearbox.frame, *rigid}
+        self.labels: list[tuple[str, Array, float]] = []  # text, its place, and the half height of the part
+
+    def flat(self, point: Vector | Array) -> Array:
+        """Return a point in the plane of the picture, (2,)."""
+        return np.array([np.dot(point, self.across), np.dot(point, self.up)])
+
+    def colour(self, names: Iterable[str], otherwise: str) -> str:
+        return next((self.colours[name] for name in names if name in self.colours), otherwise)
+
+    # ---- section ---------------------------------------------------------------------------------------------
+
+    def section(self) -> None:
+        """Draw the section; of planets outside its plane, only those of which none is inside."""
+        shown = self._shown_planets()
+        for rod in self.layout.rods:
+            if rod.kind != "arm" or rod.planet in shown:
+                self._rod(rod)
+        for gear in sorted(self.layout.gears, key=lambda gear: -gear.radius):
+            if gear.body in shown:
+                self._gear_section(gear)
+        for bearing in self.layout.bearings:
+            if self._is_shown(bearing, shown):
+                self._bearing_section(bearing)
+        for point in self.layout.meshes:
+            if point.mesh in self.colours:
+                self.ax.plot(*self.flat(point.point), "o", ms=6, color=self.colours[point.mesh], zorder=6)
+
+    def _shown_planets(self) -> set[str]:
+        """Return the bodies that the section shows: all but the copies of a planet that another one stands for."""
+        normal = np.cross(self.across, self.up)
+        best: dict[tuple[str, int], tuple[float, str]] = {}
+        for gear in self.layout.gears:
+            depth = abs(float(np.dot(gear.centre, normal))) + float(abs(np.dot(gear.axis, normal)))
+            depth = round(depth / max(gear.radius, 1.0), 6)
+            key = (gear.declared, gear.teeth)
+            if key not in best or depth < best[key][0]:
+                best[key] = (depth, gear.body)
+        chosen = {body for _, body in best.values()}
+        copied = {gear.body for gear in self.layout.gears if gear.declared != gear.link}
+        return chosen | {gear.body for gear in self.layout.gears if gear.body not in copied}
+
+    def _is_shown(self, bearing: BearingShape, shown: set[str]) -> bool:
+        gears = {gear.link: gear.body for gear in self.layout.gears}
+        return all(gears.get(ring, "") in shown or ring not in gears for ring in (bearing.inner, bearing.outer))
+
+    def _rod(self, rod: Rod) -> None:
+        points = np.array([self.flat(point) for point in rod.points])
+        colour = self.colour((rod.body,), _STEEL)
+        for start, end in pairwise(points):
+            length = np.linalg.norm(end - start)
+            if length > 0:
+                aside = rod.radius * np.array([start[1] - end[1], end[0] - start[0]]) / length
+                corners = [start + aside, end + aside, end - aside, start - aside]
+                self.ax.add_patch(Polygon(corners, closed=True, fc=colour, ec=INK, lw=0.6, zorder=2))
+        if rod.kind == "shaft" and not any(gear.link == rod.body for gear in self.layout.gears):
+            self.labels.append((rod.body, points[-1], rod.radius))
+        if rod.kind == "arm":
+            self.labels.append((rod.body, points[-2:].mean(axis=0), rod.radius))
+
+    def _gear_section(self, gear: GearShape) -> None:
+        """Draw a cylinder, a cone, or the two halves of a ring."""
+        centre, axis = self.flat(gear.centre), self.flat(gear.axis)
+        length = float(np.linalg.norm(axis))
+        aside = self.flat(transverse_axes(gear.axis, _cross(self.across, self.up))[0])
+        colour = self.colour(_names_of(gear), _FRAME if gear.body in self.frame else _STEEL)
+        style = {"fc": colour, "ec": INK, "lw": 0.8, "zorder": 3, "hatch": "////" if gear.body in self.frame else None}
+        if gear.cone_rad:
+            along = gear.face * math.cos(gear.cone_rad) * axis
+            inner = gear.radius - gear.face * math.sin(gear.cone_rad)
+            outline = [centre + gear.radius * aside, centre - along + inner * aside]
+            if gear.internal:
+                rim = _RIM * gear.radius
+                for sign in (1, -1):
+                    edge = [centre + sign * gear.radius * aside, centre - along + sign * inner * aside]
+                    back = [point + sign * rim * aside for point in reversed(edge)]
+                    self.ax.add_patch(Polygon([*edge, *back], closed=True, **style))
+            else:
+                mirrored = [2 * (centre + np.dot(point - centre, axis) * axis) - point for point in reversed(outline)]
+                self.ax.add_patch(Polygon([*outline, *mirrored], closed=True, **style))
+        else:
+            half = gear.face / 2 * axis if length > _IN_PLANE else 0 * axis
+            bounds = [(gear.radius, (1 + _RIM) * gear.radius), (-gear.radius, -(1 + _RIM) * gear.radius)]
+            for low, high in bounds if gear.internal else [(-gear.radius, gear.radius)]:
+                corners = [centre - half + low * aside, centre + half + low * aside]
+                corners += [centre + half + high * aside, centre - half + high * aside]
+                self.ax.add_patch(Polygon(corners, closed=True, **style))
+        place = centre + (1 + _RIM / 2) * gear.radius * aside if gear.internal else centre
+        self.labels.append((f"{gear.link}  {gear.teeth}", place, gear.face / 2))
+
+    def _bearing_section(self, bearing: BearingShape) -> None:
+        """Draw a bearing as two squares with crosses, above and below its axis."""
+        centre, axis = self.flat(bearing.centre), self.flat(bearing.axis)
+        aside = self.flat(transverse_axes(bearing.axis, _cross(self.across, self.up))[0])
+        half = 1.4 * bearing.element_radius
+        colour = self.colour((bearing.name,), "white")
+        for sign in (1, -1):
+            middle = centre + sign * bearing.radius * aside
+            corners = [middle + half * (a * axis + b * aside) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+            self.ax.add_patch(Polygon(corners, closed=True, fc=colour, ec=INK, lw=0.8, zorder=4))
+            for one, two in ((0, 2), (1, 3)):
+                self.ax.plot(*np.array([corners[one], corners[two]]).T, color=INK, lw=0.5, zorder=5)
+        self.labels.append((bearing.name, centre - bearing.radius * aside, half))
+
+    # ---- along the axes --------------------------------------------------------------------------------------
+
+    def axial(self) -> None:
+        """Draw the view along the axes: pitch circles with a tick for each tooth, the largest behind."""
+        self.across, self.up = (np.array(axis) for axis in self.layout.axial)
+        for gear in sorted(self.layout.gears, key=lambda gear: -gear.radius * (1 + _RIM * gear.internal)):
+            self._gear_circle(gear)
+        for rod in self.layout.rods:
+            if rod.kind == "arm":
+                points = np.array([self.flat(point) for point in rod.points])
+                colour = self.colour((rod.body,), INK)
+                self.ax.plot(*points.T, color=colour, lw=2.0, solid_capstyle="round", zorder=5)
+                self.labels.append((rod.body, points[0] * 0.5 + points[-1] * 0.5, 0.0))
+        for bearing in self.layout.bearings:
+            centre, colour = self.flat(bearing.centre), self.colour((bearing.name,), FAINT)
+            for number in range(bearing.elements):
+                angle = 2 * math.pi * number / bearing.elements
+                at = centre + bearing.radius * np.array([math.cos(angle), math.sin(angle)])
+                self.ax.add_patch(
+                    Circle((at[0], at[1]), bearing.element_radius, fc="white", ec=colour, lw=0.8, zorder=6)
+                )
+            self.labels.append((bearing.name, centre - np.array([0, bearing.radius]), bearing.element_radius))
+        for point in self.layout.meshes:
+            if point.mesh in self.colours:
+                self.ax.plot(*self.flat(point.point), "o", ms=6, color=self.colours[point.mesh], zorder=7)
+
+    def _gear_circle(self, gear: GearShape) -> None:
+        x, y = self.flat(gear.centre)
+        held = gear.body in self.frame
+        colour = self.colour(_names_of(gear), _FRAME if held else _STEEL)
+        if gear.internal:
+            rim = Wedge(
+                (x, y), (1 + _RIM) * gear.radius, 0, 360, width=_RIM * gear.radius, fc=colour, ec=INK, lw=0.8, zorder=3
+            )
+            self.ax.add_patch(rim)
+        else:
+            self.ax.add_patch(Circle((x, y), gear.radius, fc=colour, ec=INK, lw=0.8, alpha=0.85, zorder=3))
+            self.ax.plot(x, y, "+", color=INK, ms=4, lw=0.6, zorder=4)
+        angles = gear.tooth_rad + 2 * math.pi * np.arange(gear.teeth) / gear.teeth
+        depth = math.pi * gear.radius / gear.teeth / 2  # a quarter of the pitch on either side of the pitch circle
+        ends = gear.radius + np.array([-depth, depth, math.nan])
+        e1, e2 = (self.flat(axis) for axis in transverse_axes(gear.axis, _cross(*map(np.array, self._plane()))))
+        rays = np.cos(angles)[:, None] * e1 + np.sin(angles)[:, None] * e2
+        ticks = np.array([x, y]) + ends[None, :, None] * rays[:, None, :]
+        self.ax.plot(*ticks.reshape(-1, 2).T, color=INK, lw=0.6, zorder=4)
+        place = np.array([x, y + (1 + _RIM / 2) * gear.radius]) if gear.internal else np.array([x, y])
+        self.labels.append(
+            (f"{gear.link}  {gear.teeth}", place, 0.07 * gear.radius if gear.internal else 0.35 * gear.radius)
+        )
+
+    def _plane(self) -> tuple[Vector, Vector]:
+        return self.layout.across, self.layout.up
+
+    # ---- names -----------------------------------------------------------------------------------------------
+
+    def write_names(self, *, beside: bool) -> None:
+        """Write the names in two columns beside the drawing with leaders, or on the parts where space is free."""
+        apply_layout(self.ax)
+        labels = list({label[0]: label for label in self.labels}.values())
+        if beside:
+            points = np.array([at for _, at, _ in labels])
+            middle = float(points[:, 0].mean()) - _IN_PLANE
+            for side in (-1, 1):
+                self._write_column([label for label in labels if (label[1][0] < middle) == (side < 0)], side)
+            return
+        space = LabelSpace()
+        for text, at, half in labels:
+            pixels = np.diff(self.ax.transData.transform([(0.0, 0.0), (0.0, half)])[:, 1])[0] * 72 / self.ax.figure.dpi
+            away = float(pixels) + 0.75 * _TEXT
+            written = self._write(text, at, xytext=(0, 0), textcoords="offset points", ha="center")
+            width = 3.2 * len(text) / 2 + away
+            places = [(0.0, 0.0)]
+            for step in (1.0, 1.6, 2.4, 3.4):
+                places += [(0.0, step * away), (0.0, -step * away), (step * width, 0.0), (-step * width, 0.0)]
+                places += [(step * width, step * away), (-step * width, -step * away)]
+            space.place_text(written, places)
+
+    def _write_column(self, labels: list[tuple[str, Array, float]], side: int) -> None:
+        """Write the names of one side under each other, each as near as can be to the height of its part."""
+        labels = sorted(labels, key=lambda label: float(label[1][1]))
+        ends = np.array([self.ax.transData.transform(at)[1] for _, at, _ in labels])
+        gap = 1.35 * _TEXT * point_size(self.ax)
+        heights = spread(ends, gap=gap, low=self.ax.bbox.y0, high=self.ax.bbox.y1)
+        drawn = self.ax.dataLim
+        x = self.ax.transData.transform((drawn.x0 if side < 0 else drawn.x1, 0))[0] + side * 1.5 * gap
+        to_data = self.ax.transData.inverted()
+        for (text, at, _), height in zip(labels, heights, strict=True):
+            leader = {"arrowstyle": "-", "color": FAINT, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
+            leader |= {"relpos": (0.0 if side > 0 else 1.0, 0.5)}
+            place = to_data.transform((x, height))
+            self._write(
+                text, at, xytext=place, textcoords="data", ha="left" if side > 0 else "right", arrowprops=leader
+            )
+            self.ax.plot(*at, ".", ms=3, color=INK, zorder=9)
+
+    def _write(self, text: str, at: Array, **where: Any) -> Annotation:  # noqa: ANN401  - settings of an annotation
+        return self.ax.annotate(
+            text,
+            (float(at[0]), float(at[1])),
+            va="center",
+            fontsize=_TEXT,
+            color=INK,
+            zorder=8,
+            annotation_clip=False,
+            bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.6},  # an outline would turn text into paths
+            **where,
+        )
+
+
+def _cross(one: Array, two: Array) -> Vector:
+    x, y, z = np.cross(one, two)
+    return (float(x), float(y), float(z))

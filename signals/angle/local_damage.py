@@ -1,0 +1,441 @@
+"""Local damage of one gear: energy that returns once a turn, at one tooth, in every part of the record.
+
+One damaged tooth makes a short, wide-band disturbance each time it meshes. The signal over angle is freed of the
+harmonics of all meshes and of what stands close beside them (run-out, load, planet passes), and split into bands of
+orders. The energy of each band is folded by the turns of the gear, its logarithm taken relative to its turn, so that a
+level which changes with load or speed is none of it, and averaged over blocks of turns. Logarithms make a modulation
+that multiplies (the path past a planet, the shape of a mesh) one that adds, which is then projected out, and bound
+the share of any single impact.
+
+Two tests must both reject. That nothing repeats with this gear's turn: the blocks are turned against one another at
+random (a permutation test, exact where blocks are exchangeable under rotation; stopped early as Besag & Clifford 1991,
+Biometrika 78, 301-304). That the tooth differs from others no more than they do among themselves: Grubbs' test for one
+outlier (Grubbs 1950, Ann. Math. Statist. 21, 27-58), with as many degrees of freedom as its curve over the turn has
+independent values, for pitch deviations of a sound gear repeat, too. The logarithm of the energy of a Gaussian
+deviation has a short upper tail, which makes the second test conservative.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import fft, special
+
+from signals._validation import Array, positive, whole
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from fractions import Fraction
+
+    from numpy.typing import NDArray
+
+    from signals.resampling.resampling import AngularSignal
+
+__all__ = [
+    "FEWEST_TURNS",
+    "BandEnergies",
+    "FoldedEnergies",
+    "LocalDamage",
+    "folded",
+    "local_damage",
+    "residual_energies",
+]
+
+FEWEST_TURNS = 16
+"""Turns of a gear that a judgement needs: eight blocks of two, so that a block's scatter is estimated from eight."""
+
+_BLOCKS = (8, 24)  # least and most blocks; more blocks cost time in the permutations and no longer sharpen the scatter
+_FEWEST_CELLS, _LEAST_CELLS, _MOST_CELLS = 10, 24, 128  # of a turn: needed, aimed at, and most
+_FLOOR = 0.1  # of a turn's geometric mean energy: bounds the logarithm from below
+_WIDTHS = (1, 2, 4, 8)  # cells
+_HARMONICS = 40  # of each mesh removed; a mesh has no measurable ones beyond
+_FIRST, _ENOUGH = 99, 8  # rotations drawn before the permutation test may stop, and exceedances at which it does
+_NEIGHBOURS = 2.5  # teeth on either side of the peak not compared: pits spread, and the mesh rings on; at most a sixth
+_UNLIKELY = 0.05  # probability of the outlier alone above which more rotations could not make the tooth significant
+_SILENT = 1e-6  # of the median turn's energy: a turn below is a drop-out
+
+
+@dataclass(frozen=True, kw_only=True)
+class BandEnergies:
+    """Squared envelopes of the residual in bands of orders, over the angle of a reference shaft.
+
+    Attributes
+    ----------
+    values : (band, n) array
+        Squared envelope, in the square of the record's unit.
+    samples_per_rev : float
+        Samples per revolution of the reference.
+    start_rev : float
+        Angle of the first sample, revolutions of the reference.
+    edges : (band + 1,) array
+        Limits of the bands, orders of the reference.
+    """
+
+    values: Array = field(metadata={"dims": ("band", "angle")})
+    samples_per_rev: float
+    start_rev: float
+    edges: Array
+
+    @property
+    def revolutions(self) -> Array:
+        """Angle of each sample, (n,), in revolutions of the reference."""
+        return self.start_rev + np.arange(self.values.shape[1]) / self.samples_per_rev
+
+
+def residual_energies(
+    signal: AngularSignal, *, meshes: Mapping[float, float], lowest_order: float, bands: int = 8
+) -> BandEnergies:
+    """Return the squared envelopes, in equal bands of orders, of a signal without its mesh harmonics.
+
+    Parameters
+    ----------
+    signal : AngularSignal
+        Samples over the angle of the reference.
+    meshes : mapping of float to float
+        Of each mesh order, in orders of the reference, how far on either side of each harmonic is removed. At most a
+        quarter of the mesh order is.
+    lowest_order : float
+        Below it everything is removed: shafts.
+    bands : int
+        Number of bands.
+
+    Returns
+    -------
+    BandEnergies
+
+    Raises
+    ------
+    ValueError
+        No order above `lowest_order`.
+
+    Examples
+    --------
+    A mesh of order 20 with run-out leaves nothing but rounding:
+
+    >>> import numpy as np
+    >>> from signals import AngularSignal
+    >>> from signals.angle.local_damage import residual_energies
+    >>> angle = 2 * np.pi * np.arange(64 * 128) / 128
+    >>> x = (1 + 0.3 * np.cos(angle)) * np.cos(20 * angle)
+    >>> signal = AngularSignal(values=x, samples_per_rev=128, start_rev=0.0, passband_orders=56.0)
+    >>> bool(residual_energies(signal, meshes={20.0: 2.5}, lowest_order=3.0).values.max() < 1e-20)
+    True
+    """
+    count, low = whole(bands, name="bands", least=1), positive(lowest_order, name="lowest_order")
+    size, top = signal.values.size, signal.passband_orders
+    if low >= top:
+        raise ValueError(f"lowest_order={low:g} is not below {top:g}, the highest order of the signal; sample faster.")
+    values = signal.values - signal.values.mean()
+    ramp = min(signal.samples_per_rev, size // 8)  # the ends do not meet: without a taper they ring in every band
+    taper = np.sin(0.5 * np.pi * (np.arange(ramp) + 0.5) / ramp) ** 2
+    values[:ramp] *= taper
+    values[size - ramp :] *= taper[::-1]
+    lines = np.asarray(fft.rfft(values))
+    per_order = size / signal.samples_per_rev
+    for mesh, beside in meshes.items():
+        width = min(beside, mesh / 4)
+        for harmonic in range(1, min(_HARMONICS, int((top + width) / mesh)) + 1):
+            first, last = (round((harmonic * mesh + side) * per_order) for side in (-width, width))
+            lines[first : last + 1] = 0
+    edges = np.linspace(low, top, count + 1)
+    bins = np.rint(edges * per_order).astype(int)
+    length = fft.next_fast_len(2 * int(np.diff(bins).max()))  # the square of a band is twice as wide
+    energies = np.empty((count, length))
+    for band in range(count):
+        part = np.zeros(length, dtype=np.complex128)
+        part[: bins[band + 1] - bins[band]] = lines[bins[band] : bins[band + 1]]
+        analytic = fft.ifft(part, overwrite_x=True)
+        energies[band] = (analytic.real**2 + analytic.imag**2) * (2 * length / size) ** 2
+    return BandEnergies(values=energies, samples_per_rev=length / per_order, start_rev=signal.start_rev, edges=edges)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoldedEnergies:
+    """Logarithm of band energies over the turns of a gear, each relative to its turn.
+
+    Attributes
+    ----------
+    values : (band, block, cell) array
+        Mean over the turns of each block; without its mean over cells, the smooth orders of the turn, and what all
+        teeth have in common.
+    turns : int
+        Number of turns.
+    teeth : float
+        Teeth that pass in a turn.
+    """
+
+    values: Array = field(metadata={"dims": ("band", "block", "cell")})
+    turns: int
+    teeth: float
+
+
+def folded(
+    energies: BandEnergies,
+    *,
+    order: Fraction | float,
+    teeth: float,
+    keep: NDArray[np.bool_] | None = None,
+    smooth_orders: int = 2,
+) -> FoldedEnergies:
+    """Return band energies folded by the turns of a gear.
+
+    Parameters
+    ----------
+    energies : BandEnergies
+        From `residual_energies`.
+    order : Fraction or float
+        Turns of the gear per revolution of the reference; of a gear in mesh with several planets, meetings of one
+        tooth with any of them.
+    teeth : float
+        Teeth that pass in such a turn.
+    keep : (n,) bool array, optional
+        Samples to use; default all.
+    smooth_orders : int
+        Orders of the turn that run-out, misalignment and passing planets modulate, which are projected out. Give 0 for
+        a sun, which is folded more than once a turn: a modulation once in its turn does not repeat in a fold.
+
+    Returns
+    -------
+    FoldedEnergies
+
+    Raises
+    ------
+    ValueError
+        Fewer turns than `FEWEST_TURNS`, or fewer samples in a turn than its smooth orders leave room for.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.angle.local_damage import BandEnergies, folded
+    >>> x = np.random.default_rng(0).exponential(size=(1, 64 * 40))
+    >>> energies = BandEnergies(values=x, samples_per_rev=64.0, start_rev=0.0, edges=np.array([1.0, 33.0]))
+    >>> folded(energies, order=1, teeth=20).turns
+    40
+    """
+    rate, pitch = positive(order, name="order"), positive(teeth, name="teeth")
+    per_turn = energies.samples_per_rev / rate
+    bands = energies.values.shape[0]
+    place = rate * energies.revolutions
+    first, last = math.ceil(place[0] - 1e-9), math.floor(place[-1] + rate / energies.samples_per_rev + 1e-9)
+    turns = last - first
+    if turns < FEWEST_TURNS:
+        raise ValueError(f"{max(turns, 0)} turns are too few to judge one tooth; record {FEWEST_TURNS} or more.")
+    cells = _cells(pitch, per_turn)
+    turn = np.floor(place + 1e-9).astype(int)
+    inside = (turn >= first) & (turn < last)
+    if keep is not None:
+        inside &= keep
+    cell = np.floor((place - turn + 1e-9) * cells).astype(int)
+    index = ((turn - first) * cells + np.clip(cell, 0, cells - 1))[inside]
+    seen = np.bincount(index, minlength=turns * cells).reshape(turns, cells)
+    blocks = int(np.clip(turns // 2, *_BLOCKS))
+    edges = np.linspace(0, turns, blocks + 1).astype(int)[:-1]
+    values = np.empty((bands, blocks, cells))
+    for band in range(bands):
+        sums = np.bincount(index, weights=energies.values[band][inside], minlength=turns * cells)
+        values[band] = _block_means(np.asarray(sums.reshape(turns, cells)), seen, edges)
+    return FoldedEnergies(values=_projected(values, pitch, smooth_orders), turns=turns, teeth=pitch)
+
+
+def _cells(teeth: float, per_turn: float) -> int:
+    """Return the number of cells of a turn: whole cells per tooth where the samples allow, so that teeth compare."""
+    most = min(_MOST_CELLS, int(per_turn))
+    if most < _FEWEST_CELLS:
+        raise ValueError(
+            f"{per_turn:.1f} samples in a turn cannot show one tooth; sample faster, or lower the number of bands."
+        )
+    per_tooth = max(1, min(round(_LEAST_CELLS / teeth + 0.5), 8))
+    cells = round(teeth * per_tooth)
+    while cells > most and per_tooth > 1:
+        per_tooth -= 1
+        cells = round(teeth * per_tooth)
+    return min(cells, most)
+
+
+def _block_means(sums: Array, seen: NDArray[np.integer], edges: NDArray[np.integer]) -> Array:
+    """Return the mean log energy by block and cell, each turn relative to its own geometric mean."""
+    there = seen > 0
+    energy = np.where(there, sums / np.maximum(seen, 1), np.nan)
+    total = sums.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
+    sound = total > _SILENT * np.median(total)
+    logs = np.log(np.maximum(np.where(there, energy, 1.0), 1e-12 * np.median(total) + 1e-300))
+    level = np.exp(np.where(there, logs, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1))
+    relative = np.where(there & sound[:, None], np.log(np.where(there, energy, 1.0) / level[:, None] + _FLOOR), 0.0)
+    count = np.add.reduceat((there & sound[:, None]).astype(float), edges, axis=0)
+    means = np.add.reduceat(relative, edges, axis=0) / np.maximum(count, 1)
+    overall = means.sum(axis=0) / np.maximum((count > 0).sum(axis=0), 1)
+    return np.where(count > 0, means, overall)
+
+
+def _projected(values: Array, teeth: float, smooth_orders: int) -> Array:
+    """Remove the mean, the smooth orders, and the orders that all teeth share."""
+    cells = values.shape[-1]
+    lines = fft.rfft(values, axis=-1)
+    lines[..., : smooth_orders + 1] = 0
+    common = np.arange(1, int(lines.shape[-1] / teeth) + 1) * teeth
+    whole_ones = np.rint(common[np.abs(common - np.rint(common)) < 1e-9]).astype(int)  # noqa: PLR2004
+    lines[..., whole_ones[whole_ones < lines.shape[-1]]] = 0
+    return np.asarray(fft.irfft(lines, cells, axis=-1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalDamage:
+    """How local and how repeatable the energy over the turn of a gear is.
+
+    Attributes
+    ----------
+    probability : float
+        The larger of the two below.
+    repeats : float
+        Probability that blocks turned at random repeat as well, in any band; at least ``1 / (rotations + 1)``.
+    local : float
+        Probability that among teeth as different as the others one is that far out, of all cells, widths and bands.
+    statistic : float
+        Mean over blocks over its standard error at the peak, the largest of all bands.
+    outlier : float
+        The peak less the mean of the other places, over their standard deviation.
+    rise : float
+        The peak's energy over that of the other places, as a ratio of geometric means; what bounds the logarithm makes
+        it too small where it is large.
+    position_rev, width_rev : float
+        Middle of the peak, 0 to 1 of a turn, and its width.
+    band : int
+        Band of the peak.
+    turns : int
+        Turns used.
+    """
+
+    probability: float
+    repeats: float
+    local: float
+    statistic: float
+    outlier: float
+    rise: float
+    position_rev: float
+    width_rev: float
+    band: int
+    turns: int
+
+
+def local_damage(energies: FoldedEnergies, *, rotations: int, rng: np.random.Generator) -> LocalDamage:
+    """Return the test of one gear for one damaged tooth.
+
+    Parameters
+    ----------
+    energies : FoldedEnergies
+        From `folded`.
+    rotations : int
+        Most random rotations of the blocks: the smallest probability is ``1 / (rotations + 1)``.
+    rng : numpy.random.Generator
+        Draws the rotations.
+
+    Returns
+    -------
+    LocalDamage
+        At the band with the smallest probability.
+
+    Examples
+    --------
+    Twice the energy at one of 20 teeth, in 200 turns of exponential noise:
+
+    >>> import numpy as np
+    >>> from signals.angle.local_damage import BandEnergies, folded, local_damage
+    >>> rng = np.random.default_rng(0)
+    >>> x = rng.exponential(size=(200, 80))
+    >>> x[:, 40:44] *= 2
+    >>> energies = BandEnergies(values=x.reshape(1, -1), samples_per_rev=80.0, start_rev=0.0, edges=np.array([1.0, 41]))
+    >>> found = local_damage(folded(energies, order=1, teeth=20), rotations=999, rng=rng)
+    >>> found.probability, abs(found.position_rev - 42 / 80) < 0.02
+    (0.001, True)
+    """
+    most = whole(rotations, name="rotations", least=_FIRST)
+    smoothed = [_smoothed(energies.values, width) for width in _WIDTHS]
+    observed = np.stack([_t_statistic(values) for values in smoothed])  # (width, band, cell)
+    largest = observed.max(axis=(0, 2))  # by band
+    places = [
+        _at_peak(smoothed[number].mean(axis=-2)[band], observed[number, band], width, energies, band)
+        for band in range(energies.values.shape[0])
+        for number, width in enumerate(_WIDTHS)
+    ]
+    worthwhile = min(place.local for place in places) < _UNLIKELY
+    null = _rotated_maxima(smoothed, most if worthwhile else _FIRST, float(largest.max()), rng)
+    repeats = [float((1 + np.count_nonzero(null >= one)) / (1 + null.size)) for one in largest]
+    found = [
+        replace(place, repeats=repeats[place.band], probability=max(repeats[place.band], place.local))
+        for place in places
+    ]
+    return min(found, key=lambda place: (place.probability, place.local, -place.statistic))
+
+
+def _at_peak(curve: Array, statistic: Array, width: int, energies: FoldedEnergies, band: int) -> LocalDamage:
+    """Return the outcome at the highest place of one band, averaged over `width` cells, before any rotation."""
+    cells, bands = curve.size, energies.values.shape[0]
+    peak = int(np.argmax(curve))
+    pitch = max(1, math.ceil(cells / energies.teeth))
+    distance = np.abs((np.arange(cells) - peak + cells // 2) % cells - cells // 2)
+    beside = max(pitch, width, min(round(_NEIGHBOURS * pitch), cells // 6))
+    others = curve[distance > beside]
+    spread = float(others.std(ddof=1))
+    outlier = float((curve[peak] - others.mean()) / spread) if spread > 0 else math.inf
+    apart = np.where(distance > beside, curve - others.mean(), 0.0)
+    independent = _independent(apart, others.size, pitch=pitch, width=width)
+    scaled = outlier / math.sqrt(1 + 1 / independent)
+    one = float(special.stdtr(max(1.0, independent - 1), -scaled)) if math.isfinite(scaled) else 0.0
+    local = min(1.0, one * cells / width * len(_WIDTHS) * bands)
+    return LocalDamage(
+        probability=local,
+        repeats=0.0,
+        local=local,
+        statistic=float(statistic[peak]),
+        outlier=outlier,
+        rise=float(np.exp(curve[peak] - others.mean())),
+        position_rev=((peak + width / 2) / cells) % 1.0,
+        width_rev=width / cells,
+        band=band,
+        turns=energies.turns,
+    )
+
+
+def _independent(deviations: Array, count: int, *, pitch: int, width: int) -> float:
+    """Return how many independent values a curve over the turn holds, from its correlation within a tooth.
+
+    A sound tooth that differs from its neighbours does so over its whole pitch, noise from cell to cell.
+    """
+    power = float(deviations @ deviations)
+    if power == 0:
+        return float(count)
+    lags = range(1, max(pitch, width))
+    alike = sum(max(0.0, float(deviations @ np.roll(deviations, lag))) / power for lag in lags)
+    return max(2.0, count / (1 + 2 * alike))
+
+
+def _smoothed(values: Array, width: int) -> Array:
+    """Return circular means over `width` cells from each cell on."""
+    return np.asarray(sum(np.roll(values, -shift, axis=-1) for shift in range(width)) / width)
+
+
+def _t_statistic(values: Array) -> Array:
+    """Return the mean over blocks over its standard error, which is at least the median one: (band, cell)."""
+    blocks = values.shape[-2]
+    mean = values.mean(axis=-2)
+    error = values.std(axis=-2, ddof=1) / math.sqrt(blocks)
+    return np.asarray(mean / np.maximum(error, np.median(error, axis=-1, keepdims=True) + 1e-300))
+
+
+def _rotated_maxima(smoothed: Sequence[Array], most: int, observed: float, rng: np.random.Generator) -> Array:
+    """Return the largest statistic of each random rotation of the blocks, few where many exceed the observed one."""
+    blocks, cells = smoothed[0].shape[-2:]
+    found: list[float] = []
+    for drawn in range(most):
+        place = (np.arange(cells) + rng.integers(0, cells, size=(blocks, 1))) % cells
+        found.append(max(float(_t_statistic(_taken(values, place)).max()) for values in smoothed))
+        if drawn + 1 >= _FIRST and np.count_nonzero(np.array(found) >= observed) >= _ENOUGH:
+            break
+    return np.array(found)
+
+
+def _taken(values: Array, place: NDArray[np.intp]) -> Array:
+    return np.take_along_axis(values, np.broadcast_to(place, values.shape), axis=-1)

@@ -1,0 +1,97 @@
+"""Gears of synthetic records: the right one is named, and none of a sound machine whose load and speed change."""
+
+import pytest
+
+from data_synth import Scene, simulate
+from hums import AnalysisSettings, load_gearbox
+from hums.analysis.channel import varying_values
+from hums.analysis.gear_damage import gear_damage
+from hums.analysis.reference_angle import prepare_machine
+from hums.records.record import sampling
+
+RATE_HZ = 12000
+RINGING = {"resonance": {"frequency_hz": 3500, "damping_ratio": 0.05}, "rate_hz": RATE_HZ, "fidelity": "kinematic"}
+PLANETARY = RINGING | {
+    "gearbox": "planetary-27-36-99",
+    "duration_s": 12,
+    "speed": {"link": "sun", "rpm": 1120},
+    "tachometer": {"link": "sun", "pulses_per_rev": 1},
+    "planet_pass": {"half_width_deg": 40, "floor": 0.1},
+    "noise": {"rms": 0.5},
+    "sensor": [{"name": "a", "on": "ring", "units": "m s-2"}],
+}
+TWO_STAGE = RINGING | {
+    "gearbox": "two-stage",
+    "duration_s": 10,
+    "speed": {"link": "input", "rpm": [[0, 700], [10, 1500]]},
+    "torque": {"link": "output", "steps": [[0, 150], [3, 500], [6, 150]], "rise_s": 0.3},
+    "tachometer": {"link": "input", "pulses_per_rev": 1},
+    "excitation": {"meshes": {"stage 1": 0.6, "stage 2": 0.3}, "harmonics": 4},
+    "noise": {"rms": 0.05},
+    "sensor": [{"name": "a", "on": "input bearing", "units": "g"}],
+}
+
+
+def judged(scene, *, seed=1, faulty=False, stop=None):
+    record = simulate(Scene.from_mapping(scene), seed=seed)
+    if stop is not None:
+        record = record.isel(time=slice(stop))
+    machine = prepare_machine(record, load_gearbox(scene["gearbox"]), AnalysisSettings())
+    return gear_damage(
+        varying_values(record, "a"),
+        sampling(record, "a"),
+        machine,
+        channel="a",
+        units=record["a"].attrs["units"],
+        false_alarm_probability=0.01,
+        faulty=faulty,
+    )
+
+
+def crack(component, depth_mm):
+    return {"fault": [{"kind": "tooth_crack", "component": component, "depth_mm": depth_mm}]}
+
+
+def named(rows):
+    return [row for row in rows if row.probability <= 0.01 and not row.explained_by]
+
+
+@pytest.mark.parametrize("component", ["sun-planet/sun", "planet-ring/planet", "planet-ring/ring"])
+def test_the_cracked_gear_of_a_planetary_stage_is_the_only_one_named(component):
+    (found,) = named(judged(PLANETARY | crack(component, 2.0)))
+    assert component in (found.component, *found.also)
+    assert found.turns > 100
+    assert found.amplitude > 0.1  # m s-2, about the noise in the band
+
+
+@pytest.mark.parametrize("component", ["stage 1/pinion", "stage 1/intermediate", "stage 2/output"])
+def test_the_cracked_gear_on_a_fixed_axis_is_the_only_one_named(component):
+    (found,) = named(judged(TWO_STAGE | crack(component, 1.0)))
+    assert component in (found.component, *found.also)
+
+
+def test_gears_on_one_shaft_are_not_told_apart():
+    (found,) = named(judged(TWO_STAGE | crack("stage 2/intermediate", 1.0)))
+    assert {found.component, *found.also} == {"stage 1/intermediate", "stage 2/intermediate"}
+
+
+@pytest.mark.parametrize("scene", [PLANETARY, TWO_STAGE], ids=["planetary", "two-stage"])
+def test_no_gear_of_a_sound_machine_is_named(scene):
+    rows = judged(scene)
+    assert all(row.judgeable for row in rows)
+    assert not named(rows)
+
+
+def test_two_cracked_gears_are_both_named():
+    fault = [*crack("stage 1/pinion", 1.0)["fault"], *crack("stage 2/output", 1.0)["fault"]]
+    assert {row.component for row in named(judged(TWO_STAGE | {"fault": fault}))} == {
+        "stage 1/pinion",
+        "stage 2/output",
+    }
+
+
+def test_a_short_record_and_a_sick_sensor_are_not_judged():
+    rows = judged(TWO_STAGE | crack("stage 1/pinion", 1.0), stop=RATE_HZ)
+    assert all("turns are too few" in row.not_judged for row in rows)
+    assert not any(row.judgeable or row.probability < 1 for row in rows)
+    assert {row.not_judged for row in judged(TWO_STAGE | {"duration_s": 2}, faulty=True)} == {"the sensor is sick"}

@@ -1,0 +1,76 @@
+"""The commands that draw, in process: which files they write, what they print, and how they fail."""
+
+import subprocess
+import sys
+
+import pytest
+
+from hums.cli import main
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    def command(*words):
+        monkeypatch.setattr(sys, "argv", ["hums", *map(str, words)])
+        code = main()
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return command
+
+
+def test_drawing_of_all_pictures(run, tmp_path):
+    code, out, err = run("drawing", "car-differential", "-o", tmp_path / "pictures")
+    assert code == 0
+    assert err == "speeds: cage 1500 rpm, left wheel 0 rpm\n"  # two degrees of freedom: what is chosen is said
+    assert {path.name for path in (tmp_path / "pictures").iterdir()} == {
+        "mechanism.svg",
+        "velocities.svg",
+        "orders.svg",
+    }
+    assert out.count("wrote") == 3
+    assert ">planet a" in (tmp_path / "pictures" / "mechanism.svg").read_text(encoding="utf-8")
+
+
+def test_drawing_of_one_picture_and_of_a_page(run, tmp_path):
+    assert run("drawing", "two-stage", "-o", tmp_path / "v.png", "--picture", "velocities")[0] == 0
+    assert (tmp_path / "v.png").read_bytes().startswith(b"\x89PNG")
+    assert run("drawing", "two-stage", "--html", "-o", tmp_path / "p.html", "--speed", "output=100")[0] == 0
+    assert '"link": "output", "rpm": 100.0' in (tmp_path / "p.html").read_text(encoding="utf-8")
+
+
+def test_drawing_without_a_file(run):
+    assert "--out is missing" in run("drawing", "two-stage")[2]
+
+
+def test_dynamics_of_a_gearbox(run, tmp_path):
+    code, out, err = run("dynamics", "wijianto-pair", "-o", tmp_path, "--motions", "torsion")
+    assert (code, err) == (0, "")
+    assert {path.name for path in tmp_path.iterdir()} == {"frequencies.svg", "modes.svg", "campbell.svg"}
+    assert len([line for line in out.splitlines() if line.endswith(("rigid", "rotational"))]) == 2  # two rotations
+
+
+def test_dynamics_without_dimensions(run, tmp_path):
+    code, _, err = run("dynamics", "two-stage", "-o", tmp_path / "d")
+    assert code == 2
+    assert "declares no module_mm" in err
+    assert not (tmp_path / "d").exists()
+
+
+def test_bearings(run):
+    code, out, _ = run("bearings", "za-2115")
+    assert (code, out.count("\n")) == (0, 1)
+    assert "16 elements of 8.4074 mm on 71.501 mm, contact angle 15.17 degrees. Qiu" in out
+    assert 'no bearing "7000"' in run("bearings", "7000")[2]
+
+
+def test_orders_in_hz(run):
+    _, out, _ = run("orders", "two-stage", "--csv", "--rpm", 1500)
+    header, *lines = out.splitlines()
+    mesh = dict(zip(header.split(","), next(line for line in lines if "gear_mesh" in line).split(","), strict=True))
+    assert float(mesh["hz"]) == 23 * 1500 / 60
+
+
+def test_python_m_hums():
+    shown = subprocess.run([sys.executable, "-m", "hums", "--version"], capture_output=True, text=True, check=True)
+    assert shown.stdout.startswith("hums ")

@@ -1,0 +1,150 @@
+"""One damaged tooth against noise, sound teeth that differ, levels that change, and impacts at random."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from signals import AngularSignal
+from signals.angle.local_damage import BandEnergies, _independent, folded, local_damage, residual_energies
+
+TEETH, CELLS, TURNS, BANDS = 20, 40, 64, 2
+
+
+def judged(turns, *, rotations=99, teeth=TEETH, seed=1):
+    """Judge energies (band, turn, cell) of a gear that turns as the reference does."""
+    bands, _, cells = turns.shape
+    energies = BandEnergies(
+        values=turns.reshape(bands, -1), samples_per_rev=float(cells), start_rev=0.0, edges=np.arange(bands + 1.0)
+    )
+    return local_damage(folded(energies, order=1, teeth=teeth), rotations=rotations, rng=np.random.default_rng(seed))
+
+
+def noise(rng, *, turns=TURNS):
+    """Squared envelope of Gaussian noise, by independent samples."""
+    return rng.exponential(size=(BANDS, turns, CELLS))
+
+
+def share_of_the_first(probability, trials):
+    """Most of `trials` that a test of that probability names, but for one time in a thousand."""
+    return stats.binom.ppf(0.999, trials, probability)
+
+
+def test_noise_is_named_as_often_as_stated():
+    found = [judged(noise(np.random.default_rng(seed))).probability for seed in range(40)]
+    assert np.count_nonzero(np.array(found) <= 0.1) <= share_of_the_first(0.1, 40)
+
+
+def test_sound_teeth_that_differ_and_repeat_are_named_as_seldom():
+    # pitch deviations: an amplitude of its own for each tooth, Gaussian, in every turn
+    found = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        tooth = np.repeat(rng.standard_normal(TEETH) ** 2, CELLS // TEETH)
+        found.append(judged((0.05 + tooth) * noise(rng)))
+    assert np.median([one.repeats for one in found]) <= 0.01
+    assert np.count_nonzero([one.probability <= 0.1 for one in found]) <= share_of_the_first(0.1, 40)
+
+
+@pytest.mark.parametrize("tooth", [0, 7, 19])
+def test_one_damaged_tooth_is_found_where_it_is(tooth):
+    turns = noise(np.random.default_rng(3))
+    turns[1, :, 2 * tooth : 2 * tooth + 2] *= 4
+    found = judged(turns, rotations=999)
+    assert found.probability <= 0.001
+    assert found.band == 1
+    assert abs((found.position_rev * TEETH - tooth - 0.5 + TEETH / 2) % TEETH - TEETH / 2) < 0.6
+    assert found.width_rev <= 2 / TEETH
+    assert 2 < found.rise < 4  # the floor of the logarithm and the projection lower it
+
+
+def test_the_level_of_a_turn_does_not_matter():
+    rng = np.random.default_rng(4)
+    turns = noise(rng)
+    turns[0, :, 12:14] *= 3
+    level = np.exp(rng.normal(0, 2, size=(1, TURNS, 1)))
+    plain, changed = judged(turns), judged(turns * level)
+    assert changed.outlier == pytest.approx(plain.outlier, rel=1e-6)
+    assert changed.probability == plain.probability
+
+
+def test_modulation_once_a_turn_is_no_tooth():
+    angle = 2 * np.pi * (np.arange(CELLS) + 0.5) / CELLS
+    assert judged(noise(np.random.default_rng(5)) * (1 + 0.6 * np.cos(angle)) ** 2).probability > 0.01
+
+
+def test_what_all_teeth_share_is_no_tooth():
+    turns = noise(np.random.default_rng(6))
+    turns[:, :, ::2] *= 10
+    assert judged(turns).probability > 0.01
+
+
+@pytest.mark.parametrize("rate", [0.05, 0.5])
+def test_impacts_at_random_are_no_tooth(rate):
+    rng = np.random.default_rng(7)
+    turns = noise(rng)
+    for turn in np.flatnonzero(rng.random(TURNS) < rate):
+        turns[:, turn, rng.integers(CELLS)] = 1e4
+    assert judged(turns).probability > 0.01
+
+
+def test_one_burst_of_impacts_at_one_place_is_no_tooth():
+    # in an eighth of the record alone: consistency over the blocks is part of the statistic
+    turns = noise(np.random.default_rng(8))
+    turns[:, :8, 20:22] = 1e3
+    assert judged(turns).probability > 0.01
+
+
+def test_a_drop_out_changes_little():
+    turns = noise(np.random.default_rng(9))
+    turns[:, :, 12:14] *= 4
+    whole = judged(turns)
+    turns[:, 10:14] = 0.0
+    assert judged(turns).outlier == pytest.approx(whole.outlier, rel=0.2)
+
+
+def test_samples_left_out_leave_no_tooth():
+    turns = noise(np.random.default_rng(10))
+    turns[:, :, 12:14] *= 6
+    energies = BandEnergies(
+        values=turns.reshape(BANDS, -1), samples_per_rev=float(CELLS), start_rev=0.0, edges=np.arange(3.0)
+    )
+    keep = np.ones(turns.shape[1:], dtype=bool)
+    keep[:, 11:15] = False
+    rest = folded(energies, order=1, teeth=TEETH, keep=keep.ravel())
+    assert local_damage(rest, rotations=99, rng=np.random.default_rng(0)).probability > 0.01
+
+
+def test_too_few_turns_are_refused():
+    with pytest.raises(ValueError, match="15 turns are too few to judge one tooth; record 16 or more"):
+        judged(noise(np.random.default_rng(0), turns=15))
+
+
+def test_too_few_samples_in_a_turn_are_refused():
+    with pytest.raises(ValueError, match="samples in a turn cannot show one tooth"):
+        judged(np.ones((1, 32, 8)), teeth=4)
+
+
+def test_values_equal_over_a_tooth_count_once():
+    tooth = np.random.default_rng(11).standard_normal(2000)
+    assert _independent(tooth, 2000, pitch=1, width=1) == 2000
+    four = np.repeat(tooth, 4)
+    # correlation of a boxcar of 4: 1 + 2 (3/4 + 2/4 + 1/4) = 4
+    assert _independent(four, four.size, pitch=4, width=1) == pytest.approx(2000, rel=0.05)
+
+
+def test_a_tone_beside_the_mesh_keeps_its_amplitude():
+    rev = np.arange(64 * 128) / 128
+    x = np.cos(2 * np.pi * 20 * rev) + 0.3 * np.cos(2 * np.pi * 27.25 * rev)
+    signal = AngularSignal(values=x, samples_per_rev=128, start_rev=2.0, passband_orders=56.0)
+    found = residual_energies(signal, meshes={20.0: 2.5}, lowest_order=3.0, bands=4)
+    band = int(np.searchsorted(found.edges, 27.25)) - 1
+    middle = slice(found.values.shape[1] // 4, -found.values.shape[1] // 4)  # away from the tapered ends
+    assert found.values[band, middle] == pytest.approx(0.3**2, rel=0.02)  # whose sidebands the mesh takes along
+    assert np.delete(found.values, band, axis=0)[:, middle].max() < 1e-3 * 0.3**2
+    assert found.values.shape[1] / found.samples_per_rev == pytest.approx(64)
+
+
+def test_nothing_above_the_shafts_is_refused():
+    signal = AngularSignal(values=np.ones(640), samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
+    with pytest.raises(ValueError, match="lowest_order=30 is not below 28"):
+        residual_energies(signal, meshes={}, lowest_order=30.0)

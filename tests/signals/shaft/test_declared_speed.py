@@ -1,0 +1,51 @@
+"""A declared speed is refined by lines that clearly show another within its tolerance, and by nothing else."""
+
+import numpy as np
+import pytest
+
+from signals.shaft.declared_speed import refine_declared_speed
+
+RATE_HZ, ORDERS = 4000.0, (1.0, 2.0, 3.0, 23.0, 46.0)
+T = np.arange(round(6 * RATE_HZ)) / RATE_HZ
+
+
+def record(speed_hz, orders=ORDERS, *, height=0.2, seed=0):
+    tones = [height * np.cos(2 * np.pi * order * speed_hz * T + order) for order in orders]
+    return np.sum(tones, axis=0) + np.random.default_rng(seed).standard_normal(T.size)
+
+
+def refined(x, *, speed_hz=25.0, tolerance=0.02):
+    return refine_declared_speed(x, rate_hz=RATE_HZ, speed_hz=speed_hz, orders=ORDERS, tolerance=tolerance)
+
+
+@pytest.mark.parametrize("error", [-0.015, -0.01, -0.004, 0.002, 0.01, 0.018])
+def test_the_lines_show_the_speed(error):
+    true = 25.0 / (1 + error)
+    found = refined(record(true))
+    assert found.refined
+    # one step of the speeds tried: half a bin (1 / 3 s, of half of the record) at order 46; the search favours bins
+    assert abs(found.speed_hz / true - 1) < 0.5 / 3 / (46 * 25)
+    assert set(found.orders) >= {23.0, 46.0}
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_changes_nothing(seed):
+    found = refined(np.random.default_rng(seed).standard_normal(T.size))
+    assert (found.refined, found.speed_hz) == (False, 25.0)
+
+
+@pytest.mark.parametrize(
+    "x",
+    [
+        record(25.0),
+        record(24.75, (2.0,)),  # a line of another machine, or a hum
+        record(24.0),  # beyond the tolerance
+        record(24.75) + record(25.2),  # two machines
+        np.zeros(T.size),
+        np.zeros(100),
+    ],
+    ids=["right", "one line", "beyond", "two", "silence", "short"],
+)
+def test_what_shows_no_other_speed_clearly_changes_nothing(x):
+    found = refined(x)
+    assert abs(found.speed_hz / 25.0 - 1) < 1e-4
