@@ -1,79 +1,263 @@
 """Validation of arguments; each error names the argument, its value, the bound and a remedy."""
 
+import inspect
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
-from numbers import Real
-from typing import Literal, get_args
+from functools import wraps
+from numbers import Number, Real
+from os import PathLike
+from typing import Any, Literal, ParamSpec, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.floating]  # float32 where the source is, else float64
+P = ParamSpec("P")
+R = TypeVar("R")
+Float = TypeVar("Float", bound=np.floating)
+
+# Largest and smallest peak of a signal: the squares of a record's spectrum overflow beyond, or lose digits below.
+_PEAKS = {"float32": (1e-15, 1e15), "float64": (1e-152, 1e145)}
+_LEAST_NUMBER = 1e-250  # of a positive argument: products with smaller ones underflow
+_LONGEST_VALUE = 80  # characters of a value in a message
+_LARGEST_WHOLE = 2**53  # above, doubles skip whole numbers
 
 
-def real_vector(values: ArrayLike, *, name: str, minimum: int = 1, finite: bool = True) -> Array:
+def real_vector(
+    values: ArrayLike, *, name: str, minimum: int = 1, finite: bool = True, any_unit: bool = False
+) -> Array:
     """Return `values` as a contiguous (n,) float64 array, or raise ValueError."""
-    vector = real_samples(values, name=name, minimum=minimum, finite=finite)
+    vector = real_samples(values, name=name, minimum=minimum, finite=finite, any_unit=any_unit)
     return np.ascontiguousarray(vector, dtype=np.float64)
 
 
-def real_samples(values: ArrayLike, *, name: str, minimum: int = 1, finite: bool = True) -> Samples:
-    """Return `values` as a contiguous (n,) array, float32 if they are and else float64, or raise ValueError."""
-    vector = np.asarray(values)
+def real_samples(
+    values: ArrayLike, *, name: str, minimum: int = 1, finite: bool = True, any_unit: bool = False
+) -> Samples:
+    """Return `values` as a contiguous (n,) array, float32 if they are and else float64, or raise ValueError.
+
+    Numbers whose squares over- or underflow are refused, but not with `any_unit`: the caller then scales them.
+    """
+    vector = real_array(values, name=name)
     if vector.ndim != 1 or vector.dtype.kind not in "iuf":
         raise ValueError(f"{name} has shape {vector.shape} and type {vector.dtype}; it must be one real (n,) array.")
     if vector.size < minimum:
         raise ValueError(f"{name} has {vector.size} values; at least {minimum} are needed.")
-    vector = np.ascontiguousarray(vector, dtype=None if vector.dtype == np.float32 else np.float64)
-    if finite and not np.all(np.isfinite(vector)):
+    vector = np.ascontiguousarray(vector, dtype=np.float32 if vector.dtype == np.float32 else np.float64)
+    peak = _peak(vector)
+    if finite and not math.isfinite(peak):
         bad = np.flatnonzero(~np.isfinite(vector))
         raise ValueError(
             f"{name} has {bad.size} values that are not finite, the first at index {bad[0]}; "
             "repair or leave out that part of the record."
         )
-    return vector
+    least, most = _PEAKS[vector.dtype.name]
+    if not any_unit and ((peak > most and math.isfinite(peak)) or 0 < peak < least):
+        raise ValueError(
+            f"{name} reaches {peak:.3g}, outside of {least:g} to {most:g}, where {vector.dtype} keeps the digits of "
+            "squares; scale it to another unit."
+        )
+    return writable(vector)
+
+
+def real_array(values: ArrayLike, *, name: str) -> NDArray[Any]:
+    """Return anything like an array of numbers as an array, or raise ValueError."""
+    try:
+        array = np.asarray(values)
+    except (ValueError, TypeError):
+        raise ValueError(f"{name} is no array of numbers; give rows of one length.") from None
+    if array.dtype.kind == "O" and all(isinstance(item, Real) for item in array.flat):  # fractions, large integers
+        try:
+            array = array.astype(np.float64)
+        except OverflowError:
+            raise ValueError(f"{name} has numbers beyond the range of floats; scale it to another unit.") from None
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name}={brief(values)} is of type {array.dtype}; it must be one real array.")
+    return array
+
+
+def _peak(vector: Samples) -> float:
+    """Return the largest magnitude; NaN where a value is NaN."""
+    return float(max(vector.max(), -vector.min())) if vector.size else 0.0
+
+
+def writable(array: NDArray[Float]) -> NDArray[Float]:
+    """Return the same memory without a mark as read-only, for which numba would compile every kernel again."""
+    if array.flags.writeable:
+        return array
+
+    class Memory:
+        __array_interface__ = array.__array_interface__ | {"data": (array.ctypes.data, False)}
+        owner = array
+
+    return np.asarray(Memory())
 
 
 def number(value: object, *, name: str) -> float:
     """Return a finite real number, or raise ValueError."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise ValueError(f"{name}={value!r} must be a number, not {type(value).__name__}.")  # noqa: TRY004
-    if not math.isfinite(value):
+    if not _is_float(value):
+        raise ValueError(f"{name}={brief(value)} must be a number, not {type(value).__name__}.")
+    if not math.isfinite(value):  # type: ignore[arg-type]
         raise ValueError(f"{name}={value} must be finite.")
-    return float(value)
+    return float(value)  # type: ignore[arg-type]
 
 
 def positive(value: object, *, name: str) -> float:
     """Return a finite number above zero, or raise ValueError."""
     found = number(value, name=name)
     if found <= 0:
-        raise ValueError(f"{name}={value!r} must be above zero; give a positive number.")
+        raise ValueError(f"{name}={brief(value)} must be above zero; give a positive number.")
+    if not _LEAST_NUMBER <= found <= 1 / _LEAST_NUMBER:
+        raise ValueError(
+            f"{name}={value:g} must lie between {_LEAST_NUMBER:g} and {1 / _LEAST_NUMBER:g}; give it in another unit."
+        )
     return found
 
 
 def whole(value: object, *, name: str, least: int, most: int | None = None) -> int:
     """Return a whole number within bounds, or raise ValueError."""
     bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
-    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool) and abs(int(value)) <= _LARGEST_WHOLE
     if not is_whole or value < least or (most is not None and value > most):  # type: ignore[operator]
-        raise ValueError(f"{name}={value!r} must be a whole number {bounds}.")
+        raise ValueError(f"{name}={brief(value)} must be a whole number {bounds}.")
     return int(value)  # type: ignore[call-overload, no-any-return]
 
 
 def choice(value: object, *, name: str, choices: Sequence[str]) -> None:
     """Raise ValueError at anything that is not one of the choices."""
-    if value not in choices:
+    if not isinstance(value, str) or value not in choices:
         raise ValueError(
-            f"{name}={value!r} is unknown; it must be one of {', '.join(choices)}.{nearest(value, choices)}"
+            f"{name}={brief(value)} is unknown; it must be one of {', '.join(choices)}.{nearest(value, choices)}"
         )
 
 
 def nearest(value: object, choices: Sequence[str]) -> str:
     """Return `` Did you mean 'x'?`` for the closest of the choices, or an empty string where none is close."""
-    close = get_close_matches(str(value), choices, n=1)
+    close = get_close_matches(str(value)[:_LONGEST_VALUE], choices, n=1)
     return f" Did you mean {close[0]!r}?" if close else ""
+
+
+def brief(value: object) -> str:
+    """Return the `repr` of a value for a message, cut where it is long."""
+    if isinstance(value, int) and abs(value) > _LARGEST_WHOLE:
+        return f"{'-' * (value < 0)}2**{abs(value).bit_length() - 1} or more"
+    text = repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."
+
+
+# ---- Types of arguments, as their annotations declare them -----------------------------------------------------------
+
+
+class ArgumentTypeError(TypeError, ValueError):
+    """An argument of another kind than the function declares."""
+
+
+def checked(function: Callable[P, R]) -> Callable[P, R]:
+    """Return a function that refuses arguments of another kind than it declares.
+
+    Objects of `signals`, numbers, words, pairs and sequences are checked here; words of a choice, whole numbers and
+    arrays, and all shapes and bounds, where the function uses them.
+    """
+    annotations = {
+        name: _alternatives(parameter.annotation) for name, parameter in inspect.signature(function).parameters.items()
+    }
+    names = tuple(annotations)
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        for name, value in (*zip(names, args, strict=False), *kwargs.items()):
+            kinds = annotations.get(name, ())
+            if kinds and not any(_agrees(value, kind, function) for kind in kinds):
+                raise ArgumentTypeError(
+                    f"{function.__name__} takes {' or '.join(map(_words, kinds))} for {name}, not {brief(value)}, "
+                    f"of type {type(value).__name__}."
+                )
+        return function(*args, **kwargs)
+
+    return call
+
+
+def _alternatives(annotation: object) -> tuple[str, ...]:
+    """Return the alternatives of an annotation as written, with modules left out; none where there is no annotation."""
+    if annotation is inspect.Parameter.empty:
+        return ()
+    text = annotation if isinstance(annotation, str) else inspect.formatannotation(annotation)
+    text = re.sub(r"Optional\[(.*)\]$", r"\1 | None", re.sub(r"\b\w+\.", "", text))
+    parts, depth, start = [], 0, 0
+    for place, sign in enumerate(text):
+        depth += (sign == "[") - (sign == "]")
+        if sign == "|" and depth == 0:
+            parts.append(text[start:place].strip())
+            start = place + 1
+    return (*parts, text[start:].strip())
+
+
+def _agrees(value: object, kind: str, function: Callable[..., Any]) -> bool:  # noqa: C901, PLR0911, PLR0912 - a table of kinds
+    outer, _, inner = kind.removesuffix("]").partition("[")
+    match outer:
+        case "None":
+            return value is None
+        case "float":
+            return _is_float(value)
+        case "int" | "Fraction":
+            return isinstance(value, Number | str | None)
+        case "bool":
+            return isinstance(value, bool | np.bool)
+        case "str":
+            return isinstance(value, str)
+        case "ArrayLike" | "NDArray" | "Array" | "Floats":
+            return not isinstance(value, list | tuple) or _is_even(value)
+        case "Literal":
+            return True
+        case "PathLike" | "Path":
+            return isinstance(value, PathLike)
+        case "Mapping":
+            return isinstance(value, Mapping)
+        case "tuple":
+            parts = inner.split(", ")
+            return (
+                isinstance(value, tuple | list | np.ndarray)
+                and len(value) == len(parts)
+                and all(_agrees(item, part, function) for item, part in zip(value, parts, strict=True))
+            )
+        case "Sequence" | "Iterable":
+            if isinstance(value, str | bytes | Mapping) or not np.iterable(value):
+                return False
+            if not isinstance(value, list | tuple | np.ndarray):
+                return outer == "Iterable" or hasattr(value, "__len__")
+            return all(any(_agrees(item, part, function) for part in _alternatives(inner)) for item in value)
+    declared = function.__globals__.get(outer)
+    if declared is not None and not isinstance(declared, type):
+        return True  # a union or a choice under a name
+    return any(base.__name__ == outer for base in type(value).__mro__)
+
+
+def _is_float(value: object) -> bool:
+    """Return whether a value is a real number that a float can hold, infinity and NaN among them."""
+    if isinstance(value, bool | np.bool) or not isinstance(value, Real):
+        return False
+    try:
+        float(value)
+    except OverflowError:
+        return False
+    return True
+
+
+def _is_even(rows: Sequence[object]) -> bool:
+    """Return whether lists are rows of one length, which numpy makes an array."""
+    try:
+        np.asarray(rows)
+    except ValueError:
+        return False
+    return True
+
+
+def _words(kind: str) -> str:
+    words = {"float": "a number", "int": "a whole number", "bool": "True or False", "str": "a word", "None": "None"}
+    return words.get(kind, f"a {kind}")
 
 
 # ---- Values of a record that are not finite: refused with their index, or replaced by NaN ----------------------------

@@ -6,6 +6,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from signals._validation import brief
+
 Array = NDArray[np.float64]
 
 
@@ -51,7 +53,13 @@ def window_of(name: str, count: int) -> Window:
         return Window(name=name, weights=0.5 + 0.5 * np.cos(np.linspace(-np.pi, np.pi, count + 1)[:-1]))
     from scipy.signal import get_window  # noqa: PLC0415
 
-    return Window(name=name, weights=np.asarray(get_window(name, count), dtype=np.float64))
+    try:
+        weights = np.asarray(get_window(name, count), dtype=np.float64)
+    except ValueError:
+        raise ValueError(
+            f"window={brief(name)} is unknown; give one of scipy.signal without parameters, as hann or flattop."
+        ) from None
+    return Window(name=name, weights=weights)
 
 
 @lru_cache(maxsize=16)

@@ -51,6 +51,7 @@ from hums.analysis.unexplained import UnexplainedLine
 from hums.gearbox.model import Gearbox
 from hums.records.record import channel_values, check_record, sampling
 from hums.records.store import open_record
+from signals._validation import checked
 from signals.health import SensorHealth
 
 __all__ = ["AnalysisSettings", "analyze"]
@@ -58,6 +59,7 @@ __all__ = ["AnalysisSettings", "analyze"]
 _log = logging.getLogger("hums")
 
 
+@checked
 def analyze(
     record: xr.Dataset | str | PathLike[str],
     gearbox: Gearbox,

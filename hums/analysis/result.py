@@ -13,6 +13,7 @@ from hums.analysis.detection import AssessedLine
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.records.record import RecordError
 from hums.records.store import open_tree, write_tree
+from signals._validation import checked
 from signals.spectra.spectra import AmplitudeSpectrum
 
 if TYPE_CHECKING:
@@ -92,6 +93,7 @@ class IndicatorValue:
     withheld: str = ""
 
 
+@checked
 def save_analysis(analysis: Analysis, path: str | Path) -> None:
     """Write an analysis to one HDF5 file; an existing file is replaced only when the new one is complete.
 
@@ -126,6 +128,7 @@ def save_analysis(analysis: Analysis, path: str | Path) -> None:
     write_tree(analysis, path)
 
 
+@checked
 def open_analysis(path: str | Path) -> Analysis:
     """Return the analysis in a file that `save_analysis` wrote; arrays are read when first used.
 
@@ -277,6 +280,7 @@ def rows_dataset(rows: Sequence[object], kind: type, *, dim: str) -> xr.Dataset:
 SUMMARY_SCHEMA = "hums-summary/1"
 
 
+@checked
 def line_table(analysis: Analysis, name: str) -> "pd.DataFrame":
     """Return the expected lines of one spectrum as measured, one row per line and channel.
 
@@ -334,6 +338,7 @@ def line_table(analysis: Analysis, name: str) -> "pd.DataFrame":
     ]
 
 
+@checked
 def findings_table(analysis: Analysis) -> "pd.DataFrame":
     """Return the findings, one row per component and kind of defect, the most certain first.
 
@@ -363,6 +368,7 @@ def findings_table(analysis: Analysis) -> "pd.DataFrame":
     return group(analysis, "findings").to_dataframe().reset_index(drop=True)
 
 
+@checked
 def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     """Return the verdict on every kind of defect of every part, the findings first.
 
@@ -395,6 +401,7 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     return pd.concat(filled, ignore_index=True)
 
 
+@checked
 def unexplained_table(analysis: Analysis) -> "pd.DataFrame":
     """Return the lines of the order spectra that nothing in the drawing explains, the largest of each channel first.
 
@@ -429,6 +436,7 @@ def unexplained_table(analysis: Analysis) -> "pd.DataFrame":
     return group(analysis, "unexplained").to_dataframe().reset_index(drop=True)
 
 
+@checked
 def indicator_table(analysis: Analysis) -> "pd.DataFrame":
     """Return the condition indicators, one row per channel, component and indicator.
 
@@ -459,6 +467,7 @@ def indicator_table(analysis: Analysis) -> "pd.DataFrame":
     return group(analysis, "indicators").to_dataframe().reset_index(drop=True)
 
 
+@checked
 def health_table(analysis: Analysis) -> "pd.DataFrame":
     """Return the condition of every sensor, one row each, the tachometer last.
 
@@ -506,6 +515,7 @@ def envelope_bands(analysis: Analysis) -> list[dict[str, Any]]:
     ]
 
 
+@checked
 def summary(analysis: Analysis) -> dict[str, Any]:
     """Return the speed, sensor health, lines, indicators and findings of an analysis as plain JSON types.
 

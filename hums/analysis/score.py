@@ -9,6 +9,7 @@ import xarray as xr
 from hums.analysis.findings import DIAGNOSED
 from hums.analysis.lines import ORDER_SPECTRUM
 from hums.analysis.result import Analysis, AnalysisError, group
+from signals._validation import checked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,6 +52,7 @@ class Score:
     false_findings: tuple[str, ...]
 
 
+@checked
 def score(analysis: Analysis, record: xr.Dataset) -> Score:
     """Return the errors of an analysis against the `truth_` variables of its synthetic record.
 

@@ -222,6 +222,9 @@ def convert(
     scale: Annotated[float, typer.Option(help="Factor from the file's numbers to the units.")] = 1.0,
     machine: Annotated[str, typer.Option(help="Name of the machine.")] = "",
     recorded_at: Annotated[str | None, typer.Option(help="Time of the record, ISO 8601 with offset.")] = None,
+    most_bytes: Annotated[
+        int | None, typer.Option(help="Bytes that one array may take. Default 100 times the file's size.")
+    ] = None,
 ) -> None:
     """Turn another program's file into a record."""
     from hums.readers import convert as read  # noqa: PLC0415
@@ -246,6 +249,7 @@ def convert(
         scale=scale,
         machine=machine,
         recorded_at=recorded_at,
+        most_bytes=most_bytes,
     )
     save_record(record, target)
     typer.echo(f"wrote {target}")

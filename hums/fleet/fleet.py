@@ -28,6 +28,7 @@ from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_dataset
 from hums.records.store import atomic_write, open_record
+from signals._validation import checked
 
 __all__ = ["Fleet", "FleetError", "analyze_fleet"]
 
@@ -98,6 +99,7 @@ class _Source:
     number: int | None = None
 
 
+@checked
 def analyze_fleet(
     sources: Sequence[str | Path],
     gearbox: Gearbox | str | Path,

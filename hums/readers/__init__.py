@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hums.readers.columns import Field, ForeignFile, Stated
+from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated
 from hums.readers.time_axis import check_time_column, rate_hz_of, start_and_epoch
 from hums.records.record import (
     UNITS,
@@ -40,17 +40,21 @@ __all__ = ["ForeignFile", "Stated", "convert", "read_file"]
 _SUFFIXES = (".mat", ".wav", ".csv", ".tdms", ".uff", ".unv", ".h5", ".hdf5")
 
 
-def read_file(path: str | PathLike[str]) -> ForeignFile:
+def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> ForeignFile:
     r"""Return the contents of another program's file, read by the reader of its suffix.
 
     Parameters
     ----------
     path : str or Path
         A .mat, .wav, .csv, .tdms, .uff, .unv, .h5 or .hdf5 file.
+    most_bytes : int, optional
+        Bytes that one array of an HDF5 file, or of a .mat file in version 7.3, may take; default a hundred times the
+        size of the file, or 64 MB.
 
     Returns
     -------
     ForeignFile
+        The arrays of HDF5 files are read when they are asked for.
 
     Raises
     ------
@@ -75,7 +79,7 @@ def read_file(path: str | PathLike[str]) -> ForeignFile:
         case ".mat":
             from hums.readers import matlab  # noqa: PLC0415 - each reader loads only its own library
 
-            fields = matlab.read(file)
+            fields = matlab.read(file, most_bytes=most_bytes)
         case ".wav":
             from hums.readers import wav  # noqa: PLC0415
 
@@ -95,7 +99,7 @@ def read_file(path: str | PathLike[str]) -> ForeignFile:
         case ".h5" | ".hdf5":
             from hums.readers import hdf5  # noqa: PLC0415
 
-            fields, stated = hdf5.read(file)
+            fields, stated = hdf5.read(file, most_bytes=most_bytes)
         case suffix:
             raise RecordError(
                 f'{file}: no reader for the suffix "{suffix}"; known are {", ".join(_SUFFIXES)}. Export the signals '
@@ -103,7 +107,7 @@ def read_file(path: str | PathLike[str]) -> ForeignFile:
             )
     return ForeignFile(
         path=file,
-        fields=MappingProxyType(dict(fields)),
+        fields=fields if isinstance(fields, ArraysOnDisk) else MappingProxyType(dict(fields)),
         rate_hz=rate_hz,
         stated=MappingProxyType(dict(stated)),
     )
@@ -124,6 +128,7 @@ def convert(
     scale: float = 1.0,
     machine: str = "",
     recorded_at: datetime | str | None = None,
+    most_bytes: int | None = None,
 ) -> xr.Dataset:
     """Convert another program's file to a record.
 
@@ -152,6 +157,8 @@ def convert(
         Factor from the numbers in the file to `units`; for a .wav of integers, the value of full scale.
     machine, recorded_at
         As in `make_record`; a .tdms file may state when it was recorded.
+    most_bytes : int, optional
+        As in `read_file`.
 
     Returns
     -------
@@ -175,7 +182,7 @@ def convert(
     >>> float(record.vib[0]), float(record.nominal_speed), record.attrs["source"]
     (1.0, 10.0, 'log.csv')
     """
-    file = read_file(source)
+    file = read_file(source, most_bytes=most_bytes)
     if not channels:
         raise RecordError(f"channels: none named (--channel). {file.path.name}: {file.contents()}")
     factor = _scale(scale)

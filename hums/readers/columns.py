@@ -1,9 +1,10 @@
 """Contents of another program's file: arrays, and the units, rates and times that the file states."""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
 
@@ -17,7 +18,46 @@ __all__ = ["Field", "ForeignFile", "Stated", "rate_of_step"]
 Field = NDArray[np.generic] | str
 """An array of numbers, or a phrase that describes what is not numeric, such as "text"."""
 
+_MOST_LISTED = 12  # names in a message
+_LONGEST_NAME = 60
 _INTEGER_TOLERANCE = 1e-9  # one over a step of ten microseconds is 99999.99999999999 Hz
+
+
+class ArraysOnDisk(Mapping[str, Field]):
+    """Fields by name, of which an array is read when it is asked for, and kept.
+
+    Parameters
+    ----------
+    described : mapping of str to tuple of int or str
+        By name, the shape of an array, or a phrase that describes what is not numeric.
+    read : callable
+        Returns the array of a name.
+    """
+
+    def __init__(
+        self, described: Mapping[str, tuple[int, ...] | str], read: Callable[[str], NDArray[np.generic]]
+    ) -> None:
+        self.described, self._read = described, lru_cache(maxsize=None)(read)
+
+    def __getitem__(self, name: str) -> Field:
+        """Return the array, or the phrase."""
+        found = self.described[name]
+        return found if isinstance(found, str) else self._read(name)
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names."""
+        return iter(self.described)
+
+    def __len__(self) -> int:
+        """Return the number of fields."""
+        return len(self.described)
+
+
+def descriptions(fields: Mapping[str, Field]) -> Mapping[str, tuple[int, ...] | str]:
+    """Return the shape of each array, or the phrase, without reading what is on disk."""
+    if isinstance(fields, ArraysOnDisk):
+        return fields.described
+    return {name: value if isinstance(value, str) else value.shape for name, value in fields.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,17 +125,18 @@ class ForeignFile:
             raise RecordError(f'{self.path.name}: "{name}" is {values}, not numbers. {self.contents()}')
         if values.size != max(values.shape, default=1):
             raise RecordError(
-                f'{self.path.name}: "{name}" is a table of {_shape(values)} values; a channel is one row or one '
+                f'{self.path.name}: "{name}" is a table of {_shape(values.shape)} values; a channel is one row or one '
                 "column: save each under a name of its own."
             )
         return values.reshape(-1)
 
     def contents(self) -> str:
         """Return a description of the contents: a sentence for arrays and one for the rest."""
-        arrays = [f"{name} ({_shape(values)})" for name, values in self.fields.items() if not isinstance(values, str)]
-        others = [f"{name} ({values})" for name, values in self.fields.items() if isinstance(values, str)]
-        rest = f" Not numbers: {', '.join(others)}." if others else ""
-        return f"It holds {', '.join(arrays) or 'no array of numbers'}.{rest}"
+        found = descriptions(self.fields)
+        arrays = [f"{name} ({_shape(shape)})" for name, shape in found.items() if not isinstance(shape, str)]
+        others = [f"{name} ({phrase})" for name, phrase in found.items() if isinstance(phrase, str)]
+        rest = f" Not numbers: {_listed(others)}." if others else ""
+        return f"It holds {_listed(arrays) or 'no array of numbers'}.{rest}"
 
 
 def rate_of_step(step_s: object) -> float | None:
@@ -106,8 +147,17 @@ def rate_of_step(step_s: object) -> float | None:
     return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) <= _INTEGER_TOLERANCE * rate_hz else rate_hz
 
 
-def _shape(values: NDArray[np.generic]) -> str:
-    return " x ".join(map(str, values.shape)) or "1"
+def _shape(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape)) or "1"
+
+
+def _listed(names: list[str]) -> str:
+    """Return the first names in a row, each as a terminal shows it."""
+    shown = [
+        name.encode("unicode_escape", "backslashreplace").decode() if not name.isprintable() else name for name in names
+    ]
+    row = ", ".join(name[:_LONGEST_NAME] for name in shown[:_MOST_LISTED])
+    return f"{row} and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else row
 
 
 def _closest(name: str, names: Mapping[str, object]) -> str:

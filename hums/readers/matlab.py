@@ -1,18 +1,17 @@
 """MATLAB files: v4 to v7 by scipy, v7.3 as HDF5."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hums.readers.columns import ArraysOnDisk, Field
 from hums.records.record import RecordError
-from hums.records.store import is_hdf5, open_hdf5
+from hums.records.store import is_array, is_hdf5, objects, open_hdf5, read_array
 
 __all__ = ["read"]
-
-Field = NDArray[np.generic] | str
 
 _CLASSES = {
     "char": "text",
@@ -24,15 +23,15 @@ _CLASSES = {
 _NUMBERS = ("", "double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
-def read(path: Path) -> dict[str, Field]:
+def read(path: Path, *, most_bytes: int | None = None) -> Mapping[str, Field]:
     """Return every variable by name, the fields of structs under dotted names.
 
     Returns
     -------
-    dict of str to array or str
+    mapping of str to array or str
         An array in MATLAB's shape, or a phrase that describes what is not numeric.
     """
-    return _read_hdf5(path) if is_hdf5(path) else _read_classic(path)
+    return _read_hdf5(path, most_bytes) if is_hdf5(path) else _read_classic(path)
 
 
 # ---- v4 to v7 ----------------------------------------------------------------------------------------------
@@ -72,35 +71,42 @@ def _classic_fields(name: str, value: Any) -> Iterator[tuple[str, Field]]:  # no
 # ---- v7.3 --------------------------------------------------------------------------------------------------
 
 
-def _read_hdf5(path: Path) -> dict[str, Field]:
+def _read_hdf5(path: Path, most_bytes: int | None) -> Mapping[str, Field]:
+    """Return every variable of a MATLAB v7.3 file; arrays are read when they are asked for."""
+    places: dict[str, str] = {}
+    described: dict[str, tuple[int, ...] | str] = {}
     try:
         with open_hdf5(path) as contents:
-            return dict(_hdf5_fields("", contents))
-    except (OSError, RuntimeError, KeyError) as error:
+            inside: list[str] = []  # groups whose members are no variables: sparse matrices, contents of cells
+            for where, item in objects(contents):
+                if any(where.startswith(f"{group}/") for group in inside):
+                    continue
+                name = where.strip("/").replace("/", ".")
+                sparse = "MATLAB_sparse" in item.attrs
+                if sparse or "/#" in where:
+                    inside.append(where)
+                if sparse:
+                    described[name] = "a sparse matrix"
+                elif is_array(item) and "/#" not in where:
+                    places[name], described[name] = where, _hdf5_field(item)
+    except RecordError:
+        raise
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise RecordError(f"{path} is damaged ({error}). Copy it again, or save it again in MATLAB.") from error
 
+    def values(name: str) -> NDArray[np.generic]:
+        return np.asarray(read_array(path, places[name], most_bytes=most_bytes)).T  # arrays are in column-major order
 
-def _hdf5_fields(prefix: str, group: Any) -> Iterator[tuple[str, Field]]:  # noqa: ANN401
-    for key, item in group.items():
-        if key.startswith("#"):  # where MATLAB stores the contents of cells
-            continue
-        name = f"{prefix}{key}"
-        if "MATLAB_sparse" in item.attrs:
-            yield name, "a sparse matrix"
-        elif hasattr(item, "items"):
-            yield from _hdf5_fields(f"{name}.", item)
-        else:
-            yield name, _hdf5_field(item)
+    return ArraysOnDisk(described, values)
 
 
-def _hdf5_field(item: Any) -> Field:  # noqa: ANN401
+def _hdf5_field(item: Any) -> tuple[int, ...] | str:  # noqa: ANN401
     matlab_class = item.attrs.get("MATLAB_class", b"")
-    matlab_class = matlab_class.decode() if isinstance(matlab_class, bytes) else str(matlab_class)
-    if item.attrs.get("MATLAB_empty", 0) or item.size == 0:
+    matlab_class = matlab_class.decode(errors="replace") if isinstance(matlab_class, bytes) else str(matlab_class)
+    if item.shape is None or item.attrs.get("MATLAB_empty", 0) or item.size == 0:
         return "empty"
     if item.dtype.names:
         return "complex numbers"
     if matlab_class not in _NUMBERS or item.dtype.kind not in "biuf":
         return _CLASSES.get(matlab_class, "a struct array" if not matlab_class else f"a {matlab_class}")
-    values: NDArray[np.generic] = item[()]
-    return values.T  # MATLAB arrays are in column-major order
+    return tuple(item.shape[::-1])

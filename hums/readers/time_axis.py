@@ -8,7 +8,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.readers.columns import ForeignFile, rate_of_step
+from hums.readers.columns import ForeignFile, descriptions, rate_of_step
 from hums.records.record import RecordError
 
 __all__ = ["check_time_column", "rate_hz_of", "start_and_epoch"]
@@ -100,15 +100,11 @@ def start_and_epoch(file: ForeignFile, names: Sequence[str], *, rate_hz: float) 
 
 def check_time_column(file: ForeignFile, rate_hz: float, *, count: int, used: Sequence[str]) -> None:
     """Check the rate against a column of evenly spaced times of `count` samples, if the file has one."""
-    for name, field in file.fields.items():
+    for name, shape in descriptions(file.fields).items():
         normalized = re.sub(r"[\W_]+", "_", name.rpartition(".")[2].lower()).strip("_")
-        if (
-            name in used
-            or normalized not in _TIME_COLUMNS
-            or isinstance(field, str)
-            or max(field.shape, default=1) != count
-        ):
+        if name in used or normalized not in _TIME_COLUMNS or isinstance(shape, str) or max(shape, default=1) != count:
             continue
+        field = np.asarray(file.fields[name])
         step_s = _even_step(field.reshape(-1)) if field.size == count else None
         if step_s and isinstance(rate_hz, Real) and abs(step_s * rate_hz - 1) > _RATE_TOLERANCE:
             raise RecordError(

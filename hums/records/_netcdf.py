@@ -20,6 +20,8 @@ import numpy as np
 import xarray as xr
 from xarray import conventions
 
+from hums.records._contained import fingerprint
+
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
 
@@ -52,7 +54,7 @@ def write_netcdf(path: str | PathLike[str], groups: Mapping[str, tuple[xr.Datase
         for where, (dataset, chunks) in groups.items():
             group = file if where == "/" else file.create_group(where, track_order=True)
             _write_group(group, dataset, chunks, numbers)
-        version = f"version=2,hdf5={h5py.version.hdf5_version},h5py={h5py.version.version}"
+        version = f"version=2,hdf5={h5py.version.hdf5_version},h5py={h5py.version.version},hums={fingerprint(file)}"
         file.attrs.create("_NCProperties", np.bytes_(version))
 
 

@@ -21,6 +21,7 @@ __all__ = [
     "UNITS",
     "UNKNOWN_ANGLE",
     "RecordError",
+    "RecordWarning",
     "check_name",
     "direction_of",
     "finite_number",
@@ -76,6 +77,10 @@ class RecordError(ValueError):
     ...     print(str(error).split(";")[0])
     rate_hz=0: a positive, finite number is needed
     """
+
+
+class RecordWarning(UserWarning):
+    """A record that was not written, or was changed, by another program."""
 
 
 def real_vector(values: ArrayLike, what: str) -> NDArray[np.floating]:

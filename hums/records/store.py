@@ -6,10 +6,13 @@ which is computed and not stored, and validates the record.
 
 import json
 import os
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
+from hashlib import sha256
 from pathlib import Path
+from socket import gethostname
 from typing import Any, Final, TypeVar
 from uuid import uuid4
 
@@ -17,17 +20,22 @@ import h5py
 import numpy as np
 import xarray as xr
 
+from hums.records._contained import fingerprint, objects, refuse_reaching_out, refuse_too_large
 from hums.records._netcdf import Chunks, DiskError, write_netcdf
+from hums.records.fields import RecordWarning, plain_repr
 from hums.records.record import SCHEMA, RecordError, attach_time, check_record, detach_time
 
 __all__ = [
     "atomic_write",
     "existing_file",
+    "is_array",
     "is_hdf5",
+    "objects",
     "open_hdf5",
     "open_record",
     "open_shard",
     "open_tree",
+    "read_array",
     "record_of_shard",
     "remove_partial_files",
     "save_record",
@@ -327,14 +335,49 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
         raise RecordError(
             f"{file} is not an HDF5 file, so not a record. Make a record of it: hums convert {file.name} record.h5 ..."
         )
+    contents = None
     try:
-        return h5py.File(file, mode="r")
+        contents = h5py.File(file, mode="r")
+        refuse_reaching_out(contents)
+    except RecordError:
+        _close(contents)
+        raise
     except (PermissionError, BlockingIOError) as error:
         raise RecordError(
             f"{file} cannot be read now ({error}); check who may read it and whether a program still writes it."
         ) from error
     except _READ_ERRORS as error:
+        _close(contents)
         raise _damaged(file, error) from error
+    return contents
+
+
+def _close(contents: h5py.File | None) -> None:
+    if contents is not None:
+        contents.close()
+
+
+def is_array(item: object) -> bool:
+    """Return whether an object of an HDF5 file is a dataset, not a group."""
+    return isinstance(item, h5py.Dataset)
+
+
+def read_array(path: str | os.PathLike[str], where: str, *, most_bytes: int | None = None) -> Any:  # noqa: ANN401
+    """Return the values of one dataset of another program's file.
+
+    Raises
+    ------
+    RecordError
+        If it cannot be read, or declares more bytes than the file plausibly holds, or than `most_bytes`.
+    """
+    with open_hdf5(path) as contents:
+        try:
+            refuse_too_large(contents[where], most_bytes=most_bytes)
+            return contents[where][()]
+        except RecordError:
+            raise
+        except (*_READ_ERRORS, MemoryError) as error:
+            raise _damaged(Path(path), error) from error
 
 
 def is_hdf5(path: str | os.PathLike[str]) -> bool:
@@ -350,6 +393,8 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
     RecordError
         If it is missing, a directory, or empty.
     """
+    if not isinstance(path, str | os.PathLike) or "\0" in os.fspath(path):
+        raise RecordError(f"path={plain_repr(path)[:100]}: the name of a file is needed, a str or Path without NUL.")
     file = Path(path)
     if file.is_dir():
         raise RecordError(f"{file} is a directory; name a file in it.")
@@ -380,16 +425,37 @@ def _check_schema(file: Path) -> None:
     try:
         with open_hdf5(file) as contents:
             schema = contents.attrs.get("schema")
-    except (OSError, RuntimeError, LookupError) as error:
+            if isinstance(schema, str) and schema == SCHEMA:  # files of other software may have an array there
+                _warn_if_changed(file, contents)
+                return
+    except (OSError, RuntimeError, LookupError, TypeError) as error:
         raise _damaged(file, error) from error
-    if isinstance(schema, str) and schema == SCHEMA:  # files of other software may have an array there
-        return
     if schema is None:
         raise RecordError(
             f"{file} is HDF5 but not a record: it carries no schema. If it holds signals, make a record of "
             f"them: hums convert {file.name} record.h5 ..."
         )
     raise RecordError(f"{file} holds {schema}, where a record holds {SCHEMA}; open it with what wrote it.")
+
+
+def _warn_if_changed(file: Path, contents: h5py.File) -> None:
+    """Warn where names, shapes or attributes are not those that were written."""
+    stated = contents.attrs.get("_NCProperties", b"")
+    text = stated.decode(errors="replace") if isinstance(stated, bytes) else str(stated)
+    written = text.rpartition(",hums=")[2] if ",hums=" in text else None
+    if written is None:
+        warnings.warn(
+            f"{file} was written by another program or an older version: its attributes have no checksum.",
+            RecordWarning,
+            stacklevel=3,
+        )
+    elif written != fingerprint(contents):
+        warnings.warn(
+            f"{file} was changed after it was written: names, shapes or attributes disagree with their checksum; "
+            "compare it with the original.",
+            RecordWarning,
+            stacklevel=3,
+        )
 
 
 def _damaged(file: Path, why: object) -> RecordError:
@@ -417,7 +483,8 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise RecordError(f"{path} is a directory; name a file in it.")
     if not target.parent.is_dir():
         raise RecordError(f"{path}: there is no directory {target.parent}; create it first.")
-    part = target.with_name(f".hums-{uuid4().hex}.part")
+    remove_partial_files(target.parent, of=target.name)
+    part = target.with_name(f".hums-{_short(target.name)}-{_writer(os.getpid())}-{uuid4().hex[:8]}.part")
     try:
         yield part
         _sync(part)
@@ -429,10 +496,39 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
         _sync(target.parent)
 
 
-def remove_partial_files(folder: Path) -> None:
-    """Remove the temporary files of killed writers from a folder, in which nothing may be writing."""
-    for part in folder.glob(".hums-*.part"):
-        part.unlink(missing_ok=True)
+def remove_partial_files(folder: Path, *, of: str | None = None) -> None:
+    """Remove the temporary files of dead writers of one file, `of`, or of all, from a folder.
+
+    The name of a temporary file states its target, and the host, number and start of the process that writes it. A
+    file of another host stays, as its writer cannot be asked; so does one of a living process.
+    """
+    for part in folder.glob(".hums-*.part" if of is None else f".hums-{_short(of)}-*.part"):
+        fields = part.name.removesuffix(".part").split("-")
+        if len(fields) != _PARTS_OF_NAME:  # of an older version
+            alive = of is not None
+        else:
+            _, _, host, number, began, _ = fields
+            alive = host != _short(gethostname()) or _writer(int(number)) == f"{host}-{number}-{began}"
+        if not alive:
+            part.unlink(missing_ok=True)
+
+
+_PARTS_OF_NAME = 6  # .hums, target, host, process, its start, random
+
+
+def _short(text: str) -> str:
+    """Return a text as eight characters for a file name."""
+    return sha256(text.encode(errors="surrogateescape")).hexdigest()[:8]
+
+
+def _writer(process: int) -> str:
+    """Return host, number and start of a process, 0 for one that has ended or where starts are not known."""
+    try:
+        stat = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+        began = "0" if stat[0] == "Z" else stat[19]
+    except OSError:
+        began = "0" if Path("/proc/self").exists() else "x"  # without /proc every writer counts as alive
+    return f"{_short(gethostname())}-{process}-{began}"
 
 
 def _sync(path: Path) -> None:

@@ -16,6 +16,7 @@ from hums.records.fields import (
     known_units,
     plain_repr,
     positive_number,
+    utc_text,
 )
 
 __all__ = ["check_record"]
@@ -39,6 +40,10 @@ def check_record(record: xr.Dataset) -> None:
     if (schema := record.attrs.get("schema")) != SCHEMA:
         raise RecordError(f'attribute schema={schema!r}: a record carries "{SCHEMA}"; build it with make_record.')
     positive_number(record.attrs.get("rate_hz"), "attribute rate_hz", RATE_REMEDY)
+    recorded_at = record.attrs.get("recorded_at", "")
+    if not isinstance(recorded_at, str):
+        raise RecordError(f"attribute recorded_at={plain_repr(recorded_at)}: text is needed, a time in ISO 8601.")
+    utc_text(recorded_at)
     if not vibration_channels(record):
         raise RecordError("no vibration channel: a record needs at least one; name it in channels.")
     for name, variable in record.data_vars.items():

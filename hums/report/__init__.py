@@ -19,6 +19,7 @@ from hums.records.store import atomic_write
 from hums.report.figures import Pictures, cursor_choices, sections
 from hums.report.indicators import indicator_tables, velocity_zones
 from hums.report.verdicts import CLASSES, NOTHING_FOUND, component_styles, probability_words, verdict_rows
+from signals._validation import checked
 
 Units: TypeAlias = Literal["rpm", "Hz"]
 # on the white ground of the drawing, in every light
@@ -46,6 +47,7 @@ def prepare_folder(folder: str | Path) -> Path:
     return folder
 
 
+@checked
 def write_report(
     analysis: Analysis, folder: str | Path, *, baseline: Analysis | None = None, units: Units = "rpm"
 ) -> Path:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
-from signals._validation import Array, number, real_vector, whole
+from signals._validation import Array, checked, number, real_vector, whole
 from signals.resampling.resampling import AngularSignal, angular_resample
 from signals.shaft.phase import ShaftPhase
 
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 _WHOLE = 1e-150  # distance from a whole order below which the gain is one; the quotient would underflow
 
 
+@checked
 def comb_gain(orders: ArrayLike, *, revolutions: int) -> Array:
     """Return the gain of an average over N revolutions at each order, from 0 to 1.
 
@@ -73,6 +74,7 @@ def comb_gain(orders: ArrayLike, *, revolutions: int) -> Array:
     else:
         if not np.all(np.isfinite(given)):
             raise ValueError("some of the orders are not finite; leave them out.")
+        given = given.astype(np.float64)
         beside = given - np.rint(given)
         phase = count * beside - np.rint(count * beside)
     passing = np.abs(beside) < _WHOLE
@@ -116,6 +118,7 @@ class CombAdvice:
     null_every: int | None
 
 
+@checked
 def quietest_revolutions(orders: Iterable[Fraction | float], *, most: int) -> CombAdvice:
     """Return the number of revolutions whose average attenuates interfering orders most.
 
@@ -201,6 +204,7 @@ class HuntingPeriod:
     assembly_phases: int
 
 
+@checked
 def hunting_period(teeth: int, mate_teeth: int) -> HuntingPeriod:
     """Return the hunting-tooth period of a gear pair, in meshes and in revolutions of either gear.
 
@@ -291,6 +295,7 @@ class SynchronousAverage:
         return lines
 
 
+@checked
 def synchronous_average(
     signal: AngularSignal,
     *,

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
-from signals._validation import Array, number, positive, real_vector, whole
+from signals._validation import Array, checked, number, positive, real_vector, whole
 from signals.angle.averaging import SynchronousAverage
 
 if TYPE_CHECKING:
@@ -196,6 +196,7 @@ class PassAngle:
     modulation: float
 
 
+@checked
 def pass_angle(signal: AngularSignal, *, teeth: PlanetaryTeeth) -> PassAngle:
     """Estimate the carrier angle of the planet passes from the modulation of the vibration's power.
 
@@ -283,6 +284,7 @@ def _angle_of_maximum(lines: NDArray[np.complex128], harmonic: NDArray[np.int64]
 # ---- Planets ---------------------------------------------------------------------------------------------------------
 
 
+_FURTHEST_PASS = 1e6  # lengths of the record; beyond, angles lose the digits of a tooth
 _LEAST_WEIGHT = 1e-9  # of the largest: less is rounding at the ends of a window
 
 
@@ -329,6 +331,7 @@ class WindowedAverage(SynchronousAverage):
         return np.roll(self.values, per_tooth // 2).reshape(self.teeth, per_tooth)
 
 
+@checked
 def planet_average(
     signal: AngularSignal, *, teeth: PlanetaryTeeth, planet: int, first_pass_rev: float, window: PassWindow
 ) -> WindowedAverage:
@@ -378,6 +381,7 @@ def planet_average(
     return _average(signal, gear, [_gather(signal, gear, pass_rev=first, at_pass=0, window=window)], window)
 
 
+@checked
 def sun_average(
     signal: AngularSignal, *, teeth: PlanetaryTeeth, first_pass_rev: float, window: PassWindow
 ) -> WindowedAverage:
@@ -459,6 +463,11 @@ def _gather(signal: AngularSignal, gear: _Gear, *, pass_rev: float, at_pass: int
     per_tooth = _samples_per_tooth(signal, gear, window)
     per_rev, reset, angles = signal.samples_per_rev, gear.reset, gear.teeth * per_tooth
     middle = (pass_rev - signal.start_rev) * per_rev  # in samples
+    if not abs(middle) <= _FURTHEST_PASS * values.size:
+        raise ValueError(
+            f"first_pass_rev={pass_rev:g} is far from the signal, which starts at {signal.start_rev:g} rev; give a "
+            "pass within it or near it."
+        )
     nearest = round(middle)
     half = math.ceil(window.width_teeth / 2 * per_tooth) + 1
     steps = np.arange(-half, half + 1)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
-from signals._validation import Array, real_vector, whole
+from signals._validation import Array, checked, real_vector, whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -164,6 +164,7 @@ class MeshBand:
         return tuple(order for order in range(self.analytic.size // 2 + 1) if order not in kept)
 
 
+@checked
 def residual_signal(
     average: SynchronousAverage,
     *,
@@ -215,6 +216,7 @@ def residual_signal(
     return ResidualSignal(values=_without(average, removed), removed_orders=removed)
 
 
+@checked
 def difference_signal(
     average: SynchronousAverage,
     *,
@@ -257,6 +259,7 @@ def difference_signal(
     return DifferenceSignal(values=_without(average, removed), removed_orders=removed)
 
 
+@checked
 def regular_signal(average: SynchronousAverage, *, left: ResidualSignal | DifferenceSignal) -> RegularSignal:
     """Return the regular signal of an average: the average less its residual or difference signal.
 
@@ -297,6 +300,7 @@ def regular_signal(average: SynchronousAverage, *, left: ResidualSignal | Differ
     return RegularSignal(values=np.asarray(whole_signal - left.values), removed_orders=left.kept_orders)
 
 
+@checked
 def mesh_band(average: SynchronousAverage, *, mesh_order: int, sidebands: int) -> MeshBand:
     """Return one mesh harmonic with its sidebands as an analytic signal (McFadden 1986, J. Vib. Acoust. 108, 165-170).
 
@@ -372,7 +376,7 @@ def _removed_orders(
         raise ValueError("no gear was named; give the teeth of every gear on the averaged shaft.")
     for gear in gears:
         mesh = whole(gear, name="teeth", least=2)
-        for harmonic in range(1, count + 1):
+        for harmonic in range(1, min(count, (top + sidebands) // mesh) + 1):
             removed.update(range(harmonic * mesh - sidebands, harmonic * mesh + sidebands + 1))
     found = tuple(sorted(order for order in removed if 0 <= order <= top))
     if len(found) == top + 1:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from signals._validation import Array, choice, positive
+from signals._validation import Array, checked, choice, positive
 from signals.demodulation.kurtogram import NEGENTROPY_SCATTER, NOISE_NEGENTROPY, Kurtogram, fast_kurtogram
 
 if TYPE_CHECKING:
@@ -81,6 +81,7 @@ class Band(Candidate):
     doubts: tuple[str, ...]
 
 
+@checked
 def choose_band(
     x: ArrayLike,
     *,

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import solve_toeplitz
 
-from signals._validation import Array, real_vector, whole
+from signals._validation import Array, checked, real_vector, whole
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -164,6 +164,7 @@ class PredictionOrders:
     aic: Array = field(metadata={"dims": ("order",), "units": "1"})
 
 
+@checked
 def prediction_orders(x: ArrayLike, *, most: int) -> PredictionOrders:
     """Choose the order of an autoregressive model by Akaike's criterion (1974, IEEE Trans. Autom. Control 19, 716-723).
 
@@ -204,6 +205,7 @@ def prediction_orders(x: ArrayLike, *, most: int) -> PredictionOrders:
     return PredictionOrders(order=int(np.argmin(aic)), variance=variance, aic=aic)
 
 
+@checked
 def linear_prediction(x: ArrayLike, *, order: int) -> LinearPrediction:
     """Separate a record by linear prediction, from the Yule-Walker equations by Levinson's recursion.
 
@@ -260,6 +262,7 @@ def linear_prediction(x: ArrayLike, *, order: int) -> LinearPrediction:
     )
 
 
+@checked
 def discrete_random_separation(x: ArrayLike, *, window_length: int, delay: int) -> DiscreteRandomSeparation:
     """Separate discrete frequencies from noise by the transfer function between a record and its delayed copy.
 
@@ -326,6 +329,7 @@ def discrete_random_separation(x: ArrayLike, *, window_length: int, delay: int) 
     )
 
 
+@checked
 def cepstrum_prewhitening(x: ArrayLike) -> CepstrumPrewhitening:
     """Whiten a record by setting its real cepstrum to zero except at zero quefrency.
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from signals._validation import nearest, number, positive
+from signals._validation import nearest, number, positive, writable
 from signals.harmonics.model import BandwidthUnits, Floats, Indices, Order
 
 SAMPLES_AT_ONCE = 1 << 15  # so that temporary arrays stay in the cache
@@ -42,7 +42,9 @@ def check_record(x: ArrayLike) -> Floats:
 
 def check_noise_variance(value: object) -> float:
     """Return the variance of the noise, or refuse it."""
-    noise = positive(value, name="noise_variance")
+    noise = number(value, name="noise_variance")
+    if noise <= 0:
+        raise ValueError(f"noise_variance={value!r} must be above zero; give a positive number.")
     if not SMALLEST**2 < noise < LARGEST**2:
         raise ValueError(
             f"noise_variance={noise:g} must lie between {SMALLEST**2:g} and {LARGEST**2:g}, where doubles keep its "
@@ -153,6 +155,8 @@ def _width(value: ArrayLike | None, name: str, *, orders: int, samples: int) -> 
 
 def _check_range(width: Floats, cycles: Floats, *, names: tuple[str, str], rate: float | None) -> None:
     """Refuse bandwidths that are not positive, above half of the rate, or too small for double precision."""
+    if not np.isfinite(width).all():
+        raise ValueError(f"{names[0]} has values that are not finite; give bandwidths below half of the rate.")
     good = (width > 0 if width.shape[1] == 1 else width >= 0) & (cycles < 0.5)  # noqa: PLR2004
     if not good.all():
         order, sample = np.argwhere(~good)[0]
@@ -215,7 +219,7 @@ def _real_array(name: str, value: ArrayLike | None, *, dims: tuple[int, ...] = (
         )
     if array.size == 0:
         raise ValueError(f"{name} is empty; at least one value is needed.")
-    return np.ascontiguousarray(array, dtype=np.float64)
+    return writable(np.ascontiguousarray(array, dtype=np.float64))
 
 
 def check_phase(name: str, value: ArrayLike, samples: int) -> Floats:

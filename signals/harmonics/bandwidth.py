@@ -30,10 +30,13 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._validation import choice, positive, whole
+from signals._validation import brief, checked, choice, positive, real_array, whole
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+
+_MOST_WEIGHT = 1e30
+
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -42,8 +45,11 @@ HALF_POWER = np.sqrt(2) - 1
 MOST_POLES = 4
 # More than any causal filter's width over that of its smoother: four narrow poles have 4.08.
 WIDEST_RATIO = 8.0
+# In cycles per sample: the powers of smaller bandwidths underflow.
+NARROWEST = 1e-45
 
 
+@checked
 def process_variance(
     *, orders: ArrayLike, bandwidth: ArrayLike, rate: float, poles: int, noise_variance: float
 ) -> Floats:
@@ -70,9 +76,11 @@ def process_variance(
     >>> print(process_variance(orders=[0, 3], bandwidth=1, rate=1000, poles=1, noise_variance=1.0).round(8))
     [2.383e-05 4.765e-05]
     """
-    return np.asarray(_quadrature_noise(orders, noise_variance) * _ratio(np.asarray(bandwidth) / rate, poles))
+    width, poles = _checked_width(bandwidth, rate), whole(poles, name="poles", least=1, most=MOST_POLES)
+    return np.asarray(_quadrature_noise(orders, noise_variance) * _ratio(width, poles))
 
 
+@checked
 def smoother_bandwidth(
     *, orders: ArrayLike, process_variance: ArrayLike, rate: float, poles: int, noise_variance: float
 ) -> Floats:
@@ -95,9 +103,15 @@ def smoother_bandwidth(
     >>> print(smoother_bandwidth(orders=[3], process_variance=q, rate=1000, poles=2, noise_variance=1.0).round(6))
     [2.]
     """
-    return _width(np.asarray(process_variance) / _quadrature_noise(orders, noise_variance), poles) * rate
+    poles = whole(poles, name="poles", least=1, most=MOST_POLES)
+    variance = real_array(process_variance, name="process_variance").astype(np.float64)
+    if not np.all((variance >= 0) & np.isfinite(variance)):
+        raise ValueError(f"process_variance={brief(process_variance)} must be finite and not negative.")
+    with np.errstate(over="ignore"):  # a width of more than half the rate, NaN
+        return _width(variance / _quadrature_noise(orders, noise_variance), poles) * positive(rate, name="rate")
 
 
+@checked
 def isolated_std(
     *,
     orders: ArrayLike,
@@ -130,7 +144,8 @@ def isolated_std(
     [0.0699]
     """
     choice(estimator, name="estimator", choices=("smoother", "filter"))
-    c, u = _factors(np.asarray(bandwidth, dtype=np.float64) / rate, poles)
+    poles = whole(poles, name="poles", least=1, most=MOST_POLES)
+    c, u = _factors(_checked_width(bandwidth, rate), poles)
     passed = -np.expm1(_log_radius(u).sum(axis=-1)) if estimator == "filter" else np.mean(c / (c - 2 * u), axis=-1).real
     return np.asarray(np.sqrt(_quadrature_noise(orders, noise_variance) * passed))
 
@@ -181,7 +196,9 @@ class Bandwidth:
         0.01
         """
         whole(poles, name="poles", least=1, most=MOST_POLES)
-        root = positive(weight, name="weight") ** (-1 / poles)
+        if positive(weight, name="weight") < 1 / _MOST_WEIGHT:
+            raise ValueError(f"weight={weight:g} weighs next to nothing; give a weight near or above 1.")
+        root = weight ** (-1 / poles)
         width = float(_width(np.asarray(root ** (2 * poles)), poles))
         if not np.isfinite(width):
             least = Bandwidth(width=1.0, poles=poles).weight
@@ -274,7 +291,19 @@ class Bandwidth:
 
 def _quadrature_noise(orders: ArrayLike, noise_variance: float) -> Floats:
     """Return N of each order: R for the mean, 2 R for any other."""
-    return np.where(np.asarray(orders, dtype=np.float64) == 0.0, 1.0, 2.0) * noise_variance
+    noise = positive(noise_variance, name="noise_variance")
+    return np.where(real_array(orders, name="orders") == 0.0, 1.0, 2.0) * noise
+
+
+def _checked_width(bandwidth: ArrayLike, rate: float) -> Floats:
+    """Return bandwidths in cycles per sample, or refuse what is not between zero and the rate."""
+    width = real_array(bandwidth, name="bandwidth").astype(np.float64) / positive(rate, name="rate")
+    if not np.all((width > NARROWEST) & (width <= 1)):
+        raise ValueError(
+            f"bandwidth={brief(bandwidth)} must be above zero and at most the rate, {rate:g}; give it in the units "
+            "of the rate."
+        )
+    return width
 
 
 def _ratio(width: ArrayLike, poles: int) -> Floats:

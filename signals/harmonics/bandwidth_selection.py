@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals._validation import positive, whole
+from signals._validation import checked, positive, real_array, whole
 from signals.harmonics._information_kernels import FORWARD, filter_information
 from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
-from signals.harmonics._validation import check_orders, check_record
+from signals.harmonics._validation import check_noise_variance, check_orders, check_record
 from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.block_smoother import BlockFit, block_length, one_of_each, scattered_share
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
+
+_LEAST_SHARE = 1e-3  # of the bandwidth that a record can show
+
 
 # Length of a block times the largest bandwidth: straight lines between nodes differ by a 150th from an envelope at the
 # edge of that band.
@@ -108,6 +111,7 @@ class ChainLikelihood:
         return np.asarray((squares - log_determinant) / 2)
 
 
+@checked
 def likely_bandwidth(
     x: ArrayLike,
     *,
@@ -171,6 +175,11 @@ def likely_bandwidth(
         largest_bandwidth_hz=largest_bandwidth_hz, rate_hz=rate_hz,
         largest_bandwidth_orders=largest_bandwidth_orders, samples_per_rev=samples_per_rev,
     )  # fmt: skip
+    if width * record.size < _LEAST_SHARE * rate:
+        raise ValueError(
+            f"the largest bandwidth, {width:g}, is far below what {record.size} samples at a rate of {rate:g} can "
+            f"show, {rate / record.size:.3g}; give that or more."
+        )
     numbers, _, shaft, phases = check_orders(orders, phase_rad, samples=record.size)
     noise = None if noise_variance is None else _check_noise(noise_variance, numbers.size)
     model = HarmonicModel(
@@ -307,9 +316,9 @@ def _check_largest(**given: float | None) -> tuple[float, float]:
 
 
 def _check_noise(value: ArrayLike, orders: int) -> Floats:
-    noise = np.asarray(value, dtype=np.float64)
+    noise = real_array(value, name="noise_variance").astype(np.float64)
     if noise.shape not in ((), (orders,)):
         raise ValueError(
             f"noise_variance has shape {noise.shape} for {orders} orders; pass one number for all, or one each."
         )
-    return np.array([positive(item, name="noise_variance") for item in np.broadcast_to(noise, orders).tolist()])
+    return np.array([check_noise_variance(item) for item in np.broadcast_to(noise, orders).tolist()])

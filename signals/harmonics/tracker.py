@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from signals._validation import choice, positive, whole
+from signals._validation import checked, choice, positive, whole
 from signals.harmonics import _validation
 from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.block_smoother import block_length, blurs, exact, exact_length, fast, scattered_share
@@ -33,6 +33,7 @@ LARGEST_RTOL = 0.1
 LARGEST_RIPPLE = 0.7
 
 
+@checked
 def track_orders(
     x: ArrayLike,
     *,
@@ -125,7 +126,8 @@ def track_orders(
     )  # fmt: skip
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     choice(method, name="method", choices=("auto", "exact", "fast", "reference"))
-    noise = None if noise_variance is None else _validation.check_noise_variance(noise_variance)
+    noise_variance = None if noise_variance is None else _validation.check_noise_variance(noise_variance)
+    noise = noise_variance
     prior_std = PRIOR_STD
     if initial_std is not None:
         if noise is None:

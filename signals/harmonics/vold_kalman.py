@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from signals._validation import checked, real_array
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.tracker import track_orders
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from signals.harmonics.tracks import OrderTracks
 
 
+@checked
 def vold_kalman_filter(
     x: ArrayLike,
     *,
@@ -74,7 +76,7 @@ def vold_kalman_filter(
     >>> print(tracks.bandwidth.round(2), np.abs(tracks.complex_amplitude[:, 2500]).round(3))
     [2.05] [2.]
     """
-    weights = np.asarray(weight, dtype=np.float64)
+    weights = real_array(weight, name="weight").astype(np.float64)
     widths = [Bandwidth.from_weight(r, poles=poles).hz(rate_hz) for r in weights.ravel().tolist()]
     return track_orders(
         x, phase_rad=phase_rad, orders=orders, bandwidth_hz=np.reshape(widths, weights.shape), rate_hz=rate_hz,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from signals._validation import checked, whole
 from signals.harmonics import _block_kernels
 from signals.harmonics._validation import check_orders, check_record
 from signals.harmonics.block_grid import pieces_between
@@ -13,12 +14,13 @@ from signals.harmonics.block_grid import pieces_between
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from signals.harmonics.model import Floats
     from signals.harmonics.tracks import OrderTracks
 
 
+@checked
 def order_waveform(
     tracks: OrderTracks,
     *,
@@ -57,7 +59,7 @@ def order_waveform(
             f"tracks have {tracks.sample_index.size} outputs from sample {tracks.first_output} on: a later block of "
             "a stream. Waveforms are made from tracks that begin with the record; take those of track_orders."
         )
-    chosen = np.arange(tracks.orders.size) if places is None else np.asarray(places, dtype=np.int64)
+    chosen = np.arange(tracks.orders.size) if places is None else _indices(places)
     if chosen.size and not (chosen.min() >= 0 and chosen.max() < tracks.orders.size):
         raise ValueError(
             f"places={chosen.tolist()} must lie between 0 and {tracks.orders.size - 1}; they count the tracked orders."
@@ -78,6 +80,7 @@ def order_waveform(
     return waves if tracks.complex_amplitude.ndim == 3 else waves[0]  # noqa: PLR2004
 
 
+@checked
 def residual_record(
     x: ArrayLike,
     tracks: OrderTracks,
@@ -118,3 +121,8 @@ def residual_record(
         )
     rest = record - order_waveform(tracks, phase_rad=phase_rad, places=places)
     return rest[0] if np.ndim(x) == 1 else rest
+
+
+def _indices(places: Sequence[int]) -> NDArray[np.int64]:
+    """Return the indices of orders as an array."""
+    return np.array([whole(place, name="places", least=0) for place in places], dtype=np.int64)

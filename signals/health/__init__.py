@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from signals._validation import Samples, positive, real_samples
+from signals._validation import Samples, checked, positive, real_samples
 from signals.health.samples import SensorFault, clipping, dropouts, jumps, spikes
 from signals.health.spectrum import amplitudes, hum, ski_slope
 
@@ -70,6 +70,7 @@ class SensorHealth:
         return self.clipped | self.lost | self.spiked
 
 
+@checked
 def sensor_health(x: ArrayLike, *, rate_hz: float, units: str) -> SensorHealth:
     """Detect clipping, drop-outs, stuck values, mains hum, ski slope, level jumps and spikes in a raw vibration record.
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from signals._validation import Array, positive, whole
+from signals._validation import Array, checked, positive, whole
 from signals.indicators._kinds import expect
 from signals.spectra.spectra import AmplitudeSpectrum
 
@@ -52,6 +52,7 @@ class DefectEnergy:
         return self.energy / self.background if self.background > 0 else np.inf
 
 
+@checked
 def defect_energy(
     spectrum: AmplitudeSpectrum, *, order: float, harmonics: int, tolerance: float, surroundings: float
 ) -> DefectEnergy:

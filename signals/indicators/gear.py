@@ -10,7 +10,7 @@ systems", Acta Polytechnica 45(6).
 
 import numpy as np
 
-from signals._validation import Array, whole
+from signals._validation import Array, checked, whole
 from signals.angle.averaging import SynchronousAverage
 from signals.angle.residual import DifferenceSignal, MeshBand, RegularSignal, ResidualSignal
 from signals.indicators._kinds import expect
@@ -19,6 +19,7 @@ from signals.indicators.shaft import line_amplitude
 from signals.indicators.statistics import normalized_moment, teager_energy
 
 
+@checked
 def fm0(average: SynchronousAverage, *, teeth: int, harmonics: int) -> float:
     """Return the peak-to-peak value of the average over the sum of its mesh harmonics (Stewart; Zakrajsek).
 
@@ -58,6 +59,7 @@ def fm0(average: SynchronousAverage, *, teeth: int, harmonics: int) -> float:
     return float(np.ptp(average.values)) / total
 
 
+@checked
 def fm4(difference: DifferenceSignal) -> float:
     """Return the kurtosis of the difference signal (Stewart; Zakrajsek): 3 for noise, more where one tooth stands out.
 
@@ -85,6 +87,7 @@ def fm4(difference: DifferenceSignal) -> float:
     return _moment(difference, order=4, name="FM4")
 
 
+@checked
 def m6a(difference: DifferenceSignal) -> float:
     """Return the sixth moment of the difference signal over its variance cubed (Martin): 15 for noise.
 
@@ -110,6 +113,7 @@ def m6a(difference: DifferenceSignal) -> float:
     return _moment(difference, order=6, name="M6A")
 
 
+@checked
 def m8a(difference: DifferenceSignal) -> float:
     """Return the eighth moment of the difference signal over its variance to the fourth (Martin): 105 for noise.
 
@@ -135,6 +139,7 @@ def m8a(difference: DifferenceSignal) -> float:
     return _moment(difference, order=8, name="M8A")
 
 
+@checked
 def na4(residual: ResidualSignal, *, history: VarianceHistory) -> float:
     """Return the fourth moment of the residual signal over the squared mean variance of its history (Zakrajsek).
 
@@ -169,6 +174,7 @@ def na4(residual: ResidualSignal, *, history: VarianceHistory) -> float:
     return over_history(residual.values, history, residual, name="NA4")
 
 
+@checked
 def energy_ratio(difference: DifferenceSignal, regular: RegularSignal) -> float:
     """Return the RMS of the difference signal over that of the regular signal (Swansson 1980; Lebold).
 
@@ -211,6 +217,7 @@ def energy_ratio(difference: DifferenceSignal, regular: RegularSignal) -> float:
     return float(np.std(difference.values)) / below
 
 
+@checked
 def energy_operator(residual: ResidualSignal) -> float:
     """Return the kurtosis of the residual signal's Teager energy (Ma 1995, MFPG 49; Lebold).
 
@@ -247,6 +254,7 @@ def energy_operator(residual: ResidualSignal) -> float:
     return normalized_moment(teager_energy(residual.values / largest), order=4, name="the energy operator")
 
 
+@checked
 def sideband_index(average: SynchronousAverage, *, teeth: int) -> float:
     """Return the mean amplitude of the first sidebands of the mesh, in the unit of the record (Večeř).
 
@@ -274,6 +282,7 @@ def sideband_index(average: SynchronousAverage, *, teeth: int) -> float:
     return _first_sidebands(average, teeth) / 2
 
 
+@checked
 def sideband_level_factor(average: SynchronousAverage, *, teeth: int) -> float:
     """Return the sum of the first sidebands' amplitudes over the standard deviation of the average (Lebold; Večeř).
 

@@ -8,7 +8,7 @@ J. Vib. Acoust. 108(2), 165-170: a crack makes the mesh lag and weaken while its
 import numpy as np
 from scipy import fft
 
-from signals._validation import Array
+from signals._validation import Array, checked
 from signals.angle.residual import MeshBand
 from signals.indicators._kinds import expect
 from signals.indicators.gear import over_history
@@ -16,6 +16,7 @@ from signals.indicators.history import VarianceHistory
 from signals.indicators.statistics import normalized_moment
 
 
+@checked
 def narrowband_kurtosis(band: MeshBand) -> float:
     """Return the kurtosis of the band as a real signal: 1.5 for an unmodulated mesh (Bechhoefer & Kingsley 2009).
 
@@ -40,6 +41,7 @@ def narrowband_kurtosis(band: MeshBand) -> float:
     return normalized_moment(band.values, order=4, name="the narrowband kurtosis")
 
 
+@checked
 def nb4(band: MeshBand, *, history: VarianceHistory) -> float:
     """Return the fourth moment of the band's envelope over the squared mean variance of its history.
 
@@ -74,6 +76,7 @@ def nb4(band: MeshBand, *, history: VarianceHistory) -> float:
     return over_history(band.amplitude, history, band, name="NB4")
 
 
+@checked
 def amplitude_modulation(band: MeshBand) -> float:
     """Return the depth of the amplitude modulation: m for a mesh of ``1 + m cos`` (McFadden 1986).
 
@@ -103,6 +106,7 @@ def amplitude_modulation(band: MeshBand) -> float:
     return float(np.sqrt(2) * np.std(band.amplitude) / mean)
 
 
+@checked
 def amplitude_modulation_kurtosis(band: MeshBand) -> float:
     """Return the kurtosis of the envelope: 1.5 for a sine, high for one tooth (Bechhoefer & Kingsley 2009).
 
@@ -127,6 +131,7 @@ def amplitude_modulation_kurtosis(band: MeshBand) -> float:
     return normalized_moment(band.amplitude, order=4, name="the kurtosis of the amplitude modulation")
 
 
+@checked
 def phase_modulation(band: MeshBand) -> float:
     """Return the index of the phase modulation in rad: b for a mesh of phase ``b sin`` (McFadden 1986).
 
@@ -153,6 +158,7 @@ def phase_modulation(band: MeshBand) -> float:
     return float(np.sqrt(2) * np.std(_phase(band)))
 
 
+@checked
 def frequency_modulation(band: MeshBand) -> float:
     """Return the relative frequency deviation of the mesh: ``b k / order`` for a phase ``b sin(k angle)``.
 
@@ -179,6 +185,7 @@ def frequency_modulation(band: MeshBand) -> float:
     return float(np.sqrt(2) * np.std(_rate(band)) / band.mesh_order)
 
 
+@checked
 def frequency_modulation_kurtosis(band: MeshBand) -> float:
     """Return the kurtosis of the derivative of the phase: 1.5 for a sine (Bechhoefer & Kingsley 2009).
 

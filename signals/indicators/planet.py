@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._validation import Array, whole
+from signals._validation import Array, checked, whole
 from signals.angle.averaging import SynchronousAverage
 from signals.indicators._kinds import expect
 from signals.indicators.shaft import line_amplitude
@@ -56,6 +56,7 @@ class CarrierSidebands:
         return other / expected if expected > 0 else np.inf
 
 
+@checked
 def carrier_sidebands(
     average: SynchronousAverage, *, ring_teeth: int, planets: int, harmonic: int, sidebands: int
 ) -> CarrierSidebands:
@@ -113,6 +114,7 @@ def carrier_sidebands(
     return CarrierSidebands(orders=orders, amplitude=amplitude, planets=count)
 
 
+@checked
 def carrier_sideband_ratio(
     average: SynchronousAverage, *, ring_teeth: int, planets: int, harmonic: int, sidebands: int
 ) -> float:

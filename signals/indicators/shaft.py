@@ -3,11 +3,12 @@
 Večeř, Kreidl & Šmíd (2005), "Condition indicators for gearbox condition monitoring systems", Acta Polytechnica 45(6).
 """
 
-from signals._validation import whole
+from signals._validation import checked, whole
 from signals.angle.averaging import SynchronousAverage
 from signals.indicators._kinds import expect
 
 
+@checked
 def shaft_order(average: SynchronousAverage, *, order: int) -> float:
     """Return the peak amplitude of one order of the shaft, in the unit of the record.
 
@@ -38,6 +39,7 @@ def shaft_order(average: SynchronousAverage, *, order: int) -> float:
     return line_amplitude(average, order)
 
 
+@checked
 def so1(average: SynchronousAverage) -> float:
     """Return the peak amplitude at order 1 of a shaft's average, in the unit of the record (Večeř et al. 2005).
 
@@ -60,6 +62,7 @@ def so1(average: SynchronousAverage) -> float:
     return shaft_order(average, order=1)
 
 
+@checked
 def so2(average: SynchronousAverage) -> float:
     """Return the peak amplitude at order 2 of a shaft's average, in the unit of the record (Večeř et al. 2005).
 
@@ -82,6 +85,7 @@ def so2(average: SynchronousAverage) -> float:
     return shaft_order(average, order=2)
 
 
+@checked
 def so3(average: SynchronousAverage) -> float:
     """Return the peak amplitude at order 3 of a shaft's average, in the unit of the record (Večeř et al. 2005).
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from signals._validation import Array, Samples, real_samples
+from signals._validation import Array, Samples, checked, real_samples, real_vector
 from signals.angle.averaging import SynchronousAverage
 
 _BLOCK = 2**15
@@ -13,6 +13,7 @@ _BLOCK = 2**15
 Waveform = ArrayLike | SynchronousAverage
 
 
+@checked
 def rms(x: Waveform) -> float:
     """Return the root mean square about the mean, in the unit of `x`.
 
@@ -35,9 +36,10 @@ def rms(x: Waveform) -> float:
     >>> round(rms(5 + 2 * np.sin(2 * np.pi * np.arange(100) / 100)), 6)  # 2 / sqrt(2)
     1.414214
     """
-    return float(np.sqrt(_mean_power(_centred(_values(x)), 2)))
+    return float(np.sqrt(_mean_power(_centred(_values(x, any_unit=False)), 2)))
 
 
+@checked
 def peak(x: Waveform) -> float:
     """Return the largest deviation from the mean, in the unit of `x`.
 
@@ -56,6 +58,7 @@ def peak(x: Waveform) -> float:
     return max(float(deviations.max()), -float(deviations.min()))
 
 
+@checked
 def crest_factor(x: Waveform) -> float:
     """Return the peak over the RMS: sqrt 2 for a sine (Lebold et al. 2000, MFPG 54).
 
@@ -80,6 +83,7 @@ def crest_factor(x: Waveform) -> float:
     return float(1 / np.sqrt(_mean_power(scaled, 2)))
 
 
+@checked
 def kurtosis(x: Waveform) -> float:
     """Return the fourth moment about the mean over the variance squared: 3 for Gaussian noise, 1.5 for a sine.
 
@@ -112,6 +116,7 @@ def normalized_moment(x: Samples, *, order: int, name: str) -> float:
     return float(_mean_power(scaled, order) / _mean_power(scaled, 2) ** (order // 2))
 
 
+@checked
 def teager_energy(x: Array) -> Array:
     """Return the Teager energy ``x[i]^2 - x[i-1] x[i+1]`` round one revolution: ``A^2 sin(w)^2`` for a sine.
 
@@ -134,10 +139,11 @@ def teager_energy(x: Array) -> Array:
     >>> teager_energy(2 * np.sin(2 * np.pi * np.arange(12) / 12))[:3].round(6)  # w = 30 degrees a sample
     array([1., 1., 1.])
     """
-    return np.asarray(x**2 - np.roll(x, 1) * np.roll(x, -1))
+    values = real_vector(x, name="x", minimum=3)
+    return np.asarray(values**2 - np.roll(values, 1) * np.roll(values, -1))
 
 
-def _values(x: Waveform) -> Samples:
+def _values(x: Waveform, *, any_unit: bool = True) -> Samples:
     """Return the samples of a raw signal or an average; refuse what was cut out of an average."""
     if isinstance(x, SynchronousAverage):
         x = x.values
@@ -146,7 +152,7 @@ def _values(x: Waveform) -> Samples:
             f"this indicator takes the raw signal, an array, or a SynchronousAverage, not a {type(x).__name__}; what "
             "was cut out of an average has indicators of its own."
         )
-    return real_samples(x, name="the signal", minimum=2)
+    return real_samples(x, name="the signal", minimum=2, any_unit=any_unit)
 
 
 def _centred(values: Samples) -> Samples:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals._validation import Array, Missing, choice, positive, samples, whole
+from signals._validation import Array, Missing, checked, choice, number, positive, samples, whole
 from signals.resampling._engine import FEWEST, METHODS, NODE_STEP, Flags, Map, Method, Track, Warp
 from signals.shaft.phase import direction_of, refuse_rest
 
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 PASSBAND = 0.88  # of half the coarser rate
 
+_MOST_OUTPUTS = 1000  # for each input: more is a mistaken unit
+_MOST_SAMPLES = 10**10  # more than a day at 100 kHz: a mistaken unit
 _ROUNDING = 1e-9  # revolutions
 
 
@@ -113,6 +115,7 @@ class TimeSignal:
         return self.start_s + np.arange(self.values.size) / self.rate_hz
 
 
+@checked
 def angular_resample(
     x: ArrayLike,
     *,
@@ -177,7 +180,7 @@ def angular_resample(
     True
     """
     choice(method, name="method", choices=METHODS)
-    rate = positive(rate_hz, name="rate_hz")
+    rate, start_s = positive(rate_hz, name="rate_hz"), number(start_s, name="start_s")
     signal = samples(x, missing=missing, minimum=FEWEST[method], rate_hz=rate, start_s=start_s)
     per_rev = whole(samples_per_rev, name="samples_per_rev", least=2)
     stop_s = start_s + (signal.size - 1) / rate
@@ -197,6 +200,7 @@ def angular_resample(
     )
 
 
+@checked
 def time_resample(
     signal: AngularSignal,
     *,
@@ -257,6 +261,11 @@ def time_resample(
     start = begin if start_s is None else float(start_s)
     if not begin - _ROUNDING <= start <= end:
         raise ValueError(f"start_s={start:g} s lies outside the signal, {begin:g} to {end:g} s; start within it.")
+    if not 1 <= (end - begin) * rate <= _MOST_OUTPUTS * x.size:
+        raise ValueError(
+            f"rate_hz={rate:g} makes {(end - begin) * rate:.3g} samples of {x.size}; needed are at least one and at "
+            f"most {_MOST_OUTPUTS} times as many."
+        )
     speeds = _speeds(phase, begin, end, points=x.size // NODE_STEP)
     slowest = max(float(speeds.min()), 1e-9 * float(speeds.max()))  # at rest dt/d(angle) is infinite
 
@@ -345,6 +354,11 @@ def angle_map(
 ) -> Map:
     """Return the map from the samples of a record to the angle grid of `revolutions` from `first` on."""
     begin, end = _departure_time(phase, first), _arrival_time(phase, first + revolutions)
+    if (end - begin) * rate_hz > _MOST_SAMPLES:
+        raise ValueError(
+            f"rate_hz={rate_hz:g} makes {(end - begin) * rate_hz:.3g} samples of the {end - begin:g} s of the phase; "
+            "correct the rate, or cut the phase to the record."
+        )
     speeds = _speeds(phase, begin, end, points=int((end - begin) * rate_hz) // NODE_STEP)
     edges = phase.revolutions_at(np.array([phase.start_s, phase.stop_s]))
     return Map(

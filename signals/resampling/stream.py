@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals._validation import Array, Missing, choice, positive, samples, whole
+from signals._validation import Array, Missing, checked, choice, number, positive, samples, whole
 from signals.resampling._engine import FEWEST, METHODS, Flags, Method, Warp
 from signals.resampling.resampling import (
     AngularSignal,
@@ -64,7 +64,7 @@ class AngularStream:
         choice(method, name="method", choices=METHODS)
         self._rate = positive(rate_hz, name="rate_hz")
         self._per_rev = whole(samples_per_rev, name="samples_per_rev", least=2)
-        self._start_s, self._missing, self._least = start_s, missing, FEWEST[method]
+        self._start_s, self._missing, self._least = number(start_s, name="start_s"), missing, FEWEST[method]
         phase = forwards(phase)
         refuse_rest(phase.times_s, phase.revolutions, start_s=start_s, stop_s=phase.stop_s, rate_hz=self._rate)
         self._first, count = whole_revolutions(phase, start_s=start_s, stop_s=phase.stop_s)
@@ -76,9 +76,11 @@ class AngularStream:
             first=self._first,
             revolutions=count,
         )
+        self._phase = phase
         self._passband = passband_orders(grid, self._per_rev)
         self._warp = Warp(grid, method=method)
         self._finished = False
+        self._seen = 0  # samples
         self._values, self._beyond = np.empty(0), np.empty(0, dtype=bool)  # of the revolution that is not complete
         self._released = 0  # number of values returned so far
 
@@ -98,6 +100,7 @@ class AngularStream:
             start_s=self._start_s,
             first=self._warp.samples_seen,
         )
+        self._seen += block.size
         return self._whole_revolutions(*self._warp.push(block))
 
     def finish(self) -> AngularSignal:
@@ -120,10 +123,18 @@ class AngularStream:
         if self._finished:
             raise ValueError("the stream was finished; make another for the next record.")
 
+    def _covered(self) -> int:
+        """Return the number of values in whole revolutions between the first and the latest sample."""
+        stop_s = self._start_s + (self._seen - 1) / self._rate
+        try:
+            return whole_revolutions(self._phase, start_s=self._start_s, stop_s=stop_s)[1] * self._per_rev
+        except ValueError:  # not one yet
+            return 0
+
     def _whole_revolutions(self, values: Array, beyond: Flags) -> AngularSignal:
         """Return the whole revolutions complete with these values, and keep the remainder."""
         values, beyond = np.concatenate([self._values, values]), np.concatenate([self._beyond, beyond])
-        size = values.size // self._per_rev * self._per_rev
+        size = min(values.size // self._per_rev * self._per_rev, self._covered() - self._released)
         self._values, self._beyond = values[size:].copy(), beyond[size:].copy()
         start = self._first + self._released // self._per_rev
         self._released += size
@@ -136,6 +147,7 @@ class AngularStream:
         )
 
 
+@checked
 def angular_blocks(
     blocks: Iterable[ArrayLike],
     *,

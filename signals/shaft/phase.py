@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy.interpolate import PchipInterpolator, PPoly, make_interp_spline
 
-from signals._validation import Array, choice, number, positive, real_vector
+from signals._validation import Array, checked, choice, number, positive, real_vector
 from signals.shaft.pulse_repair import PulseRepairs
 
 if TYPE_CHECKING:
@@ -511,6 +511,7 @@ class ShaftPhase:
         )
 
 
+@checked
 def constant_speed(speed_hz: float, *, start_s: float, stop_s: float) -> ShaftPhase:
     """Return the phase of a shaft of declared constant speed, marked as nominal.
 

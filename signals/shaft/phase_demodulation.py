@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy.special import fdtri
 
-from signals._validation import Array, positive, real_vector
+from signals._validation import Array, checked, number, positive, real_vector
 from signals.shaft._line_likelihood import lowest_band
 from signals.shaft.phase import ShaftPhase
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 OVERLAP = 4  # hops a window, as the kernel has it
+_MOST_WINDOWS = 10**6  # more than a window for each sample of most records
+_LEAST_ORDER = 1e-6  # one turn in a million revolutions
 _CAPTURE = 0.35  # bins of the window by which an order may be off without ambiguity of its phase
 _FIRST_REV, _LAST_REV = 2.0, 6.0
 _PROMINENT = 3.0  # least ratio of the mean power of a line to that beside it
@@ -98,6 +100,7 @@ class _Pass:
     prominence: Array
 
 
+@checked
 def refine_phase(
     x: ArrayLike,
     *,
@@ -189,7 +192,14 @@ def refine_phase(
 
 def listed_orders(orders: Sequence[float]) -> Array:
     """Return the orders sorted, each once; raise where one is not above zero."""
-    return np.unique([positive(float(order), name="an order") for order in orders]) if len(orders) else _no_orders()
+    return np.unique([_checked_order(order) for order in orders]) if len(orders) else _no_orders()
+
+
+def _checked_order(order: float) -> float:
+    """Return an order, or raise where it is none."""
+    if not _LEAST_ORDER <= positive(float(order), name="an order") <= 1 / _LEAST_ORDER:
+        raise ValueError(f"an order of {order:g} is none of a shaft; list orders from {_LEAST_ORDER:g} on.")
+    return float(order)
 
 
 def _no_orders() -> Array:
@@ -198,6 +208,7 @@ def _no_orders() -> Array:
 
 def _within(samples: int, rate: float, phase: ShaftPhase, start_s: float) -> tuple[int, int]:
     """Return the first sample within the phase and that after the last, or raise where they do not overlap."""
+    start_s = number(start_s, name="start_s")
     first = max(0, int(np.ceil((phase.start_s - start_s) * rate - 1e-6)))
     last = min(samples, int(np.floor((phase.stop_s - start_s) * rate + 1e-6)) + 1)
     if last - first < 16:  # noqa: PLR2004
@@ -215,6 +226,11 @@ def _one_pass(signal: Array, times: Array, phase: ShaftPhase, orders: Array, *, 
     clipped = np.clip(times, phase.start_s, phase.stop_s)
     revolutions = phase.revolutions_at(clipped)
     first, last = revolutions[0] + window_rev / 2, revolutions[-1] - window_rev / 2
+    if window_rev * _MOST_WINDOWS < last - first:
+        raise ValueError(
+            f"window_rev={window_rev:g} makes more than {_MOST_WINDOWS} windows of {last - first:.4g} revolutions; "
+            "give a longer one."
+        )
     count = max(int((last - first) / (window_rev / OVERLAP)), 5) + 1
     hop = (last - first) / (count - 1)
     # a distance at which these windows have a zero for the line itself, and the last ones for its neighbours too

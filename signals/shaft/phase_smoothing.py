@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from signals._validation import Array
 
 # the gain of the smoother is 1 / (1 + (f / f0)^6), which is 1 / sqrt(2) at this multiple of f0
+_LEAST_CYCLES = 1e-3  # of the bandwidth in the record: below, the curve is a parabola to rounding
 _HALF_POWER = (np.sqrt(2) - 1) ** (1 / 6)
 FEWEST_PULSES = 6
 
@@ -131,6 +132,11 @@ def smooth_phase(
             "stops. Leave the bandwidth out, or use another part of the record."
         )
     spacing = np.gradient(times, counts)
+    if np.min(bandwidth_hz) * (times[-1] - times[0]) < _LEAST_CYCLES:
+        raise ValueError(
+            f"a bandwidth of {np.min(bandwidth_hz):.4g} Hz is far below what {times[-1] - times[0]:.4g} s of pulses "
+            f"can show; give {_LEAST_CYCLES / (times[-1] - times[0]):.3g} Hz or more, or declare a constant speed."
+        )
     if np.any(bandwidth_hz * spacing > 0.5):  # noqa: PLR2004 - Nyquist's
         i = int(np.argmax(bandwidth_hz * spacing))
         raise ValueError(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from signals._validation import Array, choice, number, positive, real_vector
+from signals._validation import Array, checked, choice, number, positive, real_vector
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -67,6 +67,7 @@ class PulseTrain:
     debounced: int = 0
 
 
+@checked
 def pulse_times(
     waveform: ArrayLike,
     *,
@@ -379,6 +380,7 @@ class QuadratureEdges:
     direction: NDArray[np.int64] = field(metadata={"dims": ("edge",), "units": "1"})
 
 
+@checked
 def quadrature_direction(
     first: ArrayLike, second: ArrayLike, *, rate_hz: float, start_s: float = 0.0
 ) -> QuadratureEdges:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from signals._validation import Array, positive, real_vector
+from signals._validation import Array, checked, positive, real_vector
 from signals.shaft._line_likelihood import (
     DC_BINS,
     Evidence,
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 
 
 CERTAIN = np.log(1000.0)
+_MOST_VOTES = 10**7  # frames x speeds, of which several arrays of 80 MB are made
+_MOST_WORK = 10**9  # frames x speeds x steps of acceleration: some seconds
 _MISSED = 0.1  # prior probability that a frame contains no line of a rotating shaft
 _SURROUNDINGS_BINS = 40
 _RIVALS = 4
@@ -113,12 +115,24 @@ def search_speeds(
     evidence = short_time_evidence(band, rate_hz=band_rate, frame_s=frame_s)
     highest = min(float(orders[-1]), band_rate / 2 / low)
     spacing = 0.5 / (frame_s * highest)
-    speeds = low + spacing * np.arange(int(np.ceil((high - low) / spacing)) + 1, dtype=np.float64)
+    steps = int(min(np.ceil((high - low) / spacing), _MOST_VOTES)) + 1
+    speeds = low + spacing * np.arange(steps, dtype=np.float64)
+    if speeds.size * evidence.times_s.size > _MOST_VOTES:
+        raise ValueError(
+            f"{speeds.size} speeds or more from {low:g} to {high:g} Hz in {evidence.times_s.size} frames are too many "
+            "to search; give a narrower speed_range_hz, lower orders, or a shorter part of the record."
+        )
     votes = np.zeros((speeds.size, evidence.times_s.size))
     add_votes(evidence.log_votes(), evidence.bins_per_hz, orders, speeds, DC_BINS, votes)
     # mixture: a frame may contain no line of a rotating shaft
     votes = np.ascontiguousarray(np.logaddexp(votes + np.log1p(-_MISSED), np.log(_MISSED)).T)
     reach = int(np.ceil(acceleration * (evidence.times_s[1] - evidence.times_s[0]) / spacing))
+    if reach * votes.size > _MOST_WORK:
+        raise ValueError(
+            f"max_acceleration_hz_s={acceleration:g} lets the speed change by {reach} of {speeds.size} steps between "
+            f"two of {evidence.times_s.size} frames, too many to search; give a smaller one, or a narrower "
+            "speed_range_hz."
+        )
     kernel = 1 - (np.arange(-reach, reach + 1) / (reach + 1)) ** 2
     return Search(
         evidence=evidence,
@@ -297,6 +311,7 @@ class SpeedEstimate:
     reason: str = ""
 
 
+@checked
 def estimate_speed(
     x: ArrayLike,
     *,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from signals._validation import Array, choice, number, positive, real_vector, whole
+from signals._validation import Array, checked, choice, number, positive, real_vector, whole
 from signals.shaft.phase import ShaftPhase
 from signals.shaft.phase_smoothing import PhaseSmoothing, joined, smooth_phase, with_rest
 from signals.shaft.pulse_repair import (
@@ -47,6 +47,7 @@ class _Stretch:
     repairs: PulseRepairs
 
 
+@checked
 def shaft_phase(
     times_s: ArrayLike,
     *,
@@ -118,6 +119,10 @@ def shaft_phase(
     """
     choice(on_fault, name="on_fault", choices=("repair", "refuse"))
     times = _pulse_list(times_s) - number(delay_s, name="delay_s")
+    if not np.all(np.diff(times) > 0):
+        raise ValueError(
+            f"delay_s={delay_s:g} is so large that pulse times less it are equal; give the delay in seconds."
+        )
     per_rev = _per_rev(pulses_per_rev)
     smoothing = _Bandwidth.of(bandwidth_hz, bandwidth_orders)
     signs = _signs(direction, times.size)

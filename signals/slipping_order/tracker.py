@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals._validation import choice, positive, real_vector, whole
+from signals._validation import checked, choice, positive, real_vector, whole
 from signals.harmonics._validation import check_bandwidth, check_phase, check_record
 from signals.slipping_order.block_chain import Status, extended_filter, in_blocks, iterate, starts
 from signals.slipping_order.detection import Line, SlipRecord, search
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
 MOST_HARMONICS = 16
 # Largest false-alarm probability of a detected line.
+_LEAST_CHANGE = 1e-12  # the square of less is lost beside the digits of a slip
 _FALSE_ALARM = 0.01
 # Standard deviation of an unknown phase, uniform over a turn.
 _UNKNOWN_PHASE = np.pi / np.sqrt(3)
@@ -119,6 +120,7 @@ class SlippingTrack:
         return self.status == "converged"
 
 
+@checked
 def track_slipping_order(
     x: ArrayLike,
     *,
@@ -197,6 +199,11 @@ def track_slipping_order(
         slip_change=positive(slip_change_per_rev, name="slip_change_per_rev"),
     )  # fmt: skip
     given = None if noise_variance is None else positive(noise_variance, name="noise_variance")
+    if not _LEAST_CHANGE <= line.slip_change <= 1:
+        raise ValueError(
+            f"slip_change_per_rev={slip_change_per_rev:g} is relative to the order and must lie between "
+            f"{_LEAST_CHANGE:g} and 1; 0.001 suits most rolling bearings."
+        )
     if line.largest_slip >= 1:
         raise ValueError(f"largest_slip={largest_slip:g} is relative to the order and must be below 1; 2 % is 0.02.")
     record = _check_record(x, phase_rad, line, noise_variance=given)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
-from signals._validation import Array, Samples, positive, real_vector, whole
+from signals._validation import Array, Samples, checked, positive, real_vector, whole
 from signals._windows import Window, window_of
 from signals.spectra.spectra import without_mean
 
@@ -84,6 +84,7 @@ class SpectralCorrelation:
         return np.asarray(np.divide(self.correlation, common, out=np.zeros_like(self.correlation), where=common > 0))
 
 
+@checked
 def spectral_correlation(
     x: ArrayLike, *, rate_hz: float, max_cyclic_hz: float, window_length: int = 256
 ) -> SpectralCorrelation:
@@ -233,6 +234,7 @@ class CyclicSpectrum:
     cyclic_bin_hz: float
 
 
+@checked
 def enhanced_envelope_spectrum(correlation: SpectralCorrelation) -> CyclicSpectrum:
     """Return the enhanced envelope spectrum: the mean of ``abs(coherence(alpha, f))`` over all f [1]_.
 
@@ -257,6 +259,7 @@ def enhanced_envelope_spectrum(correlation: SpectralCorrelation) -> CyclicSpectr
     return improved_envelope_spectrum(correlation, band_hz=(0.0, float(correlation.frequency_hz[-1])))
 
 
+@checked
 def improved_envelope_spectrum(correlation: SpectralCorrelation, *, band_hz: tuple[float, float]) -> CyclicSpectrum:
     """Return the improved envelope spectrum: the mean of ``abs(coherence(alpha, f))`` over a band of f.
 

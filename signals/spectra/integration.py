@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft
 
 from signals._fft_plans import forget_plans
-from signals._validation import Array, Samples, choice, number, positive, real_samples
+from signals._validation import Array, Samples, checked, choice, number, positive, real_samples
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -85,6 +85,7 @@ class Integrated:
         return float(np.sqrt(np.mean(part * part, dtype=np.float64)))
 
 
+@checked
 def velocity(
     x: ArrayLike,
     *,
@@ -140,6 +141,7 @@ def velocity(
     return _integrate(x, rate_hz=rate_hz, units=units, to=to, quantity="velocity", band_hz=band_hz, taper=taper)
 
 
+@checked
 def displacement(
     x: ArrayLike,
     *,

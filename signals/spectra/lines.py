@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
-from signals._validation import Array, positive
+from signals._validation import Array, checked, positive
 from signals._windows import window_of
 
 if TYPE_CHECKING:
@@ -90,6 +90,7 @@ class Line:
         return math.inf if self.amplitude > 0 else 0.0
 
 
+@checked
 def find_line(
     spectrum: AmplitudeSpectrum,
     *,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
-from signals._validation import Array, choice, real_vector, whole
+from signals._validation import Array, checked, choice, real_vector, whole
 from signals._windows import window_of
 from signals.spectra.spectra import Scaling, hop_of, scaled_power, transformed, without_mean
 
@@ -68,6 +68,7 @@ class OrderMap:
     window: str
 
 
+@checked
 def map_orders(
     signal: AngularSignal,
     *,

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft
 
 from signals._fft_plans import forget_plans
-from signals._validation import Array, Samples, choice, number, positive, real_vector, whole
+from signals._validation import Array, Samples, checked, choice, number, positive, real_vector, whole
 from signals._windows import Window, window_of
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ class AmplitudeSpectrum:
         return np.asarray(np.angle(self.complex_amplitude), dtype=np.float64)
 
 
+@checked
 def amplitude_spectrum(
     values: ArrayLike,
     *,
@@ -143,6 +144,7 @@ def amplitude_spectrum(
     )
 
 
+@checked
 def order_spectrum(
     signal: AngularSignal, *, window: str = "hann", padding: int = PADDING, max_order: float | None = None
 ) -> AmplitudeSpectrum:
@@ -233,6 +235,7 @@ class AveragedSpectrum:
     window: str
 
 
+@checked
 def averaged_spectrum(
     values: ArrayLike,
     *,
@@ -303,6 +306,10 @@ def averaged_spectrum(
     degrees = 2 * count / (1 + 2 * np.sum((1 - np.arange(1, rho.size + 1) / count) * rho**2))
     each = np.where(_real_lines(length), degrees / 2, degrees)
     keep = slice(None) if maximum is None else slice(int(np.searchsorted(axis, maximum, side="right")))
+    with np.errstate(over="ignore"):
+        peak = power.max(initial=0.0) / rate
+    if not np.isfinite(peak):
+        raise ValueError(f"rate={rate:g} is so low that densities overflow; give samples per unit of the axis.")
     value = scaled_power(power / count, shape, rate=rate, scaling=scaling)[keep]
     lower, upper = (_chi_square(each[keep], p) / each[keep] for p in ((1 + confidence) / 2, (1 - confidence) / 2))
     root = 1.0 if scaling == "density" else 0.5
@@ -322,6 +329,7 @@ def averaged_spectrum(
     )
 
 
+@checked
 def averaged_order_spectrum(
     signal: AngularSignal,
     *,

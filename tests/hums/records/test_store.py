@@ -28,7 +28,16 @@ from hums.records.record import (
     make_record,
     sampling,
 )
-from hums.records.store import existing_file, is_hdf5, open_hdf5, open_record, open_tree, save_record, write_tree
+from hums.records.store import (
+    atomic_write,
+    existing_file,
+    is_hdf5,
+    open_hdf5,
+    open_record,
+    open_tree,
+    save_record,
+    write_tree,
+)
 
 COUNT = 150_000  # more than one chunk
 NOISE = np.random.default_rng(11).normal(size=COUNT)
@@ -176,6 +185,7 @@ def test_a_record_replaces_the_file_it_is_read_from(path):
         np.testing.assert_array_equal(opened["case"], NOISE[100:1100])
 
 
+@pytest.mark.filterwarnings("ignore::hums.records.fields.RecordWarning")
 def test_a_time_axis_stored_by_other_hands_is_understood(record, tmp_path):
     record.isel(time=slice(500, 1500)).to_netcdf(tmp_path / "record.h5", engine="h5netcdf")
     with open_record(tmp_path / "record.h5") as opened:
@@ -204,6 +214,7 @@ def test_a_waveform_comes_back_with_its_pulses(tmp_path):
         xr.testing.assert_identical(opened.load(), kept)
 
 
+@pytest.mark.filterwarnings("ignore::hums.records.fields.RecordWarning")
 def test_a_stored_axis_that_was_thinned_is_refused(record, tmp_path):
     record.isel(time=slice(None, None, 2)).to_netcdf(tmp_path / "record.h5", engine="h5netcdf")
     text = refusal(open_record, tmp_path / "record.h5")
@@ -435,6 +446,7 @@ def test_a_schema_by_other_hands(tmp_path, schema):
     assert "where a record holds hums-record/1" in refusal(open_record, tmp_path / "other.h5")
 
 
+@pytest.mark.filterwarnings("ignore::hums.records.fields.RecordWarning")
 def test_a_record_without_samples(path):
     with xr.open_dataset(path, engine="h5netcdf") as plain:
         plain.isel(time=slice(0, 0)).to_netcdf(path.with_name("none.h5"), engine="h5netcdf")
@@ -450,6 +462,7 @@ def test_hdf5_that_is_not_ours(tmp_path):
     assert "holds hums-analysis/1, where a record holds hums-record/1" in text
 
 
+@pytest.mark.filterwarnings("ignore::hums.records.fields.RecordWarning")
 def test_a_record_that_lost_a_part_names_its_file(path):
     with h5py.File(path, mode="r+") as file:
         del file["tachometer"]
@@ -493,6 +506,7 @@ def test_a_turned_bit_among_the_samples_is_found(path):
         plain["case"].load()
 
 
+@pytest.mark.filterwarnings("ignore::hums.records.fields.RecordWarning")
 def test_a_turned_bit_anywhere_never_gives_other_samples(record, tmp_path):
     """A place among the values is refused when read; among the names, it loses what is named or changes nothing."""
     piece = record[["case", "single", "fast", "tachometer"]].isel(time=slice(2000), time_fast=slice(2000))
@@ -535,3 +549,29 @@ def test_a_file_that_another_program_writes(path):
         text = refusal(open_record, path)
     assert "cannot be read now" in text
     assert "a program still writes it" in text
+
+
+class TestLitter:
+    """What killed writers leave is removed by the next writer of the same file, and only that."""
+
+    def test_of_a_dead_process(self, tmp_path):
+        code = (
+            "import os, signal; from pathlib import Path; from hums.records.store import atomic_write\n"
+            "with atomic_write('a.txt') as part:\n    part.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)"
+        )
+        subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False)
+        assert len(list(tmp_path.iterdir())) == 1
+        with atomic_write(tmp_path / "b.txt") as part:  # another target
+            part.write_text("whole")
+        assert len(list(tmp_path.glob(".hums-*"))) == 1
+        with atomic_write(tmp_path / "a.txt") as part:
+            part.write_text("whole")
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["a.txt", "b.txt"]
+
+    def test_not_of_a_living_one(self, tmp_path):
+        with atomic_write(tmp_path / "a.txt") as first:
+            first.write_text("first")
+            with atomic_write(tmp_path / "a.txt") as second:
+                second.write_text("second")
+            assert first.exists()
+        assert (tmp_path / "a.txt").read_text() == "first"

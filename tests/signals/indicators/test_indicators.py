@@ -283,7 +283,7 @@ def test_a_history_keeps_to_one_signal():
         ci.na4(residual(NOISE), history=VarianceHistory())
     with pytest.raises(ValueError, match="holds no record yet"):
         VarianceHistory().freeze()
-    with pytest.raises(TypeError, match="takes history=VarianceHistory"):
+    with pytest.raises(TypeError, match="takes a VarianceHistory"):
         ci.na4(residual(NOISE), history=1.0)
 
 

@@ -1,7 +1,6 @@
 """Angular resampling against tones whose angle is known in closed form, and its filter against its claims."""
 
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,15 +32,17 @@ def exact_phase(swinging):
             known[key] = swinging.times_at(revolutions)
         return known[key]
 
-    return SimpleNamespace(
-        start_s=0.0,
-        stop_s=20.0,
-        times_s=np.array([0.0, 20.0]),
-        revolutions=np.array([0.0, 1000.0]),
-        revolutions_at=lambda times: swinging.revolutions(times).astype(float),
-        times_at=times_at,
-        speed_hz=swinging.speed_hz,
-    )
+    class Exact(ShaftPhase):
+        def revolutions_at(self, times_s):
+            return swinging.revolutions(times_s).astype(float)
+
+        def times_at(self, revolutions, at_rest=None):
+            return times_at(revolutions, at_rest)
+
+        def speed_hz(self, times_s):
+            return swinging.speed_hz(times_s)
+
+    return Exact(times_s=np.array([0.0, 20.0]), revolutions=np.array([0.0, 1000.0]))
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,69 @@
+"""Odd calls of every exported function: python benchmarks/attack.py [FOLDER].
+
+Writes attack.md into FOLDER (default docs/benchmarks).
+"""
+
+import faulthandler
+import os
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from pathlib import Path
+
+from attacks.call_cases import Case, all_cases
+from attacks.odd_calls import answers_that_differ, failure, odd_calls
+
+KILL_S = 60
+MOST_SHOWN = 40
+NOTE = """\
+Made by `python benchmarks/attack.py`. Each call has one odd argument: a wrong type, NaN, infinities, nothing, one
+sample, a constant, a table, sizes of 1e-300 to 1e300. It may return, or raise a ValueError or TypeError in a sentence
+of ours; a warning, another exception, 5 s of processor, or 1 GB beyond what is used, is wrong. `answers`: results
+that differ where the same numbers come as float32, integers, big-endian, strided or read-only, or scaled by 1e6 and
+1e-6."""
+HEADER = "| package | functions | calls | wrong | answers that differ | s |\n|---|---|---|---|---|---|"
+
+
+def package_of(case: Case) -> str:
+    """Return the package and sub-package of a function."""
+    return ".".join(case.function.__module__.split(".")[:2])
+
+
+def main(folder: Path, *, cases: list[Case] | None = None) -> int:
+    """Make every odd call and write the page; return 1 where a call came out wrong."""
+    folder = folder.resolve()
+    with tempfile.TemporaryDirectory() as scratch, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        os.chdir(scratch)
+        found = all_cases(Path(scratch)) if cases is None else cases
+        counts, seconds, wrong = Counter[tuple[str, str]](), Counter[str](), []
+        for case in found:
+            package, begun = package_of(case), time.process_time()
+            calls = odd_calls([case])
+            for odd in calls:
+                faulthandler.dump_traceback_later(KILL_S, exit=True)
+                if outcome := failure(odd):
+                    wrong.append(f"{odd}: {outcome}")
+                    counts[package, "wrong"] += 1
+            faulthandler.cancel_dump_traceback_later()
+            counts[package, "functions"] += 1
+            counts[package, "calls"] += len(calls)
+            counts[package, "differ"] += len(list(answers_that_differ(case)))
+            seconds[package] += time.process_time() - begun
+        os.chdir(folder)
+    rows = [
+        f"| {name} | " + " | ".join(str(counts[name, what]) for what in ("functions", "calls", "wrong", "differ"))
+        + f" | {seconds[name]:.0f} |"
+        for name in sorted(seconds)
+    ]  # fmt: skip
+    shown = [f"- `{line[:200].replace('`', '')}`".replace("\n", " ") for line in wrong[:MOST_SHOWN]]
+    page = "\n".join(["# Odd calls", "", NOTE, "", HEADER, *rows, "", *shown, ""])
+    (folder / "attack.md").write_text(page, encoding="utf-8")
+    print(page)  # noqa: T201 - what the command is for
+    return int(bool(wrong))
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1] if len(sys.argv) > 1 else "docs/benchmarks")))

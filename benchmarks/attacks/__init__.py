@@ -1,0 +1,1 @@
+"""Attacks on the packages: odd calls, damaged files, killed writers."""
