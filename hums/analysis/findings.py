@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from hums.analysis.evidence import PartEvidence
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.lines import ENVELOPE, MeasuredLine
-from hums.analysis.thresholds import FAULTY_DEPTH, JUDGED_SNR, RIVAL_FACTOR
+from hums.analysis.thresholds import FAULTY_DEPTH, JUDGED_SNR, LEAST_STRENGTH, RIVAL_FACTOR
 from hums.gearbox.orders import BEARING_KINDS
 
 __all__ = [
@@ -138,8 +138,9 @@ def _bearing_verdict(
 ) -> Finding:
     """Return the verdict on one kind of defect of a bearing in one channel."""
     probability = library.probability(part.strength, parts=searches)
-    if probability > stated:
-        return _unnamed(part, probability, library.strength_at(stated, parts=searches))
+    if probability > stated or part.strength < LEAST_STRENGTH:
+        needed = max(LEAST_STRENGTH, library.strength_at(stated, parts=searches))
+        return _unnamed(part, probability, needed)
     if part.hidden_by:
         return _not_judged(part, _hidden(part), probability=probability)
     rivals = [other for other in evidence if other.main.channel not in faulty and other is not part]

@@ -11,6 +11,13 @@ stay below. Halved, weak lines of sound bearings are diagnosed; doubled, early d
 count as judgeable in short records.
 """
 
+LEAST_STRENGTH = 0.01
+"""Strength of evidence below which no bearing is named, however rare it is in the library.
+
+A tenth of `FAULTY_DEPTH`: real machines have more sources than any library of synthetic ones. Halved, lines of a
+hundredth of the level are named on quiet machines; doubled, the first weeks of a growing defect are missed.
+"""
+
 TRUSTED_SNR = 8.0
 """Ratio to the background at which a modulation has half of its weight.
 
