@@ -10,7 +10,7 @@ from attacks.odd_calls import answers_that_differ, failure, odd_calls
 from signals import angular_blocks, angular_resample, cepstrum_prewhitening, stream_envelope, track_orders
 
 SEED = 20
-SAMPLE = 300  # of some 8,000; benchmarks/attack.py makes all of them
+SAMPLE = 200  # of some 8,000; benchmarks/attack.py makes all of them
 KILL_S = 60
 NOT_ATTACKED = {"refine_declared_speed"}  # have no valid call in `call_cases` yet
 
