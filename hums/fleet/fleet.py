@@ -22,6 +22,7 @@ from hums.fleet.history import Fact, MachineHistory, watch_machines, write_alarm
 from hums.fleet.kept import read_results
 from hums.fleet.maintenance import Work, read_maintenance
 from hums.fleet.monitor import MonitorSettings
+from hums.fleet.page import write_page
 from hums.fleet.results import results
 from hums.fleet.table import WrittenTables, write_tables
 from hums.gearbox.model import Gearbox, load_gearbox
@@ -56,7 +57,8 @@ class Fleet:
     folder : Path
         Holds ``fleet.h5`` and ``fleet.csv``, one row per record; ``trends.csv``, one row per series and machine;
         ``alarms.csv``, one row per alarm; ``components.csv``, the health of every component; ``baseline.h5``, what was
-        normal; ``records/``, the results of each record; and ``watch/``, the states of the machines.
+        normal; ``fleet.html``, a page of all; ``records/``, the results of each record; and ``watch/``, the states of
+        the machines.
     records, failed : int
         Number of records, and of those that could not be analysed.
     analysed, kept : int
@@ -162,6 +164,7 @@ def analyze_fleet(
     >>> fleet.records, fleet.failed
     (1, 0)
     """
+    named = gearbox.name if isinstance(gearbox, Gearbox) else str(gearbox)
     gearbox = gearbox if isinstance(gearbox, Gearbox) else load_gearbox(gearbox)
     settings = settings or AnalysisSettings(most_tracks=0)
     work = read_maintenance(maintenance) if maintenance is not None else ()
@@ -189,7 +192,7 @@ def analyze_fleet(
     with atomic_write(folder / _LIST) as part:
         part.write_text(json.dumps(names), encoding="utf-8")
     paths = [results_folder / name for name in names]
-    histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, append=append)
+    histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, append=append, gearbox=named)
     return Fleet(
         folder=folder,
         records=len(paths),
@@ -213,9 +216,15 @@ def _listed(folder: Path) -> list[str]:
 
 
 def _tables(
-    paths: Sequence[Path], folder: Path, settings: MonitorSettings, work: Sequence[Work], *, append: bool
+    paths: Sequence[Path],
+    folder: Path,
+    settings: MonitorSettings,
+    work: Sequence[Work],
+    *,
+    append: bool,
+    gearbox: str = "GEARBOX",
 ) -> tuple[list[MachineHistory], WrittenTables]:
-    """Watch the machines; write alarms, components, baselines and the tables of all records."""
+    """Watch the machines; write alarms, components, baselines, the tables of all records and the page."""
     records = read_results(paths)
     facts = [
         Fact(machine=one.machine, record=one.record, recorded_at=one.recorded_at, number=number)
@@ -238,6 +247,7 @@ def _tables(
         health={one["record"]: one for history in histories for one in history.records},
         limits={history.state.machine: history.severe_score for history in histories},
     )
+    write_page(histories, records, folder / "fleet.html", gearbox=gearbox)
     return histories, written
 
 

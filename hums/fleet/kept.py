@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as with_changes
@@ -26,6 +27,10 @@ class Numbers:
 
     keys: tuple[Any, ...]
     values: NDArray[Any]
+
+    def get(self, key: object) -> float:
+        """Return the number under a key, NaN where there is none."""
+        return float(self.values[self.keys.index(key)]) if key in self.keys else math.nan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,5 +99,5 @@ def _numbers(
     keys: list[Any], values: list[Any], width: int, shared: dict[Any, Any], dtype: type = np.float32
 ) -> Numbers:
     names = tuple(keys)
-    table = np.array(values, dtype=dtype).reshape(len(names), width)
+    table: NDArray[Any] = np.array(values, dtype=dtype).reshape(len(names), width)
     return Numbers(keys=shared.setdefault(names, names), values=table[:, 0] if width == 1 else table)

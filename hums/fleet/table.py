@@ -161,7 +161,7 @@ class _Columns:
                 self.conditions.setdefault((component, kind), len(self.conditions))
 
     def _new(self, keys: tuple[Key, ...], columns: dict[Key, int]) -> bool:
-        """Number the keys; return whether a record with other keys came before."""
+        """Give the keys columns; return whether they are new."""
         if id(keys) in self._places:
             return False
         self._places[id(keys)] = np.array([columns.setdefault(key, len(columns)) for key in keys], dtype=np.int64)

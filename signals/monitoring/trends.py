@@ -10,6 +10,7 @@ that does (Tusher, Tibshirani and Chu 2001, PNAS 98(9), 5116-5121).
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 __all__ = ["FEWEST", "FORMS", "TrendTests", "trend_tests"]
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 FORMS = ("monotone", "step", "exponential")
 FEWEST = 5  # records: five in order have p = 2 / 5! = 1/60; fewer are never significant
 _PERMUTATIONS = 999
@@ -81,8 +83,8 @@ def trend_tests(values: Array, times: Array, *, seed: int = 1) -> TrendTests:
     rng = np.random.default_rng(seed)
     orders = np.array([_block_order(count, block, rng) for _ in range(_PERMUTATIONS)])
     signed = _correlations(ranks, logs, courses[None])[0]
-    single = (ranks.astype(np.float32), logs.astype(np.float32), courses.astype(np.float32)[:, orders])
-    drawn = np.abs(_correlations(*single[:2], np.moveaxis(single[2], 0, 1)))  # (permutations, 3, series)
+    permuted = np.moveaxis(courses.astype(np.float32)[:, orders], 0, 1)
+    drawn = np.abs(_correlations(ranks.astype(np.float32), logs.astype(np.float32), permuted))  # (orders, 3, series)
     alike = np.maximum(np.quantile(drawn[:, :, varies], _LEVEL, axis=(0, 2)) if varies.any() else np.ones(3), 1e-12)
     found = (np.abs(signed) / alike[:, None]).max(axis=0)
     null = (drawn / alike[:, None]).max(axis=1)
@@ -121,7 +123,7 @@ def _courses(times: Array) -> Array:
     return np.stack([_standardised(course) for course in (np.arange(count, dtype=np.float64), *steps, times)])
 
 
-def _correlations(ranks: Array, logs: Array, courses: Array) -> Array:
+def _correlations(ranks: Floats, logs: Floats, courses: Floats) -> Floats:
     """Return the signed correlations (orders, 3, series) with courses (orders, courses, records)."""
     count = len(ranks)
     monotone = courses[:, 0] @ ranks / count
