@@ -23,7 +23,7 @@ from pydantic import AfterValidator, Field
 from data_synth.benchmark.records import DURATION_S, NAME, VERSION, BenchmarkRecords
 from data_synth.scene.history import History
 from data_synth.scene.scene import Scene, SceneError, load_scene
-from hums.gearbox.components import Declared, Name, Positive, closest, named_file, read_toml, validated
+from hums.gearbox.components import Declared, Name, Positive, closest, named_file, parsed_toml, read_toml, validated
 
 __all__ = [
     "RANGES",
@@ -431,7 +431,7 @@ def load_plan(name_or_path: str | Path) -> Plan | BenchmarkRecords:
 
 def parse_plan(text: str, *, where: str = "plan") -> Plan | BenchmarkRecords:
     """Return the plan of a TOML text; `where` names it in error sentences."""
-    return _plan(tomllib.loads(text), where=where)
+    return _plan(parsed_toml(text, where=where, error=PlanError), where=where)
 
 
 def plans() -> dict[str, Path]:

@@ -7,6 +7,7 @@ pipe and only the parts that are asked for; nothing is unpickled, and no tempora
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import math
 import multiprocessing
@@ -125,6 +126,8 @@ class ReaderProcess:
             for name, entry in found["variables"].items()
         }
         record = attach_time(xr.Dataset(variables, attrs=_decoded(found["attrs"])).set_coords(found["coordinates"]))
+        if found["source"] is not None:
+            record.encoding["source"] = found["source"]
         record.set_close(lambda: self._close_record(handle, file))
         return record
 
@@ -247,6 +250,7 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
     if other_end is not None:
         other_end.close()  # inherited by the fork: else the pipe would stay open
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process handles interrupts
+    faulthandler.disable()  # a sentence takes the place of its page
     _limit("RLIMIT_CORE", 0)
     if memory_bytes is not None:
         _limit("RLIMIT_AS", _used_bytes() + memory_bytes)
@@ -300,6 +304,7 @@ def _answer(
         "variables": {str(name): _entry(variable) for name, variable in plain.variables.items()},
         "coordinates": [str(name) for name in plain.coords],
         "attrs": _encoded(plain.attrs),
+        "source": opened.encoding.get("source"),
         "warnings": [str(one.message) for one in caught if issubclass(one.category, RecordWarning)],
     }, None
 
