@@ -16,8 +16,9 @@ Gears are judged in `hums.analysis.gear_damage`, and are at most indicated.
 """
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from hums.analysis.evidence import PartEvidence
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
@@ -34,6 +35,7 @@ __all__ = [
     "bearing_verdicts",
     "findings",
     "of_another_machine",
+    "where_none_is_named",
 ]
 
 DIAGNOSED, INDICATED, NOT_JUDGED, NOTHING_FOUND = "diagnosed", "indicated", "not judged", "nothing found"
@@ -80,6 +82,29 @@ def findings(every: Sequence[Finding]) -> list[Finding]:
             one.kind not in BEARING_KINDS,
             -(one.strength if math.isfinite(one.strength) else one.snr),
         ),
+    )
+
+
+def where_none_is_named(every: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """Return the verdict on a machine of which no part is named, from the rows of its verdicts, and a sentence on it.
+
+    It is "nothing found" only where every part could be judged.
+
+    Examples
+    --------
+    >>> from hums.analysis.findings import where_none_is_named
+    >>> rows = [{"verdict": "nothing found", "doubts": ""}, {"verdict": "not judged", "doubts": "too short"}]
+    >>> where_none_is_named(rows)
+    ('not judged', '1 of 2 kinds of damage could not be judged (too short); nothing was found of the others')
+    """
+    blind = [row for row in every if row["verdict"] == NOT_JUDGED]
+    if not blind:
+        return NOTHING_FOUND, "every kind of damage was judged, and none stands out"
+    reasons = dict.fromkeys(str(row["doubts"]).split(":")[0] for row in blind)
+    others = "; nothing was found of the others" if len(blind) < len(every) else ""
+    return (
+        NOT_JUDGED,
+        f"{len(blind)} of {len(every)} kinds of damage could not be judged ({'; '.join(reasons)}){others}",
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeAlias
 
 from jinja2 import Environment, StrictUndefined
 
+from hums.analysis.findings import NOTHING_FOUND
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.result import Analysis, check_analysis, indicator_table, line_table, save_analysis, summary
 from hums.gearbox.model import Gearbox
@@ -19,7 +20,7 @@ from hums.records.fields import plain_cell
 from hums.records.store import atomic_write
 from hums.report.figures import Pictures, cursor_choices, sections
 from hums.report.indicators import indicator_tables, velocity_zones
-from hums.report.verdicts import CLASSES, NOTHING_FOUND, component_styles, probability_words, verdict_rows
+from hums.report.verdicts import CLASSES, component_styles, probability_words, verdict_rows
 from signals._validation import checked
 
 Units: TypeAlias = Literal["rpm", "Hz"]

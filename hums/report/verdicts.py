@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from hums.analysis.findings import DIAGNOSED, INDICATED, NOT_JUDGED, NOTHING_FOUND, where_none_is_named
 from hums.gearbox.orders import BEARING_KINDS
 
-NOTHING_FOUND = "nothing found"
-CLASSES = {"diagnosed": "alarm", "indicated": "watch", "not judged": "unknown", NOTHING_FOUND: "calm"}
+CLASSES = {DIAGNOSED: "alarm", INDICATED: "watch", NOT_JUDGED: "unknown", NOTHING_FOUND: "calm"}
 """Class of the page's style sheet for each verdict; a word that is not here is shown as unknown."""
 
 _RARE = 1e-6
@@ -44,16 +44,16 @@ def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]
     rows.sort(key=lambda row: list(CLASSES).index(row["verdict"]) if row["verdict"] in CLASSES else len(CLASSES))
     if not rows:
         limit = facts["settings"]["false_alarm_probability"]
+        verdict, sentence = where_none_is_named(facts.get("verdicts", ()))
         rows = [
             {
                 "part": facts["machine"] or facts["gearbox"],
                 "kind": "",
-                "verdict": NOTHING_FOUND,
-                "style": CLASSES[NOTHING_FOUND],
-                "sure": "No line that a fault would make exceeds what noise reaches in "
-                f"{probability_words(limit)} records. A fault whose lines are no larger than those listed below would "
-                "not be seen.",
-                "severity": "none seen",
+                "verdict": verdict,
+                "style": CLASSES[verdict],
+                "sure": f"{sentence[0].upper()}{sentence[1:]}. A part is named where at most "
+                f"{probability_words(limit)} healthy records show as much.",
+                "severity": "none seen" if verdict == NOTHING_FOUND else "unknown",
                 "since": "" if past is None else _before(past),
                 "next": "Keep this analysis as the baseline of later records.",
                 "evidence": "",
@@ -98,7 +98,7 @@ def _sure(finding: Mapping[str, Any]) -> str:
         if name != "false_alarm_probability":
             said.append(f"{name.replace('_', ' ')} {probability_words(value)}")
         elif finding.get("strength") is None:
-            said.append(f"noise alone makes such a line in {probability_words(value)} records")
+            said.append(f"a sound gear shows as much in {probability_words(value)} records")
         else:
             said.append(f"healthy machines show as much in {probability_words(value)} records")
     return "; ".join(said)

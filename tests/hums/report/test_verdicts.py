@@ -62,7 +62,7 @@ def test_gravest_first_and_unknown_words_are_shown():
 
 def test_every_probability_of_a_finding_is_said():
     sure = verdict_rows(facts(finding("diagnosed", healthy_machine_probability=0.02)))[0]["sure"]
-    assert sure == "noise alone makes such a line in 1 in 250 records; healthy machine probability 1 in 50"
+    assert sure == "a sound gear shows as much in 1 in 250 records; healthy machine probability 1 in 50"
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,14 @@ def test_what_is_new_and_what_one_record_cannot_say():
 def test_nothing_found():
     (row,) = verdict_rows(facts())
     assert (row["verdict"], row["style"], row["part"]) == ("nothing found", "calm", "mill")
-    assert "1 in 100 records" in row["sure"]
+    assert "1 in 100 healthy records" in row["sure"]
+
+
+def test_a_record_that_could_not_be_judged_is_not_called_clean():
+    judged = [{"verdict": "nothing found", "doubts": ""}, {"verdict": "not judged", "doubts": "too short: 3 turns"}]
+    (row,) = verdict_rows(facts() | {"verdicts": judged})
+    assert (row["verdict"], row["style"], row["severity"]) == ("not judged", "unknown", "unknown")
+    assert row["sure"].startswith("1 of 2 kinds of damage could not be judged (too short)")
 
 
 def test_a_sick_sensor_comes_first():
