@@ -5,6 +5,7 @@ import shutil
 import sys
 from datetime import UTC, datetime, timedelta
 
+import clusters
 import h5py
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from hums.cli import main
 from hums.fleet import fleet as fleet_room
 from hums.fleet.fleet import FleetError, analyze_fleet
 from hums.fleet.table import trend
-from hums.jobs import Serial
+from hums.jobs import Processes, Serial
 from hums.records.store import save_record
 
 RATE_HZ, SPEED_HZ, SECONDS = 4000, 20.0, 2.0
@@ -165,6 +166,16 @@ class TestTable:
 
 
 class TestGoingOn:
+    def test_a_record_that_kills_its_process_is_a_row(self, records, done, tmp_path, monkeypatch):
+        folder = shutil.copytree(done, tmp_path / "fleet")
+        (folder / "records" / fleet_room._result_name(fleet_room._of_file(records / "2.h5"))).unlink()
+        monkeypatch.setattr(fleet_room, "_analyse_to_file", clusters.die_at_record)
+        result = run([records], folder, workers=Processes(count=1))
+        assert (result.records, result.failed, result.analysed) == (6, 1, 1)
+        assert "2.h5 killed its reader" in result.errors[str(records / "2.h5")]
+        failed = [row["record"] for row in rows(folder / "fleet.csv") if row["error"]]
+        assert failed == [str(records / "2.h5")]
+
     def test_stopped_and_run_again_the_tables_are_the_same(self, records, done, tmp_path, monkeypatch):
         analyze, calls = fleet_room.analyze, itertools.count()
 
