@@ -248,9 +248,9 @@ class TestGoingOn:
 
 
 class TestWhyThereAreNoTrends:
-    def test_none_is_missing_where_there_are_some(self, records, tmp_path):
-        assert run([records], tmp_path).no_trends == ""
-        assert rows(tmp_path / "trends.csv")
+    def test_none_is_missing_where_there_are_some(self, records, done):
+        assert run([records], done).no_trends == ""
+        assert rows(done / "trends.csv")
 
     def test_too_few_of_a_machine(self, tmp_path):
         for day in range(6):  # six in all, but no machine has five
