@@ -23,6 +23,7 @@ from hums.fleet.kept import read_results
 from hums.fleet.maintenance import Work, read_maintenance
 from hums.fleet.monitor import MonitorSettings
 from hums.fleet.page import write_page
+from hums.fleet.parquet import write_indicators
 from hums.fleet.results import results
 from hums.fleet.table import WrittenTables, write_tables
 from hums.gearbox.model import Gearbox, load_gearbox
@@ -57,7 +58,8 @@ class Fleet:
     folder : Path
         Holds ``fleet.h5`` and ``fleet.csv``, one row per record; ``trends.csv``, one row per series and machine;
         ``alarms.csv``, one row per alarm; ``components.csv``, the health of every component; ``baseline.h5``, what was
-        normal; ``fleet.html``, a page of all; ``records/``, the results of each record; and ``watch/``, the states of
+        normal; ``indicators.parquet``, a row for each indicator of each record, where pyarrow is installed;
+        ``fleet.html``, a page of all; ``records/``, the results of each record; and ``watch/``, the states of
         the machines.
     records, failed : int
         Number of records, and of those that could not be analysed.
@@ -247,6 +249,7 @@ def _tables(
         health={one["record"]: one for history in histories for one in history.records},
         limits={history.state.machine: history.severe_score for history in histories},
     )
+    write_indicators(records, folder / "indicators.parquet")
     write_page(histories, records, folder / "fleet.html", gearbox=gearbox)
     return histories, written
 
