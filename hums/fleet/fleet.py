@@ -28,7 +28,7 @@ from hums.fleet.results import results
 from hums.fleet.table import WrittenTables, write_tables
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, run_jobs
-from hums.records.dataset_store import dataset_files, dataset_record, is_dataset
+from hums.records.dataset_store import dataset_files, dataset_record, is_dataset, open_dataset
 from hums.records.store import atomic_write, open_record
 from signals._validation import checked
 
@@ -95,12 +95,13 @@ class Fleet:
 
 @dataclass(frozen=True, kw_only=True)
 class _Source:
-    """A record: a file, or one of a dataset in a folder; and the file that holds its samples."""
+    """A record: a file, or one of a dataset in a folder, with its class; and the file that holds its samples."""
 
     name: str
     path: Path
     file: Path
     number: int | None = None
+    label: str = ""
 
 
 @checked
@@ -287,8 +288,12 @@ def _sources(given: Sequence[str | Path]) -> list[_Source]:
 def _sources_in_folder(folder: Path) -> list[_Source]:
     whole = folder.resolve()
     if is_dataset(folder) or (folder / "plan.toml").is_file():
-        files = enumerate(dataset_files(folder))
-        return [_Source(name=f"{folder}/{n}", path=whole, file=file, number=n) for n, file in files]
+        files, labels = dataset_files(folder), open_dataset(folder)
+        classes = labels["class"].to_numpy() if "class" in labels else [""] * len(files)
+        return [
+            _Source(name=f"{folder}/{n}", path=whole, file=file, number=n, label=str(label))
+            for n, (file, label) in enumerate(zip(files, classes, strict=True))
+        ]
     there = [_of_file(path) for path in sorted(folder.rglob("*.h5"))]
     if not there:
         raise FleetError(f"{folder} holds no record, no file that ends in .h5; make records with hums convert.")
@@ -309,7 +314,7 @@ def _result_name(source: _Source) -> str:
 
 
 def _analyse_to_file(gearbox: str, settings: str, source: _Source, path: Path) -> None:
-    row = {"record": source.name} | _row(source, *_parsed(gearbox, settings))
+    row = {"record": source.name, "class": source.label} | _row(source, *_parsed(gearbox, settings))
     with atomic_write(path) as part:
         part.write_bytes(gzip.compress(json.dumps(row).encode(), mtime=0))
 
