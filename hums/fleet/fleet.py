@@ -2,7 +2,7 @@
 
 Each record is analysed independently, in any process, and leaves one small result file. An interrupted run therefore
 resumes, a later run analyses only records that are new or changed, and memory holds one record per worker. A record
-that cannot be analysed becomes a row with its error.
+that cannot be analysed, or kills its worker process, becomes a row with its error.
 """
 
 import gzip
@@ -188,6 +188,7 @@ def analyze_fleet(
         folder=results_folder,
         workers=workers or Serial(),
         title="records" if progress else None,
+        when_killed=_killed_to_file,
     )
     names = [job.name for job in jobs]
     if append:
@@ -314,9 +315,23 @@ def _result_name(source: _Source) -> str:
 
 
 def _analyse_to_file(gearbox: str, settings: str, source: _Source, path: Path) -> None:
-    row = {"record": source.name, "class": source.label} | _row(source, *_parsed(gearbox, settings))
+    _write_row(source, _row(source, *_parsed(gearbox, settings)), path)
+
+
+def _killed_to_file(source: _Source, path: Path) -> None:
+    """Write the row of a record at which its worker process died; its file is not opened again."""
+    sentence = (
+        f"{source.path} killed its reader: the process that analysed it died, twice. The file is damaged, or needs "
+        "more memory than there is. Copy it again from where it came."
+    )
+    _write_row(source, {"machine": "", "recorded_at": "", "error": sentence}, path)
+
+
+def _write_row(source: _Source, row: Mapping[str, Any], path: Path) -> None:
     with atomic_write(path) as part:
-        part.write_bytes(gzip.compress(json.dumps(row).encode(), mtime=0))
+        part.write_bytes(
+            gzip.compress(json.dumps({"record": source.name, "class": source.label} | dict(row)).encode(), mtime=0)
+        )
 
 
 @lru_cache(maxsize=4)

@@ -17,6 +17,7 @@ from hums.fleet.maintenance import Work
 from hums.fleet.monitor import ALARM_COLUMNS, SEVERE, Judgement, MachineState, MonitorSettings, update
 from hums.fleet.observation import Observation, order_key
 from hums.fleet.state import read_state, write_state
+from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
 from signals.monitoring.alarm_life import Life
 
@@ -253,4 +254,5 @@ def _write(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]
         writer = csv.DictWriter(stream, columns, lineterminator="\n", restval="")
         writer.writeheader()
         for row in rows:
-            writer.writerow({name: f"{x:.6g}" if isinstance(x := row.get(name, ""), float) else x for name in columns})
+            cells = {name: row.get(name, "") for name in columns}
+            writer.writerow({name: f"{x:.6g}" if isinstance(x, float) else plain_cell(x) for name, x in cells.items()})

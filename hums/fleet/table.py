@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hums.fleet.kept import INDICATOR, LINE, KeptRecord
 from hums.fleet.observation import seconds_since_1970
+from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
 from signals.monitoring.forecast import local_trend, time_until
 from signals.monitoring.trends import FEWEST, trend_tests
@@ -280,7 +281,7 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     header += [f"{title} [{unit}]" for title, unit in zip(lines, line_units, strict=True)]
     header += [f"{title} over surroundings" for title in lines]
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
+    writer.writerow(map(plain_cell, header))
     facts = [table[name].to_numpy() for name in (*_FACTS, "class", "speed_hz")]
     numbers = np.concatenate([table[name].to_numpy() for name in ("value", "amplitude", "snr")], axis=1)
     form = ",%.7g" * numbers.shape[1]
@@ -290,7 +291,7 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
         row += [not_judged[at], _number(_largest(health[at])), *map(_number, health[at])]
         row += ["" if facts[3][at] else VERDICTS[verdict] for verdict in verdicts]
         line = io.StringIO()
-        csv.writer(line, lineterminator="").writerow(row)
+        csv.writer(line, lineterminator="").writerow(map(plain_cell, row))
         stream.write(line.getvalue() + (form % tuple(numbers[at].tolist())).replace("nan", "") + "\n")
 
 
@@ -333,7 +334,8 @@ def _write_trends(rows: Sequence[Mapping[str, Any]], stream: TextIO) -> None:
     writer = csv.DictWriter(stream, _TREND_COLUMNS, lineterminator="\n", restval="")
     writer.writeheader()
     for row in sorted(rows, key=lambda row: row.get("adjusted_p", 2.0)):
-        writer.writerow({name: f"{value:.6g}" if isinstance(value, float) else value for name, value in row.items()})
+        cells = {name: f"{x:.6g}" if isinstance(x, float) else plain_cell(x) for name, x in row.items()}
+        writer.writerow(cells)
 
 
 def _series_trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[dict[str, Any]]:
