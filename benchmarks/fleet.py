@@ -452,7 +452,8 @@ gearbox ({healthy} healthy): each series of indicators is its mean, its slopes o
 which carry over as `data_synth.scene.history` declares (5 and 50 records, a season of 365), and a residual drawn
 together for all series. The load is not measured, so it is no covariate. The prior (`hums/fleet/prior.json`) was
 learned from machines of another seed, resampled from the same analyses: the rates say that the limits hold for the
-population they were learned over, not for another one. Nothing is tuned to measured records.
+population they were learned over, not for another one. It was revised after looking at the false-alarm rates of this
+same pool of residuals: those rates are no test of it on data it has not seen. Nothing is tuned to measured records.
 """
 
 

@@ -4,6 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
+from hums.fleet.kept import KeptRecord, Numbers
 from hums.fleet.monitor import MachineState, MonitorSettings, update
 from hums.fleet.observation import Observation
 from hums.fleet.series import Series
@@ -38,6 +39,27 @@ def observed(number, *, component="", shift=0.0, gain=0.0, speed_hz=20.0, seed=0
         values=values,
         covariates={"speed_hz": speed_hz * (1 + 0.01 * rng.standard_normal())},
         sick=dict.fromkeys(sick, "clipped"),
+    )
+
+
+LINES = tuple((name, "order_spectrum", "stage 1/pinion", "gear", n, 0, "g") for name in "ab" for n in (1, 2, 3))
+
+
+def kept(seen, *, growth=1.0):
+    """The results of an observation's record; its lines grow."""
+    keys = tuple(seen.values)
+    return KeptRecord(
+        record=seen.record,
+        machine=seen.machine,
+        recorded_at=seen.recorded_at,
+        error="",
+        speed_hz=20.0,
+        lines=Numbers(keys=LINES, values=np.array([[growth * x, 2, 1] for x in (0.1, 0.3, 0.2) * 2], dtype=np.float32)),
+        orders=np.array([23.0, 46.0, 69.0] * 2),
+        indicators=Numbers(keys=(), values=np.zeros(0)),
+        findings=(),
+        watched=Numbers(keys=keys, values=np.array([seen.values[key] for key in keys])),
+        seen=Observation(machine=seen.machine, record=seen.record, covariates=seen.covariates),
     )
 
 

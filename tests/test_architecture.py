@@ -56,10 +56,11 @@ ONE_DOOR = {
     "h5netcdf": ("hums.records.store",),
     "matplotlib": ("hums.plots",),
     "dask": ("hums.jobs",),
+    "pyarrow": ("hums.fleet.parquet",),
     "filterpy": ("signals.harmonics.reference",),
     "numba": ("signals._compile", "data_synth._compile"),
 }
-HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "jinja2", "typer"]
+HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]
 
 # Tests that mirror no module, and why.
 NO_MIRROR = {

@@ -463,6 +463,7 @@ def fleet(  # noqa: PLR0917 - each option is one
     """Analyse many records into one table with trends and alarms; the same again goes on, with new records too."""
     from hums.fleet.fleet import analyze_fleet  # noqa: PLC0415
     from hums.fleet.monitor import MonitorSettings  # noqa: PLC0415
+    from hums.fleet.parquet import NO_PYARROW  # noqa: PLC0415
 
     if baseline_span and healthy:
         raise ValueError("--baseline-span and --healthy are both given; keep one.")
@@ -509,6 +510,8 @@ def fleet(  # noqa: PLR0917 - each option is one
     typer.echo(f"{result.alarms} alarms; one in {false_alarm_every:g} records of a machine would be false")
     for name in ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5"):
         typer.echo(f"wrote {result.folder / name}")
+    parquet = result.folder / "indicators.parquet"
+    typer.echo(f"wrote {parquet}" if parquet.is_file() else NO_PYARROW)
     if result.failed == result.records:
         raise ValueError("no record could be analysed; the column error of fleet.csv says why.")
 

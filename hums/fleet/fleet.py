@@ -23,11 +23,12 @@ from hums.fleet.kept import read_results
 from hums.fleet.maintenance import Work, read_maintenance
 from hums.fleet.monitor import MonitorSettings
 from hums.fleet.page import write_page
+from hums.fleet.parquet import write_indicators
 from hums.fleet.results import results
 from hums.fleet.table import WrittenTables, write_tables
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, run_jobs
-from hums.records.dataset_store import dataset_files, dataset_record, is_dataset
+from hums.records.dataset_store import dataset_files, dataset_record, is_dataset, open_dataset
 from hums.records.store import atomic_write, open_record
 from signals._validation import checked
 
@@ -57,7 +58,8 @@ class Fleet:
     folder : Path
         Holds ``fleet.h5`` and ``fleet.csv``, one row per record; ``trends.csv``, one row per series and machine;
         ``alarms.csv``, one row per alarm; ``components.csv``, the health of every component; ``baseline.h5``, what was
-        normal; ``fleet.html``, a page of all; ``records/``, the results of each record; and ``watch/``, the states of
+        normal; ``indicators.parquet``, a row for each indicator of each record, where pyarrow is installed;
+        ``fleet.html``, a page of all; ``records/``, the results of each record; and ``watch/``, the states of
         the machines.
     records, failed : int
         Number of records, and of those that could not be analysed.
@@ -93,12 +95,13 @@ class Fleet:
 
 @dataclass(frozen=True, kw_only=True)
 class _Source:
-    """A record: a file, or one of a dataset in a folder; and the file that holds its samples."""
+    """A record: a file, or one of a dataset in a folder, with its class; and the file that holds its samples."""
 
     name: str
     path: Path
     file: Path
     number: int | None = None
+    label: str = ""
 
 
 @checked
@@ -248,6 +251,7 @@ def _tables(
         health={one["record"]: one for history in histories for one in history.records},
         limits={history.state.machine: history.severe_score for history in histories},
     )
+    write_indicators(records, folder / "indicators.parquet")
     write_page(histories, records, folder / "fleet.html", gearbox=gearbox)
     return histories, written
 
@@ -285,8 +289,12 @@ def _sources(given: Sequence[str | Path]) -> list[_Source]:
 def _sources_in_folder(folder: Path) -> list[_Source]:
     whole = folder.resolve()
     if is_dataset(folder) or (folder / "plan.toml").is_file():
-        files = enumerate(dataset_files(folder))
-        return [_Source(name=f"{folder}/{n}", path=whole, file=file, number=n) for n, file in files]
+        files, labels = dataset_files(folder), open_dataset(folder)
+        classes = labels["class"].to_numpy() if "class" in labels else [""] * len(files)
+        return [
+            _Source(name=f"{folder}/{n}", path=whole, file=file, number=n, label=str(label))
+            for n, (file, label) in enumerate(zip(files, classes, strict=True))
+        ]
     there = [_of_file(path) for path in sorted(folder.rglob("*.h5"))]
     if not there:
         raise FleetError(f"{folder} holds no record, no file that ends in .h5; make records with hums convert.")
@@ -321,7 +329,9 @@ def _killed_to_file(source: _Source, path: Path) -> None:
 
 def _write_row(source: _Source, row: Mapping[str, Any], path: Path) -> None:
     with atomic_write(path) as part:
-        part.write_bytes(gzip.compress(json.dumps({"record": source.name} | dict(row)).encode(), mtime=0))
+        part.write_bytes(
+            gzip.compress(json.dumps({"record": source.name, "class": source.label} | dict(row)).encode(), mtime=0)
+        )
 
 
 @lru_cache(maxsize=4)

@@ -4,7 +4,7 @@ import gzip
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from dataclasses import replace as with_changes
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,8 @@ class KeptRecord:
     """One record: its facts, and what it has of lines, indicators and findings.
 
     ``lines`` has amplitude, what it is over its surroundings, and 1 where it is claimed; ``orders`` are those of the
-    first record with such lines; ``indicators`` has their values; ``findings`` component, kind and verdict.
+    first record with such lines; ``indicators`` has their values; ``findings`` component, kind and verdict;
+    ``label`` is the class of a record of a dataset.
     """
 
     record: str
@@ -52,7 +53,7 @@ class KeptRecord:
     findings: tuple[tuple[str, str, str], ...]
     watched: Numbers
     seen: Observation
-    labels: Mapping[str, Any] = field(default_factory=dict)
+    label: str = ""
 
     @property
     def observation(self) -> Observation:
@@ -91,7 +92,7 @@ def _kept(row: Mapping[str, Any], shared: dict[Any, Any]) -> KeptRecord:
         findings=tuple((component, kind, word) for component, kind, word, *_ in row.get("findings", ())),
         watched=_numbers(list(seen.values), [(x,) for x in seen.values.values()], 1, shared, np.float64),
         seen=with_changes(seen, values={}),
-        labels=row.get("labels", {}),
+        label=row.get("class", ""),
     )
 
 

@@ -190,6 +190,7 @@ def _table(records: Sequence[KeptRecord], columns: _Columns) -> xr.Dataset:
             verdict[number, columns.conditions[component, kind]] = VERDICTS.index(word)
     return xr.Dataset(
         {
+            "class": ("record", np.array([one.label for one in records], dtype=np.str_)),
             **{name: ("record", np.array(texts, dtype=np.str_)) for name, texts in facts.items() if name != "record"},
             "speed_hz": ("record", speed, {"units": "rev s-1", "long_name": "mean speed of the reference"}),
             "amplitude": (("record", "line"), amplitude, {"long_name": "peak amplitude"}),
@@ -269,6 +270,7 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     watched = [f"health: {name}" for name in table["watched"].to_numpy()]
     header = [
         *_FACTS,
+        "class",
         "speed_hz",
         "not_judged",
         "health_index",
@@ -280,7 +282,7 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     header += [f"{title} over surroundings" for title in lines]
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(map(plain_cell, header))
-    facts = [table[name].to_numpy() for name in (*_FACTS, "speed_hz")]
+    facts = [table[name].to_numpy() for name in (*_FACTS, "class", "speed_hz")]
     numbers = np.concatenate([table[name].to_numpy() for name in ("value", "amplitude", "snr")], axis=1)
     form = ",%.7g" * numbers.shape[1]
     health, not_judged = table["health"].to_numpy(), table["not_judged"].to_numpy()

@@ -142,6 +142,7 @@ class TestTable:
         assert (result.records, result.failed) == (2, 0)
         made = rows(tmp_path / "out" / "fleet.csv")
         assert [line["record"] for line in made] == [f"{tmp_path / 'made'}/{number}" for number in (0, 1)]
+        assert [line["class"] for line in made] == hums.open_dataset(tmp_path / "made")["class"].to_numpy().tolist()
         speeds = [hums.dataset_record(tmp_path / "made", number)["truth_speed"].mean().item() for number in (0, 1)]
         assert [float(line["speed_hz"]) for line in made] == pytest.approx(speeds, rel=0.01)
 

@@ -7,33 +7,13 @@ import re
 import numpy as np
 import pytest
 from browser import draw_all, printed, show, text_of, violations
-from fleets import FIRST, HEALTHY, PINION, followed, observed
+from fleets import FIRST, HEALTHY, PINION, followed, kept, observed
 
 from hums.fleet.history import MachineHistory
-from hums.fleet.kept import KeptRecord, Numbers
 from hums.fleet.monitor import MachineState
-from hums.fleet.observation import Observation
 from hums.fleet.page import write_page
 
-LINES = tuple((name, "order_spectrum", "stage 1/pinion", "gear", n, 0, "g") for name in "ab" for n in (1, 2, 3))
 RECORDS = 1_826  # five years of days
-
-
-def kept(seen, *, growth=1.0):
-    keys = tuple(seen.values)
-    return KeptRecord(
-        record=seen.record,
-        machine=seen.machine,
-        recorded_at=seen.recorded_at,
-        error="",
-        speed_hz=20.0,
-        lines=Numbers(keys=LINES, values=np.array([[growth * x, 2, 1] for x in (0.1, 0.3, 0.2) * 2], dtype=np.float32)),
-        orders=np.array([23.0, 46.0, 69.0] * 2),
-        indicators=Numbers(keys=(), values=np.zeros(0)),
-        findings=(),
-        watched=Numbers(keys=keys, values=np.array([seen.values[key] for key in keys])),
-        seen=Observation(machine=seen.machine, record=seen.record, covariates=seen.covariates),
-    )
 
 
 def content(page, figure):

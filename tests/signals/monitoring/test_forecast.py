@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from signals.monitoring.forecast import _filtered, local_trend, time_until
+from signals.monitoring.forecast import _clock, _filtered, local_trend, time_until
 
 
 def test_the_filter_is_generalised_least_squares():
@@ -15,7 +15,7 @@ def test_the_filter_is_generalised_least_squares():
     design = np.column_stack([np.ones(12), -s])
     inverse = np.linalg.inv(covariance)
     expected = np.linalg.inv(design.T @ inverse @ design)
-    mean, found, _, square = _filtered(y, t, q)
+    mean, found, _, square = (one[0] for one in _filtered(y, t[:, None], np.array([q])))
     beta = expected @ design.T @ inverse @ y
     assert mean == pytest.approx(beta, rel=1e-9)
     assert found == pytest.approx(expected, rel=1e-9)
@@ -40,6 +40,28 @@ class TestTimeUntil:
             found = time_until(8.0, local_trend(self.series(seed), self.TIMES), span=59)
             inside += found.low <= 21 <= found.high
         assert inside >= 8  # of 12 at 90 %: fewer has a probability of 0.4 %
+
+    def test_intervals_of_several_laws_of_growth_hold_what_is_true(self):
+        # linear, quadratic, exponential by 3 e-foldings, and steps, which no clock of the model has; 64 series
+        inside = given = 0
+        for seed in range(64):
+            rng = np.random.default_rng(seed)
+            total = int(rng.integers(60, 160))
+            share = np.arange(total + 1) / total
+            laws = (share, share**2, np.expm1(3 * share) / np.expm1(3), np.floor(6 * share) / 6)
+            level, now = 12 * laws[seed % 4], int(total * rng.uniform(0.55, 0.8))
+            seen = level[:now] + rng.standard_normal(now)
+            found = time_until(12.0, local_trend(seen, np.arange(now, dtype=float)), span=now - 1.0, seed=seed)
+            given += not found.reason
+            inside += found.low <= total - (now - 1) <= found.high
+        assert given >= 40
+        assert 0.80 <= inside / given <= 0.97  # of 50 at 90 %: outside has a probability of 6 %
+
+    def test_a_clock_in_which_exponential_growth_is_a_line(self):
+        time, rate, span = np.linspace(0, 10, 21), 0.3, 10.0
+        clock = _clock(time[:, None], np.array([0.0, rate * span]), span)
+        np.testing.assert_allclose(clock[:, 0], time)
+        np.testing.assert_allclose(clock[:, 1], span * np.expm1(rate * time) / np.expm1(rate * span), rtol=1e-12)
 
     def test_none_without_a_rise(self):
         found = time_until(8.0, local_trend(self.series(2, slope=0.0), self.TIMES), span=59)

@@ -1,0 +1,79 @@
+"""Indicators of all records as a tidy Parquet file: the one door to pyarrow, which is an optional part."""
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hums.fleet.kept import KeptRecord
+from hums.records.store import atomic_write
+
+__all__ = ["NO_PYARROW", "write_indicators"]
+
+NO_PYARROW = 'indicators.parquet needs pyarrow, which is not installed: pip install "hums-toolkit[parquet]".'
+_COLUMNS = ("channel", "component", "kind", "indicator", "units")
+_FACTS = ("record", "machine", "recorded_at")
+_ROWS = 500_000  # of a group: 10 MB of memory while it is written
+
+
+def write_indicators(records: Sequence[KeptRecord], path: Path) -> str:
+    """Write ``indicators.parquet``: a row for each record, channel, component and indicator.
+
+    Parameters
+    ----------
+    records : sequence of KeptRecord
+        All records.
+    path : Path
+        Columns ``record, machine, recorded_at, channel, component, kind, indicator, units, value``; names are stored
+        once and referred to by number. A file that an earlier run left is removed where it cannot be written anew.
+
+    Returns
+    -------
+    str
+        Why there is no file; empty where it is written.
+    """
+    if find_spec("pyarrow") is None:
+        path.unlink(missing_ok=True)
+        return NO_PYARROW
+    import pyarrow as pa  # noqa: PLC0415 - an optional part
+    from pyarrow.parquet import ParquetWriter  # noqa: PLC0415
+
+    names = pa.dictionary(pa.int32(), pa.string())
+    fields = [(name, names) for name in (*_FACTS, *_COLUMNS)]
+    schema = pa.schema([*fields, ("value", pa.float32())])
+    with atomic_write(path) as part, ParquetWriter(part, schema) as writer:
+        waiting: list[KeptRecord] = []
+        for one in records:
+            waiting.append(one)
+            if sum(each.indicators.values.size for each in waiting) >= _ROWS:
+                writer.write_table(_rows(pa, schema, waiting))
+                waiting = []
+        writer.write_table(_rows(pa, schema, waiting))
+    return ""
+
+
+def _rows(pa: Any, schema: Any, records: Sequence[KeptRecord]) -> Any:  # noqa: ANN401 - pyarrow is loaded in use alone
+    """Return the rows of some records."""
+    counts = [len(one.indicators.keys) for one in records]
+    keys: dict[Any, int] = {}
+    places: dict[int, np.ndarray[Any, Any]] = {}
+    for one in records:
+        if id(one.indicators.keys) not in places:
+            places[id(one.indicators.keys)] = np.array(
+                [keys.setdefault(key, len(keys)) for key in one.indicators.keys], dtype=np.int64
+            )
+    at = np.concatenate([np.zeros(0, dtype=np.int64), *(places[id(one.indicators.keys)] for one in records)])
+    which = np.repeat(np.arange(len(records)), counts)
+    columns = [_named(pa, [getattr(one, name) for one in records], which) for name in _FACTS]
+    columns += [_named(pa, [key[number] for key in keys], at) for number in range(len(_COLUMNS))]
+    values = np.concatenate([np.zeros(0, dtype=np.float32), *(one.indicators.values for one in records)])
+    return pa.Table.from_arrays([*columns, pa.array(values)], schema=schema)
+
+
+def _named(pa: Any, names: Sequence[str], at: np.ndarray[Any, Any]) -> Any:  # noqa: ANN401
+    """Return a column of names by number."""
+    distinct, places = np.unique(np.array(names, dtype=np.str_), return_inverse=True)
+    numbers = pa.array(places[at].astype(np.int32)) if len(names) else pa.array([], pa.int32())
+    return pa.DictionaryArray.from_arrays(numbers, pa.array(distinct.tolist(), pa.string()))
