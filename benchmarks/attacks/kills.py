@@ -79,7 +79,11 @@ def kill_workers(folder: Path, *, count: int, seed: int = 20) -> tuple[int, list
         jobs = [Job(name=f"{item}.txt", item=item) for item in range(JOBS)]
         blamed: list[str] = []
         run_jobs(
-            slow_job, jobs, folder=out, workers=Processes(count=2), when_killed=lambda _, path: blamed.append(path.name)
+            slow_job,
+            jobs,
+            folder=out,
+            workers=Processes(count=2),
+            when_killed=lambda _, path, to=blamed: to.append(path.name),
         )
         over.set()
         killer.join()

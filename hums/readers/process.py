@@ -270,7 +270,8 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
             answer, values = {"error": f"{request.get('path', 'the file')} needs more memory than may be used."}, None
         except Exception as error:  # noqa: BLE001 - the libraries fail in any way on damaged bytes
             ours = isinstance(error, ValueError | OSError) and request["do"] != "read"
-            named = f"{request.get('path', 'the file')} cannot be read ({type(error).__name__}: {error}). Copy it again from where it came."
+            why = f"cannot be read ({type(error).__name__}: {error})"
+            named = f"{request.get('path', 'the file')} {why}. Copy it again from where it came."
             answer, values = {"error": str(error) if ours else named}, None
         pipe.send_bytes(json.dumps(answer).encode())
         if values is not None:
