@@ -198,7 +198,7 @@ class Mesh:
 
 @dataclass(frozen=True, kw_only=True)
 class Spring:
-    """A linear spring with a parallel damper: force ``-g (stiffness g . q + damping g . q')``.
+    """A linear spring with a parallel damper: force ``-g (stiffness (g, q) + damping (g, q'))``.
 
     Attributes
     ----------
@@ -225,7 +225,7 @@ class Spring:
 
 @dataclass(frozen=True, kw_only=True)
 class System:
-    """Matrices and meshes of ``M q'' + (C + G) q' + K q + sum_m g_m k_m(phi_m) f(g_m . q - e_m(phi_m)) = F(t)``.
+    """Matrices and meshes of ``M q'' + (C + G) q' + K q + sum_m g_m k_m(phi_m) f((g_m, q) - e_m(phi_m)) = F(t)``.
 
     Attributes
     ----------

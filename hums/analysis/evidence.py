@@ -306,10 +306,13 @@ def _sidebands(main: MeasuredLine, band: BandEvidence, spacings: Iterable[float]
     return sidebands
 
 
-def _own(orders: Numbers, fundamental: float, spacings: Iterable[float], width: float) -> NDArray[np.bool_]:
-    """Return which orders are harmonics of a fundamental, or sidebands of them."""
+def _own(orders: Numbers, fundamental: float, spacings: Sequence[float], width: float) -> NDArray[np.bool_]:
+    """Return which orders are harmonics of a fundamental, sidebands of them, or multiples of their spacing."""
     offsets = [0.0, *(side * s for s in spacings for side in range(-_SIDEBANDS, _SIDEBANDS + 1) if side)]
     own = np.zeros(orders.size, dtype=bool)
+    for spacing in spacings:  # what carries the defect modulates the envelope by itself, too
+        multiple = np.maximum(1, np.round(orders / spacing))
+        own |= (multiple <= _SIDEBANDS) & (np.abs(orders - multiple * spacing) <= width)
     for offset in offsets:
         multiple = np.maximum(1, np.round((orders - offset) / fundamental))
         own |= np.abs(orders - offset - multiple * fundamental) <= width * np.sqrt(multiple)

@@ -506,7 +506,7 @@ def fleet(  # noqa: PLR0917 - each option is one
     if result.no_trends:
         typer.echo(result.no_trends)
     typer.echo(f"{result.alarms} alarms; one in {false_alarm_every:g} records of a machine would be false")
-    for name in ("fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5"):
+    for name in ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5"):
         typer.echo(f"wrote {result.folder / name}")
     if result.failed == result.records:
         raise ValueError("no record could be analysed; the column error of fleet.csv says why.")

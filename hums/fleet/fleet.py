@@ -19,11 +19,12 @@ import xarray as xr
 
 from hums.analysis.analyze import AnalysisSettings, analyze
 from hums.fleet.history import Fact, MachineHistory, watch_machines, write_alarms, write_baselines, write_components
+from hums.fleet.kept import read_results
 from hums.fleet.maintenance import Work, read_maintenance
 from hums.fleet.monitor import MonitorSettings
-from hums.fleet.observation import observation
+from hums.fleet.page import write_page
 from hums.fleet.results import results
-from hums.fleet.table import read_row, write_tables
+from hums.fleet.table import WrittenTables, write_tables
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_dataset
@@ -56,7 +57,8 @@ class Fleet:
     folder : Path
         Holds ``fleet.h5`` and ``fleet.csv``, one row per record; ``trends.csv``, one row per series and machine;
         ``alarms.csv``, one row per alarm; ``components.csv``, the health of every component; ``baseline.h5``, what was
-        normal; ``records/``, the results of each record; and ``watch/``, the states of the machines.
+        normal; ``fleet.html``, a page of all; ``records/``, the results of each record; and ``watch/``, the states of
+        the machines.
     records, failed : int
         Number of records, and of those that could not be analysed.
     analysed, kept : int
@@ -162,6 +164,7 @@ def analyze_fleet(
     >>> fleet.records, fleet.failed
     (1, 0)
     """
+    named = gearbox.name if isinstance(gearbox, Gearbox) else str(gearbox)
     gearbox = gearbox if isinstance(gearbox, Gearbox) else load_gearbox(gearbox)
     settings = settings or AnalysisSettings(most_tracks=0)
     work = read_maintenance(maintenance) if maintenance is not None else ()
@@ -190,13 +193,7 @@ def analyze_fleet(
     with atomic_write(folder / _LIST) as part:
         part.write_text(json.dumps(names), encoding="utf-8")
     paths = [results_folder / name for name in names]
-    histories = _watch(paths, folder, monitoring or MonitorSettings(), work, append=append)
-    written = write_tables(
-        paths,
-        folder,
-        health={one["record"]: one for history in histories for one in history.records},
-        limits={history.state.machine: history.severe_score for history in histories},
-    )
+    histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, append=append, gearbox=named)
     return Fleet(
         folder=folder,
         records=len(paths),
@@ -219,21 +216,40 @@ def _listed(folder: Path) -> list[str]:
     return names
 
 
-def _watch(
-    paths: Sequence[Path], folder: Path, settings: MonitorSettings, work: Sequence[Work], *, append: bool
-) -> list[MachineHistory]:
-    """Watch the machines; write alarms, components and baselines."""
-    facts = []
-    for path in paths:
-        row = read_row(path)
-        facts.append(Fact(machine=row["machine"], record=row["record"], recorded_at=row["recorded_at"], path=path))
+def _tables(
+    paths: Sequence[Path],
+    folder: Path,
+    settings: MonitorSettings,
+    work: Sequence[Work],
+    *,
+    append: bool,
+    gearbox: str = "GEARBOX",
+) -> tuple[list[MachineHistory], WrittenTables]:
+    """Watch the machines; write alarms, components, baselines, the tables of all records and the page."""
+    records = read_results(paths)
+    facts = [
+        Fact(machine=one.machine, record=one.record, recorded_at=one.recorded_at, number=number)
+        for number, one in enumerate(records)
+    ]
     histories = watch_machines(
-        facts, lambda path: observation(read_row(path)), folder / "watch", settings=settings, work=work, append=append
+        facts,
+        lambda number: records[number].observation,
+        folder / "watch",
+        settings=settings,
+        work=work,
+        append=append,
     )
     write_alarms(histories, folder / "alarms.csv")
     write_components(histories, folder / "components.csv")
     write_baselines(histories, folder / "baseline.h5")
-    return histories
+    written = write_tables(
+        records,
+        folder,
+        health={one["record"]: one for history in histories for one in history.records},
+        limits={history.state.machine: history.severe_score for history in histories},
+    )
+    write_page(histories, records, folder / "fleet.html", gearbox=gearbox)
+    return histories, written
 
 
 def _check_task(path: Path, task: dict[str, str]) -> None:

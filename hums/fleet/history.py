@@ -43,12 +43,12 @@ COMPONENT_COLUMNS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Fact:
-    """A record: its machine, name and time, and the file of its results."""
+    """A record: its machine, name and time, and its place among all records."""
 
     machine: str
     record: str
     recorded_at: str
-    path: Path
+    number: int
 
 
 @dataclass(kw_only=True)
@@ -81,7 +81,7 @@ class MachineHistory:
 
 def watch_machines(
     records: Sequence[Fact],
-    load: Callable[[Path], Observation],
+    load: Callable[[int], Observation],
     folder: Path,
     *,
     settings: MonitorSettings,
@@ -95,7 +95,7 @@ def watch_machines(
     records : sequence of Fact
         All records, in any order.
     load : callable
-        Returns the observation in the file of a record's results; one is in memory at a time.
+        Returns the observation of the record at a place.
     folder : Path
         Of the states.
     settings : MonitorSettings
@@ -116,7 +116,7 @@ def watch_machines(
         name = hashlib.sha256(machine.encode()).hexdigest()[:16]
         history = _earlier(folder, name, ordered, settings) if append else None
         history = history or MachineHistory(state=MachineState(machine=machine, settings=settings))
-        history.follow((load(one.path) for one in ordered[len(history.records) :]), work)
+        history.follow((load(one.number) for one in ordered[len(history.records) :]), work)
         _keep(history, folder, name)
         found.append(history)
     return found

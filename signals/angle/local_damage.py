@@ -53,6 +53,7 @@ _FLOOR = 0.1  # of a turn's geometric mean energy: bounds the logarithm from bel
 _WIDTHS = (1, 2, 4, 8)  # cells
 _HARMONICS = 40  # of each mesh removed; a mesh has no measurable ones beyond
 _FIRST, _ENOUGH = 99, 8  # rotations drawn before the permutation test may stop, and exceedances at which it does
+_FEWEST_OTHERS = 3  # cells besides the peak and its neighbours, of which a scatter can be estimated
 _NEIGHBOURS = 2.5  # teeth on either side of the peak not compared: pits spread, and the mesh rings on; at most a sixth
 _UNLIKELY = 0.05  # probability of the outlier alone above which more rotations could not make the tooth significant
 _SILENT = 1e-6  # of the median turn's energy: a turn below is a drop-out
@@ -378,6 +379,8 @@ def _at_peak(curve: Array, statistic: Array, width: int, energies: FoldedEnergie
     distance = np.abs((np.arange(cells) - peak + cells // 2) % cells - cells // 2)
     beside = max(pitch, width, min(round(_NEIGHBOURS * pitch), cells // 6))
     others = curve[distance > beside]
+    if others.size < _FEWEST_OTHERS:
+        others = curve  # too coarse for a tooth to stand out: its statistic is that of a cell among all
     spread = float(others.std(ddof=1))
     outlier = float((curve[peak] - others.mean()) / spread) if spread > 0 else math.inf
     apart = np.where(distance > beside, curve - others.mean(), 0.0)

@@ -87,7 +87,7 @@ class SpectralKurtosis:
 def spectral_kurtosis(
     x: ArrayLike, *, rate_hz: float, window_length: int, window: str = "hann", overlap: float = 0.75
 ) -> SpectralKurtosis:
-    """Return the spectral kurtosis from the short-time Fourier transform [1]_.
+    """Return the spectral kurtosis from the short-time Fourier transform (Antoni 2006).
 
     The first two lines and the last two are left out: the window mixes positive and negative frequencies near 0 and
     near half the sampling rate, where noise is therefore not circular.
@@ -217,7 +217,7 @@ class Kurtogram:
 def fast_kurtogram(
     x: ArrayLike, *, rate_hz: float, levels: int | None = None, with_negentropy: bool = False
 ) -> Kurtogram:
-    """Return the kurtosis over bands and bandwidths from a tree of filters [2]_.
+    """Return the kurtosis over bands and bandwidths from a tree of filters (Antoni 2007).
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def fast_kurtogram(
     levels : int, optional
         Number of halvings; default 7, or as many as leave 320 samples in the narrowest band.
     with_negentropy : bool
-        Whether the negentropy of the squared envelope's spectrum [3]_ is computed.
+        Whether the negentropy of the squared envelope's spectrum (Antoni 2016) is computed.
 
     Returns
     -------

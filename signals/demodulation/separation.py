@@ -270,8 +270,8 @@ def discrete_random_separation(x: ArrayLike, *, window_length: int, delay: int) 
     ``q / (q + 1)`` for a line with q times the power of the noise, and about ``1 / sqrt(K)`` for noise only, from K
     independent blocks. It is the gain of a zero-phase filter, whose response is tapered to the length of the window
     (Antoni & Randall 2004, "Unsupervised noise cancellation for vibration signals: part II", Mech. Syst. Signal
-    Process. 18(1), 103-117). The power here is the mean of E[|X|^2] and E[|Y|^2], equal in a stationary record, which
-    keeps the gain at or below one.
+    Process. 18(1), 103-117). The power here is the mean of ``E[|X|^2]`` and ``E[|Y|^2]``, equal in a stationary record,
+    which keeps the gain at or below one.
 
     Parameters
     ----------

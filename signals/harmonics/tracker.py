@@ -90,7 +90,7 @@ def track_orders(
         `noise_variance`. Of the i-th difference it is `initial_std (2 pi bandwidth / rate)^i`. Default 1000 standard
         deviations of the noise, a prior without effect after a few samples.
     phase_std_rad : standard deviation of errors of the shaft angle that are slow against 1 / bandwidth, in rad: one
-        number, (sample,) array, or a mapping as `phase_rad`. It adds (order phase_std |Z|)^2 / 2 to `std` squared.
+        number, (sample,) array, or a mapping as `phase_rad`. It adds ``(order phase_std |Z|)^2 / 2`` to `std` squared.
     innovations : whether the result holds the innovation of every sample, which only "exact" computes.
 
     Returns

@@ -118,8 +118,8 @@ def spectral_correlation(
 
         S(alpha, f_k) = DFT_i[ X(i, k) sum_{p = 0..P} X(i, k - p)* ] / (K rate sum_p R_w(alpha - p rate / N))
 
-    with R_w the Fourier transform of the squared window and P lines reaching max_cyclic_hz ([1]_, the sum moved
-    inside by [2]_).
+    with R_w the Fourier transform of the squared window and P lines reaching max_cyclic_hz (Antoni, Xin and
+    Hamzaoui 2017, the sum moved inside by Borghesani and Antoni 2018).
 
     Examples
     --------
@@ -236,7 +236,7 @@ class CyclicSpectrum:
 
 @checked
 def enhanced_envelope_spectrum(correlation: SpectralCorrelation) -> CyclicSpectrum:
-    """Return the enhanced envelope spectrum: the mean of ``abs(coherence(alpha, f))`` over all f [1]_.
+    """Return the enhanced envelope spectrum: the mean of ``abs(coherence(alpha, f))`` over all f (Antoni 2017).
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from hums.analysis.result import (
     summary,
 )
 from hums.gearbox.model import Gearbox, load_gearbox
-from hums.gearbox.orders import defects
+from hums.gearbox.orders import BEARING_KINDS, defects
 from hums.records.record import Channel, NominalSpeed, PulseTimes, RecordError, UnknownAngle, make_record
 from hums.records.store import open_record, save_record, write_tree
 from hums.report import render
@@ -54,11 +54,12 @@ def test_the_path_of_a_record_is_as_good_as_the_record(tmp_path):
     settings = AnalysisSettings(envelope_band_hz=None)
     from_path = analyze(tmp_path / "record.h5", TWO_STAGE, settings=settings)
     with open_record(tmp_path / "record.h5") as record:
-        xr.testing.assert_identical(from_path, analyze(record, TWO_STAGE, settings=settings))
+        # transforms of memory that lies elsewhere may round differently
+        xr.testing.assert_allclose(from_path, analyze(record, TWO_STAGE, settings=settings), rtol=1e-9)
 
 
 def test_layout(analysis):
-    assert set(analysis.children) == {*GROUPS, WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM}
+    assert set(analysis.children) == {*GROUPS, WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM, "unexplained", "verdicts"}
     assert isinstance(analysis, xr.DataTree)
 
 
@@ -357,7 +358,7 @@ def test_settings_that_are_none():
     assert AnalysisSettings(channels=["a"]).channels == ("a",)
     for wrong in ({"settings": {"harmonics": 3}}, {}):
         gearbox = load_gearbox("two-stage") if wrong else "two-stage"
-        with pytest.raises(AnalysisError, match=r"settings is a dict|gearbox is a str"):
+        with pytest.raises((AnalysisError, TypeError), match=r"settings, not .* type dict|gearbox.* of type str"):
             analyze(tone_record(), gearbox, **wrong)
 
 
@@ -416,10 +417,10 @@ def test_what_a_sick_sensor_shows_is_not_diagnosed():
     )
     analysis = analyze(record, load_gearbox("two-stage"), settings=NO_TRACKS)
     assert verdicts(analysis)["housing"] == "sick"
-    found = summary(analysis)["findings"]
-    assert found
-    assert {one["verdict"] for one in found} == {"indicated"}
-    assert all("the sensor is sick" in one["evidence"] for one in found)
+    assert summary(analysis)["findings"] == []
+    judged = summary(analysis)["verdicts"]
+    assert {one["verdict"] for one in judged} == {"not judged"}
+    assert all("the sensor is faulty" in one["evidence"] for one in judged if one["kind"] in BEARING_KINDS)
 
 
 def test_a_tachometer_with_faults_is_suspect():
@@ -452,9 +453,10 @@ def test_a_band_is_chosen_where_the_bearing_rings():
     assert band["chosen"]
     assert band["low_hz"] < 6300  # the resonance, 640 Hz wide, is in it
     assert band["high_hz"] > 5700
-    assert "lines of input bearing inner race stand out most in it" in band["why"]
+    assert "the line of input bearing inner race modulates it by" in band["why"]
     first = summary(analysis)["findings"][0]
-    assert (first["kind"], first["verdict"]) == ("inner_race", "diagnosed")
+    # the strikes are alike all round, as no load zone makes them: no sideband, so a doubt remains
+    assert (first["kind"], first["verdict"]) == ("inner_race", "indicated")
 
 
 def test_the_channel_is_named_where_no_band_can_be_chosen():

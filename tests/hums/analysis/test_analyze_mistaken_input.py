@@ -110,7 +110,7 @@ def test_the_commands_print_the_speed_found(tmp_path, monkeypatch, capsys):
     save_record(record_of(), path)
     for words, told in (
         (("info", path), "about 20 rev/s (98 % of revolutions 20 to 20)"),
-        (("analyze", path, "--gearbox", "two-stage", "-o", folder), "speed of input: 20 to 20 rev/s"),
+        (("analyze", path, "--gearbox", "two-stage", "-o", folder), "speed of input: 1200 rpm (20 Hz)"),
     ):
         monkeypatch.setattr(sys, "argv", ["hums", *map(str, words)])
         assert main() == 0

@@ -6,6 +6,7 @@ import sys
 from datetime import UTC, datetime, timedelta
 
 import clusters
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -213,12 +214,17 @@ class TestGoingOn:
             tables.append((tmp_path / "out" / "fleet.csv").read_bytes())
         assert tables[0] != tables[1]
 
-    def test_a_date_that_is_none_costs_no_table(self, tmp_path):
-        made = record(1.0)
-        made.attrs["recorded_at"] = "yesterday"
-        save_record(made, tmp_path / "a.h5")
+    @pytest.mark.filterwarnings("ignore:.*was changed after it was written")
+    def test_a_date_that_is_none_costs_its_record_alone(self, tmp_path):
+        for name in ("a", "b"):
+            save_record(record(1.0), tmp_path / f"{name}.h5")
+        with h5py.File(tmp_path / "a.h5", "a") as file:
+            file.attrs["recorded_at"] = "yesterday"
         result = run([tmp_path], tmp_path / "out")
-        assert (result.records, len(rows(tmp_path / "out" / "fleet.csv"))) == (1, 1)
+        assert (result.records, result.failed) == (2, 1)
+        refused, kept = rows(tmp_path / "out" / "fleet.csv")
+        assert "recorded_at='yesterday'" in refused["error"]
+        assert kept["error"] == ""
 
     def test_another_gearbox_or_other_settings_are_refused(self, records, done):
         with pytest.raises(

@@ -1,0 +1,121 @@
+"""Sphinx configuration: ``sphinx-build -W --keep-going docs docs/_build/html``."""
+
+import sys
+from importlib import import_module
+from importlib.metadata import version as installed_version
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "_ext"))
+
+project = "HUMS toolkit"
+author = "The HUMS toolkit developers"
+project_copyright = author
+version = release = installed_version("hums-toolkit")
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "numpydoc",
+    "myst_parser",
+    "sphinx_gallery.gen_gallery",
+    "sphinxcontrib.mermaid",
+    "code_blocks",  # runs the code blocks of the pages
+]
+exclude_patterns = ["_build", "_ext", "_templates", "examples"]
+templates_path = ["_templates"]
+default_role = "py:obj"
+
+html_theme = "pydata_sphinx_theme"
+html_title = "HUMS toolkit"
+html_show_sourcelink = False
+html_theme_options = {
+    "navigation_with_keys": False,
+    "show_toc_level": 2,
+    "secondary_sidebar_items": ["page-toc", "sg_download_links", "sg_launcher_links"],
+}
+html_sidebars = {"glossary": [], "validation": []}
+
+myst_enable_extensions = ["deflist", "dollarmath", "colon_fence"]
+myst_heading_anchors = 4
+myst_fence_as_directive = ["mermaid"]
+
+autodoc_typehints = "none"  # numpydoc states the types, with shapes and units
+autosummary_generate = True
+numpydoc_show_class_members = False  # attributes stand in the docstring of the class
+numpydoc_xref_param_type = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": "examples",
+    "gallery_dirs": "gallery",
+    "within_subsection_order": "FileNameSortKey",
+    "abort_on_example_error": False,
+    "show_memory": False,
+    "min_reported_time": 0,
+    "write_computation_times": False,
+    "reference_url": {"hums": None, "signals": None, "data_synth": None},
+    "doc_module": ("hums", "signals", "data_synth"),
+}
+
+# A page for each package, from what it exports: complete by construction.
+API = {
+    "signals": "Arrays in, frozen dataclasses of arrays out.",
+    "signals.harmonics": "Amplitude and phase of orders, with their uncertainty.",
+    "signals.indicators": "Condition indicators, each with its source.",
+    "hums": "Gearboxes, records, analyses, reports and fleets.",
+    "hums.plots": "Figures on matplotlib axes.",
+    "data_synth": "Synthetic records that carry their truth.",
+    "data_synth.dynamics": "Equations of motion of a gearbox, and what follows from them.",
+}
+
+
+def _elsewhere(package: str, name: str) -> bool:
+    """Whether a name has its page with a sub-package, or with another library (`hums.Analysis`, an alias)."""
+    thing = getattr(import_module(package), name)
+    home = getattr(thing, "__module__", package)
+    if home.split(".")[0] not in {each.split(".")[0] for each in API} and isinstance(thing, type):
+        return True
+    return any(
+        name in import_module(other).__all__ and getattr(import_module(other), name) is thing
+        for other in API
+        if other.startswith(f"{package}.")
+    )
+
+
+def _api_page(package: str, about: str) -> str:
+    module = import_module(package)
+    elsewhere = sorted(name for name in module.__all__ if _elsewhere(package, name))
+    kinds: dict[str, list[str]] = {"Functions": [], "Classes": [], "Exceptions and warnings": [], "Data": []}
+    for name in sorted(set(module.__all__) - set(elsewhere), key=str.lower):
+        thing = getattr(module, name)
+        if isinstance(thing, type):
+            kinds["Exceptions and warnings" if issubclass(thing, Exception) else "Classes"].append(name)
+        else:
+            kinds["Functions" if callable(thing) else "Data"].append(name)
+    lines = [package, "=" * len(package), "", about, "", f".. currentmodule:: {package}", ""]
+    if elsewhere:
+        lines += [f"Also here: {', '.join(f'``{name}``' for name in elsewhere)}.", ""]
+    for kind, names in kinds.items():
+        if names:
+            lines += [kind, "-" * len(kind), "", ".. autosummary::", "   :toctree: generated", "   :nosignatures:", ""]
+            lines += [*(f"   {name}" for name in names), ""]
+    return "\n".join(lines)
+
+
+def _write_api() -> None:
+    folder = HERE / "api"
+    folder.mkdir(exist_ok=True)
+    names = "\n".join(f"   {package}" for package in API)
+    pages = {package: _api_page(package, about) for package, about in API.items()}
+    pages["index"] = (
+        "Reference of the packages\n=========================\n\n"
+        "Every public name, from its docstring. The examples run in the tests.\n\n"
+        f".. toctree::\n   :maxdepth: 1\n\n{names}\n"
+    )
+    for name, text in pages.items():
+        path = folder / f"{name}.rst"
+        if not path.exists() or path.read_text(encoding="utf-8") != text:  # an unchanged page is not built again
+            path.write_text(text, encoding="utf-8")
+
+
+_write_api()

@@ -1,0 +1,26 @@
+"""
+From pulses to the angle of a shaft
+===================================
+
+Pulses of a shaft that speeds up, with jitter; some are missing. They are found and bridged.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import signals
+
+rng = np.random.default_rng(1)
+revolutions = np.arange(200.0)
+times_s = (-10 + np.sqrt(100 + 2 * revolutions)) / 1.0  # 10 rev/s and 1 rev/s more every second
+pulses = np.delete(times_s, [50, 120, 121]) + rng.normal(0, 2e-6, revolutions.size - 3)
+phase = signals.shaft_phase(pulses, pulses_per_rev=1)
+print("missing pulses:", phase.repairs.missing)
+
+t = np.linspace(pulses[0], pulses[-1], 500)
+figure, ax = plt.subplots(layout="constrained")
+ax.plot(t, phase.speed_hz(t), label="from pulses")
+ax.plot(t, 10 + t, "--", label="true")
+ax.set(xlabel="time, s", ylabel="speed, rev/s")
+ax.legend()
+plt.show()

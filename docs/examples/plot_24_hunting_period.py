@@ -1,0 +1,26 @@
+"""
+How many revolutions to average
+===============================
+
+The mate of a gear is nulled by an average over whole turns of both. `quietest_revolutions` names the number that
+leaves least of it.
+"""
+
+from fractions import Fraction
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import signals
+
+mate = Fraction(21, 41)  # turns of the mate for each of the gear
+advice = signals.quietest_revolutions([mate], most=100)
+print("average over", advice.revolutions, "revolutions")
+
+numbers = np.arange(1, 101)
+gains = [abs(float(signals.comb_gain([float(mate)], revolutions=int(number))[0])) for number in numbers]
+figure, ax = plt.subplots(layout="constrained")
+ax.semilogy(numbers, np.maximum(gains, 1e-6))
+ax.axvline(advice.revolutions, color="tab:red", linestyle=":")
+ax.set(xlabel="revolutions averaged", ylabel="what is left of the mate's order")
+plt.show()

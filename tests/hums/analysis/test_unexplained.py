@@ -1,0 +1,78 @@
+"""Lines that a drawing does not explain: a neighbour's family, mains, and what the drawing does explain."""
+
+import numpy as np
+import pytest
+
+from hums.analysis.evidence import Setting
+from hums.analysis.resemblance import unlike_drawing
+from hums.analysis.unexplained import Drawn, unexplained_lines
+from signals import amplitude_spectrum
+
+SPEED_HZ = 20.0
+SETTING = Setting(shafts=(1.0, 0.343), speed_hz=SPEED_HZ)
+DRAWN = Drawn(shafts=(0.343, 1.0), meshes=(6.522, 23.0), bearings=(3.585,), carriers=(), tolerance=0.0, slip=0.02)
+TURNS = np.arange(2**15) / 256  # 128 turns
+
+
+def spectrum_of(*lines):
+    x = 1e-3 * np.random.default_rng(5).standard_normal(TURNS.size)
+    for order, amplitude in lines:
+        x += amplitude * np.cos(2 * np.pi * order * TURNS + order)
+    return amplitude_spectrum(x, rate=256.0)
+
+
+def unexplained(*lines, setting=SETTING):
+    return unexplained_lines(spectrum_of(*lines), DRAWN, setting, channel="x", units="g")
+
+
+def test_what_the_drawing_makes_is_explained():
+    own = [(1.0, 0.1), (0.686, 0.1), (23.0, 1.0), (46.0, 0.5), (22.0, 0.2), (23.343, 0.1), (6.522, 0.3), (5.522, 0.1)]
+    assert unexplained(*own) == []
+
+
+def test_a_line_that_stands_alone_is_listed_with_its_frequency():
+    (line,) = unexplained((23.0, 1.0), (16.65, 0.2))
+    assert line.order == pytest.approx(16.65, abs=1e-3)
+    assert line.frequency_hz == pytest.approx(333.0, abs=0.02)
+    assert line.amplitude == pytest.approx(0.2, rel=0.01)
+    assert line.might_be == ""
+    assert np.isnan(line.spacing)
+
+
+def test_mains_are_no_other_machine_where_the_speed_is_steady():
+    hum = [(2.5, 0.1), (5.0 + 1e-4, 0.1), (7.5, 0.05)]  # 50, 100 and 150 Hz
+    assert unexplained(*hum) == []
+    assert len(unexplained(*hum, setting=Setting(shafts=SETTING.shafts, speed_hz=SPEED_HZ, speed_range_hz=5.0))) == 2
+
+
+def test_a_neighbour_is_a_family_of_its_own():
+    neighbour = [(1.2345 * k, 0.1) for k in (1, 2, 3, 31, 30, 32)]
+    lines = unexplained((23.0, 1.0), *neighbour)
+    np.testing.assert_allclose([line.spacing for line in lines], 1.2345, atol=1e-3)
+    assert all("another machine, or a part that the drawing lacks" in line.might_be for line in lines)
+
+
+def test_a_family_of_a_race_is_called_that():
+    lines = unexplained(*[(3.6 * k, 0.1) for k in (1, 2, 3, 4, 6, 7)])
+    assert lines
+    assert all("a bearing's defect of order 3.585" in line.might_be for line in lines)
+
+
+OWN = [(1.0, 0.1), (23.0, 1.0), (46.0, 0.4), (6.522, 0.3)]
+
+
+def test_another_machines_meshes_do_not_look_like_the_drawing():
+    assert unlike_drawing([spectrum_of(*OWN)], DRAWN, SETTING) == ""
+    other = [(1.0, 0.1), (29.0, 1.0), (58.0, 0.4), (23.0, 0.05)]
+    why = unlike_drawing([spectrum_of(*other)], DRAWN, SETTING)
+    assert "the line at 29.000 orders" in why
+    assert "20 times the largest mesh line" in why
+    # one sensor that looks like the drawing is enough, and without a mesh nothing can be doubted
+    assert unlike_drawing([spectrum_of(*other), spectrum_of(*OWN)], DRAWN, SETTING) == ""
+    bare = Drawn(shafts=(1.0,), meshes=(), bearings=(), carriers=(), tolerance=0.0, slip=0.02)
+    assert unlike_drawing([spectrum_of(*other)], bare, SETTING) == ""
+
+
+def test_a_damaged_race_is_no_other_gearbox():
+    struck = [(3.6 * k, 1.0) for k in range(4, 14)]
+    assert unlike_drawing([spectrum_of((23.0, 0.1), *struck)], DRAWN, SETTING) == ""
