@@ -1,4 +1,4 @@
-"""Odd calls of every exported function: python benchmarks/attack.py [FOLDER].
+"""Odd calls of every exported function, damaged files and kills: python benchmarks/attack.py [FOLDER].
 
 Writes attack.md into FOLDER (default docs/benchmarks).
 """
@@ -13,6 +13,8 @@ from collections import Counter
 from pathlib import Path
 
 from attacks.call_cases import Case, all_cases
+from attacks.damaged_files import COLUMNS, attack_files
+from attacks.kills import kill_saves, kill_workers
 from attacks.odd_calls import answers_that_differ, failure, odd_calls
 
 KILL_S = 60
@@ -29,6 +31,31 @@ HEADER = "| package | functions | calls | wrong | answers that differ | s |\n|--
 def package_of(case: Case) -> str:
     """Return the package and sub-package of a function."""
     return ".".join(case.function.__module__.split(".")[:2])
+
+
+FILES_NOTE = """\
+## Damaged files
+
+A small valid file of each reader is cut off, or has bits flipped, bytes replaced, or sizes written over it (seed 20),
+and is read by `ReaderProcess`. `crash contained` and `stopped`: the process ended, in a sentence that names the file;
+`wrong`: another exception, a message without the name of the file, or, of a record, other values without a warning."""
+KILLS = (100, 5)  # of saves, and of runs of jobs
+FILES = 500  # of each reader
+
+
+def damage(scratch: Path, *, files: int = FILES, kills: tuple[int, int] = KILLS) -> tuple[str, bool]:
+    """Return the part of the page on damaged files and on kills, and whether anything was wrong."""
+    rows, wrong = attack_files(scratch, count=files)
+    saves = kill_saves(scratch, count=kills[0])
+    dead, runs = kill_workers(scratch / "runs", count=kills[1])
+    header = f"| reader | files | {' | '.join(COLUMNS)} | s |\n|{'---|' * (len(COLUMNS) + 3)}"
+    kills_text = (
+        f"{kills[0]} saves of a record over another were killed (-9): {len(saves)} times something was lost or left "
+        f"behind. {dead} workers of {kills[1]} runs of jobs were killed: {len(runs)} runs were not whole."
+    )
+    shown = [f"- `{line[:200].replace('`', '')}`".replace("\n", " ") for line in [*wrong, *saves, *runs][:MOST_SHOWN]]
+    page = "\n".join([FILES_NOTE, "", header, *rows, "", "## Kills", "", kills_text, "", *shown])
+    return page.rstrip() + "\n", bool(wrong or saves or runs)
 
 
 def main(folder: Path, *, cases: list[Case] | None = None) -> int:
@@ -52,6 +79,7 @@ def main(folder: Path, *, cases: list[Case] | None = None) -> int:
             counts[package, "calls"] += len(calls)
             counts[package, "differ"] += len(list(answers_that_differ(case)))
             seconds[package] += time.process_time() - begun
+        about_damage, damaged = damage(Path(scratch))
         os.chdir(folder)
     rows = [
         f"| {name} | " + " | ".join(str(counts[name, what]) for what in ("functions", "calls", "wrong", "differ"))
@@ -59,10 +87,10 @@ def main(folder: Path, *, cases: list[Case] | None = None) -> int:
         for name in sorted(seconds)
     ]  # fmt: skip
     shown = [f"- `{line[:200].replace('`', '')}`".replace("\n", " ") for line in wrong[:MOST_SHOWN]]
-    page = "\n".join(["# Odd calls", "", NOTE, "", HEADER, *rows, "", *shown, ""])
+    page = "\n".join(["# Odd calls", "", NOTE, "", HEADER, *rows, "", *shown, "", about_damage])
     (folder / "attack.md").write_text(page, encoding="utf-8")
     print(page)  # noqa: T201 - what the command is for
-    return int(bool(wrong))
+    return int(bool(wrong) or damaged)
 
 
 if __name__ == "__main__":

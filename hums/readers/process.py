@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import faulthandler
 import json
+import logging
 import math
 import multiprocessing
 import os
@@ -178,7 +179,7 @@ class ReaderProcess:
         limits = {"cpu_s": self._cpu_s + size * _CPU_S_PER_BYTE}
         self._wait_s = _PATIENCE * limits["cpu_s"]
         try:
-            text = json.dumps({**request, **limits}, default=str)
+            text = json.dumps({"path": file, **request, **limits}, default=str)
         except (TypeError, ValueError) as error:
             raise RecordError(f"{file}: {error}; words, numbers and rows of words are needed.") from None
         with suppress(OSError):  # the process is dead, as the answer shows
@@ -250,6 +251,7 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
     if other_end is not None:
         other_end.close()  # inherited by the fork: else the pipe would stay open
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process handles interrupts
+    logging.disable()  # of the libraries
     faulthandler.disable()  # a sentence takes the place of its page
     _limit("RLIMIT_CORE", 0)
     if memory_bytes is not None:
@@ -267,8 +269,9 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
         except MemoryError:
             answer, values = {"error": f"{request.get('path', 'the file')} needs more memory than may be used."}, None
         except Exception as error:  # noqa: BLE001 - the libraries fail in any way on damaged bytes
-            ours = isinstance(error, ValueError | OSError)
-            named = f"{request.get('path', 'the file')} cannot be read ({type(error).__name__}: {error})."
+            ours = isinstance(error, ValueError | OSError) and request["do"] != "read"
+            why = f"cannot be read ({type(error).__name__}: {error})"
+            named = f"{request.get('path', 'the file')} {why}. Copy it again from where it came."
             answer, values = {"error": str(error) if ours else named}, None
         pipe.send_bytes(json.dumps(answer).encode())
         if values is not None:
