@@ -23,6 +23,7 @@ from data_synth.plan import Plan, PlanError, load_plan, parse_plan
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.simulation import fault_detectability, simulate
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
+from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, open_shard, remove_partial_files, write_shard, write_tree
 
 AnyPlan: TypeAlias = Plan | BenchmarkRecords
@@ -267,7 +268,7 @@ def _write_index(folder: Path, plan: AnyPlan, shards: Sequence[Path]) -> None:
         "arrays_json": json.dumps(arrays),
     }
     with atomic_write(folder / "labels.csv") as part:
-        table.to_dataframe().to_csv(part)
+        table.to_dataframe().map(plain_cell).to_csv(part)
     write_tree(xr.DataTree(table), folder / "index.h5")
 
 

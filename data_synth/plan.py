@@ -11,6 +11,7 @@ import tomllib
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import date, time
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -23,7 +24,17 @@ from pydantic import AfterValidator, Field
 from data_synth.benchmark.records import DURATION_S, NAME, VERSION, BenchmarkRecords
 from data_synth.scene.history import History
 from data_synth.scene.scene import Scene, SceneError, load_scene
-from hums.gearbox.components import Declared, Name, Positive, closest, named_file, read_toml, validated
+from hums.gearbox.components import (
+    MOST_PARTS,
+    Declared,
+    Name,
+    Positive,
+    closest,
+    named_file,
+    parsed_toml,
+    read_toml,
+    validated,
+)
 
 __all__ = [
     "RANGES",
@@ -154,7 +165,7 @@ class PlanTable(Declared):
     records_per_shard: Annotated[int, Field(ge=1)] | None = None
     history: History | None = None
     change: dict[str, Any] = Field(default={})
-    classes: tuple[ClassTable, ...] = Field(default=(), alias="class")
+    classes: tuple[ClassTable, ...] = Field(default=(), alias="class", max_length=MOST_PARTS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -431,7 +442,7 @@ def load_plan(name_or_path: str | Path) -> Plan | BenchmarkRecords:
 
 def parse_plan(text: str, *, where: str = "plan") -> Plan | BenchmarkRecords:
     """Return the plan of a TOML text; `where` names it in error sentences."""
-    return _plan(tomllib.loads(text), where=where)
+    return _plan(parsed_toml(text, where=where, error=PlanError), where=where)
 
 
 def plans() -> dict[str, Path]:
@@ -525,6 +536,8 @@ def _split(value: Any, path: Place, found: list[tuple[str, Place, Range]]) -> An
     """Return `value` with None in place of each distribution, and append those to `found`."""
     if isinstance(value, list | tuple):
         return [_split(item, (*path, number), found) for number, item in enumerate(value)]
+    if isinstance(value, date | time):
+        raise PlanError(f"{'.'.join(map(str, path))} = {value}: a date or a time is no value of a scene; leave it out.")
     if not isinstance(value, Mapping):
         return value
     place = ".".join(str(part + 1) if isinstance(part, int) else part for part in path)
@@ -537,6 +550,8 @@ def _split(value: Any, path: Place, found: list[tuple[str, Place, Range]]) -> An
         return {key: _split(item, (*path, key), found) for key, item in value.items()}
     if len(kinds) > 1:
         raise PlanError(f"{place}: {' and '.join(sorted(kinds))} are both given; keep one.")
+    if not path:
+        raise PlanError(f"change: {kinds.pop()} is a kind of range, of a value; name the value, as in noise.rms.")
     if path[0] in _COMMON:
         raise PlanError(f"{place}: a range, but all records of a dataset have the same {path[0]}; give one value.")
     drawn = validated(RANGES[kinds.pop()], dict(value), where=place, error=PlanError)

@@ -7,6 +7,7 @@ function has to write its file atomically, as `hums.records.store` does, and the
 import os
 import signal
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -123,6 +124,7 @@ def run_jobs(
     folder: Path,
     workers: Workers,
     title: str | None = None,
+    when_killed: Callable[[Item, Path], None] | None = None,
 ) -> Tally:
     """Call ``function(item, folder / name)`` for every job whose file does not exist.
 
@@ -139,6 +141,9 @@ def run_jobs(
         Where the jobs run.
     title : str, optional
         Label of a progress bar on standard error; None: no bar.
+    when_killed : callable, optional
+        Writes, in this process, the file of an item whose worker process died twice, the second time with no other job
+        beside it; the other jobs go on. None: the run ends with an error.
 
     Returns
     -------
@@ -147,7 +152,8 @@ def run_jobs(
     Raises
     ------
     JobError
-        If another run uses the folder, a worker dies, or a cluster cannot be reached or writes elsewhere.
+        If another run uses the folder, a job kills its worker process and there is no `when_killed`, or a cluster
+        cannot be reached or writes elsewhere.
     Exception
         Any exception of `function`, after the running jobs have ended. Finished files remain.
     """
@@ -164,32 +170,73 @@ def run_jobs(
                 for job in missing:
                     function(job.item, folder / job.name)
                     advance(job.size)
-            elif missing:
-                with _pool(workers, jobs=len(missing)) as (pool, width):
-                    _submit(function, missing, folder=folder, pool=pool, width=width, advance=advance)
+            else:
+                for job in _killers(function, missing, folder=folder, workers=workers, advance=advance):
+                    if when_killed is None:
+                        raise JobError(
+                            f"a worker process died at {job.name}, twice, as it does when memory runs out. What is "
+                            "finished is kept: run the same again, with more memory if that was the reason."
+                        )
+                    when_killed(job.item, folder / job.name)
+                    advance(job.size)
     return Tally(done=len(missing), kept=len(jobs) - len(missing))
 
 
-def _submit(
+def _killers(
     function: Callable[[Item, Path], None],
     jobs: Sequence[Job[Item]],
     *,
     folder: Path,
+    workers: Processes | Cluster,
+    advance: Callable[[int], None],
+) -> Iterator[Job[Item]]:
+    """Run all jobs; yield those whose worker process dies also where they run alone."""
+    waiting = deque(jobs)
+    while waiting:
+        with _pool(workers, jobs=len(waiting)) as (pool, width, death):
+            lost = _submit(function, waiting, folder=folder, pool=pool, width=width, death=death, advance=advance)
+        alone = deque(
+            lost
+        )  # each was at work, or waited, where a process died; and some processes are killed from outside
+        while alone:
+            with _pool(workers, jobs=1) as (pool, _, death):
+                _refuse_dead_on_arrival(pool, death)
+                yield from _submit(function, alone, folder=folder, pool=pool, width=1, death=death, advance=advance)
+
+
+def _submit(
+    function: Callable[[Item, Path], None],
+    waiting: deque[Job[Item]],
+    *,
+    folder: Path,
     pool: Executor,
     width: int,
+    death: type[Exception],
     advance: Callable[[int], None],
-) -> None:
-    """Run the jobs in a pool with at most `width` of them submitted at a time, so that its queue stays short."""
-    waiting = iter(jobs)
+) -> list[Job[Item]]:
+    """Run the jobs in a pool with at most `width` of them submitted at a time, so that its queue stays short.
+
+    At the first death of a process no more are taken from `waiting`; the jobs that it took with it are returned.
+    """
     running: dict[Future[None], Job[Item]] = {}
+    lost: list[Job[Item]] = []
     while True:
-        while len(running) < width and (job := next(waiting, None)) is not None:
-            running[pool.submit(function, job.item, folder / job.name)] = job
+        while waiting and not lost and len(running) < width:
+            try:
+                future = pool.submit(function, waiting[0].item, folder / waiting[0].name)
+            except death:
+                lost.append(waiting.popleft())
+            else:
+                running[future] = waiting.popleft()
         if not running:
-            return
+            return lost
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             job = running.pop(future)
-            future.result()
+            try:
+                future.result()
+            except death:
+                lost.append(job)
+                continue
             if not (folder / job.name).exists():
                 raise JobError(
                     f"a worker wrote {folder / job.name}, but it is not on this machine; the folder has to be on a "
@@ -198,25 +245,31 @@ def _submit(
             advance(job.size)
 
 
+def _refuse_dead_on_arrival(pool: Executor, death: type[Exception]) -> None:
+    """Refuse to go on where processes die before any job: no job is to blame for that."""
+    try:
+        pool.submit(os.getpid).result()
+    except death:
+        raise JobError(
+            "worker processes die as soon as they start. Is the script that starts them protected by "
+            'if __name__ == "__main__": and is memory left?'
+        ) from None
+
+
 # ---- executors ---------------------------------------------------------------------------------------------
 
 
 @contextmanager
-def _pool(workers: Processes | Cluster, *, jobs: int) -> Iterator[tuple[Executor, int]]:
-    """Yield an executor and the number of jobs to submit to it at a time."""
+def _pool(workers: Processes | Cluster, *, jobs: int) -> Iterator[tuple[Executor, int, type[Exception]]]:
+    """Yield an executor, the number of jobs to submit to it at a time, and its error where a job's process dies."""
     if isinstance(workers, Cluster):
-        with _cluster(workers.address) as (pool, threads):
-            yield pool, _JOBS_PER_WORKER * threads
+        with _cluster(workers.address) as (pool, threads, death):
+            yield pool, _JOBS_PER_WORKER * threads, death
         return
     count = min(workers.count, jobs)
     with _one_thread_each(), ProcessPoolExecutor(count, get_context("spawn"), initializer=_prepare_worker) as pool:
         try:
-            yield pool, _JOBS_PER_WORKER * count
-        except BrokenProcessPool:
-            raise JobError(
-                "a worker process died, as it does when memory runs out. What is finished is kept: run the same "
-                "again, with fewer workers if memory was the reason."
-            ) from None
+            yield pool, _JOBS_PER_WORKER * count, BrokenProcessPool
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -250,10 +303,13 @@ def _end_after(parent: BaseProcess) -> None:
 
 
 @contextmanager
-def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
-    """Yield an executor on a Dask cluster, and its number of threads; JobError where it does not answer."""
+def _cluster(address: str) -> Iterator[tuple[Executor, int, type[Exception]]]:
+    """Yield an executor on a Dask cluster, its number of threads, and its error where a job killed its workers.
+
+    JobError where the cluster does not answer.
+    """
     try:
-        from dask.distributed import Client  # noqa: PLC0415 - an optional part
+        from dask.distributed import Client, KilledWorker  # noqa: PLC0415 - an optional part
     except ImportError:
         raise JobError('a cluster needs Dask: pip install "hums-toolkit[dask]".') from None
     connect: Any = Client  # which has no types
@@ -264,12 +320,16 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
             f"no Dask scheduler answers at {address} ({error}); start one with: dask scheduler, and give its address."
         ) from None
     with client:
+        try:
+            client.wait_for_workers(1, timeout=_TIMEOUT_S)  # a nanny starts one that died again
+        except TimeoutError:
+            raise JobError(
+                f"the Dask scheduler at {address} has no workers; start some with: dask worker {address}."
+            ) from None
         threads = sum(client.nthreads().values())
-        if not threads:
-            raise JobError(f"the Dask scheduler at {address} has no workers; start some with: dask worker {address}.")
         pool = client.get_executor()
         try:
-            yield pool, threads
+            yield pool, threads, KilledWorker
         except RuntimeError as error:
             if "deserialization" not in str(error):
                 raise

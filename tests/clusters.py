@@ -44,16 +44,43 @@ def die(_item, _path):
     os._exit(9)
 
 
+def die_at_three(item, path):
+    if item == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    write_item(item, path)
+
+
+def die_once(item, path):
+    """Die as one that is killed from outside: no second time."""
+    if item == 3 and not (path.parent.parent / "died").exists():
+        (path.parent.parent / "died").touch()
+        os._exit(9)
+    write_item(item, path)
+
+
+def die_at_record(_gearbox, _settings, _source, _path):
+    """Do what a record does that crashes the library which reads it."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def die_at_start():
+    os._exit(9)
+
+
 def note_and_sleep(_item, path):
     (path.parent.parent / f"worker {os.getpid()}").touch()
     time.sleep(60)
 
 
 @contextmanager
-def dask_cluster(folder, workers=1):
-    """Run a scheduler and workers, each a process of its own, and yield the scheduler's address."""
+def dask_cluster(folder, workers=1, *, nanny=False):
+    """Run a scheduler and workers, each a process of its own, and yield the scheduler's address.
+
+    A nanny starts its worker again when it dies; then one death is enough for the scheduler to give a job up.
+    """
     where = folder / "scheduler.json"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
+    environment["DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES"] = "0" if nanny else "3"
 
     def start(*words):
         return subprocess.Popen(
@@ -68,7 +95,8 @@ def dask_cluster(folder, workers=1):
     processes = [start("scheduler", "--host", "127.0.0.1", "--port", "0")]
     try:
         # Without a nanny each is one process.
-        processes += [start("worker", "--no-nanny", "--nthreads", "1", "--host", "127.0.0.1") for _ in range(workers)]
+        nurse = "--nanny" if nanny else "--no-nanny"
+        processes += [start("worker", nurse, "--nthreads", "1", "--host", "127.0.0.1") for _ in range(workers)]
         address = _answered(where, workers)
         yield address
     finally:

@@ -391,8 +391,8 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
     >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
     >>> verdicts = hums.verdict_table(hums.analyze(record, hums.load_gearbox("two-stage")))
-    >>> sorted(set(verdicts["verdict"])) == ["not judged", "nothing found"]  # of slow parts 20 s show too little
-    True
+    >>> set(verdicts["verdict"])
+    {'nothing found'}
     """
     import pandas as pd  # noqa: PLC0415
 

@@ -107,7 +107,10 @@ def _guess(order: float, spacing: float, setting: Setting, drawn: Drawn) -> str:
     for shaft in drawn.shafts:
         for part in range(1, _PARTS + 1):
             multiple = max(1, round(part * spacing / shaft))
-            if multiple <= _PARTS and abs(part * spacing - multiple * shaft) <= max(drawn.tolerance, _SAME) * multiple * shaft:
+            if (
+                multiple <= _PARTS
+                and abs(part * spacing - multiple * shaft) <= max(drawn.tolerance, _SAME) * multiple * shaft
+            ):
                 return f"{family}: a shaft of order {shaft:.4g}"
     return f"{family}: another machine, or a part that the drawing lacks"
 

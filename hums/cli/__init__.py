@@ -227,7 +227,7 @@ def convert(
     ] = None,
 ) -> None:
     """Turn another program's file into a record."""
-    from hums.readers import convert as read  # noqa: PLC0415
+    from hums.readers.process import ReaderProcess  # noqa: PLC0415
     from hums.records.store import save_record  # noqa: PLC0415
 
     if source.exists() and target.exists() and source.samefile(target):
@@ -235,33 +235,34 @@ def convert(
     if target.suffix.lower() not in RECORD_SUFFIXES:
         raise ValueError(f"{target}: a record is HDF5, so name it so: {target.with_suffix('.h5')}.")
     _say(f"reading {source}")
-    record = read(
-        source,
-        channels=channel,
-        rate_hz=rate_hz,
-        units=units,
-        tach_times=tach_times,
-        tach_waveform=tach_waveform,
-        pulses_per_rev=pulses_per_rev,
-        shaft=shaft,
-        shaft_rpm=shaft_rpm,
-        no_tachometer=no_tachometer,
-        scale=scale,
-        machine=machine,
-        recorded_at=recorded_at,
-        most_bytes=most_bytes,
-    )
-    save_record(record, target)
-    typer.echo(f"wrote {target}")
-    print_record(record)
+    with ReaderProcess() as reader:
+        record = reader.convert(
+            source,
+            channels=channel,
+            rate_hz=rate_hz,
+            units=units,
+            tach_times=tach_times,
+            tach_waveform=tach_waveform,
+            pulses_per_rev=pulses_per_rev,
+            shaft=shaft,
+            shaft_rpm=shaft_rpm,
+            no_tachometer=no_tachometer,
+            scale=scale,
+            machine=machine,
+            recorded_at=recorded_at,
+            most_bytes=most_bytes,
+        )
+        save_record(record, target)
+        typer.echo(f"wrote {target}")
+        print_record(record)
 
 
 @app.command()
 def info(record: Annotated[Path, typer.Argument(help="A record, .h5.")]) -> None:
     """Print what is inside a record."""
-    from hums.records.store import open_record  # noqa: PLC0415
+    from hums.readers.process import ReaderProcess  # noqa: PLC0415
 
-    with open_record(record) as opened:
+    with ReaderProcess() as reader, reader.open_record(record) as opened:
         print_record(opened)
 
 
@@ -295,7 +296,7 @@ def analyze(
     from hums.analysis.analyze import analyze as run  # noqa: PLC0415
     from hums.analysis.result import open_analysis, summary  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
-    from hums.records.store import open_record  # noqa: PLC0415
+    from hums.readers.process import ReaderProcess  # noqa: PLC0415
     from hums.report import prepare_folder, speed_text, write_report  # noqa: PLC0415
 
     settings = _settings(
@@ -312,7 +313,11 @@ def analyze(
         velocity_limits_mm_s=velocity_limits,
         machine_class=machine_class,
     )
-    with open_record(record) as opened, open_analysis(baseline) if baseline else nullcontext() as past:
+    with (
+        ReaderProcess() as reader,
+        reader.open_record(record) as opened,
+        open_analysis(baseline) if baseline else nullcontext() as past,
+    ):
         prepare_folder(out)
         analysis = run(opened, load_gearbox(gearbox), settings=settings, baseline=past)
         _say("writing the report")
@@ -501,7 +506,7 @@ def fleet(  # noqa: PLR0917 - each option is one
     if result.no_trends:
         typer.echo(result.no_trends)
     typer.echo(f"{result.alarms} alarms; one in {false_alarm_every:g} records of a machine would be false")
-    for name in ("fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5"):
+    for name in ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5"):
         typer.echo(f"wrote {result.folder / name}")
     if result.failed == result.records:
         raise ValueError("no record could be analysed; the column error of fleet.csv says why.")

@@ -2,7 +2,7 @@
 
 Each record is analysed independently, in any process, and leaves one small result file. An interrupted run therefore
 resumes, a later run analyses only records that are new or changed, and memory holds one record per worker. A record
-that cannot be analysed becomes a row with its error.
+that cannot be analysed, or kills its worker process, becomes a row with its error.
 """
 
 import gzip
@@ -19,11 +19,12 @@ import xarray as xr
 
 from hums.analysis.analyze import AnalysisSettings, analyze
 from hums.fleet.history import Fact, MachineHistory, watch_machines, write_alarms, write_baselines, write_components
+from hums.fleet.kept import read_results
 from hums.fleet.maintenance import Work, read_maintenance
 from hums.fleet.monitor import MonitorSettings
-from hums.fleet.observation import observation
+from hums.fleet.page import write_page
 from hums.fleet.results import results
-from hums.fleet.table import read_row, write_tables
+from hums.fleet.table import WrittenTables, write_tables
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_dataset
@@ -56,7 +57,8 @@ class Fleet:
     folder : Path
         Holds ``fleet.h5`` and ``fleet.csv``, one row per record; ``trends.csv``, one row per series and machine;
         ``alarms.csv``, one row per alarm; ``components.csv``, the health of every component; ``baseline.h5``, what was
-        normal; ``records/``, the results of each record; and ``watch/``, the states of the machines.
+        normal; ``fleet.html``, a page of all; ``records/``, the results of each record; and ``watch/``, the states of
+        the machines.
     records, failed : int
         Number of records, and of those that could not be analysed.
     analysed, kept : int
@@ -162,6 +164,7 @@ def analyze_fleet(
     >>> fleet.records, fleet.failed
     (1, 0)
     """
+    named = gearbox.name if isinstance(gearbox, Gearbox) else str(gearbox)
     gearbox = gearbox if isinstance(gearbox, Gearbox) else load_gearbox(gearbox)
     settings = settings or AnalysisSettings(most_tracks=0)
     work = read_maintenance(maintenance) if maintenance is not None else ()
@@ -182,6 +185,7 @@ def analyze_fleet(
         folder=results_folder,
         workers=workers or Serial(),
         title="records" if progress else None,
+        when_killed=_killed_to_file,
     )
     names = [job.name for job in jobs]
     if append:
@@ -189,13 +193,7 @@ def analyze_fleet(
     with atomic_write(folder / _LIST) as part:
         part.write_text(json.dumps(names), encoding="utf-8")
     paths = [results_folder / name for name in names]
-    histories = _watch(paths, folder, monitoring or MonitorSettings(), work, append=append)
-    written = write_tables(
-        paths,
-        folder,
-        health={one["record"]: one for history in histories for one in history.records},
-        limits={history.state.machine: history.severe_score for history in histories},
-    )
+    histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, append=append, gearbox=named)
     return Fleet(
         folder=folder,
         records=len(paths),
@@ -218,21 +216,40 @@ def _listed(folder: Path) -> list[str]:
     return names
 
 
-def _watch(
-    paths: Sequence[Path], folder: Path, settings: MonitorSettings, work: Sequence[Work], *, append: bool
-) -> list[MachineHistory]:
-    """Watch the machines; write alarms, components and baselines."""
-    facts = []
-    for path in paths:
-        row = read_row(path)
-        facts.append(Fact(machine=row["machine"], record=row["record"], recorded_at=row["recorded_at"], path=path))
+def _tables(
+    paths: Sequence[Path],
+    folder: Path,
+    settings: MonitorSettings,
+    work: Sequence[Work],
+    *,
+    append: bool,
+    gearbox: str = "GEARBOX",
+) -> tuple[list[MachineHistory], WrittenTables]:
+    """Watch the machines; write alarms, components, baselines, the tables of all records and the page."""
+    records = read_results(paths)
+    facts = [
+        Fact(machine=one.machine, record=one.record, recorded_at=one.recorded_at, number=number)
+        for number, one in enumerate(records)
+    ]
     histories = watch_machines(
-        facts, lambda path: observation(read_row(path)), folder / "watch", settings=settings, work=work, append=append
+        facts,
+        lambda number: records[number].observation,
+        folder / "watch",
+        settings=settings,
+        work=work,
+        append=append,
     )
     write_alarms(histories, folder / "alarms.csv")
     write_components(histories, folder / "components.csv")
     write_baselines(histories, folder / "baseline.h5")
-    return histories
+    written = write_tables(
+        records,
+        folder,
+        health={one["record"]: one for history in histories for one in history.records},
+        limits={history.state.machine: history.severe_score for history in histories},
+    )
+    write_page(histories, records, folder / "fleet.html", gearbox=gearbox)
+    return histories, written
 
 
 def _check_task(path: Path, task: dict[str, str]) -> None:
@@ -290,9 +307,21 @@ def _result_name(source: _Source) -> str:
 
 
 def _analyse_to_file(gearbox: str, settings: str, source: _Source, path: Path) -> None:
-    row = {"record": source.name} | _row(source, *_parsed(gearbox, settings))
+    _write_row(source, _row(source, *_parsed(gearbox, settings)), path)
+
+
+def _killed_to_file(source: _Source, path: Path) -> None:
+    """Write the row of a record at which its worker process died; its file is not opened again."""
+    sentence = (
+        f"{source.path} killed its reader: the process that analysed it died, twice. The file is damaged, or needs "
+        "more memory than there is. Copy it again from where it came."
+    )
+    _write_row(source, {"machine": "", "recorded_at": "", "error": sentence}, path)
+
+
+def _write_row(source: _Source, row: Mapping[str, Any], path: Path) -> None:
     with atomic_write(path) as part:
-        part.write_bytes(gzip.compress(json.dumps(row).encode(), mtime=0))
+        part.write_bytes(gzip.compress(json.dumps({"record": source.name} | dict(row)).encode(), mtime=0))
 
 
 @lru_cache(maxsize=4)

@@ -17,6 +17,7 @@ from hums.fleet.maintenance import Work
 from hums.fleet.monitor import ALARM_COLUMNS, SEVERE, Judgement, MachineState, MonitorSettings, update
 from hums.fleet.observation import Observation, order_key
 from hums.fleet.state import read_state, write_state
+from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
 from signals.monitoring.alarm_life import Life
 
@@ -42,12 +43,12 @@ COMPONENT_COLUMNS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Fact:
-    """A record: its machine, name and time, and the file of its results."""
+    """A record: its machine, name and time, and its place among all records."""
 
     machine: str
     record: str
     recorded_at: str
-    path: Path
+    number: int
 
 
 @dataclass(kw_only=True)
@@ -80,7 +81,7 @@ class MachineHistory:
 
 def watch_machines(
     records: Sequence[Fact],
-    load: Callable[[Path], Observation],
+    load: Callable[[int], Observation],
     folder: Path,
     *,
     settings: MonitorSettings,
@@ -94,7 +95,7 @@ def watch_machines(
     records : sequence of Fact
         All records, in any order.
     load : callable
-        Returns the observation in the file of a record's results; one is in memory at a time.
+        Returns the observation of the record at a place.
     folder : Path
         Of the states.
     settings : MonitorSettings
@@ -115,7 +116,7 @@ def watch_machines(
         name = hashlib.sha256(machine.encode()).hexdigest()[:16]
         history = _earlier(folder, name, ordered, settings) if append else None
         history = history or MachineHistory(state=MachineState(machine=machine, settings=settings))
-        history.follow((load(one.path) for one in ordered[len(history.records) :]), work)
+        history.follow((load(one.number) for one in ordered[len(history.records) :]), work)
         _keep(history, folder, name)
         found.append(history)
     return found
@@ -253,4 +254,5 @@ def _write(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]
         writer = csv.DictWriter(stream, columns, lineterminator="\n", restval="")
         writer.writeheader()
         for row in rows:
-            writer.writerow({name: f"{x:.6g}" if isinstance(x := row.get(name, ""), float) else x for name in columns})
+            cells = {name: row.get(name, "") for name in columns}
+            writer.writerow({name: f"{x:.6g}" if isinstance(x, float) else plain_cell(x) for name, x in cells.items()})

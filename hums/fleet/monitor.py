@@ -25,7 +25,17 @@ from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, learn_normal, regime
 from signals.monitoring.limits import ChartLimits, chart_limits
 
-__all__ = ["ALARM_COLUMNS", "SEVERE", "Epoch", "Judgement", "MachineState", "MonitorError", "MonitorSettings", "update"]
+__all__ = [
+    "ALARM_COLUMNS",
+    "SEVERE",
+    "Epoch",
+    "Judgement",
+    "MachineState",
+    "MonitorError",
+    "MonitorSettings",
+    "driving_series",
+    "update",
+]
 
 Array = NDArray[np.float64]
 ALARM_COLUMNS = (
@@ -369,6 +379,20 @@ def _drivers(epoch: Epoch, reading: Reading, component: str, what: str) -> list[
         (key.channel, key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}", float(away[i]))
         for key, i in zip(keys, largest, strict=True)
     ]
+
+
+def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int) -> tuple[Series, ...]:
+    """Return the series of a component that depart most in a record, the largest departure first."""
+    if epoch.normal is None:
+        return ()
+    at = np.array([seen.covariates[name] for name in epoch.covariates])
+    reading = epoch.normal.read(vector(seen.values, epoch.series), _logarithms(at))
+    away = {
+        key: float(departure)
+        for key, departure in zip(epoch.series, reading.departures, strict=True)
+        if key.component == component and math.isfinite(departure)
+    }
+    return tuple(sorted(away, key=lambda key: -away[key])[:most])
 
 
 def _alarm(

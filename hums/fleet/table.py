@@ -1,8 +1,7 @@
 """Table of the results of many records, one row per record, as HDF5 and CSV, and the trends of its series."""
 
 import csv
-import gzip
-import json
+import io
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,19 +12,21 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from hums.fleet.kept import INDICATOR, LINE, KeptRecord
 from hums.fleet.observation import seconds_since_1970
+from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
 from signals.monitoring.forecast import local_trend, time_until
 from signals.monitoring.trends import FEWEST, trend_tests
 
-__all__ = ["SIGNIFICANCE", "WrittenTables", "read_row", "trend", "write_tables"]
+__all__ = ["SIGNIFICANCE", "WrittenTables", "trend", "write_tables"]
 
 
 # ---- Trend of a series: Kendall's rank correlation test and the Theil-Sen slope --------------------------------------
 
 
 Array = NDArray[np.float64]
-_MAX_SLOPE_POINTS = 400  # of the Theil-Sen slope, whose cost grows with the square
+_MAX_SLOPE_POINTS = 100  # of the Theil-Sen slope, whose cost grows with the square
 CONFIDENCE = 0.95
 
 
@@ -41,8 +42,8 @@ class Trend:
         Median of the values.
     slope, slope_low, slope_high : float
         Median slope of all pairs (Theil 1950, Sen 1968, J. Am. Stat. Assoc. 63, 1379-1389) and the ends of its 95 %
-        confidence interval, in units of the values per unit of time. Above 400 values, the pairs are those of the
-        medians of 400 consecutive groups.
+        confidence interval, in units of the values per unit of time. Above 100 values, the pairs are those of the
+        medians of at most 100 consecutive groups.
     tau : float
         Kendall's rank correlation of value and time (tau-b): 1 for a series that rises throughout.
     p_value : float
@@ -68,18 +69,26 @@ def trend(values: Array, times: Array) -> Trend | None:
         return None
     order = np.argsort(x, kind="stable")
     rank = kendalltau(x, y)
-    groups = np.array_split(order, min(x.size, _MAX_SLOPE_POINTS))
-    medians = np.array([[np.median(x[group]), np.median(y[group])] for group in groups])
-    slope = theilslopes(medians[:, 1], medians[:, 0], alpha=CONFIDENCE)
+    x, y = x[order], y[order]
+    if x.size > _MAX_SLOPE_POINTS:
+        x, y = (_group_medians(of, -(-x.size // _MAX_SLOPE_POINTS)) for of in (x, y))
+    slope = theilslopes(y, x, alpha=CONFIDENCE)
     return Trend(
-        points=x.size,
-        median=float(np.median(y)),
+        points=int(known.sum()),
+        median=float(np.median(values[known])),
         slope=float(slope.slope),
         slope_low=float(slope.low_slope),
         slope_high=float(slope.high_slope),
         tau=float(rank.statistic),
         p_value=float(rank.pvalue),
     )
+
+
+def _group_medians(values: Array, size: int) -> Array:
+    """Return the medians of consecutive groups of a size; the last may be smaller."""
+    whole = values.size // size * size
+    medians = np.median(values[:whole].reshape(-1, size), axis=1)
+    return np.append(medians, np.median(values[whole:])) if whole < values.size else medians
 
 
 # ---- Table -----------------------------------------------------------------------------------------------------------
@@ -89,8 +98,6 @@ SIGNIFICANCE = 0.01
 """False discovery rate below which a trend is called rising or falling."""
 
 VERDICTS = ("none", "indicated", "diagnosed")
-_LINE = ("channel", "spectrum", "component", "kind", "harmonic", "sideband", "units")
-_INDICATOR = ("channel", "component", "kind", "indicator", "units")
 _CONDITION = ("component", "kind")
 _FACTS = ("record", "machine", "recorded_at", "error")
 _DAY_S = 86400.0
@@ -109,23 +116,20 @@ class WrittenTables:
 
 
 def write_tables(
-    results: Sequence[Path],
+    records: Sequence[KeptRecord],
     folder: Path,
     *,
     health: Mapping[str, Mapping[str, Any]] | None = None,
     limits: Mapping[str, float] | None = None,
 ) -> WrittenTables:
-    """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the result files of the records.
+    """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the results of the records.
 
     `health` has, by the name of a record, why it was not judged and the health indices of its components; `limits`
     has the score of each machine until which the time is forecast.
 
-    Memory holds the table, with 9 bytes per line, 4 per indicator and 1 per condition of each record, and one record.
+    Memory holds the table, with 9 bytes per line, 4 per indicator and 1 per condition of each record.
     """
-    columns = _Columns()
-    for path in results:
-        columns.add(read_row(path))
-    table = _with_health(_table(results, columns), health or {})
+    table = _with_health(_table(records, _Columns(records)), health or {})
     write_tree(xr.DataTree(table), folder / "fleet.h5")
     with atomic_write(folder / "fleet.csv") as part, part.open("w", encoding="utf-8", newline="") as stream:
         _write_csv(table, stream)
@@ -140,52 +144,49 @@ def write_tables(
     )
 
 
-def read_row(path: Path) -> dict[str, Any]:
-    """Return the results of one record."""
-    row: dict[str, Any] = json.loads(gzip.decompress(path.read_bytes()))
-    return row
-
-
 class _Columns:
     """Columns of the table, numbered in the order in which the records first fill them."""
 
-    def __init__(self) -> None:
+    def __init__(self, records: Sequence[KeptRecord]) -> None:
         self.lines: dict[Key, int] = {}
         self.indicators: dict[Key, int] = {}
         self.conditions: dict[Key, int] = {}
         self.orders: dict[Key, float] = {}
+        self._places: dict[int, NDArray[np.int64]] = {}
+        for one in records:
+            if self._new(one.lines.keys, self.lines):
+                for key, order in zip(one.lines.keys, one.orders.tolist(), strict=True):
+                    self.orders.setdefault(key, order)
+            self._new(one.indicators.keys, self.indicators)
+            for component, kind, _ in one.findings:
+                self.conditions.setdefault((component, kind), len(self.conditions))
 
-    def add(self, row: Row) -> None:
-        for line in row.get("lines", ()):
-            key = tuple(line[: len(_LINE)])
-            self.lines.setdefault(key, len(self.lines))
-            self.orders.setdefault(key, line[len(_LINE)])
-        for indicator in row.get("indicators", ()):
-            self.indicators.setdefault(tuple(indicator[: len(_INDICATOR)]), len(self.indicators))
-        for finding in row.get("findings", ()):
-            self.conditions.setdefault(tuple(finding[: len(_CONDITION)]), len(self.conditions))
+    def _new(self, keys: tuple[Key, ...], columns: dict[Key, int]) -> bool:
+        """Give the keys columns; return whether they are new."""
+        if id(keys) in self._places:
+            return False
+        self._places[id(keys)] = np.array([columns.setdefault(key, len(columns)) for key in keys], dtype=np.int64)
+        return True
+
+    def places(self, keys: tuple[Key, ...]) -> NDArray[np.int64]:
+        """Return the columns of keys that records share."""
+        return self._places[id(keys)]
 
 
-def _table(results: Sequence[Path], columns: _Columns) -> xr.Dataset:
+def _table(records: Sequence[KeptRecord], columns: _Columns) -> xr.Dataset:
     """Return the table of all records, NaN where a record lacks a column."""
-    count = len(results)
-    facts: dict[str, list[str]] = {name: [] for name in _FACTS}
-    speed = np.full(count, np.nan)
+    count = len(records)
+    facts = {name: [getattr(one, name) for one in records] for name in _FACTS}
+    speed = np.array([one.speed_hz for one in records], dtype=np.float64)
     amplitude = np.full((count, len(columns.lines)), np.nan, dtype=np.float32)
     snr, claimed = np.full_like(amplitude, np.nan), np.zeros(amplitude.shape, dtype=np.int8)
     value = np.full((count, len(columns.indicators)), np.nan, dtype=np.float32)
     verdict = np.zeros((count, len(columns.conditions)), dtype=np.int8)
-    for number, path in enumerate(results):
-        row = read_row(path)
-        for name in _FACTS:
-            facts[name].append(row[name])
-        speed[number] = row.get("speed_hz", np.nan)
-        for *key, _, line_amplitude, line_snr, line_claimed in row.get("lines", ()):
-            at = number, columns.lines[tuple(key)]
-            amplitude[at], snr[at], claimed[at] = line_amplitude, line_snr, line_claimed
-        for *key, indicator in row.get("indicators", ()):
-            value[number, columns.indicators[tuple(key)]] = indicator
-        for component, kind, word, *_ in row.get("findings", ()):
+    for number, one in enumerate(records):
+        at = columns.places(one.lines.keys)
+        amplitude[number, at], snr[number, at], claimed[number, at] = one.lines.values.T
+        value[number, columns.places(one.indicators.keys)] = one.indicators.values
+        for component, kind, word in one.findings:
             verdict[number, columns.conditions[component, kind]] = VERDICTS.index(word)
     return xr.Dataset(
         {
@@ -204,8 +205,8 @@ def _table(results: Sequence[Path], columns: _Columns) -> xr.Dataset:
         },
         coords={
             "record": np.array(facts["record"], dtype=np.str_),
-            **_coordinates("line", _LINE, columns.lines),
-            **_coordinates("indicator", _INDICATOR, columns.indicators),
+            **_coordinates("line", LINE, columns.lines),
+            **_coordinates("indicator", INDICATOR, columns.indicators),
             **_coordinates("condition", _CONDITION, columns.conditions),
         },
         attrs={"schema": "hums-fleet/1"},
@@ -244,7 +245,7 @@ def _coordinates(dim: str, names: Sequence[str], keys: Mapping[Key, int]) -> dic
 
 def _titles(table: xr.Dataset, dim: str) -> list[str]:
     """Return the title of each column of a dimension."""
-    names = {"line": _LINE, "indicator": _INDICATOR, "condition": _CONDITION}[dim]
+    names = {"line": LINE, "indicator": INDICATOR, "condition": _CONDITION}[dim]
     parts = {name: table[f"{dim}_{name}"].to_numpy() for name in names}
     titles = []
     for number in range(table.sizes[dim]):
@@ -278,16 +279,18 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     header += [f"{title} [{unit}]" for title, unit in zip(lines, line_units, strict=True)]
     header += [f"{title} over surroundings" for title in lines]
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
+    writer.writerow(map(plain_cell, header))
     facts = [table[name].to_numpy() for name in (*_FACTS, "speed_hz")]
-    numbers = [table[name].to_numpy() for name in ("value", "amplitude", "snr")]
+    numbers = np.concatenate([table[name].to_numpy() for name in ("value", "amplitude", "snr")], axis=1)
+    form = ",%.7g" * numbers.shape[1]
     health, not_judged = table["health"].to_numpy(), table["not_judged"].to_numpy()
     for at, verdicts in enumerate(table["verdict"].to_numpy()):
         row: list[Any] = [column[at] for column in facts[:-1]] + [_number(facts[-1][at])]
         row += [not_judged[at], _number(_largest(health[at])), *map(_number, health[at])]
         row += ["" if facts[3][at] else VERDICTS[verdict] for verdict in verdicts]
-        row += [_number(value) for block in numbers for value in block[at]]
-        writer.writerow(row)
+        line = io.StringIO()
+        csv.writer(line, lineterminator="").writerow(map(plain_cell, row))
+        stream.write(line.getvalue() + (form % tuple(numbers[at].tolist())).replace("nan", "") + "\n")
 
 
 def _largest(values: Array) -> float:
@@ -329,7 +332,8 @@ def _write_trends(rows: Sequence[Mapping[str, Any]], stream: TextIO) -> None:
     writer = csv.DictWriter(stream, _TREND_COLUMNS, lineterminator="\n", restval="")
     writer.writeheader()
     for row in sorted(rows, key=lambda row: row.get("adjusted_p", 2.0)):
-        writer.writerow({name: f"{value:.6g}" if isinstance(value, float) else value for name, value in row.items()})
+        cells = {name: f"{x:.6g}" if isinstance(x, float) else plain_cell(x) for name, x in row.items()}
+        writer.writerow(cells)
 
 
 def _series_trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[dict[str, Any]]:

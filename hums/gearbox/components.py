@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import ErrorDetails
 
 __all__ = [
+    "MOST_PARTS",
     "X_AXIS",
     "Axis",
     "Bearing",
@@ -27,10 +28,12 @@ __all__ = [
     "Positive",
     "Vector",
     "assembly_warnings",
+    "brief",
     "closest",
     "coaxial_warning",
     "count",
     "named_file",
+    "parsed_toml",
     "planet_angles",
     "quoted",
     "read_toml",
@@ -45,6 +48,12 @@ __all__ = [
 
 
 M = TypeVar("M", bound="Declared")
+_MOST_BYTES = 1_000_000  # of a hand-written file: the largest of the catalogues has 4,000; read in half a second
+_DEEPEST = 50  # tables and lists in each other: ours have 6
+_LONGEST_MESSAGE = 800  # characters, so that with the name of a file it stays below 1,000
+_LONGEST_VALUE = 120
+_LARGEST_WHOLE = 2**63
+_MOST_SHOWN = 20
 
 
 class Declared(BaseModel):
@@ -84,7 +93,9 @@ def closest(word: str, valid: set[str] | list[str]) -> str:
     matches = difflib.get_close_matches(word, sorted(valid), n=1)
     if matches:
         return f'; did you mean "{matches[0]}"?'
-    return f"; valid: {', '.join(sorted(valid))}"
+    shown = sorted(valid)[:_MOST_SHOWN]
+    more = f" and {len(valid) - _MOST_SHOWN} more" if len(valid) > _MOST_SHOWN else ""
+    return f"; valid: {', '.join(shown)}{more}"
 
 
 def frozen(value: Any) -> Any:  # noqa: ANN401
@@ -107,6 +118,8 @@ def validated(model: type[M], table: dict[str, Any], *, where: str, error: type[
 def sentences(caught: ValidationError) -> str:
     """Return the message of a validation error: one clause for each invalid value."""
     text = "; ".join(dict.fromkeys(_clause(details) for details in _causes(caught.errors())))
+    if len(text) > _LONGEST_MESSAGE:
+        return f"{text[:_LONGEST_MESSAGE]}... (cut)."
     return text if text.endswith("?") else f"{text}."
 
 
@@ -131,6 +144,8 @@ def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
     if path.is_dir():
         raise error(f"{path} is a directory; name a .toml file in it.")
     try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise error(f"{path} has {path.stat().st_size} bytes; a hand-written file has at most {_MOST_BYTES}.")
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise error(f"{path}: there is no such file; check the path.") from None
@@ -138,10 +153,44 @@ def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
         raise error(f"{path} is not UTF-8 text (byte {caught.start}); save it as UTF-8.") from None
     if not text.strip():
         raise error(f"{path} is empty; it should declare its tables in TOML.")
+    return parsed_toml(text, where=str(path), error=error)
+
+
+def parsed_toml(text: str, *, where: str, error: type[ValueError]) -> dict[str, Any]:
+    """Return the tables of a TOML text; raise `error` where it is not TOML, or beyond any hand-written one."""
     try:
-        return tomllib.loads(text)
+        tables = tomllib.loads(text)
+        _refuse_deep(tables, where=where, error=error)
     except tomllib.TOMLDecodeError as caught:
-        raise error(f"{path} is not valid TOML: {caught}.") from None
+        raise error(f"{where} is not valid TOML: {caught}.") from None
+    except RecursionError:
+        raise error(f"{where} nests tables or lists over {_DEEPEST} deep; no file of ours does.") from None
+    except error:
+        raise
+    except ValueError as caught:  # Python's own bound on the digits of a number
+        raise error(f"{where} has a value out of range: {str(caught)[:200]}.") from None
+    return tables
+
+
+def _refuse_deep(tables: dict[str, Any], *, where: str, error: type[ValueError]) -> None:
+    """Refuse tables and lists that nest deeper than the recursion of what reads them can follow."""
+    level: list[Any] = [tables]
+    for _ in range(_DEEPEST):
+        inner = [item for one in level for item in (one.values() if isinstance(one, dict) else one)]
+        level = [item for item in inner if isinstance(item, dict | list)]
+        if not level:
+            return
+    raise error(f"{where} nests tables or lists over {_DEEPEST} deep; no file of ours does.")
+
+
+def brief(value: object) -> str:
+    """Return the `repr` of a value for a message, cut where it is long."""
+    if isinstance(value, int) and abs(value) > _LARGEST_WHOLE:
+        return f"{'-' * (value < 0)}2**{abs(value).bit_length() - 1} or more"
+    if isinstance(value, dict | list | tuple) and len(value) > _MOST_SHOWN:
+        return f"a {type(value).__name__} of {len(value)}"
+    text = repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."
 
 
 def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:
@@ -159,7 +208,7 @@ def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:
 
 def _clause(details: ErrorDetails) -> str:
     """Return what is wrong with one field of a declaration, and what to do, as a clause of an error."""
-    place = ".".join(str(part + 1) if isinstance(part, int) else part for part in details["loc"])
+    place = ".".join(str(part + 1) if isinstance(part, int) else part[:_LONGEST_VALUE] for part in details["loc"])
     message = details["msg"].removeprefix("Value error, ").rstrip(".")
     if details["type"] == "missing":
         return f"{place} is missing; add it"
@@ -169,8 +218,8 @@ def _clause(details: ErrorDetails) -> str:
         given = details["input"]
         # JSON and TOML write text, numbers and booleans alike
         listed = f", as in [{json.dumps(given)}]" if isinstance(given, str | int | float) else ""
-        return f"{place} = {given!r}: give a list in brackets{listed}"
-    return f"{place} = {details['input']!r}: {message[0].lower()}{message[1:]}"
+        return f"{place} = {brief(given)}: give a list in brackets{listed}"
+    return f"{place} = {brief(details['input'])}: {message[0].lower()}{message[1:]}"
 
 
 # ---- Assembly conditions of a planetary stage: tooth numbers, spacing of the planets, clearance between neighbours ---
@@ -269,7 +318,10 @@ def assembly_warnings(sun: int, planet: int, ring: int, angles_deg: Sequence[flo
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Name = Annotated[str, Field(min_length=1)]
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+MOST_PARTS = 1000  # axes, meshes, bearings, or names of one of them: no gearbox has a tenth, and all lines stay at hand
+_MOST_COPIES = 100  # planets on a carrier: a dozen are many
+_MOST_TEETH = 100_000  # of a gear or a segmented ring: the largest have some thousands
 X_AXIS: Vector = (1.0, 0.0, 0.0)
 _ROUNDING = 0.05  # of the number of elements: above what a data sheet rounds
 
@@ -281,11 +333,11 @@ class Axis(Declared):
     """
 
     name: Name
-    links: Annotated[tuple[Name, ...], Field(min_length=2)]
+    links: Annotated[tuple[Name, ...], Field(min_length=2, max_length=MOST_PARTS)]
     direction: Vector | None = None
     parallel_to: Name | None = None
     through: Vector | None = None
-    copies: Annotated[int, Field(ge=2)] | None = None
+    copies: Annotated[int, Field(ge=2, le=_MOST_COPIES)] | None = None
     spacing_deg: tuple[float, ...] | None = None
 
     @model_validator(mode="after")
@@ -311,7 +363,7 @@ class Gear(Declared):
     """One gear of a mesh: the link that carries its teeth, and their signed number."""
 
     link: Name
-    teeth: int
+    teeth: Annotated[int, Field(ge=-_MOST_TEETH, le=_MOST_TEETH)]
 
 
 class Mesh(Declared):
@@ -421,7 +473,7 @@ class Bearing(Declared):
     order of ``names``; ``takes_axial`` lists those of the names that hold the shaft along its axis.
     """
 
-    names: Annotated[tuple[Name, ...], Field(min_length=1)]
+    names: Annotated[tuple[Name, ...], Field(min_length=1, max_length=MOST_PARTS)]
     inner_ring: Name
     outer_ring: Name
     bearing: Name | None = None

@@ -6,7 +6,8 @@ side of the apex on a bevel mesh.
 """
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from itertools import permutations
 from pathlib import Path
@@ -16,6 +17,7 @@ from pydantic import Field, model_validator
 
 from hums.gearbox.bearings import bearing_catalogue, bearings_named
 from hums.gearbox.components import (
+    MOST_PARTS,
     X_AXIS,
     Axis,
     Bearing,
@@ -139,9 +141,9 @@ class Gearbox(Declared):
     reference: Name | None = None
     rigid: tuple[Annotated[tuple[Name, ...], Field(min_length=2)], ...] = ()
     link_order: tuple[Name, ...] | None = None
-    axes: Annotated[tuple[Axis, ...], Field(min_length=1)]
-    meshes: tuple[Mesh, ...] = Field(default=(), alias="mesh")
-    bearings: tuple[Bearing, ...] = Field(default=(), alias="bearing")
+    axes: Annotated[tuple[Axis, ...], Field(min_length=1, max_length=MOST_PARTS)]
+    meshes: tuple[Mesh, ...] = Field(default=(), alias="mesh", max_length=MOST_PARTS)
+    bearings: tuple[Bearing, ...] = Field(default=(), alias="bearing", max_length=MOST_PARTS)
 
     @model_validator(mode="before")
     @classmethod
@@ -181,7 +183,7 @@ class Gearbox(Declared):
             ("mesh", [mesh.name for mesh in self.meshes]),
             ("bearing", [name for bearing in self.bearings for name in bearing.names]),
         ):
-            twice = {name for name in names if names.count(name) > 1}
+            twice = _twice(names)
             if twice:
                 raise ValueError(f'two of kind {kind} are called "{min(twice)}"; add name = "..." to distinguish them')
         self._check_copies()
@@ -215,7 +217,7 @@ class Gearbox(Declared):
             ("link", list(self.links)),
             ("axis", [name for axis in self.axes for name in axis.instances()]),
         ):
-            twice = {name for name in names if names.count(name) > 1}
+            twice = _twice(names)
             if twice:
                 raise ValueError(f'the {kind} "{min(twice)}" has the name of a numbered copy; call it otherwise')
 
@@ -372,6 +374,10 @@ class Gearbox(Declared):
             vector = found.get(chain[-1]) or unit_vector(by_name[chain[-1]].direction or X_AXIS)
             found |= dict.fromkeys(chain, vector)
         return found
+
+
+def _twice(names: Iterable[str]) -> set[str]:
+    return {name for name, times in Counter(names).items() if times > 1}
 
 
 def load_gearbox(name_or_path: str | Path) -> Gearbox:

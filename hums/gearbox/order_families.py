@@ -3,13 +3,17 @@
 import math
 from collections.abc import Iterator
 from fractions import Fraction
+from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from hums.gearbox.components import brief
+
 HANN_HALF_LOBE = 2.0  # bins of 1 / revolutions from the peak of a Hann line to its first zero
+_MOST_LINES = 10_000_000  # of a table: some gigabytes
 _ROUNDING = 16 * np.finfo(float).eps  # of an order, after a few products and sums
 
 
@@ -61,8 +65,14 @@ def order_families(table: pd.DataFrame, *, harmonics: int, sidebands: int) -> pd
     >>> [str(order) for order in families.exact]
     ['23', '22', '24', '1518/67', '1564/67']
     """
+    _check_table(table)
     _check_count("harmonics", harmonics, least=1)
     _check_count("sidebands", sidebands, least=0)
+    if len(table) * harmonics * (2 * sidebands + 1) > _MOST_LINES:
+        raise ValueError(
+            f"{len(table)} orders with harmonics = {brief(harmonics)} and sidebands = {brief(sidebands)} are over "
+            f"{_MOST_LINES} lines; ask for fewer."
+        )
     lines = [line for row in table.itertuples(index=False) for line in _family(row, harmonics, sidebands)]
     return pd.DataFrame(lines, columns=list(_Line._fields))
 
@@ -103,8 +113,9 @@ def collisions(table: pd.DataFrame, *, revolutions: float) -> pd.DataFrame:
     >>> bool(pairs.resolvable[0]), float(pairs.revolutions_needed[0].round(6)), round(2 * 67 / 44, 6)
     (False, 3.045455, 3.045455)
     """
-    if not (math.isfinite(revolutions) and revolutions > 0):
-        raise ValueError(f"revolutions = {revolutions} is not a positive number; give the length of the record.")
+    _check_table(table)
+    if not (_is_number(revolutions) and math.isfinite(revolutions) and revolutions > 0):
+        raise ValueError(f"revolutions = {brief(revolutions)} is not a positive number; give the length of the record.")
     lines = table.sort_values("order", kind="stable", ignore_index=True)
     lower, upper = _close_pairs(lines, HANN_HALF_LOBE / revolutions)
     difference, exact = _differences(lines, lower, upper)
@@ -181,6 +192,19 @@ def _differences(
     return difference, equal
 
 
+def _check_table(table: object) -> None:
+    if not (isinstance(table, pd.DataFrame) and {"order", "exact"} <= set(table.columns)):
+        raise ValueError(f"table = {brief(table)}: give a table of orders, as defect_orders returns it.")
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a value is a real number that a float can hold."""
+    try:
+        return isinstance(value, Real) and not isinstance(value, bool) and float(value) is not None
+    except OverflowError:
+        return False
+
+
 def _check_count(name: str, value: object, *, least: int) -> None:
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{name} = {value!r}: give a whole number, at least {least}.")
+        raise ValueError(f"{name} = {brief(value)}: give a whole number, at least {least}.")

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.text import Annotation
+from matplotlib.ticker import LogFormatter
 
 from hums.plots.labels import LabelSpace, apply_layout, point_size
 from hums.plots.style import INK, KIND_COLOURS, LINE, TRACK_COLOURS, power_of_ten
@@ -116,6 +117,7 @@ def plot_spectrum(
     )
     if logarithmic:  # in plain letters, since mathematical text is slow to lay out
         ax.yaxis.set_major_formatter(lambda value, _: power_of_ten(value))
+        ax.yaxis.set_minor_formatter(LogFormatter())
     _name_lines([line for line in lines if line["claimed"]], np.column_stack((orders, amplitude)), ax=ax)
     return ax
 

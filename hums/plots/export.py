@@ -20,6 +20,7 @@ _STYLE: dict[str, Any] = {
     "axes.spines.right": False,
     "svg.fonttype": "none",  # text stays text: it can be searched, copied and read aloud
     "svg.hashsalt": "hums",
+    "text.parse_math": False,  # a dollar in a name is a dollar; our powers of ten are written in raised figures
     "axes.edgecolor": FAINT,
     "axes.labelcolor": INK,
     "xtick.color": INK,

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import LogFormatter
 
 from hums.gearbox.order_families import HANN_HALF_LOBE
 from hums.gearbox.orders import BEARING_KINDS, KINDS
@@ -114,6 +115,7 @@ def speed_order_chart(
     bottom, top = lines[0].order * low / 60 / 1.4, lines[-1].order * high / 60 * 1.4
     ax.set(xlim=(low, high), ylim=(bottom, top), xlabel="speed of the reference, rpm", ylabel="frequency, Hz")
     ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    ax.yaxis.set_minor_formatter(LogFormatter())
     ax.grid(visible=True, color=FAINT, alpha=0.3, lw=0.5)
     if revolutions is not None:
         ax.fill_between(rpm, bottom, np.maximum(rpm / revolutions / 60, bottom), color=FAINT, alpha=0.25, lw=0)

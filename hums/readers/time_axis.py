@@ -1,5 +1,6 @@
 """Sampling rates and start times of foreign files: declared values against those that the file states."""
 
+import math
 import re
 from collections.abc import Sequence
 from datetime import datetime
@@ -54,9 +55,9 @@ def _rate_of_time_column(file: ForeignFile, name: str) -> float | None:
         If its header states no unit, or the times are not even: a sample may be missing.
     """
     count = file.vector(name).size
-    for title, field in file.fields.items():
+    for title, shape in descriptions(file.fields).items():
         words = re.sub(r"[\W_]+", " ", title.lower()).split()
-        if isinstance(field, str) or field.size != count or count < 2 or words[:1] not in (["t"], ["time"]):  # noqa: PLR2004
+        if isinstance(shape, str) or math.prod(shape) != count or count < 2 or words[:1] not in (["t"], ["time"]):  # noqa: PLR2004
             continue
         unit = next((_SECONDS[word] for word in words[1:] if word in _SECONDS), None)
         if unit is None:
@@ -64,7 +65,7 @@ def _rate_of_time_column(file: ForeignFile, name: str) -> float | None:
                 f'{file.path.name}: the header "{title}" does not say the unit of its times; write it as in "time (s)" '
                 "or give rate_hz=... (--rate-hz)."
             )
-        times_s = unit * field.reshape(-1).astype(np.float64)
+        times_s = unit * np.asarray(file.fields[title]).reshape(-1).astype(np.float64)
         step_s = (times_s[-1] - times_s[0]) / (count - 1)
         off = np.abs(times_s - np.linspace(times_s[0], times_s[-1], count))
         if not (step_s > 0 and np.max(off) < _UNEVEN * step_s):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from datetime import UTC, datetime
 from numbers import Real
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,7 @@ __all__ = [
     "direction_of",
     "finite_number",
     "known_units",
+    "plain_cell",
     "plain_repr",
     "positive_number",
     "real_vector",
@@ -62,6 +63,17 @@ ANGLE_REMEDY = (
 )
 UNKNOWN_ANGLE = "unknown"
 RATE_REMEDY = "state the samples per second, rate_hz=... (on the command line --rate-hz)"
+
+
+def plain_cell(value: Any) -> Any:  # noqa: ANN401
+    """Return a cell of a CSV file: text that a spreadsheet would run as a formula gets an apostrophe before it."""
+    if not isinstance(value, str) or not value.startswith(("=", "+", "-", "@", "\t", "\r")):
+        return value
+    try:
+        float(value)
+    except ValueError:
+        return f"'{value}"
+    return value
 
 
 class RecordError(ValueError):

@@ -15,6 +15,7 @@ from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
 from hums.pages.page import stand_alone_page
 from hums.plots import coloured_components, draw_mechanism, svg
+from hums.records.fields import plain_cell
 from hums.records.store import atomic_write
 from hums.report.figures import Pictures, cursor_choices, sections
 from hums.report.indicators import indicator_tables, velocity_zones
@@ -95,9 +96,9 @@ def write_report(
     facts = summary(analysis)
     _write_text(folder / "summary.json", json.dumps(facts, indent=1, allow_nan=False) + "\n")
     tables = [line_table(analysis, name).assign(spectrum=name) for name in (ORDER_SPECTRUM, ENVELOPE)]
-    rows = [table.to_csv(index=False, header=number == 0) for number, table in enumerate(tables)]
+    rows = [table.map(plain_cell).to_csv(index=False, header=number == 0) for number, table in enumerate(tables)]
     _write_text(folder / "orders.csv", "".join(rows))
-    _write_text(folder / "indicators.csv", indicator_table(analysis).to_csv(index=False))
+    _write_text(folder / "indicators.csv", indicator_table(analysis).map(plain_cell).to_csv(index=False))
     page = folder / "report.html"
     _write_text(page, _page(analysis, facts, baseline, units))
     return page

@@ -21,6 +21,7 @@ import numpy as np
 
 from signals._validation import checked, real_array
 from signals.harmonics.bandwidth import Bandwidth
+from signals.harmonics.model import Method  # noqa: TC001 - `checked` looks its name up
 from signals.harmonics.tracker import track_orders
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from signals.harmonics.model import Method, Order
+    from signals.harmonics.model import Order
     from signals.harmonics.tracks import OrderTracks
 
 

@@ -10,6 +10,7 @@ that does (Tusher, Tibshirani and Chu 2001, PNAS 98(9), 5116-5121).
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,11 @@ from numpy.typing import NDArray
 __all__ = ["FEWEST", "FORMS", "TrendTests", "trend_tests"]
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 FORMS = ("monotone", "step", "exponential")
 FEWEST = 5  # records: five in order have p = 2 / 5! = 1/60; fewer are never significant
 _PERMUTATIONS = 999
-_MOST_GROUPS = 200  # of records, of which longer series are the medians: what a test costs grows with their number
+_MOST_GROUPS = 100  # of records, of which longer series are the medians: what a test costs grows with their number
 _BLOCKS_FROM = 24  # records from which blocks leave enough orders: with blocks of 3, 8! of them
 _MOST_STEPS = 24  # places of a step that are tried
 _LEVEL = 0.99  # quantile of its permutations at which the three statistics are made alike
@@ -81,13 +83,14 @@ def trend_tests(values: Array, times: Array, *, seed: int = 1) -> TrendTests:
     rng = np.random.default_rng(seed)
     orders = np.array([_block_order(count, block, rng) for _ in range(_PERMUTATIONS)])
     signed = _correlations(ranks, logs, courses[None])[0]
-    drawn = np.abs(_correlations(ranks, logs, np.moveaxis(courses[:, orders], 0, 1)))  # (permutations, 3, series)
+    permuted = np.moveaxis(courses.astype(np.float32)[:, orders], 0, 1)
+    drawn = np.abs(_correlations(ranks.astype(np.float32), logs.astype(np.float32), permuted))  # (orders, 3, series)
     alike = np.maximum(np.quantile(drawn[:, :, varies], _LEVEL, axis=(0, 2)) if varies.any() else np.ones(3), 1e-12)
     found = (np.abs(signed) / alike[:, None]).max(axis=0)
     null = (drawn / alike[:, None]).max(axis=1)
     place = np.abs(signed).argmax(axis=0)
     rises = np.take_along_axis(signed, place[None], axis=0)[0] > 0
-    slack = 1e-9  # a permutation that restores the order has the same statistic but for rounding
+    slack = 1e-5  # a permutation that restores the order has the same statistic but for the rounding of 4-byte floats
     largest = null[:, varies].max(axis=1) if varies.any() else np.zeros(_PERMUTATIONS)
     family = np.array([(1 + (largest >= x - slack).sum()) / (1 + _PERMUTATIONS) for x in found])
     return TrendTests(
@@ -120,10 +123,11 @@ def _courses(times: Array) -> Array:
     return np.stack([_standardised(course) for course in (np.arange(count, dtype=np.float64), *steps, times)])
 
 
-def _correlations(ranks: Array, logs: Array, courses: Array) -> Array:
+def _correlations(ranks: Floats, logs: Floats, courses: Floats) -> Floats:
     """Return the signed correlations (orders, 3, series) with courses (orders, courses, records)."""
     count = len(ranks)
-    monotone, others = courses[:, 0] @ ranks / count, courses[:, 1:] @ logs / count
+    monotone = courses[:, 0] @ ranks / count
+    others = (courses[:, 1:].reshape(-1, count) @ logs / count).reshape(len(courses), -1, logs.shape[1])
     steps, growth = others[:, :-1], others[:, -1]
     largest = np.abs(steps).argmax(axis=1)[:, None]
     return np.stack([monotone, np.take_along_axis(steps, largest, axis=1)[:, 0], growth], axis=1)

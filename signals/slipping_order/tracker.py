@@ -28,23 +28,24 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
 from signals._validation import checked, choice, positive, real_vector, whole
 from signals.harmonics._validation import check_bandwidth, check_phase, check_record
+from signals.harmonics.model import Estimator
 from signals.slipping_order.block_chain import Status, extended_filter, in_blocks, iterate, starts
 from signals.slipping_order.detection import Line, SlipRecord, search
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from signals.harmonics.model import BandwidthUnits, Complexes, Estimator, Floats, Indices
+    from signals.harmonics.model import BandwidthUnits, Complexes, Floats, Indices
 
 MOST_HARMONICS = 16
-# Largest false-alarm probability of a detected line.
 _LEAST_CHANGE = 1e-12  # the square of less is lost beside the digits of a slip
+# Largest false-alarm probability of a detected line.
 _FALSE_ALARM = 0.01
 # Standard deviation of an unknown phase, uniform over a turn.
 _UNKNOWN_PHASE = np.pi / np.sqrt(3)
@@ -221,7 +222,7 @@ def track_slipping_order(
     >>> print(track.slip.mean().round(3), np.abs(track.complex_amplitude).mean().round(1))
     0.01 2.0
     """
-    choice(estimator, name="estimator", choices=("smoother", "filter"))
+    choice(estimator, name="estimator", choices=get_args(Estimator))
     every = None if output_every is None else whole(output_every, name="output_every", least=1)
     limit = whole(most_iterations, name="most_iterations", least=1)
     line = Line(
@@ -278,7 +279,7 @@ def track_slipping_order(
 
 def _check_record(x: ArrayLike, phase_rad: ArrayLike, line: Line, *, noise_variance: float | None) -> SlipRecord:
     """Return the record, or refuse one out of the range of double precision, or that turns too little or too fast."""
-    samples = real_vector(x, name="x", minimum=4, finite=False)
+    samples = real_vector(x, name="x", minimum=4, finite=False, any_unit=True)  # narrower bounds follow
     if np.isnan(samples).all():
         raise ValueError(f"x has {samples.size} samples, all of them missing (NaN); observed ones are needed.")
     peak = float(np.nanmax(np.abs(samples)))

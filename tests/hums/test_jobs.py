@@ -3,6 +3,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
@@ -124,8 +125,9 @@ class TestQueue:
                 self.pool.waiting -= 1
                 return super().result(timeout)
 
-        pool, many = Counting(), [Job(name=str(item), item=item) for item in range(50)]
-        jobs._submit(clusters.write_item, many, folder=tmp_path, pool=pool, width=4, advance=lambda _: None)
+        pool, many = Counting(), deque(Job(name=str(item), item=item) for item in range(50))
+        settings = {"width": 4, "death": RuntimeError, "advance": lambda _: None}
+        jobs._submit(clusters.write_item, many, folder=tmp_path, pool=pool, **settings)
         assert len(contents(tmp_path)) == 50
         assert pool.most == 4
 
@@ -139,6 +141,33 @@ class TestQueue:
         assert "30/30" in err
 
 
+class TestKillers:
+    @pytest.mark.parametrize("count", [1, 2])
+    def test_a_job_that_kills_its_process_is_found_and_the_rest_is_done(self, tmp_path, count):
+        # it takes those down that run beside it and wait for its process; they are done again
+        killed = []
+        tally = run_jobs(
+            clusters.die_at_three, JOBS, folder=tmp_path, workers=Processes(count=count),
+            when_killed=lambda item, path: killed.append((item, path.name)),
+        )  # fmt: skip
+        assert killed == [(3, "3.txt")]
+        assert contents(tmp_path) == {name: text for name, text in WRITTEN.items() if name != "3.txt"}
+        assert tally == Tally(done=6, kept=0)
+
+    def test_a_process_killed_from_outside_costs_nothing(self, tmp_path):
+        (tmp_path / "out").mkdir()
+        run_jobs(clusters.die_once, JOBS, folder=tmp_path / "out", workers=Processes(count=2))
+        assert contents(tmp_path / "out") == WRITTEN
+
+    def test_processes_that_do_not_start_blame_no_job(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(jobs, "_prepare_worker", clusters.die_at_start)
+        with pytest.raises(JobError, match="die as soon as they start"):
+            run_jobs(
+                clusters.write_item, JOBS, folder=tmp_path, workers=Processes(count=1), when_killed=lambda *_: None
+            )
+        assert not contents(tmp_path)
+
+
 class TestRefusals:
     @posix
     def test_a_second_run_in_one_folder(self, tmp_path):
@@ -147,7 +176,7 @@ class TestRefusals:
         run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial())  # it let go
 
     def test_a_worker_that_dies(self, tmp_path):
-        with pytest.raises(JobError, match=r"a worker process died.*run the same again, with fewer workers"):
+        with pytest.raises(JobError, match=r"a worker process died at 0\.txt, twice.*run the same again"):
             run_jobs(clusters.die, JOBS, folder=tmp_path, workers=Processes(count=1))
 
     def test_a_worker_with_another_disk(self, tmp_path):

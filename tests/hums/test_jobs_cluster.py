@@ -61,6 +61,18 @@ def test_jobs_are_done_in_other_processes(tmp_path, cluster):
     assert str(os.getpid()).encode() not in contents(tmp_path).values()
 
 
+def test_a_job_that_kills_its_worker_is_found_and_the_rest_is_done(tmp_path):
+    (tmp_path / "out").mkdir()
+    killed = []
+    with clusters.dask_cluster(tmp_path, nanny=True) as address:
+        run_jobs(
+            clusters.die_at_three, JOBS, folder=tmp_path / "out", workers=Cluster(address=address),
+            when_killed=lambda item, _: killed.append(item),
+        )  # fmt: skip
+    assert killed == [3]
+    assert contents(tmp_path / "out") == {f"{item}.txt": f"item {item}".encode() for item in range(6) if item != 3}
+
+
 def test_a_cluster_without_the_package_is_named(tmp_path, cluster, monkeypatch):
     (tmp_path / "only_here.py").write_text("def write(item, path):\n    path.write_text(str(item))\n")
     monkeypatch.syspath_prepend(tmp_path)

@@ -399,7 +399,8 @@ def test_the_analysis_sees_a_crack_grow():
     demo = load_scene("gears-in-motion").changed(duration_s=8.0, rate_hz=20_000, faults=(crack,), **low)
     analysis = analyze(simulate(demo, seed=4), demo.gearbox, settings=AnalysisSettings(most_tracks=18))
     found = {(row.component, row.kind): row.verdict for row in findings_table(analysis).itertuples()}
-    assert found["stage 1/pinion", "tooth"] == "diagnosed"
+    # not "diagnosed": without an earlier record, a pitch deviation of a sound gear looks the same
+    assert found == {("stage 1/pinion", "tooth"): "indicated"}
     tracks = group(analysis, "tracks")
     sizes = np.abs(tracks["complex_amplitude"].transpose("track", ...).to_numpy())
     part = sizes.shape[1] // 4

@@ -1,12 +1,10 @@
 """The page of a turning mechanism: its numbers are those of Python, and it needs nothing but itself."""
 
-import json
-import os
-import shutil
 import warnings
 
 import numpy as np
 import pytest
+from browser import show
 
 from hums.drawing import free_links, write_drawing
 from hums.gearbox.kinematics import solve_kinematics
@@ -29,27 +27,6 @@ def pages(tmp_path_factory):
     }
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    if not (shutil.which("chromium") and shutil.which("chromedriver")):
-        message = "needs chromium and chromedriver (Debian: apt-get install chromium chromium-driver)"
-        if os.environ.get("HUMS_STRICT") == "1":
-            pytest.fail(message)
-        pytest.skip(message)
-    from selenium import webdriver  # noqa: PLC0415
-    from selenium.webdriver.chrome.service import Service  # noqa: PLC0415
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = shutil.which("chromium")
-    for argument in ("headless", "no-sandbox", "disable-gpu", "no-first-run", "force-prefers-reduced-motion"):
-        options.add_argument(f"--{argument}")
-    options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('profile')}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
-    yield driver
-    driver.quit()
-
-
 def test_pages_are_small_and_whole(pages):
     for _, page in pages.values():
         text = page.read_text(encoding="utf-8")
@@ -60,7 +37,7 @@ def test_pages_are_small_and_whole(pages):
 @pytest.mark.parametrize("name", NAMES)
 def test_numbers_are_those_of_python(browser, pages, name):
     kinematics, page = pages[name]
-    browser.get(page.as_uri())
+    assert show(browser, page) == []
     assert browser.get_log("browser") == []
     rng = np.random.default_rng(NAMES.index(name))
     count = -(-POSITIONS // len(NAMES))
@@ -87,7 +64,7 @@ def test_numbers_are_those_of_python(browser, pages, name):
 
 def test_exact_orders(browser, pages):
     kinematics, page = pages["car-differential"]  # two degrees of freedom: orders depend on the speeds
-    browser.get(page.as_uri())
+    show(browser, page)
     rows = browser.execute_script("return setSpeeds([28, 26]).rows")
     shown = {(row["component"], row["kind"]): row["exact"] for row in rows}
     known = {(row.component, row.kind): row for row in defects(kinematics, speeds={"cage": 28, "left wheel": 26})}
@@ -99,7 +76,7 @@ def test_sliders_move_the_table_and_the_keyboard_moves_them(browser, pages):
     from selenium.webdriver.common.by import By  # noqa: PLC0415
     from selenium.webdriver.common.keys import Keys  # noqa: PLC0415
 
-    browser.get(pages["two-stage"][1].as_uri())
+    show(browser, pages["two-stage"][1])
     slider = browser.find_element(By.CSS_SELECTOR, "input[type=range]")
     slider.send_keys(Keys.ARROW_RIGHT)
     mesh = browser.find_elements(By.CSS_SELECTOR, "#orders tbody tr")[3].text.split()
@@ -115,20 +92,8 @@ def test_sliders_move_the_table_and_the_keyboard_moves_them(browser, pages):
 
 @pytest.mark.parametrize("width", [1280, 400])
 def test_fits_the_screen_and_loads_nothing_else(browser, pages, width):
-    browser.execute_cdp_cmd(
-        "Emulation.setDeviceMetricsOverride",
-        {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600},
-    )
-    browser.get_log("performance")
-    browser.get(pages["planetary-27-36-99"][1].as_uri())
+    assert show(browser, pages["planetary-27-36-99"][1], width=width) == []
     assert browser.execute_script("return document.documentElement.scrollWidth") <= width
-    requests = [
-        json.loads(entry["message"])["message"]["params"]["request"]["url"]
-        for entry in browser.get_log("performance")
-        if json.loads(entry["message"])["message"]["method"] == "Network.requestWillBeSent"
-    ]
-    assert all(url.startswith(("file:", "data:")) for url in requests)
-    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 class TestRefused:

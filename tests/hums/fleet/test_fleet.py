@@ -5,6 +5,8 @@ import shutil
 import sys
 from datetime import UTC, datetime, timedelta
 
+import clusters
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -17,7 +19,7 @@ from hums.cli import main
 from hums.fleet import fleet as fleet_room
 from hums.fleet.fleet import FleetError, analyze_fleet
 from hums.fleet.table import trend
-from hums.jobs import Serial
+from hums.jobs import Processes, Serial
 from hums.records.store import save_record
 
 RATE_HZ, SPEED_HZ, SECONDS = 4000, 20.0, 2.0
@@ -164,6 +166,16 @@ class TestTable:
 
 
 class TestGoingOn:
+    def test_a_record_that_kills_its_process_is_a_row(self, records, done, tmp_path, monkeypatch):
+        folder = shutil.copytree(done, tmp_path / "fleet")
+        (folder / "records" / fleet_room._result_name(fleet_room._of_file(records / "2.h5"))).unlink()
+        monkeypatch.setattr(fleet_room, "_analyse_to_file", clusters.die_at_record)
+        result = run([records], folder, workers=Processes(count=1))
+        assert (result.records, result.failed, result.analysed) == (6, 1, 1)
+        assert "2.h5 killed its reader" in result.errors[str(records / "2.h5")]
+        failed = [row["record"] for row in rows(folder / "fleet.csv") if row["error"]]
+        assert failed == [str(records / "2.h5")]
+
     def test_stopped_and_run_again_the_tables_are_the_same(self, records, done, tmp_path, monkeypatch):
         analyze, calls = fleet_room.analyze, itertools.count()
 
@@ -202,12 +214,17 @@ class TestGoingOn:
             tables.append((tmp_path / "out" / "fleet.csv").read_bytes())
         assert tables[0] != tables[1]
 
-    def test_a_date_that_is_none_costs_no_table(self, tmp_path):
-        made = record(1.0)
-        made.attrs["recorded_at"] = "yesterday"
-        save_record(made, tmp_path / "a.h5")
+    @pytest.mark.filterwarnings("ignore:.*was changed after it was written")
+    def test_a_date_that_is_none_costs_its_record_alone(self, tmp_path):
+        for name in ("a", "b"):
+            save_record(record(1.0), tmp_path / f"{name}.h5")
+        with h5py.File(tmp_path / "a.h5", "a") as file:
+            file.attrs["recorded_at"] = "yesterday"
         result = run([tmp_path], tmp_path / "out")
-        assert (result.records, len(rows(tmp_path / "out" / "fleet.csv"))) == (1, 1)
+        assert (result.records, result.failed) == (2, 1)
+        refused, kept = rows(tmp_path / "out" / "fleet.csv")
+        assert "recorded_at='yesterday'" in refused["error"]
+        assert kept["error"] == ""
 
     def test_another_gearbox_or_other_settings_are_refused(self, records, done):
         with pytest.raises(

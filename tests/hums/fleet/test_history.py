@@ -1,5 +1,4 @@
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,14 +9,15 @@ from hums.fleet.monitor import ALARM_COLUMNS, MonitorSettings
 from hums.records.store import open_tree
 
 SETTINGS = MonitorSettings(baseline_records=20)
-COURSE = {one.record: one for one in (*HEALTHY, *(observed(number, **PINION) for number in range(40, 50)))}
+COURSE = [*HEALTHY, *(observed(number, **PINION) for number in range(40, 50))]
 FACTS = [
-    Fact(machine="mill", record=name, recorded_at=one.recorded_at, path=Path(name)) for name, one in COURSE.items()
+    Fact(machine="mill", record=one.record, recorded_at=one.recorded_at, number=number)
+    for number, one in enumerate(COURSE)
 ]
 
 
 def watched(facts, folder, **more):
-    return watch_machines(facts, lambda path: COURSE[str(path)], folder, settings=SETTINGS, **more)
+    return watch_machines(facts, COURSE.__getitem__, folder, settings=SETTINGS, **more)
 
 
 def tables(histories, folder):

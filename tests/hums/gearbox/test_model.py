@@ -356,7 +356,7 @@ class TestRefusals:
             (mesh(profile_shift=0.2), "profile_shift = 0.2: give a list in brackets, as in [0.2]"),
             (mesh(hand="left"), 'hand = "left" goes with no helix_angle_deg; give helix_angle_deg without a sign'),
             (mesh(hand="right", helix_angle_deg=-15), "goes with -15 degrees; give helix_angle_deg without a sign"),
-            (bearing(elements=None), "give elements, element_diameter_mm and pitch_diameter_mm, or multiples"),
+            (bearing(elements=None), "pitch_diameter_mm, bearing = a name of `hums bearings`, or multiples = {"),
             (bearing(element_diameter_mm=50), "element_diameter_mm = 50.0 is not below pitch_diameter_mm = 50.0"),
             (bearing(contact_angle_deg=90), "less than 90"),
             (bearing(contact_angle_deg=float("nan")), "finite"),

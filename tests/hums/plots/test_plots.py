@@ -457,3 +457,9 @@ class TestPlaces:
         polygon = np.array([[0, 0], [4, 0], [4, 3], [2, 1], [0, 3]], dtype=float)  # with a dent
         where = rng.uniform(-1, 5, size=(500, 2))
         assert np.array_equal(inside(where, polygon), Path(polygon).contains_points(where))
+
+
+def test_a_dollar_in_a_name_is_a_dollar():
+    # with mathematics these are parsed, and the second one ends the report
+    page = svg(lambda ax: ax.set_title("$x$ and $\\frac$"))
+    assert "$x$ and $\\frac$" in page

@@ -1,5 +1,6 @@
 """The rate that a column of times states, and channels by number."""
 
+import h5py
 import numpy as np
 import pytest
 from scipy.io import wavfile
@@ -22,6 +23,15 @@ def csv(tmp_path, times, header):
 def test_a_time_column_states_the_rate(tmp_path, header, unit):
     path = csv(tmp_path, unit * np.arange(2000) / 8000, header)
     assert sampling(convert(path, channels=["vib"], **DECLARED), "vib").rate_hz == 8000
+
+
+@pytest.mark.parametrize("name", ["log.h5", "log.mat"])
+def test_no_array_is_read_but_the_channel_and_its_times(tmp_path, name):
+    with h5py.File(tmp_path / name, "w") as file:
+        file["time (s)"] = np.arange(2000) / 8000
+        file["vib"] = np.ones(2000)
+        file.create_dataset("huge", shape=(10**12,), dtype="f8", chunks=(1024,))  # refused where it is read
+    assert sampling(convert(tmp_path / name, channels=["vib"], **DECLARED), "vib").rate_hz == 8000
 
 
 def test_a_missing_sample_is_refused(tmp_path):

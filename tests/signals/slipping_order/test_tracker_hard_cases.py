@@ -268,7 +268,7 @@ def test_the_unit_of_the_record_does_not_matter(unit):
     assert other.false_alarm_probability == pytest.approx(one.false_alarm_probability, rel=1e-6)
 
 
-@pytest.mark.parametrize("unit", [1e-300, 1e-160, 1e155, 1e160, 1e300])
+@pytest.mark.parametrize("unit", [1e-300, 1e-160, 1e-110, 1e110, 1e155, 1e300])
 def test_a_unit_beyond_double_precision_is_refused(unit):
     x, phase, *_ = drawn(np.arange(10 * PER_REV) / PER_REV, seed=2)
     with pytest.raises(ValueError, match=r"x reaches .* whose square is lost .* between 1e-100 and 1e\+100"):

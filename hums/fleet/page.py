@@ -1,0 +1,297 @@
+"""The fleet's page: machines, the worst first, with their health over time, what drove it, and lines then and now."""
+
+import math
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hums.fleet.history import MachineHistory
+from hums.fleet.kept import LINE, KeptRecord
+from hums.fleet.monitor import Epoch, driving_series
+from hums.fleet.observation import seconds_since_1970
+from hums.pages.page import Figure, figure_html, least_and_largest, packed, stand_alone_page
+from hums.records.store import atomic_write
+from signals.monitoring.alarm_life import Life
+
+__all__ = ["write_page"]
+
+Array = NDArray[np.float64]
+_DRAWN = 50  # machines with figures, 0.3 MB of each with 2,000 records; all of them are in the table
+_COLUMNS = 1_000  # of a course: two values for each pixel of the widest figure
+_NAMED = 5  # components in colours and in the legend; the others are thin
+_PANELS = 6  # series that drove the worst component
+_LOG_FROM = 10.0  # largest index from which the axis is logarithmic, so that the limit can still be seen
+_DAY_S = 86400.0
+_STYLES = {"raised": "alarm", "acknowledged": "watch", "normal": "calm"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Course:
+    """Records of a machine in the order of time: the result of each, and its time in days from the first."""
+
+    records: Sequence[KeptRecord]
+    days: Array
+    start_ms: float | None
+
+    def packed(self, values: Array) -> dict[str, Any]:
+        """Return a course over the records for the page, with every peak and trough."""
+        known = np.flatnonzero(np.isfinite(values))
+        shown, at = least_and_largest(values[known], columns=_COLUMNS)
+        return {"x": packed(self.days[known][at]), "y": packed(shown)}
+
+    def common(self) -> dict[str, Any]:
+        """Return what all views need to draw times; without times they draw the number of the record."""
+        return {"start": self.start_ms}
+
+
+def write_page(
+    histories: Sequence[MachineHistory], records: Sequence[KeptRecord], path: Path, *, gearbox: str = "GEARBOX"
+) -> None:
+    """Write ``fleet.html``: one page that needs no other file, the worst machine first.
+
+    Parameters
+    ----------
+    histories : sequence of MachineHistory
+        The machines as they were followed.
+    records : sequence of KeptRecord
+        Results of all records.
+    path : Path
+        The page. A report of a record is linked where it stands beside it: ``reports/MACHINE RECORD/report.html``.
+    gearbox : str
+        Path or name of the gearbox, for the command that makes such a report.
+    """
+    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - heavy
+
+    found = {one.record: one for one in records}
+    ranked = sorted(histories, key=_rank)
+    machines = [
+        _machine(history, found, number, path.parent, gearbox) | {"drawn": number < _DRAWN}
+        for number, history in enumerate(ranked)
+    ]
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["short"] = _short
+    ours = files("hums.fleet")
+    body = environment.from_string((ours / "page.html").read_text(encoding="utf-8")).render(
+        machines=machines,
+        records=len(records),
+        every=f"{histories[0].state.settings.false_alarm_every:,.0f}" if histories else "",
+        undrawn=max(0, len(machines) - _DRAWN),
+    )
+    page = stand_alone_page(
+        title="Fleet",
+        body=body,
+        style=(ours / "page.css").read_text(encoding="utf-8"),
+        script=(ours / "page.js").read_text(encoding="utf-8"),
+    )
+    with atomic_write(path) as part:
+        part.write_text(page, encoding="utf-8")
+
+
+def _rank(history: MachineHistory) -> tuple[bool, float, str]:
+    """Return the sort key of a machine: standing alarms first, then by the largest health index."""
+    return _state(history) != "raised", -_worst(history)[1], history.state.machine
+
+
+def _worst(history: MachineHistory) -> tuple[str, float]:
+    """Return the component to look at, and its health index: one with a standing alarm first; "" if none."""
+    if history.last is None:
+        return "", -math.inf
+
+    def key(item: tuple[str, float]) -> tuple[bool, float]:
+        return history.state.alarms[item[0]].life == Life.RAISED, item[1]
+
+    known = {name: index for name, index in history.last.index.items() if math.isfinite(index)}
+    return max(known.items(), key=key) if known else ("", -math.inf)
+
+
+def _state(history: MachineHistory) -> str:
+    lives = {int(alarm.life) for alarm in history.state.alarms.values()}
+    if Life.RAISED in lives:
+        return "raised"
+    if history.last is None:
+        return "unwatched" if history.state.unwatched_since else "learning"
+    return "acknowledged" if Life.ACKNOWLEDGED in lives else "normal"
+
+
+def _machine(
+    history: MachineHistory, found: dict[str, KeptRecord], number: int, folder: Path, gearbox: str
+) -> dict[str, Any]:
+    """Return what the page's template needs of a machine."""
+    state, (component, index) = history.state, _worst(history)
+    last = history.records[-1]["record"] if history.records else ""
+    standing = [alarm for alarm in history.alarms if alarm["state"] == "raised"]
+    reported = standing[-1]["record"] if standing else last
+    channel, driver, _ = history.last.growth[component] if history.last and component else ("", "", 0.0)
+    seen = state.judged + state.refused
+    report = folder / "reports" / _folder_name(state.machine, reported) / "report.html"
+    words = {
+        "name": f"machine-{number}",
+        "machine": state.machine,
+        "state": _state(history),
+        "style": _STYLES.get(_state(history), "unknown"),
+        "index": f"{index:.2f}" if component else "",
+        "component": component,
+        "since": _short(state.since.get(component, "")),
+        "driver": f"{driver.replace('_', ' ')}, {channel}" if driver else "",
+        "records": len(history.records),
+        "refused": f"{state.refused / seen:.0%}" if seen else "",
+        "alarms": history.alarms,
+        "last": _short(found[last].recorded_at or last) if last in found else last,
+        "reported": reported,
+        "report": quote(report.relative_to(folder).as_posix()) if report.is_file() else "",
+        "command": _command(reported, gearbox, report.parent),
+        "sentence": _sentence(history, component, index, driver, channel),
+    }
+    figures = _figures(history, found, component, f"machine-{number}") if number < _DRAWN else ()
+    return words | {"figures": list(figures)}
+
+
+def _short(moment: str) -> str:
+    """Return an ISO 8601 time without what is zero: midnight, and UTC as Z."""
+    return moment.replace("+00:00", "Z").removesuffix("T00:00:00Z")
+
+
+def _folder_name(machine: str, record: str) -> str:
+    """Return a name for the folder of a record's report, made of letters that file systems take."""
+    name = f"{machine} {Path(record).stem}".strip()
+    return "".join(letter if letter.isalnum() or letter in " -_." else "_" for letter in name)
+
+
+def _command(record: str, gearbox: str, folder: Path) -> str:
+    """Return the command that makes the report of a record in a file of its own."""
+    if not record.endswith((".h5", ".hdf5")):
+        return ""
+    return shlex.join(["hums", "analyze", record, "--gearbox", gearbox, "-o", str(folder)])
+
+
+def _sentence(history: MachineHistory, component: str, index: float, driver: str, channel: str) -> str:
+    state = history.state
+    if not component:
+        if state.unwatched_since:
+            return f"Not watched since {state.unwatched_since}: every record since then was refused."
+        pending = max((len(epoch.pending) for epoch in state.epochs.values()), default=0)
+        return f"Its baseline is being learned: {pending} records so far."
+    text = f"{component} has a health index of {index:.2f}"
+    if state.since.get(component):
+        text += f", rising since {_short(state.since[component])}" if index > 0 else ""
+    text += f"; {driver.replace('_', ' ')} of {channel} departs most." if driver else "."
+    if state.unwatched_since:
+        text += f" Not watched since {state.unwatched_since}: later records were refused."
+    return text
+
+
+# ---- figures ---------------------------------------------------------------------------------------------------------
+
+
+def _figures(history: MachineHistory, found: dict[str, KeptRecord], component: str, name: str) -> Iterator[str]:
+    """Yield the figures of a machine: its health, the series that drove it, lines of two records."""
+    kept = [found[one["record"]] for one in history.records]
+    if not component or not kept:
+        return
+    course = _course(kept)
+    yield figure_html(_health(history, course, name), caption="Dashed: the limit. Shaded: the records of the baseline.")
+    epoch = history.state.epochs[history.state.governed_by.get(component.partition(": ")[0], 0)]
+    judged = [one for one, brought in zip(kept, history.records, strict=True) if not brought["why"]]
+    drivers = driving_series(epoch, judged[-1].observation, component, most=_PANELS) if judged else ()
+    if drivers:
+        yield figure_html(
+            _panels(epoch, course, drivers, component, name), caption="Dotted: what was normal in the baseline."
+        )
+        spectrum = "envelope" if drivers[0].indicator.startswith("envelope") else "order_spectrum"
+        lines = _stems(judged, drivers[0].channel, spectrum, name)
+        if lines is not None:
+            yield figure_html(lines)
+
+
+def _course(kept: Sequence[KeptRecord]) -> _Course:
+    seconds = np.array([seconds_since_1970(one.recorded_at) for one in kept])
+    if np.isfinite(seconds).all():
+        return _Course(records=kept, days=(seconds - seconds[0]) / _DAY_S, start_ms=1e3 * float(seconds[0]))
+    return _Course(records=kept, days=np.arange(len(kept), dtype=np.float64), start_ms=None)
+
+
+def _health(history: MachineHistory, course: _Course, name: str) -> Figure:
+    """Return health indices of all components of a machine over time, with the limit, the baseline and alarms."""
+    if history.last is None:
+        raise ValueError("a machine without a judged record has no health index; leave its figure out.")
+    now = {key: value if math.isfinite(value) else -math.inf for key, value in history.last.index.items()}
+    worst = _worst(history)[0]
+    order = sorted(now, key=lambda key: (key != worst, -now[key]))
+    index = {
+        key: np.array([one["index"].get(key, math.nan) for one in history.records], dtype=np.float64) for key in order
+    }
+    largest = max((float(np.nanmax(each)) for each in index.values() if np.isfinite(each).any()), default=1.0)
+    places = {one.record: at for at, one in enumerate(course.records)}
+    learned = [places[one] for epoch in history.state.epochs.values() for one in epoch.records if one in places]
+    raised = [alarm for alarm in history.alarms if alarm["record"] in places]
+    data = course.common() | {
+        "components": [{"name": key, **course.packed(index[key])} for key in order],
+        "named": _NAMED,
+        "span": [float(course.days[0]), float(course.days[-1])],
+        "baseline": [float(course.days[min(learned)]), float(course.days[max(learned)])] if learned else [],
+        "alarms": {
+            "x": [float(course.days[places[alarm["record"]]]) for alarm in raised],
+            "y": [max(float(alarm["value"]), 0.02) for alarm in raised],
+            "text": [f"{alarm['component']}: {alarm['indicator']}".replace("<", "&lt;") for alarm in raised],
+        },
+        "log": [-1.0, math.log10(largest) + 0.1] if largest > _LOG_FROM else None,
+    }
+    alt = f"Health index of {history.state.machine or 'the machine'} over {len(course.records)} records; "
+    alt += f"{worst} is now at {now[worst]:.2g}, where 1 is the limit."
+    return Figure(name=f"{name}-health", alt=alt, title="Health index", view="health", data=data, height_px=320)
+
+
+def _panels(epoch: Epoch, course: _Course, drivers: Sequence[Any], component: str, name: str) -> Figure:
+    """Return the series that departed most, each in its unit over time."""
+    if epoch.normal is None:
+        raise ValueError("a baseline that is not learned has no normal values; leave the figure out.")
+    center = dict(zip(epoch.series, epoch.normal.raw.center.tolist(), strict=True))
+    panels = []
+    for key in drivers:
+        values = np.exp([one.watched.get(key) for one in course.records])
+        words = key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}"
+        title = f"{words.replace('_', ' ')}, {key.channel}"
+        title += "" if key.unit in ("", "1") else f", {key.unit}"
+        panels.append({"title": title, "normal": math.exp(center[key]), **course.packed(values)})
+    alt = f"What drove {component}: " + "; ".join(panel["title"] for panel in panels) + "."
+    data = course.common() | {"panels": panels}
+    rows = -(-len(panels) // 3)
+    return Figure(
+        name=f"{name}-drivers", alt=alt, title=f"What drove {component}", view="panels", data=data,
+        height_px=150 * rows + 70,
+    )  # fmt: skip
+
+
+def _stems(judged: Sequence[KeptRecord], channel: str, spectrum: str, name: str) -> Figure | None:
+    """Return the lines of a channel in its first judged and its last record over each other, None without lines."""
+    pairs, unit = [], ""
+    for one in (judged[0], judged[-1]):
+        named = [dict(zip(LINE, key, strict=True)) for key in one.lines.keys]
+        rows = [
+            (order, value, key["units"])
+            for key, order, value in zip(named, one.orders.tolist(), one.lines.values[:, 0].tolist(), strict=True)
+            if (key["channel"], key["spectrum"]) == (channel, spectrum) and math.isfinite(value)
+        ]
+        if not rows:
+            return None
+        orders, values, units = zip(*sorted(rows), strict=True)
+        unit = units[0]
+        pairs.append({"x": packed(orders), "y": packed(values)})
+    first, last = (_short(one.recorded_at or one.record) for one in (judged[0], judged[-1]))
+    data = {"first": pairs[0], "last": pairs[1], "firstName": f"first judged, {first}", "lastName": f"last, {last}"}
+    where = "envelope" if spectrum == "envelope" else "order"
+    return Figure(
+        name=f"{name}-lines",
+        alt=f"Lines in the {where} spectrum of {channel} in the first judged record and in the last.",
+        title=f"Lines of the {where} spectrum of {channel}: the first record judged, and the last",
+        view="stems",
+        data=data | {"unit": f"amplitude, {unit}"},
+        height_px=300,
+    )

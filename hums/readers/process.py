@@ -1,0 +1,364 @@
+"""Other people's files, read in a process of their own.
+
+The libraries that parse HDF5 and MATLAB files crash or hang on a few damaged bytes. A process apart contains that: it
+stays up for many files and is started anew when it dies. Descriptions return as JSON and arrays as bytes, through a
+pipe and only the parts that are asked for; nothing is unpickled, and no temporary file is written.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import math
+import multiprocessing
+import os
+import signal
+import sys
+import warnings
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+import xarray as xr
+from xarray.backends import BackendArray
+from xarray.core.indexing import IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
+
+from hums.readers import convert
+from hums.records.fields import RecordWarning
+from hums.records.record import RecordError, attach_time, detach_time
+from hums.records.store import open_record
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from multiprocessing.connection import Connection
+    from multiprocessing.process import BaseProcess
+    from os import PathLike
+
+__all__ = ["ReaderProcess"]
+
+_PIECE_BYTES = 1 << 24  # of an array through the pipe at a time: the copy beside it stays small
+_CPU_S = 10.0  # for a request at least; and 10 MB/s, a tenth of what the slowest reader, of text, does
+_CPU_S_PER_BYTE = 1e-7
+_PATIENCE = 6  # waiting time over processor time: a network's disk may be slow
+_MEMORY_SHARE = 0.5  # of this machine's memory: the other half is for the samples that arrive
+_FORKS = sys.platform == "linux"  # elsewhere a fork is unsafe, and a new interpreter takes about a second
+
+
+class ReaderProcess:
+    """A process that reads files, for as long as the ``with`` block lasts.
+
+    On Linux it is forked when the first file is read, elsewhere spawned; it is started anew after a file that ends it.
+    Make it before there are threads. A record that it opened can be read until the next `close`, by one thread.
+
+    Parameters
+    ----------
+    cpu_s : float
+        Processor time in s that a request may take, beside 0.1 s for each MB of the file; waiting, six times that.
+    memory_bytes : int, optional
+        Memory that the process may take; default half of the machine's. Held only where the system has such limits.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from hums.readers.process import ReaderProcess
+    >>> with tempfile.TemporaryDirectory() as folder, ReaderProcess() as reader:
+    ...     path = pathlib.Path(folder, "log.csv")
+    ...     np.savetxt(path, np.ones(1000), header="vib", comments="")
+    ...     record = reader.convert(path, channels=["vib"], units="g", rate_hz=1000, no_tachometer=True)
+    ...     print(float(record.vib[0]))
+    1.0
+    """
+
+    def __init__(self, *, cpu_s: float = _CPU_S, memory_bytes: int | None = None) -> None:
+        self._cpu_s = cpu_s
+        self._memory_bytes = memory_bytes if memory_bytes is not None else _share_of_memory()
+        self._running: tuple[BaseProcess, Connection] | None = None
+        self._generation = 0
+
+    def __enter__(self) -> Self:
+        """Return the reader; its process starts with the first file."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the process."""
+        self.close()
+
+    def open_record(self, path: str | PathLike[str]) -> xr.Dataset:
+        """Open a record as `hums.open_record` does; samples are read on access, in the process.
+
+        Raises
+        ------
+        RecordError
+            If the file is missing, damaged or not a record, or ends the process.
+        """
+        return self._record("open", path, {})
+
+    def convert(self, source: str | PathLike[str], **declared: Any) -> xr.Dataset:  # noqa: ANN401 - those of `convert`
+        """Convert another program's file to a record, as `hums.convert` does.
+
+        Raises
+        ------
+        RecordError
+            If the file cannot be read, the declarations are incomplete or contradictory, or it ends the process.
+        """
+        return self._record("convert", source, declared)
+
+    def close(self) -> None:
+        """End the process; records that it opened cannot be read any more."""
+        if self._running is not None:
+            process, pipe = self._running
+            pipe.close()
+            process.kill()
+            process.join()
+            process.close()
+        self._running = None
+        self._generation += 1
+
+    def _record(self, what: str, path: str | PathLike[str], declared: Mapping[str, Any]) -> xr.Dataset:
+        file = os.fspath(path)
+        found = self._ask({"do": what, "path": file, "declared": dict(declared)}, file)
+        for text in found["warnings"]:
+            warnings.warn(text, RecordWarning, stacklevel=3)
+        handle = (self._generation, found["number"])
+        variables = {
+            name: xr.Variable(entry["dims"], self._values(handle, name, entry, file), _decoded(entry["attrs"]))
+            for name, entry in found["variables"].items()
+        }
+        record = attach_time(xr.Dataset(variables, attrs=_decoded(found["attrs"])).set_coords(found["coordinates"]))
+        if found["source"] is not None:
+            record.encoding["source"] = found["source"]
+        record.set_close(lambda: self._close_record(handle, file))
+        return record
+
+    def _values(self, handle: tuple[int, int], name: str, entry: Mapping[str, Any], file: str) -> Any:  # noqa: ANN401
+        if "text" in entry:
+            return np.array(entry["text"], dtype=object).reshape(entry["shape"])
+        array = _ArrayThere(self, handle, name, tuple(entry["shape"]), np.dtype(entry["dtype"]), file)
+        return LazilyIndexedArray(array)
+
+    def _close_record(self, handle: tuple[int, int], file: str) -> None:
+        if handle[0] == self._generation and self._running is not None:
+            with suppress(RecordError):
+                self._ask({"do": "close", "number": handle[1]}, file)
+
+    def read(self, array: _ArrayThere, key: tuple[Any, ...]) -> np.ndarray[Any, Any]:
+        """Return a part of an array that the process holds, by indices that are integers and slices."""
+        if array.handle[0] != self._generation:
+            raise RecordError(f"{array.file} is not open any more: its reader was closed. Open it again.")
+        indices = [[one.start, one.stop, one.step] if isinstance(one, slice) else int(one) for one in key]
+        request = {"do": "read", "number": array.handle[1], "name": array.name, "key": indices}
+        shape = tuple(self._ask(request, array.file)["shape"])
+        values = np.empty(shape, array.dtype)
+        rest = _bytes_of(values)
+        while len(rest):
+            piece = self._received(array.file)
+            rest[: len(piece)] = piece
+            rest = rest[len(piece) :]
+        return values
+
+    def _start(self) -> tuple[BaseProcess, Connection]:
+        context: Any = multiprocessing.get_context("fork" if _FORKS else "spawn")
+        here, there = context.Pipe()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of forks beside threads, which the class refers to
+            process = context.Process(
+                target=_serve, args=(there, here if _FORKS else None, self._memory_bytes), daemon=True
+            )
+            process.start()
+        there.close()
+        return process, here
+
+    def _ask(self, request: Mapping[str, Any], file: str) -> dict[str, Any]:
+        self._running = self._running or self._start()
+        try:
+            size = os.path.getsize(file)  # noqa: PTH202 - the path is as the user gave it
+        except (OSError, ValueError):
+            size = 0
+        limits = {"cpu_s": self._cpu_s + size * _CPU_S_PER_BYTE}
+        self._wait_s = _PATIENCE * limits["cpu_s"]
+        try:
+            text = json.dumps({**request, **limits}, default=str)
+        except (TypeError, ValueError) as error:
+            raise RecordError(f"{file}: {error}; words, numbers and rows of words are needed.") from None
+        with suppress(OSError):  # the process is dead, as the answer shows
+            self._running[1].send_bytes(text.encode())
+        answer: dict[str, Any] = json.loads(self._received(file))
+        if "error" in answer:
+            raise RecordError(answer["error"])
+        return answer
+
+    def _received(self, file: str) -> bytes:
+        why = "ended"
+        if self._running is not None:
+            process, pipe = self._running
+            try:
+                if pipe.poll(self._wait_s):
+                    return pipe.recv_bytes()
+                why = f"did not answer within {self._wait_s:.3g} s"
+            except (EOFError, OSError):
+                why = self._death(process)
+        self.close()
+        raise RecordError(
+            f"{file}: the process that reads it {why}; the file is damaged, or larger than this machine can read. "
+            "Copy it again from where it came."
+        )
+
+    def _death(self, process: BaseProcess) -> str:
+        process.join(_CPU_S)
+        code = process.exitcode
+        if code is not None and code < 0 and signal.Signals(-code).name == "SIGXCPU":
+            return f"took more than {self._wait_s / _PATIENCE:.3g} s of processor time"
+        return f"crashed ({signal.Signals(-code).name})" if code is not None and code < 0 else "ended"
+
+
+class _ArrayThere(BackendArray):
+    """An array that the process holds; a part is fetched when it is indexed."""
+
+    def __init__(
+        self,
+        reader: ReaderProcess,
+        handle: tuple[int, int],
+        name: str,
+        shape: tuple[int, ...],
+        dtype: np.dtype[Any],
+        file: str,
+    ) -> None:
+        self.reader, self.handle, self.name, self.shape, self.dtype, self.file = (
+            reader, handle, name, shape, dtype, file,
+        )  # fmt: skip
+
+    def __getitem__(self, key: Any) -> Any:  # noqa: ANN401 - an indexer of xarray
+        """Return a part of the array."""
+        return explicit_indexing_adapter(
+            key, self.shape, IndexingSupport.BASIC, lambda indices: self.reader.read(self, indices)
+        )
+
+
+def _share_of_memory() -> int | None:
+    try:
+        return int(_MEMORY_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, ValueError, OSError):
+        return None
+
+
+# ---- in the process --------------------------------------------------------------------------------------------------
+
+
+def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | None) -> None:
+    """Answer requests until the pipe closes, which it also does when the other process dies."""
+    if other_end is not None:
+        other_end.close()  # inherited by the fork: else the pipe would stay open
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process handles interrupts
+    faulthandler.disable()  # a sentence takes the place of its page
+    _limit("RLIMIT_CORE", 0)
+    if memory_bytes is not None:
+        _limit("RLIMIT_AS", _used_bytes() + memory_bytes)
+    records: dict[int, xr.Dataset] = {}
+    while True:
+        try:
+            request = json.loads(pipe.recv_bytes())
+        except (EOFError, OSError):
+            return
+        times = os.times()
+        _limit("RLIMIT_CPU", math.ceil(times.user + times.system + request["cpu_s"]))
+        try:
+            answer, values = _answer(request, records)
+        except MemoryError:
+            answer, values = {"error": f"{request.get('path', 'the file')} needs more memory than may be used."}, None
+        except Exception as error:  # noqa: BLE001 - the libraries fail in any way on damaged bytes
+            ours = isinstance(error, ValueError | OSError)
+            named = f"{request.get('path', 'the file')} cannot be read ({type(error).__name__}: {error})."
+            answer, values = {"error": str(error) if ours else named}, None
+        pipe.send_bytes(json.dumps(answer).encode())
+        if values is not None:
+            whole = _bytes_of(np.ascontiguousarray(values))
+            for start in range(0, len(whole), _PIECE_BYTES):
+                pipe.send_bytes(whole[start : start + _PIECE_BYTES])
+
+
+def _answer(
+    request: Mapping[str, Any], records: dict[int, xr.Dataset]
+) -> tuple[dict[str, Any], np.ndarray[Any, Any] | None]:
+    """Return the answer to a request, and the values that follow it."""
+    match request["do"]:
+        case "close":
+            record = records.pop(request["number"], None)
+            if record is not None:
+                record.close()
+            return {}, None
+        case "read":
+            key = tuple(slice(*one) if isinstance(one, list) else one for one in request["key"])
+            values = np.asarray(records[request["number"]].variables[request["name"]][key].to_numpy())
+            return {"shape": values.shape}, values
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RecordWarning)
+        opened = (
+            open_record(request["path"]) if request["do"] == "open" else convert(request["path"], **request["declared"])
+        )
+    number = max(records, default=0) + 1
+    records[number] = opened
+    plain = detach_time(opened)
+    return {
+        "number": number,
+        "variables": {str(name): _entry(variable) for name, variable in plain.variables.items()},
+        "coordinates": [str(name) for name in plain.coords],
+        "attrs": _encoded(plain.attrs),
+        "source": opened.encoding.get("source"),
+        "warnings": [str(one.message) for one in caught if issubclass(one.category, RecordWarning)],
+    }, None
+
+
+def _bytes_of(values: np.ndarray[Any, Any]) -> memoryview:
+    """Return the memory of a contiguous array."""
+    flat: Any = values.reshape(-1).view(np.uint8) if values.size else b""
+    return memoryview(flat)
+
+
+def _entry(variable: xr.Variable) -> dict[str, Any]:
+    about = {"dims": variable.dims, "shape": variable.shape, "attrs": _encoded(variable.attrs)}
+    if variable.dtype.kind in "OUS":
+        return about | {"text": [str(one) for one in variable.to_numpy().ravel()]}
+    return about | {"dtype": variable.dtype.str}
+
+
+def _encoded(attrs: Mapping[Any, Any]) -> list[list[Any]]:
+    """Return attributes as JSON has them: each a name, a type of numbers or None, and the value."""
+    rows: list[list[Any]] = []
+    for name, value in attrs.items():
+        numbers = isinstance(value, np.ndarray | np.generic) and np.asarray(value).dtype.kind in "biufc"
+        if numbers:
+            array = np.asarray(value)
+            rows.append([str(name), [array.dtype.str, list(array.shape)], array.tobytes().hex()])
+        else:
+            plain = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+            rows.append([str(name), None, plain])
+    return rows
+
+
+def _decoded(rows: list[list[Any]]) -> dict[str, Any]:
+    return {
+        name: value if kind is None else np.frombuffer(bytes.fromhex(value), kind[0]).reshape(kind[1])[()]
+        for name, kind, value in rows
+    }
+
+
+def _limit(what: str, amount: int) -> None:
+    """Set a limit of this process, where the system has it."""
+    try:
+        import resource  # noqa: PLC0415 - exists on POSIX only
+    except ImportError:
+        return
+    kind = getattr(resource, what, None)
+    if kind is not None:
+        _, most = resource.getrlimit(kind)
+        with suppress(ValueError, OSError):
+            resource.setrlimit(kind, (amount if most == resource.RLIM_INFINITY else min(amount, most), most))
+
+
+def _used_bytes() -> int:
+    try:
+        with open("/proc/self/statm", encoding="ascii") as stream:  # noqa: PTH123
+            return int(stream.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0

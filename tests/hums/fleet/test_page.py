@@ -1,0 +1,139 @@
+"""The fleet's page in the browser: worst first, its figures, and five years of twenty machines."""
+
+import copy
+import json
+import re
+
+import numpy as np
+import pytest
+from browser import draw_all, printed, show, text_of, violations
+from fleets import FIRST, HEALTHY, PINION, followed, observed
+
+from hums.fleet.history import MachineHistory
+from hums.fleet.kept import KeptRecord, Numbers
+from hums.fleet.monitor import MachineState
+from hums.fleet.observation import Observation
+from hums.fleet.page import write_page
+
+LINES = tuple((name, "order_spectrum", "stage 1/pinion", "gear", n, 0, "g") for name in "ab" for n in (1, 2, 3))
+RECORDS = 1_826  # five years of days
+
+
+def kept(seen, *, growth=1.0):
+    keys = tuple(seen.values)
+    return KeptRecord(
+        record=seen.record,
+        machine=seen.machine,
+        recorded_at=seen.recorded_at,
+        error="",
+        speed_hz=20.0,
+        lines=Numbers(keys=LINES, values=np.array([[growth * x, 2, 1] for x in (0.1, 0.3, 0.2) * 2], dtype=np.float32)),
+        orders=np.array([23.0, 46.0, 69.0] * 2),
+        indicators=Numbers(keys=(), values=np.zeros(0)),
+        findings=(),
+        watched=Numbers(keys=keys, values=np.array([seen.values[key] for key in keys])),
+        seen=Observation(machine=seen.machine, record=seen.record, covariates=seen.covariates),
+    )
+
+
+def content(page, figure):
+    """The data of a figure in the page's text."""
+    found = re.search(rf'id="figure-{figure}".*?application/json">(.*?)</script>', page, re.DOTALL)
+    return json.loads(found.group(1))
+
+
+@pytest.fixture(scope="module")
+def failing():
+    """A machine whose pinion fails, and its results."""
+    seen = [*HEALTHY, *(observed(number, **PINION) for number in range(40, 50))]
+    history = MachineHistory(state=MachineState(machine="mill", settings=followed([])[0].settings))
+    history.follow(seen, ())
+    return history, [kept(one, growth=1 + 9 * (number >= 40)) for number, one in enumerate(seen)]
+
+
+@pytest.fixture(scope="module")
+def long(failing, tmp_path_factory):
+    """Twenty machines with a record a day for five years, one of which fails; indices are drawn, not judged."""
+    rng = np.random.default_rng(1)
+    worst, records = failing
+    histories, found = [worst], list(records)
+    names = [name for name in worst.last.index if not name.startswith("sensor")]
+    days = [(FIRST.replace(year=2021) + np.timedelta64(day, "D").item()).isoformat() for day in range(RECORDS)]
+    for number in range(19):
+        history = copy.copy(worst)
+        history.state = copy.copy(worst.state)
+        history.state.machine, history.state.alarms = f"mill {number}", {}
+        history.state.alarms = {name: worst.state.settings.rule.start() for name in worst.state.alarms}
+        history.alarms, index = [], rng.uniform(0, 0.6, (RECORDS, len(names))).tolist()
+        history.records = [
+            {"record": f"{number}/{day}", "why": "", "index": dict(zip(names, row, strict=True)), "scores": {}}
+            for day, row in enumerate(index)
+        ]
+        history.last = copy.copy(worst.last)
+        object.__setattr__(history.last, "index", history.records[-1]["index"])
+        histories.append(history)
+        first = kept(HEALTHY[-1])
+        for day, when in enumerate(days):
+            one = copy.copy(first)
+            for name, value in (("record", f"{number}/{day}"), ("recorded_at", when)):
+                object.__setattr__(one, name, value)
+            found.append(one)
+    path = tmp_path_factory.mktemp("fleet") / "fleet.html"
+    write_page(histories, found, path)
+    return path
+
+
+def test_the_worst_is_first_and_its_figures_say_why(failing, tmp_path):
+    history, records = failing
+    quiet = copy.copy(history)
+    quiet.state = MachineState(machine="fan")
+    quiet.records, quiet.alarms, quiet.last = [], [], None
+    write_page([quiet, history], records, tmp_path / "fleet.html", gearbox="two-stage")
+    page = (tmp_path / "fleet.html").read_text(encoding="utf-8")
+    assert re.findall(r'<h2 id="machine-\d">(\w+) ', page) == ["mill", "fan"]
+    health = content(page, "machine-0-health")["data"]
+    assert health["components"][0]["name"] == "stage 1/pinion"
+    assert health["components"][0]["y"]["shape"] == [30]  # of 50 records 20 are the baseline
+    assert health["baseline"] == [0.0, 19.0]
+    (alarm,) = history.alarms
+    assert health["alarms"]["x"] == [float(alarm["record"].removeprefix("record "))]
+    lines = content(page, "machine-0-lines")["data"]
+    assert lines["first"]["x"] == lines["last"]["x"] != lines["first"]["y"] != lines["last"]["y"]
+    panels = content(page, "machine-0-drivers")["data"]["panels"]
+    assert len(panels) == 6
+    assert "Its baseline is being learned: 0 records so far." in page
+    assert 'href="reports' not in page
+
+
+def test_a_report_beside_the_page_is_linked(failing, tmp_path):
+    history, records = failing
+    report = tmp_path / "reports" / f"mill {history.alarms[0]['record']}" / "report.html"
+    report.parent.mkdir(parents=True)
+    report.touch()
+    write_page([history], records, tmp_path / "fleet.html")
+    assert 'href="reports/mill%20record%2' in (tmp_path / "fleet.html").read_text(encoding="utf-8")
+
+
+def test_five_years_of_twenty_machines_in_the_browser(browser, long):
+    assert long.stat().st_size < 16e6
+    assert show(browser, long) == []
+    browser.execute_async_script("setTimeout(arguments[0], 200)")
+    drawn = browser.execute_script("return [...pages.figures.values()].map((figure) => figure.drawn)")
+    assert len(drawn) == 60
+    assert sum(drawn) <= 6  # what is out of sight waits
+    assert browser.get_log("browser") == []
+    assert violations(browser) == []
+
+
+def test_every_width_light_dark_and_paper(browser, failing, tmp_path):
+    history, records = failing
+    write_page([history], records, tmp_path / "fleet.html")
+    for width, dark in ((1280, False), (400, True)):
+        assert show(browser, tmp_path / "fleet.html", width=width, dark=dark) == []
+        draw_all(browser)
+        assert browser.get_log("browser") == []
+        assert violations(browser) == []
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+    text = text_of(printed(browser))
+    assert "What drove stage 1/pinion" in text
+    assert "health index" in text
