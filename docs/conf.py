@@ -16,6 +16,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",  # equations without a network
     "numpydoc",
     "myst_parser",
     "sphinx_gallery.gen_gallery",
@@ -108,7 +109,7 @@ def _write_api() -> None:
     names = "\n".join(f"   {package}" for package in API)
     pages = {package: _api_page(package, about) for package, about in API.items()}
     pages["index"] = (
-        "Reference of the packages\n=========================\n\n"
+        "Packages\n========\n\n"
         "Every public name, from its docstring. The examples run in the tests.\n\n"
         f".. toctree::\n   :maxdepth: 1\n\n{names}\n"
     )

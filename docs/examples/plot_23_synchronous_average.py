@@ -14,8 +14,8 @@ from signals.indicators import fm4
 
 teeth, per_rev, revolutions = 21, 256, 100
 angle = 2 * np.pi * np.arange(per_rev * revolutions) / per_rev
-bump = 0.3 * np.exp(-(((angle % (2 * np.pi)) - 2.0) ** 2) / (2 * 0.1**2)) * np.cos(40 * angle)
-x = np.cos(teeth * angle) + bump + np.random.default_rng(1).normal(0, 1, angle.size)
+bump = 0.4 * np.exp(-(((angle % (2 * np.pi)) - 2.0) ** 2) / (2 * 0.1**2)) * np.cos(40 * angle)
+x = np.cos(teeth * angle) + bump + np.random.default_rng(1).normal(0, 0.5, angle.size)
 signal = signals.AngularSignal(values=x, samples_per_rev=per_rev, start_rev=0.0, passband_orders=112.0)
 average = signals.synchronous_average(signal)
 residual = signals.residual_signal(average, teeth=teeth, harmonics=4, shaft_orders=[1, 2])

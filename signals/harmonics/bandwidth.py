@@ -57,11 +57,16 @@ def process_variance(
 
     Parameters
     ----------
-    orders : (order,) array, cycles per revolution; only whether an order is zero matters.
-    bandwidth : (order,) array or number, full -3 dB width of the smoother, in Hz or in orders.
-    rate : samples per second (bandwidth in Hz) or per revolution (bandwidth in orders).
-    poles : number of integrations of the random walk, 1 to 4.
-    noise_variance : variance R of the white noise in the record, in its unit squared.
+    orders : (order,) array
+        Cycles per revolution; only whether an order is zero matters.
+    bandwidth
+        (order,) array or number, full -3 dB width of the smoother, in Hz or in orders.
+    rate
+        Samples per second (bandwidth in Hz) or per revolution (bandwidth in orders).
+    poles
+        Number of integrations of the random walk, 1 to 4.
+    noise_variance
+        Variance R of the white noise in the record, in its unit squared.
 
     Returns
     -------
@@ -88,8 +93,10 @@ def smoother_bandwidth(
 
     Parameters
     ----------
-    process_variance : (order,) array or number, variance q in the record's unit squared per sample.
-    orders, rate, poles, noise_variance : as for `process_variance`.
+    process_variance
+        (order,) array or number, variance q in the record's unit squared per sample.
+    orders, rate, poles, noise_variance
+        As for `process_variance`.
 
     Returns
     -------
@@ -127,8 +134,10 @@ def isolated_std(
 
     Parameters
     ----------
-    orders, bandwidth, rate, poles, noise_variance : as for `process_variance`.
-    estimator : "smoother" uses all samples, "filter" only those up to the output.
+    orders, bandwidth, rate, poles, noise_variance
+        As for `process_variance`.
+    estimator
+        "smoother" uses all samples, "filter" only those up to the output.
 
     Returns
     -------
@@ -156,8 +165,10 @@ class Bandwidth:
 
     Attributes
     ----------
-    width : full -3 dB width of the steady-state smoother for one isolated non-zero order, cycles per sample.
-    poles : number of integrations of the random walk, 1 to 4.
+    width
+        Full -3 dB width of the steady-state smoother for one isolated non-zero order, cycles per sample.
+    poles
+        Number of integrations of the random walk, 1 to 4.
 
     Examples
     --------

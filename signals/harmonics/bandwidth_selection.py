@@ -71,11 +71,15 @@ class ChainLikelihood:
 
     Attributes
     ----------
-    model : the state-space model of the orders.
-    length : samples between nodes.
-    measured : information in the data, for noise of unit variance.
-    before : prior information on the state at the first node, of two poles at least: amplitudes of one pole are
-        straight lines between nodes too, with independent differences.
+    model
+        The state-space model of the orders.
+    length
+        Samples between nodes.
+    measured
+        Information in the data, for noise of unit variance.
+    before
+        Prior information on the state at the first node, of two poles at least: amplitudes of one pole are straight
+        lines between nodes too, with independent differences.
     """
 
     model: HarmonicModel
@@ -128,18 +132,26 @@ def likely_bandwidth(
 
     Parameters
     ----------
-    x : (sample,) array, the record in any unit; NaN marks a missing sample.
-    phase_rad : (sample,) array, shaft angle in rad, or a mapping from shaft name to such an array.
-    orders : orders in cycles per revolution, one number each; with a mapping, (shaft, order) pairs. Order 0 is the
-        mean.
-    rate_hz : sampling rate in Hz; with `largest_bandwidth_hz`.
-    samples_per_rev : samples per revolution, for a record sampled in angle; with `largest_bandwidth_orders`.
-    largest_bandwidth_hz : upper bound of the search in Hz. Orders within 2.5 times of it of one another are estimated
-        jointly, at a cost that grows with the cube of their number.
-    largest_bandwidth_orders : the same in cycles per revolution.
-    poles : number of integrations of the random walk of the amplitudes, 1 to 4.
-    noise_variance : variance of white noise as dense as the noise beside each order, one number or (order,) array; by
-        default as a tracker with the largest bandwidth estimates it.
+    x : (sample,) array
+        The record in any unit; NaN marks a missing sample.
+    phase_rad : (sample,) array
+        Shaft angle in rad, or a mapping from shaft name to such an array.
+    orders
+        Orders in cycles per revolution, one number each; with a mapping, (shaft, order) pairs. Order 0 is the mean.
+    rate_hz
+        Sampling rate in Hz; with `largest_bandwidth_hz`.
+    samples_per_rev
+        Samples per revolution, for a record sampled in angle; with `largest_bandwidth_orders`.
+    largest_bandwidth_hz
+        Upper bound of the search in Hz. Orders within 2.5 times of it of one another are estimated jointly, at a cost
+        that grows with the cube of their number.
+    largest_bandwidth_orders
+        The same in cycles per revolution.
+    poles
+        Number of integrations of the random walk of the amplitudes, 1 to 4.
+    noise_variance
+        Variance of white noise as dense as the noise beside each order, one number or (order,) array; by default as a
+        tracker with the largest bandwidth estimates it.
 
     Returns
     -------

@@ -90,11 +90,15 @@ class StreamFlags:
 
         Parameters
         ----------
-        outputs : (output,) array, sample number of each.
-        phase, seen : (shaft, sample) angles in rad and (sample,) array, true where observed: of the samples from
-            `first` on, and of the later ones that the outputs depend on.
-        count : number of samples to update with; with a lag, all of them where the stream has ended.
-        lag : None for a filter.
+        outputs : (output,) array
+            Sample number of each.
+        phase, seen
+            (shaft, sample) angles in rad and (sample,) array, true where observed: of the samples from `first` on, and
+            of the later ones that the outputs depend on.
+        count
+            Number of samples to update with; with a lag, all of them where the stream has ended.
+        lag
+            None for a filter.
         """
         if first == 0:
             self.phase = phase[:, 0].copy()
@@ -172,17 +176,27 @@ class OrderTracker:
 
     Parameters
     ----------
-    orders : orders in cycles per revolution, one number each, or (shaft, order) pairs. Order 0 is the mean.
-    noise_variance : variance R of the white noise in the record, in its unit squared.
-    bandwidth_hz : full -3 dB width of the smoother in Hz, one for all orders or one each; with `rate_hz`.
-    bandwidth_orders : the same in cycles per revolution; with `samples_per_rev`.
-    rate_hz : sampling rate in Hz.
-    samples_per_rev : samples per revolution, for a record sampled in angle.
-    poles : number of integrations of the random walk of the amplitudes, 1 to 4.
-    initial_std : prior standard deviation of the real and imaginary part of each amplitude, in the unit of the record.
-        Default 1000 standard deviations of the noise.
-    lag : None for the causal filter; else the least number of later samples that the smoother uses for an output.
-    output_every : samples from one output to the next.
+    orders
+        Orders in cycles per revolution, one number each, or (shaft, order) pairs. Order 0 is the mean.
+    noise_variance
+        Variance R of the white noise in the record, in its unit squared.
+    bandwidth_hz
+        Full -3 dB width of the smoother in Hz, one for all orders or one each; with `rate_hz`.
+    bandwidth_orders
+        The same in cycles per revolution; with `samples_per_rev`.
+    rate_hz
+        Sampling rate in Hz.
+    samples_per_rev
+        Samples per revolution, for a record sampled in angle.
+    poles
+        Number of integrations of the random walk of the amplitudes, 1 to 4.
+    initial_std
+        Prior standard deviation of the real and imaginary part of each amplitude, in the unit of the record. Default
+        1000 standard deviations of the noise.
+    lag
+        None for the causal filter; else the least number of later samples that the smoother uses for an output.
+    output_every
+        Samples from one output to the next.
 
     Examples
     --------
@@ -259,10 +273,10 @@ class OrderTracker:
 
         Parameters
         ----------
-        x : (sample,) array, or (channel, sample); as many channels in every block. NaN marks a missing sample, in all
-            channels at once.
-        phase_rad : (sample,) array, shaft angle in rad that continues that of the last block, or a mapping from shaft
-            name to such an array.
+        x : (sample,) array
+            Or (channel, sample); as many channels in every block. NaN marks a missing sample, in all channels at once.
+        phase_rad : (sample,) array
+            Shaft angle in rad that continues that of the last block, or a mapping from shaft name to such an array.
 
         Returns
         -------

@@ -61,37 +61,53 @@ def track_orders(
 
     Parameters
     ----------
-    x : (sample,) array, the record in any unit, or (channel, sample) for channels with the same shaft angle. NaN marks
-        a missing sample. The covariance is computed once for each pattern of missing samples among the channels.
-    phase_rad : (sample,) array, shaft angle in rad, or a mapping from shaft name to such an array.
-    orders : orders in cycles per revolution, one number each; with a mapping, (shaft, order) pairs. Order 0 is the
-        mean.
-    bandwidth_hz : full -3 dB width of the smoother in Hz, with `rate_hz`: one number for all orders, one for each, or,
-        where it varies, an (order, sample) or (1, sample) array.
-    bandwidth_orders : the same in cycles per revolution of the order's own shaft, with `samples_per_rev`, or with
-        `rate_hz`: then it follows the shaft's speed.
-    rate_hz : sampling rate in Hz.
-    samples_per_rev : samples per revolution, for a record sampled in angle.
-    poles : number of integrations of the random walk of the amplitudes, 1 to 4. More make the passband flatter and its
+    x : (sample,) array
+        The record in any unit, or (channel, sample) for channels with the same shaft angle. NaN marks a missing sample.
+        The covariance is computed once for each pattern of missing samples among the channels.
+    phase_rad : (sample,) array
+        Shaft angle in rad, or a mapping from shaft name to such an array.
+    orders
+        Orders in cycles per revolution, one number each; with a mapping, (shaft, order) pairs. Order 0 is the mean.
+    bandwidth_hz
+        Full -3 dB width of the smoother in Hz, with `rate_hz`: one number for all orders, one for each, or, where it
+        varies, an (order, sample) or (1, sample) array.
+    bandwidth_orders
+        The same in cycles per revolution of the order's own shaft, with `samples_per_rev`, or with `rate_hz`: then it
+        follows the shaft's speed.
+    rate_hz
+        Sampling rate in Hz.
+    samples_per_rev
+        Samples per revolution, for a record sampled in angle.
+    poles
+        Number of integrations of the random walk of the amplitudes, 1 to 4. More make the passband flatter and its
         sides steeper.
-    estimator : "smoother" uses all samples for each output, "filter" only those up to it; at the same `bandwidth` the
-        filter passes a wider band.
-    method : "exact" filters sample by sample, and smooths in blocks so short that the error is below 0.3 % of `std`
-        (root mean square), all orders jointly. "fast" smooths in longer blocks, or filters with steady-state gains,
-        which needs a record without gaps and a constant bandwidth. "reference" runs filterpy, hundreds of times slower.
+    estimator
+        "smoother" uses all samples for each output, "filter" only those up to it; at the same `bandwidth` the filter
+        passes a wider band.
+    method
+        "exact" filters sample by sample, and smooths in blocks so short that the error is below 0.3 % of `std` (root
+        mean square), all orders jointly. "fast" smooths in longer blocks, or filters with steady-state gains, which
+        needs a record without gaps and a constant bandwidth. "reference" runs filterpy, hundreds of times slower.
         "auto" takes "exact" where that is quick, where blocks would be too short, short gaps break them up, or orders
         stay within half a bandwidth of each other; else "fast". `OrderTracks.method` is the one that ran.
-    output_every : samples from one output to the next.
-    coupled : False estimates each order as if there were no others; with the fast smoother only.
-    rtol : largest error of "fast": of the smoother, relative to the amplitude of an envelope at the edge of the
-        bandwidth; of the filter where "auto" chooses it, the relative growth of the exact filter's error.
-    noise_variance : variance R of the white noise in `x`, in its unit squared; estimated from the record by default.
-    initial_std : prior standard deviation of the real and imaginary part of each amplitude, in the unit of `x`; needs
+    output_every
+        Samples from one output to the next.
+    coupled
+        False estimates each order as if there were no others; with the fast smoother only.
+    rtol
+        Largest error of "fast": of the smoother, relative to the amplitude of an envelope at the edge of the bandwidth;
+        of the filter where "auto" chooses it, the relative growth of the exact filter's error.
+    noise_variance
+        Variance R of the white noise in `x`, in its unit squared; estimated from the record by default.
+    initial_std
+        Prior standard deviation of the real and imaginary part of each amplitude, in the unit of `x`; needs
         `noise_variance`. Of the i-th difference it is `initial_std (2 pi bandwidth / rate)^i`. Default 1000 standard
         deviations of the noise, a prior without effect after a few samples.
-    phase_std_rad : standard deviation of errors of the shaft angle that are slow against 1 / bandwidth, in rad: one
-        number, (sample,) array, or a mapping as `phase_rad`. It adds ``(order phase_std |Z|)^2 / 2`` to `std` squared.
-    innovations : whether the result holds the innovation of every sample, which only "exact" computes.
+    phase_std_rad
+        Standard deviation of errors of the shaft angle that are slow against 1 / bandwidth, in rad: one number,
+        (sample,) array, or a mapping as `phase_rad`. It adds ``(order phase_std |Z|)^2 / 2`` to `std` squared.
+    innovations
+        Whether the result holds the innovation of every sample, which only "exact" computes.
 
     Returns
     -------

@@ -55,40 +55,63 @@ class OrderTracks:
 
     Attributes
     ----------
-    complex_amplitude : ([channel,] order, output) array, Z.
-    settling_variance : ([channel,] order, settling) array, mean variance of the real and imaginary part of Z where
-        R = 1: at every output, at the first outputs until it is constant, or at nodes `std_spacing` samples apart.
-    std_spacing : samples between these nodes; None where `settling_variance` is that of outputs.
-    angle_std : (order, output or 1) array, standard deviation of `order phase_rad` in rad; None where not given.
-    flags : ([channel,] order, output) array of `OutputFlag`; a view where channels miss the same samples.
-    orders : (order,) array, cycles per revolution of the order's own shaft.
-    shafts : name of each order's shaft; empty where one unnamed phase was given.
-    bandwidth : (order,) array, full -3 dB width of the steady-state smoother, as given; the mean where it varies.
-    bandwidth_units : "hz" or "orders".
-    bandwidth_cycles : (order,) array, the same in cycles per sample.
-    unresolved : pairs of orders that are not separable with this bandwidth and length.
-    poles : number of integrations of the random walk.
-    estimator : "smoother" (all samples) or "filter" (samples up to the output).
-    method : "exact", "fast" or "reference": the one that ran.
-    error_bound : largest error that "fast" adds; 0 for the others. Smoother: relative to the largest amplitude among
-        orders that leak into one another (its noise agrees with the exact one's to some hundredths of `std`); infinite
-        where, with several poles, orders that stay within half a bandwidth of each other leak into orders that are not
-        smoothed with them. Filter: relative to the error of the exact filter, noise and lag.
-    noise_variance : ([channel,]) R, as given or as estimated from the record.
-    innovation_variance : ([channel,]) R times the geometric mean, after start-up, of the variance of the innovation
-        (the error of the one-step prediction) where R = 1.
-    innovation_mean_square : ([channel,]) mean, after start-up, of the squared innovations over their variances: near
-        1 when a given R and the bandwidths suit the record, 1 by construction where R was estimated.
-    innovation_autocorrelation : ([channel,] lag) array, of the innovations at lags from one sample on; "fast" takes
-        the smoother's residuals instead.
-    whiteness : ([channel,]) mean of the squared autocorrelation times the samples it was taken from: near 1 where
-        the innovations are white, above where the record holds lines or bands that no order explains. Statistics of
+    complex_amplitude
+        ([channel,] order, output) array, Z.
+    settling_variance
+        ([channel,] order, settling) array, mean variance of the real and imaginary part of Z where R = 1: at every
+        output, at the first outputs until it is constant, or at nodes `std_spacing` samples apart.
+    std_spacing
+        Samples between these nodes; None where `settling_variance` is that of outputs.
+    angle_std : (order, output or 1) array
+        Standard deviation of `order phase_rad` in rad; None where not given.
+    flags
+        ([channel,] order, output) array of `OutputFlag`; a view where channels miss the same samples.
+    orders : (order,) array
+        Cycles per revolution of the order's own shaft.
+    shafts
+        Name of each order's shaft; empty where one unnamed phase was given.
+    bandwidth : (order,) array
+        Full -3 dB width of the steady-state smoother, as given; the mean where it varies.
+    bandwidth_units
+        "hz" or "orders".
+    bandwidth_cycles : (order,) array
+        The same in cycles per sample.
+    unresolved
+        Pairs of orders that are not separable with this bandwidth and length.
+    poles
+        Number of integrations of the random walk.
+    estimator
+        "smoother" (all samples) or "filter" (samples up to the output).
+    method
+        "exact", "fast" or "reference": the one that ran.
+    error_bound
+        Largest error that "fast" adds; 0 for the others. Smoother: relative to the largest amplitude among orders that
+        leak into one another (its noise agrees with the exact one's to some hundredths of `std`); infinite where, with
+        several poles, orders that stay within half a bandwidth of each other leak into orders that are not smoothed
+        with them. Filter: relative to the error of the exact filter, noise and lag.
+    noise_variance
+        ([channel,]) R, as given or as estimated from the record.
+    innovation_variance
+        ([channel,]) R times the geometric mean, after start-up, of the variance of the innovation (the error of the
+        one-step prediction) where R = 1.
+    innovation_mean_square
+        ([channel,]) mean, after start-up, of the squared innovations over their variances: near 1 when a given R and
+        the bandwidths suit the record, 1 by construction where R was estimated.
+    innovation_autocorrelation
+        ([channel,] lag) array, of the innovations at lags from one sample on; "fast" takes the smoother's residuals
+        instead.
+    whiteness
+        ([channel,]) mean of the squared autocorrelation times the samples it was taken from: near 1 where the
+        innovations are white, above where the record holds lines or bands that no order explains. Statistics of
         innovations are NaN where there are none: in a channel without a sample, or before start-up is over.
-    samples, output_every, first_output : length of the record, samples between outputs, sample of the first output.
-    innovations : ([channel,] sample) array where asked for: each sample less its one-step prediction, in the unit of
-        the record; NaN where it is missing.
-    normalised_innovation_squared : of the same shape: their squares over their variances. Where the model holds, each
-        is a draw of chi squared with one degree of freedom.
+    samples, output_every, first_output
+        Length of the record, samples between outputs, sample of the first output.
+    innovations
+        ([channel,] sample) array where asked for: each sample less its one-step prediction, in the unit of the record;
+        NaN where it is missing.
+    normalised_innovation_squared
+        Of the same shape: their squares over their variances. Where the model holds, each is a draw of chi squared with
+        one degree of freedom.
 
     Examples
     --------

@@ -49,11 +49,15 @@ def vold_kalman_filter(
 
     Parameters
     ----------
-    x, phase_rad, orders, method, output_every : as for `track_orders`.
-    weight : weight r of the `poles`-th difference of each envelope, one number or (order,) array; a bandwidth has the
-        weight `Bandwidth.weight`.
-    poles : order of the difference that is kept small, 1 to 4.
-    rate_hz : sampling rate in Hz, which gives the bandwidths of the result in Hz; the estimates do not depend on it.
+    x, phase_rad, orders, method, output_every
+        As for `track_orders`.
+    weight
+        Weight r of the `poles`-th difference of each envelope, one number or (order,) array; a bandwidth has the weight
+        `Bandwidth.weight`.
+    poles
+        Order of the difference that is kept small, 1 to 4.
+    rate_hz
+        Sampling rate in Hz, which gives the bandwidths of the result in Hz; the estimates do not depend on it.
 
     Returns
     -------

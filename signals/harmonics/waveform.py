@@ -31,9 +31,12 @@ def order_waveform(
 
     Parameters
     ----------
-    tracks : result of `track_orders`; amplitudes between its outputs are interpolated, cubic, or linear for one pole.
-    phase_rad : shaft angle in rad, as it was given there.
-    places : indices into `tracks.orders`; all orders by default.
+    tracks
+        Result of `track_orders`; amplitudes between its outputs are interpolated, cubic, or linear for one pole.
+    phase_rad
+        Shaft angle in rad, as it was given there.
+    places
+        Indices into `tracks.orders`; all orders by default.
 
     Returns
     -------
@@ -92,8 +95,10 @@ def residual_record(
 
     Parameters
     ----------
-    x : (sample,) or (channel, sample) array, the record that was tracked.
-    tracks, phase_rad, places : as for `order_waveform`.
+    x
+        (sample,) or (channel, sample) array, the record that was tracked.
+    tracks, phase_rad, places
+        As for `order_waveform`.
 
     Returns
     -------

@@ -62,27 +62,44 @@ class SlippingTrack:
 
     Attributes
     ----------
-    complex_amplitude : (harmonic, output) array, Z relative to the slipped phase.
-    std : (harmonic, output) array, `sqrt(E|Zhat - Z|^2 / 2)` given the slipped phase.
-    amplitude_std : (harmonic, output) array, of `abs(Z)`; where Z is 0, and has no direction, equal to `std`.
-    phase_std_rad : (harmonic, output) array, of the harmonic's whole phase in rad; above about 1 the phase is unknown.
-        At most pi / sqrt(3), that of a uniform phase: where Z is 0, or no line is detected.
-    slip : (output,) array, relative deviation: the line is at `order (1 + slip)`.
-    slip_std : (output,) array; where no line is detected at least that of a uniform slip in +- largest_slip.
-    slip_phase_rad : (output,) array, phase of the fundamental less `order phase`, in rad, zero at the first output.
-    sample_index : (output,) array, sample number of each output: the middle of its block.
-    order, largest_slip, slip_change_per_rev : as given.
-    bandwidth, bandwidth_units : full -3 dB width of the smoother of the amplitude, mean over time, "hz" or "orders".
-    estimator : "smoother" (all samples) or "filter" (blocks up to the output).
-    noise_variance : R, as given or as estimated beside the line.
-    innovation_mean_square : mean of the squared innovations over their variances: near 1 when R, bandwidth and
-        slip_change_per_rev suit the record.
-    false_alarm_probability : bound on the probability that white Gaussian noise has a path of slips with as much
-        power over R; a neighbouring line is no false alarm in this sense.
-    status : "converged"; "not converged": the last step was not yet negligible; "single pass": the filter does not
-        iterate; "no line": the false alarm probability is above 0.01, and the estimates are those of noise.
-    iterations : number of Gauss-Newton steps.
-    objective : (step,) array, half the sum of squares at the start and after every step; it never rises.
+    complex_amplitude : (harmonic, output) array
+        Z relative to the slipped phase.
+    std : (harmonic, output) array
+        `sqrt(E|Zhat - Z|^2 / 2)` given the slipped phase.
+    amplitude_std : (harmonic, output) array
+        Of `abs(Z)`; where Z is 0, and has no direction, equal to `std`.
+    phase_std_rad : (harmonic, output) array
+        Of the harmonic's whole phase in rad; above about 1 the phase is unknown. At most pi / sqrt(3), that of a
+        uniform phase: where Z is 0, or no line is detected.
+    slip : (output,) array
+        Relative deviation: the line is at `order (1 + slip)`.
+    slip_std : (output,) array
+        Where no line is detected at least that of a uniform slip in +- largest_slip.
+    slip_phase_rad : (output,) array
+        Phase of the fundamental less `order phase`, in rad, zero at the first output.
+    sample_index : (output,) array
+        Sample number of each output: the middle of its block.
+    order, largest_slip, slip_change_per_rev
+        As given.
+    bandwidth, bandwidth_units
+        Full -3 dB width of the smoother of the amplitude, mean over time, "hz" or "orders".
+    estimator
+        "smoother" (all samples) or "filter" (blocks up to the output).
+    noise_variance
+        R, as given or as estimated beside the line.
+    innovation_mean_square
+        Mean of the squared innovations over their variances: near 1 when R, bandwidth and slip_change_per_rev suit the
+        record.
+    false_alarm_probability
+        Bound on the probability that white Gaussian noise has a path of slips with as much power over R; a neighbouring
+        line is no false alarm in this sense.
+    status
+        "converged"; "not converged": the last step was not yet negligible; "single pass": the filter does not iterate;
+        "no line": the false alarm probability is above 0.01, and the estimates are those of noise.
+    iterations
+        Number of Gauss-Newton steps.
+    objective : (step,) array
+        Half the sum of squares at the start and after every step; it never rises.
 
     Examples
     --------
@@ -145,27 +162,41 @@ def track_slipping_order(
 
     Parameters
     ----------
-    x : (sample,) array, the record in any unit; NaN marks a missing sample.
-    phase_rad : (sample,) array, shaft angle in rad.
-    order : nominal order of the line in cycles per revolution.
-    largest_slip : half width of the search, `order (1 +- largest_slip)`; 0.02 suits most rolling bearings. Also the
-        prior standard deviation of the first slip about zero; later slips are not bounded.
-    slip_change_per_rev : standard deviation of the change of the slip in one revolution, sqrt(m) times that in m;
-        0.001 lets a line at 1 % drift by another per cent in a hundred revolutions.
-    bandwidth_hz : full -3 dB width of the smoother of the amplitude in Hz, one number, or a (1, sample) array
-        where it varies; with `rate_hz`.
-    bandwidth_orders : the same in cycles per revolution; with `samples_per_rev` or `rate_hz`.
-    rate_hz : sampling rate in Hz.
-    samples_per_rev : samples per revolution, for a record sampled in angle.
-    harmonics : number of harmonics, from the fundamental on, which share one slip and one noise variance.
-    estimator : "smoother" uses all samples for each output; "filter" the blocks up to it, but for its first slip, which
-        the search found in the first segment. It corrects the phase along the tangent, so its amplitudes are too large
-        by about half of `amplitude_std`.
-    output_every : samples from one output to the next. Default: the longest block in which amplitude and slip can be
-        held constant, a 200th of 1 / bandwidth or less. Fewer outputs leave these blocks as they are.
-    noise_variance : variance R of white noise as dense as that about the line; estimated beside it by default, which
-        takes a hundred samples or so.
-    most_iterations : largest number of Gauss-Newton steps.
+    x : (sample,) array
+        The record in any unit; NaN marks a missing sample.
+    phase_rad : (sample,) array
+        Shaft angle in rad.
+    order
+        Nominal order of the line in cycles per revolution.
+    largest_slip
+        Half width of the search, `order (1 +- largest_slip)`; 0.02 suits most rolling bearings. Also the prior standard
+        deviation of the first slip about zero; later slips are not bounded.
+    slip_change_per_rev
+        Standard deviation of the change of the slip in one revolution, sqrt(m) times that in m; 0.001 lets a line at 1
+        % drift by another per cent in a hundred revolutions.
+    bandwidth_hz
+        Full -3 dB width of the smoother of the amplitude in Hz, one number, or a (1, sample) array where it varies;
+        with `rate_hz`.
+    bandwidth_orders
+        The same in cycles per revolution; with `samples_per_rev` or `rate_hz`.
+    rate_hz
+        Sampling rate in Hz.
+    samples_per_rev
+        Samples per revolution, for a record sampled in angle.
+    harmonics
+        Number of harmonics, from the fundamental on, which share one slip and one noise variance.
+    estimator
+        "smoother" uses all samples for each output; "filter" the blocks up to it, but for its first slip, which the
+        search found in the first segment. It corrects the phase along the tangent, so its amplitudes are too large by
+        about half of `amplitude_std`.
+    output_every
+        Samples from one output to the next. Default: the longest block in which amplitude and slip can be held
+        constant, a 200th of 1 / bandwidth or less. Fewer outputs leave these blocks as they are.
+    noise_variance
+        Variance R of white noise as dense as that about the line; estimated beside it by default, which takes a hundred
+        samples or so.
+    most_iterations
+        Largest number of Gauss-Newton steps.
 
     Returns
     -------
