@@ -242,7 +242,7 @@ def faulty_row(number: int) -> dict[str, Any]:
         "named": bool(right.any()),
         "first": bool(right.size and right[0]),
         "wrong diagnosed": bool(((found["verdict"] == "diagnosed") & ~right).any()),
-        "not judged": bool((own["verdict"] == "not judged").any()),
+        "not judged": bool((own["verdict"] == "not judged").any() and not right.any()),
     }
 
 

@@ -10,9 +10,9 @@ them counted as more than the fundamental, times ``snr^2 / (snr^2 + TRUSTED_SNR^
 makes in a short record. A spot that turns through the load zone is hit harder there: where sidebands are to be expected
 and none stands out, the strength counts a quarter. The band with the most strength speaks for the part.
 
-A part is not counted for a line which a larger one explains that is not its own: the same multiple of a deeper line, a
-sideband of it, or a part of a much deeper line's order, in whatever band that line is deepest; nor for a harmonic of
-the mains, nor for one of a comb of multiples of a shaft.
+A part is not counted for a line which another explains that is not its own: a multiple of a line, a sideband of a
+deeper one, or a part of a much deeper line's order, in whatever band that line is deepest; nor for a harmonic of the
+mains, nor for one of a comb of multiples of a shaft.
 """
 
 import math
@@ -43,10 +43,12 @@ __all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "stren
 
 _SEEN = 0.01  # probability that noise alone makes a harmonic, below which it counts
 _SIDEBANDS = 3  # on either side that support a fundamental
+_HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it may be: harmonics of strikes fall
 _MULTIPLES = 3  # of a deeper line that may be looked at as the part's own
 _EXPLAINING_SIDEBANDS = 2  # of a deeper line: the third of a real defect is below its fundamental
 _PARTS = 5  # of a deeper line's order
 _COMB = 30  # multiples of a shaft that impacts once a turn make
+_FULL_COMB = 0.7  # of eight multiples of a slow shaft that impacts once a turn; a defect with sidebands has fewer
 _FAST_BINS = 20  # multiples of a slower shaft lie so densely that any line is near one
 
 Numbers = NDArray[np.float64]
@@ -228,6 +230,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     rest = others.depths[~own]
     deepest = int(np.argmax(rest)) if rest.size else -1
     own_depth = max(main.depth, others.deepest(main.line.found))
+    both = 2 if main.expected.kind == "rolling_element" else 0  # its two races may be struck unequally
     hidden = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting) or _mains(main.line.found, others)
     return PartEvidence(
         main=main,
@@ -235,7 +238,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         strength=best,
         support=(*harmonics, *sidebands),
         sidebands=len(sidebands),
-        hidden_by=hidden or _explanation(main.line.found, own_depth, others),
+        hidden_by=hidden or _explanation(main.line.found, own_depth, others, both),
         detectable_depth=plain.detectable_depth,
         explained=float(power[mine].sum() / power.sum()) if power.size and power.sum() else 1.0,
         deepest_other=(0.0, 0.0) if deepest < 0 else (float(others.orders[~own][deepest]), float(rest[deepest])),
@@ -322,20 +325,27 @@ def _own(orders: Numbers, fundamental: float, spacings: Sequence[float], width: 
 def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Setting) -> str:
     """Return of which comb of a shaft's multiples a line is one, or an empty string."""
     width = band.bin_width
+
+    def stands(place: float) -> bool:
+        near = np.abs(band.orders - place) <= width
+        return bool(band.depths[near].max(initial=0.0) * RIVAL_FACTOR > depth)
+
     for shaft in setting.shafts:
         multiple, off = round(order / shaft), abs(order - round(order / shaft) * shaft)
-        if shaft <= _FAST_BINS * width or not 1 <= multiple <= _COMB or off > width:
+        if shaft <= 2 * MATCH_BINS * width or multiple < 1 or off > width:
             continue
-        if off <= EXACT_BINS * width and setting.measured:
-            return f"it stands at {multiple} times the order {shaft:.4g} of a shaft"
-        beside = [k for k in (1, 2, multiple - 1, multiple + 1) if k not in {0, multiple}]
-        seen = [
-            k
-            for k in beside
-            if band.depths[np.abs(band.orders - k * shaft) <= width].max(initial=0.0) * RIVAL_FACTOR > depth
-        ]
-        if seen:
-            return f"it is {multiple} times the order {shaft:.4g} of a shaft, of which {seen[0]} times stands out, too"
+        name = f"{multiple} times the order {shaft:.4g} of a shaft"
+        if shaft <= _FAST_BINS * width:
+            # near a multiple of a slow shaft any line is: only a comb that stands far away from it says more
+            far = [k for k in range(3, 11) if abs(k - multiple) > _SIDEBANDS]
+            if sum(stands(k * shaft) for k in far) >= _FULL_COMB * len(far):
+                return f"it is {name}, of whose multiples most stand out"
+        elif multiple <= _COMB:
+            if off <= EXACT_BINS * width and setting.measured:
+                return f"it stands at {name}"
+            beside = [k for k in (1, 2, multiple - 1, multiple + 1) if k not in {0, multiple} and stands(k * shaft)]
+            if beside:
+                return f"it is {name}, of which {beside[0]} times stands out, too"
     return ""
 
 
@@ -353,20 +363,26 @@ def _mains(order: float, others: _Others) -> str:
     return ""
 
 
-def _explanation(order: float, depth: float, others: _Others) -> str:
-    """Return which deeper line explains a line, or an empty string."""
-    apart = np.abs(others.orders - order) > others.width
-    deeper = apart & (others.depths >= depth)
-    for other, size in zip(others.orders[deeper], others.depths[deeper], strict=True):
+def _explanation(order: float, depth: float, others: _Others, own_multiple: int) -> str:
+    """Return which other line explains a line, or an empty string.
+
+    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband; of a
+    much deeper one a part.
+    """
+    apart = (np.abs(others.orders - order) > others.width) & (others.depths >= _HARMONIC_SHARE * depth)
+    for other, size in zip(others.orders[apart], others.depths[apart], strict=True):
         name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
         for multiple in range(1, _MULTIPLES + 1):
-            if multiple > 1 and abs(order - multiple * other) <= others.width:
+            if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
                 return f"it is {multiple} times {name}"
-            for spacing in others.spacings:
-                for side in (*range(-_EXPLAINING_SIDEBANDS, 0), *range(1, _EXPLAINING_SIDEBANDS + 1)):
-                    if abs(order - multiple * other - side * spacing) <= others.width:
-                        of = f"{multiple} times " if multiple > 1 else ""
-                        return f"it is a sideband {side:+d} x {spacing:.3g} of {of}{name}"
+            beside = (order - multiple * other) / np.array(others.spacings) if size >= depth else np.zeros(0)
+            sides = np.round(beside)
+            near = np.abs(beside - sides) * np.array(others.spacings)[: beside.size] <= others.width
+            near &= (sides != 0) & (np.abs(sides) <= _EXPLAINING_SIDEBANDS)
+            if near.any():
+                at = int(np.argmax(near))
+                of = f"{multiple} times " if multiple > 1 else ""
+                return f"it is a sideband {sides[at]:+.0f} x {others.spacings[at]:.3g} of {of}{name}"
         parts = round(other / order)
         if 1 < parts <= _PARTS and size > RIVAL_FACTOR * depth and abs(other - parts * order) <= others.width:
             return f"it is a part of {name}"

@@ -200,6 +200,23 @@ def test_what_a_deeper_line_explains_is_hidden_by_it():
     assert "2 times the line at 2.700" in harmonic.evidence
 
 
+def test_a_comb_of_a_slow_shaft_is_no_race():
+    # 5.4 is 36 times 0.15: a tooth that strikes once a turn of that shaft makes every multiple, a race few
+    band = BandEvidence(
+        band_hz=(1e3, 2e3),
+        lines=ASSESSOR.assess([line("outer_race", 5.4, 10.0)]),
+        orders=np.array([*(0.15 * np.arange(1, 11)), 5.4]),
+        depths=np.full(11, 0.5),
+        bin_width=BIN,
+    )
+    setting = Setting(shafts=(0.15, 1.0), speed_hz=17.0, speed_range_hz=1.0)
+    (part,) = bearing_evidence([band], {"b": BEARING}, setting)
+    assert part.hidden_by == "it is 36 times the order 0.15 of a shaft, of whose multiples most stand out"
+    few = replace(band, orders=np.array([0.15, 0.3, 5.25, 5.4, 5.55]), depths=np.full(5, 0.5))
+    (part,) = bearing_evidence([few], {"b": BEARING}, setting)
+    assert not part.hidden_by.endswith("most stand out")
+
+
 def test_a_deeper_line_that_explains_nothing_leaves_a_doubt():
     inner = [line("inner_race", 5.4, 10.0), line("inner_race", 6.4, 7.0, sideband=1, fundamental=False)]
     (found,) = findings(ASSESSOR.assess(inner), others=[(7.1, 0.9)])
