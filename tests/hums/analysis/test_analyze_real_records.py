@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hums.analysis.analyze import AnalysisSettings, analyze
-from hums.analysis.result import findings_table, group, health_table, line_table, summary
+from hums.analysis.result import findings_table, group, health_table, line_table, summary, verdict_table
 from hums.gearbox.model import GearboxWarning, load_gearbox
 from hums.readers import convert
 from hums.report import render
@@ -165,12 +165,12 @@ def test_rig_healthy_names_nothing(rig_analyses):
 
 
 def test_rig_weak_race_lines_of_the_ball_record_are_not_certain(rig_analyses):
-    found = findings_table(rig_analyses["B007_0"])
-    assert set(found["kind"]) == {"inner_race", "outer_race"}
-    assert set(found["verdict"]) == {"indicated"}
-    orders = dict(zip(found["kind"], found["order_found"], strict=True))
-    assert orders["inner_race"] == pytest.approx(5.40, abs=0.01)
-    assert orders["outer_race"] == pytest.approx(3.60, abs=0.01)
+    # a damaged ball strikes both races: their lines are there, and neither is at fault
+    table = verdict_table(rig_analyses["B007_0"]).set_index("kind")
+    races = table.loc[["inner_race", "outer_race"]]
+    assert set(races["verdict"]) <= {"indicated", "not judged"}
+    assert races["doubts"].str.len().min() > 0
+    assert races["order_found"].tolist() == pytest.approx([5.40, 3.60], abs=0.01)
 
 
 def test_rig_ball_record_is_not_an_outer_race_in_a_band_of_its_own_choice(real_data, data):
