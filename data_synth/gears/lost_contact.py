@@ -179,7 +179,7 @@ def separation_m(gears: GearPair, beyond_cycles: ArrayLike, *, leaving: bool) ->
         return np.arctan2(across, along) - travel / bases[flank], np.sqrt(1 / cosine**2 - 1) - np.arccos(cosine)
 
     (turn, roll), (begin, at) = tip_seen_from_flank(path), tip_seen_from_flank(np.zeros(()))
-    # where the tip is beside the path the flank turns with it to the first order: that tells which flank it is
+    # where the tip is beside the path the flank turns with it to the first order, which decides the flank
     (near, rolled) = tip_seen_from_flank(np.asarray(_NEAR_PATH * gears.base_pitch_m))
     sign = 1.0 if abs(near - begin + rolled - at) < abs(near - begin - rolled + at) else -1.0
     return np.asarray(bases[flank] * np.abs(turn - begin + sign * (roll - at)))

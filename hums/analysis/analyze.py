@@ -38,7 +38,6 @@ from hums.analysis.resemblance import unlike_drawing
 from hums.analysis.result import (
     SCHEMA,
     Analysis,
-    AnalysisError,
     IndicatorValue,
     SensorCondition,
     check_analysis,
@@ -112,8 +111,6 @@ def analyze(
         with open_record(record) as opened:
             return analyze(opened, gearbox, settings=settings, baseline=baseline)
     settings = settings or AnalysisSettings()
-    if not isinstance(settings, AnalysisSettings):
-        raise AnalysisError(f"settings is a {type(settings).__name__}; pass hums.AnalysisSettings(...).")
     check_record(record)
     chosen = selected_channels(record, settings)
     gapped, constant = excluded_channels(record, chosen)

@@ -228,7 +228,7 @@ def _envelopes(
     shaft_locked: Sequence[MeasuredLine],
     settings: AnalysisSettings,
 ) -> tuple[_Envelope | None, tuple[PartEvidence, ...], str]:
-    """Return the envelope that speaks most for a bearing defect, the evidence of all bands, and why there is none.
+    """Return the envelope with the strongest evidence, the evidence of all bands, and why there is none.
 
     Bands whose power is mostly that of meshes and shafts are left to others: their lines beat with one another.
     """
@@ -313,7 +313,7 @@ def drawn_by(machine: Machine, settings: AnalysisSettings) -> Drawn:
 
 def setting_of(machine: Machine) -> Setting:
     """Return what of the machine explains lines of an envelope."""
-    speeds = machine.phase.mean_speed_per_revolution_hz()
+    speeds = machine.speeds_hz
     return Setting(
         shafts=tuple(sorted({row.order for row in machine.defect_orders if row.kind == "shaft" and row.order > 0})),
         speed_hz=float(speeds.mean()),
@@ -324,8 +324,7 @@ def setting_of(machine: Machine) -> Setting:
 
 def _mesh_share(envelope: _Envelope, shaft_locked: Sequence[MeasuredLine], machine: Machine) -> float:
     """Return the share of a band's power that significant lines of meshes and shafts have, at any speed."""
-    speeds = machine.phase.mean_speed_per_revolution_hz()
-    slow, fast = float(speeds.min()), float(speeds.max())
+    slow, fast = float(machine.speeds_hz.min()), machine.top_speed_hz
     power = sum(
         line.line.amplitude**2 / 2
         for line in shaft_locked
@@ -337,7 +336,7 @@ def _mesh_share(envelope: _Envelope, shaft_locked: Sequence[MeasuredLine], machi
 
 
 def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -> EnvelopeBand:
-    """Return a band with the reason for its choice, and what speaks against it."""
+    """Return a band with the reason for its choice, and the doubts about it."""
     if not band.chosen:
         return band
     why = f"{band.low_hz:.6g}-{band.high_hz:.6g} Hz, of {count} bands from halves to sixteenths of the range"
@@ -346,7 +345,7 @@ def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -
         doubts = ("In no band does a bearing line stand out.",)
     else:
         part = f"{strongest.component} {strongest.kind.replace('_', ' ')}"
-        why += f": the line of {part} modulates it by {strongest.main.depth:.1%}, and speaks most for a part in it"
+        why += f": the line of {part} modulates it by {strongest.main.depth:.1%}, the strongest evidence of a part in it"
     return replace(band, why=why + ".", doubts=doubts)
 
 

@@ -8,7 +8,7 @@ gain, and near one where the strikes are all the band has.
 The strength of the evidence is the root sum of squares of the depths of the fundamental and of its harmonics, none of
 them counted as more than the fundamental, times ``snr^2 / (snr^2 + TRUSTED_SNR^2)``, which is small for what noise
 makes in a short record. A spot that turns through the load zone is hit harder there: where sidebands are to be expected
-and none stands out, the strength counts a quarter. The band with the most strength speaks for the part.
+and none stands out, the strength counts a quarter. The strength of a part is that of its best band.
 
 A part is not counted for a line which another explains that is not its own: a multiple of a line, a sideband of a
 deeper one, or a part of a much deeper line's order, in whatever band that line is deepest; nor for a harmonic of the
@@ -39,7 +39,7 @@ from hums.analysis.thresholds import (
 )
 from hums.gearbox.orders import BearingOrders
 
-__all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "strength"]
+__all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "mains_multiples", "strength"]
 
 _SEEN = 0.01  # probability that noise alone makes a harmonic, below which it counts
 _SIDEBANDS = 3  # on either side that support a fundamental
@@ -94,7 +94,7 @@ class PartEvidence:
     Attributes
     ----------
     main : MeasuredLine
-        The fundamental in the band that speaks most for it; where none does, in that with the lowest background.
+        The fundamental in the band of its strength; where none has any, in that with the lowest background.
     strength : float
         See the module; 0 where no line is significant.
     support : tuple of str
@@ -189,7 +189,7 @@ class _Others:
         depths = np.concatenate([np.zeros(0), *(band.depths for band in bands)])
         kept = ~self.of_shafts(orders)
         self.orders, self.depths = orders[kept], depths[kept]
-        # shafts too slow to tell their sidebands from the line itself explain nothing
+        # a shaft too slow for its sidebands to be resolved from the line is left out
         self.spacings = tuple({round(s, 9): s for s in setting.shafts if s > 2 * self.width}.values())
 
     def of_shafts(self, orders: Numbers) -> NDArray[np.bool_]:
@@ -331,7 +331,8 @@ def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Se
         return bool(band.depths[near].max(initial=0.0) * RIVAL_FACTOR > depth)
 
     for shaft in setting.shafts:
-        multiple, off = round(order / shaft), abs(order - round(order / shaft) * shaft)
+        multiple = round(order / shaft)
+        off = abs(order - multiple * shaft)
         if shaft <= 2 * MATCH_BINS * width or multiple < 1 or off > width:
             continue
         name = f"{multiple} times the order {shaft:.4g} of a shaft"
@@ -349,17 +350,28 @@ def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Se
     return ""
 
 
+def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[tuple[float, Numbers]]:
+    """Return for each frequency of the mains of which harmonic each order is a line; 0 where it is none.
+
+    Lines of the mains are narrow in orders only where the speed is steady: elsewhere all are 0. `reach_hz` is the
+    uncertainty of a line's frequency beside the tolerance of the mains.
+    """
+    found = []
+    for mains in MAINS_HZ:
+        frequency = orders * setting.speed_hz
+        multiple = np.round(frequency / mains)
+        near = np.abs(frequency - multiple * mains) <= MAINS_ACCURACY * multiple * mains + reach_hz
+        on = near & (multiple >= 1) & (multiple <= MAINS_HARMONICS) & setting.steady
+        found.append((mains, np.where(on, multiple, 0.0)))
+    return found
+
+
 def _mains(order: float, others: _Others) -> str:
     """Return of which mains a line is a harmonic, or an empty string."""
     setting = others.setting
-    if not setting.steady:
-        return ""
-    frequency = order * setting.speed_hz
-    for mains in MAINS_HZ:
-        multiple = round(frequency / mains)
-        near = MAINS_ACCURACY * multiple * mains + 0.5 * others.width * setting.speed_hz
-        if 1 <= multiple <= MAINS_HARMONICS and abs(frequency - multiple * mains) <= near:
-            return f"{frequency:.2f} Hz is {multiple} times mains of {mains:g} Hz"
+    for mains, (multiple,) in mains_multiples(np.array([order]), setting, 0.5 * others.width * setting.speed_hz):
+        if multiple:
+            return f"{order * setting.speed_hz:.2f} Hz is {multiple:.0f} times mains of {mains:g} Hz"
     return ""
 
 

@@ -73,9 +73,14 @@ class Machine:
     ratio: float
 
     @cached_property
+    def speeds_hz(self) -> NDArray[np.float64]:
+        """Mean speed of the reference over each revolution, in rev/s."""
+        return self.phase.mean_speed_per_revolution_hz()
+
+    @cached_property
     def top_speed_hz(self) -> float:
         """Highest mean speed of the reference over a revolution, in rev/s."""
-        return float(self.phase.mean_speed_per_revolution_hz().max())
+        return float(self.speeds_hz.max())
 
     @property
     def mean_speed_hz(self) -> float:

@@ -187,6 +187,11 @@ def group(analysis: Analysis, name: str) -> xr.Dataset:
     return analysis.children[name].to_dataset(inherit=False)
 
 
+def _table(analysis: Analysis, name: str) -> "pd.DataFrame":
+    """Return the rows of one group of an analysis."""
+    return group(analysis, name).to_dataframe().reset_index(drop=True)
+
+
 def check_analysis(tree: Analysis) -> None:
     """Raise AnalysisError unless `tree` has the schema and groups of an analysis."""
     if tree.attrs.get("schema") != SCHEMA:
@@ -365,7 +370,7 @@ def findings_table(analysis: Analysis) -> "pd.DataFrame":
     >>> len(hums.findings_table(analysis))  # white noise holds no defect
     0
     """
-    return group(analysis, "findings").to_dataframe().reset_index(drop=True)
+    return _table(analysis, "findings")
 
 
 @checked
@@ -396,7 +401,7 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     """
     import pandas as pd  # noqa: PLC0415
 
-    tables = [group(analysis, name).to_dataframe() for name in ("findings", "verdicts") if name in analysis.children]
+    tables = [_table(analysis, name) for name in ("findings", "verdicts") if name in analysis.children]
     filled = [table for table in tables if len(table)] or tables[:1]
     return pd.concat(filled, ignore_index=True)
 
@@ -433,7 +438,7 @@ def unexplained_table(analysis: Analysis) -> "pd.DataFrame":
 
     if "unexplained" not in analysis.children:
         return pd.DataFrame()
-    return group(analysis, "unexplained").to_dataframe().reset_index(drop=True)
+    return _table(analysis, "unexplained")
 
 
 @checked
@@ -464,7 +469,7 @@ def indicator_table(analysis: Analysis) -> "pd.DataFrame":
     >>> bool(abs(values["record", "kurtosis"] - 3) < 5 * np.sqrt(24 / 8000))  # Gaussian noise
     True
     """
-    return group(analysis, "indicators").to_dataframe().reset_index(drop=True)
+    return _table(analysis, "indicators")
 
 
 @checked
@@ -494,7 +499,7 @@ def health_table(analysis: Analysis) -> "pd.DataFrame":
     >>> hums.health_table(analysis)[["name", "status"]].values.tolist()
     [['housing', 'ok']]
     """
-    return group(analysis, "health").to_dataframe().reset_index(drop=True)
+    return _table(analysis, "health")
 
 
 def envelope_bands(analysis: Analysis) -> list[dict[str, Any]]:

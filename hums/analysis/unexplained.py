@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc
 
-from hums.analysis.evidence import Setting
-from hums.analysis.thresholds import MAINS_ACCURACY, MAINS_HARMONICS, MAINS_HZ, MATCH_BINS, UNEXPLAINED_RATIO
+from hums.analysis.evidence import Setting, mains_multiples
+from hums.analysis.thresholds import MATCH_BINS, UNEXPLAINED_RATIO
 from hums.gearbox.orders import DefectOrder
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
@@ -146,15 +146,7 @@ def _explained(orders: Numbers, drawn: Drawn, width: float) -> NDArray[np.bool_]
 
 def on_mains(orders: Numbers, setting: Setting, width: float) -> NDArray[np.bool_]:
     """Return which orders are harmonics of the mains, where the speed is steady."""
-    on = np.zeros(orders.size, dtype=bool)
-    if not setting.steady:
-        return on
-    for mains in MAINS_HZ:
-        multiple = np.round(orders * setting.speed_hz / mains)
-        off = np.abs(orders * setting.speed_hz - multiple * mains)
-        near = off <= MAINS_ACCURACY * multiple * mains + width * setting.speed_hz
-        on |= near & (multiple >= 1) & (multiple <= MAINS_HARMONICS)
-    return on
+    return np.any([multiple > 0 for _, multiple in mains_multiples(orders, setting, width * setting.speed_hz)], axis=0)
 
 
 def _families(orders: Numbers, bin_width: float) -> Numbers:

@@ -53,6 +53,11 @@ class ArraysOnDisk(Mapping[str, Field]):
         return len(self.described)
 
 
+def dotted(where: str) -> str:
+    """Return the name of an array from its place in an HDF5 file."""
+    return where.strip("/").replace("/", ".")
+
+
 def descriptions(fields: Mapping[str, Field]) -> Mapping[str, tuple[int, ...] | str]:
     """Return the shape of each array, or the phrase, without reading what is on disk."""
     if isinstance(fields, ArraysOnDisk):

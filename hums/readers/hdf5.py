@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.readers.columns import ArraysOnDisk, Field, Stated
+from hums.readers.columns import ArraysOnDisk, Field, Stated, dotted
 from hums.records.record import SCHEMA, RecordError
 from hums.records.store import is_array, objects, open_hdf5, read_array
 
@@ -27,9 +27,8 @@ def read(path: Path, *, most_bytes: int | None = None) -> tuple[Mapping[str, Fie
     with open_hdf5(path) as contents:
         try:
             schema = contents.attrs.get("schema")
-            found = (
-                {} if schema == SCHEMA else {_name(where): where for where, item in objects(contents) if is_array(item)}
-            )
+            arrays = [] if schema == SCHEMA else [where for where, item in objects(contents) if is_array(item)]
+            found = {dotted(where): where for where in arrays}
             described = {name: _described(contents[where]) for name, where in found.items()}
             stated = {name: _units(contents[where]) for name, where in found.items()}
         except RecordError:
@@ -44,10 +43,6 @@ def read(path: Path, *, most_bytes: int | None = None) -> tuple[Mapping[str, Fie
         return read_values if read_values.shape else read_values.reshape(1)
 
     return ArraysOnDisk(described, values), stated
-
-
-def _name(where: str) -> str:
-    return where.strip("/").replace("/", ".")
 
 
 def _described(item: Any) -> tuple[int, ...] | str:  # noqa: ANN401

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.readers.columns import ArraysOnDisk, Field
+from hums.readers.columns import ArraysOnDisk, Field, dotted
 from hums.records.record import RecordError
 from hums.records.store import is_array, is_hdf5, objects, open_hdf5, read_array
 
@@ -81,7 +81,7 @@ def _read_hdf5(path: Path, most_bytes: int | None) -> Mapping[str, Field]:
             for where, item in objects(contents):
                 if any(where.startswith(f"{group}/") for group in inside):
                     continue
-                name = where.strip("/").replace("/", ".")
+                name = dotted(where)
                 sparse = "MATLAB_sparse" in item.attrs
                 if sparse or "/#" in where:
                     inside.append(where)
