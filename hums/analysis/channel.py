@@ -345,7 +345,7 @@ def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -
         doubts = ("In no band does a bearing line stand out.",)
     else:
         part = f"{strongest.component} {strongest.kind.replace('_', ' ')}"
-        why += f": the line of {part} modulates it by {strongest.main.depth:.1%}, the strongest evidence of a part in it"
+        why += f": the line of {part} modulates it by {strongest.main.depth:.1%}, more than any other part"
     return replace(band, why=why + ".", doubts=doubts)
 
 
