@@ -146,7 +146,8 @@ def _explained(orders: Numbers, drawn: Drawn, width: float) -> NDArray[np.bool_]
 
 def on_mains(orders: Numbers, setting: Setting, width: float) -> NDArray[np.bool_]:
     """Return which orders are harmonics of the mains, where the speed is steady."""
-    return np.any([multiple > 0 for _, multiple in mains_multiples(orders, setting, width * setting.speed_hz)], axis=0)
+    families = mains_multiples(orders, setting, width * setting.speed_hz)
+    return np.asarray(np.any([multiple > 0 for _, multiple in families], axis=0))
 
 
 def _families(orders: Numbers, bin_width: float) -> Numbers:
