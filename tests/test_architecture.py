@@ -30,7 +30,8 @@ ORDER = {
         gearbox, records < readers, plots, drawing, jobs, analysis
         plots, analysis, pages < report
         jobs, analysis, pages < fleet
-        readers, plots, drawing, report, fleet < cli
+        records, analysis < scoring
+        readers, plots, drawing, report, fleet, scoring < cli
     """,
     "data_synth": """
         gears < scene < operation < bearings < kinematic < transfer < sources

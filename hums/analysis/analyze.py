@@ -28,8 +28,8 @@ from hums.analysis.channel import (
     varying_values,
 )
 from hums.analysis.detection import AssessedLine, LineAssessor
-from hums.analysis.findings import Finding, bearing_verdicts, findings, of_another_machine
-from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_indicators, gear_verdicts
+from hums.analysis.findings import Finding, findings
+from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_indicators
 from hums.analysis.indicators import channel_indicators
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.pictures import ChannelPictures, channel_pictures, picture_groups
@@ -47,6 +47,7 @@ from hums.analysis.result import (
 from hums.analysis.settings import AnalysisSettings
 from hums.analysis.tracks import lines_to_track, track_lines
 from hums.analysis.unexplained import UnexplainedLine
+from hums.analysis.verdicts import UNLIKE, derive_verdicts, evidence_groups
 from hums.gearbox.model import Gearbox
 from hums.records.record import channel_values, check_record, sampling
 from hums.records.store import open_record
@@ -149,15 +150,20 @@ def analyze(
         _healthy_spacings(machine),
     )
     assessed = assessor.assess([line for channel in channels for line in channel.lines])
-    unlike, judged = _verdicts(channels, gears, machine, settings)
-    found = findings(judged)
+    unlike = unlike_drawing(
+        [channel.spectra[ORDER_SPECTRUM] for channel in channels if not channel.faulty],
+        drawn_by(machine, settings),
+        setting_of(machine),
+    )
     doubts = [unlike[0].upper() + unlike[1:] + "."] if unlike else []
     _log.info("amplitude tracks")
     excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
     excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
     tree = xr.DataTree.from_dict(
         {
-            "/": xr.Dataset(attrs=_root_attrs(record, gearbox, machine, settings, channels, [*doubts, *excluded])),
+            "/": xr.Dataset(
+                attrs=_root_attrs(record, gearbox, machine, settings, channels, [*doubts, *excluded]) | {UNLIKE: unlike}
+            ),
             "/speed": _speed_dataset(machine),
             "/health": rows_dataset(
                 _sensor_conditions(record, channels, gapped, constant, machine), SensorCondition, dim="item"
@@ -168,38 +174,19 @@ def analyze(
             "/indicators": rows_dataset(indicators, IndicatorValue, dim="row").assign_attrs(
                 {HISTORIES: histories.to_json()}
             ),
-            "/findings": rows_dataset(found, Finding, dim="finding"),
             "/unexplained": rows_dataset(
                 [line for channel in channels for line in channel.unexplained], UnexplainedLine, dim="line"
             ),
-            "/verdicts": rows_dataset([one for one in judged if one not in found], Finding, dim="part"),
         }
+        | evidence_groups(channels, gears, machine, settings, baseline)
     )
+    judged = derive_verdicts(tree)
+    found = findings(judged)
+    tree["findings"] = xr.DataTree(rows_dataset(found, Finding, dim="finding"))
+    tree["verdicts"] = xr.DataTree(rows_dataset([one for one in judged if one not in found], Finding, dim="part"))
     tree = tree.assign(picture_groups(pictures)) if pictures else tree
     check_analysis(tree)
     return tree
-
-
-def _verdicts(
-    channels: Sequence[AnalysedChannel], gears: Sequence[GearJudgement], machine: Machine, settings: AnalysisSettings
-) -> tuple[str, list[Finding]]:
-    """Return why the record does not look like its gearbox, empty if it does, and the verdict on every part."""
-    unlike = unlike_drawing(
-        [channel.spectra[ORDER_SPECTRUM] for channel in channels if not channel.faulty],
-        drawn_by(machine, settings),
-        setting_of(machine),
-    )
-    # bearings and gears share what may be named in health
-    chance = settings.false_alarm_probability / (2 if gears and machine.bearings else 1)
-    judged = [
-        *bearing_verdicts(
-            [part for channel in channels for part in channel.evidence],
-            false_alarm_probability=chance,
-            faulty=[channel.name for channel in channels if channel.faulty],
-        ),
-        *gear_verdicts(gears, false_alarm_probability=chance),
-    ]
-    return unlike, [of_another_machine(one, unlike) for one in judged] if unlike else judged
 
 
 def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:

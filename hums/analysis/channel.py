@@ -62,6 +62,7 @@ class AnalysedChannel:
     no_band: str = ""
     evidence: tuple[PartEvidence, ...] = ()
     unexplained: tuple[UnexplainedLine, ...] = ()
+    envelope_reach: float = 0.0  # highest order of any envelope's spectrum
 
     @property
     def faulty(self) -> bool:
@@ -178,6 +179,7 @@ def analyse_channel(
         evidence=evidence,
         unexplained=tuple(unexplained),
         no_band=no_band,
+        envelope_reach=0.0 if best is None else best.reach,
     )
 
 
@@ -217,6 +219,7 @@ class _Envelope:
     lines: list[MeasuredLine]
     out_of_range: list[ExpectedLine]
     level: float
+    reach: float = 0.0  # of all bands
 
 
 def _envelopes(
@@ -267,6 +270,7 @@ def _envelopes(
                     depths=peaks.amplitude / level if level > 0 else np.zeros(peaks.position.size),
                     bin_width=spectrum.bin_width,
                     clear=not chosen.chosen or _mesh_share(found[-1], shaft_locked, machine) < MESH_SHARE,
+                    line_probability=assessor.single_probability(lines),
                 )
             )
     except ValueError as error:
@@ -279,9 +283,14 @@ def _envelopes(
     shown = [place for place, band in enumerate(seen) if band.clear] or [0]
     place = shown[0]
     if strongest is not None and strongest.strength > 0:
-        place = next(place for place in range(len(seen)) if seen[place].band_hz == strongest.band_hz)
+        place = next(
+            place
+            for place in range(len(seen))
+            if seen[place].band_hz == (strongest.band_low_hz, strongest.band_high_hz)
+        )
     best = found[place]
-    return replace(best, band=_explained(best.band, strongest, len(bands))), tuple(evidence), ""
+    reach = max(float(one.spectrum.axis[-1]) for one in found)
+    return replace(best, band=_explained(best.band, strongest, len(bands)), reach=reach), tuple(evidence), ""
 
 
 def _bands_to_search(
@@ -345,7 +354,7 @@ def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -
         doubts = ("In no band does a bearing line stand out.",)
     else:
         part = f"{strongest.component} {strongest.kind.replace('_', ' ')}"
-        why += f": the line of {part} modulates it by {strongest.main.depth:.1%}, more than any other part"
+        why += f": the line of {part} modulates it by {strongest.depth:.1%}, more than any other part"
     return replace(band, why=why + ".", doubts=doubts)
 
 
