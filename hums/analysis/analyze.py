@@ -1,8 +1,9 @@
 """Analysis of one record: from record, gearbox and settings to spectra, lines, tracks, indicators and findings.
 
 An analysis is an `xarray.DataTree` with the groups `/speed`, `/health`, `/order_spectrum`, `/envelope`, `/tracks`,
-`/indicators` and `/findings` (see `hums.analysis.result`), and what pictures need (`hums.analysis.pictures`); reports
-and scores are made from it alone.
+`/envelope_tracks`, `/indicators` and `/findings` (see `hums.analysis.result`), what verdicts rest on
+(`hums.analysis.verdicts`), and what pictures need (`hums.analysis.pictures`); reports and scores are made from it
+alone.
 """
 
 import json
@@ -45,10 +46,11 @@ from hums.analysis.result import (
     spectrum_dataset,
 )
 from hums.analysis.settings import AnalysisSettings
-from hums.analysis.tracks import lines_to_track, track_lines
+from hums.analysis.tracks import bearing_line, lines_to_track, tooth_line, track_envelope_lines, track_lines
 from hums.analysis.unexplained import UnexplainedLine
 from hums.analysis.verdicts import UNLIKE, derive_verdicts, evidence_groups
 from hums.gearbox.model import Gearbox
+from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import channel_values, check_record, sampling
 from hums.records.store import open_record
 from signals._validation import checked
@@ -84,8 +86,9 @@ def analyze(
     Returns
     -------
     xarray.DataTree
-        Groups ``/speed``, ``/health``, ``/order_spectrum``, ``/envelope``, ``/tracks``, ``/indicators`` and
-        ``/findings``; `line_table`, `findings_table`, `indicator_table`, `health_table` and `summary` read them.
+        Groups ``/speed``, ``/health``, ``/order_spectrum``, ``/envelope``, ``/tracks``, ``/envelope_tracks`` (lines of
+        named parts in the envelopes that show them), ``/indicators`` and ``/findings``; `line_table`, `findings_table`,
+        `verdict_table`, `indicator_table`, `health_table` and `summary` read them.
 
     Raises
     ------
@@ -182,6 +185,7 @@ def analyze(
     )
     judged = derive_verdicts(tree)
     found = findings(judged)
+    tree["envelope_tracks"] = xr.DataTree(_envelope_tracks(record, channels, gears, machine, found, settings))
     tree["findings"] = xr.DataTree(rows_dataset(found, Finding, dim="finding"))
     tree["verdicts"] = xr.DataTree(rows_dataset([one for one in judged if one not in found], Finding, dim="part"))
     tree = tree.assign(picture_groups(pictures)) if pictures else tree
@@ -340,3 +344,24 @@ def _tracks_dataset(
     shared = min(track.sizes["output"] for track in tracks)
     tracks = [track.isel(output=slice(shared)) for track in tracks]
     return xr.concat(tracks, dim="track", data_vars="minimal", coords="minimal", compat="override", join="override")
+
+
+def _envelope_tracks(
+    record: xr.Dataset,
+    channels: Sequence[AnalysedChannel],
+    gears: Sequence[GearJudgement],
+    machine: Machine,
+    found: Sequence[Finding],
+    settings: AnalysisSettings,
+) -> xr.Dataset:
+    """Return the amplitude tracks of the lines of named bearings and gears in the envelopes that show them."""
+    by_name, lines = {channel.name: channel for channel in channels}, []
+    for one in found[: settings.most_tracks]:
+        channel = by_name[one.channel]
+        if one.kind in BEARING_KINDS:
+            part = next(part for part in channel.evidence if (part.component, part.kind) == (one.component, one.kind))
+            lines.append(bearing_line(record, channel, machine, part, slip=settings.slip))
+        elif one.kind == "tooth":
+            gear = next(row for row in gears if (row.channel, row.component) == (one.channel, one.component))
+            lines.append(tooth_line(record, channel, machine, gear.component, gear.band_orders))
+    return track_envelope_lines(lines, machine, bandwidth_orders=settings.track_bandwidth_orders)

@@ -154,8 +154,7 @@ def analyse_channel(
     unexplained = unexplained_lines(
         spectra[ORDER_SPECTRUM], drawn_by(machine, settings), setting_of(machine), channel=name, units=units
     )
-    missing = health is not None and health.missing.any()
-    samples = _interpolated(values, health.missing) if health is not None and missing else values
+    samples = whole_values(values, health)
     searched = [line for line in expected if line.spectrum == ENVELOPE]
     best, evidence, no_band = _envelopes(samples, record, name, machine, searched, lines, settings)
     if best is not None:
@@ -358,8 +357,11 @@ def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -
     return replace(band, why=why + ".", doubts=doubts)
 
 
-def _interpolated(values: Values, missing: NDArray[np.bool_]) -> Values:
-    """Return the values with missing ones replaced by linear interpolation."""
+def whole_values(values: Values, health: SensorHealth | None) -> Values:
+    """Return samples with those that the sensor misses replaced by linear interpolation."""
+    if health is None or not health.missing.any():
+        return values
+    missing = health.missing
     places = np.arange(values.size)
     return np.where(missing, np.interp(places, places[~missing], values[~missing]).astype(values.dtype), values)
 

@@ -28,7 +28,7 @@ from signals.angle.local_damage import (
 )
 from signals.resampling.resampling import PASSBAND
 
-__all__ = ["GearJudgement", "gear_damage", "gear_indicators", "gear_verdicts"]
+__all__ = ["GearJudgement", "gear_damage", "gear_indicators", "gear_verdicts", "tooth_envelope"]
 
 # Sidebands of run-out and planet passes removed on either side of a mesh harmonic, in rotations of the fastest of its
 # gears. Halved, a run-out of several per cent leaves its second sideband; doubled, a quarter of the orders is lost.
@@ -254,6 +254,20 @@ class _Judge:
         place = energies.start_rev + np.arange(energies.values.shape[1]) / energies.samples_per_rev
         apart = (row.order * place - row.position_rev + 0.5) % 1.0 - 0.5
         return np.asarray(np.abs(apart) < _MASKED_TEETH / gear.per_turn)
+
+
+def tooth_envelope(
+    values: Values, when: Sampling, machine: Machine, channel: str, component: str, band_orders: tuple[float, float]
+) -> tuple[BandEnergies, float, int]:
+    """Return the squared envelope in which a gear's tooth stands out, the tooth's meetings per revolution, a harmonic.
+
+    The harmonic is the lowest of the meetings that modulations of a sound gear's turn do not make.
+    """
+    gear = next(gear for gear in _gears(machine) if gear.row.component == component)
+    energies = _energies(values, when, machine, channel)
+    band = int(np.argmin(np.abs(energies.edges[:-1] - band_orders[0])))
+    alone = replace(energies, values=energies.values[band : band + 1], edges=energies.edges[band : band + 2])
+    return alone, gear.row.order, gear.smooth_orders + 1
 
 
 def _evidence(row: GearJudgement) -> tuple[bool, float, float]:

@@ -214,10 +214,10 @@ def unmeasured_parts(
 def _why_too_short(
     order: float, channels: Sequence[AnalysedChannel], _machine: Machine, _settings: AnalysisSettings
 ) -> tuple[str, str]:
-    turns = max(float(channel.signal.revolutions) for channel in channels)
+    cycles = order * max(float(channel.signal.revolutions) for channel in channels)
     return (
-        f"too short: {order * turns:.2g} cycles of its line are too few to know the noise beside it",
-        f"judged in a record of {_FEWEST_TURNS:g} turns or more",
+        f"too short: {cycles:.2g} turns of it in the record, of the {FEWEST_CYCLES:g} needed",
+        f"judged in a record {FEWEST_CYCLES / cycles:.2g} times as long",
     )
 
 
@@ -274,7 +274,9 @@ def _not_measured(row: Unmeasured) -> Finding:
 def _shaft_lines(channels: Sequence[AnalysedChannel]) -> Iterator[MeasuredLine]:
     for channel in channels:
         for line in channel.lines:
-            if line.expected.kind == _SHAFT_KIND and line.expected.spectrum == ORDER_SPECTRUM:
+            expected = line.expected
+            slow = expected.order < FEWEST_CYCLES * expected.harmonic * line.bin_width
+            if expected.kind == _SHAFT_KIND and expected.spectrum == ORDER_SPECTRUM and not slow:
                 yield line
 
 
@@ -302,7 +304,7 @@ def shaft_levels(
         units, integrable = lines[0].units, _integrable(lines[0].units)
         levels, noise = [], []
         for line in lines:
-            frequency = line.line.found * machine.mean_speed_hz
+            frequency = line.expected.order * machine.mean_speed_hz
             per_unit = line_velocity(1.0, frequency_hz=frequency, units=units) if integrable else 1 / math.sqrt(2)
             levels.append(per_unit * line.line.amplitude)
             noise.append(per_unit * line.line.amplitude_std)
