@@ -369,7 +369,7 @@ def gear_indicators(judged: Iterable[GearJudgement]) -> list[IndicatorValue]:
             unit="1",
             noise_limit=math.nan,
             takes="residual energy over {} turns, {:.4g} to {:.4g} orders".format(row.turns, *row.band_orders),
-            source="Grubbs 1950",
+            source="signals.angle.local_damage",
             withheld=row.not_judged,
         )
         for row in judged
