@@ -127,7 +127,7 @@ def bearing_verdicts(
     library : HealthyMachines, optional
         Default the shipped one.
     """
-    library = library or healthy_machines()
+    library = library or healthy_machines("bearings")
     parts = {(part.component, part.kind) for part in evidence}
     searches = max(1, len(evidence))
     results = []
