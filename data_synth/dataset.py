@@ -25,6 +25,7 @@ from data_synth.simulation import fault_detectability, simulate
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
 from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, open_shard, remove_partial_files, write_shard, write_tree
+from signals._validation import checked
 
 AnyPlan: TypeAlias = Plan | BenchmarkRecords
 
@@ -33,6 +34,7 @@ _SHARD = "shards/{:06d}.h5"
 _MADE_BY = "# made by hums-toolkit {}; the plan with its scene and every default written out\n"
 
 
+@checked
 def make_dataset(
     plan: AnyPlan | str | Path, folder: str | Path, *, workers: Workers | None = None, progress: bool = False
 ) -> Tally:

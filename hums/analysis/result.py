@@ -13,7 +13,7 @@ from hums.analysis.detection import AssessedLine
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.records.record import RecordError
 from hums.records.store import open_tree, write_tree
-from signals._validation import checked
+from signals._validation import SentenceError, checked, choice
 from signals.spectra.spectra import AmplitudeSpectrum
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ SCHEMA = "hums-analysis/1"
 GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")
 
 
-class AnalysisError(ValueError):
+class AnalysisError(SentenceError):
     """Raised where a record, gearbox or setting does not allow an analysis.
 
     Examples
@@ -337,6 +337,7 @@ def line_table(analysis: Analysis, name: str) -> "pd.DataFrame":
     >>> lines[lines["claimed"]][["component", "harmonic", "order", "amplitude"]].round(2).values.tolist()
     [['stage 1', 1, 23.0, 0.5]]
     """
+    choice(name, name="name", choices=(ORDER_SPECTRUM, ENVELOPE))
     dataset = group(analysis, name)
     table = dataset[[column for column in dataset.data_vars if dataset[column].dims == ("line",)]].to_dataframe()
     plain = table.rename(columns=lambda column: str(column).removeprefix("line_")).reset_index(drop=True)

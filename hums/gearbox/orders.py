@@ -21,6 +21,7 @@ from hums.gearbox.components import Bearing, closest
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxError
 from hums.gearbox.rational import evaluate
+from signals._validation import checked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -95,6 +96,7 @@ class BearingOrders:
     carried: float = 0.0
 
 
+@checked
 def defect_orders(
     gearbox: Gearbox | Kinematics,
     *,

@@ -27,6 +27,7 @@ from hums.records.record import (
     make_record,
 )
 from hums.records.store import existing_file
+from signals._validation import brief, checked, is_float
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -40,6 +41,7 @@ __all__ = ["ForeignFile", "Stated", "convert", "read_file"]
 _SUFFIXES = (".mat", ".wav", ".csv", ".tdms", ".uff", ".unv", ".h5", ".hdf5")
 
 
+@checked
 def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> ForeignFile:
     r"""Return the contents of another program's file, read by the reader of its suffix.
 
@@ -183,6 +185,11 @@ def convert(
     (1.0, 10.0, 'log.csv')
     """
     file = read_file(source, most_bytes=most_bytes)
+    if isinstance(channels, str) or not np.iterable(channels) or not all(isinstance(name, str) for name in channels):
+        raise RecordError(f"channels={brief(channels)}: names of channels are needed, one or more (--channel).")
+    if not isinstance(units, str | Mapping | None):
+        raise RecordError(f"units={brief(units)}: a word, or words by the names of channels, are needed (--units).")
+    channels = tuple(channels)
     if not channels:
         raise RecordError(f"channels: none named (--channel). {file.path.name}: {file.contents()}")
     factor = _scale(scale)
@@ -246,7 +253,7 @@ def _angle(
         raise RecordError(f"{' and '.join(given)}: the shaft angle has one source; give one of them.")
     if no_tachometer:
         return UnknownAngle()
-    if not shaft:
+    if not isinstance(shaft, str) or not shaft:
         raise RecordError(f'{given[0]} needs the shaft it belongs to: shaft="..." (--shaft).')
     if shaft_rpm is not None:
         if pulses_per_rev is not None:
@@ -300,8 +307,8 @@ def _canonical(units: str) -> str | None:
 
 
 def _scale(scale: float) -> float:
-    if isinstance(scale, bool) or not isinstance(scale, int | float) or not math.isfinite(scale) or scale == 0:
-        raise RecordError(f"scale={scale!r}: a finite number other than zero is needed (--scale).")
+    if not is_float(scale) or not math.isfinite(scale) or scale == 0:
+        raise RecordError(f"scale={brief(scale)}: a finite number other than zero is needed (--scale).")
     return float(scale)
 
 

@@ -18,6 +18,7 @@ from xarray.core import indexing
 
 from hums.records.record import RecordError, attach_time
 from hums.records.store import open_hdf5, open_shard, open_tree, record_of_shard
+from signals._validation import brief, checked
 
 __all__ = ["INDEX", "SCHEMA", "dataset_files", "dataset_record", "dataset_size", "is_dataset", "open_dataset"]
 
@@ -29,6 +30,7 @@ def is_dataset(folder: str | Path) -> bool:
     return (Path(folder) / INDEX).is_file()
 
 
+@checked
 def open_dataset(folder: str | Path) -> xr.Dataset:
     r"""Open a dataset that ``hums dataset`` made.
 
@@ -98,6 +100,7 @@ def dataset_files(folder: str | Path) -> list[Path]:
     return [folder / pattern.format(number // per_shard) for number in range(int(index.attrs["records"]))]
 
 
+@checked
 def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
     r"""Return one record of a dataset with its truth, in memory.
 
@@ -137,8 +140,8 @@ def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
     folder = Path(folder).resolve()
     index = _index(folder, labels=False)
     count = index.attrs["records"]
-    if not 0 <= number < count:
-        raise RecordError(f"{folder} has no record {number}; its {count} records count from 0 to {count - 1}.")
+    if not isinstance(number, int | np.integer) or not 0 <= number < count:
+        raise RecordError(f"{folder} has no record {brief(number)}; its {count} records count from 0 to {count - 1}.")
     shard, row = divmod(number, int(index.attrs["records_per_shard"]))
     with open_shard(folder / index.attrs["shards"].format(shard)) as opened:
         try:

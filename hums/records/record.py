@@ -35,11 +35,13 @@ from hums.records.fields import (
     direction_of,
     finite_number,
     known_units,
+    plain_repr,
     positive_number,
     real_vector,
     utc_text,
 )
 from hums.records.validation import check_record
+from signals._validation import checked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -309,6 +311,8 @@ def make_record(
         "rate_hz": rate,
         "start_s": start,
     }
+    if attrs is not None and not isinstance(attrs, Mapping):
+        raise RecordError(f"attrs={plain_repr(attrs)}; give a mapping of names to words and numbers.")
     if clash := sorted(required.keys() & (attrs or {}).keys()):
         raise RecordError(f'attrs: "{clash[0]}" is written by make_record itself; give it as an argument.')
     if isinstance(angle, UnknownAngle):
@@ -351,6 +355,8 @@ def _channel_variable(
     what = f'channel "{name}"'
     values = real_vector(channel.values, what)
     attrs: dict[str, Any] = {"units": known_units(channel.units, what), "role": role}
+    if not isinstance(channel.sensor, str):
+        raise RecordError(f"{what}: sensor={plain_repr(channel.sensor)}; its name is a word.")
     if channel.sensor:
         attrs["sensor"] = channel.sensor
     if channel.direction is not None:
@@ -508,6 +514,7 @@ _CALIBRATION = ("sensitivity", "measures", "calibration_factor", "delay_s")
 _APPLIED = "applied_"
 
 
+@checked
 def calibrated(record: xr.Dataset) -> xr.Dataset:
     """Return a record in the units of the measured quantities, with its delays removed.
 
