@@ -31,6 +31,7 @@ app = typer.Typer(
     help="Order tracking for gearboxes: kinematics, records, analyses, reports, synthetic data.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 

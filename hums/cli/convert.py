@@ -1,7 +1,7 @@
 """Command `hums convert`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -16,13 +16,24 @@ RECORD_SUFFIXES = (".h5", ".hdf5")
 def convert(
     source: Annotated[Path, typer.Argument(help="A .mat, .wav, .csv, .tdms, .uff or .h5 file.")],
     target: Annotated[Path, typer.Argument(help="The record to write, .h5.")],
-    channel: Annotated[list[str], typer.Option(help="Vibration channel; repeat. Struct fields by dotted path.")],
+    channel: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Vibration channel; repeat. Struct fields by dotted path. Without one the file's are listed."
+        ),
+    ] = None,
     units: Annotated[
         str | None,
-        typer.Option(help='Units of the channels, such as g or "m s-2"; a .tdms or .uff file may state them.'),
+        typer.Option(
+            help='Units of the channels, such as g or "m s-2"; a header "DE [g]", .tdms or .uff may state them.'
+        ),
     ] = None,
     rate_hz: Annotated[
-        float | None, typer.Option(help="Samples a second; a .wav, .tdms or .uff file may state them.")
+        float | None,
+        typer.Option(help="Samples a second; the file, or a column of times in it, may state them."),
+    ] = None,
+    time_unit: Annotated[
+        Literal["s", "ms", "us"] | None, typer.Option(help='Of a column "time" whose header states none.')
     ] = None,
     tach_times: Annotated[str | None, typer.Option(help="Variable that holds pulse times, s.")] = None,
     tach_waveform: Annotated[str | None, typer.Option(help="Channel that holds a tachometer waveform.")] = None,
@@ -52,7 +63,7 @@ def convert(
     with ReaderProcess() as reader:
         record = reader.convert(
             source,
-            channels=channel,
+            channels=channel or (),
             rate_hz=rate_hz,
             units=units,
             tach_times=tach_times,
@@ -62,6 +73,7 @@ def convert(
             shaft_rpm=shaft_rpm,
             no_tachometer=no_tachometer,
             scale=scale,
+            time_unit=time_unit,
             machine=machine,
             recorded_at=recorded_at,
             most_bytes=most_bytes,

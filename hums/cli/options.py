@@ -49,11 +49,15 @@ SpeedRange = Annotated[
     Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
     typer.Option(
         metavar="LOW HIGH",
-        help="Without a tachometer: range of the reference's speed, rev/s; needs --max-acceleration.",
+        help="Without a tachometer: range of the reference's speed, rev/s (1500 rpm are 25); needs --max-acceleration.",
     ),
 ]
 MaxAcceleration = Annotated[
-    float | None, typer.Option(metavar="HZ_PER_S", help="How fast that speed may change, rev/s in a second.")
+    float | None,
+    typer.Option(
+        metavar="HZ_PER_S",
+        help="How fast that speed may change, rev/s in a second; 1 does for a steady drive.",
+    ),
 ]
 SpeedUnits = Annotated[Literal["rpm", "Hz"], typer.Option("--units", help="Of speeds: which of the two comes first.")]
 VelocityLimits = Annotated[
