@@ -23,8 +23,9 @@ from hums.analysis.result import AnalysisError, EnvelopeBand
 from hums.analysis.settings import AnalysisSettings
 from hums.analysis.thresholds import MESH_SHARE, PEAK_RATIO
 from hums.analysis.unexplained import Drawn, UnexplainedLine, drawn_orders, unexplained_lines
+from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
-from hums.gearbox.orders import BEARING_KINDS, BearingOrders
+from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import Sampling, channel_values, sampling, vibration_channels
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.health import SensorHealth, sensor_health

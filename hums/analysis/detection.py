@@ -28,7 +28,8 @@ from dataclasses import dataclass, field, replace
 
 from hums.analysis.lines import ENVELOPE, LOBE_BINS, TOOTH_KINDS, MeasuredLine, is_support, supports
 from hums.analysis.thresholds import RIVAL_FACTOR
-from hums.gearbox.orders import BEARING_KINDS, BearingOrders
+from hums.gearbox.bearing_orders import BearingOrders
+from hums.gearbox.orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 
 __all__ = ["OF_CAGE", "AssessedLine", "LineAssessor", "implied_cage"]

@@ -37,7 +37,7 @@ from hums.analysis.thresholds import (
     STEADY_SPEED,
     TRUSTED_SNR,
 )
-from hums.gearbox.orders import BearingOrders
+from hums.gearbox.bearing_orders import BearingOrders
 
 __all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "mains_multiples", "strength"]
 
