@@ -30,7 +30,8 @@ ORDER = {
         gearbox, records < readers, plots, drawing, jobs, analysis
         plots, analysis, pages < report
         jobs, analysis, pages < fleet
-        readers, plots, drawing, report, fleet < cli
+        jobs, readers < conversion
+        readers, plots, drawing, report, fleet, conversion < cli
     """,
     "data_synth": """
         gears < scene < operation < bearings < kinematic < transfer < sources

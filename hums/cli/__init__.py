@@ -3,7 +3,6 @@
 import gc
 import logging
 import math
-import os
 import sys
 import warnings
 from contextlib import nullcontext
@@ -12,16 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
 import typer
 
-from hums.cli.options import parse_speeds
+from hums.cli.converting import convert, info, print_record
+from hums.cli.options import Scheduler, WorkerCount, chosen_workers, parse_speeds
 from hums.cli.pictures import bearings, drawing, dynamics
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
 
     from hums.analysis.settings import AnalysisSettings
     from hums.gearbox.kinematics import Kinematics
-    from hums.jobs import Workers
 
 __all__ = ["main", "print_orders", "print_record"]
 
@@ -42,35 +40,6 @@ def print_orders(table: "pd.DataFrame", *, csv: bool, json: bool) -> None:
     else:
         plain = table.assign(exact=fractions.fillna("")).drop(columns="sidebands")
         typer.echo(plain.to_string(index=False, formatters={"order": "{:.6f}".format, "hz": "{:.6g}".format}))
-
-
-def print_record(record: "xr.Dataset") -> None:
-    """Print what a record holds, a line for each channel and tachometer."""
-    from hums.records.record import nominal_speed, sampling, speed_percentiles, tachometers, vibration_channels  # noqa: PLC0415
-
-    for label, key in (("machine", "machine"), ("recorded at", "recorded_at")):
-        if record.attrs.get(key):
-            typer.echo(f"{label:<12} {record.attrs[key]}")
-    for name in vibration_channels(record):
-        when, attrs = sampling(record, name), record[name].attrs
-        where = "".join(f", {attrs[key]}" for key in ("sensor", "direction") if key in attrs)
-        typer.echo(
-            f"{'channel':<12} {name}: {when.count} samples at {when.rate_hz:g} Hz, "
-            f"{when.count / when.rate_hz:.3f} s from {when.start_s:g} s, in {attrs['units']}{where}"
-        )
-    for name in tachometers(record):
-        attrs, speeds = record[name].attrs, speed_percentiles(record[name])
-        about = "" if speeds is None else ", about {:.4g} rev/s (98 % of revolutions {:.4g} to {:.4g})".format(*speeds)
-        typer.echo(
-            f"{'tachometer':<12} {name}: {record[name].size} pulses, {attrs['pulses_per_rev']} a revolution of "
-            f"{attrs['shaft']}{about}"
-        )
-    declared = nominal_speed(record)
-    if declared is not None:
-        typer.echo(f"{'speed':<12} {float(declared) * 60:g} rpm of {declared.attrs['shaft']}, declared (nominal)")
-    truth = [str(name) for name in record.data_vars if str(name).startswith("truth_")]
-    if truth:
-        typer.echo(f"{'truth':<12} {', '.join(truth)}")
 
 
 # ---- Cli -------------------------------------------------------------------------------------------------------------
@@ -115,12 +84,6 @@ VelocityLimits = Annotated[
     ),
 ]
 MachineClass = Annotated[str, typer.Option("--machine-class", help="That part and class, which the report states.")]
-WorkerCount = Annotated[
-    int | None, typer.Option("--workers", metavar="N", help="Processes to work in. Default one a processor.")
-]
-Scheduler = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster to work on, tcp://HOST:PORT.")
-]
 
 
 def _print_version(requested: bool) -> None:
@@ -140,7 +103,7 @@ def common(
     """Order tracking for gearboxes: kinematics, records, analyses, reports, synthetic data."""
 
 
-for command in (drawing, dynamics, bearings):
+for command in (convert, info, drawing, dynamics, bearings):
     app.command()(command)
 
 
@@ -196,74 +159,6 @@ def schema(
     gearbox = gearbox_schema()
     schemas = {"gearbox": lambda: gearbox, "scene": lambda: scene_schema(gearbox), "plan": plan_schema}
     typer.echo(json.dumps(schemas[of](), indent=2))
-
-
-@app.command()
-def convert(
-    source: Annotated[Path, typer.Argument(help="A .mat, .wav, .csv, .tdms, .uff or .h5 file.")],
-    target: Annotated[Path, typer.Argument(help="The record to write, .h5.")],
-    channel: Annotated[list[str], typer.Option(help="Vibration channel; repeat. Struct fields by dotted path.")],
-    units: Annotated[
-        str | None,
-        typer.Option(help='Units of the channels, such as g or "m s-2"; a .tdms or .uff file may state them.'),
-    ] = None,
-    rate_hz: Annotated[
-        float | None, typer.Option(help="Samples a second; a .wav, .tdms or .uff file may state them.")
-    ] = None,
-    tach_times: Annotated[str | None, typer.Option(help="Variable that holds pulse times, s.")] = None,
-    tach_waveform: Annotated[str | None, typer.Option(help="Channel that holds a tachometer waveform.")] = None,
-    shaft_rpm: Annotated[float | None, typer.Option(help="Declared constant speed, rpm.")] = None,
-    shaft: Annotated[str | None, typer.Option(help="Shaft that the tachometer or the speed belongs to.")] = None,
-    pulses_per_rev: Annotated[int | None, typer.Option(help="Tachometer pulses a revolution.")] = None,
-    no_tachometer: Annotated[
-        bool,
-        typer.Option("--no-tachometer", help="No shaft angle is measured; hums analyze --speed-range estimates it."),
-    ] = False,
-    scale: Annotated[float, typer.Option(help="Factor from the file's numbers to the units.")] = 1.0,
-    machine: Annotated[str, typer.Option(help="Name of the machine.")] = "",
-    recorded_at: Annotated[str | None, typer.Option(help="Time of the record, ISO 8601 with offset.")] = None,
-    most_bytes: Annotated[
-        int | None, typer.Option(help="Bytes that one array may take. Default 100 times the file's size.")
-    ] = None,
-) -> None:
-    """Turn another program's file into a record."""
-    from hums.readers.process import ReaderProcess  # noqa: PLC0415
-    from hums.records.store import save_record  # noqa: PLC0415
-
-    if source.exists() and target.exists() and source.samefile(target):
-        raise ValueError(f"{target}: the record would overwrite its own source, {source}; name another target.")
-    if target.suffix.lower() not in RECORD_SUFFIXES:
-        raise ValueError(f"{target}: a record is HDF5, so name it so: {target.with_suffix('.h5')}.")
-    _say(f"reading {source}")
-    with ReaderProcess() as reader:
-        record = reader.convert(
-            source,
-            channels=channel,
-            rate_hz=rate_hz,
-            units=units,
-            tach_times=tach_times,
-            tach_waveform=tach_waveform,
-            pulses_per_rev=pulses_per_rev,
-            shaft=shaft,
-            shaft_rpm=shaft_rpm,
-            no_tachometer=no_tachometer,
-            scale=scale,
-            machine=machine,
-            recorded_at=recorded_at,
-            most_bytes=most_bytes,
-        )
-        save_record(record, target)
-        typer.echo(f"wrote {target}")
-        print_record(record)
-
-
-@app.command()
-def info(record: Annotated[Path, typer.Argument(help="A record, .h5.")]) -> None:
-    """Print what is inside a record."""
-    from hums.readers.process import ReaderProcess  # noqa: PLC0415
-
-    with ReaderProcess() as reader, reader.open_record(record) as opened:
-        print_record(opened)
 
 
 @app.command()
@@ -413,7 +308,7 @@ def dataset(
     from data_synth import load_plan, make_dataset  # noqa: PLC0415
     from data_synth.dataset import dataset_cost  # noqa: PLC0415
 
-    declared, chosen = load_plan(plan), _workers(workers, scheduler)
+    declared, chosen = load_plan(plan), chosen_workers(workers, scheduler)
     cost = dataset_cost(declared)
     typer.echo(
         f"{declared.records} records of {declared.record_bytes / 1e6:.3g} MB are {cost.size_bytes / 1e6:.3g} MB of "
@@ -492,7 +387,7 @@ def fleet(  # noqa: PLR0917 - each option is one
         gearbox,
         out,
         settings=settings,
-        workers=_workers(workers, scheduler),
+        workers=chosen_workers(workers, scheduler),
         progress=True,
         monitoring=monitoring,
         maintenance=maintenance,
@@ -555,7 +450,6 @@ def demo(
 DEMO_BAND_HZ = (6000.0, 10000.0)
 DRAWN_RPM = 3000.0
 SHOWN_FAILURES = 5
-RECORD_SUFFIXES = (".h5", ".hdf5")
 
 
 def main() -> int:
@@ -606,16 +500,6 @@ def _show_steps() -> None:
 
 def _print_warning(message: Warning | str, *_: object, **__: object) -> None:
     typer.echo(f"warning: {message}", err=True)
-
-
-def _workers(count: int | None, scheduler: str | None) -> "Workers":
-    from hums.jobs import Cluster, Processes  # noqa: PLC0415
-
-    if count is not None and scheduler is not None:
-        raise ValueError("--workers and --scheduler are both given; keep one.")
-    if scheduler is not None:
-        return Cluster(address=scheduler)
-    return Processes(count=os.cpu_count() or 1 if count is None else count)
 
 
 def _settings(*, no_envelope: bool, **chosen: Any) -> "AnalysisSettings":  # noqa: ANN401  (each option keeps its own type)
