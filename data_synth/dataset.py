@@ -23,12 +23,14 @@ from data_synth.simulation import fault_detectability, simulate
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
 from hums.records.dataset_store import SHARD, write_index
 from hums.records.store import atomic_write, remove_partial_files, write_shard
+from signals._validation import checked
 
 AnyPlan: TypeAlias = Plan | BenchmarkRecords
 
 _MADE_BY = "# made by hums-toolkit {}; the plan with its scene and every default written out\n"
 
 
+@checked
 def make_dataset(
     plan: AnyPlan | str | Path, folder: str | Path, *, workers: Workers | None = None, progress: bool = False
 ) -> Tally:

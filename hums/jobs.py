@@ -18,6 +18,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from signals._validation import SentenceError
+
 __all__ = ["Cluster", "Job", "JobError", "Processes", "Serial", "Tally", "Workers", "run_jobs"]
 
 Item = TypeVar("Item")
@@ -26,7 +28,7 @@ _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NU
 _TIMEOUT_S = 10  # of the connection to a scheduler
 
 
-class JobError(ValueError):
+class JobError(SentenceError):
     """A run that cannot start or cannot continue.
 
     Examples

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from hums.analysis.result import AnalysisError
 from hums.analysis.settings import AnalysisSettings
+from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox
-from hums.gearbox.orders import BearingOrders, DefectOrder, bearing_orders, defects
+from hums.gearbox.orders import DefectOrder, bearing_orders, defects
 from hums.records.record import channel_values, nominal_speed, sampling, tachometers, vibration_channels
 from signals.shaft.declared_speed import DeclaredSpeed, refine_declared_speed
 from signals.shaft.phase import ShaftPhase, constant_speed

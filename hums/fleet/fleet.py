@@ -30,12 +30,12 @@ from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset
 from hums.records.store import atomic_write, open_record
-from signals._validation import checked
+from signals._validation import SentenceError, checked
 
 __all__ = ["Fleet", "FleetError", "analyze_fleet"]
 
 
-class FleetError(ValueError):
+class FleetError(SentenceError):
     """Raised where a run over many records cannot start.
 
     Examples

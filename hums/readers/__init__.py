@@ -7,18 +7,18 @@ does not state (units, rate, shaft) the caller declares; nothing is guessed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated
-from hums.readers.time_axis import check_time_column, rate_hz_of, start_and_epoch
+from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated, canonical_units
+from hums.readers.time_axis import TimeUnit, check_time_column, rate_hz_of, start_and_epoch
 from hums.records.quantities import AngularAverage, Measured, quantity_units
 from hums.records.record import (
-    UNITS,
     Angle,
     Channel,
     NominalSpeed,
@@ -29,6 +29,7 @@ from hums.records.record import (
     make_record,
 )
 from hums.records.store import existing_file
+from signals._validation import brief, checked, is_float
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -42,6 +43,7 @@ SUFFIXES = (".mat", ".wav", ".csv", ".tdms", ".uff", ".unv", ".h5", ".hdf5", ".n
 _STEADY = 0.02  # largest deviation of a measured speed from its mean: that of lines from a declared one, by default
 
 
+@checked
 def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> ForeignFile:
     r"""Return the contents of another program's file, read by the reader of its suffix.
 
@@ -89,7 +91,7 @@ def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> Fo
         case ".csv":
             from hums.readers import csv  # noqa: PLC0415
 
-            fields = csv.read(file)
+            fields, stated = csv.read(file)
         case ".tdms":
             from hums.readers import tdms  # noqa: PLC0415
 
@@ -138,6 +140,7 @@ def convert(
     samples_per_rev: int | None = None,
     averaged_over: int | None = None,
     scale: float = 1.0,
+    time_unit: TimeUnit | None = None,
     machine: str = "",
     recorded_at: datetime | str | None = None,
     time_column: str | None = None,
@@ -177,6 +180,8 @@ def convert(
         Samples per revolution of that average, and number of revolutions averaged.
     scale : float
         Factor from the numbers in the file to `units`; for a .wav of integers, the value of full scale.
+    time_unit : {"s", "ms", "us"}, optional
+        Unit of a column of times whose header states none, as "time" alone; such a column states the rate.
     machine, recorded_at
         As in `make_record`; a .tdms file may state when it was recorded.
     time_column : str, optional
@@ -207,9 +212,15 @@ def convert(
     (1.0, 10.0, 'log.csv')
     """
     file = read_file(source, most_bytes=most_bytes)
+    if isinstance(channels, str) or not np.iterable(channels) or not all(isinstance(name, str) for name in channels):
+        raise RecordError(f"channels={brief(channels)}: names of channels are needed, one or more (--channel).")
+    if not isinstance(units, str | Mapping | None):
+        raise RecordError(f"units={brief(units)}: a word, or words by the names of channels, are needed (--units).")
+    channels = tuple(channels)
     if not channels:
         raise RecordError(f"channels: none named (--channel). {file.path.name}: {file.contents()}")
     factor = _scale(scale)
+    rate_of = partial(rate_hz_of, file, declared=rate_hz, time_unit=time_unit)
     if isinstance(units, Mapping) and (unknown := [name for name in units if name not in channels]):
         raise RecordError(f'units: no channel "{unknown[0]}"; the channels are {", ".join(channels)}.')
     average = _average(file, average_of, samples_per_rev, averaged_over, rate_hz=rate_hz)
@@ -240,15 +251,15 @@ def convert(
         file.name(name): Channel(
             values=_scaled(file.vector(name), factor),
             units=_units(file, name, units, scale=factor),
-            rate_hz=rate_hz_of(file, name, declared=rate_hz),
+            rate_hz=rate_of(name),
         )
         for name in channels
     }
-    rate = rate_hz_of(file, channels[0], declared=rate_hz)
+    rate = rate_of(channels[0])
     sampled = [*channels, *([tach_waveform] if tach_waveform else [])]
     start_s, epoch = start_and_epoch(file, sampled, rate_hz=rate)
     used = [file.name(name) for name in (*sampled, tach_times, time_column) if name]
-    check_time_column(file, rate, count=file.vector(channels[0]).size, used=used)
+    check_time_column(file, rate, count=file.vector(channels[0]).size, used=used, time_unit=time_unit)
     return make_record(
         values,
         rate_hz=rate,
@@ -261,7 +272,7 @@ def convert(
             shaft_rpm=shaft_rpm,
             speed=(speed_column, speed_units),
             no_tachometer=no_tachometer,
-            rate_hz=rate_hz,
+            rate_of=rate_of,
         ),
         measured=_measured(file, measured or {}, count=file.vector(channels[0]).size),
         machine=machine,
@@ -281,7 +292,7 @@ def _angle(
     shaft_rpm: float | None,
     speed: tuple[str | None, str],
     no_tachometer: bool,
-    rate_hz: float | None,
+    rate_of: Callable[[str], float],
 ) -> Angle | None:
     """Return the declared source of shaft angle, None where there is no declaration."""
     options: dict[str, object] = {
@@ -298,7 +309,7 @@ def _angle(
         raise RecordError(f"{' and '.join(given)}: the shaft angle has one source; give one of them.")
     if no_tachometer:
         return UnknownAngle()
-    if not shaft:
+    if not isinstance(shaft, str) or not shaft:
         raise RecordError(f'{given[0]} needs the shaft it belongs to: shaft="..." (--shaft).')
     if shaft_rpm is not None or speed[0] is not None:
         if pulses_per_rev is not None:
@@ -318,7 +329,7 @@ def _angle(
         values=file.vector(name),
         shaft=shaft,
         pulses_per_rev=pulses_per_rev,
-        rate_hz=rate_hz_of(file, name, declared=rate_hz),
+        rate_hz=rate_of(name),
     )
 
 
@@ -410,8 +421,8 @@ def _units(file: ForeignFile, name: str, units: str | Mapping[str, str] | None, 
         return declared
     if (
         declared is not None
-        and None not in (_canonical(declared), _canonical(stated))
-        and _canonical(declared) != _canonical(stated)
+        and None not in (canonical_units(declared), canonical_units(stated))
+        and canonical_units(declared) != canonical_units(stated)
     ):
         raise RecordError(
             f'units="{declared}" contradict {file.path.name}, which states "{stated}" for "{name}". Give the factor '
@@ -421,14 +432,9 @@ def _units(file: ForeignFile, name: str, units: str | Mapping[str, str] | None, 
     return declared or stated
 
 
-def _canonical(units: str) -> str | None:
-    """Return units in the spelling of `UNITS`, None for unknown ones."""
-    return next((name for name, aliases in UNITS.items() if units in (name, *aliases)), None)
-
-
 def _scale(scale: float) -> float:
-    if isinstance(scale, bool) or not isinstance(scale, int | float) or not math.isfinite(scale) or scale == 0:
-        raise RecordError(f"scale={scale!r}: a finite number other than zero is needed (--scale).")
+    if not is_float(scale) or not math.isfinite(scale) or scale == 0:
+        raise RecordError(f"scale={brief(scale)}: a finite number other than zero is needed (--scale).")
     return float(scale)
 
 

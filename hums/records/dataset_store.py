@@ -19,6 +19,7 @@ from xarray.core import indexing
 from hums.records.fields import plain_cell
 from hums.records.record import RecordError, attach_time
 from hums.records.store import atomic_write, open_hdf5, open_shard, open_tree, record_of_shard, write_tree
+from signals._validation import brief, checked
 
 __all__ = [
     "INDEX",
@@ -50,6 +51,7 @@ def is_dataset(folder: str | Path) -> bool:
     return (Path(folder) / INDEX).is_file()
 
 
+@checked
 def open_dataset(folder: str | Path) -> xr.Dataset:
     r"""Open a dataset that ``hums dataset`` or ``hums convert`` made.
 
@@ -121,6 +123,7 @@ def dataset_files(folder: str | Path) -> list[Path]:
     return [folder / pattern.format(_place(starts, number)[0]) for number in range(count)]
 
 
+@checked
 def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
     r"""Return one record of a dataset with its truth, in memory.
 
@@ -160,8 +163,8 @@ def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
     folder = Path(folder).resolve()
     index = _index(folder, labels=False)
     count = index.attrs["records"]
-    if not 0 <= number < count:
-        raise RecordError(f"{folder} has no record {number}; its {count} records count from 0 to {count - 1}.")
+    if not isinstance(number, int | np.integer) or not 0 <= number < count:
+        raise RecordError(f"{folder} has no record {brief(number)}; its {count} records count from 0 to {count - 1}.")
     shard, row = _place(_starts(index, int(count)), number)
     with open_shard(folder / index.attrs["shards"].format(shard)) as opened:
         try:

@@ -36,12 +36,14 @@ from hums.records.fields import (
     direction_of,
     finite_number,
     known_units,
+    plain_repr,
     positive_number,
     real_vector,
     utc_text,
 )
 from hums.records.quantities import AngularAverage, Measured, measured_variable
 from hums.records.validation import check_record
+from signals._validation import checked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -340,6 +342,8 @@ def make_record(
 
 
 def _refuse_clash(required: Mapping[str, Any], attrs: Mapping[str, Any] | None) -> None:
+    if attrs is not None and not isinstance(attrs, Mapping):
+        raise RecordError(f"attrs={plain_repr(attrs)}; give a mapping of names to words and numbers.")
     if clash := sorted(required.keys() & (attrs or {}).keys()):
         raise RecordError(f'attrs: "{clash[0]}" is written by make_record itself; give it as an argument.')
 
@@ -409,6 +413,8 @@ def _channel_variable(
     what = f'channel "{name}"'
     values = real_vector(channel.values, what)
     attrs: dict[str, Any] = {"units": known_units(channel.units, what), "role": role}
+    if not isinstance(channel.sensor, str):
+        raise RecordError(f"{what}: sensor={plain_repr(channel.sensor)}; its name is a word.")
     if channel.sensor:
         attrs["sensor"] = channel.sensor
     if channel.direction is not None:
@@ -566,6 +572,7 @@ _CALIBRATION = ("sensitivity", "measures", "calibration_factor", "delay_s")
 _APPLIED = "applied_"
 
 
+@checked
 def calibrated(record: xr.Dataset) -> xr.Dataset:
     """Return a record in the units of the measured quantities, with its delays removed.
 

@@ -10,6 +10,7 @@ import xarray as xr
 from hums.records.channels import SNAPSHOT, attach_time, detach_time, kind_of
 from hums.records.fields import RecordError
 from hums.records.validation import check_record
+from signals._validation import checked
 
 __all__ = ["is_snapshots", "join_snapshots", "snapshot_record", "snapshots_of"]
 
@@ -19,6 +20,7 @@ def is_snapshots(record: xr.Dataset) -> bool:
     return SNAPSHOT in record.dims
 
 
+@checked
 def join_snapshots(records: Sequence[xr.Dataset]) -> xr.Dataset:
     """Join short records of one machine to one record of snapshots.
 
@@ -76,6 +78,7 @@ def join_snapshots(records: Sequence[xr.Dataset]) -> xr.Dataset:
     return joined
 
 
+@checked
 def snapshot_record(record: xr.Dataset, number: int) -> xr.Dataset:
     """Return one snapshot of a record of snapshots as a record of its own.
 

@@ -25,6 +25,7 @@ from hums.records._netcdf import Chunks, DiskError, write_netcdf
 from hums.records.channels import kind_of
 from hums.records.fields import RecordWarning, plain_repr
 from hums.records.record import SCHEMA, RecordError, attach_time, check_record, detach_time
+from signals._validation import checked
 
 __all__ = [
     "atomic_write",
@@ -183,6 +184,7 @@ _READ_ERRORS = (
 Opened = TypeVar("Opened", xr.Dataset, xr.DataTree)
 
 
+@checked
 def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
     """Write a record to a file, which replaces an existing one only once it is complete.
 
@@ -217,6 +219,7 @@ def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
     _write({"/": (plain, _all_chunks(plain))}, path)
 
 
+@checked
 def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
     """Open a record; samples are read on access.
 

@@ -34,6 +34,7 @@ __all__ = ["check_record"]
 
 _MIN_SAMPLES_PER_PULSE = 1.5  # at 1 they are the sample times
 _MIN_SAMPLES_PER_TURN = 4.0  # of the vibration: the shaft's second harmonic at half the rate
+_MOST_PULSES = 1_000_000  # of a revolution: no encoder has more
 _MIN_INTERVALS = 20  # for a meaningful median of their changes
 _OVERLAP = 0.01  # of a snapshot: clocks are written in whole milliseconds
 _MAX_CHANGE_PER_TURN = 0.3  # some per cent for a shaft, some 60 % for random crossings
@@ -227,9 +228,10 @@ def _check_tachometer(name: str, variable: xr.DataArray) -> None:
     if variable.ndim != 1 + (SNAPSHOT in variable.dims) or variable.dtype != np.float64:
         raise RecordError(f"{what}: {variable.ndim}-D {variable.dtype}; a row of float64 times is needed.")
     pulses = variable.attrs.get("pulses_per_rev")
-    if not isinstance(pulses, Integral) or isinstance(pulses, bool) or pulses < 1:
+    if not isinstance(pulses, Integral) or isinstance(pulses, bool) or not 0 < int(pulses) <= _MOST_PULSES:
         raise RecordError(
-            f"{what}: pulses_per_rev={plain_repr(pulses)}: a positive whole number is needed (--pulses-per-rev)."
+            f"{what}: pulses_per_rev={plain_repr(pulses)}: a whole number from 1 to {_MOST_PULSES} is needed "
+            "(--pulses-per-rev)."
         )
     _check_shaft(what, variable)
     for times_s in _each_train(variable):

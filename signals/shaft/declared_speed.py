@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals._validation import Array, positive, real_vector
+from signals._validation import Array, checked, positive, real_vector
 from signals.shaft.phase_demodulation import listed_orders
 from signals.shaft.tacholess import CERTAIN, SHOWS, Search, search_speeds, single_line
 
@@ -58,6 +58,7 @@ class DeclaredSpeed:
         return self.speed_hz != self.declared_hz
 
 
+@checked
 def refine_declared_speed(
     x: ArrayLike, *, rate_hz: float, speed_hz: float, orders: Sequence[float], tolerance: float
 ) -> DeclaredSpeed:
@@ -101,6 +102,8 @@ def refine_declared_speed(
     signal = real_vector(x, name="the signal", minimum=64)
     rate = positive(rate_hz, name="rate_hz")
     declared, tolerance = positive(speed_hz, name="speed_hz"), positive(tolerance, name="tolerance")
+    if tolerance >= 1:
+        raise ValueError(f"tolerance={tolerance:g} lets the shaft stand still; give a relative error below 1.")
     listed = listed_orders(orders)
     listed = listed[listed * declared * (1 + tolerance) < rate / 2]
     duration, unchanged = signal.size / rate, DeclaredSpeed(declared_hz=declared, speed_hz=declared)
