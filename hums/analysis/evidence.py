@@ -119,6 +119,9 @@ class PartEvidence:
         Share that it has of the power of all lines of the band that neither shafts nor meshes make.
     other_order, other_depth : float
         The deepest line in any band that this part does not explain; 0 if there is none.
+    modulation : float
+        Strength of its lines in the band where that is largest, whether they are significant, have sidebands, and are
+        explained otherwise or not: what successive records are compared by.
     """
 
     component: str
@@ -142,6 +145,7 @@ class PartEvidence:
     explained: float = 0.0
     other_order: float = 0.0
     other_depth: float = 0.0
+    modulation: float = 0.0
 
 
 def strength(depths: Sequence[float], snr: float) -> float:
@@ -242,6 +246,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         band_high_hz=band.band_hz[1],
         detectable_depth=_detectable_depth(*seen[least]),
         unsure_depth=max((one.measured.depth for _, one in seen if _unsure(one)), default=0.0),
+        modulation=max(_family_strength([one.measured for one in _family(band, line)]) for band, line in seen),
     )
     if best == 0:
         return plain
@@ -285,18 +290,23 @@ def _strength_in(band: BandEvidence, line: AssessedLine, spacings: Sequence[floa
     width = MATCH_BINS * band.bin_width
     separable = [spacing for spacing in spacings if spacing > 2 * width]
     bare = separable and not _sidebands(line.measured, band, separable)
-    family = [line.measured]
-    for other in band.lines:
-        measured = other.measured
-        if (
-            other is not line
-            and not measured.expected.sideband
-            and supports(measured, line.measured)
-            and measured.line.false_alarm_probability < _SEEN
-        ):
-            family.append(measured)
-    whole = strength([one.depth for one in family], math.hypot(*(one.line.snr for one in family)))
+    family = [one.measured for one in _family(band, line) if one is line or _stands_out(one)]
+    whole = _family_strength(family)
     return NO_SIDEBAND * whole if bare else whole
+
+
+def _family(band: BandEvidence, line: AssessedLine) -> list[AssessedLine]:
+    """Return a fundamental and its harmonics in a band."""
+    harmonics = (other for other in band.lines if other is not line and not other.measured.expected.sideband)
+    return [line, *(other for other in harmonics if supports(other.measured, line.measured))]
+
+
+def _stands_out(line: AssessedLine) -> bool:
+    return line.measured.line.false_alarm_probability < _SEEN
+
+
+def _family_strength(family: Sequence[MeasuredLine]) -> float:
+    return strength([one.depth for one in family], math.hypot(*(one.line.snr for one in family)))
 
 
 def _background_depth(line: MeasuredLine) -> float:
