@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from hums.readers import convert as convert
     from hums.records.dataset_store import dataset_record as dataset_record
     from hums.records.dataset_store import open_dataset as open_dataset
+    from hums.records.quantities import AngularAverage as AngularAverage
+    from hums.records.quantities import Measured as Measured
     from hums.records.record import Channel as Channel
     from hums.records.record import NominalSpeed as NominalSpeed
     from hums.records.record import PulseTimes as PulseTimes
@@ -56,6 +58,8 @@ if TYPE_CHECKING:
     from hums.records.record import UnknownAngle as UnknownAngle
     from hums.records.record import calibrated as calibrated
     from hums.records.record import make_record as make_record
+    from hums.records.snapshots import join_snapshots as join_snapshots
+    from hums.records.snapshots import snapshot_record as snapshot_record
     from hums.records.store import open_record as open_record
     from hums.records.store import save_record as save_record
     from hums.report import write_report as write_report
@@ -66,6 +70,7 @@ _HOME = {
     "Analysis": "hums.analysis.result",
     "AnalysisError": "hums.analysis.result",
     "AnalysisSettings": "hums.analysis.analyze",
+    "AngularAverage": "hums.records.quantities",
     "Channel": "hums.records.record",
     "Cluster": "hums.jobs",
     "Fleet": "hums.fleet.fleet",
@@ -77,6 +82,7 @@ _HOME = {
     "Judgement": "hums.fleet.monitor",
     "Kinematics": "hums.gearbox.kinematics",
     "MaintenanceError": "hums.fleet.maintenance",
+    "Measured": "hums.records.quantities",
     "MonitorError": "hums.fleet.monitor",
     "MonitorSettings": "hums.fleet.monitor",
     "NominalSpeed": "hums.records.record",
@@ -104,6 +110,7 @@ _HOME = {
     "from_adjacency_table": "hums.gearbox.adjacency",
     "health_table": "hums.analysis.result",
     "indicator_table": "hums.analysis.result",
+    "join_snapshots": "hums.records.snapshots",
     "line_table": "hums.analysis.result",
     "load_gearbox": "hums.gearbox.model",
     "make_record": "hums.records.record",
@@ -115,6 +122,7 @@ _HOME = {
     "save_analysis": "hums.analysis.result",
     "save_record": "hums.records.store",
     "score": "hums.scoring",
+    "snapshot_record": "hums.records.snapshots",
     "solve_kinematics": "hums.gearbox.kinematics",
     "solve_torques": "hums.gearbox.torques",
     "summary": "hums.analysis.result",

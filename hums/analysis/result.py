@@ -567,8 +567,7 @@ def summary(analysis: Analysis) -> dict[str, Any]:
     >>> facts["reference"], round(facts["speed_hz"]["mean"], 6), facts["findings"]
     ('input', 20.0, [])
     """
-    attrs, motion = analysis.attrs, group(analysis, "speed")
-    speed = motion["speed_hz"]
+    attrs = analysis.attrs
     return {
         "schema": SUMMARY_SCHEMA,
         "record": attrs["record"],
@@ -580,15 +579,8 @@ def summary(analysis: Analysis) -> dict[str, Any]:
         "channels": json.loads(attrs["channels_json"]),
         "settings": json.loads(attrs["settings_json"]),
         "notes": json.loads(attrs["notes_json"]),
-        "speed_hz": {
-            "min": float(speed.min()),
-            "max": float(speed.max()),
-            "mean": speed.size / float((1 / speed).sum()),
-            "nominal": bool(motion.attrs["nominal"]),
-            "tachometer": str(motion.attrs["tachometer"]),
-            "estimated_from": str(motion.attrs.get("estimated_from", "")),
-            "confidence": float(motion.attrs["confidence"]) if "confidence" in motion.attrs else None,
-        },
+        "speed_hz": _speed_facts(group(analysis, "speed")),
+        "measured": json.loads(attrs.get("measured_json", "{}")),
         "health": _records(health_table(analysis)),
         "envelope_bands": envelope_bands(analysis),
         "orders": _records(line_table(analysis, ORDER_SPECTRUM)),
@@ -597,6 +589,21 @@ def summary(analysis: Analysis) -> dict[str, Any]:
         "findings": _records(findings_table(analysis)),
         "verdicts": _records(verdict_table(analysis)),
         "unexplained": _records(unexplained_table(analysis)),
+    }
+
+
+def _speed_facts(motion: xr.Dataset) -> dict[str, Any]:
+    """Return the speed of the reference as plain types; None where the record does not say, as an average in angle."""
+    speed, attrs = motion["speed_hz"], motion.attrs
+    known = speed.size > 0
+    return {
+        "min": float(speed.min()) if known else None,
+        "max": float(speed.max()) if known else None,
+        "mean": speed.size / float((1 / speed).sum()) if known else None,
+        "nominal": bool(attrs["nominal"]),
+        "tachometer": str(attrs["tachometer"]),
+        "estimated_from": str(attrs.get("estimated_from", "")),
+        "confidence": float(attrs["confidence"]) if "confidence" in attrs else None,
     }
 
 

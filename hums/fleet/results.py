@@ -1,5 +1,6 @@
 """Results of one record as JSON types: what `hums.fleet` keeps of an analysis."""
 
+import json
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -11,11 +12,12 @@ __all__ = ["results"]
 
 
 def results(analysis: Analysis) -> dict[str, Any]:
-    """Return mean speed, lines, indicators, findings and sensors of an analysis as JSON types."""
+    """Return speed, what else was measured, lines, indicators, findings and sensors of an analysis as JSON types."""
     speed = group(analysis, "speed")["speed_hz"]
     return {
         "error": "",
-        "speed_hz": speed.size / float((1 / speed).sum()),
+        "speed_hz": speed.size / float((1 / speed).sum()) if speed.size else math.nan,
+        "covariates": json.loads(analysis.attrs.get("measured_json", "{}")),
         "lines": [line for name in (ORDER_SPECTRUM, ENVELOPE) for line in _lines(analysis, name)],
         "indicators": [
             [row[name] for name in ("channel", "component", "kind", "indicator", "unit", "value")]
