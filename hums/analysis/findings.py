@@ -33,7 +33,8 @@ __all__ = [
     "Finding",
     "bearing_verdicts",
     "findings",
-    "of_another_machine",
+    "judging_nothing",
+    "not_judged_words",
     "where_none_is_named",
 ]
 
@@ -96,15 +97,27 @@ def where_none_is_named(every: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     >>> where_none_is_named(rows)
     ('not judged', '1 of 2 kinds of damage could not be judged (too short); nothing was found of the others')
     """
+    unjudged = not_judged_words(every)
+    if not unjudged:
+        return NOTHING_FOUND, "every kind of damage was judged, and none stands out"
+    others = "; nothing was found of the others" if any(row["verdict"] != NOT_JUDGED for row in every) else ""
+    return NOT_JUDGED, unjudged + others
+
+
+def not_judged_words(every: Sequence[Mapping[Any, Any]]) -> str:
+    """Return how many kinds of damage could not be judged and why, from the rows of all verdicts; empty if all were.
+
+    Examples
+    --------
+    >>> from hums.analysis.findings import not_judged_words
+    >>> not_judged_words([{"verdict": "diagnosed", "doubts": ""}, {"verdict": "not judged", "doubts": "too short: x"}])
+    '1 of 2 kinds of damage could not be judged (too short)'
+    """
     blind = [row for row in every if row["verdict"] == NOT_JUDGED]
     if not blind:
-        return NOTHING_FOUND, "every kind of damage was judged, and none stands out"
+        return ""
     reasons = dict.fromkeys(str(row["doubts"]).split(":")[0] for row in blind)
-    others = "; nothing was found of the others" if len(blind) < len(every) else ""
-    return (
-        NOT_JUDGED,
-        f"{len(blind)} of {len(every)} kinds of damage could not be judged ({'; '.join(reasons)}){others}",
-    )
+    return f"{len(blind)} of {len(every)} kinds of damage could not be judged ({'; '.join(reasons)})"
 
 
 def bearing_verdicts(
@@ -145,8 +158,8 @@ def bearing_verdicts(
     return results
 
 
-def of_another_machine(one: Finding, why: str) -> Finding:
-    """Return a verdict that judges nothing, since the record does not look like its gearbox."""
+def judging_nothing(one: Finding, why: str, least_change: str) -> Finding:
+    """Return a verdict that judges nothing, for a reason of the whole record."""
     return replace(
         one,
         verdict=NOT_JUDGED,
@@ -154,7 +167,7 @@ def of_another_machine(one: Finding, why: str) -> Finding:
         doubts=why,
         severity=_UNKNOWN,
         next_step="",
-        least_change="judged with the drawing of the machine that was recorded",
+        least_change=least_change,
     )
 
 
