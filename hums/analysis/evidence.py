@@ -115,6 +115,9 @@ class PartEvidence:
         least.
     unsure_depth : float
         The deepest line in any band at its order that nothing explains and that noise makes too often.
+    rival : str
+    rival_depth : float
+        The kind of damage of the same bearing whose significant line is deepest in the same band, the cage left out.
     explained : float
         Share that it has of the power of all lines of the band that neither shafts nor meshes make.
     other_order, other_depth : float
@@ -139,6 +142,8 @@ class PartEvidence:
     hidden_by: str = ""
     detectable_depth: float = math.inf
     unsure_depth: float = 0.0
+    rival: str = ""
+    rival_depth: float = 0.0
     explained: float = 0.0
     other_order: float = 0.0
     other_depth: float = 0.0
@@ -188,7 +193,22 @@ def bearing_evidence(
             if expected.fundamental and expected.order >= FEWEST_CYCLES * band.bin_width:
                 families.setdefault(line.measured.family, []).append((band, line))
     others = _Others(usable, setting)
-    return [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
+    found = []
+    for (component, kind), seen in families.items():
+        part = _part(seen, bearings[component], others)
+        beside = [
+            (line.measured.depth, other)
+            for (bearing, other), lines in families.items()
+            for band, line in lines
+            if bearing == component
+            and {kind, other}.isdisjoint({"cage"})
+            and other != kind
+            and line.significant
+            and band.band_hz == (part.band_low_hz, part.band_high_hz)
+        ]
+        depth, rival = max(beside, default=(0.0, ""))
+        found.append(replace(part, rival=rival, rival_depth=depth))
+    return found
 
 
 class _Others:

@@ -169,6 +169,33 @@ def test_comparable_lines_on_both_races_are_rivals_and_not_certain():
     assert all("of similar size" in f.evidence for f in found)
 
 
+def test_a_line_of_similar_size_in_another_band_is_no_rival():
+    inner = [line("inner_race", 5.4, 10.0), line("inner_race", 6.4, 7.0, sideband=1, fundamental=False)]
+    element = [line("rolling_element", 4.75, 9.0), line("rolling_element", 5.15, 7.0, sideband=1, fundamental=False)]
+
+    def inner_race(*bands):
+        seen = [
+            BandEvidence(
+                band_hz=(1e3 * number, 1e3 * number + 1e3),
+                lines=ASSESSOR.assess(lines),
+                orders=np.array(sorted(one.line.found for one in lines)),
+                depths=np.full(len(lines), 0.4),
+                bin_width=BIN,
+            )
+            for number, lines in enumerate(bands, start=1)
+        ]
+        evidence = bearing_evidence(seen, {"b": BEARING}, SETTING)
+        found = bearing_verdicts(evidence, false_alarm_probability=0.01, library=LIBRARY)
+        return next(one for one in found if one.kind == "inner_race")
+
+    assert "of similar size" in inner_race([*inner, *element]).doubts
+    apart = inner_race(inner, element)
+    assert (apart.verdict, apart.doubts) == ("diagnosed", "")
+    # three times as deep it may be what makes this line, wherever it rings
+    louder = [line("rolling_element", 4.75, 31.0), line("rolling_element", 5.15, 7.0, sideband=1, fundamental=False)]
+    assert "of which this may be a trace" in inner_race(inner, louder).doubts
+
+
 def test_a_supported_strong_line_is_diagnosed():
     assessed = ASSESSOR.assess(
         [line("inner_race", 5.4, 10.0), line("inner_race", 6.4, 7.0, sideband=1, fundamental=False)]
