@@ -41,6 +41,7 @@ from hums.gearbox.orders import BearingOrders
 
 __all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "mains_multiples", "strength"]
 
+_ALIKE = 0.99  # of the widest band's width, to rounding
 _SEEN = 0.01  # probability that noise alone makes a harmonic, below which it counts
 _SIDEBANDS = 3  # on either side that support a fundamental
 _HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it may be: harmonics of strikes fall
@@ -111,13 +112,10 @@ class PartEvidence:
     hidden_by : str
         What else explains its line; empty where nothing does.
     detectable_depth : float
-        The least modulation that would be significant and `JUDGED_SNR` times the background, in the band where that is
-        least.
+        The least modulation that would be significant and `JUDGED_SNR` times the background in each of the widest
+        bands, since damage may ring in any part of the range.
     unsure_depth : float
         The deepest line in any band at its order that nothing explains and that noise makes too often.
-    rival : str
-    rival_depth : float
-        The kind of damage of the same bearing whose significant line is deepest in the same band, the cage left out.
     explained : float
         Share that it has of the power of all lines of the band that neither shafts nor meshes make.
     other_order, other_depth : float
@@ -142,8 +140,6 @@ class PartEvidence:
     hidden_by: str = ""
     detectable_depth: float = math.inf
     unsure_depth: float = 0.0
-    rival: str = ""
-    rival_depth: float = 0.0
     explained: float = 0.0
     other_order: float = 0.0
     other_depth: float = 0.0
@@ -193,22 +189,7 @@ def bearing_evidence(
             if expected.fundamental and expected.order >= FEWEST_CYCLES * band.bin_width:
                 families.setdefault(line.measured.family, []).append((band, line))
     others = _Others(usable, setting)
-    found = []
-    for (component, kind), seen in families.items():
-        part = _part(seen, bearings[component], others)
-        beside = [
-            (line.measured.depth, other)
-            for (bearing, other), lines in families.items()
-            for band, line in lines
-            if bearing == component
-            and {kind, other}.isdisjoint({"cage"})
-            and other != kind
-            and line.significant
-            and band.band_hz == (part.band_low_hz, part.band_high_hz)
-        ]
-        depth, rival = max(beside, default=(0.0, ""))
-        found.append(replace(part, rival=rival, rival_depth=depth))
-    return found
+    return [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
 
 
 class _Others:
@@ -247,6 +228,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         number = least
     band, line = seen[number]
     main = line.measured
+    widest = max(_width(one) for one, _ in seen)
     plain = PartEvidence(
         component=main.expected.component,
         kind=main.expected.kind,
@@ -260,7 +242,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         bin_width=main.bin_width,
         band_low_hz=band.band_hz[0],
         band_high_hz=band.band_hz[1],
-        detectable_depth=_detectable_depth(*seen[least]),
+        detectable_depth=max(_detectable_depth(*one) for one in seen if _width(one[0]) > _ALIKE * widest),
         unsure_depth=max((one.measured.depth for _, one in seen if _unsure(one)), default=0.0),
     )
     if best == 0:
@@ -285,6 +267,10 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         other_order=0.0 if deepest < 0 else float(others.orders[~own][deepest]),
         other_depth=0.0 if deepest < 0 else float(rest[deepest]),
     )
+
+
+def _width(band: BandEvidence) -> float:
+    return band.band_hz[1] - band.band_hz[0]
 
 
 def _detectable_depth(band: BandEvidence, line: AssessedLine) -> float:

@@ -213,9 +213,9 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     elif part.kind == "inner_race" and not part.sidebands:
         doubts.append("no sideband shows it passing the load zone, as a spot on a turning race does")
     doubts += [
-        f"a line of {_kind_text(kind)} of the same bearing is {_comparison(depth, part)}"
-        for kind, depth in _rivals(part, rivals).items()
-        if depth * RIVAL_FACTOR > part.depth
+        f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(rival.depth, part)}"
+        for rival in _rivals(part, rivals)
+        if rival.depth * RIVAL_FACTOR > part.depth
     ]
     known = any(
         abs(part.other_order - multiple * rival.found) <= multiple * rival.bin_width
@@ -230,20 +230,16 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     return doubts
 
 
-def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> dict[str, float]:
-    """Return the depths of lines of the same bearing's other races and elements that may be what makes a part's line.
-
-    One local defect rings the same bands by whatever it strikes. So in the same channel a line of similar size is a
-    rival in the part's own band alone; one so much deeper that the part may be its trace is one in any band.
-    """
-    found = {part.rival: part.rival_depth} if part.rival else {}
-    for other in others:
-        if other.component != part.component or other.kind == part.kind or "cage" in {other.kind, part.kind}:
-            continue
-        trace = other.depth > RIVAL_FACTOR * part.depth
-        if other.strength > 0 and (trace or other.channel != part.channel):
-            found[other.kind] = max(other.depth, found.get(other.kind, 0.0))
-    return found
+def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvidence]:
+    """Return the lines of the same bearing's other races and elements, of which a part's line may be a trace."""
+    return [
+        other
+        for other in others
+        if other.component == part.component
+        and other.kind != part.kind
+        and other.strength > 0
+        and part.kind != "cage" != other.kind
+    ]
 
 
 def _changes(
@@ -265,9 +261,9 @@ def _changes(
         (part.strength / certain, f"indicated below a strength of {certain:.3g} (now {part.strength:.3g})"),
     ]
     most = part.depth / RIVAL_FACTOR
-    for kind, depth in _rivals(part, rivals).items():
-        text = f"indicated, if the line of {_kind_text(kind)} modulated by {most:.1%} (now {depth:.1%})"
-        changes.append((most / depth, text))
+    for rival in _rivals(part, rivals):
+        text = f"indicated, if the line of {_kind_text(rival.kind)} modulated by {most:.1%} (now {rival.depth:.1%})"
+        changes.append((most / rival.depth, text))
     return changes
 
 

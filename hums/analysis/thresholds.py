@@ -32,7 +32,7 @@ Halved, records of a few turns are called clean; doubled, records of a minute ar
 """
 
 RIVAL_FACTOR = 3.0
-"""Ratio of two lines above which the smaller may be a trace of the larger; within it, in one band, they are rivals.
+"""Ratio of two lines above which the smaller may be a trace of the larger; within it they are rivals.
 
 Halved, traces of one race on the other are named as second faults; doubled, two real faults hide one another.
 """
