@@ -6,7 +6,8 @@ import math
 import os
 import sys
 import warnings
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from hums.analysis.settings import AnalysisSettings
     from hums.gearbox.kinematics import Kinematics
     from hums.jobs import Workers
+    from hums.readers.process import ReaderProcess
 
 __all__ = ["main", "print_orders", "print_record"]
 
@@ -295,7 +297,7 @@ def analyze(
     """Analyse a record and write the report."""
     from hums.analysis.analyze import analyze as run  # noqa: PLC0415
     from hums.analysis.findings import where_none_is_named  # noqa: PLC0415
-    from hums.analysis.result import open_analysis, summary  # noqa: PLC0415
+    from hums.analysis.result import summary  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
     from hums.report import prepare_folder, speed_text, write_report  # noqa: PLC0415
@@ -317,7 +319,7 @@ def analyze(
     with (
         ReaderProcess() as reader,
         reader.open_record(record) as opened,
-        open_analysis(baseline) if baseline else nullcontext() as past,
+        _past(reader, baseline) if baseline else nullcontext() as past,
     ):
         prepare_folder(out)
         analysis = run(opened, load_gearbox(gearbox), settings=settings, baseline=past)
@@ -336,6 +338,19 @@ def analyze(
     if not facts["findings"]:
         typer.echo(": ".join(where_none_is_named(facts["verdicts"])))
     typer.echo(f"report: {page}")
+
+
+@contextmanager
+def _past(reader: "ReaderProcess", path: Path) -> Iterator["xr.DataTree"]:
+    """Open an earlier analysis in the process that reads files."""
+    from hums.analysis.result import check_analysis  # noqa: PLC0415
+
+    with reader.open_tree(path) as tree:
+        try:
+            check_analysis(tree)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+        yield tree
 
 
 @app.command()

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from hums.records._contained import fingerprint, objects, refuse_reaching_out, refuse_too_large
+from hums.records._contained import fingerprint, objects, refuse_reaching_out, refuse_size, refuse_too_large
 from hums.records._netcdf import Chunks, DiskError, write_netcdf
 from hums.records.fields import RecordWarning, plain_repr
 from hums.records.record import SCHEMA, RecordError, attach_time, check_record, detach_time
@@ -38,6 +38,7 @@ __all__ = [
     "open_tree",
     "read_array",
     "record_of_shard",
+    "refuse_size",
     "remove_partial_files",
     "save_record",
     "write_shard",
