@@ -267,7 +267,7 @@ def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
     usual = np.array([log_std[key.indicator] for key in found.series])
     loose = Prior(series=usual, score=1.0, level=0.1, dof=0.01)
     scores, normal = score_series(series, 1_000, layout, loose)
-    own, sizes = normal.score_scale, np.array([group.size for group in layout.components])
+    own, sizes = normal.score_scale, layout.sizes
     power, offset = np.polyfit(np.log(sizes), np.log(np.median(own, axis=0)), 1)
     left = np.log(own) - offset - power * np.log(sizes)
     standard = (scores - scores.mean(axis=0)) / scores.std(axis=0)
@@ -354,7 +354,7 @@ def severities(
 def single(series: tuple[Series, ...], indicator: str) -> Layout:
     """Return the layout of one indicator of the raw signal, each channel by itself."""
     those = [i for i, key in enumerate(series) if key.component == "record" and key.indicator == indicator]
-    return Layout(components=tuple(np.array([i]) for i in those), powers=np.zeros(len(series)))
+    return Layout(components=tuple((np.array([i]),) for i in those), powers=np.zeros(len(series)))
 
 
 def diagnosed_size(found: Analyses, name: str) -> float:

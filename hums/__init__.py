@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from hums.analysis.result import summary as summary
     from hums.analysis.result import unexplained_table as unexplained_table
     from hums.analysis.result import verdict_table as verdict_table
-    from hums.analysis.score import Score as Score
-    from hums.analysis.score import score as score
+    from hums.analysis.verdicts import derive_verdicts as derive_verdicts
     from hums.fleet.fleet import Fleet as Fleet
     from hums.fleet.fleet import FleetError as FleetError
     from hums.fleet.fleet import analyze_fleet as analyze_fleet
@@ -60,6 +59,8 @@ if TYPE_CHECKING:
     from hums.records.store import open_record as open_record
     from hums.records.store import save_record as save_record
     from hums.report import write_report as write_report
+    from hums.scoring import Score as Score
+    from hums.scoring import score as score
 
 _HOME = {
     "Analysis": "hums.analysis.result",
@@ -82,7 +83,7 @@ _HOME = {
     "Processes": "hums.jobs",
     "PulseTimes": "hums.records.record",
     "RecordError": "hums.records.record",
-    "Score": "hums.analysis.score",
+    "Score": "hums.scoring",
     "Serial": "hums.jobs",
     "TachometerWaveform": "hums.records.record",
     "TorqueError": "hums.gearbox.torques",
@@ -96,6 +97,7 @@ _HOME = {
     "convert": "hums.readers",
     "dataset_record": "hums.records.dataset_store",
     "defect_orders": "hums.gearbox.orders",
+    "derive_verdicts": "hums.analysis.verdicts",
     "findings_table": "hums.analysis.result",
     "unexplained_table": "hums.analysis.result",
     "verdict_table": "hums.analysis.result",
@@ -112,7 +114,7 @@ _HOME = {
     "read_maintenance": "hums.fleet.maintenance",
     "save_analysis": "hums.analysis.result",
     "save_record": "hums.records.store",
-    "score": "hums.analysis.score",
+    "score": "hums.scoring",
     "solve_kinematics": "hums.gearbox.kinematics",
     "solve_torques": "hums.gearbox.torques",
     "summary": "hums.analysis.result",

@@ -19,10 +19,11 @@ from data_synth.scene.imperfections import Imperfections
 from data_synth.scene.operation import NotNegative, Share, Speed, Tachometer, Torque
 from data_synth.scene.sensors import Mode, Noise, PlanetPass, SamplingJitter, Sensor, check_chain
 from data_synth.scene.transfer_paths import Transfer, check_transfers
+from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import Declared, Name, Positive, closest, named_file, read_toml, shipped_files, validated
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox, load_gearbox
-from hums.gearbox.orders import BearingOrders, bearing_orders, defect_orders
+from hums.gearbox.orders import bearing_orders, defect_orders
 from signals._validation import SentenceError, checked
 
 __all__ = [

@@ -508,9 +508,18 @@ def gears_on_shafts(machine: Machine) -> dict[str, dict[str, int]]:
 def _bearing_indicators(
     channel: AnalysedChannel, machine: Machine, settings: AnalysisSettings
 ) -> Iterator[IndicatorValue]:
-    """Yield the envelope energy at the lines of each bearing defect, and its ratio to the background."""
+    """Yield the modulation by each bearing defect over all bands, and the energy of its lines in the band shown.
+
+    That energy is relative to the background, too. The modulation is what verdicts are made from, of records in which
+    nothing is significant as well.
+    """
     if channel.band is None:
         return
+    for part in channel.evidence:
+        of_part = MonitoredComponent(
+            channel=channel.name, units=channel.units, component=part.component, kind=part.kind
+        )
+        yield of_part.evaluate("modulation", "envelopes of all bands", partial(float, part.modulation))
     spectrum, slip = channel.spectra[ENVELOPE], settings.slip
     unit = f"({channel.units})2" if " " in channel.units else f"{channel.units}2"
     for line in (row for row in machine.defect_orders if row.kind in BEARING_KINDS):

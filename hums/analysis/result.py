@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 
 Analysis: TypeAlias = xr.DataTree
+Row = TypeVar("Row")
 SCHEMA = "hums-analysis/1"
 GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")
 
@@ -270,13 +271,30 @@ def _line_table(lines: Sequence[AssessedLine]) -> xr.Dataset:
 
 
 def rows_dataset(rows: Sequence[object], kind: type, *, dim: str) -> xr.Dataset:
-    """Return dataclass rows of one kind as a dataset along `dim`, with one variable for each field."""
+    """Return dataclass rows of one kind as a dataset along `dim`, with one variable for each field.
+
+    Numbers and strings stand as they are, tuples as JSON; `rows_of` reads them back.
+    """
     columns: dict[str, NDArray[Any]] = {}
     for field in fields(kind):
         values = [getattr(row, field.name) for row in rows]
+        values = [json.dumps(value) if isinstance(value, tuple) else value for value in values]
         number = field.type in (float, "float")
         columns[field.name] = np.array(values, dtype=np.float64 if number else None if rows else "<U1")
     return xr.Dataset({name: (dim, values) for name, values in columns.items()})
+
+
+def rows_of(dataset: xr.Dataset, kind: type[Row]) -> list[Row]:
+    """Return the dataclass rows that `rows_dataset` wrote."""
+    read = {int: int, float: float, str: str, bool: bool}
+    columns = {
+        field.name: [
+            read[field.type](value) if field.type in read else tuple(json.loads(str(value)))
+            for value in dataset[field.name].to_numpy().tolist()
+        ]
+        for field in fields(kind)  # type: ignore[arg-type]
+    }
+    return [kind(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
 
 
 # ---- Tables and a JSON summary of an analysis, as written to `orders.csv`, `indicators.csv` and `summary.json` -------

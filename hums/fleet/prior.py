@@ -29,8 +29,7 @@ def read_prior() -> dict[str, Any]:
 def prior_of(series: Sequence[Series], layout: Layout) -> Prior:
     """Return the usual deviations of some series, NaN for one that no machine of the prior had."""
     learned = read_prior()
-    sizes = [group.size for group in layout.components]
-    score = learned["score_std"] * np.power(np.maximum(sizes, 1), learned["score_power"])
+    score = learned["score_std"] * np.power(np.maximum(layout.sizes, 1), learned["score_power"])
     usual = [learned["log_std"].get(key.indicator, math.nan) for key in series]
     return Prior(series=np.array(usual), score=score, level=learned["level_std"], dof=learned["dof"])
 

@@ -64,7 +64,7 @@ def vector(found: Mapping[Series, float], series: Iterable[Series]) -> NDArray[n
 
 
 def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, ...], Layout]:
-    """Return the names of components and of channels with a level, and which series belong to each."""
+    """Return the names of components and of channels with a level, and which series belong to each, by kind."""
     components = tuple(sorted({key.component for key in series}))
     powers = np.array([key.power for key in series], dtype=np.float64)
     absolute = {
@@ -72,8 +72,12 @@ def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, .
         for channel in sorted({key.channel for key in series})
     }
     channels = {name: those for name, those in absolute.items() if those.size >= FEWEST_LEVELS}
+    kinds: dict[tuple[str, str], list[int]] = {}
+    for number, key in enumerate(series):
+        kinds.setdefault((key.component, key.kind), []).append(number)
     groups = tuple(
-        np.array([i for i, key in enumerate(series) if key.component == name], dtype=np.int64) for name in components
+        tuple(np.array(those, dtype=np.int64) for (component, _), those in sorted(kinds.items()) if component == name)
+        for name in components
     )
     layout = Layout(components=groups, channels=tuple(channels.values()), powers=powers)
     return components, tuple(channels), layout

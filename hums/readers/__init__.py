@@ -7,16 +7,16 @@ does not state (units, rate, shaft) the caller declares; nothing is guessed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated
-from hums.readers.time_axis import check_time_column, rate_hz_of, start_and_epoch
+from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated, canonical_units
+from hums.readers.time_axis import TimeUnit, check_time_column, rate_hz_of, start_and_epoch
 from hums.records.record import (
-    UNITS,
     Angle,
     Channel,
     NominalSpeed,
@@ -89,7 +89,7 @@ def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> Fo
         case ".csv":
             from hums.readers import csv  # noqa: PLC0415
 
-            fields = csv.read(file)
+            fields, stated = csv.read(file)
         case ".tdms":
             from hums.readers import tdms  # noqa: PLC0415
 
@@ -128,6 +128,7 @@ def convert(
     shaft_rpm: float | None = None,
     no_tachometer: bool = False,
     scale: float = 1.0,
+    time_unit: TimeUnit | None = None,
     machine: str = "",
     recorded_at: datetime | str | None = None,
     most_bytes: int | None = None,
@@ -157,6 +158,8 @@ def convert(
         Declare that no shaft angle is known: the speed has to be estimated from the vibration.
     scale : float
         Factor from the numbers in the file to `units`; for a .wav of integers, the value of full scale.
+    time_unit : {"s", "ms", "us"}, optional
+        Unit of a column of times whose header states none, as "time" alone; such a column states the rate.
     machine, recorded_at
         As in `make_record`; a .tdms file may state when it was recorded.
     most_bytes : int, optional
@@ -193,21 +196,22 @@ def convert(
     if not channels:
         raise RecordError(f"channels: none named (--channel). {file.path.name}: {file.contents()}")
     factor = _scale(scale)
+    rate_of = partial(rate_hz_of, file, declared=rate_hz, time_unit=time_unit)
     if isinstance(units, Mapping) and (unknown := [name for name in units if name not in channels]):
         raise RecordError(f'units: no channel "{unknown[0]}"; the channels are {", ".join(channels)}.')
     values = {
         file.name(name): Channel(
             values=_scaled(file.vector(name), factor),
             units=_units(file, name, units, scale=factor),
-            rate_hz=rate_hz_of(file, name, declared=rate_hz),
+            rate_hz=rate_of(name),
         )
         for name in channels
     }
-    rate = rate_hz_of(file, channels[0], declared=rate_hz)
+    rate = rate_of(channels[0])
     sampled = [*channels, *([tach_waveform] if tach_waveform else [])]
     start_s, epoch = start_and_epoch(file, sampled, rate_hz=rate)
     used = [file.name(name) for name in (*sampled, tach_times) if name]
-    check_time_column(file, rate, count=file.vector(channels[0]).size, used=used)
+    check_time_column(file, rate, count=file.vector(channels[0]).size, used=used, time_unit=time_unit)
     return make_record(
         values,
         rate_hz=rate,
@@ -219,7 +223,7 @@ def convert(
             shaft=shaft,
             shaft_rpm=shaft_rpm,
             no_tachometer=no_tachometer,
-            rate_hz=rate_hz,
+            rate_of=rate_of,
         ),
         machine=machine,
         recorded_at=epoch if recorded_at is None else recorded_at,
@@ -237,7 +241,7 @@ def _angle(
     shaft: str | None,
     shaft_rpm: float | None,
     no_tachometer: bool,
-    rate_hz: float | None,
+    rate_of: Callable[[str], float],
 ) -> Angle | None:
     """Return the declared source of shaft angle, None where there is no declaration."""
     options: dict[str, object] = {
@@ -271,7 +275,7 @@ def _angle(
         values=file.vector(name),
         shaft=shaft,
         pulses_per_rev=pulses_per_rev,
-        rate_hz=rate_hz_of(file, name, declared=rate_hz),
+        rate_hz=rate_of(name),
     )
 
 
@@ -290,8 +294,8 @@ def _units(file: ForeignFile, name: str, units: str | Mapping[str, str] | None, 
         return declared
     if (
         declared is not None
-        and None not in (_canonical(declared), _canonical(stated))
-        and _canonical(declared) != _canonical(stated)
+        and None not in (canonical_units(declared), canonical_units(stated))
+        and canonical_units(declared) != canonical_units(stated)
     ):
         raise RecordError(
             f'units="{declared}" contradict {file.path.name}, which states "{stated}" for "{name}". Give the factor '
@@ -299,11 +303,6 @@ def _units(file: ForeignFile, name: str, units: str | Mapping[str, str] | None, 
             "its arrays from read_file and build the record with make_record."
         )
     return declared or stated
-
-
-def _canonical(units: str) -> str | None:
-    """Return units in the spelling of `UNITS`, None for unknown ones."""
-    return next((name for name, aliases in UNITS.items() if units in (name, *aliases)), None)
 
 
 def _scale(scale: float) -> float:

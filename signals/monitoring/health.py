@@ -24,21 +24,26 @@ _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held agai
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """Series of each component, and those of each channel whose common level is its gain.
+    """Series of each kind of each component, and those of each channel whose common level is its gain.
 
     Attributes
     ----------
-    components : tuple of (k,) int array
-        Series of each component.
+    components : tuple of tuple of (k,) int array
+        Series of each kind of each component, as of its indicators and of its lines, or of each race.
     channels : tuple of (k,) int array
         Series of each channel that have the signal's unit, or a power of it.
     powers : (series,) array
         Power of the signal's unit: 1 for an amplitude, 2 for an energy, 0 for a ratio.
     """
 
-    components: tuple[Indices, ...]
+    components: tuple[tuple[Indices, ...], ...]
     channels: tuple[Indices, ...] = ()
     powers: Array
+
+    @property
+    def sizes(self) -> Array:
+        """Number of series of each component."""
+        return np.array([sum(kind.size for kind in kinds) for kinds in self.components], dtype=np.float64)
 
     @property
     def scores(self) -> int:

@@ -59,7 +59,11 @@ def test_the_path_of_a_record_is_as_good_as_the_record(tmp_path):
 
 
 def test_layout(analysis):
-    assert set(analysis.children) == {*GROUPS, WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM, "unexplained", "verdicts"}
+    assert set(analysis.children) == {
+        *GROUPS,
+        *(WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM),
+        *("unexplained", "verdicts", "evidence", "gears", "shafts", "unmeasured"),
+    }
     assert isinstance(analysis, xr.DataTree)
 
 

@@ -12,7 +12,7 @@ from hums.analysis.findings import bearing_verdicts
 from hums.analysis.findings import findings as named
 from hums.analysis.healthy_machines import HealthyMachines
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, ExpectedLine, MeasuredLine
-from hums.gearbox.orders import BearingOrders
+from hums.gearbox.bearing_orders import BearingOrders
 from signals.spectra.lines import Line
 
 BIN = 0.01
