@@ -1,6 +1,5 @@
 """Command `hums analyze`."""
 
-from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -23,6 +22,8 @@ from hums.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import xarray as xr
 
     from hums.readers.process import ReaderProcess
