@@ -1,8 +1,9 @@
 """Analysis of one channel: sensor health, angle-domain signal, order and envelope spectrum, measured lines."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby, islice
 
 import numpy as np
 import xarray as xr
@@ -29,7 +30,7 @@ from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import Sampling, channel_values, sampling, vibration_channels
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.health import SensorHealth, sensor_health
-from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample
+from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all
 from signals.shaft.phase import ShaftPhase
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum, order_spectrum
@@ -40,6 +41,7 @@ _SEEN = 0.01  # probability that noise alone makes a line, below which it counts
 _LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
+_TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
 _SHORTEST = 64  # samples that a check of the sensor needs
 
 Values = NDArray[np.floating]  # samples, in the precision of their source
@@ -198,9 +200,22 @@ def resample_in_angle(
     multiple_of: int = 8,
 ) -> AngularSignal:
     """Return samples of a channel at equal angle increments of `phase`, with a passband up to `last_order`."""
+    return resample_all_in_angle([values], when, name, phase, last_order, multiple_of=multiple_of)[0]
+
+
+def resample_all_in_angle(
+    rows: Sequence[Values],
+    when: Sampling,
+    name: str,
+    phase: ShaftPhase,
+    last_order: float,
+    *,
+    multiple_of: int = 8,
+) -> list[AngularSignal]:
+    """Return what `resample_in_angle` does of each of several signals of a channel, of the same times."""
     try:
-        return angular_resample(
-            values,
+        return angular_resample_all(
+            rows,
             rate_hz=when.rate_hz,
             phase=phase,
             samples_per_rev=multiple_of * math.ceil(2 * last_order / (multiple_of * PASSBAND)),
@@ -244,15 +259,9 @@ def _envelopes(
     found: list[_Envelope] = []
     seen: list[BandEvidence] = []
     try:
-        for band, (rate_hz, envelope) in zip(
-            bands, bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=bands), strict=True
-        ):
-            # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
-            last = _spectrum_end(expected, None, _ENVELOPE_SHARE * (band[1] - band[0]) / machine.top_speed_hz)
-            at = replace(when, rate_hz=rate_hz, count=envelope.size)
-            signal = resample_in_angle(envelope, at, name, machine.phase, last)
-            level = float(signal.values.mean())
-            signal = level_normalised(signal, revolutions=_LEVEL_PERIODS / slowest)
+        for band, last, over_angle in _over_angle(values, when, name, machine, expected, bands):
+            level = float(over_angle.values.mean())
+            signal = level_normalised(over_angle, revolutions=_LEVEL_PERIODS / slowest)
             spectrum = order_spectrum(signal, max_order=last)
             lines, out_of_range = search(
                 spectrum, expected, channel=name, units=record[name].attrs["units"], level=level, searches=len(bands)
@@ -291,6 +300,26 @@ def _envelopes(
     best = found[place]
     reach = max(float(one.spectrum.axis[-1]) for one in found)
     return replace(best, band=_explained(best.band, strongest, len(bands)), reach=reach), tuple(evidence), ""
+
+
+def _over_angle(
+    values: Values,
+    when: Sampling,
+    name: str,
+    machine: Machine,
+    expected: Sequence[ExpectedLine],
+    bands: Sequence[tuple[float, float]],
+) -> Iterator[tuple[tuple[float, float], float, AngularSignal]]:
+    """Yield each band, its highest order, and its envelope over angle; those of one rate are resampled together."""
+    envelopes = zip(bands, bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=bands), strict=True)
+    for (rate_hz, size), alike in groupby(envelopes, key=lambda item: (item[1][0], item[1][1].size)):
+        at = replace(when, rate_hz=rate_hz, count=size)
+        while some := list(islice(alike, max(1, _TOGETHER // size))):
+            low, high = some[0][0]
+            # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
+            last = _spectrum_end(expected, None, _ENVELOPE_SHARE * (high - low) / machine.top_speed_hz)
+            signals = resample_all_in_angle([envelope for _, (_, envelope) in some], at, name, machine.phase, last)
+            yield from ((band, last, signal) for (band, _), signal in zip(some, signals, strict=True))
 
 
 def _bands_to_search(
