@@ -46,6 +46,7 @@ from hums.analysis.result import (
     spectrum_dataset,
 )
 from hums.analysis.settings import AnalysisSettings
+from hums.analysis.stretches import analyse_stretches, is_long
 from hums.analysis.tracks import bearing_line, lines_to_track, tooth_line, track_envelope_lines, track_lines
 from hums.analysis.unexplained import UnexplainedLine
 from hums.analysis.verdicts import UNLIKE, derive_verdicts, evidence_groups
@@ -122,6 +123,13 @@ def analyze(
     if is_average(record):
         return analyse_average(record, gearbox, settings, baseline)
     chosen = selected_channels(record, settings)
+    if is_long(record, chosen):
+
+        def analyse(part: xr.Dataset, pictures: bool) -> Analysis:
+            own = settings.model_copy(update={"pictures": settings.pictures and pictures})
+            return analyze(part, gearbox, settings=own, baseline=baseline)
+
+        return analyse_stretches(record, chosen, analyse)
     gapped, constant = excluded_channels(record, chosen)
     names = [name for name in chosen if name not in gapped and name not in constant]
     histories = read_baseline(baseline, settings, units={name: record[name].attrs["units"] for name in names})
