@@ -1,11 +1,14 @@
 from dataclasses import replace
+from datetime import timedelta
 
+import numpy as np
 import pytest
-from fleets import HEALTHY, PINION, alarms, followed, observed
+from fleets import FIRST, HEALTHY, PINION, alarms, followed, observed
 
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation
+from hums.fleet.prior import prior_of
 from signals.monitoring.alarm_life import Life
 
 
@@ -72,6 +75,25 @@ class TestBaseline:
     def test_the_identity_follows_from_what_was_learned(self):
         same, other = followed(HEALTHY)[0], followed([observed(number, seed=1) for number in range(40)])[0]
         assert followed(HEALTHY)[0].epochs[0].identity == same.epochs[0].identity != other.epochs[0].identity
+
+    def test_records_within_an_hour_count_as_one(self):
+        near = [
+            replace(one, recorded_at=(FIRST + timedelta(seconds=10 * number)).isoformat())
+            for number, one in enumerate(HEALTHY)
+        ]
+        apart, close = (followed(seen)[0].epochs[0] for seen in (HEALTHY, near))
+        # 20 records a day apart weigh 18 (a mean and a slope are theirs), of one hour a twentieth; the usual one 10
+        usual = prior_of(apart.series, apart.normal.layout).series[0]
+        for epoch, weight in ((apart, 18.0), (close, 0.9)):
+            expected = np.sqrt((weight * 0.1**2 + 10 * usual**2) / (weight + 10))
+            assert np.median(epoch.normal.series.scale) == pytest.approx(expected, rel=0.1)
+        assert close.limits.limits[0] > 1.1 * apart.limits.limits[0]
+
+    def test_limits_of_a_long_baseline_are_its_own(self):
+        long = [observed(number) for number in range(400)]
+        state, _ = followed(long, settings=MonitorSettings(baseline_records=400))
+        assert state.epochs[0].own_limits
+        assert not followed(long[:50])[0].epochs[0].own_limits
 
     def test_refusals(self):
         with pytest.raises(MonitorError, match="a spread needs 2 records or more"):
