@@ -136,13 +136,15 @@ class MonitorSettings:
 class Epoch:
     """A baseline and the charts held against it; until it is learned, the records collected for it.
 
-    ``counted`` says that its records are the next ones, as after a replacement, whatever the settings choose.
+    ``counted`` says that its records are the next ones, as after a replacement, whatever the settings choose;
+    ``diagnosed`` names the components that a verdict on one of its records diagnosed.
     """
 
     pending: list[Observation] = field(default_factory=list)
     counted: bool = False
     identity: str = ""
     records: tuple[str, ...] = ()
+    diagnosed: tuple[str, ...] = ()
     series: tuple[Series, ...] = ()
     covariates: tuple[str, ...] = ()
     low: Array = field(default_factory=lambda: np.zeros(0))
@@ -194,6 +196,7 @@ class Epoch:
         self.charts = self.limits.charts.start((layout.scores,))
         self.recent = np.zeros(len(self.channels))
         self.records = tuple(one.record for one in seen)
+        self.diagnosed = tuple(sorted({name for one in seen for name in one.diagnosed}))
         self.identity = _identity(machine, self)
         self.pending = []
 
@@ -383,6 +386,10 @@ def _judged(
             for place, (component, what) in enumerate(epoch.scores)
             if state.governed_by.get(component, 0) == number
         ]
+        newly = set(seen.diagnosed) - set(epoch.diagnosed)
+        for place, component, what, _ in governed:
+            if component in newly and not what:  # at the limit by the verdict alone
+                indices[place] = np.maximum(indices[place], 1.0)
         places = [place for place, *_ in governed]
         before = [state.alarms.get(name) or rule.start() for *_, name in governed]
         after, raised = rule.step(stacked(before), indices[places])
@@ -397,6 +404,8 @@ def _judged(
                 severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
                 row = _alarm(state, seen, component, drivers, value=index[name], severity=severity, epoch=epoch)
                 row["since"] = state.since[name]
+                if component in newly and not what:
+                    row["indicator"] = f"diagnosed; {row['indicator']}"
                 state.open[name] = row
                 alarms.append(row)
             elif name in state.open:

@@ -14,7 +14,7 @@ from signals.monitoring.alarm_life import Life
 
 class TestAlarms:
     def test_a_component_that_rises_raises_one_alarm(self):
-        state, found = followed([*HEALTHY, *(observed(number, **PINION) for number in range(40, 50))])
+        state, found = followed([*HEALTHY, *(observed(number, **PINION | {"shift": 2.0}) for number in range(40, 50))])
         assert [one.why for one in found[:20]] == ["learning"] * 20
         (alarm,) = alarms(found)
         assert (alarm["component"], alarm["record"], alarm["severity"]) == ("stage 1/pinion", "record 41", "severe")
@@ -22,6 +22,17 @@ class TestAlarms:
         assert alarm["baseline"] == state.epochs[0].identity
         assert len(alarm["baseline"]) == 12
         assert found[-1].index["stage 1/pinion"] > 1 > found[-1].index["stage 2/wheel"]
+
+    def test_what_is_newly_diagnosed_raises_one(self):
+        def with_verdict(number):
+            return replace(observed(number), diagnosed=("stage 1/wheel",))
+
+        _, found = followed([*HEALTHY, with_verdict(40), observed(41), with_verdict(42), observed(43)])
+        (alarm,) = alarms(found)
+        assert (alarm["component"], alarm["record"], alarm["value"]) == ("stage 1/wheel", "record 42", 1.0)
+        assert alarm["indicator"].startswith("diagnosed; ")
+        before = [with_verdict(5) if number == 5 else one for number, one in enumerate(HEALTHY)]
+        assert alarms(followed([*before, *map(with_verdict, range(40, 44))])[1]) == []
 
     def test_running_in_raises_none(self):
         course = [observed(number, component="stage 1/pinion", shift=-min(number, 60) / 60) for number in range(120)]
