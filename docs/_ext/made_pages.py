@@ -1,4 +1,4 @@
-"""Pages and pictures that the build makes: a page for each gearbox of the catalogue, and the diagram of the packages."""
+"""Pages and pictures that the build makes: one for each gearbox of the catalogue, and the diagram of the packages."""
 
 from pathlib import Path
 
@@ -16,9 +16,9 @@ MOST_BYTES = 1_000_000  # of a page on which a mechanism turns
 
 ABOUT = """# Mechanisms that turn
 
-Every gearbox of the catalogue, Glinsky's trains and those of the papers among them, on a page of its own: sliders for the
-free speeds, velocity vectors, and every defect order, exact and in Hz. A page is one file and needs no network; yours is
-made by `hums drawing my-gearbox.toml --html`.
+Every gearbox of the catalogue, Glinsky's trains and those of the papers among them, on a page of its own: sliders for
+the free speeds, velocity vectors, and every defect order, exact and in Hz. A page is one file and needs no network;
+yours is made by `hums drawing my-gearbox.toml --html`.
 
 """
 
@@ -59,7 +59,7 @@ GROUPS = {"data_synth": (0, 2, "#e8f0fa"), "signals": (2, 3, "#eaf5ec"), "hums":
 WIDTH, HEIGHT, STEP = 2.3, 0.62, (3.0, 1.0)  # of a box, and from one to the next
 
 
-def draw_packages(ax) -> None:  # noqa: ANN001 - matplotlib's Axes
+def draw_packages(ax) -> None:
     """Draw the packages as boxes, and what is made first with an arrow to what uses it."""
     ax.set_axis_off()
     ax.set(xlim=(-2.9, 10.4), ylim=(-4.5, 0.5))
@@ -78,7 +78,7 @@ def draw_packages(ax) -> None:  # noqa: ANN001 - matplotlib's Axes
         ax.annotate("", end, start, arrowprops={"arrowstyle": "->", "color": "#555555"}, zorder=2)
 
 
-def _rectangle(x: float, y: float, width: float, height: float, colour: str, *, edge: str = "none"):  # noqa: ANN201
+def _rectangle(x: float, y: float, width: float, height: float, colour: str, *, edge: str = "none"):
     return Rectangle((x, y), width, height, facecolor=colour, edgecolor=edge, linewidth=0.8, zorder=1)
 
 
