@@ -20,6 +20,7 @@ from hums.fleet.maintenance import ACKNOWLEDGED, Work
 from hums.fleet.observation import Observation, seconds_since_1970
 from hums.fleet.prior import healthy_scores, prior_of
 from hums.fleet.series import Series, layout_of, vector
+from signals._validation import SentenceError
 from signals.monitoring.alarm_life import AlarmRule, AlarmState, Life, stacked
 from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, learn_normal, regime
@@ -63,7 +64,7 @@ _DRIVERS = 3  # indicators an alarm names
 SEVERE = 2.0  # health index from which an alarm is severe: twice the limit
 
 
-class MonitorError(ValueError):
+class MonitorError(SentenceError):
     """Raised where a baseline cannot be learned as asked, or a state is not one.
 
     Examples

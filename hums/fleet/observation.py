@@ -59,7 +59,7 @@ def observation(row: Mapping[str, Any]) -> Observation:
         record=row["record"],
         recorded_at=when if math.isfinite(seconds_since_1970(when)) else "",
         values={} if unjudged else {key: x for key, x in series_of(row).items() if key.channel not in sick},
-        covariates={"speed_hz": speed, **row.get("covariates", {})} if math.isfinite(speed) else {},
+        covariates=({"speed_hz": speed} if math.isfinite(speed) else {}) | row.get("covariates", {}),
         sick=sick,
         unjudged=unjudged,
         diagnosed=() if unjudged else tuple(sorted({one for one, _, word, *_ in findings if word == "diagnosed"})),
