@@ -62,7 +62,7 @@ def test_layout(analysis):
     assert set(analysis.children) == {
         *GROUPS,
         *(WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM),
-        *("unexplained", "verdicts", "evidence", "gears", "shafts", "unmeasured"),
+        *("unexplained", "verdicts", "evidence", "gears", "shafts", "unmeasured", "envelope_tracks"),
     }
     assert isinstance(analysis, xr.DataTree)
 
