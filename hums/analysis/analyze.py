@@ -36,7 +36,6 @@ from hums.analysis.indicators import HISTORIES, channel_indicators, read_baselin
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.pictures import ChannelPictures, channel_pictures, picture_groups
 from hums.analysis.reference_angle import Machine, prepare_machine, prepare_snapshots
-from hums.analysis.resemblance import unlike_drawing
 from hums.analysis.result import (
     SCHEMA,
     Analysis,
@@ -48,8 +47,9 @@ from hums.analysis.result import (
     spectrum_dataset,
 )
 from hums.analysis.settings import AnalysisSettings
+from hums.analysis.stretches import analyse_stretches, is_long
 from hums.analysis.tracks import bearing_line, lines_to_track, tooth_line, track_envelope_lines, track_lines
-from hums.analysis.unexplained import UnexplainedLine
+from hums.analysis.unexplained import UnexplainedLine, unlike_drawing
 from hums.analysis.verdicts import UNLIKE, derive_verdicts, evidence_groups
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
@@ -129,6 +129,13 @@ def analyze(
     if is_snapshots(record):
         return _analyse_snapshots(record.compute(), gearbox, settings, baseline)
     chosen = selected_channels(record, settings)
+    if is_long(record, chosen):
+
+        def analyse(part: xr.Dataset, pictures: bool) -> Analysis:
+            own = settings.model_copy(update={"pictures": settings.pictures and pictures})
+            return analyze(part, gearbox, settings=own, baseline=baseline)
+
+        return analyse_stretches(record, chosen, analyse)
     gapped, constant = excluded_channels(record, chosen)
     names = [name for name in chosen if name not in gapped and name not in constant]
     histories = read_baseline(baseline, settings, units={name: record[name].attrs["units"] for name in names})

@@ -405,7 +405,9 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     -------
     pandas.DataFrame
         The columns of `findings_table`; verdict is also ``"not judged"``, with the reason in evidence, or ``"nothing
-        found"`` where a defect would have shown.
+        found"`` where a defect would have shown. Every bearing, gear and shaft of the drawing that can fail has a row
+        for each of its kinds of damage; least_change says what would turn the verdict. `hums.derive_verdicts` makes the
+        rows again from the analysis.
 
     Examples
     --------
@@ -415,8 +417,10 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
     >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
     >>> verdicts = hums.verdict_table(hums.analyze(record, hums.load_gearbox("two-stage")))
-    >>> set(verdicts["verdict"])
+    >>> set(verdicts.loc[verdicts["kind"] != "shaft", "verdict"])
     {'nothing found'}
+    >>> set(verdicts.loc[verdicts["kind"] == "shaft", "evidence"])
+    {'not judged: no baseline or limits.'}
     """
     import pandas as pd  # noqa: PLC0415
 

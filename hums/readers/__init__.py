@@ -52,7 +52,7 @@ def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> Fo
     path : str or Path
         A .mat, .wav, .csv, .tdms, .uff, .unv, .h5, .hdf5, .npy or .npz file.
     most_bytes : int, optional
-        Bytes that one array of an HDF5 file, or of a .mat file in version 7.3, may take; default a hundred times the
+        Bytes that one array of an HDF5 or .mat file may take; default a hundred times the
         size of the file, or 64 MB.
 
     Returns

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from hums.records._contained import fingerprint, objects, refuse_reaching_out, refuse_too_large
+from hums.records._contained import fingerprint, objects, refuse_reaching_out, refuse_size, refuse_too_large
 from hums.records._netcdf import Chunks, DiskError, write_netcdf
 from hums.records.channels import kind_of
 from hums.records.fields import RecordWarning, plain_repr
@@ -39,6 +39,7 @@ __all__ = [
     "open_tree",
     "read_array",
     "record_of_shard",
+    "refuse_size",
     "remove_partial_files",
     "save_record",
     "write_shard",

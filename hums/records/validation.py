@@ -230,7 +230,7 @@ def _check_tachometer(name: str, variable: xr.DataArray) -> None:
     pulses = variable.attrs.get("pulses_per_rev")
     if not isinstance(pulses, Integral) or isinstance(pulses, bool) or not 0 < int(pulses) <= _MOST_PULSES:
         raise RecordError(
-            f"{what}: pulses_per_rev={plain_repr(pulses)}: a whole number from 1 to {_MOST_PULSES} is needed "
+            f"{what}: pulses_per_rev={plain_repr(pulses)}: a positive whole number, at most {_MOST_PULSES}, is needed "
             "(--pulses-per-rev)."
         )
     _check_shaft(what, variable)
