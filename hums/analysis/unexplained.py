@@ -193,14 +193,14 @@ def drawn_orders(rows: Sequence[DefectOrder], *, bearing_kinds: Iterable[str], t
 
 
 # ---- Whether a record looks like the gearbox that it is analysed with -----------------------------------------------
-# Meshes are the surest marks of a gearbox: exact orders, harmonics, and more power than anything else it makes. Where a
-# line of the record is no mesh of the drawing, belongs to harmonics as a mesh does, and stands far above every mesh that
-# is drawn, the drawing is another machine's, or its reference or the pulses per revolution are wrong. Nothing can then be
-# said about its parts.
+# Meshes are the surest marks of a gearbox: exact orders, harmonics, and more power than anything else it makes. Where
+# a line of the record is no mesh of the drawing, belongs to harmonics as a mesh does, and stands far above every mesh
+# that is drawn, the drawing is another machine's, or its reference or the pulses per revolution are wrong. Nothing can
+# then be said about its parts.
 #
-# Many lines of a drawing lie so densely that one of them is near to any line. So a mesh of the drawing counts only away
-# from shafts, and away from sidebands of a larger strange line; and sidebands of passing planets or multiples of a race
-# explain a line only where more of its neighbours stand in the same comb than lines at random would.
+# Many lines of a drawing lie so densely that one of them is near to any line. So a mesh of the drawing counts only
+# away from shafts, and away from sidebands of a larger strange line; and sidebands of passing planets or multiples of
+# a race explain a line only where more of its neighbours stand in the same comb than lines at random would.
 
 
 _OWN_HARMONICS = 6
