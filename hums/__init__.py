@@ -7,7 +7,6 @@ if TYPE_CHECKING:
     from hums.analysis.analyze import AnalysisSettings as AnalysisSettings
     from hums.analysis.analyze import analyze as analyze
     from hums.analysis.result import Analysis as Analysis
-    from hums.analysis.result import AnalysisError as AnalysisError
     from hums.analysis.result import findings_table as findings_table
     from hums.analysis.result import health_table as health_table
     from hums.analysis.result import indicator_table as indicator_table
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from hums.analysis.result import summary as summary
     from hums.analysis.result import unexplained_table as unexplained_table
     from hums.analysis.result import verdict_table as verdict_table
+    from hums.analysis.settings import AnalysisError as AnalysisError
     from hums.analysis.verdicts import derive_verdicts as derive_verdicts
     from hums.fleet.fleet import Fleet as Fleet
     from hums.fleet.fleet import FleetError as FleetError
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Analysis": "hums.analysis.result",
-    "AnalysisError": "hums.analysis.result",
+    "AnalysisError": "hums.analysis.settings",
     "AnalysisSettings": "hums.analysis.analyze",
     "AngularAverage": "hums.records.quantities",
     "Channel": "hums.records.record",

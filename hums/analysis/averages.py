@@ -37,14 +37,13 @@ from hums.analysis.reference_angle import AngleSource, Machine, solved
 from hums.analysis.result import (
     SCHEMA,
     Analysis,
-    AnalysisError,
     IndicatorValue,
     SensorCondition,
     check_analysis,
     rows_dataset,
     spectrum_dataset,
 )
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.components import closest
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS, bearing_orders, defects

@@ -21,8 +21,8 @@ from scipy import fft
 from hums.analysis.channel import AnalysedChannel, Values, resample_in_angle
 from hums.analysis.lines import ENVELOPE
 from hums.analysis.reference_angle import Machine
-from hums.analysis.result import Analysis, AnalysisError, IndicatorValue, check_analysis, group
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.result import Analysis, IndicatorValue, check_analysis, group
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.components import planet_angles
 from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import sampling

@@ -10,8 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.analysis.result import AnalysisError
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
 from hums.gearbox.kinematics import Kinematics, solve_kinematics

@@ -11,9 +11,10 @@ import xarray as xr
 
 from hums.analysis.detection import AssessedLine
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
+from hums.analysis.settings import AnalysisError
 from hums.records.record import RecordError
 from hums.records.store import open_tree, write_tree
-from signals._validation import SentenceError, checked, choice
+from signals._validation import checked, choice
 from signals.spectra.spectra import AmplitudeSpectrum
 
 if TYPE_CHECKING:
@@ -25,20 +26,6 @@ Analysis: TypeAlias = xr.DataTree
 Row = TypeVar("Row")
 SCHEMA = "hums-analysis/1"
 GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")
-
-
-class AnalysisError(SentenceError):
-    """Raised where a record, gearbox or setting does not allow an analysis.
-
-    Examples
-    --------
-    >>> import hums
-    >>> try:
-    ...     hums.AnalysisSettings(harmonics=0)
-    ... except hums.AnalysisError as error:
-    ...     print("harmonics" in str(error))
-    True
-    """
 
 
 @dataclass(frozen=True, kw_only=True)

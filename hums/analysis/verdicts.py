@@ -32,8 +32,8 @@ from hums.analysis.gear_damage import GearJudgement, gear_verdicts
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.reference_angle import Machine
-from hums.analysis.result import Analysis, AnalysisError, group, rows_dataset, rows_of
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.result import Analysis, group, rows_dataset, rows_of
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import (
     FEWEST_CYCLES,
     SAME_SPEED,

@@ -14,7 +14,6 @@ from hums.analysis.analyze import analyze
 from hums.analysis.evidence import PartEvidence
 from hums.analysis.findings import where_none_is_named
 from hums.analysis.result import (
-    AnalysisError,
     findings_table,
     group,
     open_analysis,
@@ -24,7 +23,7 @@ from hums.analysis.result import (
     summary,
     verdict_table,
 )
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.verdicts import derive_verdicts
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import load_gearbox
