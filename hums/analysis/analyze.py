@@ -39,14 +39,13 @@ from hums.analysis.reference_angle import Machine, prepare_machine, prepare_snap
 from hums.analysis.result import (
     SCHEMA,
     Analysis,
-    AnalysisError,
     IndicatorValue,
     SensorCondition,
     check_analysis,
     rows_dataset,
     spectrum_dataset,
 )
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.stretches import analyse_stretches, is_long
 from hums.analysis.tracks import bearing_line, lines_to_track, tooth_line, track_envelope_lines, track_lines
 from hums.analysis.unexplained import UnexplainedLine, unlike_drawing
