@@ -35,7 +35,7 @@ Gram = Floats | Callable[[slice], Floats]
 Outside = tuple["Information", "Information"]  # on the first node of a range, and on the last
 
 # Size of the matrices and vectors of a stretch of nodes, which are stored at a time.
-STRETCH_NUMBERS = 1 << 21
+STRETCH_NUMBERS = 1 << 19
 
 
 class Information(NamedTuple):
