@@ -20,12 +20,13 @@ from hums.analysis.lines import (
     search,
 )
 from hums.analysis.reference_angle import Machine
-from hums.analysis.result import AnalysisError, EnvelopeBand
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.result import EnvelopeBand
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import MESH_SHARE, PEAK_RATIO
 from hums.analysis.unexplained import Drawn, UnexplainedLine, drawn_orders, unexplained_lines
+from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
-from hums.gearbox.orders import BEARING_KINDS, BearingOrders
+from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import Sampling, channel_values, sampling, vibration_channels
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.health import SensorHealth, sensor_health
@@ -64,6 +65,7 @@ class AnalysedChannel:
     no_band: str = ""
     evidence: tuple[PartEvidence, ...] = ()
     unexplained: tuple[UnexplainedLine, ...] = ()
+    envelope_reach: float = 0.0  # highest order of any envelope's spectrum
 
     @property
     def faulty(self) -> bool:
@@ -155,8 +157,7 @@ def analyse_channel(
     unexplained = unexplained_lines(
         spectra[ORDER_SPECTRUM], drawn_by(machine, settings), setting_of(machine), channel=name, units=units
     )
-    missing = health is not None and health.missing.any()
-    samples = _interpolated(values, health.missing) if health is not None and missing else values
+    samples = whole_values(values, health)
     searched = [line for line in expected if line.spectrum == ENVELOPE]
     best, evidence, no_band = _envelopes(samples, record, name, machine, searched, lines, settings)
     if best is not None:
@@ -180,6 +181,7 @@ def analyse_channel(
         evidence=evidence,
         unexplained=tuple(unexplained),
         no_band=no_band,
+        envelope_reach=0.0 if best is None else best.reach,
     )
 
 
@@ -232,6 +234,7 @@ class _Envelope:
     lines: list[MeasuredLine]
     out_of_range: list[ExpectedLine]
     level: float
+    reach: float = 0.0  # of all bands
 
 
 def _envelopes(
@@ -276,6 +279,7 @@ def _envelopes(
                     depths=peaks.amplitude / level if level > 0 else np.zeros(peaks.position.size),
                     bin_width=spectrum.bin_width,
                     clear=not chosen.chosen or _mesh_share(found[-1], shaft_locked, machine) < MESH_SHARE,
+                    line_probability=assessor.single_probability(lines),
                 )
             )
     except ValueError as error:
@@ -288,9 +292,14 @@ def _envelopes(
     shown = [place for place, band in enumerate(seen) if band.clear] or [0]
     place = shown[0]
     if strongest is not None and strongest.strength > 0:
-        place = next(place for place in range(len(seen)) if seen[place].band_hz == strongest.band_hz)
+        place = next(
+            place
+            for place in range(len(seen))
+            if seen[place].band_hz == (strongest.band_low_hz, strongest.band_high_hz)
+        )
     best = found[place]
-    return replace(best, band=_explained(best.band, strongest, len(bands))), tuple(evidence), ""
+    reach = max(float(one.spectrum.axis[-1]) for one in found)
+    return replace(best, band=_explained(best.band, strongest, len(bands)), reach=reach), tuple(evidence), ""
 
 
 def _over_angle(
@@ -374,12 +383,15 @@ def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -
         doubts = ("In no band does a bearing line stand out.",)
     else:
         part = f"{strongest.component} {strongest.kind.replace('_', ' ')}"
-        why += f": the line of {part} modulates it by {strongest.main.depth:.1%}, more than any other part"
+        why += f": the line of {part} modulates it by {strongest.depth:.1%}, more than any other part"
     return replace(band, why=why + ".", doubts=doubts)
 
 
-def _interpolated(values: Values, missing: NDArray[np.bool_]) -> Values:
-    """Return the values with missing ones replaced by linear interpolation."""
+def whole_values(values: Values, health: SensorHealth | None) -> Values:
+    """Return samples with those that the sensor misses replaced by linear interpolation."""
+    if health is None or not health.missing.any():
+        return values
+    missing = health.missing
     places = np.arange(values.size)
     return np.where(missing, np.interp(places, places[~missing], values[~missing]).astype(values.dtype), values)
 

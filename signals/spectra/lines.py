@@ -39,6 +39,7 @@ _FEWEST_BINS = 8
 _REACH_BINS = 400  # beyond this a Hann side lobe lies 150 dB below its line
 _SIGNIFICANT = 3.0  # standard deviations: in flat noise the closer background exceeds them once in some hundred lines
 _LINE = 4.0  # times the median amplitude
+_HALVINGS = 30  # of the power ratio's range: to 1e-9 of it
 _LARGER = 2.0  # least ratio of a neighbour's amplitude to the line's for its leakage to be considered
 
 
@@ -62,6 +63,10 @@ class Line:
         Probability that noise alone has as large a maximum in the searched band.
     at_edge : bool
         Whether the spectrum still rises at the edge of the searched band: then no peak lies in it.
+    noise : float
+        Median amplitude of noise to which the probability refers.
+    noise_degrees, width_bins, spread : float
+        Independent bins in that median, width of the searched band in bins, and `AmplitudeSpectrum.spread`.
 
     Examples
     --------
@@ -81,6 +86,44 @@ class Line:
     leakage: float
     false_alarm_probability: float
     at_edge: bool = False
+    noise: float = 0.0
+    noise_degrees: float = 1e9
+    width_bins: float = 0.0
+    spread: float = 0.0
+
+    def amplitude_at(self, probability: float) -> float:
+        """Return the amplitude that noise alone reaches in the searched band with a probability.
+
+        A line had to be as large to be told from this noise: in short records, whose noise is known from few bins,
+        larger than in long ones.
+
+        Parameters
+        ----------
+        probability : float
+            Above 0, at most 1.
+
+        Examples
+        --------
+        At a single frequency in noise of known median m it is ``m sqrt(-log2(p))``:
+
+        >>> from signals import Line
+        >>> place = dict(expected=5.0, found=5.0, amplitude=1.0, amplitude_std=0.1, background=0.1, leakage=0.0)
+        >>> round(Line(**place, false_alarm_probability=0.5, noise=0.1, noise_degrees=1e9).amplitude_at(2**-16), 4)
+        0.4
+        """
+        low, high = 0.0, 1.0
+
+        def chance(power_ratio: float) -> float:
+            return false_alarm_probability(
+                power_ratio, width_bins=self.width_bins, spread=self.spread, background_degrees=self.noise_degrees
+            )
+
+        while chance(high) > probability:
+            low, high = high, 2 * high
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (low, middle) if chance(middle) <= probability else (middle, high)
+        return self.noise * math.sqrt(high / math.log(2))
 
     @property
     def snr(self) -> float:
@@ -164,13 +207,14 @@ def find_line(
             close_bins = kept * per_point
             if close_bins >= _FEWEST_BINS and close > _significant(noise, close_bins, spectrum):
                 noise, used_bins = close, close_bins
+    degrees, width_bins = _MEDIAN_EFFICIENCY * used_bins / spectrum.noise_bandwidth_bins, 2 * half / bin_width
     probability = 0.0 if amplitude > 0 else 1.0
     if noise > 0:
         probability = false_alarm_probability(
             (amplitude / noise) ** 2 * math.log(2),
-            width_bins=2 * half / bin_width,
+            width_bins=width_bins,
             spread=spectrum.spread,
-            background_degrees=_MEDIAN_EFFICIENCY * used_bins / spectrum.noise_bandwidth_bins,
+            background_degrees=degrees,
         )
     return Line(
         expected=expected,
@@ -181,6 +225,10 @@ def find_line(
         leakage=_leakage(spectrum, found, amplitude),
         false_alarm_probability=probability,
         at_edge=at_edge,
+        noise=noise,
+        noise_degrees=degrees,
+        width_bins=width_bins,
+        spread=spectrum.spread,
     )
 
 
