@@ -1,8 +1,8 @@
 """Command `hums analyze`."""
 
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,6 +20,13 @@ from hums.cli.options import (
     say,
     settings_of,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import xarray as xr
+
+    from hums.readers.process import ReaderProcess
 
 __all__ = ["analyze"]
 
@@ -51,8 +58,8 @@ def analyze(
 ) -> None:
     """Analyse a record and write the report."""
     from hums.analysis.analyze import analyze as run  # noqa: PLC0415
-    from hums.analysis.findings import where_none_is_named  # noqa: PLC0415
-    from hums.analysis.result import open_analysis, summary  # noqa: PLC0415
+    from hums.analysis.findings import not_judged_words, where_none_is_named  # noqa: PLC0415
+    from hums.analysis.result import summary  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
     from hums.report import prepare_folder, speed_text, write_report  # noqa: PLC0415
@@ -74,7 +81,7 @@ def analyze(
     with (
         ReaderProcess() as reader,
         reader.open_record(record) as opened,
-        open_analysis(baseline) if baseline else nullcontext() as past,
+        _past(reader, baseline) if baseline else nullcontext() as past,
     ):
         prepare_folder(out)
         analysis = run(opened, load_gearbox(gearbox), settings=settings, baseline=past)
@@ -92,4 +99,19 @@ def analyze(
         typer.echo(f"{finding['verdict']}: {finding['component']}, {kind}: {finding['evidence']}")
     if not facts["findings"]:
         typer.echo(": ".join(where_none_is_named(facts["verdicts"])))
+    elif unjudged := not_judged_words(facts["verdicts"]):
+        typer.echo(f"not judged: {unjudged}")
     typer.echo(f"report: {page}")
+
+
+@contextmanager
+def _past(reader: "ReaderProcess", path: Path) -> "Iterator[xr.DataTree]":
+    """Open an earlier analysis in the process that reads files."""
+    from hums.analysis.result import check_analysis  # noqa: PLC0415
+
+    with reader.open_tree(path) as tree:
+        try:
+            check_analysis(tree)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+        yield tree

@@ -21,10 +21,10 @@ def demo(
     from hums.analysis.analyze import AnalysisSettings  # noqa: PLC0415
     from hums.analysis.analyze import analyze as run  # noqa: PLC0415
     from hums.analysis.result import findings_table  # noqa: PLC0415
-    from hums.analysis.score import score  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.records.store import open_record, save_record  # noqa: PLC0415
     from hums.report import prepare_folder, write_report  # noqa: PLC0415
+    from hums.scoring import score  # noqa: PLC0415
 
     scene = load_scene("demo")
     prepare_folder(out)

@@ -22,6 +22,7 @@ from hums.gearbox.components import Bearing, closest
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxError
 from hums.gearbox.rational import evaluate
+from signals._validation import checked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,6 +60,7 @@ class DefectOrder:
     sidebands: tuple[Fraction | float, ...] = ()
 
 
+@checked
 def defect_orders(
     gearbox: Gearbox | Kinematics,
     *,

@@ -4,7 +4,6 @@ import math
 import re
 from collections.abc import Sequence
 from datetime import datetime
-from numbers import Real
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from hums.readers.columns import ForeignFile, descriptions, rate_of_step
 from hums.records.record import RecordError
+from signals._validation import is_float
 
 __all__ = ["TimeUnit", "check_time_column", "rate_hz_of", "start_and_epoch"]
 
@@ -39,7 +39,7 @@ def rate_hz_of(file: ForeignFile, name: str, *, declared: float | None, time_uni
                 f"{file.path.name} does not state its samples per second: rate_hz=... (--rate-hz) is needed."
             )
         return stated
-    if stated is not None and isinstance(declared, Real):
+    if stated is not None and is_float(declared):
         difference = abs(declared - stated)
         if difference >= max(min(1.0, _RATE_TOLERANCE * stated), _STEP_TOLERANCE * stated):
             raise RecordError(
@@ -101,7 +101,7 @@ def start_and_epoch(file: ForeignFile, names: Sequence[str], *, rate_hz: float) 
     epochs_s = [stated.epoch.timestamp() if stated.epoch else 0.0 for stated in metadata]
     for name, start, epoch_s in zip(names, starts, epochs_s, strict=True):
         late = (start - starts[0]) + (epoch_s - epochs_s[0])
-        if late and isinstance(rate_hz, Real) and abs(late) * rate_hz > 0.5:  # noqa: PLR2004 - make_record checks the rate
+        if late and is_float(rate_hz) and abs(late) * rate_hz > 0.5:  # noqa: PLR2004 - make_record checks the rate
             raise RecordError(
                 f'{file.path.name}: "{name}" begins {late:g} s after "{names[0]}"; a record has one clock. '
                 "Convert them one by one, or cut them to the same span."
@@ -121,7 +121,7 @@ def check_time_column(
         step_s = _even_step(field.reshape(-1)) if field.size == count else None
         if step_s and time_unit and normalized in ("t", "time"):
             step_s *= _SECONDS[time_unit]
-        if step_s and isinstance(rate_hz, Real) and abs(step_s * rate_hz - 1) > _RATE_TOLERANCE:
+        if step_s and is_float(rate_hz) and abs(step_s * rate_hz - 1) > _RATE_TOLERANCE:
             raise RecordError(
                 f'rate_hz={rate_hz:g} contradicts {file.path.name}, whose "{name}" goes in steps of {step_s:.6g} s, '
                 f"{1 / step_s:.6g} Hz. Correct --rate-hz; if that column is not in seconds, say so (--time-unit)."
