@@ -139,8 +139,8 @@ def analyse_stretches(
         raise AnalysisError(left_out[0])
     first, last = spans[0][0], spans[-1][1]
     note = (
-        f"The record of {last - first:.6g} s is analysed in {len(spans)} stretches of equal length: spectra are averaged, "
-        "rows of tables are those of the median stretch, pictures those of the first."
+        f"The record of {last - first:.6g} s is analysed in {len(spans)} stretches of equal length: spectra are "
+        "averaged, rows of tables are those of the median stretch, pictures those of the first."
     )
     return joined(analyses, starts, spectra, [note, *left_out])
 

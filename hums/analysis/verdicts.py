@@ -108,7 +108,7 @@ def evidence_groups(
     evidence = [part for channel in channels for part in channel.evidence]
     return {
         f"/{EVIDENCE}": rows_dataset(evidence, PartEvidence, dim="part").assign_attrs(
-            {_LIBRARY: json.dumps(asdict(healthy_machines()))}
+            {_LIBRARY: json.dumps(asdict(healthy_machines("bearings")))}
         ),
         f"/{GEARS}": rows_dataset(gears, GearJudgement, dim="gear"),
         f"/{SHAFTS}": rows_dataset(shaft_levels(channels, machine, baseline), ShaftLevel, dim="shaft"),
