@@ -15,7 +15,6 @@ from pathlib import Path
 from attacks.call_cases import Case, all_cases
 from attacks.damaged_files import COLUMNS, attack_files
 from attacks.kills import kill_saves, kill_workers
-from attacks.loads import attack_fleets
 from attacks.odd_calls import answers_that_differ, failure, odd_calls
 
 KILL_S = 60
@@ -40,19 +39,13 @@ FILES_NOTE = """\
 A small valid file of each reader is cut off, or has bits flipped, bytes replaced, or sizes written over it (seed 20),
 and is read by `ReaderProcess`. `crash contained` and `stopped`: the process ended, in a sentence that names the file;
 `wrong`: another exception, a message without the name of the file, or, of a record, other values without a warning."""
-LOADS_NOTE = """\
-## Load
-
-A fleet of small records on two processes. Its table has to be that of an undisturbed run, byte for byte, with nothing
-left behind."""
-LOADS_HEADER = "| load | outcome | s |\n|---|---|---|"
-FILES, SAVES, RUNS, RECORDS, KILLS = 1000, 500, 10, 300, 50  # files of each reader, saves, runs of jobs; of fleets
+FILES, SAVES, RUNS = 1000, 500, 10  # files of each reader, saves, runs of jobs
 
 
 def damage(
-    scratch: Path, *, files: int = FILES, saves_killed: int = SAVES, runs_killed: int = RUNS, records: int = RECORDS
+    scratch: Path, *, files: int = FILES, saves_killed: int = SAVES, runs_killed: int = RUNS
 ) -> tuple[str, bool]:
-    """Return the part of the page on damaged files, on kills and on loads, and whether anything was wrong."""
+    """Return the part of the page on damaged files and on kills, and whether anything was wrong."""
     rows, wrong = attack_files(scratch, count=files)
     saves = kill_saves(scratch, count=saves_killed)
     dead, runs = kill_workers(scratch / "runs", count=runs_killed)
@@ -61,28 +54,9 @@ def damage(
         f"{saves_killed} saves of a record over another were killed (-9): {len(saves)} times something was lost or "
         f"left behind. {dead} workers of {runs_killed} runs of jobs were killed: {len(runs)} runs were not whole."
     )
-    loads, overloaded = attack_fleets(scratch / "fleets", records=records, kills=KILLS)
-    every = [*wrong, *saves, *runs, *overloaded]
+    every = [*wrong, *saves, *runs]
     shown = [f"- `{line[:200].replace('`', '')}`".replace("\n", " ") for line in every[:MOST_SHOWN]]
-    page = "\n".join(
-        [
-            FILES_NOTE,
-            "",
-            header,
-            *rows,
-            "",
-            "## Kills",
-            "",
-            kills_text,
-            "",
-            LOADS_NOTE,
-            "",
-            LOADS_HEADER,
-            *loads,
-            "",
-            *shown,
-        ]
-    )
+    page = "\n".join([FILES_NOTE, "", header, *rows, "", "## Kills", "", kills_text, "", *shown])
     return page.rstrip() + "\n", bool(every)
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 ROOT = Path(__file__).resolve().parents[2]
-FEW = 40  # records of the loads that need no more
+FEW = 20  # records of the loads that need no more
 DIFFERENT = 5  # records; the others are copies of them
 LONGEST_S = 2.0  # between the start of a run, or a kill, and the next kill
 PATIENCE_S = 900
@@ -187,6 +187,8 @@ def attack_fleets(folder: Path, *, records: int, kills: int, seed: int = 20) -> 
     row("its processes killed (-9)", f"{killed} killed, {records} records")
     for name, outcome in _others(script, dataset, few, folder, check):
         row(name, outcome)
+        if outcome.startswith("wrong"):
+            wrong.append(f"{name}: {outcome}")
     return rows, wrong
 
 
@@ -207,7 +209,10 @@ def _others(script: Path, dataset: Path, sources: Path, folder: Path, check) -> 
         for path in (folder / "data").rglob("*") if path.is_file()
     )  # fmt: skip
     problem = calm or "".join(text for text in said if text not in refused) or ("" if whole else "other files")
-    yield "two datasets in one folder at once", problem[-200:] or f"{len(refused)} refused in a sentence"
+    yield (
+        "two datasets in one folder at once",
+        f"wrong: {problem[-200:]}" if problem else f"{len(refused)} refused in a sentence",
+    )
 
     (folder / "real").mkdir()
     (folder / "link").symlink_to(folder / "real", target_is_directory=True)
@@ -232,7 +237,10 @@ def _others(script: Path, dataset: Path, sources: Path, folder: Path, check) -> 
     said = run.wait()
     lines = (folder / "fewer" / "fleet.csv").read_text(encoding="utf-8").splitlines() if not said else []
     errors = sum("there is no such file" in line for line in lines)
-    yield "input that vanishes", said[-200:] or f"{len(lines) - 1} rows of {FEW}, {errors} with a sentence"
+    yield (
+        "input that vanishes",
+        f"wrong: {said[-200:]}" if said else f"{len(lines) - 1} rows of {FEW}, {errors} with a sentence",
+    )
     yield from _on_a_cluster(script, sources, folder, check)
 
 
