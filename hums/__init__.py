@@ -7,7 +7,6 @@ if TYPE_CHECKING:
     from hums.analysis.analyze import AnalysisSettings as AnalysisSettings
     from hums.analysis.analyze import analyze as analyze
     from hums.analysis.result import Analysis as Analysis
-    from hums.analysis.result import AnalysisError as AnalysisError
     from hums.analysis.result import findings_table as findings_table
     from hums.analysis.result import health_table as health_table
     from hums.analysis.result import indicator_table as indicator_table
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from hums.analysis.result import summary as summary
     from hums.analysis.result import unexplained_table as unexplained_table
     from hums.analysis.result import verdict_table as verdict_table
+    from hums.analysis.settings import AnalysisError as AnalysisError
     from hums.analysis.verdicts import derive_verdicts as derive_verdicts
     from hums.fleet.fleet import Fleet as Fleet
     from hums.fleet.fleet import FleetError as FleetError
@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from hums.readers import convert as convert
     from hums.records.dataset_store import dataset_record as dataset_record
     from hums.records.dataset_store import open_dataset as open_dataset
+    from hums.records.quantities import AngularAverage as AngularAverage
+    from hums.records.quantities import Measured as Measured
     from hums.records.record import Channel as Channel
     from hums.records.record import NominalSpeed as NominalSpeed
     from hums.records.record import PulseTimes as PulseTimes
@@ -56,6 +58,8 @@ if TYPE_CHECKING:
     from hums.records.record import UnknownAngle as UnknownAngle
     from hums.records.record import calibrated as calibrated
     from hums.records.record import make_record as make_record
+    from hums.records.snapshots import join_snapshots as join_snapshots
+    from hums.records.snapshots import snapshot_record as snapshot_record
     from hums.records.store import open_record as open_record
     from hums.records.store import save_record as save_record
     from hums.report import write_report as write_report
@@ -64,8 +68,9 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Analysis": "hums.analysis.result",
-    "AnalysisError": "hums.analysis.result",
+    "AnalysisError": "hums.analysis.settings",
     "AnalysisSettings": "hums.analysis.analyze",
+    "AngularAverage": "hums.records.quantities",
     "Channel": "hums.records.record",
     "Cluster": "hums.jobs",
     "Fleet": "hums.fleet.fleet",
@@ -77,6 +82,7 @@ _HOME = {
     "Judgement": "hums.fleet.monitor",
     "Kinematics": "hums.gearbox.kinematics",
     "MaintenanceError": "hums.fleet.maintenance",
+    "Measured": "hums.records.quantities",
     "MonitorError": "hums.fleet.monitor",
     "MonitorSettings": "hums.fleet.monitor",
     "NominalSpeed": "hums.records.record",
@@ -104,6 +110,7 @@ _HOME = {
     "from_adjacency_table": "hums.gearbox.adjacency",
     "health_table": "hums.analysis.result",
     "indicator_table": "hums.analysis.result",
+    "join_snapshots": "hums.records.snapshots",
     "line_table": "hums.analysis.result",
     "load_gearbox": "hums.gearbox.model",
     "make_record": "hums.records.record",
@@ -115,6 +122,7 @@ _HOME = {
     "save_analysis": "hums.analysis.result",
     "save_record": "hums.records.store",
     "score": "hums.scoring",
+    "snapshot_record": "hums.records.snapshots",
     "solve_kinematics": "hums.gearbox.kinematics",
     "solve_torques": "hums.gearbox.torques",
     "summary": "hums.analysis.result",

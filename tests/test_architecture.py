@@ -30,8 +30,9 @@ ORDER = {
         gearbox, records < readers, plots, drawing, jobs, analysis
         plots, analysis, pages < report
         jobs, analysis, pages < fleet
+        jobs, readers < conversion
         records, analysis < scoring
-        readers, plots, drawing, report, fleet, scoring < cli
+        readers, plots, drawing, report, fleet, conversion, scoring < cli
     """,
     "data_synth": """
         gears < scene < operation < bearings < kinematic < transfer < sources

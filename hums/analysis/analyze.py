@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from hums.analysis.baseline import HISTORIES, read_baseline
+from hums.analysis.averages import analyse_average
 from hums.analysis.caveats import notes
 from hums.analysis.channel import (
     AnalysedChannel,
@@ -31,7 +31,7 @@ from hums.analysis.channel import (
 from hums.analysis.detection import AssessedLine, LineAssessor
 from hums.analysis.findings import Finding, findings
 from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_indicators
-from hums.analysis.indicators import channel_indicators
+from hums.analysis.indicators import HISTORIES, channel_indicators, read_baseline
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.pictures import ChannelPictures, channel_pictures, picture_groups
 from hums.analysis.reference_angle import Machine, prepare_machine
@@ -52,6 +52,8 @@ from hums.analysis.unexplained import UnexplainedLine
 from hums.analysis.verdicts import UNLIKE, derive_verdicts, evidence_groups
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
+from hums.records.channels import is_average
+from hums.records.quantities import mean_quantities
 from hums.records.record import channel_values, check_record, sampling
 from hums.records.store import open_record
 from signals._validation import checked
@@ -75,7 +77,8 @@ def analyze(
     Parameters
     ----------
     record : xarray.Dataset, str or Path
-        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`; or the path of a record.
+        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`; or the path of a record. Of an
+        average in angle (`hums.AngularAverage`) the indicators are made that it allows, and nothing is judged.
     gearbox : Gearbox
         The gearbox, with one degree of freedom; the record's tachometer or declared speed is that of one of its links.
     settings : AnalysisSettings, optional
@@ -123,6 +126,8 @@ def analyze(
             return analyze(opened, gearbox, settings=settings, baseline=baseline)
     settings = settings or AnalysisSettings()
     check_record(record)
+    if is_average(record):
+        return analyse_average(record, gearbox, settings, baseline)
     chosen = selected_channels(record, settings)
     if is_long(record, chosen):
 
@@ -299,6 +304,7 @@ def _root_attrs(
         "gearbox": gearbox.name,
         "gearbox_json": gearbox.model_dump_json(exclude_none=True),
         "reference": machine.reference,
+        "measured_json": json.dumps({name: mean for name, (mean, _) in mean_quantities(record).items()}),
         "settings_json": settings.model_dump_json(),
         "notes_json": json.dumps([*notes(machine, settings, channels), *excluded]),
     }

@@ -20,8 +20,8 @@ from hums.analysis.lines import (
     search,
 )
 from hums.analysis.reference_angle import Machine
-from hums.analysis.result import AnalysisError, EnvelopeBand
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.result import EnvelopeBand
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import MESH_SHARE, PEAK_RATIO
 from hums.analysis.unexplained import Drawn, UnexplainedLine, drawn_orders, unexplained_lines
 from hums.gearbox.bearing_orders import BearingOrders

@@ -41,6 +41,7 @@ from hums.gearbox.bearing_orders import BearingOrders
 
 __all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "mains_multiples", "strength"]
 
+_ALIKE = 0.99  # of the widest band's width, to rounding
 _SEEN = 0.01  # probability that noise alone makes a harmonic, below which it counts
 _SIDEBANDS = 3  # on either side that support a fundamental
 _HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it may be: harmonics of strikes fall
@@ -111,8 +112,8 @@ class PartEvidence:
     hidden_by : str
         What else explains its line; empty where nothing does.
     detectable_depth : float
-        The least modulation that would be significant and `JUDGED_SNR` times the background, in the band where that is
-        least.
+        The least modulation that would be significant and `JUDGED_SNR` times the background in each of the widest
+        bands, since damage may ring in any part of the range.
     unsure_depth : float
         The deepest line in any band at its order that nothing explains and that noise makes too often.
     explained : float
@@ -231,6 +232,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         number = least
     band, line = seen[number]
     main = line.measured
+    widest = max(_width(one) for one, _ in seen)
     plain = PartEvidence(
         component=main.expected.component,
         kind=main.expected.kind,
@@ -244,7 +246,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         bin_width=main.bin_width,
         band_low_hz=band.band_hz[0],
         band_high_hz=band.band_hz[1],
-        detectable_depth=_detectable_depth(*seen[least]),
+        detectable_depth=max(_detectable_depth(*one) for one in seen if _width(one[0]) > _ALIKE * widest),
         unsure_depth=max((one.measured.depth for _, one in seen if _unsure(one)), default=0.0),
         modulation=max(_family_strength([one.measured for one in _family(band, line)]) for band, line in seen),
     )
@@ -270,6 +272,10 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         other_order=0.0 if deepest < 0 else float(others.orders[~own][deepest]),
         other_depth=0.0 if deepest < 0 else float(rest[deepest]),
     )
+
+
+def _width(band: BandEvidence) -> float:
+    return band.band_hz[1] - band.band_hz[0]
 
 
 def _detectable_depth(band: BandEvidence, line: AssessedLine) -> float:

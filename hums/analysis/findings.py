@@ -33,7 +33,8 @@ __all__ = [
     "Finding",
     "bearing_verdicts",
     "findings",
-    "of_another_machine",
+    "judging_nothing",
+    "not_judged_words",
     "where_none_is_named",
 ]
 
@@ -96,15 +97,27 @@ def where_none_is_named(every: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     >>> where_none_is_named(rows)
     ('not judged', '1 of 2 kinds of damage could not be judged (too short); nothing was found of the others')
     """
+    unjudged = not_judged_words(every)
+    if not unjudged:
+        return NOTHING_FOUND, "every kind of damage was judged, and none stands out"
+    others = "; nothing was found of the others" if any(row["verdict"] != NOT_JUDGED for row in every) else ""
+    return NOT_JUDGED, unjudged + others
+
+
+def not_judged_words(every: Sequence[Mapping[Any, Any]]) -> str:
+    """Return how many kinds of damage could not be judged and why, from the rows of all verdicts; empty if all were.
+
+    Examples
+    --------
+    >>> from hums.analysis.findings import not_judged_words
+    >>> not_judged_words([{"verdict": "diagnosed", "doubts": ""}, {"verdict": "not judged", "doubts": "too short: x"}])
+    '1 of 2 kinds of damage could not be judged (too short)'
+    """
     blind = [row for row in every if row["verdict"] == NOT_JUDGED]
     if not blind:
-        return NOTHING_FOUND, "every kind of damage was judged, and none stands out"
+        return ""
     reasons = dict.fromkeys(str(row["doubts"]).split(":")[0] for row in blind)
-    others = "; nothing was found of the others" if len(blind) < len(every) else ""
-    return (
-        NOT_JUDGED,
-        f"{len(blind)} of {len(every)} kinds of damage could not be judged ({'; '.join(reasons)}){others}",
-    )
+    return f"{len(blind)} of {len(every)} kinds of damage could not be judged ({'; '.join(reasons)})"
 
 
 def bearing_verdicts(
@@ -145,8 +158,8 @@ def bearing_verdicts(
     return results
 
 
-def of_another_machine(one: Finding, why: str) -> Finding:
-    """Return a verdict that judges nothing, since the record does not look like its gearbox."""
+def judging_nothing(one: Finding, why: str, least_change: str) -> Finding:
+    """Return a verdict that judges nothing, for a reason of the whole record."""
     return replace(
         one,
         verdict=NOT_JUDGED,
@@ -154,7 +167,7 @@ def of_another_machine(one: Finding, why: str) -> Finding:
         doubts=why,
         severity=_UNKNOWN,
         next_step="",
-        least_change="judged with the drawing of the machine that was recorded",
+        least_change=least_change,
     )
 
 
@@ -200,9 +213,9 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     elif part.kind == "inner_race" and not part.sidebands:
         doubts.append("no sideband shows it passing the load zone, as a spot on a turning race does")
     doubts += [
-        f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(rival, part)}"
-        for rival in rivals
-        if _rivals(rival, part) and rival.depth * RIVAL_FACTOR > part.depth
+        f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(rival.depth, part)}"
+        for rival in _rivals(part, rivals)
+        if rival.depth * RIVAL_FACTOR > part.depth
     ]
     known = any(
         abs(part.other_order - multiple * rival.found) <= multiple * rival.bin_width
@@ -217,10 +230,16 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     return doubts
 
 
-def _rivals(rival: PartEvidence, part: PartEvidence) -> bool:
-    """Whether a line of another race or element of the same bearing may be what makes a part's line."""
-    same = rival.component == part.component and rival.kind != part.kind
-    return same and rival.strength > 0 and part.kind != "cage" != rival.kind
+def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvidence]:
+    """Return the lines of the same bearing's other races and elements, of which a part's line may be a trace."""
+    return [
+        other
+        for other in others
+        if other.component == part.component
+        and other.kind != part.kind
+        and other.strength > 0
+        and part.kind != "cage" != other.kind
+    ]
 
 
 def _changes(
@@ -241,11 +260,10 @@ def _changes(
         (part.depth / FAULTY_DEPTH, f"indicated below a modulation of {FAULTY_DEPTH:.0%} (now {part.depth:.1%})"),
         (part.strength / certain, f"indicated below a strength of {certain:.3g} (now {part.strength:.3g})"),
     ]
-    for rival in rivals:
-        if _rivals(rival, part):
-            most = part.depth / RIVAL_FACTOR
-            text = f"indicated, if the line of {_kind_text(rival.kind)} modulated by {most:.1%} (now {rival.depth:.1%})"
-            changes.append((most / rival.depth, text))
+    most = part.depth / RIVAL_FACTOR
+    for rival in _rivals(part, rivals):
+        text = f"indicated, if the line of {_kind_text(rival.kind)} modulated by {most:.1%} (now {rival.depth:.1%})"
+        changes.append((most / rival.depth, text))
     return changes
 
 
@@ -254,9 +272,9 @@ def _least_of(changes: Sequence[tuple[float, str]]) -> str:
     return min(changes, key=lambda change: change[0])[1]
 
 
-def _comparison(rival: PartEvidence, part: PartEvidence) -> str:
-    if rival.depth > RIVAL_FACTOR * part.depth:
-        return f"{rival.depth / part.depth:.0f} times as large, of which this may be a trace"
+def _comparison(depth: float, part: PartEvidence) -> str:
+    if depth > RIVAL_FACTOR * part.depth:
+        return f"{depth / part.depth:.0f} times as large, of which this may be a trace"
     return "of similar size, which one local defect would not make"
 
 

@@ -41,6 +41,7 @@ _SIDEBANDS = 2.5
 _SHAFT_ORDERS = 3  # of the fastest shaft: below it all is removed
 _SMOOTH_ORDERS = 2  # of a turn that run-out, misalignment or passing planets modulate; 0 for a sun, folded by planet
 _MASKED_TEETH = 1.5  # on either side of a damaged tooth, taken out before weaker gears are judged again
+_SICK = "the sensor is sick"
 _ROTATIONS = (999, 9999)  # least and most: more cost time where a tooth is found
 _LEAST_LOCAL = 1e-30  # no healthy gear comes near it
 
@@ -161,7 +162,7 @@ def gear_damage(
         for gear in gears
     ]
     if faulty:
-        return [replace(row, not_judged="the sensor is sick") for row in judged]
+        return [replace(row, not_judged=_SICK) for row in judged]
     try:
         energies = _energies(values, when, machine, channel)
     except ValueError as error:
@@ -224,7 +225,7 @@ class _Judge:
                 self.energies, order=gear.row.order, teeth=gear.per_turn, keep=keep, smooth_orders=gear.smooth_orders
             )
         except ValueError as error:
-            return replace(row, not_judged=str(error))
+            return replace(row, not_judged=f"too short or too slowly sampled: {error}")
         found = local_damage(folds, rotations=rotations, rng=np.random.default_rng(0))
         return replace(row, **self._fields(found))
 
@@ -346,7 +347,17 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
         f"what it shows may be that of {row.explained_by}" if row.explained_by and row.probability <= stated else ""
     )
     if why:
-        return replace(_blank(row), verdict=NOT_JUDGED, evidence=f"not judged: {why}.", doubts=why)
+        change = "judged with a sound sensor" if why == _SICK else "judged in a longer record, or a faster sampled one"
+        if not row.not_judged:
+            change = f"indicated without the tooth of {row.explained_by}"
+        return replace(
+            _blank(row),
+            verdict=NOT_JUDGED,
+            evidence=f"not judged: {why.rstrip('.')}.",
+            doubts=why,
+            next_step="Take a longer record at a steady speed and load." if why.startswith("too short") else "",
+            least_change=change,
+        )
     return replace(
         _blank(row),
         verdict=NOTHING_FOUND,

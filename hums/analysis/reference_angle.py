@@ -10,8 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.analysis.result import AnalysisError
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
@@ -160,6 +159,32 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
         If the gearbox has several degrees of freedom or no reference, a shaft does not exist, the tachometer pulses
         cannot be repaired, the speed cannot be estimated, or the record holds less than one revolution.
     """
+    kinematics, reference = solved(gearbox)
+    defect_orders = defects(kinematics)
+    source = _angle_source(record, kinematics, defect_orders, reference, settings)
+    ratio = _ratio(kinematics, source.shaft, reference)
+    phase = source.phase if abs(ratio) == 1 else source.phase.scaled(abs(ratio))
+    turned = float(phase.revolutions[-1] - phase.revolutions[0])
+    if turned < 1:
+        raise AnalysisError(
+            f'the record holds no whole revolution of the reference "{reference}" ({turned:.3g} of one in '
+            f"{phase.stop_s - phase.start_s:.3g} s); record longer, or choose a faster reference."
+        )
+    if source.tachometer:
+        _refuse_implausible(phase, source.tachometer, reference, settings)
+    return Machine(
+        kinematics=kinematics,
+        reference=reference,
+        defect_orders=defect_orders,
+        bearings=bearing_orders(kinematics),
+        phase=phase,
+        source=source,
+        ratio=abs(ratio),
+    )
+
+
+def solved(gearbox: Gearbox) -> tuple[Kinematics, str]:
+    """Return kinematics and reference of a gearbox with one degree of freedom; raise AnalysisError for another."""
     if not isinstance(gearbox, Gearbox):
         raise AnalysisError(f"gearbox is a {type(gearbox).__name__}; load it first, as hums.load_gearbox(...) does.")
     kinematics = solve_kinematics(gearbox)
@@ -170,27 +195,7 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
         )
     if gearbox.reference is None:
         raise AnalysisError(f'gearbox "{gearbox.name}" declares no reference shaft; add reference = "LINK".')
-    defect_orders = defects(kinematics)
-    source = _angle_source(record, kinematics, defect_orders, gearbox.reference, settings)
-    ratio = _ratio(kinematics, source.shaft, gearbox.reference)
-    phase = source.phase if abs(ratio) == 1 else source.phase.scaled(abs(ratio))
-    turned = float(phase.revolutions[-1] - phase.revolutions[0])
-    if turned < 1:
-        raise AnalysisError(
-            f'the record holds no whole revolution of the reference "{gearbox.reference}" ({turned:.3g} of one in '
-            f"{phase.stop_s - phase.start_s:.3g} s); record longer, or choose a faster reference."
-        )
-    if source.tachometer:
-        _refuse_implausible(phase, source.tachometer, gearbox.reference, settings)
-    return Machine(
-        kinematics=kinematics,
-        reference=gearbox.reference,
-        defect_orders=defect_orders,
-        bearings=bearing_orders(kinematics),
-        phase=phase,
-        source=source,
-        ratio=abs(ratio),
-    )
+    return kinematics, gearbox.reference
 
 
 def _refuse_implausible(phase: ShaftPhase, tachometer: str, reference: str, settings: AnalysisSettings) -> None:

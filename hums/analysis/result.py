@@ -11,9 +11,10 @@ import xarray as xr
 
 from hums.analysis.detection import AssessedLine
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
+from hums.analysis.settings import AnalysisError
 from hums.records.record import RecordError
 from hums.records.store import open_tree, write_tree
-from signals._validation import SentenceError, checked, choice
+from signals._validation import checked, choice
 from signals.spectra.spectra import AmplitudeSpectrum
 
 if TYPE_CHECKING:
@@ -25,20 +26,6 @@ Analysis: TypeAlias = xr.DataTree
 Row = TypeVar("Row")
 SCHEMA = "hums-analysis/1"
 GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")
-
-
-class AnalysisError(SentenceError):
-    """Raised where a record, gearbox or setting does not allow an analysis.
-
-    Examples
-    --------
-    >>> import hums
-    >>> try:
-    ...     hums.AnalysisSettings(harmonics=0)
-    ... except hums.AnalysisError as error:
-    ...     print("harmonics" in str(error))
-    True
-    """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -405,7 +392,9 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     -------
     pandas.DataFrame
         The columns of `findings_table`; verdict is also ``"not judged"``, with the reason in evidence, or ``"nothing
-        found"`` where a defect would have shown.
+        found"`` where a defect would have shown. Every bearing, gear and shaft of the drawing that can fail has a row
+        for each of its kinds of damage; least_change says what would turn the verdict. `hums.derive_verdicts` makes the
+        rows again from the analysis.
 
     Examples
     --------
@@ -415,8 +404,10 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
     >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
     >>> verdicts = hums.verdict_table(hums.analyze(record, hums.load_gearbox("two-stage")))
-    >>> set(verdicts["verdict"])
+    >>> set(verdicts.loc[verdicts["kind"] != "shaft", "verdict"])
     {'nothing found'}
+    >>> set(verdicts.loc[verdicts["kind"] == "shaft", "evidence"])
+    {'not judged: no baseline or limits.'}
     """
     import pandas as pd  # noqa: PLC0415
 
@@ -567,8 +558,7 @@ def summary(analysis: Analysis) -> dict[str, Any]:
     >>> facts["reference"], round(facts["speed_hz"]["mean"], 6), facts["findings"]
     ('input', 20.0, [])
     """
-    attrs, motion = analysis.attrs, group(analysis, "speed")
-    speed = motion["speed_hz"]
+    attrs = analysis.attrs
     return {
         "schema": SUMMARY_SCHEMA,
         "record": attrs["record"],
@@ -580,15 +570,8 @@ def summary(analysis: Analysis) -> dict[str, Any]:
         "channels": json.loads(attrs["channels_json"]),
         "settings": json.loads(attrs["settings_json"]),
         "notes": json.loads(attrs["notes_json"]),
-        "speed_hz": {
-            "min": float(speed.min()),
-            "max": float(speed.max()),
-            "mean": speed.size / float((1 / speed).sum()),
-            "nominal": bool(motion.attrs["nominal"]),
-            "tachometer": str(motion.attrs["tachometer"]),
-            "estimated_from": str(motion.attrs.get("estimated_from", "")),
-            "confidence": float(motion.attrs["confidence"]) if "confidence" in motion.attrs else None,
-        },
+        "speed_hz": _speed_facts(group(analysis, "speed")),
+        "measured": json.loads(attrs.get("measured_json", "{}")),
         "health": _records(health_table(analysis)),
         "envelope_bands": envelope_bands(analysis),
         "orders": _records(line_table(analysis, ORDER_SPECTRUM)),
@@ -597,6 +580,21 @@ def summary(analysis: Analysis) -> dict[str, Any]:
         "findings": _records(findings_table(analysis)),
         "verdicts": _records(verdict_table(analysis)),
         "unexplained": _records(unexplained_table(analysis)),
+    }
+
+
+def _speed_facts(motion: xr.Dataset) -> dict[str, Any]:
+    """Return the speed of the reference as plain types; None where the record does not say, as an average in angle."""
+    speed, attrs = motion["speed_hz"], motion.attrs
+    known = speed.size > 0
+    return {
+        "min": float(speed.min()) if known else None,
+        "max": float(speed.max()) if known else None,
+        "mean": speed.size / float((1 / speed).sum()) if known else None,
+        "nominal": bool(attrs["nominal"]),
+        "tachometer": str(attrs["tachometer"]),
+        "estimated_from": str(attrs.get("estimated_from", "")),
+        "confidence": float(attrs["confidence"]) if "confidence" in attrs else None,
     }
 
 

@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 
 from hums.analysis.findings import Finding, findings
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
-from hums.analysis.result import Analysis, AnalysisError, group, rows_dataset
+from hums.analysis.result import Analysis, group, rows_dataset
+from hums.analysis.settings import AnalysisError
 from hums.analysis.verdicts import UNLIKE, derive_verdicts
 from hums.records.channels import names_of
 from hums.records.record import sampling

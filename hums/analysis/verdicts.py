@@ -26,14 +26,14 @@ from hums.analysis.findings import (
     RANK,
     Finding,
     bearing_verdicts,
-    of_another_machine,
+    judging_nothing,
 )
 from hums.analysis.gear_damage import GearJudgement, gear_verdicts
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.reference_angle import Machine
-from hums.analysis.result import Analysis, AnalysisError, group, rows_dataset, rows_of
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.result import Analysis, group, rows_dataset, rows_of
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import (
     FEWEST_CYCLES,
     SAME_SPEED,
@@ -159,11 +159,9 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
     unmeasured = rows_of(group(analysis, UNMEASURED), Unmeasured)
     library = json.loads(evidence.attrs[_LIBRARY])
     health = group(analysis, "health")
-    sick = [
-        str(name)
-        for name, status in zip(health["name"].to_numpy(), health["status"].to_numpy(), strict=True)
-        if status == "sick"
-    ]
+    sensors = zip(*(health[name].to_numpy().tolist() for name in ("name", "sensor", "status")), strict=True)
+    sick = {(sensor, name) for name, sensor, status in sensors if status == "sick"}
+    faulty = [name for sensor, name in sick if sensor == "vibration"]
     # bearings and gears share what may be named in health
     bearings = bool(parts) or any(row.kind in BEARING_KINDS for row in unmeasured)
     chance = settings["false_alarm_probability"] / (2 if gears and bearings else 1)
@@ -171,15 +169,20 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
         *bearing_verdicts(
             parts,
             false_alarm_probability=chance,
-            faulty=sick,
+            faulty=faulty,
             library=HealthyMachines(**library | {"strengths": tuple(library["strengths"])}),
         ),
         *gear_verdicts(gears, false_alarm_probability=chance),
-        *_shaft_verdicts(rows_of(group(analysis, SHAFTS), ShaftLevel), settings["velocity_limits_mm_s"], sick),
+        *_shaft_verdicts(rows_of(group(analysis, SHAFTS), ShaftLevel), settings["velocity_limits_mm_s"], faulty),
         *(_not_measured(row) for row in unmeasured),
     ]
-    unlike = str(analysis.attrs[UNLIKE])
-    return [of_another_machine(one, unlike) for one in judged] if unlike else judged
+    if unlike := str(analysis.attrs[UNLIKE]):
+        change = "judged with the drawing of the machine that was recorded"
+        return [judging_nothing(one, unlike, change) for one in judged]
+    if any(sensor == "tachometer" for sensor, _ in sick):
+        why = "speed: the tachometer is faulty, so that no order is sure"
+        return [judging_nothing(one, why, "judged with a sound tachometer") for one in judged]
+    return judged
 
 
 # ---- Parts of which no line was measured ---------------------------------------------------------------------------

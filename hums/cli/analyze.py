@@ -58,7 +58,7 @@ def analyze(
 ) -> None:
     """Analyse a record and write the report."""
     from hums.analysis.analyze import analyze as run  # noqa: PLC0415
-    from hums.analysis.findings import where_none_is_named  # noqa: PLC0415
+    from hums.analysis.findings import not_judged_words, where_none_is_named  # noqa: PLC0415
     from hums.analysis.result import summary  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
@@ -99,6 +99,8 @@ def analyze(
         typer.echo(f"{finding['verdict']}: {finding['component']}, {kind}: {finding['evidence']}")
     if not facts["findings"]:
         typer.echo(": ".join(where_none_is_named(facts["verdicts"])))
+    elif unjudged := not_judged_words(facts["verdicts"]):
+        typer.echo(f"not judged: {unjudged}")
     typer.echo(f"report: {page}")
 
 

@@ -28,7 +28,7 @@ from hums.fleet.results import results
 from hums.fleet.table import WrittenTables, write_tables
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, cpu_limit, run_jobs
-from hums.records.dataset_store import dataset_files, dataset_record, is_dataset, open_dataset
+from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset
 from hums.records.store import atomic_write, open_record
 from signals._validation import SentenceError, checked
 
@@ -291,7 +291,7 @@ def _sources(given: Sequence[str | Path]) -> list[_Source]:
 
 def _sources_in_folder(folder: Path) -> list[_Source]:
     whole = folder.resolve()
-    if is_dataset(folder) or (folder / "plan.toml").is_file():
+    if is_begun(folder):
         files, labels = dataset_files(folder), open_dataset(folder)
         classes = labels["class"].to_numpy() if "class" in labels else [""] * len(files)
         return [

@@ -5,6 +5,7 @@ import csv
 import re
 import warnings
 from collections import Counter
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -131,8 +132,16 @@ def _is_number(cell: str) -> bool:
     return True
 
 
+def _is_moment(cell: object) -> bool:
+    """Return whether a cell is a time in ISO 8601 with its offset from UTC."""
+    try:
+        return isinstance(cell, str) and datetime.fromisoformat(cell).tzinfo is not None
+    except ValueError:
+        return False
+
+
 def _column(column: "pd.Series") -> NDArray[np.generic] | str:
-    """Return a column as numbers, or a phrase that describes what is not numeric."""
+    """Return a column as numbers, times as seconds since 1970, or a phrase that describes what is not numeric."""
     import pandas as pd  # noqa: PLC0415
 
     if column.empty:
@@ -142,6 +151,10 @@ def _column(column: "pd.Series") -> NDArray[np.generic] | str:
     numbers = pd.to_numeric(column, errors="coerce")
     booleans = column.map(lambda cell: isinstance(cell, bool | np.bool))
     invalid = column[column.notna() & (numbers.isna() | booleans)]
+    if not column.isna().iloc[0] and _is_moment(column.iloc[0]):
+        moments = pd.to_datetime(column, utc=True, format="ISO8601", errors="coerce")
+        if moments.notna().all():
+            return (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy()
     if invalid.empty:  # whole numbers of more than 64 bits
         return numbers.to_numpy(dtype=np.float64)
     return f'text, "{invalid.iloc[0]}" in row {invalid.index[0] + 1}'

@@ -415,6 +415,8 @@ def _waveforms(pictures: Pictures) -> Iterator[str]:
 
 def _speed(pictures: Pictures) -> Iterator[str]:
     dataset = group(pictures.analysis, "speed")
+    if not dataset["speed_hz"].size:
+        return
     speed, indices = least_and_largest(dataset["speed_hz"].to_numpy(), columns=2000)
     figure = Figure(
         name="speed-0",

@@ -31,9 +31,14 @@ def fused_scores(departures: Array, groups: Sequence[Sequence[NDArray[np.int64]]
     (..., groups) array
     """
     scores = np.full((*departures.shape[:-1], len(groups)), np.nan)
+    of_size: dict[int, list[tuple[int, NDArray[np.int64]]]] = {}
     for number, kinds in enumerate(groups):
         for kind in kinds:
-            scores[..., number] = np.fmax(scores[..., number], _largest_third(departures[..., kind]))
+            of_size.setdefault(kind.size, []).append((number, kind))
+    for those in of_size.values():  # kinds of one size at once
+        found = _largest_third(departures[..., np.array([kind for _, kind in those])])
+        for place, (number, _) in enumerate(those):
+            scores[..., number] = np.fmax(scores[..., number], found[..., place])
     return scores
 
 

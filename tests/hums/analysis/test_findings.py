@@ -169,6 +169,26 @@ def test_comparable_lines_on_both_races_are_rivals_and_not_certain():
     assert all("of similar size" in f.evidence for f in found)
 
 
+def test_damage_may_ring_in_either_half_of_the_range():
+    # 6 of a background of 1 over a level of 100 is 6 %, over one of 40 it is 15 %; a narrower band decides nothing
+    def detectable(*levels):
+        bands = [
+            BandEvidence(
+                band_hz=(1e3 * number, 1e3 * (number + width)),
+                lines=ASSESSOR.assess([line("inner_race", 5.4, 2.0, level=level)]),
+                orders=np.zeros(0),
+                depths=np.zeros(0),
+                bin_width=BIN,
+            )
+            for number, (level, width) in enumerate(levels)
+        ]
+        (part,) = bearing_evidence(bands, {"b": BEARING}, SETTING)
+        return part.detectable_depth
+
+    assert detectable((100.0, 1.0), (40.0, 1.0)) == pytest.approx(0.15)
+    assert detectable((100.0, 1.0), (40.0, 0.5)) == pytest.approx(0.06)
+
+
 def test_a_supported_strong_line_is_diagnosed():
     assessed = ASSESSOR.assess(
         [line("inner_race", 5.4, 10.0), line("inner_race", 6.4, 7.0, sideband=1, fundamental=False)]
