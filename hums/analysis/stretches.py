@@ -14,8 +14,8 @@ A median of probabilities is one again, but for a factor: at level p, half of th
 
 References
 ----------
-.. [1] B. Rueger, Das maximale Signifikanzniveau des Tests: Lehne H0 ab, wenn k unter n gegebenen Tests zur Ablehnung
-   fuehren, Metrika 25 (1978), 171-178.
+.. [1] B. Rüger, Das maximale Signifikanzniveau des Tests: Lehne H0 ab, wenn k unter n gegebenen Tests zur Ablehnung
+   führen, Metrika 25 (1978), 171-178.
 """
 
 import json
