@@ -2,7 +2,8 @@
 
     python benchmarks/healthy_library.py --records 1000 --jobs 2
 
-writes `hums/analysis/healthy_machines.json`: of each kind of part the strengths of evidence that healthy records show.
+writes `hums/analysis/healthy_machines.json`: of bearings and of teeth the strengths of evidence that healthy records
+show, of teeth in records whose gears have pitch deviations.
 The even half of the gearboxes and two thirds of the drives are in the library; the others are held out for
 `benchmarks/verdicts.py`. Records are synthetic; no measured one teaches anything.
 """
@@ -57,6 +58,8 @@ IMPERFECTIONS = (
     "temperature",
 )
 SHARE = 0.25  # of the records with an imperfection: each is one of several that a machine may have
+TAUGHT = {"gears": 0.5}  # share in the library where it is not SHARE: teeth learn from these records alone
+GRADES = (5, 6, 7, 8)  # of the library's gears, ISO 1328-1: industrial ones; those held out have the generator's own
 SOUND_NEIGHBOURS = 0.8  # of the library's neighbours: a damaged one beside a sound machine is rare
 LENGTHS_S = (1.0, 3.0, 6.0, 10.0)
 
@@ -208,7 +211,9 @@ def table(number: int, *, held_out: bool) -> tuple[dict[str, Any], str]:
             "housing_kg": 20.0,
             "meshes": {mesh.name: {"module_mm": 3.0, "face_width_mm": 30.0} for mesh in gearbox.meshes},
         },
-        "imperfections": {key: {} for key in IMPERFECTIONS if rng.uniform() < SHARE},
+        "imperfections": {
+            key: {} for key in IMPERFECTIONS if rng.uniform() < (SHARE if held_out else TAUGHT.get(key, SHARE))
+        },
         "sensor": [{"name": "a", "on": str(rng.choice(on)), "units": "g"}],
     }
     if any("planet 2" in link for link in gearbox.links):
@@ -217,6 +222,8 @@ def table(number: int, *, held_out: bool) -> tuple[dict[str, Any], str]:
         scene["imperfections"].pop("planets", None)
     if "neighbour" in scene["imperfections"] and not held_out and rng.uniform() < SOUND_NEIGHBOURS:
         scene["imperfections"]["neighbour"] = {"impact_m_s2": 0.0}
+    if "gears" in scene["imperfections"] and not held_out:
+        scene["imperfections"]["gears"] = {"grade": int(rng.choice(GRADES))}
     return scene, name
 
 
@@ -268,6 +275,17 @@ def every(numbers: range, *, held_out: bool, jobs: int) -> Iterator[dict[str, An
         yield from pool.map(run, numbers, chunksize=4)
 
 
+def distribution(shown: list[dict[str, Any]], of: Callable[[str], bool]) -> dict[str, Any]:
+    """Return the number of records and parts of some kinds that were judged, and the largest of their strengths."""
+    rows = [[row for row in one["rows"] if of(row[0]) and np.isfinite(row[1])] for one in shown]
+    values = [row[1] for own in rows for row in own if row[1] > 0 and not row[2].startswith("its line may be")]
+    return {
+        "records": sum(bool(own) for own in rows),
+        "parts": sum(map(len, rows)),
+        "strengths": sorted((round(value, 5) for value in values), reverse=True)[:KEPT],
+    }
+
+
 def main() -> None:
     """Make the library and write it."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -275,20 +293,18 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", type=Path, help="also write what every record showed here")
     given = parser.parse_args()
-    parts, values, shown = 0, [], []
+    shown = []
     for one in every(range(given.records), held_out=False, jobs=given.jobs):
-        if one["refused"]:
-            continue
-        shown.append(one)
-        for _, strength, doubts, _verdict in one["rows"]:
-            parts += bool(np.isfinite(strength))
-            if strength > 0 and not doubts.startswith("its line may be"):
-                values.append(strength)
-        if len(shown) % 50 == 0:
-            sys.stderr.write(f"{len(shown)} records\n")
-    kept = sorted((round(value, 5) for value in values), reverse=True)[:KEPT]
-    text = json.dumps({"records": len(shown), "parts": parts, "strengths": kept})
-    SHIPPED.write_text(text + "\n", encoding="utf-8")
+        if not one["refused"]:
+            shown.append(one)
+            if len(shown) % 50 == 0:
+                sys.stderr.write(f"{len(shown)} records\n")
+    with_deviations = [one for one in shown if "gears" in one["imperfections"]]
+    learned = {
+        "bearings": distribution(shown, lambda kind: kind != "tooth"),
+        "teeth": distribution(with_deviations, lambda kind: kind == "tooth"),
+    }
+    SHIPPED.write_text(json.dumps(learned) + "\n", encoding="utf-8")
     if given.json:
         given.json.write_text(json.dumps(shown), encoding="utf-8")
 

@@ -1,8 +1,9 @@
 """Analysis of one channel: sensor health, angle-domain signal, order and envelope spectrum, measured lines."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby, islice
 
 import numpy as np
 import xarray as xr
@@ -19,18 +20,21 @@ from hums.analysis.lines import (
     search,
 )
 from hums.analysis.reference_angle import Machine
-from hums.analysis.result import AnalysisError, EnvelopeBand
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.result import EnvelopeBand
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import MESH_SHARE, PEAK_RATIO
 from hums.analysis.unexplained import Drawn, UnexplainedLine, drawn_orders, unexplained_lines
+from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
-from hums.gearbox.orders import BEARING_KINDS, BearingOrders
+from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import Sampling, channel_values, sampling, vibration_channels
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.health import SensorHealth, sensor_health
-from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample
+from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all
 from signals.shaft.phase import ShaftPhase
+from signals.spectra.lines import SURROUNDINGS
 from signals.spectra.peaks import spectral_peaks
+from signals.spectra.pooling import pooled_spectrum
 from signals.spectra.spectra import AmplitudeSpectrum, order_spectrum
 
 _ENVELOPE_SHARE = 0.5
@@ -39,7 +43,9 @@ _SEEN = 0.01  # probability that noise alone makes a line, below which it counts
 _LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
+_TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
 _SHORTEST = 64  # samples that a check of the sensor needs
+_POOLED_BINS = 12.0  # beside a line of a pooled spectrum: nine without its main lobe, of a record of three turns
 
 Values = NDArray[np.floating]  # samples, in the precision of their source
 
@@ -62,6 +68,7 @@ class AnalysedChannel:
     no_band: str = ""
     evidence: tuple[PartEvidence, ...] = ()
     unexplained: tuple[UnexplainedLine, ...] = ()
+    envelope_reach: float = 0.0  # highest order of any envelope's spectrum
 
     @property
     def faulty(self) -> bool:
@@ -134,29 +141,64 @@ def varying_values(record: xr.Dataset, name: str) -> Values:
     return values
 
 
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """Samples of a channel in one stretch of time, and the reference's angle in it: of a record, or of a snapshot.
+
+    A snapshot of few turns is cut to whole parts of one, `parts` of which are a turn: `phase` counts these.
+    """
+
+    values: Values
+    phase: ShaftPhase
+    parts: int = 1
+
+    def over_angle(self, rows: Sequence[Values], when: Sampling, name: str, last_order: float) -> list[AngularSignal]:
+        """Return signals of this stretch at equal increments of the reference's angle."""
+        if self.parts == 1:
+            return resample_all_in_angle(rows, when, name, self.phase, last_order)
+        signals = resample_all_in_angle(rows, when, name, self.phase, last_order / self.parts, multiple_of=1)
+        return [
+            replace(
+                signal,
+                samples_per_rev=self.parts * signal.samples_per_rev,
+                start_rev=signal.start_rev / self.parts,
+                passband_orders=self.parts * signal.passband_orders,
+            )
+            for signal in signals
+        ]
+
+
 def analyse_channel(
     record: xr.Dataset,
     name: str,
-    values: Values,
+    stretches: Sequence[Stretch],
     machine: Machine,
     expected: Sequence[ExpectedLine],
     settings: AnalysisSettings,
 ) -> AnalysedChannel:
-    """Return the sensor health, spectra and measured lines of a channel with samples `values`."""
+    """Return the sensor health, spectra and measured lines of a channel, those of snapshots pooled.
+
+    `record` is that of one stretch; `machine` is that of the fastest.
+    """
     when, units = sampling(record, name), record[name].attrs["units"]
-    health = sensor_health(values, rate_hz=when.rate_hz, units=units) if values.size >= _SHORTEST else None
+    conditions = [_health(one.values, when, units) for one in stretches]
+    health = _usual_health(conditions)
     searched = [line for line in expected if line.spectrum == ORDER_SPECTRUM]
     last = _spectrum_end(searched, settings.max_order, PASSBAND / 2 * when.rate_hz / machine.top_speed_hz)
-    signal = resample_in_angle(values, when, name, machine.phase, last)
-    spectra = {ORDER_SPECTRUM: order_spectrum(signal, max_order=last)}
-    lines, out_of_range = search(spectra[ORDER_SPECTRUM], searched, channel=name, units=units)
+    signals = _equally_long([one.over_angle([one.values], when, name, last)[0] for one in stretches])
+    spectrum = pooled_spectrum([order_spectrum(one, max_order=last) for one in signals])
+    signal, values = signals[0], np.concatenate([one.values for one in stretches])
+    spectra = {ORDER_SPECTRUM: spectrum}
+    beside = surroundings_of(spectrum, len(stretches))
+    lines, out_of_range = search(spectrum, searched, channel=name, units=units, surroundings=beside)
     unexplained = unexplained_lines(
         spectra[ORDER_SPECTRUM], drawn_by(machine, settings), setting_of(machine), channel=name, units=units
     )
-    missing = health is not None and health.missing.any()
-    samples = _interpolated(values, health.missing) if health is not None and missing else values
+    filled = [
+        replace(one, values=whole_values(one.values, own)) for one, own in zip(stretches, conditions, strict=True)
+    ]
     searched = [line for line in expected if line.spectrum == ENVELOPE]
-    best, evidence, no_band = _envelopes(samples, record, name, machine, searched, lines, settings)
+    best, evidence, no_band = _envelopes(filled, record, name, machine, searched, lines, settings)
     if best is not None:
         spectra[ENVELOPE] = best.spectrum
         lines = [*lines, *best.lines, *_with_sidebands(best, machine.bearings)]
@@ -178,6 +220,7 @@ def analyse_channel(
         evidence=evidence,
         unexplained=tuple(unexplained),
         no_band=no_band,
+        envelope_reach=0.0 if best is None else best.reach,
     )
 
 
@@ -196,9 +239,22 @@ def resample_in_angle(
     multiple_of: int = 8,
 ) -> AngularSignal:
     """Return samples of a channel at equal angle increments of `phase`, with a passband up to `last_order`."""
+    return resample_all_in_angle([values], when, name, phase, last_order, multiple_of=multiple_of)[0]
+
+
+def resample_all_in_angle(
+    rows: Sequence[Values],
+    when: Sampling,
+    name: str,
+    phase: ShaftPhase,
+    last_order: float,
+    *,
+    multiple_of: int = 8,
+) -> list[AngularSignal]:
+    """Return what `resample_in_angle` does of each of several signals of a channel, of the same times."""
     try:
-        return angular_resample(
-            values,
+        return angular_resample_all(
+            rows,
             rate_hz=when.rate_hz,
             phase=phase,
             samples_per_rev=multiple_of * math.ceil(2 * last_order / (multiple_of * PASSBAND)),
@@ -217,10 +273,74 @@ class _Envelope:
     lines: list[MeasuredLine]
     out_of_range: list[ExpectedLine]
     level: float
+    reach: float = 0.0  # of all bands
+
+
+def _health(values: Values, when: Sampling, units: str) -> SensorHealth | None:
+    return sensor_health(values, rate_hz=when.rate_hz, units=units) if values.size >= _SHORTEST else None
+
+
+def _usual_health(each: Sequence[SensorHealth | None]) -> SensorHealth | None:
+    """Return the health that half of the stretches have at least, of their statuses from ok to sick."""
+    known = sorted(
+        (one for one in each if one is not None), key=lambda one: ("ok", "suspect", "sick").index(one.status)
+    )
+    return known[(len(known) - 1) // 2] if known else None
+
+
+def _equally_long(signals: Sequence[AngularSignal]) -> list[AngularSignal]:
+    """Return signals cut to the length of the shortest, so that their spectra have one axis."""
+    size = min(one.values.size for one in signals)
+    return [one if one.values.size == size else replace(one, values=one.values[:size]) for one in signals]
+
+
+def surroundings_of(spectrum: AmplitudeSpectrum, stretches: int) -> float:
+    """Return the orders on either side of a line within which its background is measured: more in pooled spectra."""
+    return SURROUNDINGS if stretches == 1 else max(SURROUNDINGS, _POOLED_BINS * spectrum.bin_width)
+
+
+def _pooled_envelope(signals: Sequence[AngularSignal], last: float, slowest: float) -> tuple[float, AmplitudeSpectrum]:
+    """Return the mean level of the envelopes of some stretches, and the spectrum of all, each over its own level."""
+    levels = [float(one.values.mean()) for one in signals]
+    level = float(np.mean(levels))
+    flat = [level_normalised(one, revolutions=_LEVEL_PERIODS / slowest) for one in signals]
+    if len(flat) > 1:
+        flat = [
+            replace(one, values=one.values * (level / own if own > 0 else 0.0))
+            for one, own in zip(flat, levels, strict=True)
+        ]
+    return level, pooled_spectrum([order_spectrum(one, max_order=last) for one in _equally_long(flat)])
+
+
+def _unresolved(
+    evidence: Iterable[PartEvidence], expected: Sequence[ExpectedLine], resolution: float
+) -> list[PartEvidence]:
+    """Return the evidence of pooled snapshots: of parts whose lines are not resolved each may have made that of all."""
+    orders = {(line.component, line.kind): line.order for line in expected if line.fundamental}
+    parts, found = list(evidence), []
+    for part in parts:
+        own = (part.component, part.kind)
+        near = [
+            other
+            for other in parts
+            if (other.component, other.kind) != own
+            and abs(orders[other.component, other.kind] - orders[own]) < resolution
+        ]
+        strength = max([part.strength, *(other.strength for other in near)])
+        if near and strength > 0 and not part.hidden_by:
+            other, order = near[0], orders[near[0].component, near[0].kind]
+            why = (
+                f"snapshots this short resolve {resolution:.2g} orders, and {other.kind.replace('_', ' ')} of "
+                f"{other.component}, at {order:.3f}, is nearer than that to {orders[own]:.3f}"
+            )
+            found.append(replace(part, hidden_by=why, strength=strength))
+        else:
+            found.append(part)
+    return found
 
 
 def _envelopes(
-    values: Values,
+    stretches: Sequence[Stretch],
     record: xr.Dataset,
     name: str,
     machine: Machine,
@@ -241,18 +361,18 @@ def _envelopes(
     found: list[_Envelope] = []
     seen: list[BandEvidence] = []
     try:
-        for band, (rate_hz, envelope) in zip(
-            bands, bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=bands), strict=True
-        ):
-            # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
-            last = _spectrum_end(expected, None, _ENVELOPE_SHARE * (band[1] - band[0]) / machine.top_speed_hz)
-            at = replace(when, rate_hz=rate_hz, count=envelope.size)
-            signal = resample_in_angle(envelope, at, name, machine.phase, last)
-            level = float(signal.values.mean())
-            signal = level_normalised(signal, revolutions=_LEVEL_PERIODS / slowest)
-            spectrum = order_spectrum(signal, max_order=last)
+        each = (_over_angle(one, when, name, machine.top_speed_hz, expected, bands) for one in stretches)
+        for rows in zip(*each, strict=True):
+            band, last, _ = rows[0]
+            level, spectrum = _pooled_envelope([signal for *_, signal in rows], last, slowest)
             lines, out_of_range = search(
-                spectrum, expected, channel=name, units=record[name].attrs["units"], level=level, searches=len(bands)
+                spectrum,
+                expected,
+                channel=name,
+                units=record[name].attrs["units"],
+                level=level,
+                searches=len(bands),
+                surroundings=surroundings_of(spectrum, len(stretches)),
             )
             chosen = EnvelopeBand(
                 low_hz=band[0], high_hz=band[1], chosen=not isinstance(settings.envelope_band_hz, tuple)
@@ -267,6 +387,7 @@ def _envelopes(
                     depths=peaks.amplitude / level if level > 0 else np.zeros(peaks.position.size),
                     bin_width=spectrum.bin_width,
                     clear=not chosen.chosen or _mesh_share(found[-1], shaft_locked, machine) < MESH_SHARE,
+                    line_probability=assessor.single_probability(lines),
                 )
             )
     except ValueError as error:
@@ -275,13 +396,40 @@ def _envelopes(
             "--channel NAME."
         ) from None
     evidence = bearing_evidence(seen, assessor.bearings, setting_of(machine))
+    if len(stretches) > 1:
+        evidence = _unresolved(evidence, expected, found[0].spectrum.resolution)
     strongest = max(evidence, key=lambda part: (not part.hidden_by, part.strength), default=None)
     shown = [place for place, band in enumerate(seen) if band.clear] or [0]
     place = shown[0]
     if strongest is not None and strongest.strength > 0:
-        place = next(place for place in range(len(seen)) if seen[place].band_hz == strongest.band_hz)
+        place = next(
+            place
+            for place in range(len(seen))
+            if seen[place].band_hz == (strongest.band_low_hz, strongest.band_high_hz)
+        )
     best = found[place]
-    return replace(best, band=_explained(best.band, strongest, len(bands))), tuple(evidence), ""
+    reach = max(float(one.spectrum.axis[-1]) for one in found)
+    return replace(best, band=_explained(best.band, strongest, len(bands)), reach=reach), tuple(evidence), ""
+
+
+def _over_angle(
+    stretch: Stretch,
+    when: Sampling,
+    name: str,
+    top_speed_hz: float,
+    expected: Sequence[ExpectedLine],
+    bands: Sequence[tuple[float, float]],
+) -> Iterator[tuple[tuple[float, float], float, AngularSignal]]:
+    """Yield each band, its highest order, and its envelope over angle; those of one rate are resampled together."""
+    envelopes = zip(bands, bank_envelopes(stretch.values, rate_hz=when.rate_hz, bands_hz=bands), strict=True)
+    for (rate_hz, size), alike in groupby(envelopes, key=lambda item: (item[1][0], item[1][1].size)):
+        at = replace(when, rate_hz=rate_hz, count=size)
+        while some := list(islice(alike, max(1, _TOGETHER // size))):
+            low, high = some[0][0]
+            # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
+            last = _spectrum_end(expected, None, _ENVELOPE_SHARE * (high - low) / top_speed_hz)
+            signals = stretch.over_angle([envelope for _, (_, envelope) in some], at, name, last)
+            yield from ((band, last, signal) for (band, _), signal in zip(some, signals, strict=True))
 
 
 def _bands_to_search(
@@ -345,12 +493,15 @@ def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -
         doubts = ("In no band does a bearing line stand out.",)
     else:
         part = f"{strongest.component} {strongest.kind.replace('_', ' ')}"
-        why += f": the line of {part} modulates it by {strongest.main.depth:.1%}, more than any other part"
+        why += f": the line of {part} modulates it by {strongest.depth:.1%}, more than any other part"
     return replace(band, why=why + ".", doubts=doubts)
 
 
-def _interpolated(values: Values, missing: NDArray[np.bool_]) -> Values:
-    """Return the values with missing ones replaced by linear interpolation."""
+def whole_values(values: Values, health: SensorHealth | None) -> Values:
+    """Return samples with those that the sensor misses replaced by linear interpolation."""
+    if health is None or not health.missing.any():
+        return values
+    missing = health.missing
     places = np.arange(values.size)
     return np.where(missing, np.interp(places, places[~missing], values[~missing]).astype(values.dtype), values)
 

@@ -3,6 +3,10 @@
 A gear is followed by the meetings of one of its teeth with its mates: once a turn on fixed axes; of a sun or ring once
 for each planet and turn relative to the carrier, of a planet once per turn relative to it. Sun, planets and ring so
 need no window about the planet passes; the passes modulate the level of a turn, which is divided out.
+
+The strength of the evidence is ``-log10`` of the probability that teeth whose energies are exponential have one that
+far out, 0 where it does not repeat. Real deviations are not quite that, so that the probability of a verdict is how
+often gears of healthy machines with deviations show the strength (`hums.analysis.healthy_machines`).
 """
 
 import math
@@ -15,6 +19,7 @@ from numpy.typing import NDArray
 
 from hums.analysis.channel import Values, resample_in_angle
 from hums.analysis.findings import INDICATED, NOT_JUDGED, NOTHING_FOUND, Finding
+from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
 from hums.gearbox.orders import DefectOrder
@@ -28,7 +33,7 @@ from signals.angle.local_damage import (
 )
 from signals.resampling.resampling import PASSBAND
 
-__all__ = ["GearJudgement", "gear_damage", "gear_indicators", "gear_verdicts"]
+__all__ = ["GearJudgement", "gear_damage", "gear_indicators", "gear_verdicts", "healthy_probability", "tooth_envelope"]
 
 # Sidebands of run-out and planet passes removed on either side of a mesh harmonic, in rotations of the fastest of its
 # gears. Halved, a run-out of several per cent leaves its second sideband; doubled, a quarter of the orders is lost.
@@ -36,7 +41,9 @@ _SIDEBANDS = 2.5
 _SHAFT_ORDERS = 3  # of the fastest shaft: below it all is removed
 _SMOOTH_ORDERS = 2  # of a turn that run-out, misalignment or passing planets modulate; 0 for a sun, folded by planet
 _MASKED_TEETH = 1.5  # on either side of a damaged tooth, taken out before weaker gears are judged again
+_SICK = "the sensor is sick"
 _ROTATIONS = (999, 9999)  # least and most: more cost time where a tooth is found
+_LEAST_LOCAL = 1e-30  # no healthy gear comes near it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,9 +63,12 @@ class GearJudgement:
     turns : int
         Turns of the gear used, each meeting of a sun's or ring's tooth with a planet counted; 0 where not judged.
     probability : float
-        That a gear without a damaged tooth gives this, over all gears and channels judged; 1 where not judged.
+        That a healthy machine gives this, over all gears and channels judged; 1 where not judged. At least that of
+        `repeats` over all of them.
+    strength : float
+        See the module.
     local, repeats : float
-        Its two parts, of this gear alone (see `LocalDamage`).
+        Of this gear alone (see `LocalDamage`).
     statistic, outlier, rise : float
         As in `LocalDamage`.
     amplitude : float
@@ -81,6 +91,7 @@ class GearJudgement:
     teeth: int
     turns: int = 0
     probability: float = 1.0
+    strength: float = 0.0
     local: float = 1.0
     repeats: float = 1.0
     statistic: float = 0.0
@@ -118,6 +129,7 @@ def gear_damage(
     false_alarm_probability: float,
     channels: int = 1,
     faulty: bool = False,
+    library: HealthyMachines | None = None,
 ) -> list[GearJudgement]:
     """Return the judgement of every gear of a gearbox in one channel, the most conspicuous first.
 
@@ -137,6 +149,8 @@ def gear_damage(
         Number of channels judged, over which the probability is taken.
     faulty : bool
         Whether the sensor is, so that nothing is judged.
+    library : HealthyMachines, optional
+        Default the shipped one.
     """
     gears = _gears(machine)
     if not gears:
@@ -148,13 +162,18 @@ def gear_damage(
         for gear in gears
     ]
     if faulty:
-        return [replace(row, not_judged="the sensor is sick") for row in judged]
+        return [replace(row, not_judged=_SICK) for row in judged]
     try:
         energies = _energies(values, when, machine, channel)
     except ValueError as error:
         return [replace(row, not_judged=str(error)) for row in judged]
     tests = channels * len({gear.row.order for gear in gears})
-    judge = _Judge(energies=energies, tests=tests, threshold=false_alarm_probability)
+    judge = _Judge(
+        energies=energies,
+        tests=tests,
+        threshold=false_alarm_probability,
+        library=library or healthy_machines("teeth"),
+    )
     judged = [judge.of(row, gear) for row, gear in zip(judged, gears, strict=True)]
     return judge.explained(judged, {gear.row.component: gear for gear in gears})
 
@@ -188,6 +207,11 @@ def _energies(values: Values, when: Sampling, machine: Machine, channel: str) ->
     return residual_energies(signal, meshes=meshes, lowest_order=_SHAFT_ORDERS * fastest)
 
 
+def healthy_probability(strength: float, repeats: float, library: HealthyMachines, *, tests: int) -> float:
+    """Return the probability that a healthy machine gives this at any of `tests` gears: see `GearJudgement`."""
+    return max(min(1.0, tests * repeats), library.probability(strength, parts=tests))
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Judge:
     """Judges the gears of one channel, `tests` of them in the record."""
@@ -195,6 +219,7 @@ class _Judge:
     energies: BandEnergies
     tests: int
     threshold: float
+    library: HealthyMachines
 
     def of(self, row: GearJudgement, gear: _Tooth, keep: NDArray[np.bool_] | None = None) -> GearJudgement:
         """Return the judgement of a gear, from some of the samples."""
@@ -205,15 +230,18 @@ class _Judge:
                 self.energies, order=gear.row.order, teeth=gear.per_turn, keep=keep, smooth_orders=gear.smooth_orders
             )
         except ValueError as error:
-            return replace(row, not_judged=str(error))
+            return replace(row, not_judged=f"too short or too slowly sampled: {error}")
         found = local_damage(folds, rotations=rotations, rng=np.random.default_rng(0))
         return replace(row, **self._fields(found))
 
     def _fields(self, found: LocalDamage) -> dict[str, Any]:
         level = float(self.energies.values[found.band].mean())
+        by_chance = min(1.0, self.tests * found.repeats)
+        strength = -math.log10(max(found.local, _LEAST_LOCAL)) if by_chance <= self.threshold else 0.0
         return {
             "turns": found.turns,
-            "probability": min(1.0, self.tests * found.probability),
+            "probability": healthy_probability(strength, found.repeats, self.library, tests=self.tests),
+            "strength": strength,
             "local": found.local,
             "repeats": found.repeats,
             "statistic": found.statistic,
@@ -256,6 +284,20 @@ class _Judge:
         return np.asarray(np.abs(apart) < _MASKED_TEETH / gear.per_turn)
 
 
+def tooth_envelope(
+    values: Values, when: Sampling, machine: Machine, channel: str, component: str, band_orders: tuple[float, float]
+) -> tuple[BandEnergies, float, int]:
+    """Return the squared envelope in which a gear's tooth stands out, the tooth's meetings per revolution, a harmonic.
+
+    The harmonic is the lowest of the meetings that modulations of a sound gear's turn do not make.
+    """
+    gear = next(gear for gear in _gears(machine) if gear.row.component == component)
+    energies = _energies(values, when, machine, channel)
+    band = int(np.argmin(np.abs(energies.edges[:-1] - band_orders[0])))
+    alone = replace(energies, values=energies.values[band : band + 1], edges=energies.edges[band : band + 2])
+    return alone, gear.row.order, gear.smooth_orders + 1
+
+
 def _evidence(row: GearJudgement) -> tuple[bool, float, float]:
     return (not row.judgeable, row.local, -row.statistic)
 
@@ -279,12 +321,12 @@ def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: f
             best[row.component] = row
     others = [row for name, row in best.items() if name not in {row.component for row in named.values()}]
     return [
-        *(_indicated(row) for row in sorted(named.values(), key=_evidence)),
+        *(_indicated(row, false_alarm_probability) for row in sorted(named.values(), key=_evidence)),
         *(_unnamed(row, false_alarm_probability) for row in others),
     ]
 
 
-def _indicated(row: GearJudgement) -> Finding:
+def _indicated(row: GearJudgement, stated: float) -> Finding:
     low, high = row.band_orders
     alike = f", or of {' or '.join(row.also)}, which this record cannot tell from it," if row.also else ""
     doubt = "a single pitch deviation of a sound gear does the same"
@@ -300,7 +342,7 @@ def _indicated(row: GearJudgement) -> Finding:
         evidence=evidence,
         doubts=doubt,
         next_step="Compare with an earlier record at the same speed and load, or inspect the tooth.",
-        least_change="diagnosed, if an earlier record of this machine did not show it",
+        least_change=f"nothing found above a probability of {stated:.3g} (now {row.probability:.3g})",
     )
 
 
@@ -310,7 +352,17 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
         f"what it shows may be that of {row.explained_by}" if row.explained_by and row.probability <= stated else ""
     )
     if why:
-        return replace(_blank(row), verdict=NOT_JUDGED, evidence=f"not judged: {why}.", doubts=why)
+        change = "judged with a sound sensor" if why == _SICK else "judged in a longer record, or a faster sampled one"
+        if not row.not_judged:
+            change = f"indicated without the tooth of {row.explained_by}"
+        return replace(
+            _blank(row),
+            verdict=NOT_JUDGED,
+            evidence=f"not judged: {why.rstrip('.')}.",
+            doubts=why,
+            next_step="Take a longer record at a steady speed and load." if why.startswith("too short") else "",
+            least_change=change,
+        )
     return replace(
         _blank(row),
         verdict=NOTHING_FOUND,
@@ -328,6 +380,7 @@ def _blank(row: GearJudgement) -> Finding:
         evidence="",
         false_alarm_probability=row.probability if row.judgeable else math.nan,
         snr=row.outlier if math.isfinite(row.outlier) else 1e9,
+        strength=row.strength if row.judgeable else math.nan,
         order_found=row.order,
         amplitude=row.amplitude,
         units=row.units,
@@ -346,7 +399,7 @@ def gear_indicators(judged: Iterable[GearJudgement]) -> list[IndicatorValue]:
             unit="1",
             noise_limit=math.nan,
             takes="residual energy over {} turns, {:.4g} to {:.4g} orders".format(row.turns, *row.band_orders),
-            source="Grubbs 1950",
+            source="signals.angle.local_damage",
             withheld=row.not_judged,
         )
         for row in judged

@@ -1,9 +1,12 @@
 """How often healthy machines show as much: the null distribution of a verdict.
 
 A line that noise alone would not make is no defect: sound bearings have waviness, loads wander, other machines are
-heard. The distribution is that of the strength of the evidence (`hums.analysis.evidence`) over all parts of a library
-of healthy synthetic records with every drive and imperfection of the generator; ``benchmarks/healthy_library.py`` makes
-it, from synthetic records only. It is empirical: nothing below one in the number of its records plus one is stated.
+heard. The distribution is that of the strength of the evidence over all parts of a library of healthy synthetic records
+with every drive and imperfection of the generator; ``benchmarks/healthy_library.py`` makes it, from synthetic records
+only. It is empirical: nothing below one in the number of its records plus one is stated.
+
+Bearings (`hums.analysis.evidence`) and teeth (`hums.analysis.gear_damage`) have a distribution each. That of teeth is
+over the records whose gears have pitch deviations, since every gear has some.
 
 A record with N parts shows its strongest by chance more often than each: ``1 - (1 - p)^N``, parts taken as independent,
 which is careful where they share a cause.
@@ -14,6 +17,7 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from typing import Literal
 
 import numpy as np
 
@@ -76,7 +80,7 @@ class HealthyMachines:
 
 
 @cache
-def healthy_machines() -> HealthyMachines:
-    """Return the distribution that is shipped with the package."""
-    read = json.loads(resources.files("hums.analysis").joinpath(_FILE).read_text(encoding="utf-8"))
+def healthy_machines(parts: Literal["bearings", "teeth"]) -> HealthyMachines:
+    """Return the distribution over some parts that is shipped with the package."""
+    read = json.loads(resources.files("hums.analysis").joinpath(_FILE).read_text(encoding="utf-8"))[parts]
     return HealthyMachines(records=read["records"], parts=read["parts"], strengths=tuple(read["strengths"]))

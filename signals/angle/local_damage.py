@@ -9,10 +9,12 @@ the share of any single impact.
 
 Two tests must both reject. That nothing repeats with this gear's turn: the blocks are turned against one another at
 random (a permutation test, exact where blocks are exchangeable under rotation; stopped early as Besag & Clifford 1991,
-Biometrika 78, 301-304). That the tooth differs from others no more than they do among themselves: Grubbs' test for one
-outlier (Grubbs 1950, Ann. Math. Statist. 21, 27-58), with as many degrees of freedom as its curve over the turn has
-independent values, for pitch deviations of a sound gear repeat, too. The logarithm of the energy of a Gaussian
-deviation has a short upper tail, which makes the second test conservative.
+Biometrika 78, 301-304). That the tooth differs from others no more than they do among themselves, for pitch deviations
+of a sound gear repeat, too. In a band of sidebands a Gaussian deviation of each tooth has two Gaussian quadratures, so
+that the energies of sound teeth are exponential above what they have in common. An exponential variable over the mean
+of m others is F(2, 2 m); here its excess over their mean is taken in units of their standard deviation, which scatters
+twice as much as a mean, so that F(2, m) bounds the tail. Noise alone is normal and has a shorter one. m is the number
+of independent values of the curve over the turn.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import fft, special
+from scipy import fft
 
 from signals._validation import Array, positive, whole
 
@@ -44,8 +46,8 @@ __all__ = [
     "residual_energies",
 ]
 
-FEWEST_TURNS = 16
-"""Turns of a gear that a judgement needs: eight blocks of two, so that a block's scatter is estimated from eight."""
+FEWEST_TURNS = 8
+"""Turns of a gear that a judgement needs: eight blocks, so that the scatter of a block is estimated from eight."""
 
 _BLOCKS = (8, 24)  # least and most blocks; more blocks cost time in the permutations and no longer sharpen the scatter
 _FEWEST_CELLS, _LEAST_CELLS, _MOST_CELLS = 10, 24, 128  # of a turn: needed, aimed at, and most
@@ -55,7 +57,8 @@ _HARMONICS = 40  # of each mesh removed; a mesh has no measurable ones beyond
 _FIRST, _ENOUGH = 99, 8  # rotations drawn before the permutation test may stop, and exceedances at which it does
 _FEWEST_OTHERS = 3  # cells besides the peak and its neighbours, of which a scatter can be estimated
 _NEIGHBOURS = 2.5  # teeth on either side of the peak not compared: pits spread, and the mesh rings on; at most a sixth
-_UNLIKELY = 0.05  # probability of the outlier alone above which more rotations could not make the tooth significant
+_UNLIKELY = 0.2  # probability of the outlier alone above which no healthy machine's gear would be exceeded, either
+_CLIPS = 4  # times that the smooth orders are estimated again: each leaves a third of the share of the peak
 _SILENT = 1e-6  # of the median turn's energy: a turn below is a drop-out
 
 
@@ -166,11 +169,14 @@ class FoldedEnergies:
         Number of turns.
     teeth : float
         Teeth that pass in a turn.
+    smooth_orders : int
+        Orders of the turn that were projected out.
     """
 
     values: Array = field(metadata={"dims": ("band", "block", "cell")})
     turns: int
     teeth: float
+    smooth_orders: int
 
 
 def folded(
@@ -238,7 +244,8 @@ def folded(
     for band in range(bands):
         sums = np.bincount(index, weights=energies.values[band][inside], minlength=turns * cells)
         values[band] = _block_means(np.asarray(sums.reshape(turns, cells)), seen, edges)
-    return FoldedEnergies(values=_projected(values, pitch, smooth_orders), turns=turns, teeth=pitch)
+    values -= _common_part(values, pitch, smooth_orders)
+    return FoldedEnergies(values=values, turns=turns, teeth=pitch, smooth_orders=smooth_orders)
 
 
 def _cells(teeth: float, per_turn: float) -> int:
@@ -271,15 +278,16 @@ def _block_means(sums: Array, seen: NDArray[np.integer], edges: NDArray[np.integ
     return np.where(count > 0, means, overall)
 
 
-def _projected(values: Array, teeth: float, smooth_orders: int) -> Array:
-    """Remove the mean, the smooth orders, and the orders that all teeth share."""
+def _common_part(values: Array, teeth: float, smooth_orders: int) -> Array:
+    """Return the mean, the smooth orders, and the orders that all teeth share."""
     cells = values.shape[-1]
     lines = fft.rfft(values, axis=-1)
-    lines[..., : smooth_orders + 1] = 0
-    common = np.arange(1, int(lines.shape[-1] / teeth) + 1) * teeth
+    taken = np.zeros(lines.shape[-1], dtype=bool)
+    taken[: smooth_orders + 1] = True
+    common = np.arange(1, int(taken.size / teeth) + 1) * teeth
     whole_ones = np.rint(common[np.abs(common - np.rint(common)) < 1e-9]).astype(int)  # noqa: PLR2004
-    lines[..., whole_ones[whole_ones < lines.shape[-1]]] = 0
-    return np.asarray(fft.irfft(lines, cells, axis=-1))
+    taken[whole_ones[whole_ones < taken.size]] = True
+    return np.asarray(fft.irfft(np.where(taken, lines, 0), cells, axis=-1))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,13 +301,13 @@ class LocalDamage:
     repeats : float
         Probability that blocks turned at random repeat as well, in any band; at least ``1 / (rotations + 1)``.
     local : float
-        Probability that among teeth as different as the others one is that far out, of all cells, widths and bands.
+        Probability that among teeth whose energies are exponential one is that far out, of all cells, widths and bands.
     statistic : float
         Mean over blocks over its standard error at the peak, the largest of all bands.
     outlier : float
-        The peak less the mean of the other places, over their standard deviation.
+        Energy of the peak less the mean of the other places, over their standard deviation.
     rise : float
-        The peak's energy over that of the other places, as a ratio of geometric means; what bounds the logarithm makes
+        The peak's energy over that of the other places, of geometric means over turns; what bounds the logarithm makes
         it too small where it is large.
     position_rev, width_rev : float
         Middle of the peak, 0 to 1 of a turn, and its width.
@@ -378,28 +386,36 @@ def _at_peak(curve: Array, statistic: Array, width: int, energies: FoldedEnergie
     pitch = max(1, math.ceil(cells / energies.teeth))
     distance = np.abs((np.arange(cells) - peak + cells // 2) % cells - cells // 2)
     beside = max(pitch, width, min(round(_NEIGHBOURS * pitch), cells // 6))
-    others = curve[distance > beside]
-    if others.size < _FEWEST_OTHERS:
-        others = curve  # too coarse for a tooth to stand out: its statistic is that of a cell among all
+    away = distance > beside
+    if np.count_nonzero(away) < _FEWEST_OTHERS:
+        away[:] = True  # too coarse for a tooth to stand out: its statistic is that of a cell among all
+    for _ in range(_CLIPS):  # a high peak has a share in the smooth orders, which would be missing from the others
+        clipped = np.where(away, curve, np.minimum(curve, curve[away].max()))
+        curve = curve - _common_part(clipped, energies.teeth, energies.smooth_orders)
+    energy = np.exp(curve)
+    others = energy[away]
     spread = float(others.std(ddof=1))
-    outlier = float((curve[peak] - others.mean()) / spread) if spread > 0 else math.inf
-    apart = np.where(distance > beside, curve - others.mean(), 0.0)
+    outlier = float((energy[peak] - others.mean()) / spread) if spread > 0 else math.inf
+    apart = np.where(away, energy - others.mean(), 0.0)
     independent = _independent(apart, others.size, pitch=pitch, width=width)
-    scaled = outlier / math.sqrt(1 + 1 / independent)
-    one = float(special.stdtr(max(1.0, independent - 1), -scaled)) if math.isfinite(scaled) else 0.0
-    local = min(1.0, one * cells / width * len(_WIDTHS) * bands)
+    local = min(1.0, float(_tail(outlier, independent)) * cells / width * len(_WIDTHS) * bands)
     return LocalDamage(
         probability=local,
         repeats=0.0,
         local=local,
         statistic=float(statistic[peak]),
         outlier=outlier,
-        rise=float(np.exp(curve[peak] - others.mean())),
+        rise=float(energy[peak] / others.mean()),
         position_rev=((peak + width / 2) / cells) % 1.0,
         width_rev=width / cells,
         band=band,
         turns=energies.turns,
     )
+
+
+def _tail(outlier: Array | float, others: float) -> Array:
+    """Return the probability of F(2, m) above 1 + outlier, m the number of others: see the module."""
+    return np.asarray((1 + 2 * np.maximum(0.0, 1 + np.asarray(outlier)) / others) ** (-others / 2))
 
 
 def _independent(deviations: Array, count: int, *, pitch: int, width: int) -> float:
@@ -430,15 +446,19 @@ def _t_statistic(values: Array) -> Array:
 
 def _rotated_maxima(smoothed: Sequence[Array], most: int, observed: float, rng: np.random.Generator) -> Array:
     """Return the largest statistic of each random rotation of the blocks, few where many exceed the observed one."""
+    from signals.angle._local_damage_kernels import rotated_maxima  # noqa: PLC0415 - loads numba
+
     blocks, cells = smoothed[0].shape[-2:]
-    found: list[float] = []
-    for drawn in range(most):
-        place = (np.arange(cells) + rng.integers(0, cells, size=(blocks, 1))) % cells
-        found.append(max(float(_t_statistic(_taken(values, place)).max()) for values in smoothed))
-        if drawn + 1 >= _FIRST and np.count_nonzero(np.array(found) >= observed) >= _ENOUGH:
-            break
-    return np.array(found)
-
-
-def _taken(values: Array, place: NDArray[np.intp]) -> Array:
-    return np.take_along_axis(values, np.broadcast_to(place, values.shape), axis=-1)
+    rows = [np.concatenate([band, band], axis=-1) for values in smoothed for band in values]
+    found = np.empty(0)
+    while found.size < most:
+        maxima = np.zeros(min(_FIRST, most - found.size))  # a mean over cells is nothing: the largest is not negative
+        shifts = rng.integers(0, cells, size=(maxima.size, blocks))
+        for row in rows:
+            rotated_maxima(row, shifts, maxima)
+        found = np.append(found, maxima)
+        exceeded = np.cumsum(found >= observed)
+        enough = np.flatnonzero((exceeded >= _ENOUGH) & (np.arange(found.size) >= _FIRST - 1))
+        if enough.size:
+            return found[: enough[0] + 1]
+    return found

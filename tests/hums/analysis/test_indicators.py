@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import kurtosis
 
 from hums.analysis.analyze import AnalysisSettings, analyze
-from hums.analysis.result import AnalysisError, health_table, indicator_table, open_analysis, save_analysis, summary
+from hums.analysis.result import health_table, indicator_table, open_analysis, save_analysis, summary
+from hums.analysis.settings import AnalysisError
 from hums.gearbox.model import Gearbox, GearboxWarning, load_gearbox
 from hums.gearbox.orders import defects
 from hums.records.record import Channel, PulseTimes, make_record
@@ -176,6 +177,9 @@ def test_defect_energy_of_a_known_envelope(gearbox):
     row = value(analysis, race.component, "defect_energy", kind="inner_race")
     assert row.value == pytest.approx((0.3 * 0.8) ** 2 / 2, rel=0.05)  # a Hann line between two bins loses some
     assert row.unit == "g2"
+    modulation = value(analysis, race.component, "modulation", kind="inner_race")
+    assert modulation.value == pytest.approx(0.3, rel=0.05)  # the line's depth, far above the background
+    assert modulation.unit == "1"
 
 
 def test_a_value_is_missing_exactly_where_a_sentence_says_why(modulated):
