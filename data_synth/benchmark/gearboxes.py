@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["BEARINGS", "BearingGeometry", "DrawnGearbox", "DrawnStage", "draw_bearing", "draw_gearbox"]
+__all__ = ["BearingGeometry", "DrawnGearbox", "DrawnStage", "draw_bearing", "draw_gearbox"]
 
 MODULES_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
 PRESSURE_ANGLE_DEG = 20.0
@@ -24,18 +24,11 @@ WIDTH_IN_PITCHES = (3.0, 5.0)
 UNIT_LOAD_N_MM2 = (12.0, 25.0)
 """Tangential force at full load over module and face width."""
 
-BEARINGS = {
-    "SKF 6205-2RS (Case Western Reserve University)": (9, 7.94, 39.04, 0.0),
-    "SKF 6203-2RS (Case Western Reserve University)": (8, 6.746, 28.5, 0.0),
-    "Rexnord ZA-2115 (Qiu et al. 2006)": (16, 8.4, 71.5, 15.17),
-    "LDK UER204 (Wang et al. 2018)": (8, 7.92, 34.55, 0.0),
-    "PRONOSTIA (Nectoux et al. 2012)": (13, 3.5, 25.6, 0.0),
-}
-"""Elements, their diameter and that of the pitch circle in mm, and the contact angle in degrees: of known data sets."""
 DIAMETER_SHARE = (0.115, 0.24)
-"""Diameter of an element over that of the pitch circle; the published ones have 0.117 to 0.237."""
+"""Diameter of an element over that of the pitch circle; those of `hums.gearbox.bearings` have 0.117 to 0.237."""
 FILLING = (0.55, 0.61)
-"""Elements side by side over the pitch circle, z d / (pi D); the published ones have 0.566 to 0.603."""
+"""Elements side by side over the pitch circle, z d / (pi D); those of `hums.gearbox.bearings` have 0.566 to 0.603, and
+one 0.48."""
 CONTACT_ANGLES_DEG = (0.0, 0.0, 0.0, 15.0)
 
 
@@ -253,7 +246,7 @@ def _full_torque_nm(stages: list[DrawnStage], unit_load: float) -> float:
 
 
 def draw_bearing(rng: np.random.Generator) -> BearingGeometry:
-    """Return the geometry of a bearing, within what `BEARINGS` spans.
+    """Return the geometry of a bearing, within what those of `hums.gearbox.bearings` span.
 
     Parameters
     ----------

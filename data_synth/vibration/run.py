@@ -167,6 +167,8 @@ class Motion:
     error : float
         Tolerated relative RMS error of the forces.
     levels : mapping of mesh to "torsional", "lateral" or "full"
+    steps_per_sample : int or None
+        Of the integration; None: as many as a trial needs for the error.
     """
 
     stage: PreparedScene
@@ -179,6 +181,7 @@ class Motion:
     settling_time_s: float
     error: float
     levels: Mapping[str, str]
+    steps_per_sample: int | None = None
 
     @property
     def load(self) -> Load:
@@ -237,6 +240,8 @@ class Motion:
         """Return the steps to a sample that keep the error, from a trial of 4096 samples at the critical time."""
         from data_synth.integrators.driver import integrate  # noqa: PLC0415
 
+        if self.steps_per_sample is not None:
+            return self.steps_per_sample
         if self.method.method.order is None:
             return 1
         scene, trial_output = self.stage.scene, self.output
