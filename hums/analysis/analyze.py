@@ -97,6 +97,12 @@ def analyze(
         named parts in the envelopes that show them), ``/indicators`` and ``/findings``; `line_table`, `findings_table`,
         `verdict_table`, `indicator_table`, `health_table` and `summary` read them.
 
+    Notes
+    -----
+    A record of more than 4,000,000 samples a channel is analysed in stretches of equal length, which are joined:
+    spectra are averaged by power, each row of a table is that of the stretch with its median, and a part is named by
+    what at least half of the stretches show (`hums.analysis.stretches`). A gap costs its stretch alone.
+
     Raises
     ------
     AnalysisError
