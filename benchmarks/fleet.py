@@ -598,6 +598,10 @@ def page(given: argparse.Namespace, found: Analyses, resampled: Resampled) -> st
             text.append(
                 f"| {baseline} | {every:,.0f} | {alarms} | {expected:.0f} | {low:.0f} to {high:.0f} | {within} |"
             )
+    text.append(
+        "\nThe interval is over the machines measured on; how few analyses the prior was learned from is not in it, "
+        "and machines with larger residuals than those raise more alarms than stated."
+    )
     text += ["\n## Faults that grow\n"]
     text.append(
         "Exponential growth over 240 records from the least to the largest size analysed; a baseline of 30 records, "

@@ -69,7 +69,7 @@ class LocalTrend:
 
 @dataclass(frozen=True, kw_only=True)
 class TimeUntil:
-    """Time until a limit: median and the ends of the 90 % interval, infinite beyond the horizon; or why there is none.
+    """Time until a limit: median and the ends of the 90 % interval; or why there is none.
 
     ``reason`` is empty where a forecast is given.
     """
@@ -166,8 +166,8 @@ def time_until(limit: float, trend: LocalTrend, *, span: float, seed: int = 1) -
     Returns
     -------
     TimeUntil
-        With a reason instead of numbers where fewer than 95 % of the drawn slopes rise, or where more than half of the
-        paths do not reach the limit within the horizon.
+        With a reason instead of numbers where fewer than 95 % of the drawn slopes rise, or where more than one in
+        twenty of the paths does not reach the limit within the horizon, so that the interval has no upper end.
     """
     rng = np.random.default_rng(seed)
     which = rng.choice(trend.weight.size, size=_PATHS, p=trend.weight)
@@ -197,4 +197,6 @@ def time_until(limit: float, trend: LocalTrend, *, span: float, seed: int = 1) -
     low, median, high = np.quantile(found, (0.05, 0.5, 0.95), method="inverted_cdf")
     if math.isinf(median):
         return TimeUntil(reason=f"none can be given: more than {_HORIZON:g} times the time watched")
+    if math.isinf(high):
+        return TimeUntil(reason=f"none can be given: it may take more than {_HORIZON:g} times the time watched")
     return TimeUntil(median=float(median), low=float(low), high=float(high))

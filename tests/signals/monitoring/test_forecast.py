@@ -71,6 +71,12 @@ class TestTimeUntil:
         found = time_until(100.0, local_trend(self.series(3), self.TIMES), span=59)
         assert found.reason == "none can be given: more than 3 times the time watched"
 
+    def test_none_without_an_upper_end(self):
+        trend = local_trend(self.series(3, noise=2.0), self.TIMES)
+        found = [time_until(limit, trend, span=59) for limit in (14.0, 24.0)]
+        assert np.isfinite(found[0].high)
+        assert found[1].reason == "none can be given: it may take more than 3 times the time watched"
+
     def test_refusals(self):
         with pytest.raises(ValueError, match="7 values are too few for a forecast; it needs 8"):
             local_trend(np.arange(7.0), np.arange(7.0))
