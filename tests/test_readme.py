@@ -36,7 +36,7 @@ def test_shell_session(tmp_path):
     (tmp_path / "my-gearbox.toml").write_text(gearbox)
     write_csv(tmp_path / "measured.csv", 0)
     (tmp_path / "folder").mkdir()
-    write_csv(tmp_path / "folder" / "monday.csv", 1)
+    write_csv(tmp_path / "folder" / "mill_2026-10-01.csv", 1)
     (session,) = (block for block in blocks("sh") if "my-gearbox" in block)
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     environment = os.environ | {"PATH": path}
