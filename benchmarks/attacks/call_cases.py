@@ -385,6 +385,10 @@ def labelled_cases(folder: Path) -> Iterator[Case]:  # noqa: PLR0915 - a list of
         arguments={"gearbox": box},
         also={"reference": "input", "speeds": {"input": 10.0}, "element_formula": "usual"},
     )
+    yield Case(function=hums.join_snapshots, arguments={"records": [record, record]})
+    snapshots = hums.join_snapshots([record, record])
+    yield Case(function=hums.snapshot_record, arguments={"record": snapshots, "number": 1})
+    yield Case(function=hums.derive_verdicts, arguments={"analysis": analysis})
     tables = (hums.findings_table, hums.health_table, hums.indicator_table, hums.unexplained_table, hums.verdict_table)
     for tabulate in (*tables, hums.summary):
         yield Case(function=tabulate, arguments={"analysis": analysis})

@@ -230,7 +230,9 @@ def _others(script: Path, dataset: Path, sources: Path, folder: Path, check) -> 
 
     fewer = make_records(folder / "vanishing", FEW)
     run = Run(script, fewer, folder / "fewer")
-    time.sleep(2.0)
+    until = time.monotonic() + PATIENCE_S
+    while not list((folder / "fewer").rglob("*.json.gz")) and time.monotonic() < until:
+        time.sleep(0.02)
     gone = sorted(fewer.glob("*.h5"))[-FEW // 4 :]
     for path in gone:
         path.unlink()

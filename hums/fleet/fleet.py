@@ -182,7 +182,10 @@ def analyze_fleet(
         "version": version("hums-toolkit"),
     }
     results_folder = folder / "records"
-    results_folder.mkdir(parents=True, exist_ok=True)
+    try:
+        results_folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FleetError(f"{folder} cannot be made ({error.strerror}); name a folder of yours.") from None
     _check_task(folder / "task.json", task)
     jobs = [Job(name=_result_name(source), item=source) for source in found]
     tally = run_jobs(

@@ -276,7 +276,7 @@ def convert(
         ),
         measured=_measured(file, measured or {}, count=file.vector(channels[0]).size),
         machine=machine,
-        recorded_at=recorded_at or (_moment(file, time_column) if time_column else epoch),
+        recorded_at=recorded_at if recorded_at is not None else (_moment(file, time_column) if time_column else epoch),
         start_s=start_s,
         attrs={"source": file.path.name},
     )
@@ -316,7 +316,7 @@ def _angle(
             raise RecordError(f"--pulses-per-rev has no meaning with {given[0]}; leave one of them out.")
         if speed[0] is not None:
             return NominalSpeed(rpm=60 * _steady_speed_hz(file, speed[0], speed[1]), shaft=shaft)
-        return NominalSpeed(rpm=shaft_rpm or 0.0, shaft=shaft)
+        return NominalSpeed(rpm=0.0 if shaft_rpm is None else shaft_rpm, shaft=shaft)
     if pulses_per_rev is None:
         raise RecordError(
             f'{given[0]} needs the pulses in one revolution of "{shaft}": pulses_per_rev=... (--pulses-per-rev).'

@@ -10,7 +10,7 @@ import xarray as xr
 from hums.records.channels import SNAPSHOT, attach_time, detach_time, kind_of
 from hums.records.fields import RecordError
 from hums.records.validation import check_record
-from signals._validation import checked
+from signals._validation import brief, checked
 
 __all__ = ["is_snapshots", "join_snapshots", "snapshot_record", "snapshots_of"]
 
@@ -110,8 +110,8 @@ def snapshot_record(record: xr.Dataset, number: int) -> xr.Dataset:
     True
     """
     count = record.sizes.get(SNAPSHOT, 0)
-    if not 0 <= number < count:
-        raise RecordError(f"the record has no snapshot {number}; its {count} snapshots count from 0.")
+    if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < count:
+        raise RecordError(f"the record has no snapshot {brief(number)}; its {count} snapshots count from 0.")
     one = record.isel({SNAPSHOT: number})
     if "snapshot_s" in one.coords:
         began = datetime.fromisoformat(record.attrs["recorded_at"])
