@@ -275,10 +275,18 @@ def every(numbers: range, *, held_out: bool, jobs: int) -> Iterator[dict[str, An
         yield from pool.map(run, numbers, chunksize=4)
 
 
-def distribution(shown: list[dict[str, Any]], of: Callable[[str], bool]) -> dict[str, Any]:
-    """Return the number of records and parts of some kinds that were judged, and the largest of their strengths."""
+def distribution(shown: list[dict[str, Any]], of: Callable[[str], bool], *, kept: str = "-") -> dict[str, Any]:
+    """Return the number of records and parts of some kinds that were judged, and the largest of their strengths.
+
+    Parts whose line may be something else's are left out, but where their doubts say what is `kept`.
+    """
     rows = [[row for row in one["rows"] if of(row[0]) and np.isfinite(row[1])] for one in shown]
-    values = [row[1] for own in rows for row in own if row[1] > 0 and not row[2].startswith("its line may be")]
+    values = [
+        row[1]
+        for own in rows
+        for row in own
+        if row[1] > 0 and (kept in row[2] or not row[2].startswith("its line may be"))
+    ]
     return {
         "records": sum(bool(own) for own in rows),
         "parts": sum(map(len, rows)),
@@ -302,6 +310,7 @@ def main() -> None:
     with_deviations = [one for one in shown if "gears" in one["imperfections"]]
     learned = {
         "bearings": distribution(shown, lambda kind: kind != "tooth"),
+        "bearings_at_shafts": distribution(shown, lambda kind: kind != "tooth", kept="it stands at"),
         "teeth": distribution(with_deviations, lambda kind: kind == "tooth"),
     }
     SHIPPED.write_text(json.dumps(learned) + "\n", encoding="utf-8")

@@ -114,6 +114,7 @@ def bearing_verdicts(
     false_alarm_probability: float,
     faulty: Collection[str] = (),
     library: HealthyMachines | None = None,
+    at_shafts: HealthyMachines | None = None,
 ) -> list[Finding]:
     """Return the verdict on every kind of defect of every bearing.
 
@@ -125,10 +126,11 @@ def bearing_verdicts(
         Share of healthy records in which a bearing may be named.
     faulty : collection of str
         Channels with a faulty sensor.
-    library : HealthyMachines, optional
-        Default the shipped one.
+    library, at_shafts : HealthyMachines, optional
+        Default the shipped ones; the second with lines that stand at multiples of shafts.
     """
     library = library or healthy_machines("bearings")
+    at_shafts = at_shafts or healthy_machines("bearings_at_shafts")
     parts = {(part.component, part.kind) for part in evidence}
     searches = max(1, len(evidence))
     results = []
@@ -139,10 +141,63 @@ def bearing_verdicts(
             results.append(_not_judged(own[0], "the sensor is faulty, and may make any line by itself"))
             continue
         judged = [
-            (_bearing_verdict(part, evidence, faulty, library, searches, false_alarm_probability)) for part in sound
+            _bearing_verdict(part, evidence, faulty, library, at_shafts, searches, false_alarm_probability)
+            for part in sound
         ]
         results.append(min(judged, key=lambda one: (_RANK[one.verdict], -one.strength)))
-    return results
+    return _with_twins(results, {(part.component, part.kind): part.main.expected.order for part in evidence})
+
+
+def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], float]) -> list[Finding]:
+    """Return the verdicts, where bearings of the same orders are not told apart.
+
+    Their lines are the same: the one with the strongest evidence is named, with the others, and they are not judged.
+    """
+    stronger: dict[tuple[str, float], Finding] = {}
+    for one in sorted(results, key=lambda one: (_RANK[one.verdict], -one.strength)):
+        stronger.setdefault((one.kind, round(orders[one.component, one.kind], 9)), one)
+    made = []
+    for one in results:
+        order = orders[one.component, one.kind]
+        first = stronger[one.kind, round(order, 9)]
+        twins = [
+            name
+            for name, kind in orders
+            if kind == one.kind and name != one.component and math.isclose(orders[name, kind], order, rel_tol=1e-9)
+        ]
+        if twins and first.verdict in {DIAGNOSED, INDICATED}:
+            made.append(_also(one, twins) if one is first else _not_told(one, first.component))
+        else:
+            made.append(one)
+    return made
+
+
+def _also(one: Finding, twins: Sequence[str]) -> Finding:
+    """Return a finding that may be of bearings with the same orders as well."""
+    doubt = f"it may be {' or '.join(twins)}, which has the same orders"
+    joint = "; " if one.doubts else "; not certain: "
+    return replace(
+        one,
+        verdict=INDICATED,
+        evidence=f"{one.evidence.removesuffix('.')}{joint}{doubt}.",
+        doubts="; ".join(filter(None, [one.doubts, doubt])),
+        next_step=f"Inspect {one.component} and {' and '.join(twins)}.",
+        least_change=f"diagnosed without this doubt: {doubt}" if not one.doubts else one.least_change,
+    )
+
+
+def _not_told(one: Finding, stronger: str) -> Finding:
+    """Return that a bearing is not judged, whose lines are those of one that is named."""
+    why = f"its line may be something else's: {stronger} has the same orders, and is named"
+    return replace(
+        one,
+        verdict=NOT_JUDGED,
+        evidence=f"not judged: {why}.",
+        doubts=why,
+        severity=_UNKNOWN,
+        next_step="",
+        least_change="",
+    )
 
 
 def of_another_machine(one: Finding, why: str) -> Finding:
@@ -158,6 +213,7 @@ def _bearing_verdict(
     evidence: Sequence[PartEvidence],
     faulty: Collection[str],
     library: HealthyMachines,
+    at_shafts: HealthyMachines,
     searches: int,
     stated: float,
 ) -> Finding:
@@ -167,7 +223,11 @@ def _bearing_verdict(
         needed = max(LEAST_STRENGTH, library.strength_at(stated, parts=searches))
         return _unnamed(part, probability, needed)
     if part.hidden_by:
-        return _not_judged(part, _hidden(part), probability=probability)
+        return _not_judged(part, _hidden(part.hidden_by), probability=probability)
+    if part.at_shaft:
+        probability = at_shafts.probability(part.strength, parts=searches)
+        if probability > stated:
+            return _not_judged(part, _hidden(part.at_shaft), probability=probability)
     rivals = [other for other in evidence if other.main.channel not in faulty and other is not part]
     doubts = _doubts(part, rivals)
     if probability > CERTAIN * stated and not doubts:
@@ -183,6 +243,8 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
             f"it modulates the band by only {main.depth:.1%}: it is there, but sound bearings have races and "
             "elements that are not perfect, too; compare with earlier and later records"
         )
+    if part.at_shaft:
+        doubts.append(f"{part.at_shaft}, though no shaft of a sound machine makes one as strong")
     if part.kind == "cage":
         doubts.append("damage of a rolling element makes this line, too")
     if not part.support:
@@ -265,13 +327,13 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         verdict=NOTHING_FOUND,
         evidence=f"{seen}; a modulation by {part.detectable_depth:.1%} would have stood out.",
         false_alarm_probability=probability,
-        doubts=_hidden(part) if part.hidden_by else "",
+        doubts=_hidden(part.hidden_by or part.at_shaft) if part.hidden_by or part.at_shaft else "",
         least_change=f"indicated from a strength of {needed:.3g} on (now {part.strength:.3g})",
     )
 
 
-def _hidden(part: PartEvidence) -> str:
-    return f"its line may be something else's: {part.hidden_by}"
+def _hidden(what: str) -> str:
+    return f"its line may be something else's: {what}"
 
 
 def _not_judged(part: PartEvidence, why: str, *, probability: float = math.nan) -> Finding:

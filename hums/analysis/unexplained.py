@@ -19,7 +19,7 @@ from hums.gearbox.orders import DefectOrder
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
 
-__all__ = ["Drawn", "UnexplainedLine", "drawn_orders", "on_mains", "unexplained_lines"]
+__all__ = ["Drawn", "UnexplainedLine", "drawn_orders", "flanks", "on_mains", "unexplained_lines"]
 
 _FEWEST = 4  # members of a family: three multiples of one order among tens of lines happen by chance
 _CHANCE = 1e-3
@@ -73,7 +73,7 @@ def unexplained_lines(
     """Return the lines of an order spectrum that the drawing does not explain, the largest first."""
     peaks = spectral_peaks(spectrum, ratio=UNEXPLAINED_RATIO)
     width = MATCH_BINS * spectrum.bin_width
-    kept = ~_flanks(peaks.position, peaks.amplitude, _LOBE_BINS * spectrum.bin_width)
+    kept = ~flanks(peaks.position, peaks.amplitude, spectrum.bin_width)
     kept &= ~_explained(peaks.position, drawn, width)
     mains = on_mains(peaks.position, setting, width)
     left = np.flatnonzero(kept & ~mains)
@@ -115,8 +115,9 @@ def _guess(order: float, spacing: float, setting: Setting, drawn: Drawn) -> str:
     return f"{family}: another machine, or a part that the drawing lacks"
 
 
-def _flanks(orders: Numbers, amplitudes: Numbers, reach: float) -> NDArray[np.bool_]:
+def flanks(orders: Numbers, amplitudes: Numbers, bin_width: float) -> NDArray[np.bool_]:
     """Return which peaks stand within the reach of a larger one's window."""
+    reach = _LOBE_BINS * bin_width
     first, last = np.searchsorted(orders, orders - reach), np.searchsorted(orders, orders + reach)
     return np.array(
         [amplitudes[a:b].max() > one for a, b, one in zip(first, last, amplitudes, strict=True)], dtype=bool
