@@ -149,7 +149,7 @@ def given(method: Method) -> Choice:
             "inward": Known(places, 1 / cuts),
         }
         ready = dataclasses.replace(grid, **known)
-        return lambda x: Warp(ready, method=method).whole(x)[0]
+        return lambda x: Warp(ready, method=method).whole(x[None])[0][0]
 
     return Choice(name=f"{method}, given", colour=LINE, prepare=prepare)
 

@@ -27,6 +27,7 @@ from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.vibration.gear_lines import candidates_of
 from data_synth.vibration.meshes import Gears
 from data_synth.vibration.run import contacts_in, prepare_gears
+from signals._validation import checked
 
 # Seconds on one core of a 2020s server, from runs of the demo and of scenes with many lines; a rough guide elsewhere.
 _SETUP_S, _WRITE_S, _WRITE_S_PER_BYTE = 0.02, 0.05, 2e-9
@@ -113,6 +114,7 @@ class Explanation:
         return "\n".join([self.title, *rows, cost])
 
 
+@checked
 def explain(scene: Scene | str | Path) -> Explanation:
     """Return the sources, lines and estimated cost of a scene without simulating it.
 

@@ -4,10 +4,8 @@ Record i depends on the plan, its seed and i alone. Records are written in files
 whole, so an interrupted run continues with the files that are missing.
 """
 
-import json
 import math
 import shutil
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib.metadata import version
@@ -23,16 +21,16 @@ from data_synth.plan import Plan, PlanError, load_plan, parse_plan
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.simulation import fault_detectability, simulate
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
-from hums.records.fields import plain_cell
-from hums.records.store import atomic_write, open_shard, remove_partial_files, write_shard, write_tree
+from hums.records.dataset_store import SHARD, write_index
+from hums.records.store import atomic_write, remove_partial_files, write_shard
+from signals._validation import checked
 
 AnyPlan: TypeAlias = Plan | BenchmarkRecords
 
-SCHEMA = "hums-dataset/1"
-_SHARD = "shards/{:06d}.h5"
 _MADE_BY = "# made by hums-toolkit {}; the plan with its scene and every default written out\n"
 
 
+@checked
 def make_dataset(
     plan: AnyPlan | str | Path, folder: str | Path, *, workers: Workers | None = None, progress: bool = False
 ) -> Tally:
@@ -84,7 +82,7 @@ def make_dataset(
     _begin_folder(folder, plan)
     count = math.ceil(plan.records / plan.records_per_shard)
     jobs = [
-        Job(name=Path(_SHARD.format(shard)).name, item=shard, size=len(_record_numbers(plan, shard)))
+        Job(name=Path(SHARD.format(shard)).name, item=shard, size=len(_record_numbers(plan, shard)))
         for shard in range(count)
     ]
     shards = folder / "shards"
@@ -101,7 +99,7 @@ def make_dataset(
         if isinstance(plan, BenchmarkRecords):
             with atomic_write(folder / "data-card.md") as part:
                 part.write_text(data_card(plan), encoding="utf-8")
-        _write_index(folder, plan, [shards / job.name for job in jobs])
+        write_index(folder, [shards / job.name for job in jobs], plan=plan.text)
     return tally
 
 
@@ -242,47 +240,3 @@ def _check_space(plan: AnyPlan, shards: Path, *, missing: int) -> None:
 
 def _is_indexed(folder: Path) -> bool:
     return (folder / "index.h5").is_file() and (folder / "labels.csv").is_file()
-
-
-def _write_index(folder: Path, plan: AnyPlan, shards: Sequence[Path]) -> None:
-    """Write the labels of all records, and the shapes and attributes of their arrays."""
-    tables, attrs = [], {}
-    arrays: dict[str, Any] = {}
-    for path in shards:
-        with open_shard(path) as shard:
-            labels = [name for name, variable in shard.data_vars.items() if variable.attrs.get("role") == "label"]
-            tables.append(shard[labels].load())
-            for name, variable in shard.data_vars.items():
-                if name not in labels and variable.dims[0] == "record" and variable.dtype.kind == "f":
-                    _update_array_facts(arrays, str(name), variable)
-            attrs = json.loads(shard["attrs_of_record"][0].item())
-    table = xr.concat(tables, "record")
-    table.attrs = {
-        "schema": SCHEMA,
-        "machine": attrs["machine"],
-        "rate_hz": attrs["rate_hz"],
-        "start_s": attrs["start_s"],
-        "plan": plan.text,
-        "shards": _SHARD,
-        "records_per_shard": plan.records_per_shard,
-        "arrays_json": json.dumps(arrays),
-    }
-    with atomic_write(folder / "labels.csv") as part:
-        table.to_dataframe().map(plain_cell).to_csv(part)
-    write_tree(xr.DataTree(table), folder / "index.h5")
-
-
-def _update_array_facts(arrays: dict[str, Any], name: str, variable: xr.DataArray) -> None:
-    """Record dims, type and attributes of an array, and the largest shape among the files."""
-    facts = arrays.setdefault(
-        name,
-        {
-            "dims": list(variable.dims[1:]),
-            "width": [0] * (variable.ndim - 1),
-            "dtype": str(variable.dtype),
-            "attrs": {
-                key: value.tolist() if hasattr(value, "tolist") else value for key, value in variable.attrs.items()
-            },
-        },
-    )
-    facts["width"] = [max(a, b) for a, b in zip(facts["width"], variable.shape[1:], strict=True)]

@@ -35,6 +35,7 @@ from hums.gearbox.components import (
     read_toml,
     validated,
 )
+from signals._validation import SentenceError, checked
 
 __all__ = [
     "RANGES",
@@ -113,7 +114,7 @@ _SHARD_BYTES = 32_000_000  # of samples in one file, which a worker holds in mem
 _MOST_IN_SHARD, _FEWEST_SHARDS = 64, 16  # little is lost with a kill, and several workers have something to do
 
 
-class PlanError(ValueError):
+class PlanError(SentenceError):
     """A plan that cannot be read, or a dataset that cannot be made.
 
     Examples
@@ -407,6 +408,7 @@ class BenchmarkTable(Declared):
     duration_s: Positive = DURATION_S
 
 
+@checked
 def load_plan(name_or_path: str | Path) -> Plan | BenchmarkRecords:
     """Load a plan from a TOML file, or from the catalogue by its name.
 

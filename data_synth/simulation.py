@@ -38,10 +38,12 @@ from data_synth.vibration.mechanics import link_speeds, mechanics_truth, speed_t
 from data_synth.vibration.meshes import Gears
 from data_synth.vibration.run import Motion, prepare_gears
 from hums.records.record import Channel, PulseTimes, make_record
+from signals._validation import checked
 
 _BLOCK = 65536  # samples computed at once: what is only needed on the way does not grow with the record
 
 
+@checked
 def simulate(
     scene: Scene | str | Path,
     *,

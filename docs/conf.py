@@ -20,8 +20,8 @@ extensions = [
     "numpydoc",
     "myst_parser",
     "sphinx_gallery.gen_gallery",
-    "sphinxcontrib.mermaid",
     "code_blocks",  # runs the code blocks of the pages
+    "made_pages",  # pages on which mechanisms turn
 ]
 exclude_patterns = ["_build", "_ext", "_templates", "examples"]
 templates_path = ["_templates"]
@@ -39,7 +39,6 @@ html_sidebars = {"glossary": [], "validation": []}
 
 myst_enable_extensions = ["deflist", "dollarmath", "colon_fence"]
 myst_heading_anchors = 4
-myst_fence_as_directive = ["mermaid"]
 
 autodoc_typehints = "none"  # numpydoc states the types, with shapes and units
 autosummary_generate = True

@@ -7,7 +7,6 @@ if TYPE_CHECKING:
     from hums.analysis.analyze import AnalysisSettings as AnalysisSettings
     from hums.analysis.analyze import analyze as analyze
     from hums.analysis.result import Analysis as Analysis
-    from hums.analysis.result import AnalysisError as AnalysisError
     from hums.analysis.result import findings_table as findings_table
     from hums.analysis.result import health_table as health_table
     from hums.analysis.result import indicator_table as indicator_table
@@ -17,8 +16,8 @@ if TYPE_CHECKING:
     from hums.analysis.result import summary as summary
     from hums.analysis.result import unexplained_table as unexplained_table
     from hums.analysis.result import verdict_table as verdict_table
-    from hums.analysis.score import Score as Score
-    from hums.analysis.score import score as score
+    from hums.analysis.settings import AnalysisError as AnalysisError
+    from hums.analysis.verdicts import derive_verdicts as derive_verdicts
     from hums.fleet.fleet import Fleet as Fleet
     from hums.fleet.fleet import FleetError as FleetError
     from hums.fleet.fleet import analyze_fleet as analyze_fleet
@@ -49,6 +48,8 @@ if TYPE_CHECKING:
     from hums.readers import convert as convert
     from hums.records.dataset_store import dataset_record as dataset_record
     from hums.records.dataset_store import open_dataset as open_dataset
+    from hums.records.quantities import AngularAverage as AngularAverage
+    from hums.records.quantities import Measured as Measured
     from hums.records.record import Channel as Channel
     from hums.records.record import NominalSpeed as NominalSpeed
     from hums.records.record import PulseTimes as PulseTimes
@@ -57,14 +58,19 @@ if TYPE_CHECKING:
     from hums.records.record import UnknownAngle as UnknownAngle
     from hums.records.record import calibrated as calibrated
     from hums.records.record import make_record as make_record
+    from hums.records.snapshots import join_snapshots as join_snapshots
+    from hums.records.snapshots import snapshot_record as snapshot_record
     from hums.records.store import open_record as open_record
     from hums.records.store import save_record as save_record
     from hums.report import write_report as write_report
+    from hums.scoring import Score as Score
+    from hums.scoring import score as score
 
 _HOME = {
     "Analysis": "hums.analysis.result",
-    "AnalysisError": "hums.analysis.result",
+    "AnalysisError": "hums.analysis.settings",
     "AnalysisSettings": "hums.analysis.analyze",
+    "AngularAverage": "hums.records.quantities",
     "Channel": "hums.records.record",
     "Cluster": "hums.jobs",
     "Fleet": "hums.fleet.fleet",
@@ -76,13 +82,14 @@ _HOME = {
     "Judgement": "hums.fleet.monitor",
     "Kinematics": "hums.gearbox.kinematics",
     "MaintenanceError": "hums.fleet.maintenance",
+    "Measured": "hums.records.quantities",
     "MonitorError": "hums.fleet.monitor",
     "MonitorSettings": "hums.fleet.monitor",
     "NominalSpeed": "hums.records.record",
     "Processes": "hums.jobs",
     "PulseTimes": "hums.records.record",
     "RecordError": "hums.records.record",
-    "Score": "hums.analysis.score",
+    "Score": "hums.scoring",
     "Serial": "hums.jobs",
     "TachometerWaveform": "hums.records.record",
     "TorqueError": "hums.gearbox.torques",
@@ -96,12 +103,14 @@ _HOME = {
     "convert": "hums.readers",
     "dataset_record": "hums.records.dataset_store",
     "defect_orders": "hums.gearbox.orders",
+    "derive_verdicts": "hums.analysis.verdicts",
     "findings_table": "hums.analysis.result",
     "unexplained_table": "hums.analysis.result",
     "verdict_table": "hums.analysis.result",
     "from_adjacency_table": "hums.gearbox.adjacency",
     "health_table": "hums.analysis.result",
     "indicator_table": "hums.analysis.result",
+    "join_snapshots": "hums.records.snapshots",
     "line_table": "hums.analysis.result",
     "load_gearbox": "hums.gearbox.model",
     "make_record": "hums.records.record",
@@ -112,7 +121,8 @@ _HOME = {
     "read_maintenance": "hums.fleet.maintenance",
     "save_analysis": "hums.analysis.result",
     "save_record": "hums.records.store",
-    "score": "hums.analysis.score",
+    "score": "hums.scoring",
+    "snapshot_record": "hums.records.snapshots",
     "solve_kinematics": "hums.gearbox.kinematics",
     "solve_torques": "hums.gearbox.torques",
     "summary": "hums.analysis.result",

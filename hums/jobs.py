@@ -4,6 +4,7 @@ A run that was stopped at any instant resumes: the same call again writes the fi
 function has to write its file atomically, as `hums.records.store` does, and the file may depend on its item alone.
 """
 
+import math
 import os
 import signal
 import threading
@@ -18,7 +19,9 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-__all__ = ["Cluster", "Job", "JobError", "Processes", "Serial", "Tally", "Workers", "run_jobs"]
+from signals._validation import SentenceError
+
+__all__ = ["Cluster", "Job", "JobError", "Processes", "Serial", "Tally", "Workers", "cpu_limit", "run_jobs"]
 
 Item = TypeVar("Item")
 _JOBS_PER_WORKER = 2  # submitted at a time, so that no worker waits for the next
@@ -26,7 +29,7 @@ _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NU
 _TIMEOUT_S = 10  # of the connection to a scheduler
 
 
-class JobError(ValueError):
+class JobError(SentenceError):
     """A run that cannot start or cannot continue.
 
     Examples
@@ -339,6 +342,30 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int, type[Exception]]]:
             ) from error
         finally:
             pool.shutdown(wait=False)  # after a failure, running jobs are not awaited
+
+
+@contextmanager
+def cpu_limit(seconds: float) -> Iterator[None]:
+    """Have the system end this worker process if what follows takes more processor time; no limit in other processes.
+
+    A library that hangs on damaged bytes never returns to Python, where it could be interrupted.
+    """
+    try:
+        import resource  # noqa: PLC0415 - exists on POSIX only
+    except ImportError:
+        resource = None  # type: ignore[assignment]
+    if resource is None or parent_process() is None:
+        yield
+        return
+    before, times = resource.getrlimit(resource.RLIMIT_CPU), os.times()
+    most = math.ceil(times.user + times.system + seconds)
+    resource.setrlimit(
+        resource.RLIMIT_CPU, (most if before[1] == resource.RLIM_INFINITY else min(most, before[1]), before[1])
+    )
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_CPU, before)
 
 
 # ---- lock and progress -------------------------------------------------------------------------------------

@@ -3,12 +3,13 @@
 import inspect
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import wraps
 from numbers import Number, Real
 from os import PathLike
-from typing import Any, Literal, ParamSpec, TypeVar, get_args
+from types import UnionType
+from typing import Any, Literal, ParamSpec, TypeGuard, TypeVar, get_args, get_origin
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +24,7 @@ Float = TypeVar("Float", bound=np.floating)
 _PEAKS = {"float32": (1e-15, 1e15), "float64": (1e-152, 1e145)}
 _LEAST_NUMBER = 1e-250  # of a positive argument: products with smaller ones underflow
 _LONGEST_VALUE = 80  # characters of a value in a message
+_LONGEST_MESSAGE = 1000  # characters: a page of a terminal; more comes of names in a damaged file
 _LARGEST_WHOLE = 2**53  # above, doubles skip whole numbers
 
 
@@ -98,11 +100,11 @@ def writable(array: NDArray[Float]) -> NDArray[Float]:
 
 def number(value: object, *, name: str) -> float:
     """Return a finite real number, or raise ValueError."""
-    if not _is_float(value):
+    if not is_float(value):
         raise ValueError(f"{name}={brief(value)} must be a number, not {type(value).__name__}.")
-    if not math.isfinite(value):  # type: ignore[arg-type]
+    if not math.isfinite(value):
         raise ValueError(f"{name}={value} must be finite.")
-    return float(value)  # type: ignore[arg-type]
+    return float(value)
 
 
 def positive(value: object, *, name: str) -> float:
@@ -148,18 +150,40 @@ def brief(value: object) -> str:
     return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."
 
 
+# ---- Errors ----------------------------------------------------------------------------------------------------------
+
+
+class SentenceError(ValueError):
+    """An error whose message fits a page: control characters are escaped, and the middle of a long one is left out."""
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(plain_message(str(message)))
+
+
+def plain_message(text: str) -> str:
+    """Return a message with control characters escaped, cut in its middle to at most 1,000 characters."""
+    shown = "".join(
+        sign if sign.isprintable() or sign in "\n\t" else sign.encode("unicode_escape").decode() for sign in text
+    )
+    half = _LONGEST_MESSAGE // 2 - 3
+    return shown if len(shown) <= _LONGEST_MESSAGE else f"{shown[:half]} ... {shown[-half:]}"
+
+
 # ---- Types of arguments, as their annotations declare them -----------------------------------------------------------
 
 
-class ArgumentTypeError(TypeError, ValueError):
+class ArgumentTypeError(SentenceError, TypeError):
     """An argument of another kind than the function declares."""
+
+
+_PATHS = frozenset({"Path", "PathLike", "PathLike[str]"})
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Return a function that refuses arguments of another kind than it declares.
 
-    Objects of `signals`, numbers, words, pairs and sequences are checked here; words of a choice, whole numbers and
-    arrays, and all shapes and bounds, where the function uses them.
+    Classes, numbers, words, pairs, sequences and mappings are checked here, and that a path has no NUL; words of a
+    choice, whole numbers and arrays, and all shapes and bounds, where the function uses them.
     """
     annotations = {
         name: _alternatives(parameter.annotation) for name, parameter in inspect.signature(function).parameters.items()
@@ -175,6 +199,8 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
                     f"{function.__name__} takes {' or '.join(map(_words, kinds))} for {name}, not {brief(value)}, "
                     f"of type {type(value).__name__}."
                 )
+            if isinstance(value, str) and "\0" in value and not _PATHS.isdisjoint(kinds):
+                raise ArgumentTypeError(f"{name}={brief(value)} has a NUL, which no path may have; leave it out.")
         return function(*args, **kwargs)
 
     return call
@@ -201,7 +227,7 @@ def _agrees(value: object, kind: str, function: Callable[..., Any]) -> bool:  # 
         case "None":
             return value is None
         case "float":
-            return _is_float(value)
+            return is_float(value)
         case "int" | "Fraction":
             return isinstance(value, Number | str | None)
         case "bool":
@@ -210,12 +236,20 @@ def _agrees(value: object, kind: str, function: Callable[..., Any]) -> bool:  # 
             return isinstance(value, str)
         case "ArrayLike" | "NDArray" | "Array" | "Floats":
             return not isinstance(value, list | tuple) or _is_even(value)
-        case "Literal":
+        case "Any":
             return True
+        case "Literal":
+            return isinstance(value, Hashable)
         case "PathLike" | "Path":
             return isinstance(value, PathLike)
         case "Mapping":
-            return isinstance(value, Mapping)
+            keys, _, values = inner.partition(", ")
+            return isinstance(value, Mapping) and all(
+                any(_agrees(item, part, function) for part in _alternatives(inner_kind))
+                for pair in value.items()
+                for item, inner_kind in zip(pair, (keys, values), strict=True)
+                if inner_kind
+            )
         case "tuple":
             parts = inner.split(", ")
             return (
@@ -230,13 +264,19 @@ def _agrees(value: object, kind: str, function: Callable[..., Any]) -> bool:  # 
                 return outer == "Iterable" or hasattr(value, "__len__")
             return all(any(_agrees(item, part, function) for part in _alternatives(inner)) for item in value)
     declared = function.__globals__.get(outer)
+    if get_origin(declared) is Literal:
+        return isinstance(value, Hashable)
+    if isinstance(declared, UnionType) and all(isinstance(part, type) for part in get_args(declared)):
+        return isinstance(value, declared)
     if declared is not None and not isinstance(declared, type):
-        return True  # a union or a choice under a name
+        return True  # another type under a name
     return any(base.__name__ == outer for base in type(value).__mro__)
 
 
-def _is_float(value: object) -> bool:
+def is_float(value: object) -> TypeGuard[float]:
     """Return whether a value is a real number that a float can hold, infinity and NaN among them."""
+    if type(value) is float:  # nearly always, and the tests of other kinds take microseconds
+        return True
     if isinstance(value, bool | np.bool) or not isinstance(value, Real):
         return False
     try:
@@ -257,6 +297,7 @@ def _is_even(rows: Sequence[object]) -> bool:
 
 def _words(kind: str) -> str:
     words = {"float": "a number", "int": "a whole number", "bool": "True or False", "str": "a word", "None": "None"}
+    words |= dict.fromkeys(_PATHS, "a path")
     return words.get(kind, f"a {kind}")
 
 

@@ -1,22 +1,35 @@
-"""Odd calls of every exported function of `signals`: a result or a sentence; equal numbers have equal answers."""
+"""Odd calls of every exported function: a result or a sentence; equal numbers have equal answers."""
 
 import faulthandler
 import inspect
+import os
 import re
 import sys
-from typing import Literal, get_origin
+import warnings
+from pathlib import Path
+from types import UnionType
+from typing import Literal, get_args, get_origin
 
 import numpy as np
 import pytest
-from attacks.call_cases import RATE_HZ, angle_cases, exported, phase, signal_cases, tachometer_cases, waveform
+from attacks.call_cases import (
+    RATE_HZ,
+    angle_cases,
+    exported,
+    labelled_cases,
+    phase,
+    signal_cases,
+    tachometer_cases,
+    waveform,
+)
 from attacks.odd_calls import answers_that_differ, failure, odd_calls
 
 from signals import angular_blocks, angular_resample, cepstrum_prewhitening, stream_envelope, track_orders
 
+ROOT = Path.cwd()
 SEED = 20
-SAMPLE = 200  # of some 8,000; benchmarks/attack.py makes all of them
+SAMPLE = 200  # of some 8,000, and of some 2,500; benchmarks/attack.py makes all of them
 KILL_S = 60
-NOT_ATTACKED = {"refine_declared_speed"}  # have no valid call in `call_cases` yet
 
 
 @pytest.fixture(scope="module")
@@ -24,24 +37,39 @@ def cases():
     return [*signal_cases(), *tachometer_cases(), *angle_cases()]
 
 
-def test_every_function_of_signals_is_attacked(cases):
-    ours = {function for function in exported() if function.__module__.split(".")[0] == "signals"}
-    assert {function.__name__ for function in ours - {case.function for case in cases}} <= NOT_ATTACKED
+@pytest.fixture(scope="module")
+def labelled(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("calls")
+    os.chdir(folder)  # some odd calls name files
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield list(labelled_cases(folder))
+    os.chdir(ROOT)
 
 
-def test_words_of_a_choice_are_known_where_arguments_are_checked():
+def test_every_exported_function_is_attacked(cases, labelled):
+    assert not {function.__name__ for function in exported() - {case.function for case in (*cases, *labelled)}}
+
+
+def test_names_of_types_are_known_where_arguments_are_checked():
     # under a name that type checkers alone import, `checked` would take a choice for a class and refuse its words
-    modules = [module for name, module in sys.modules.items() if name.split(".")[0] == "signals"]
-    choices = {name for module in modules for name, thing in vars(module).items() if get_origin(thing) is Literal}
-    assert {"Estimator", "Method", "Scaling"} <= choices
+    choices = {
+        name
+        for at, module in sys.modules.items()
+        if at.split(".")[0] in {"signals", "hums", "data_synth"}
+        for name, thing in vars(module).items()
+        if get_origin(thing) is Literal or (isinstance(thing, UnionType) and all(map(inspect.isclass, get_args(thing))))
+    }
+    assert {"Estimator", "Method", "Scaling", "Workers", "ElementFormula"} <= choices
     for function in exported():
         checked = getattr(function, "__wrapped__", function)
         named = choices & set(re.findall(r"\w+", str(inspect.signature(checked))))
         assert named <= checked.__globals__.keys(), function.__name__
 
 
-def test_odd_calls_give_a_result_or_a_sentence(cases):
-    calls = odd_calls(cases)
+@pytest.mark.parametrize("which", ["cases", "labelled"])
+def test_odd_calls_give_a_result_or_a_sentence(which, request):
+    calls = odd_calls(request.getfixturevalue(which))
     wrong = []
     for place in np.random.default_rng(SEED).choice(len(calls), SAMPLE, replace=False):
         odd = calls[place]

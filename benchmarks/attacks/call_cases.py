@@ -12,6 +12,7 @@ import numpy as np
 import data_synth
 import hums
 import signals
+from hums import readers
 from signals import harmonics, indicators
 
 if TYPE_CHECKING:
@@ -168,6 +169,10 @@ def signal_cases() -> Iterator[Case]:
         function=signals.refine_phase,
         arguments={"x": x, **rate, "phase": p, "orders": [1.0, 12.0], "tolerance": 0.01},
         also={"window_rev": 5.0, "start_s": 0.0},
+    )
+    yield Case(
+        function=signals.refine_declared_speed,
+        arguments={"x": x, **rate, "speed_hz": 8.1, "orders": [1.0, 12.0, 13.0], "tolerance": 0.03},
     )
     yield Case(function=signals.sensor_health, arguments={"x": x, **rate, "units": "g"})
     angle = 2 * np.pi * SPEED_HZ * np.arange(COUNT) / RATE_HZ
@@ -329,7 +334,7 @@ def angle_cases() -> Iterator[Case]:
     )  # fmt: skip
 
 
-def labelled_cases(folder: Path) -> Iterator[Case]:
+def labelled_cases(folder: Path) -> Iterator[Case]:  # noqa: PLR0915 - a list of calls
     """Yield the functions of gearboxes, records and scenes; files go to `folder`."""
     box = hums.load_gearbox("two-stage")
     kinematics = hums.solve_kinematics(box)
@@ -380,7 +385,8 @@ def labelled_cases(folder: Path) -> Iterator[Case]:
         arguments={"gearbox": box},
         also={"reference": "input", "speeds": {"input": 10.0}, "element_formula": "usual"},
     )
-    for tabulate in (hums.findings_table, hums.health_table, hums.indicator_table, hums.summary):
+    tables = (hums.findings_table, hums.health_table, hums.indicator_table, hums.unexplained_table, hums.verdict_table)
+    for tabulate in (*tables, hums.summary):
         yield Case(function=tabulate, arguments={"analysis": analysis})
     yield Case(function=hums.line_table, arguments={"analysis": analysis, "name": "order_spectrum"})
     levels = [[0, 1, 2], [1, 0, 0], [2, 0, 0]]
@@ -398,6 +404,7 @@ def labelled_cases(folder: Path) -> Iterator[Case]:
         },
         also={"machine": "a", "recorded_at": "2020-01-01T00:00:00Z", "start_s": 1.0, "attrs": {"note": "b"}},
     )  # fmt: skip
+    yield from part_cases()
     yield Case(function=hums.open_analysis, arguments={"path": str(folder / "analysis.h5")})
     yield Case(function=hums.open_dataset, arguments={"folder": str(folder / "dataset")})
     yield Case(function=hums.open_record, arguments={"path": str(folder / "record.h5")})
@@ -411,6 +418,15 @@ def labelled_cases(folder: Path) -> Iterator[Case]:
         arguments={"kinematics": kinematics, "torques": {"input": 10.0, "output": None}},
         also={"speeds": {"input": 10.0}, "mesh_efficiency": 0.98},
     )
+    work_file = folder / "work.csv"
+    work_file.write_text("date,component\n2026-03-01,input bearing\n", encoding="utf-8")
+    yield Case(function=hums.read_maintenance, arguments={"path": str(work_file)})
+    yield Case(function=readers.read_file, arguments={"path": str(folder / "log.csv")}, also={"most_bytes": 10_000})
+    yield Case(
+        function=hums.watch,
+        arguments={"analysis": analysis, "state": str(folder / "mill.state")},
+        also={"settings": hums.MonitorSettings(), "work": hums.read_maintenance(work_file)},
+    )
     yield Case(function=hums.write_report, arguments={"analysis": analysis, "folder": str(folder / "report")})
     yield Case(function=data_synth.explain, arguments={"scene": scene})
     yield Case(function=data_synth.load_plan, arguments={"name_or_path": str(plan_file)})
@@ -423,6 +439,43 @@ def labelled_cases(folder: Path) -> Iterator[Case]:
     yield Case(function=data_synth.simulate, arguments={"scene": scene, "seed": 1}, also={"by_source": True})
 
 
+def part_cases() -> Iterator[Case]:
+    """Yield the classes of which records are made: what they take is checked when a record is made of them."""
+    x = waveform()[:1000]
+
+    def channel(**given: Any) -> object:  # noqa: ANN401
+        return hums.make_record({"a": hums.Channel(**given)}, rate_hz=1000.0, angle=hums.UnknownAngle())
+
+    def angle_of(kind: Callable[..., Any]) -> Callable[..., object]:
+        return lambda **given: hums.make_record({"a": x}, rate_hz=1000.0, units="g", angle=kind(**given))
+
+    yield Case(
+        function=_called(channel, "Channel"),
+        arguments={"values": x, "units": "V"},
+        also={
+            "rate_hz": 500.0, "sensitivity": 0.1, "measures": "g", "calibration_factor": 1.1, "delay_s": 1e-3,
+            "sensor": "S 1", "direction": [1.0, 0.0, 0.0],
+        },
+    )  # fmt: skip
+    yield Case(
+        function=_called(angle_of(hums.PulseTimes), "PulseTimes"),
+        arguments={"times_s": np.arange(9) / SPEED_HZ, "shaft": "input", "pulses_per_rev": 1},
+        also={"name": "encoder"},
+    )
+    yield Case(
+        function=_called(angle_of(hums.TachometerWaveform), "TachometerWaveform"),
+        arguments={"values": tachometer()[:1000], "shaft": "input", "pulses_per_rev": 1},
+        also={"units": "V", "name": "encoder", "rate_hz": 1000.0, "full_scale": 10.0},
+    )
+    yield Case(function=_called(angle_of(hums.NominalSpeed), "NominalSpeed"), arguments={"rpm": 600.0, "shaft": "in"})
+
+
+def _called(function: Callable[..., Any], name: str) -> Callable[..., Any]:
+    """Return a function under the name of a class of `hums.records`."""
+    function.__name__, function.__module__ = name, "hums.records.record"
+    return function
+
+
 def all_cases(folder: Path) -> list[Case]:
     """Return a valid call of every exported function."""
     return [*signal_cases(), *tachometer_cases(), *angle_cases(), *labelled_cases(folder)]
@@ -430,6 +483,6 @@ def all_cases(folder: Path) -> list[Case]:
 
 def exported() -> set[Callable[..., Any]]:
     """Return the functions that the packages export."""
-    packages = (signals, harmonics, indicators, hums, data_synth)
+    packages = (signals, harmonics, indicators, hums, readers, data_synth)
     things = (getattr(package, name) for package in packages for name in package.__all__)
     return {thing for thing in things if callable(thing) and not isinstance(thing, type)}

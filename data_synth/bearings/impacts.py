@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from data_synth.operation.shaft_angle import Array
 
 if TYPE_CHECKING:
-    from hums.gearbox.orders import BearingOrders
+    from hums.gearbox.bearing_orders import BearingOrders
 
 
 # ---- Slip of a rolling bearing: impacts with independent random intervals, whose errors add up -----------------------

@@ -19,10 +19,12 @@ from data_synth.scene.imperfections import Imperfections
 from data_synth.scene.operation import NotNegative, Share, Speed, Tachometer, Torque
 from data_synth.scene.sensors import Mode, Noise, PlanetPass, SamplingJitter, Sensor, check_chain
 from data_synth.scene.transfer_paths import Transfer, check_transfers
+from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import Declared, Name, Positive, closest, named_file, read_toml, shipped_files, validated
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox, load_gearbox
-from hums.gearbox.orders import BearingOrders, bearing_orders, defect_orders
+from hums.gearbox.orders import bearing_orders, defect_orders
+from signals._validation import SentenceError, checked
 
 __all__ = [
     "BearingFault",
@@ -84,7 +86,7 @@ _DEVIATIONS = 8  # that a Gaussian error never goes beyond: once in 1e15
 FIDELITIES = ("kinematic", "torsional", "lateral", "full", "auto")
 
 
-class SceneError(ValueError):
+class SceneError(SentenceError):
     """A scene that cannot be read or simulated.
 
     Examples
@@ -533,6 +535,7 @@ def _with_file(table: Any, beside: Path) -> Any:  # noqa: ANN401
     return table | {"csv": str(beside / file if (beside / file).is_file() else file)}
 
 
+@checked
 def load_scene(name_or_path: str | Path) -> Scene:
     """Load a scene from a TOML file, or from the catalogue by its name.
 

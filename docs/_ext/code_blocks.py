@@ -1,14 +1,14 @@
 """Run the code blocks of the pages: a page is a session, its blocks run from top to bottom in an empty folder.
 
-``python`` blocks share a namespace; of ``sh`` blocks the lines that call ``hums`` run. What fails is a warning, so that
-``sphinx-build -W`` fails, too. Pages that tests run already are left out.
+``python`` blocks share a namespace, ``sh`` blocks are given to bash. What fails is a warning, so that
+``sphinx-build -W`` fails, too. A block within a comment of HTML runs unseen: it makes the files that a reader has. A
+block after the comment ``<!-- not run: reason -->`` is left out. Scenes and other tables in TOML run in the tests.
 """
 
 import contextlib
 import io
 import os
 import re
-import shlex
 import subprocess
 import sys
 import tempfile
@@ -20,8 +20,8 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 
 logger = logging.getLogger(__name__)
-FOLDERS = ("tutorials", "howto", "methods")
-BLOCK = re.compile(r"^```(python|sh)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
+PAGES = ("*.md", "tutorials/*.md", "howto/*.md", "methods/*.md")
+BLOCK = re.compile(r"(<!-- not run: [^>]+ -->\n)?^```(python|sh)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
 
 
 def _run_python(source: str, page: Path, names: dict[str, Any]) -> None:
@@ -31,11 +31,8 @@ def _run_python(source: str, page: Path, names: dict[str, Any]) -> None:
 
 def _run_shell(source: str) -> None:
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
-    for line in re.sub(r"\s+#.*", "", source.replace("\\\n", " ")).splitlines():
-        if line.startswith("hums "):
-            subprocess.run(  # noqa: S603
-                shlex.split(line), env=os.environ | {"PATH": path}, check=True, capture_output=True, text=True
-            )
+    words = ["bash", "-euo", "pipefail", "-c", source]
+    subprocess.run(words, env=os.environ | {"PATH": path}, check=True, capture_output=True, text=True)  # noqa: S603
 
 
 def run_page(page: Path) -> str:
@@ -43,22 +40,24 @@ def run_page(page: Path) -> str:
     blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
     names: dict[str, Any] = {"__name__": "__main__"}
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        for language, source in blocks:
+        for left_out, language, source in blocks:
+            if left_out:
+                continue
             try:
                 _run_python(source, page, names) if language == "python" else _run_shell(source)
             except subprocess.CalledProcessError as error:
-                return f"{shlex.join(error.cmd)}: {error.stderr}"
+                return f"{source}{error.stderr}"
             except Exception:  # noqa: BLE001 - a page may fail in any way
                 return traceback.format_exc()
     return ""
 
 
 def run_pages(app: Sphinx) -> None:
-    """Run every page that the tests do not."""
-    for folder in FOLDERS:
-        for page in sorted((Path(app.srcdir) / folder).glob("*.md")):
-            if trouble := run_page(page):
-                logger.warning("a code block fails: %s", trouble, location=f"{folder}/{page.stem}")
+    """Run every page."""
+    root = Path(app.srcdir)
+    for page in sorted(found for pattern in PAGES for found in root.glob(pattern)):
+        if trouble := run_page(page):
+            logger.warning("a code block fails: %s", trouble, location=str(page.relative_to(root).with_suffix("")))
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

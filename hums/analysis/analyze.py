@@ -1,8 +1,9 @@
 """Analysis of one record: from record, gearbox and settings to spectra, lines, tracks, indicators and findings.
 
 An analysis is an `xarray.DataTree` with the groups `/speed`, `/health`, `/order_spectrum`, `/envelope`, `/tracks`,
-`/indicators` and `/findings` (see `hums.analysis.result`), and what pictures need (`hums.analysis.pictures`); reports
-and scores are made from it alone.
+`/envelope_tracks`, `/indicators` and `/findings` (see `hums.analysis.result`), what verdicts rest on
+(`hums.analysis.verdicts`), and what pictures need (`hums.analysis.pictures`); reports and scores are made from it
+alone.
 """
 
 import json
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from hums.analysis.baseline import HISTORIES, read_baseline
+from hums.analysis.averages import analyse_average
 from hums.analysis.caveats import notes
 from hums.analysis.channel import (
     AnalysedChannel,
@@ -28,9 +29,9 @@ from hums.analysis.channel import (
     varying_values,
 )
 from hums.analysis.detection import AssessedLine, LineAssessor
-from hums.analysis.findings import Finding, bearing_verdicts, findings, of_another_machine
-from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_indicators, gear_verdicts
-from hums.analysis.indicators import channel_indicators
+from hums.analysis.findings import Finding, findings
+from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_indicators
+from hums.analysis.indicators import HISTORIES, channel_indicators, read_baseline
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.pictures import ChannelPictures, channel_pictures, picture_groups
 from hums.analysis.reference_angle import Machine, prepare_machine
@@ -45,9 +46,14 @@ from hums.analysis.result import (
     spectrum_dataset,
 )
 from hums.analysis.settings import AnalysisSettings
-from hums.analysis.tracks import lines_to_track, track_lines
+from hums.analysis.stretches import analyse_stretches, is_long
+from hums.analysis.tracks import bearing_line, lines_to_track, tooth_line, track_envelope_lines, track_lines
 from hums.analysis.unexplained import UnexplainedLine
+from hums.analysis.verdicts import UNLIKE, derive_verdicts, evidence_groups
 from hums.gearbox.model import Gearbox
+from hums.gearbox.orders import BEARING_KINDS
+from hums.records.channels import is_average
+from hums.records.quantities import mean_quantities
 from hums.records.record import channel_values, check_record, sampling
 from hums.records.store import open_record
 from signals._validation import checked
@@ -71,7 +77,8 @@ def analyze(
     Parameters
     ----------
     record : xarray.Dataset, str or Path
-        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`; or the path of a record.
+        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`; or the path of a record. Of an
+        average in angle (`hums.AngularAverage`) the indicators are made that it allows, and nothing is judged.
     gearbox : Gearbox
         The gearbox, with one degree of freedom; the record's tachometer or declared speed is that of one of its links.
     settings : AnalysisSettings, optional
@@ -83,8 +90,9 @@ def analyze(
     Returns
     -------
     xarray.DataTree
-        Groups ``/speed``, ``/health``, ``/order_spectrum``, ``/envelope``, ``/tracks``, ``/indicators`` and
-        ``/findings``; `line_table`, `findings_table`, `indicator_table`, `health_table` and `summary` read them.
+        Groups ``/speed``, ``/health``, ``/order_spectrum``, ``/envelope``, ``/tracks``, ``/envelope_tracks`` (lines of
+        named parts in the envelopes that show them), ``/indicators`` and ``/findings``; `line_table`, `findings_table`,
+        `verdict_table`, `indicator_table`, `health_table` and `summary` read them.
 
     Raises
     ------
@@ -112,7 +120,16 @@ def analyze(
             return analyze(opened, gearbox, settings=settings, baseline=baseline)
     settings = settings or AnalysisSettings()
     check_record(record)
+    if is_average(record):
+        return analyse_average(record, gearbox, settings, baseline)
     chosen = selected_channels(record, settings)
+    if is_long(record, chosen):
+
+        def analyse(part: xr.Dataset, pictures: bool) -> Analysis:
+            own = settings.model_copy(update={"pictures": settings.pictures and pictures})
+            return analyze(part, gearbox, settings=own, baseline=baseline)
+
+        return analyse_stretches(record, chosen, analyse)
     gapped, constant = excluded_channels(record, chosen)
     names = [name for name in chosen if name not in gapped and name not in constant]
     histories = read_baseline(baseline, settings, units={name: record[name].attrs["units"] for name in names})
@@ -149,15 +166,20 @@ def analyze(
         _healthy_spacings(machine),
     )
     assessed = assessor.assess([line for channel in channels for line in channel.lines])
-    unlike, judged = _verdicts(channels, gears, machine, settings)
-    found = findings(judged)
+    unlike = unlike_drawing(
+        [channel.spectra[ORDER_SPECTRUM] for channel in channels if not channel.faulty],
+        drawn_by(machine, settings),
+        setting_of(machine),
+    )
     doubts = [unlike[0].upper() + unlike[1:] + "."] if unlike else []
     _log.info("amplitude tracks")
     excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
     excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
     tree = xr.DataTree.from_dict(
         {
-            "/": xr.Dataset(attrs=_root_attrs(record, gearbox, machine, settings, channels, [*doubts, *excluded])),
+            "/": xr.Dataset(
+                attrs=_root_attrs(record, gearbox, machine, settings, channels, [*doubts, *excluded]) | {UNLIKE: unlike}
+            ),
             "/speed": _speed_dataset(machine),
             "/health": rows_dataset(
                 _sensor_conditions(record, channels, gapped, constant, machine), SensorCondition, dim="item"
@@ -168,38 +190,20 @@ def analyze(
             "/indicators": rows_dataset(indicators, IndicatorValue, dim="row").assign_attrs(
                 {HISTORIES: histories.to_json()}
             ),
-            "/findings": rows_dataset(found, Finding, dim="finding"),
             "/unexplained": rows_dataset(
                 [line for channel in channels for line in channel.unexplained], UnexplainedLine, dim="line"
             ),
-            "/verdicts": rows_dataset([one for one in judged if one not in found], Finding, dim="part"),
         }
+        | evidence_groups(channels, gears, machine, settings, baseline)
     )
+    judged = derive_verdicts(tree)
+    found = findings(judged)
+    tree["envelope_tracks"] = xr.DataTree(_envelope_tracks(record, channels, gears, machine, found, settings))
+    tree["findings"] = xr.DataTree(rows_dataset(found, Finding, dim="finding"))
+    tree["verdicts"] = xr.DataTree(rows_dataset([one for one in judged if one not in found], Finding, dim="part"))
     tree = tree.assign(picture_groups(pictures)) if pictures else tree
     check_analysis(tree)
     return tree
-
-
-def _verdicts(
-    channels: Sequence[AnalysedChannel], gears: Sequence[GearJudgement], machine: Machine, settings: AnalysisSettings
-) -> tuple[str, list[Finding]]:
-    """Return why the record does not look like its gearbox, empty if it does, and the verdict on every part."""
-    unlike = unlike_drawing(
-        [channel.spectra[ORDER_SPECTRUM] for channel in channels if not channel.faulty],
-        drawn_by(machine, settings),
-        setting_of(machine),
-    )
-    # bearings and gears share what may be named in health
-    chance = settings.false_alarm_probability / (2 if gears and machine.bearings else 1)
-    judged = [
-        *bearing_verdicts(
-            [part for channel in channels for part in channel.evidence],
-            false_alarm_probability=chance,
-            faulty=[channel.name for channel in channels if channel.faulty],
-        ),
-        *gear_verdicts(gears, false_alarm_probability=chance),
-    ]
-    return unlike, [of_another_machine(one, unlike) for one in judged] if unlike else judged
 
 
 def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:
@@ -294,6 +298,7 @@ def _root_attrs(
         "gearbox": gearbox.name,
         "gearbox_json": gearbox.model_dump_json(exclude_none=True),
         "reference": machine.reference,
+        "measured_json": json.dumps({name: mean for name, (mean, _) in mean_quantities(record).items()}),
         "settings_json": settings.model_dump_json(),
         "notes_json": json.dumps([*notes(machine, settings, channels), *excluded]),
     }
@@ -353,3 +358,24 @@ def _tracks_dataset(
     shared = min(track.sizes["output"] for track in tracks)
     tracks = [track.isel(output=slice(shared)) for track in tracks]
     return xr.concat(tracks, dim="track", data_vars="minimal", coords="minimal", compat="override", join="override")
+
+
+def _envelope_tracks(
+    record: xr.Dataset,
+    channels: Sequence[AnalysedChannel],
+    gears: Sequence[GearJudgement],
+    machine: Machine,
+    found: Sequence[Finding],
+    settings: AnalysisSettings,
+) -> xr.Dataset:
+    """Return the amplitude tracks of the lines of named bearings and gears in the envelopes that show them."""
+    by_name, lines = {channel.name: channel for channel in channels}, []
+    for one in found[: settings.most_tracks]:
+        channel = by_name[one.channel]
+        if one.kind in BEARING_KINDS:
+            part = next(part for part in channel.evidence if (part.component, part.kind) == (one.component, one.kind))
+            lines.append(bearing_line(record, channel, machine, part, slip=settings.slip))
+        elif one.kind == "tooth":
+            gear = next(row for row in gears if (row.channel, row.component) == (one.channel, one.component))
+            lines.append(tooth_line(record, channel, machine, gear.component, gear.band_orders))
+    return track_envelope_lines(lines, machine, bandwidth_orders=settings.track_bandwidth_orders)

@@ -1,8 +1,9 @@
 """Analysis of one channel: sensor health, angle-domain signal, order and envelope spectrum, measured lines."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby, islice
 
 import numpy as np
 import xarray as xr
@@ -19,16 +20,17 @@ from hums.analysis.lines import (
     search,
 )
 from hums.analysis.reference_angle import Machine
-from hums.analysis.result import AnalysisError, EnvelopeBand
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.result import EnvelopeBand
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import MESH_SHARE, PEAK_RATIO
 from hums.analysis.unexplained import Drawn, UnexplainedLine, drawn_orders, unexplained_lines
+from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
-from hums.gearbox.orders import BEARING_KINDS, BearingOrders
+from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import Sampling, channel_values, sampling, vibration_channels
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.health import SensorHealth, sensor_health
-from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample
+from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all
 from signals.shaft.phase import ShaftPhase
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum, order_spectrum
@@ -39,6 +41,7 @@ _SEEN = 0.01  # probability that noise alone makes a line, below which it counts
 _LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
+_TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
 _SHORTEST = 64  # samples that a check of the sensor needs
 
 Values = NDArray[np.floating]  # samples, in the precision of their source
@@ -62,6 +65,7 @@ class AnalysedChannel:
     no_band: str = ""
     evidence: tuple[PartEvidence, ...] = ()
     unexplained: tuple[UnexplainedLine, ...] = ()
+    envelope_reach: float = 0.0  # highest order of any envelope's spectrum
 
     @property
     def faulty(self) -> bool:
@@ -153,8 +157,7 @@ def analyse_channel(
     unexplained = unexplained_lines(
         spectra[ORDER_SPECTRUM], drawn_by(machine, settings), setting_of(machine), channel=name, units=units
     )
-    missing = health is not None and health.missing.any()
-    samples = _interpolated(values, health.missing) if health is not None and missing else values
+    samples = whole_values(values, health)
     searched = [line for line in expected if line.spectrum == ENVELOPE]
     best, evidence, no_band = _envelopes(samples, record, name, machine, searched, lines, settings)
     if best is not None:
@@ -178,6 +181,7 @@ def analyse_channel(
         evidence=evidence,
         unexplained=tuple(unexplained),
         no_band=no_band,
+        envelope_reach=0.0 if best is None else best.reach,
     )
 
 
@@ -196,9 +200,22 @@ def resample_in_angle(
     multiple_of: int = 8,
 ) -> AngularSignal:
     """Return samples of a channel at equal angle increments of `phase`, with a passband up to `last_order`."""
+    return resample_all_in_angle([values], when, name, phase, last_order, multiple_of=multiple_of)[0]
+
+
+def resample_all_in_angle(
+    rows: Sequence[Values],
+    when: Sampling,
+    name: str,
+    phase: ShaftPhase,
+    last_order: float,
+    *,
+    multiple_of: int = 8,
+) -> list[AngularSignal]:
+    """Return what `resample_in_angle` does of each of several signals of a channel, of the same times."""
     try:
-        return angular_resample(
-            values,
+        return angular_resample_all(
+            rows,
             rate_hz=when.rate_hz,
             phase=phase,
             samples_per_rev=multiple_of * math.ceil(2 * last_order / (multiple_of * PASSBAND)),
@@ -217,6 +234,7 @@ class _Envelope:
     lines: list[MeasuredLine]
     out_of_range: list[ExpectedLine]
     level: float
+    reach: float = 0.0  # of all bands
 
 
 def _envelopes(
@@ -241,15 +259,9 @@ def _envelopes(
     found: list[_Envelope] = []
     seen: list[BandEvidence] = []
     try:
-        for band, (rate_hz, envelope) in zip(
-            bands, bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=bands), strict=True
-        ):
-            # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
-            last = _spectrum_end(expected, None, _ENVELOPE_SHARE * (band[1] - band[0]) / machine.top_speed_hz)
-            at = replace(when, rate_hz=rate_hz, count=envelope.size)
-            signal = resample_in_angle(envelope, at, name, machine.phase, last)
-            level = float(signal.values.mean())
-            signal = level_normalised(signal, revolutions=_LEVEL_PERIODS / slowest)
+        for band, last, over_angle in _over_angle(values, when, name, machine, expected, bands):
+            level = float(over_angle.values.mean())
+            signal = level_normalised(over_angle, revolutions=_LEVEL_PERIODS / slowest)
             spectrum = order_spectrum(signal, max_order=last)
             lines, out_of_range = search(
                 spectrum, expected, channel=name, units=record[name].attrs["units"], level=level, searches=len(bands)
@@ -267,6 +279,7 @@ def _envelopes(
                     depths=peaks.amplitude / level if level > 0 else np.zeros(peaks.position.size),
                     bin_width=spectrum.bin_width,
                     clear=not chosen.chosen or _mesh_share(found[-1], shaft_locked, machine) < MESH_SHARE,
+                    line_probability=assessor.single_probability(lines),
                 )
             )
     except ValueError as error:
@@ -279,9 +292,34 @@ def _envelopes(
     shown = [place for place, band in enumerate(seen) if band.clear] or [0]
     place = shown[0]
     if strongest is not None and strongest.strength > 0:
-        place = next(place for place in range(len(seen)) if seen[place].band_hz == strongest.band_hz)
+        place = next(
+            place
+            for place in range(len(seen))
+            if seen[place].band_hz == (strongest.band_low_hz, strongest.band_high_hz)
+        )
     best = found[place]
-    return replace(best, band=_explained(best.band, strongest, len(bands))), tuple(evidence), ""
+    reach = max(float(one.spectrum.axis[-1]) for one in found)
+    return replace(best, band=_explained(best.band, strongest, len(bands)), reach=reach), tuple(evidence), ""
+
+
+def _over_angle(
+    values: Values,
+    when: Sampling,
+    name: str,
+    machine: Machine,
+    expected: Sequence[ExpectedLine],
+    bands: Sequence[tuple[float, float]],
+) -> Iterator[tuple[tuple[float, float], float, AngularSignal]]:
+    """Yield each band, its highest order, and its envelope over angle; those of one rate are resampled together."""
+    envelopes = zip(bands, bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=bands), strict=True)
+    for (rate_hz, size), alike in groupby(envelopes, key=lambda item: (item[1][0], item[1][1].size)):
+        at = replace(when, rate_hz=rate_hz, count=size)
+        while some := list(islice(alike, max(1, _TOGETHER // size))):
+            low, high = some[0][0]
+            # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
+            last = _spectrum_end(expected, None, _ENVELOPE_SHARE * (high - low) / machine.top_speed_hz)
+            signals = resample_all_in_angle([envelope for _, (_, envelope) in some], at, name, machine.phase, last)
+            yield from ((band, last, signal) for (band, _), signal in zip(some, signals, strict=True))
 
 
 def _bands_to_search(
@@ -345,12 +383,15 @@ def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -
         doubts = ("In no band does a bearing line stand out.",)
     else:
         part = f"{strongest.component} {strongest.kind.replace('_', ' ')}"
-        why += f": the line of {part} modulates it by {strongest.main.depth:.1%}, more than any other part"
+        why += f": the line of {part} modulates it by {strongest.depth:.1%}, more than any other part"
     return replace(band, why=why + ".", doubts=doubts)
 
 
-def _interpolated(values: Values, missing: NDArray[np.bool_]) -> Values:
-    """Return the values with missing ones replaced by linear interpolation."""
+def whole_values(values: Values, health: SensorHealth | None) -> Values:
+    """Return samples with those that the sensor misses replaced by linear interpolation."""
+    if health is None or not health.missing.any():
+        return values
+    missing = health.missing
     places = np.arange(values.size)
     return np.where(missing, np.interp(places, places[~missing], values[~missing]).astype(values.dtype), values)
 

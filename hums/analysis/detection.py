@@ -28,7 +28,8 @@ from dataclasses import dataclass, field, replace
 
 from hums.analysis.lines import ENVELOPE, LOBE_BINS, TOOTH_KINDS, MeasuredLine, is_support, supports
 from hums.analysis.thresholds import RIVAL_FACTOR
-from hums.gearbox.orders import BEARING_KINDS, BearingOrders
+from hums.gearbox.bearing_orders import BearingOrders
+from hums.gearbox.orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 
 __all__ = ["OF_CAGE", "AssessedLine", "LineAssessor", "implied_cage"]
@@ -60,9 +61,13 @@ class LineAssessor:
     false_alarm_probability: float
     healthy_spacings: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
+    def single_probability(self, lines: Sequence[MeasuredLine]) -> float:
+        """Return the false-alarm probability of one line among these below which it is detected."""
+        return -math.expm1(math.log1p(-self.false_alarm_probability) / _searches(lines))
+
     def assess(self, lines: Sequence[MeasuredLine]) -> list[AssessedLine]:
         """Return whether each line is significant, or which stronger line explains it, in the given order."""
-        searches = max(1, sum(line.searches for line in lines if line.expected.fundamental))
+        searches = _searches(lines)
         probability = [record_probability(line.line.false_alarm_probability, searches=searches) for line in lines]
         result = [
             AssessedLine(measured=line, false_alarm_probability=p, significant=False)
@@ -163,6 +168,11 @@ class LineAssessor:
         if same and not is_support(weaker) and times > RIVAL_FACTOR:
             return f"hidden by {name}, {times:.0f} times as large"
         return ""
+
+
+def _searches(lines: Iterable[MeasuredLine]) -> int:
+    """Return the number of searches for a line that can raise a finding, over all bands."""
+    return max(1, sum(line.searches for line in lines if line.expected.fundamental))
 
 
 def _combined_levels(detected: Sequence[MeasuredLine]) -> Callable[[MeasuredLine], float]:

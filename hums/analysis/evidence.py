@@ -18,7 +18,7 @@ multiples none does, it counts if healthy machines do not make lines there that 
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +38,11 @@ from hums.analysis.thresholds import (
     STEADY_SPEED,
     TRUSTED_SNR,
 )
-from hums.gearbox.orders import BearingOrders
+from hums.gearbox.bearing_orders import BearingOrders
 
 __all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "mains_multiples", "strength"]
 
+_ALIKE = 0.99  # of the widest band's width, to rounding
 _SEEN = 0.01  # probability that noise alone makes a harmonic, below which it counts
 _SIDEBANDS = 3  # on either side that support a fundamental
 _HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it may be: harmonics of strikes fall
@@ -77,7 +78,8 @@ class Setting:
 class BandEvidence:
     """What the envelope of one band shows: the expected lines, and all peaks by order and depth.
 
-    `clear` says that no mesh or shaft has a large part of the band's power.
+    `clear` says that no mesh or shaft has a large part of the band's power; `line_probability` is that of noise at one
+    line, below which it is significant.
     """
 
     band_hz: tuple[float, float]
@@ -86,6 +88,7 @@ class BandEvidence:
     depths: Numbers
     bin_width: float
     clear: bool = True
+    line_probability: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,11 +97,16 @@ class PartEvidence:
 
     Attributes
     ----------
-    main : MeasuredLine
-        The fundamental in the band of its strength; where none has any, in that with the lowest background.
+    component, kind, channel, units : str
+    order : float
+        Nominal order of the fundamental.
+    found, amplitude, snr, depth, bin_width : float
+        The fundamental in the band of its strength; where none has any, in that with the lowest background. `snr` is
+        the ratio to its background, `depth` the part of the envelope's mean.
+    band_low_hz, band_high_hz : float
     strength : float
         See the module; 0 where no line is significant.
-    support : tuple of str
+    support : str
         Harmonics and sidebands that noise alone seldom makes.
     sidebands : int
         Number of sidebands among them.
@@ -107,33 +115,42 @@ class PartEvidence:
     at_shaft : str
         Multiple of a shaft's order at which its line stands, of whose other multiples none does; empty elsewhere.
     detectable_depth : float
-        The modulation that would be `JUDGED_SNR` times the background, in the band where that is least.
+        The least modulation that would be significant and `JUDGED_SNR` times the background in each of the widest
+        bands, since damage may ring in any part of the range.
+    unsure_depth : float
+        The deepest line in any band at its order that nothing explains and that noise makes too often.
     explained : float
         Share that it has of the power of all lines of the band that neither shafts nor meshes make.
-    deepest_other : (float, float)
-        Order and depth of the deepest line in any band that this part does not explain; (0, 0) if there is none.
+    other_order, other_depth : float
+        The deepest line in any band that this part does not explain; 0 if there is none.
+    modulation : float
+        Strength of its lines in the band where that is largest, whether they are significant, have sidebands, and are
+        explained otherwise or not: what successive records are compared by.
     """
 
-    main: MeasuredLine
-    band_hz: tuple[float, float]
+    component: str
+    kind: str
+    channel: str
+    units: str
+    order: float
+    found: float
+    amplitude: float
+    snr: float
+    depth: float
+    bin_width: float
+    band_low_hz: float
+    band_high_hz: float
     strength: float = 0.0
-    support: tuple[str, ...] = ()
+    support: str = ""
     sidebands: int = 0
     hidden_by: str = ""
     at_shaft: str = ""
     detectable_depth: float = math.inf
+    unsure_depth: float = 0.0
     explained: float = 0.0
-    deepest_other: tuple[float, float] = (0.0, 0.0)
-
-    @property
-    def component(self) -> str:
-        """Name of the bearing."""
-        return self.main.expected.component
-
-    @property
-    def kind(self) -> str:
-        """Kind of the defect."""
-        return self.main.expected.kind
+    other_order: float = 0.0
+    other_depth: float = 0.0
+    modulation: float = 0.0
 
 
 def strength(depths: Sequence[float], snr: float) -> float:
@@ -219,10 +236,23 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         number = least
     band, line = seen[number]
     main = line.measured
+    widest = max(_width(one) for one, _ in seen)
     plain = PartEvidence(
-        main=main,
-        band_hz=band.band_hz,
-        detectable_depth=JUDGED_SNR * _background_depth(seen[least][1].measured),
+        component=main.expected.component,
+        kind=main.expected.kind,
+        channel=main.channel,
+        units=main.units,
+        order=main.expected.order,
+        found=main.line.found,
+        amplitude=main.line.amplitude,
+        snr=main.line.snr,
+        depth=main.depth,
+        bin_width=main.bin_width,
+        band_low_hz=band.band_hz[0],
+        band_high_hz=band.band_hz[1],
+        detectable_depth=max(_detectable_depth(*one) for one in seen if _width(one[0]) > _ALIKE * widest),
+        unsure_depth=max((one.measured.depth for _, one in seen if _unsure(one)), default=0.0),
+        modulation=max(_family_strength([one.measured for one in _family(band, line)]) for band, line in seen),
     )
     if best == 0:
         return plain
@@ -237,18 +267,33 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     both = 2 if main.expected.kind == "rolling_element" else 0  # its two races may be struck unequally
     at_shaft, comb = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting)
     hidden = comb or _mains(main.line.found, others)
-    return PartEvidence(
-        main=main,
-        band_hz=band.band_hz,
+    return replace(
+        plain,
         strength=best,
-        support=(*harmonics, *sidebands),
+        support=", ".join([*harmonics, *sidebands]),
         sidebands=len(sidebands),
         hidden_by=hidden or _explanation(main.line.found, own_depth, others, both),
         at_shaft=at_shaft,
-        detectable_depth=plain.detectable_depth,
         explained=float(power[mine].sum() / power.sum()) if power.size and power.sum() else 1.0,
-        deepest_other=(0.0, 0.0) if deepest < 0 else (float(others.orders[~own][deepest]), float(rest[deepest])),
+        other_order=0.0 if deepest < 0 else float(others.orders[~own][deepest]),
+        other_depth=0.0 if deepest < 0 else float(rest[deepest]),
     )
+
+
+def _width(band: BandEvidence) -> float:
+    return band.band_hz[1] - band.band_hz[0]
+
+
+def _detectable_depth(band: BandEvidence, line: AssessedLine) -> float:
+    """Return the least modulation that would be significant in a band and stand out from its background."""
+    measured = line.measured
+    needed = max(JUDGED_SNR * measured.line.background, measured.line.amplitude_at(band.line_probability))
+    return needed / measured.level if measured.level > 0 else math.inf
+
+
+def _unsure(line: AssessedLine) -> bool:
+    """Whether a line is one that only its noise keeps from counting."""
+    return not (line.significant or line.explained_by or line.measured.line.at_edge)
 
 
 def _strength_in(band: BandEvidence, line: AssessedLine, spacings: Sequence[float]) -> float:
@@ -257,18 +302,23 @@ def _strength_in(band: BandEvidence, line: AssessedLine, spacings: Sequence[floa
     width = MATCH_BINS * band.bin_width
     separable = [spacing for spacing in spacings if spacing > 2 * width]
     bare = separable and not _sidebands(line.measured, band, separable)
-    family = [line.measured]
-    for other in band.lines:
-        measured = other.measured
-        if (
-            other is not line
-            and not measured.expected.sideband
-            and supports(measured, line.measured)
-            and measured.line.false_alarm_probability < _SEEN
-        ):
-            family.append(measured)
-    whole = strength([one.depth for one in family], math.hypot(*(one.line.snr for one in family)))
+    family = [one.measured for one in _family(band, line) if one is line or _stands_out(one)]
+    whole = _family_strength(family)
     return NO_SIDEBAND * whole if bare else whole
+
+
+def _family(band: BandEvidence, line: AssessedLine) -> list[AssessedLine]:
+    """Return a fundamental and its harmonics in a band."""
+    harmonics = (other for other in band.lines if other is not line and not other.measured.expected.sideband)
+    return [line, *(other for other in harmonics if supports(other.measured, line.measured))]
+
+
+def _stands_out(line: AssessedLine) -> bool:
+    return line.measured.line.false_alarm_probability < _SEEN
+
+
+def _family_strength(family: Sequence[MeasuredLine]) -> float:
+    return strength([one.depth for one in family], math.hypot(*(one.line.snr for one in family)))
 
 
 def _background_depth(line: MeasuredLine) -> float:

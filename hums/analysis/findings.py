@@ -22,8 +22,7 @@ from typing import Any
 
 from hums.analysis.evidence import PartEvidence
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
-from hums.analysis.lines import ENVELOPE, MeasuredLine
-from hums.analysis.thresholds import FAULTY_DEPTH, JUDGED_SNR, LEAST_STRENGTH, RIVAL_FACTOR
+from hums.analysis.thresholds import FAULTY_DEPTH, LEAST_STRENGTH, RIVAL_FACTOR
 from hums.gearbox.orders import BEARING_KINDS
 
 __all__ = [
@@ -34,7 +33,8 @@ __all__ = [
     "Finding",
     "bearing_verdicts",
     "findings",
-    "of_another_machine",
+    "judging_nothing",
+    "not_judged_words",
     "where_none_is_named",
 ]
 
@@ -97,15 +97,27 @@ def where_none_is_named(every: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     >>> where_none_is_named(rows)
     ('not judged', '1 of 2 kinds of damage could not be judged (too short); nothing was found of the others')
     """
+    unjudged = not_judged_words(every)
+    if not unjudged:
+        return NOTHING_FOUND, "every kind of damage was judged, and none stands out"
+    others = "; nothing was found of the others" if any(row["verdict"] != NOT_JUDGED for row in every) else ""
+    return NOT_JUDGED, unjudged + others
+
+
+def not_judged_words(every: Sequence[Mapping[Any, Any]]) -> str:
+    """Return how many kinds of damage could not be judged and why, from the rows of all verdicts; empty if all were.
+
+    Examples
+    --------
+    >>> from hums.analysis.findings import not_judged_words
+    >>> not_judged_words([{"verdict": "diagnosed", "doubts": ""}, {"verdict": "not judged", "doubts": "too short: x"}])
+    '1 of 2 kinds of damage could not be judged (too short)'
+    """
     blind = [row for row in every if row["verdict"] == NOT_JUDGED]
     if not blind:
-        return NOTHING_FOUND, "every kind of damage was judged, and none stands out"
+        return ""
     reasons = dict.fromkeys(str(row["doubts"]).split(":")[0] for row in blind)
-    others = "; nothing was found of the others" if len(blind) < len(every) else ""
-    return (
-        NOT_JUDGED,
-        f"{len(blind)} of {len(every)} kinds of damage could not be judged ({'; '.join(reasons)}){others}",
-    )
+    return f"{len(blind)} of {len(every)} kinds of damage could not be judged ({'; '.join(reasons)})"
 
 
 def bearing_verdicts(
@@ -136,16 +148,17 @@ def bearing_verdicts(
     results = []
     for family in sorted(parts):
         own = [part for part in evidence if (part.component, part.kind) == family]
-        sound = [part for part in own if part.main.channel not in faulty]
+        sound = [part for part in own if part.channel not in faulty]
         if not sound:
-            results.append(_not_judged(own[0], "the sensor is faulty, and may make any line by itself"))
+            why = "the sensor is faulty, and may make any line by itself"
+            results.append(_not_judged(own[0], why, least_change="judged with a sound sensor"))
             continue
         judged = [
             _bearing_verdict(part, evidence, faulty, library, at_shafts, searches, false_alarm_probability)
             for part in sound
         ]
-        results.append(min(judged, key=lambda one: (_RANK[one.verdict], -one.strength)))
-    return _with_twins(results, {(part.component, part.kind): part.main.expected.order for part in evidence})
+        results.append(min(judged, key=lambda one: (RANK[one.verdict], -one.strength)))
+    return _with_twins(results, {(part.component, part.kind): part.order for part in evidence})
 
 
 def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], float]) -> list[Finding]:
@@ -154,7 +167,7 @@ def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], flo
     Their lines are the same: the one with the strongest evidence is named, with the others, and they are not judged.
     """
     stronger: dict[tuple[str, float], Finding] = {}
-    for one in sorted(results, key=lambda one: (_RANK[one.verdict], -one.strength)):
+    for one in sorted(results, key=lambda one: (RANK[one.verdict], -one.strength)):
         stronger.setdefault((one.kind, round(orders[one.component, one.kind], 9)), one)
     made = []
     for one in results:
@@ -196,16 +209,24 @@ def _not_told(one: Finding, stronger: str) -> Finding:
         doubts=why,
         severity=_UNKNOWN,
         next_step="",
-        least_change="",
+        least_change=f"judged, if its orders were not those of {stronger}",
     )
 
 
-def of_another_machine(one: Finding, why: str) -> Finding:
-    """Return a verdict that judges nothing, since the record does not look like its gearbox."""
-    return replace(one, verdict=NOT_JUDGED, evidence=f"not judged: {why}.", doubts=why, severity=_UNKNOWN, next_step="")
+def judging_nothing(one: Finding, why: str, least_change: str) -> Finding:
+    """Return a verdict that judges nothing, for a reason of the whole record."""
+    return replace(
+        one,
+        verdict=NOT_JUDGED,
+        evidence=f"not judged: {why}.",
+        doubts=why,
+        severity=_UNKNOWN,
+        next_step="",
+        least_change=least_change,
+    )
 
 
-_RANK = {DIAGNOSED: 0, INDICATED: 1, NOT_JUDGED: 2, NOTHING_FOUND: 3}
+RANK = {DIAGNOSED: 0, INDICATED: 1, NOT_JUDGED: 2, NOTHING_FOUND: 3}
 
 
 def _bearing_verdict(
@@ -219,28 +240,32 @@ def _bearing_verdict(
 ) -> Finding:
     """Return the verdict on one kind of defect of a bearing in one channel."""
     probability = library.probability(part.strength, parts=searches)
+    needed = max(LEAST_STRENGTH, library.strength_at(stated, parts=searches))
     if probability > stated or part.strength < LEAST_STRENGTH:
-        needed = max(LEAST_STRENGTH, library.strength_at(stated, parts=searches))
         return _unnamed(part, probability, needed)
     if part.hidden_by:
-        return _not_judged(part, _hidden(part.hidden_by), probability=probability)
+        least_change = "indicated, if no other line explained its own"
+        return _not_judged(part, _hidden(part.hidden_by), probability=probability, least_change=least_change)
     if part.at_shaft:
         probability = at_shafts.probability(part.strength, parts=searches)
         if probability > stated:
-            return _not_judged(part, _hidden(part.at_shaft), probability=probability)
-    rivals = [other for other in evidence if other.main.channel not in faulty and other is not part]
+            least = at_shafts.strength_at(stated, parts=searches)
+            least_change = f"indicated from a strength of {least:.3g} on (now {part.strength:.3g})"
+            return _not_judged(part, _hidden(part.at_shaft), probability=probability, least_change=least_change)
+    rivals = [other for other in evidence if other.channel not in faulty and other is not part]
     doubts = _doubts(part, rivals)
     if probability > CERTAIN * stated and not doubts:
         doubts.append(f"one in {1 / probability:.0f} healthy machines shows as much")
-    return _named(part, doubts, probability)
+    certain = library.strength_at(CERTAIN * stated, parts=searches)
+    return _named(part, doubts, probability, _least_of(_changes(part, rivals, doubts, needed, certain)))
 
 
 def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     """Return what keeps a bearing's defect from being certain."""
-    main, doubts = part.main, []
-    if main.depth < FAULTY_DEPTH:
+    doubts = []
+    if part.depth < FAULTY_DEPTH:
         doubts.append(
-            f"it modulates the band by only {main.depth:.1%}: it is there, but sound bearings have races and "
+            f"it modulates the band by only {part.depth:.1%}: it is there, but sound bearings have races and "
             "elements that are not perfect, too; compare with earlier and later records"
         )
     if part.at_shaft:
@@ -251,40 +276,78 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
         doubts.append("no harmonic or sideband supports it")
     elif part.kind == "inner_race" and not part.sidebands:
         doubts.append("no sideband shows it passing the load zone, as a spot on a turning race does")
-    for rival in rivals:
-        same = rival.component == part.component and rival.kind != part.kind
-        if (
-            same
-            and rival.main.depth * RIVAL_FACTOR > main.depth
-            and rival.strength > 0
-            and part.kind != "cage" != rival.kind
-        ):
-            doubts.append(f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(rival, part)}")
-    order, depth = part.deepest_other
+    doubts += [
+        f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(rival.depth, part)}"
+        for rival in _rivals(part, rivals)
+        if rival.depth * RIVAL_FACTOR > part.depth
+    ]
     known = any(
-        abs(order - multiple * rival.main.line.found) <= multiple * rival.main.bin_width
+        abs(part.other_order - multiple * rival.found) <= multiple * rival.bin_width
         for rival in rivals
         if rival.strength > 0
         for multiple in (1, 2, 3)
     )
-    if depth > main.depth and not known:
-        doubts.append(f"the line at {order:.3f} orders, which nothing explains, is deeper ({depth:.1%})")
+    if part.other_depth > part.depth and not known:
+        doubts.append(
+            f"the line at {part.other_order:.3f} orders, which nothing explains, is deeper ({part.other_depth:.1%})"
+        )
     return doubts
 
 
-def _comparison(rival: PartEvidence, part: PartEvidence) -> str:
-    if rival.main.depth > RIVAL_FACTOR * part.main.depth:
-        return f"{rival.main.depth / part.main.depth:.0f} times as large, of which this may be a trace"
+def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvidence]:
+    """Return the lines of the same bearing's other races and elements, of which a part's line may be a trace."""
+    return [
+        other
+        for other in others
+        if other.component == part.component
+        and other.kind != part.kind
+        and other.strength > 0
+        and part.kind != "cage" != other.kind
+    ]
+
+
+def _changes(
+    part: PartEvidence, rivals: Sequence[PartEvidence], doubts: Sequence[str], needed: float, certain: float
+) -> list[tuple[float, str]]:
+    """Return changes that would turn the verdict on a named part, each with its factor; inf where it has none."""
+    lost = [(part.strength / needed, f"nothing found below a strength of {needed:.3g} (now {part.strength:.3g})")]
+    if len(doubts) == 1:
+        if part.depth < FAULTY_DEPTH:
+            deeper = f"diagnosed from a modulation of {FAULTY_DEPTH:.0%} on (now {part.depth:.1%})"
+            return [*lost, (FAULTY_DEPTH / part.depth, deeper)]
+        if part.strength < certain < math.inf:
+            return [*lost, (certain / part.strength, f"diagnosed from a strength of {certain:.3g} on")]
+        return [*lost, (math.inf, f"diagnosed without this doubt: {doubts[0]}")]
+    if doubts:
+        return lost
+    changes = [
+        (part.depth / FAULTY_DEPTH, f"indicated below a modulation of {FAULTY_DEPTH:.0%} (now {part.depth:.1%})"),
+        (part.strength / certain, f"indicated below a strength of {certain:.3g} (now {part.strength:.3g})"),
+    ]
+    most = part.depth / RIVAL_FACTOR
+    for rival in _rivals(part, rivals):
+        text = f"indicated, if the line of {_kind_text(rival.kind)} modulated by {most:.1%} (now {rival.depth:.1%})"
+        changes.append((most / rival.depth, text))
+    return changes
+
+
+def _least_of(changes: Sequence[tuple[float, str]]) -> str:
+    """Return the change with the smallest factor."""
+    return min(changes, key=lambda change: change[0])[1]
+
+
+def _comparison(depth: float, part: PartEvidence) -> str:
+    if depth > RIVAL_FACTOR * part.depth:
+        return f"{depth / part.depth:.0f} times as large, of which this may be a trace"
     return "of similar size, which one local defect would not make"
 
 
-def _named(part: PartEvidence, doubts: Sequence[str], probability: float) -> Finding:
+def _named(part: PartEvidence, doubts: Sequence[str], probability: float, least_change: str) -> Finding:
     """Return a finding on a bearing; any doubt makes it indicated."""
-    main = part.main
-    band = f"{part.band_hz[0]:.6g}-{part.band_hz[1]:.6g} Hz"
-    evidence = f"{_line_text(main)}, a modulation of the band {band} by {main.depth:.1%}"
+    band = f"{part.band_low_hz:.6g}-{part.band_high_hz:.6g} Hz"
+    evidence = f"{_line_text(part)}, a modulation of the band {band} by {part.depth:.1%}"
     if part.support:
-        evidence += "; supported by " + ", ".join(part.support)
+        evidence += f"; supported by {part.support}"
     if doubts:
         evidence += "; not certain: " + "; ".join(doubts)
     kind = _kind_text(part.kind)
@@ -295,40 +358,53 @@ def _named(part: PartEvidence, doubts: Sequence[str], probability: float) -> Fin
         false_alarm_probability=probability,
         explained=part.explained,
         doubts="; ".join(doubts),
-        severity=f"{_UNKNOWN}; it modulates the band by {main.depth:.1%}",
+        severity=f"{_UNKNOWN}; it modulates the band by {part.depth:.1%}",
         next_step=(
             f"Take another record at the same speed and load, and compare the line of {kind}; plan an inspection."
             if doubts
             else f"Inspect {kind} of {part.component}; until then record it often at the same speed and load."
         ),
-        least_change=f"diagnosed without this doubt: {doubts[0]}" if doubts else _least_doubt(part),
+        least_change=least_change,
     )
-
-
-def _least_doubt(part: PartEvidence) -> str:
-    return f"indicated, if it modulated the band by less than {FAULTY_DEPTH:.0%} (now {part.main.depth:.1%})"
 
 
 def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     """Return that a part is not judged where its defect would not have shown, else that nothing was found."""
     if part.detectable_depth > FAULTY_DEPTH:
+        longer = (part.detectable_depth / FAULTY_DEPTH) ** 2  # the noise about a line falls as the root of the time
         return _not_judged(
             part,
             f"too short or too noisy: only a modulation by {part.detectable_depth:.0%} would stand out, "
-            f"{JUDGED_SNR:.0f} times its surroundings, where damage begins at {FAULTY_DEPTH:.0%}",
+            f"where damage begins at {FAULTY_DEPTH:.0%}",
+            least_change=f"judged in a record {longer:.2g} times as long"
+            if math.isfinite(longer)
+            else "judged in a band that has power",
+        )
+    if part.unsure_depth > FAULTY_DEPTH and not part.strength:
+        return _not_judged(
+            part,
+            f"too short or too noisy: a line in its place modulates a band by {part.unsure_depth:.0%}, which noise may "
+            "be, and damage, too",
+            least_change=f"nothing found, if that line were below {FAULTY_DEPTH:.0%}",
         )
     seen = (
-        f"{_line_text(part.main)}: healthy machines show as much in one of {1 / probability:.0f} records"
+        f"{_line_text(part)}: healthy machines show as much in one of {1 / probability:.0f} records"
         if part.strength > 0
         else "no line stands where it would make one"
     )
+    blind = FAULTY_DEPTH / part.detectable_depth if part.detectable_depth > 0 else math.inf
+    changes = [(blind, f"not judged, if the noise about its line were {blind:.2g} times as large")]
+    if part.strength > 0:
+        changes.append(
+            (needed / part.strength, f"indicated from a strength of {needed:.3g} on (now {part.strength:.3g})")
+        )
     return replace(
         _blank(part),
         verdict=NOTHING_FOUND,
         evidence=f"{seen}; a modulation by {part.detectable_depth:.1%} would have stood out.",
         false_alarm_probability=probability,
         doubts=_hidden(part.hidden_by or part.at_shaft) if part.hidden_by or part.at_shaft else "",
-        least_change=f"indicated from a strength of {needed:.3g} on (now {part.strength:.3g})",
+        least_change=_least_of(changes),
     )
 
 
@@ -336,7 +412,7 @@ def _hidden(what: str) -> str:
     return f"its line may be something else's: {what}"
 
 
-def _not_judged(part: PartEvidence, why: str, *, probability: float = math.nan) -> Finding:
+def _not_judged(part: PartEvidence, why: str, *, probability: float = math.nan, least_change: str) -> Finding:
     return replace(
         _blank(part),
         verdict=NOT_JUDGED,
@@ -344,41 +420,35 @@ def _not_judged(part: PartEvidence, why: str, *, probability: float = math.nan) 
         false_alarm_probability=probability,
         doubts=why,
         next_step="Take a longer record at a steady speed and load." if why.startswith("too short") else "",
+        least_change=least_change,
     )
 
 
 def _blank(part: PartEvidence) -> Finding:
-    found = part.main.line
     return Finding(
         component=part.component,
         kind=part.kind,
-        channel=part.main.channel,
+        channel=part.channel,
         verdict=NOT_JUDGED,
         evidence="",
         false_alarm_probability=math.nan,
-        snr=found.snr if math.isfinite(found.snr) else 1e9,
-        order_found=found.found,
-        amplitude=found.amplitude,
-        units=part.main.units,
+        snr=part.snr if math.isfinite(part.snr) else 1e9,
+        order_found=part.found,
+        amplitude=part.amplitude,
+        units=part.units,
         strength=part.strength,
-        depth=part.main.depth,
+        depth=part.depth,
         detectable_depth=part.detectable_depth,
     )
 
 
-def _line_text(line: MeasuredLine) -> str:
-    """Return a line in words: where it stands, how large it is."""
-    found, expected = line.line, line.expected
-    where = (
-        "envelope line"
-        if expected.spectrum == ENVELOPE
-        else f"sideband {expected.sideband:+d} of mesh harmonic {expected.harmonic}"
-    )
-    offset = found.found / expected.order - 1
+def _line_text(part: PartEvidence) -> str:
+    """Return a part's line in words: where it stands, how large it is."""
+    offset = part.found / part.order - 1
     off = f", {offset:+.1%}" if abs(offset) > 5e-4 else ""  # noqa: PLR2004  (what one decimal can show)
     return (
-        f"{where} at {found.found:.3f} orders (nominal {expected.order:.3f}{off}), {found.amplitude:.3g} "
-        f"{line.units}, {found.snr:.1f} times its surroundings"
+        f"envelope line at {part.found:.3f} orders (nominal {part.order:.3f}{off}), {part.amplitude:.3g} "
+        f"{part.units}, {part.snr:.1f} times its surroundings"
     )
 
 

@@ -33,7 +33,7 @@ from signals.angle.local_damage import (
 )
 from signals.resampling.resampling import PASSBAND
 
-__all__ = ["GearJudgement", "gear_damage", "gear_indicators", "gear_verdicts"]
+__all__ = ["GearJudgement", "gear_damage", "gear_indicators", "gear_verdicts", "tooth_envelope"]
 
 # Sidebands of run-out and planet passes removed on either side of a mesh harmonic, in rotations of the fastest of its
 # gears. Halved, a run-out of several per cent leaves its second sideband; doubled, a quarter of the orders is lost.
@@ -41,6 +41,7 @@ _SIDEBANDS = 2.5
 _SHAFT_ORDERS = 3  # of the fastest shaft: below it all is removed
 _SMOOTH_ORDERS = 2  # of a turn that run-out, misalignment or passing planets modulate; 0 for a sun, folded by planet
 _MASKED_TEETH = 1.5  # on either side of a damaged tooth, taken out before weaker gears are judged again
+_SICK = "the sensor is sick"
 _ROTATIONS = (999, 9999)  # least and most: more cost time where a tooth is found
 _LEAST_LOCAL = 1e-30  # no healthy gear comes near it
 
@@ -161,7 +162,7 @@ def gear_damage(
         for gear in gears
     ]
     if faulty:
-        return [replace(row, not_judged="the sensor is sick") for row in judged]
+        return [replace(row, not_judged=_SICK) for row in judged]
     try:
         energies = _energies(values, when, machine, channel)
     except ValueError as error:
@@ -224,7 +225,7 @@ class _Judge:
                 self.energies, order=gear.row.order, teeth=gear.per_turn, keep=keep, smooth_orders=gear.smooth_orders
             )
         except ValueError as error:
-            return replace(row, not_judged=str(error))
+            return replace(row, not_judged=f"too short or too slowly sampled: {error}")
         found = local_damage(folds, rotations=rotations, rng=np.random.default_rng(0))
         return replace(row, **self._fields(found))
 
@@ -276,6 +277,20 @@ class _Judge:
         place = energies.start_rev + np.arange(energies.values.shape[1]) / energies.samples_per_rev
         apart = (row.order * place - row.position_rev + 0.5) % 1.0 - 0.5
         return np.asarray(np.abs(apart) < _MASKED_TEETH / gear.per_turn)
+
+
+def tooth_envelope(
+    values: Values, when: Sampling, machine: Machine, channel: str, component: str, band_orders: tuple[float, float]
+) -> tuple[BandEnergies, float, int]:
+    """Return the squared envelope in which a gear's tooth stands out, the tooth's meetings per revolution, a harmonic.
+
+    The harmonic is the lowest of the meetings that modulations of a sound gear's turn do not make.
+    """
+    gear = next(gear for gear in _gears(machine) if gear.row.component == component)
+    energies = _energies(values, when, machine, channel)
+    band = int(np.argmin(np.abs(energies.edges[:-1] - band_orders[0])))
+    alone = replace(energies, values=energies.values[band : band + 1], edges=energies.edges[band : band + 2])
+    return alone, gear.row.order, gear.smooth_orders + 1
 
 
 def _evidence(row: GearJudgement) -> tuple[bool, float, float]:
@@ -332,7 +347,17 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
         f"what it shows may be that of {row.explained_by}" if row.explained_by and row.probability <= stated else ""
     )
     if why:
-        return replace(_blank(row), verdict=NOT_JUDGED, evidence=f"not judged: {why}.", doubts=why)
+        change = "judged with a sound sensor" if why == _SICK else "judged in a longer record, or a faster sampled one"
+        if not row.not_judged:
+            change = f"indicated without the tooth of {row.explained_by}"
+        return replace(
+            _blank(row),
+            verdict=NOT_JUDGED,
+            evidence=f"not judged: {why.rstrip('.')}.",
+            doubts=why,
+            next_step="Take a longer record at a steady speed and load." if why.startswith("too short") else "",
+            least_change=change,
+        )
     return replace(
         _blank(row),
         verdict=NOTHING_FOUND,

@@ -6,9 +6,10 @@ from the envelope spectrum, those of planetary stages in `hums.analysis.indicato
 only.
 """
 
+import json
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import partial
 from typing import Any
@@ -17,21 +18,103 @@ import numpy as np
 import xarray as xr
 from scipy import fft
 
-from hums.analysis.baseline import Baseline
 from hums.analysis.channel import AnalysedChannel, Values, resample_in_angle
 from hums.analysis.lines import ENVELOPE
 from hums.analysis.reference_angle import Machine
-from hums.analysis.result import IndicatorValue
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.result import Analysis, IndicatorValue, check_analysis, group
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.components import planet_angles
 from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import sampling
 from signals.angle.averaging import SynchronousAverage, synchronous_average
 from signals.angle.planets import PassWindow, PlanetaryTeeth, pass_angle, planet_average, sun_average
-from signals.angle.residual import difference_signal, mesh_band, regular_signal, residual_signal
-from signals.indicators import INDICATORS, DefectEnergy
+from signals.angle.residual import (
+    MeshBand,
+    ResidualSignal,
+    difference_signal,
+    mesh_band,
+    regular_signal,
+    residual_signal,
+)
+from signals.indicators import INDICATORS, DefectEnergy, VarianceHistory
 from signals.resampling.resampling import PASSBAND, AngularSignal
 from signals.spectra.integration import ISO_20816_HZ, ISO_20816_SLOW_HZ, velocity
+
+# ---- Variances of earlier records of a machine, to which NA4 and NB4 refer -------------------------------------------
+
+
+HISTORIES = "histories_json"
+Key = tuple[str, str, str]  # channel, component, indicator
+
+
+@dataclass
+class Baseline:
+    """Histories of variance by channel, component and indicator, updated while a record is analysed."""
+
+    histories: dict[Key, VarianceHistory]
+    limit_std: float | None
+    freeze: bool
+
+    def update(self, key: Key, signal: ResidualSignal | MeshBand) -> VarianceHistory:
+        """Add this record to a history and return it."""
+        history = self.histories.get(key, VarianceHistory(limit_std=self.limit_std))
+        if self.freeze and history.records:
+            history = history.freeze()
+        history = history.update(signal)
+        self.histories[key] = history
+        return history
+
+    def to_json(self) -> str:
+        """Return the histories as JSON, for the attributes of `/indicators`."""
+        rows = [
+            {"channel": channel, "component": component, "indicator": indicator}
+            | {field.name: getattr(history, field.name) for field in fields(history)}
+            for (channel, component, indicator), history in sorted(self.histories.items())
+        ]
+        return json.dumps(rows)
+
+
+def read_baseline(previous: Analysis | None, settings: AnalysisSettings, *, units: Mapping[str, str]) -> Baseline:
+    """Return the histories in the analysis of the previous record, or empty ones.
+
+    Parameters
+    ----------
+    previous : xarray.DataTree, optional
+        Analysis of the previous record; it holds the variances of all earlier records.
+    settings : AnalysisSettings
+        Settings of the analysis, of which the limit and the freezing of the baseline are used.
+    units : mapping of str to str
+        Units of the channels of the record to analyse, in which the histories must be.
+
+    Raises
+    ------
+    AnalysisError
+        If `previous` is not an analysis or has other units, or there is no baseline to freeze.
+    """
+    limit = settings.baseline_limit_std
+    if previous is None:
+        if settings.freeze_baseline:
+            raise AnalysisError(
+                "freeze_baseline is set, but there is no baseline to freeze; pass baseline=, the analysis of the last "
+                "record of the sound machine (on the command line --baseline analysis.h5)."
+            )
+        return Baseline(histories={}, limit_std=limit, freeze=False)
+    check_analysis(previous)
+    channels = json.loads(previous.attrs["channels_json"])
+    for channel in channels:
+        now = units.get(channel["name"], channel["units"])
+        if now != channel["units"]:
+            raise AnalysisError(
+                f'baseline: channel "{channel["name"]}" was in {channel["units"]} and is in {now} now; variances of '
+                "other units are no baseline."
+            )
+    histories = {}
+    for row in json.loads(group(previous, "indicators").attrs[HISTORIES]):
+        key = (row.pop("channel"), row.pop("component"), row.pop("indicator"))
+        history = VarianceHistory(**row)
+        histories[key] = history if limit is None else replace(history, limit_std=limit)
+    return Baseline(histories=histories, limit_std=limit, freeze=settings.freeze_baseline)
+
 
 # ---- Condition indicators of a gear, from its synchronous average, residual and difference signal, and mesh band -----
 
@@ -315,13 +398,18 @@ def planetary_indicators(
 ) -> Iterator[IndicatorValue]:
     """Yield the indicators of all planetary stages in one channel."""
     for stage in stages(machine):
-        yield _carrier_sidebands(channel, machine, stage)
+        of_carrier = MonitoredComponent(
+            channel=channel.name, units=channel.units, component=stage.carrier, kind="planetary"
+        )
+        make = partial(synchronous_average, channel.signal, ratio=machine.order_of(stage.carrier))
+        yield carrier_sideband_ratio(of_carrier, stage, make)
         yield from _planet_indicators(record, channel, values, machine, stage, settings, baseline)
 
 
-def _carrier_sidebands(channel: AnalysedChannel, machine: Machine, stage: Stage) -> IndicatorValue:
+def carrier_sideband_ratio(
+    monitored: MonitoredComponent, stage: Stage, average: Callable[[], SynchronousAverage]
+) -> IndicatorValue:
     """Return the ratio of the sidebands that evenly spaced planets cancel to those they do not."""
-    monitored = MonitoredComponent(channel=channel.name, units=channel.units, component=stage.carrier, kind="planetary")
     teeth = stage.teeth
 
     def ratio() -> float:
@@ -329,9 +417,8 @@ def _carrier_sidebands(channel: AnalysedChannel, machine: Machine, stage: Stage)
             raise ValueError(stage.misfit)
         if any(place != Fraction(k, teeth.planets) for k, place in enumerate(teeth.positions_rev)):
             raise ValueError("planets that are not evenly spaced leave every sideband, also in health.")
-        average = synchronous_average(channel.signal, ratio=machine.order_of(stage.carrier))
         found = INDICATORS["carrier_sideband_ratio"](
-            average, ring_teeth=teeth.ring, planets=teeth.planets, harmonic=1, sidebands=teeth.planets
+            average(), ring_teeth=teeth.ring, planets=teeth.planets, harmonic=1, sidebands=teeth.planets
         )
         return float(found)
 
@@ -508,9 +595,18 @@ def gears_on_shafts(machine: Machine) -> dict[str, dict[str, int]]:
 def _bearing_indicators(
     channel: AnalysedChannel, machine: Machine, settings: AnalysisSettings
 ) -> Iterator[IndicatorValue]:
-    """Yield the envelope energy at the lines of each bearing defect, and its ratio to the background."""
+    """Yield the modulation by each bearing defect over all bands, and the energy of its lines in the band shown.
+
+    That energy is relative to the background, too. The modulation is what verdicts are made from, of records in which
+    nothing is significant as well.
+    """
     if channel.band is None:
         return
+    for part in channel.evidence:
+        of_part = MonitoredComponent(
+            channel=channel.name, units=channel.units, component=part.component, kind=part.kind
+        )
+        yield of_part.evaluate("modulation", "envelopes of all bands", partial(float, part.modulation))
     spectrum, slip = channel.spectra[ENVELOPE], settings.slip
     unit = f"({channel.units})2" if " " in channel.units else f"{channel.units}2"
     for line in (row for row in machine.defect_orders if row.kind in BEARING_KINDS):

@@ -10,12 +10,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.analysis.result import AnalysisError
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.settings import AnalysisError, AnalysisSettings
+from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox
-from hums.gearbox.orders import BearingOrders, DefectOrder, bearing_orders, defects
+from hums.gearbox.orders import DefectOrder, bearing_orders, defects
 from hums.records.record import channel_values, nominal_speed, sampling, tachometers, vibration_channels
 from signals.shaft.declared_speed import DeclaredSpeed, refine_declared_speed
 from signals.shaft.phase import ShaftPhase, constant_speed
@@ -24,6 +24,9 @@ from signals.shaft.tachometer import shaft_phase
 
 _JITTER_LIMIT_RAD = 0.3  # phase error that takes 4 % off a line
 _FEWEST_SAMPLES = 64  # to look for lines in
+# of shafts, whose combs show a speed: loose, misaligned or rubbing ones have some ten, and the tenth shows it ten times
+# as exactly as the first; of the orders that do not show none costs more than the chance that one does
+_SHAFT_HARMONICS = 10
 _FASTEST_HZ = 750.0  # 45,000 rpm, our choice: faster input shafts are of small turbines alone, and declare a range
 _FAULTY_PULSES = 0.05  # share of repaired pulses from which a tachometer is faulty
 
@@ -156,6 +159,32 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
         If the gearbox has several degrees of freedom or no reference, a shaft does not exist, the tachometer pulses
         cannot be repaired, the speed cannot be estimated, or the record holds less than one revolution.
     """
+    kinematics, reference = solved(gearbox)
+    defect_orders = defects(kinematics)
+    source = _angle_source(record, kinematics, defect_orders, reference, settings)
+    ratio = _ratio(kinematics, source.shaft, reference)
+    phase = source.phase if abs(ratio) == 1 else source.phase.scaled(abs(ratio))
+    turned = float(phase.revolutions[-1] - phase.revolutions[0])
+    if turned < 1:
+        raise AnalysisError(
+            f'the record holds no whole revolution of the reference "{reference}" ({turned:.3g} of one in '
+            f"{phase.stop_s - phase.start_s:.3g} s); record longer, or choose a faster reference."
+        )
+    if source.tachometer:
+        _refuse_implausible(phase, source.tachometer, reference, settings)
+    return Machine(
+        kinematics=kinematics,
+        reference=reference,
+        defect_orders=defect_orders,
+        bearings=bearing_orders(kinematics),
+        phase=phase,
+        source=source,
+        ratio=abs(ratio),
+    )
+
+
+def solved(gearbox: Gearbox) -> tuple[Kinematics, str]:
+    """Return kinematics and reference of a gearbox with one degree of freedom; raise AnalysisError for another."""
     if not isinstance(gearbox, Gearbox):
         raise AnalysisError(f"gearbox is a {type(gearbox).__name__}; load it first, as hums.load_gearbox(...) does.")
     kinematics = solve_kinematics(gearbox)
@@ -166,27 +195,7 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
         )
     if gearbox.reference is None:
         raise AnalysisError(f'gearbox "{gearbox.name}" declares no reference shaft; add reference = "LINK".')
-    defect_orders = defects(kinematics)
-    source = _angle_source(record, kinematics, defect_orders, gearbox.reference, settings)
-    ratio = _ratio(kinematics, source.shaft, gearbox.reference)
-    phase = source.phase if abs(ratio) == 1 else source.phase.scaled(abs(ratio))
-    turned = float(phase.revolutions[-1] - phase.revolutions[0])
-    if turned < 1:
-        raise AnalysisError(
-            f'the record holds no whole revolution of the reference "{gearbox.reference}" ({turned:.3g} of one in '
-            f"{phase.stop_s - phase.start_s:.3g} s); record longer, or choose a faster reference."
-        )
-    if source.tachometer:
-        _refuse_implausible(phase, source.tachometer, gearbox.reference, settings)
-    return Machine(
-        kinematics=kinematics,
-        reference=gearbox.reference,
-        defect_orders=defect_orders,
-        bearings=bearing_orders(kinematics),
-        phase=phase,
-        source=source,
-        ratio=abs(ratio),
-    )
+    return kinematics, gearbox.reference
 
 
 def _refuse_implausible(phase: ShaftPhase, tachometer: str, reference: str, settings: AnalysisSettings) -> None:
@@ -264,13 +273,16 @@ def _declared_angle(
     when = sampling(record, name)
     found = DeclaredSpeed(declared_hz=speed_hz, speed_hz=speed_hz)
     values = np.asarray(channel_values(record, name), dtype=np.float64)
-    orders = _speed_estimation_orders(defect_orders, settings.harmonics, below=when.rate_hz / 2 / (speed_hz * ratio))
+    top = when.rate_hz / 2 / (speed_hz * ratio)
+    shafts = {row.order for row in defect_orders if row.kind == "shaft"}
+    combs = {harmonic * order for order in shafts for harmonic in range(1, _SHAFT_HARMONICS + 1)}
+    orders = sorted(combs.union(_speed_estimation_orders(defect_orders, settings.harmonics, below=top)))
     if settings.nominal_speed_tolerance > 0 and values.size >= _FEWEST_SAMPLES and np.isfinite(values).all():
         found = refine_declared_speed(
             values,
             rate_hz=when.rate_hz,
             speed_hz=speed_hz,
-            orders=[order * ratio for order in orders],
+            orders=[order * ratio for order in orders if order <= top],
             tolerance=settings.nominal_speed_tolerance,
         )
     stop = when.start_s + (when.count - 1) / when.rate_hz

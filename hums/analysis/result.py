@@ -4,16 +4,17 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 import xarray as xr
 
 from hums.analysis.detection import AssessedLine
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
+from hums.analysis.settings import AnalysisError
 from hums.records.record import RecordError
 from hums.records.store import open_tree, write_tree
-from signals._validation import checked
+from signals._validation import checked, choice
 from signals.spectra.spectra import AmplitudeSpectrum
 
 if TYPE_CHECKING:
@@ -22,22 +23,9 @@ if TYPE_CHECKING:
 
 
 Analysis: TypeAlias = xr.DataTree
+Row = TypeVar("Row")
 SCHEMA = "hums-analysis/1"
 GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")
-
-
-class AnalysisError(ValueError):
-    """Raised where a record, gearbox or setting does not allow an analysis.
-
-    Examples
-    --------
-    >>> import hums
-    >>> try:
-    ...     hums.AnalysisSettings(harmonics=0)
-    ... except hums.AnalysisError as error:
-    ...     print("harmonics" in str(error))
-    True
-    """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -270,13 +258,30 @@ def _line_table(lines: Sequence[AssessedLine]) -> xr.Dataset:
 
 
 def rows_dataset(rows: Sequence[object], kind: type, *, dim: str) -> xr.Dataset:
-    """Return dataclass rows of one kind as a dataset along `dim`, with one variable for each field."""
+    """Return dataclass rows of one kind as a dataset along `dim`, with one variable for each field.
+
+    Numbers and strings stand as they are, tuples as JSON; `rows_of` reads them back.
+    """
     columns: dict[str, NDArray[Any]] = {}
     for field in fields(kind):
         values = [getattr(row, field.name) for row in rows]
+        values = [json.dumps(value) if isinstance(value, tuple) else value for value in values]
         number = field.type in (float, "float")
         columns[field.name] = np.array(values, dtype=np.float64 if number else None if rows else "<U1")
     return xr.Dataset({name: (dim, values) for name, values in columns.items()})
+
+
+def rows_of(dataset: xr.Dataset, kind: type[Row]) -> list[Row]:
+    """Return the dataclass rows that `rows_dataset` wrote."""
+    read = {int: int, float: float, str: str, bool: bool}
+    columns = {
+        field.name: [
+            read[field.type](value) if field.type in read else tuple(json.loads(str(value)))
+            for value in dataset[field.name].to_numpy().tolist()
+        ]
+        for field in fields(kind)  # type: ignore[arg-type]
+    }
+    return [kind(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
 
 
 # ---- Tables and a JSON summary of an analysis, as written to `orders.csv`, `indicators.csv` and `summary.json` -------
@@ -319,6 +324,7 @@ def line_table(analysis: Analysis, name: str) -> "pd.DataFrame":
     >>> lines[lines["claimed"]][["component", "harmonic", "order", "amplitude"]].round(2).values.tolist()
     [['stage 1', 1, 23.0, 0.5]]
     """
+    choice(name, name="name", choices=(ORDER_SPECTRUM, ENVELOPE))
     dataset = group(analysis, name)
     table = dataset[[column for column in dataset.data_vars if dataset[column].dims == ("line",)]].to_dataframe()
     plain = table.rename(columns=lambda column: str(column).removeprefix("line_")).reset_index(drop=True)
@@ -386,7 +392,9 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     -------
     pandas.DataFrame
         The columns of `findings_table`; verdict is also ``"not judged"``, with the reason in evidence, or ``"nothing
-        found"`` where a defect would have shown.
+        found"`` where a defect would have shown. Every bearing, gear and shaft of the drawing that can fail has a row
+        for each of its kinds of damage; least_change says what would turn the verdict. `hums.derive_verdicts` makes the
+        rows again from the analysis.
 
     Examples
     --------
@@ -396,8 +404,10 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
     >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
     >>> verdicts = hums.verdict_table(hums.analyze(record, hums.load_gearbox("two-stage")))
-    >>> set(verdicts["verdict"])
+    >>> set(verdicts.loc[verdicts["kind"] != "shaft", "verdict"])
     {'nothing found'}
+    >>> set(verdicts.loc[verdicts["kind"] == "shaft", "evidence"])
+    {'not judged: no baseline or limits.'}
     """
     import pandas as pd  # noqa: PLC0415
 
@@ -548,8 +558,7 @@ def summary(analysis: Analysis) -> dict[str, Any]:
     >>> facts["reference"], round(facts["speed_hz"]["mean"], 6), facts["findings"]
     ('input', 20.0, [])
     """
-    attrs, motion = analysis.attrs, group(analysis, "speed")
-    speed = motion["speed_hz"]
+    attrs = analysis.attrs
     return {
         "schema": SUMMARY_SCHEMA,
         "record": attrs["record"],
@@ -561,15 +570,8 @@ def summary(analysis: Analysis) -> dict[str, Any]:
         "channels": json.loads(attrs["channels_json"]),
         "settings": json.loads(attrs["settings_json"]),
         "notes": json.loads(attrs["notes_json"]),
-        "speed_hz": {
-            "min": float(speed.min()),
-            "max": float(speed.max()),
-            "mean": speed.size / float((1 / speed).sum()),
-            "nominal": bool(motion.attrs["nominal"]),
-            "tachometer": str(motion.attrs["tachometer"]),
-            "estimated_from": str(motion.attrs.get("estimated_from", "")),
-            "confidence": float(motion.attrs["confidence"]) if "confidence" in motion.attrs else None,
-        },
+        "speed_hz": _speed_facts(group(analysis, "speed")),
+        "measured": json.loads(attrs.get("measured_json", "{}")),
         "health": _records(health_table(analysis)),
         "envelope_bands": envelope_bands(analysis),
         "orders": _records(line_table(analysis, ORDER_SPECTRUM)),
@@ -578,6 +580,21 @@ def summary(analysis: Analysis) -> dict[str, Any]:
         "findings": _records(findings_table(analysis)),
         "verdicts": _records(verdict_table(analysis)),
         "unexplained": _records(unexplained_table(analysis)),
+    }
+
+
+def _speed_facts(motion: xr.Dataset) -> dict[str, Any]:
+    """Return the speed of the reference as plain types; None where the record does not say, as an average in angle."""
+    speed, attrs = motion["speed_hz"], motion.attrs
+    known = speed.size > 0
+    return {
+        "min": float(speed.min()) if known else None,
+        "max": float(speed.max()) if known else None,
+        "mean": speed.size / float((1 / speed).sum()) if known else None,
+        "nominal": bool(attrs["nominal"]),
+        "tachometer": str(attrs["tachometer"]),
+        "estimated_from": str(attrs.get("estimated_from", "")),
+        "confidence": float(attrs["confidence"]) if "confidence" in attrs else None,
     }
 
 

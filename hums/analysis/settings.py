@@ -1,13 +1,27 @@
-"""Settings of an analysis."""
+"""Settings of an analysis, and the error of one that cannot be made."""
 
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from hums.analysis.result import AnalysisError
 from hums.gearbox.components import Declared, Positive, sentences
+from signals._validation import SentenceError
 
 Band = tuple[float, float]
+
+
+class AnalysisError(SentenceError):
+    """Raised where a record, gearbox or setting does not allow an analysis.
+
+    Examples
+    --------
+    >>> import hums
+    >>> try:
+    ...     hums.AnalysisSettings(harmonics=0)
+    ... except hums.AnalysisError as error:
+    ...     print("harmonics" in str(error))
+    True
+    """
 
 
 class AnalysisSettings(Declared):

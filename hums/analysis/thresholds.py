@@ -102,3 +102,34 @@ MAINS_ACCURACY = 1e-3
 
 Halved, hum of weak grids is taken for a defect; doubled, defects within a tenth of a hertz of hum are hidden.
 """
+
+SHAFT_GROWTH = 2.0
+"""Ratio of a shaft's level to that of the first record from which it is indicated, where no limits are declared.
+
+6 dB: load and temperature change the level of a sound shaft by less (our choice; ISO 20816 leaves it to the owner).
+Halved, any change is indicated; doubled, an imbalance grows fourfold unseen.
+"""
+
+SHAFT_CERTAINTY = 4.0
+"""Standard deviations of noise by which a shaft's level must exceed its growth limit.
+
+Halved, shafts that noise hides are indicated in one record of fifty; doubled, weak lines grow longer unseen.
+"""
+
+ZONE_SHARE = 0.25
+"""Part of the limit of zone B by which a level may change before ISO 20816 calls the change significant.
+
+Halved, changes of load are indicated; doubled, a shaft moves half a zone unseen.
+"""
+
+SAME_SPEED = 0.1
+"""Largest relative difference of speed at which levels of a shaft are compared; that of imbalance goes with its square.
+
+Halved, drifting drives are not judged; doubled, a change of speed is read as one of the shaft.
+"""
+
+SLOWEST_VELOCITY_HZ = 2.0
+"""Speed in rev/s below which ISO 20816 does not limit velocity, 120 rpm.
+
+Halved, rolls and slow shafts are held against limits not made for them; doubled, shafts of 120 to 240 rpm are not.
+"""

@@ -1,22 +1,30 @@
-"""Complex amplitude over time of the shaft-synchronous lines of a channel."""
+"""Complex amplitude over time: of the shaft-synchronous lines of a channel, and of named parts in its envelopes."""
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy import fft
 
-from hums.analysis.channel import AnalysedChannel, varying_values
+from hums.analysis.channel import AnalysedChannel, resample_in_angle, varying_values, whole_values
 from hums.analysis.detection import AssessedLine
+from hums.analysis.evidence import PartEvidence
+from hums.analysis.gear_damage import tooth_envelope
 from hums.analysis.lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.reference_angle import Machine
 from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import sampling
+from signals.demodulation.envelope_bank import bank_envelopes
 from signals.harmonics import OrderTracks, track_orders
 from signals.harmonics.bandwidth_selection import likely_bandwidth
 from signals.resampling.resampling import AngularSignal
-from signals.spectra.spectra import AmplitudeSpectrum
+from signals.slipping_order.tracker import SlippingTrack, track_slipping_order
+from signals.spectra.lines import find_line
+from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum
 
 _MOST_OUTPUTS = 200
 _STEPS_REV = (0.125, 0.25, 0.5)
@@ -24,6 +32,13 @@ _LARGEST_BANDWIDTH = 0.1  # orders; the most likely one is looked for below this
 _POLES = 2  # amplitudes that vary smoothly; a passband with steep sides, so that neighbours stay out
 _OUTPUTS_A_BANDWIDTH = 16.0
 _SLOWEST_OUTPUT_REV = 8.0
+_CYCLES_A_BANDWIDTH = 8.0  # of a line in one over its bandwidth, so that it and its neighbours are apart
+_SLIP_CHANGE = 1e-3  # a revolution; as `track_slipping_order` advises for rolling bearings
+_FIRST_STEPS, _MOST_STEPS = 4, 100  # of the smoother: to choose the bandwidth along a first path, and at it
+_MARGIN_ORDERS = 1.5  # above a line, for the noise beside it
+_SURROUNDINGS_SHARE = 0.4  # of a line's order: the next harmonic of its family stays out
+
+Numbers = NDArray[np.float64]
 
 
 def lines_to_track(assessed: Iterable[AssessedLine], *, most: int) -> list[MeasuredLine]:
@@ -192,3 +207,203 @@ def _local_noise(
     """
     power = np.array([2 * line.line.amplitude_std**2 for line in lines])
     return power * signal.values.size / (4 * spectrum.noise_bandwidth_bins)
+
+
+# ---- Lines of diagnosed and indicated parts in an envelope ---------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvelopeLine:
+    """A part's line in the envelope of a band.
+
+    `order` is the nominal one; `largest_slip` how far it may be from it, 0 where the line is locked to a shaft.
+    `values` are the envelope in `units`, sampled evenly over the angle of the reference.
+    """
+
+    component: str
+    kind: str
+    channel: str
+    units: str
+    order: float
+    harmonic: int
+    band_hz: tuple[float, float]
+    largest_slip: float
+    values: Numbers
+    samples_per_rev: float
+    start_rev: float
+
+
+def bearing_line(
+    record: xr.Dataset, channel: AnalysedChannel, machine: Machine, part: PartEvidence, *, slip: float
+) -> EnvelopeLine:
+    """Return the fundamental of a bearing's part in the envelope of its band, sampled as densely as it needs."""
+    when = sampling(record, channel.name)
+    band = part.band_low_hz, part.band_high_hz
+    values = whole_values(varying_values(record, channel.name), channel.health)
+    ((rate_hz, envelope),) = bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=[band])
+    at = replace(when, rate_hz=rate_hz, count=envelope.size)
+    last = (1 + slip) * part.order + _MARGIN_ORDERS
+    signal = resample_in_angle(envelope, at, channel.name, machine.phase, last)
+    return EnvelopeLine(
+        component=part.component,
+        kind=part.kind,
+        channel=channel.name,
+        units=channel.units,
+        order=part.order,
+        harmonic=1,
+        band_hz=band,
+        largest_slip=slip,
+        values=signal.values,
+        samples_per_rev=signal.samples_per_rev,
+        start_rev=signal.start_rev,
+    )
+
+
+def tooth_line(
+    record: xr.Dataset, channel: AnalysedChannel, machine: Machine, component: str, band_orders: tuple[float, float]
+) -> EnvelopeLine:
+    """Return the line of a tooth in the envelope of what is left without meshes and shafts.
+
+    It is the lowest harmonic of the tooth's meetings that run-out of a sound gear does not make, too.
+    """
+    values = varying_values(record, channel.name)
+    energies, order, harmonic = tooth_envelope(
+        values, sampling(record, channel.name), machine, channel.name, component, band_orders
+    )
+    envelope = np.sqrt(energies.values[0])
+    lines = np.asarray(fft.rfft(envelope))
+    turns = envelope.size / energies.samples_per_rev
+    size = min(envelope.size, 2 * math.ceil((harmonic * order + _MARGIN_ORDERS) * turns))
+    low, high = (edge * machine.mean_speed_hz for edge in band_orders)
+    return EnvelopeLine(
+        component=component,
+        kind="tooth",
+        channel=channel.name,
+        units=channel.units,
+        order=harmonic * order,
+        harmonic=harmonic,
+        band_hz=(low, high),
+        largest_slip=0.0,
+        values=np.asarray(fft.irfft(lines[: size // 2 + 1], size)) * (size / envelope.size),
+        samples_per_rev=size / turns,
+        start_rev=energies.start_rev,
+    )
+
+
+def track_envelope_lines(
+    lines: Sequence[EnvelopeLine], machine: Machine, *, bandwidth_orders: float | None = None
+) -> xr.Dataset:
+    """Return the amplitude of parts' lines in their envelopes over time, with its standard deviation.
+
+    A slipping line is followed by `signals.harmonics.track_slipping_order`, one locked to a shaft by the smoother of
+    `track_orders`, both at the maximum-likelihood bandwidth.
+
+    Parameters
+    ----------
+    lines : sequence of EnvelopeLine
+    machine : Machine
+        Angle of the reference.
+    bandwidth_orders : float, optional
+        Full -3 dB width of the smoothers in orders; None for the maximum-likelihood one of each line.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``complex_amplitude``, ``std`` (of the amplitude), ``slip`` and ``slip_std`` (track, output), with what each
+        line is as coordinates; ``level`` is the mean of the envelope, so that ``abs(complex_amplitude) / level`` is the
+        depth of the modulation. Empty without lines.
+    """
+    if not lines:
+        return xr.Dataset()
+    first = max(line.start_rev for line in lines)
+    last = min(line.start_rev + (line.values.size - 1) / line.samples_per_rev for line in lines)
+    revolution = np.linspace(first, last, _MOST_OUTPUTS)
+    phase = machine.phase
+    times = phase.times_at(np.clip(revolution, phase.revolutions[0], phase.revolutions[-1]))
+    tracks = [_track_envelope_line(line, revolution, bandwidth_orders) for line in lines]
+    whole = xr.concat(tracks, dim="track")
+    return whole.assign_coords(revolution=("output", revolution), time_s=("output", times, {"units": "s"}))
+
+
+def _track_envelope_line(line: EnvelopeLine, revolution: Numbers, bandwidth: float | None) -> xr.Dataset:
+    level = float(line.values.mean())
+    values = line.values - level
+    angle = 2 * np.pi * (line.start_rev + np.arange(values.size) / line.samples_per_rev)
+    grid = (revolution - line.start_rev) * line.samples_per_rev
+    largest = min(_LARGEST_BANDWIDTH, line.order / _CYCLES_A_BANDWIDTH)
+    if line.largest_slip:
+        amplitude, std, slip, slip_std, bandwidth, method = _followed(line, values, angle, grid, largest, bandwidth)
+    else:
+        amplitude, std, bandwidth, method = _smoothed(line, values, angle, grid, largest, bandwidth)
+        slip = slip_std = np.zeros(grid.size)
+    of = {name: getattr(line, name) for name in ("component", "kind", "harmonic")}
+    of |= {"track_channel": line.channel, "track_units": line.units, "track_order": line.order, "sideband": 0}
+    of |= {"band_low_hz": line.band_hz[0], "band_high_hz": line.band_hz[1], "method": method}
+    of |= {"bandwidth_orders": bandwidth, "level": level}
+    return xr.Dataset(
+        {
+            "complex_amplitude": (("track", "output"), amplitude[None]),
+            "std": (("track", "output"), std[None], {"long_name": "of the amplitude"}),
+            "slip": (("track", "output"), slip[None], {"units": "1", "long_name": "relative to the nominal order"}),
+            "slip_std": (("track", "output"), slip_std[None], {"units": "1"}),
+        },
+        coords={name: ("track", [value]) for name, value in of.items()},
+    )
+
+
+def _followed(
+    line: EnvelopeLine, values: Numbers, angle: Numbers, grid: Numbers, largest: float, bandwidth: float | None
+) -> tuple[NDArray[np.complex128], Numbers, Numbers, Numbers, float, str]:
+    """Follow a slipping line: once to know its angle, and again at the bandwidth that is likely along it."""
+
+    def follow(width: float, steps: int = _MOST_STEPS) -> SlippingTrack:
+        return track_slipping_order(
+            values,
+            phase_rad=angle,
+            order=line.order,
+            largest_slip=line.largest_slip,
+            slip_change_per_rev=_SLIP_CHANGE,
+            bandwidth_orders=width,
+            samples_per_rev=line.samples_per_rev,
+            most_iterations=steps,
+        )
+
+    track = follow(bandwidth) if bandwidth else follow(largest, _FIRST_STEPS)
+    if bandwidth is None:
+        slipped = line.order * angle + np.interp(np.arange(values.size), track.sample_index, track.slip_phase_rad)
+        (bandwidth,) = likely_bandwidth(
+            values,
+            phase_rad=slipped,
+            orders=[1],
+            samples_per_rev=line.samples_per_rev,
+            noise_variance=[track.noise_variance],
+            largest_bandwidth_orders=largest,
+        ).tolist()
+        track = follow(bandwidth)
+    amplitude = np.asarray(np.interp(grid, track.sample_index, track.complex_amplitude[0]))
+    std, slip, slip_std = (
+        np.asarray(np.interp(grid, track.sample_index, row))
+        for row in (track.amplitude_std[0], track.slip, track.slip_std)
+    )
+    return amplitude, std, slip, slip_std, float(bandwidth), f"slipping order, {track.status}"
+
+
+def _smoothed(
+    line: EnvelopeLine, values: Numbers, angle: Numbers, grid: Numbers, largest: float, bandwidth: float | None
+) -> tuple[NDArray[np.complex128], Numbers, float, str]:
+    """Track a line that is locked to a shaft."""
+    spectrum = amplitude_spectrum(values, rate=line.samples_per_rev)
+    beside = find_line(spectrum, expected=line.order, surroundings=min(1.0, _SURROUNDINGS_SHARE * line.order))
+    noise = 2 * beside.amplitude_std**2 * values.size / (4 * spectrum.noise_bandwidth_bins)
+    setting: dict[str, Any] = {"phase_rad": angle, "orders": [line.order]}
+    setting |= {"samples_per_rev": line.samples_per_rev, "poles": _POLES}
+    if bandwidth is None:
+        (bandwidth,) = likely_bandwidth(
+            values, **setting, noise_variance=[noise], largest_bandwidth_orders=largest
+        ).tolist()
+    every = max(1, int(line.samples_per_rev / (_OUTPUTS_A_BANDWIDTH * largest)))
+    tracks = track_orders(values, **setting, bandwidth_orders=bandwidth, output_every=every)
+    at = np.arange(0, values.size, every)
+    amplitude = np.interp(grid, at, tracks.complex_amplitude[0])
+    std = np.interp(grid, at, tracks.std[0]) * math.sqrt(noise / tracks.noise_variance)
+    return amplitude, std, float(bandwidth), "smoother"

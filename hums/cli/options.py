@@ -1,6 +1,81 @@
-"""Options that several commands share."""
+"""Options and steps that several commands share."""
 
-__all__ = ["parse_speeds"]
+import logging
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
+
+import typer
+
+if TYPE_CHECKING:
+    from hums.analysis.settings import AnalysisSettings
+    from hums.jobs import Workers
+
+__all__ = [
+    "Band",
+    "Channels",
+    "FigureFormat",
+    "MachineClass",
+    "MaxAcceleration",
+    "NoEnvelope",
+    "Out",
+    "Scheduler",
+    "SpeedRange",
+    "SpeedUnits",
+    "Tachometer",
+    "VelocityLimits",
+    "WorkerCount",
+    "parse_speeds",
+    "save_picture",
+    "say",
+    "settings_of",
+    "workers_of",
+]
+
+Out = Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")]
+Band = Annotated[
+    Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
+    typer.Option(
+        "--envelope-band",
+        metavar="LOW HIGH",
+        help="Band to demodulate, Hz. Default: one is chosen for each channel, and the report says why.",
+    ),
+]
+NoEnvelope = Annotated[bool, typer.Option("--no-envelope", help="Search no bearing line.")]
+Channels = Annotated[list[str] | None, typer.Option(help="Channel to analyse; repeat. Default all.")]
+Tachometer = Annotated[str | None, typer.Option(help="Tachometer that measures the shaft angle. Default the first.")]
+SpeedRange = Annotated[
+    Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
+    typer.Option(
+        metavar="LOW HIGH",
+        help="Without a tachometer: range of the reference's speed, rev/s (1500 rpm are 25); needs --max-acceleration.",
+    ),
+]
+MaxAcceleration = Annotated[
+    float | None,
+    typer.Option(
+        metavar="HZ_PER_S",
+        help="How fast that speed may change, rev/s in a second; 1 does for a steady drive.",
+    ),
+]
+SpeedUnits = Annotated[Literal["rpm", "Hz"], typer.Option("--units", help="Of speeds: which of the two comes first.")]
+VelocityLimits = Annotated[
+    Optional[tuple[float, float, float]],  # noqa: UP045  (typer reads this form)
+    typer.Option(
+        "--velocity-limits",
+        metavar="AB BC CD",
+        help="Between the zones of ISO 20816, RMS velocity in mm/s, from the part of the standard for this machine.",
+    ),
+]
+MachineClass = Annotated[str, typer.Option("--machine-class", help="That part and class, which the report states.")]
+WorkerCount = Annotated[
+    int | None, typer.Option("--workers", metavar="N", help="Processes to work in. Default one a processor.")
+]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster to work on, tcp://HOST:PORT.")
+]
+FigureFormat = Annotated[Literal["svg", "png"], typer.Option("--format", help="Format of the pictures in a folder.")]
 
 
 def parse_speeds(texts: list[str] | None) -> dict[str, float] | None:
@@ -17,3 +92,42 @@ def _parse_speed(text: str) -> tuple[str, float]:
     if not separator:
         raise ValueError(f'--speed "{text}": write LINK=RPM, as in --speed "sun=1500".')
     return link, 0.0
+
+
+def settings_of(*, no_envelope: bool, **chosen: Any) -> "AnalysisSettings":  # noqa: ANN401  (each option keeps its own type)
+    """Return the settings given by options; the others keep their defaults."""
+    from hums.analysis.settings import AnalysisSettings  # noqa: PLC0415
+
+    if chosen["envelope_band_hz"] and no_envelope:
+        raise ValueError("--envelope-band and --no-envelope are both given; keep one.")
+    if (chosen["speed_range_hz"] is None) != (chosen["max_acceleration_hz_s"] is None):
+        given, missing = "--speed-range", "--max-acceleration HZ_PER_S: how fast that speed may change"
+        if chosen["speed_range_hz"] is None:
+            given, missing = "--max-acceleration", "--speed-range LOW HIGH: where the reference's speed lies, in rev/s"
+        raise ValueError(f"{given} is given alone; add {missing}.")
+    stated = {name: value for name, value in chosen.items() if value is not None}
+    return AnalysisSettings(**stated, **({"envelope_band_hz": None} if no_envelope else {}))
+
+
+def workers_of(count: int | None, scheduler: str | None) -> "Workers":
+    """Return where many records are worked on: processes of this machine, or a cluster."""
+    from hums.jobs import Cluster, Processes  # noqa: PLC0415
+
+    if count is not None and scheduler is not None:
+        raise ValueError("--workers and --scheduler are both given; keep one.")
+    if scheduler is not None:
+        return Cluster(address=scheduler)
+    return Processes(count=os.cpu_count() or 1 if count is None else count)
+
+
+def say(step: str) -> None:
+    """Say what begins, as the packages do through the logger "hums"."""
+    logging.getLogger("hums").info(step)
+
+
+def save_picture(draw: Callable[[Any], object], path: Path, size: tuple[float, float]) -> None:
+    """Draw into a file of a size in inches and say so."""
+    from hums.plots import save_figure  # noqa: PLC0415
+
+    save_figure(draw, path, width=size[0], height=size[1])
+    typer.echo(f"wrote {path}")

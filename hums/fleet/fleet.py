@@ -27,15 +27,18 @@ from hums.fleet.parquet import write_indicators
 from hums.fleet.results import results
 from hums.fleet.table import WrittenTables, write_tables
 from hums.gearbox.model import Gearbox, load_gearbox
-from hums.jobs import Job, Serial, Workers, run_jobs
-from hums.records.dataset_store import dataset_files, dataset_record, is_dataset, open_dataset
+from hums.jobs import Job, Serial, Workers, cpu_limit, run_jobs
+from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset
 from hums.records.store import atomic_write, open_record
-from signals._validation import checked
+from signals._validation import SentenceError, checked
 
 __all__ = ["Fleet", "FleetError", "analyze_fleet"]
 
 
-class FleetError(ValueError):
+_READING_S, _READING_S_PER_BYTE = 20.0, 1e-7  # of a record by a worker: a hundred times what a whole file takes
+
+
+class FleetError(SentenceError):
     """Raised where a run over many records cannot start.
 
     Examples
@@ -288,7 +291,7 @@ def _sources(given: Sequence[str | Path]) -> list[_Source]:
 
 def _sources_in_folder(folder: Path) -> list[_Source]:
     whole = folder.resolve()
-    if is_dataset(folder) or (folder / "plan.toml").is_file():
+    if is_begun(folder):
         files, labels = dataset_files(folder), open_dataset(folder)
         classes = labels["class"].to_numpy() if "class" in labels else [""] * len(files)
         return [
@@ -343,7 +346,10 @@ def _row(source: _Source, gearbox: Gearbox, settings: AnalysisSettings) -> dict[
     """Return facts and results of one record for the table; where the analysis fails, the facts and the error."""
     facts = {"machine": "", "recorded_at": ""}
     try:
-        with _opened(source) as record:
+        size = source.file.stat().st_size if source.file.exists() else 0
+        with cpu_limit(_READING_S + _READING_S_PER_BYTE * size):
+            record = _opened(source).load()
+        with record:
             facts = {name: str(record.attrs.get(name, "")) for name in facts}
             return facts | results(analyze(record, gearbox, settings=settings))
     except Exception as error:  # noqa: BLE001 - whatever is wrong with one record, the others are to be analysed

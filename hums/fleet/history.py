@@ -33,12 +33,15 @@ COMPONENT_COLUMNS = (
     "indicator",
     "departure",
     "once_in_records",
+    "false_alarms_a_year",
     "judged",
     "refused_share",
     "unwatched_since",
     "baseline",
     "limits_from",
 )
+
+_YEAR_S = 365.25 * 86400
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +71,14 @@ class MachineHistory:
         """Score at which the middle EWMA is twice over its limit: a severe alarm; infinite if unknown."""
         limits = self.state.epochs[0].limits
         return math.inf if limits is None else SEVERE * limits.limits[1]
+
+    @property
+    def false_alarms_a_year(self) -> float:
+        """False alarms to be expected in a year at the rate at which records came; NaN without their times."""
+        years = (self.state.last_seconds - self.state.first_seconds) / _YEAR_S
+        if not 0 < years < math.inf:
+            return math.nan
+        return (len(self.records) - 1) / years / self.state.settings.false_alarm_every
 
     def follow(self, seen: Iterable[Observation], work: Sequence[Work]) -> None:
         """Take further records, in the order of time."""
@@ -178,6 +189,7 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
         "judged": state.judged,
         "refused_share": f"{state.refused / seen:.4g}" if seen else "",
         "unwatched_since": state.unwatched_since,
+        "false_alarms_a_year": "" if math.isnan(history.false_alarms_a_year) else history.false_alarms_a_year,
     }
     if last is None:
         yield common | {
@@ -202,7 +214,7 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
             "departure": departure,
             "once_in_records": epoch.limits.every_records_at(index) if math.isfinite(index) else "",
             "baseline": epoch.identity,
-            "limits_from": "prior over machines",
+            "limits_from": "its own records" if epoch.own_limits else "prior over machines",
         }
 
 
@@ -230,6 +242,11 @@ def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
                     ),
                     "score_center": ("watched", normal.score_center),
                     "score_scale": ("watched", normal.score_scale),
+                    "headroom": (
+                        "watched",
+                        epoch.headroom[: len(epoch.names)],
+                        {"long_name": "index that the baseline itself reached, at least 1"},
+                    ),
                     "low": ("covariate", epoch.low, {"long_name": "lowest value judged"}),
                     "high": ("covariate", epoch.high, {"long_name": "highest value judged"}),
                     "limit": ("chart", np.array(epoch.limits.limits), {"long_name": "in deviations of the score"}),

@@ -39,7 +39,8 @@ class KeptRecord:
 
     ``lines`` has amplitude, what it is over its surroundings, and 1 where it is claimed; ``orders`` are those of the
     first record with such lines; ``indicators`` has their values; ``findings`` component, kind and verdict;
-    ``label`` is the class of a record of a dataset.
+    ``not_judged`` component and kind of what could not be judged, ``parts_not_judged`` how many and why; ``label`` is
+    the class of a record of a dataset.
     """
 
     record: str
@@ -54,6 +55,8 @@ class KeptRecord:
     watched: Numbers
     seen: Observation
     label: str = ""
+    not_judged: tuple[tuple[str, str], ...] = ()
+    parts_not_judged: str = ""
 
     @property
     def observation(self) -> Observation:
@@ -93,7 +96,15 @@ def _kept(row: Mapping[str, Any], shared: dict[Any, Any]) -> KeptRecord:
         watched=_numbers(list(seen.values), [(x,) for x in seen.values.values()], 1, shared, np.float64),
         seen=with_changes(seen, values={}),
         label=row.get("class", ""),
+        not_judged=_shared_pairs(row.get("not_judged", ()), shared),
+        parts_not_judged=row.get("parts_not_judged", ""),
     )
+
+
+def _shared_pairs(rows: Iterable[Iterable[str]], shared: dict[Any, Any]) -> tuple[tuple[str, str], ...]:
+    """Return component and kind of each row; records with the same ones share them."""
+    pairs = tuple((component, kind) for component, kind in rows)
+    return shared.setdefault(("pairs", pairs), pairs)  # type: ignore[no-any-return]
 
 
 def _numbers(

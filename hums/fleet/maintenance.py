@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hums.fleet.observation import seconds_since_1970
+from signals._validation import SentenceError, checked
 
 __all__ = ["MaintenanceError", "Work", "read_maintenance"]
 
@@ -13,7 +14,7 @@ _COLUMNS = ("date", "component")
 REPLACED, ACKNOWLEDGED = "replaced", "acknowledged"
 
 
-class MaintenanceError(ValueError):
+class MaintenanceError(SentenceError):
     """Raised where a maintenance file cannot be read.
 
     Examples
@@ -45,6 +46,7 @@ class Work:
     action: str = REPLACED
 
 
+@checked
 def read_maintenance(path: str | Path) -> tuple[Work, ...]:
     r"""Return the work in a CSV file with the columns date and component, and machine, serial and action if they are.
 

@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from typing import Any
 
@@ -20,10 +20,11 @@ from hums.fleet.maintenance import ACKNOWLEDGED, Work
 from hums.fleet.observation import Observation, seconds_since_1970
 from hums.fleet.prior import healthy_scores, prior_of
 from hums.fleet.series import Series, layout_of, vector
-from signals.monitoring.alarm_life import AlarmRule, AlarmState, Life
+from signals._validation import SentenceError
+from signals.monitoring.alarm_life import AlarmRule, AlarmState, Life, stacked
 from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, learn_normal, regime
-from signals.monitoring.limits import ChartLimits, chart_limits
+from signals.monitoring.limits import ChartLimits, chart_limits, own_scores
 
 __all__ = [
     "ALARM_COLUMNS",
@@ -55,11 +56,15 @@ ALARM_COLUMNS = (
     "version",
 )
 RISES, FALLS = "level rises", "level falls suddenly"
+FEWEST_EFFECTIVE = 300  # independent records from which limits come from a machine's own distribution
+INDEPENDENT_AFTER_S = 3600.0
+"""Time after which a machine's state is another: temperatures of oil and bearings settle within about an hour (our
+choice). Records closer than that share it, so that their spread says little about what is normal."""
 _DRIVERS = 3  # indicators an alarm names
 SEVERE = 2.0  # health index from which an alarm is severe: twice the limit
 
 
-class MonitorError(ValueError):
+class MonitorError(SentenceError):
     """Raised where a baseline cannot be learned as asked, or a state is not one.
 
     Examples
@@ -132,13 +137,15 @@ class MonitorSettings:
 class Epoch:
     """A baseline and the charts held against it; until it is learned, the records collected for it.
 
-    ``counted`` says that its records are the next ones, as after a replacement, whatever the settings choose.
+    ``counted`` says that its records are the next ones, as after a replacement, whatever the settings choose;
+    ``diagnosed`` names the components that a verdict on one of its records diagnosed.
     """
 
     pending: list[Observation] = field(default_factory=list)
     counted: bool = False
     identity: str = ""
     records: tuple[str, ...] = ()
+    diagnosed: tuple[str, ...] = ()
     series: tuple[Series, ...] = ()
     covariates: tuple[str, ...] = ()
     low: Array = field(default_factory=lambda: np.zeros(0))
@@ -147,6 +154,8 @@ class Epoch:
     channels: tuple[str, ...] = ()
     normal: Normal | None = None
     limits: ChartLimits | None = None
+    own_limits: bool = False
+    headroom: Array = field(default_factory=lambda: np.ones(0))
     charts: ChartState | None = None
     recent: Array | None = None
 
@@ -167,13 +176,28 @@ class Epoch:
         at = np.array([[one.covariates[name] for name in self.covariates] for one in seen]).reshape(len(seen), -1)
         self.low, self.high = regime(at)
         self.names, self.channels, layout = layout_of(self.series)
-        self.normal = learn_normal(values[:, kept], _logarithms(at), layout, prior_of(self.series, layout))
-        self.limits = chart_limits(
-            len(seen), settings.false_alarm_every * layout.scores, healthy_scores(), rule=settings.rule
+        independent = _independent(seen)
+        self.normal = learn_normal(
+            values[:, kept],
+            _logarithms(at),
+            layout,
+            prior_of(self.series, layout),
+            independent=independent / len(seen),
         )
+        own = self.normal.read(values[:, kept], _logarithms(at)).scores
+        model, effective = own_scores(own[:, : len(self.names)])
+        self.own_limits = min(effective, independent) >= FEWEST_EFFECTIVE
+        self.limits = chart_limits(
+            max(2, independent),
+            settings.false_alarm_every * layout.scores,
+            model if self.own_limits else healthy_scores(),
+            rule=settings.rule,
+        )
+        self.headroom = self.limits.headroom(own, settings.rule)
         self.charts = self.limits.charts.start((layout.scores,))
         self.recent = np.zeros(len(self.channels))
         self.records = tuple(one.record for one in seen)
+        self.diagnosed = tuple(sorted({name for one in seen for name in one.diagnosed}))
         self.identity = _identity(machine, self)
         self.pending = []
 
@@ -193,7 +217,7 @@ class Epoch:
         reading = self.normal.read(vector(seen.values, self.series), _logarithms(at), self.recent)
         self.recent = reading.recent
         self.charts = self.limits.charts.step(self.charts, reading.scores)
-        index = np.where(np.isfinite(reading.scores), self.limits.index(self.charts), np.nan)
+        index = np.where(np.isfinite(reading.scores), self.limits.index(self.charts) / self.headroom, np.nan)
         return reading, index
 
 
@@ -221,8 +245,8 @@ class MachineState:
         Records judged, and refused because they lie outside what was learned or a tachometer or the analysis failed.
     unwatched_since : str
         Time of the first of the latest records in succession that were refused; empty where the latest was judged.
-    last_seconds : float
-        Time of the latest record, for maintenance between it and the next.
+    first_seconds, last_seconds : float
+        Times of the first and of the latest record: maintenance between that and the next is done first.
     """
 
     machine: str
@@ -235,6 +259,7 @@ class MachineState:
     judged: int = 0
     refused: int = 0
     unwatched_since: str = ""
+    first_seconds: float = math.inf
     last_seconds: float = -math.inf
 
     def check(self, machine: str) -> None:
@@ -323,6 +348,18 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
     return _judged(state, seen, readings, alarms)
 
 
+def _independent(seen: Sequence[Observation]) -> int:
+    """Return the number of records that lie at least an hour apart; all of them where one has no time."""
+    times = sorted(seconds_since_1970(one.recorded_at) for one in seen)
+    if any(math.isnan(time) for time in times):
+        return len(seen)
+    count, latest = 0, -math.inf
+    for time in times:
+        if time >= latest + INDEPENDENT_AFTER_S:
+            count, latest = count + 1, time
+    return count
+
+
 def _collects(epoch: Epoch, seen: Observation, settings: MonitorSettings) -> bool:
     return epoch.counted or not settings.by_choice or settings.chosen(seen)
 
@@ -341,24 +378,35 @@ def _judged(
 ) -> Judgement:
     """Take the health index of every component from the epoch that governs it, and step its alarm."""
     index, scores, growth = {}, {}, {}
+    rule = state.settings.rule
     for number, (reading, indices) in readings.items():
         epoch = state.epochs[number]
-        for place, (component, what) in enumerate(epoch.scores):
-            if state.governed_by.get(component, 0) != number:
-                continue
-            name = f"{component}: {what}" if what else component
+        rising = epoch.charts.rising if epoch.charts is not None else np.zeros(indices.size)
+        governed = [
+            (place, component, what, f"{component}: {what}" if what else component)
+            for place, (component, what) in enumerate(epoch.scores)
+            if state.governed_by.get(component, 0) == number
+        ]
+        newly = set(seen.diagnosed) - set(epoch.diagnosed)
+        for place, component, what, _ in governed:
+            if component in newly and not what:  # at the limit by the verdict alone
+                indices[place] = np.maximum(indices[place], 1.0)
+        places = [place for place, *_ in governed]
+        before = [state.alarms.get(name) or rule.start() for *_, name in governed]
+        after, raised = rule.step(stacked(before), indices[places])
+        for at, (place, component, what, name) in enumerate(governed):
             index[name], scores[name] = float(indices[place]), float(reading.scores[place])
-            rising = int(epoch.charts.rising[place]) if epoch.charts is not None else 0
-            if rising <= 1:
+            if rising[place] <= 1:
                 state.since[name] = seen.recorded_at or seen.record
-            drivers = _drivers(epoch, reading, component, what)
+            state.alarms[name] = after.of(at)
+            drivers = _drivers(epoch, reading, place)
             growth[name] = drivers[0]
-            alarm = state.alarms.get(name, state.settings.rule.start())
-            state.alarms[name], raised = state.settings.rule.step(alarm, np.asarray(index[name]))
-            if raised:
+            if raised[at]:
                 severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
                 row = _alarm(state, seen, component, drivers, value=index[name], severity=severity, epoch=epoch)
                 row["since"] = state.since[name]
+                if component in newly and not what:
+                    row["indicator"] = f"diagnosed; {row['indicator']}"
                 state.open[name] = row
                 alarms.append(row)
             elif name in state.open:
@@ -366,13 +414,18 @@ def _judged(
     return Judgement(judged=True, index=index, scores=scores, growth=growth, alarms=tuple(alarms))
 
 
-def _drivers(epoch: Epoch, reading: Reading, component: str, what: str) -> list[tuple[str, str, float]]:
-    """Return channel, indicator and departure of the series that departs most, for an alarm."""
-    if what:
-        place = [f"sensor {name}" for name in epoch.channels].index(component)
-        return [(epoch.channels[place], what, float(reading.level[place]))]
-    those = [i for i, key in enumerate(epoch.series) if key.component == component]
-    away = np.nan_to_num(reading.departures[those], nan=-np.inf)
+def _drivers(epoch: Epoch, reading: Reading, place: int) -> list[tuple[str, str, float]]:
+    """Return channel, indicator and departure of the series that depart most, for an alarm of a score."""
+    sensor = place - len(epoch.names)
+    if sensor >= 0:
+        channel = sensor % len(epoch.channels)
+        what = epoch.scores[place][1]
+        return [(epoch.channels[channel], what, float(reading.level[channel]))]
+    if epoch.normal is None:
+        return []
+    those = np.concatenate(epoch.normal.layout.components[place])
+    away = reading.departures[those]
+    away = np.where(np.isfinite(away), away, -np.inf)
     largest = np.argsort(-away, kind="stable")[:_DRIVERS]
     keys = [epoch.series[those[i]] for i in largest]
     return [
@@ -463,7 +516,7 @@ def _do(state: MachineState, seen: Observation, work: Sequence[Work]) -> None:
                 _acknowledge(state, one.component)
             else:
                 _replace(state, one.component)
-    state.last_seconds = now
+    state.first_seconds, state.last_seconds = min(state.first_seconds, now), now
 
 
 def _of(name: str, component: str) -> bool:
@@ -518,7 +571,7 @@ def _identity(machine: str, epoch: Epoch) -> str:
     """Return twelve digits that follow from a baseline's machine, records, series and numbers."""
     if epoch.normal is None:
         return ""
-    text = json.dumps([machine, epoch.records, [vars(key) for key in epoch.series]], sort_keys=True)
+    text = json.dumps([machine, epoch.records, [asdict(key) for key in epoch.series]], sort_keys=True)
     numbers = (epoch.normal.series.center, epoch.normal.series.scale, epoch.normal.score_scale)
     digest = hashlib.sha256(text.encode())
     for each in numbers:

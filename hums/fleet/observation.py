@@ -28,6 +28,8 @@ class Observation:
         Reason for every sick sensor or tachometer.
     unjudged : str
         Why nothing of this record is judged, or empty.
+    diagnosed : tuple of str
+        Components with damage that the record's own verdicts diagnose.
     """
 
     machine: str
@@ -37,6 +39,7 @@ class Observation:
     covariates: Mapping[str, float] = field(default_factory=dict)
     sick: Mapping[str, str] = field(default_factory=dict)
     unjudged: str = ""
+    diagnosed: tuple[str, ...] = ()
 
     @property
     def days(self) -> float:
@@ -49,16 +52,17 @@ def observation(row: Mapping[str, Any]) -> Observation:
     sick = {name: reasons for name, _, status, reasons in row.get("health", ()) if status == "sick"}
     tachometers = [name for name, sensor, *_ in row.get("health", ()) if sensor == "tachometer" and name in sick]
     unjudged = "not analysed" if row["error"] else "sick tachometer" if tachometers else ""
-    when = row["recorded_at"]
+    when, findings = row["recorded_at"], row.get("findings", ())
     speed = row.get("speed_hz", math.nan)
     return Observation(
         machine=row["machine"],
         record=row["record"],
         recorded_at=when if math.isfinite(seconds_since_1970(when)) else "",
         values={} if unjudged else {key: x for key, x in series_of(row).items() if key.channel not in sick},
-        covariates={"speed_hz": speed, **row.get("covariates", {})} if math.isfinite(speed) else {},
+        covariates=({"speed_hz": speed} if math.isfinite(speed) else {}) | row.get("covariates", {}),
         sick=sick,
         unjudged=unjudged,
+        diagnosed=() if unjudged else tuple(sorted({one for one, _, word, *_ in findings if word == "diagnosed"})),
     )
 
 

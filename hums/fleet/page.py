@@ -143,6 +143,7 @@ def _machine(
         "records": len(history.records),
         "refused": f"{state.refused / seen:.0%}" if seen else "",
         "alarms": history.alarms,
+        "a_year": "" if math.isnan(history.false_alarms_a_year) else f"{history.false_alarms_a_year:.2g}",
         "last": _short(found[last].recorded_at or last) if last in found else last,
         "reported": reported,
         "report": quote(report.relative_to(folder).as_posix()) if report.is_file() else "",
@@ -253,9 +254,12 @@ def _panels(epoch: Epoch, course: _Course, drivers: Sequence[Any], component: st
     if epoch.normal is None:
         raise ValueError("a baseline that is not learned has no normal values; leave the figure out.")
     center = dict(zip(epoch.series, epoch.normal.raw.center.tolist(), strict=True))
-    panels = []
+    panels, sets = [], {id(one.watched.keys): one.watched.keys for one in course.records}
     for key in drivers:
-        values = np.exp([one.watched.get(key) for one in course.records])
+        places = {which: keys.index(key) if key in keys else -1 for which, keys in sets.items()}
+        at = [places[id(one.watched.keys)] for one in course.records]
+        logs = [math.nan if i < 0 else one.watched.values[i] for i, one in zip(at, course.records, strict=True)]
+        values = np.exp(np.array(logs, dtype=np.float64))
         words = key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}"
         title = f"{words.replace('_', ' ')}, {key.channel}"
         title += "" if key.unit in ("", "1") else f", {key.unit}"

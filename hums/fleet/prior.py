@@ -1,7 +1,6 @@
 """What is usual over machines, learned from healthy ones: deviations of indicators, and how scores depend on before."""
 
 import json
-import math
 from collections.abc import Sequence
 from functools import lru_cache
 from importlib.resources import files
@@ -27,11 +26,11 @@ def read_prior() -> dict[str, Any]:
 
 
 def prior_of(series: Sequence[Series], layout: Layout) -> Prior:
-    """Return the usual deviations of some series, NaN for one that no machine of the prior had."""
+    """Return the usual deviations of some series; of one that no machine of the prior had, that of most others."""
     learned = read_prior()
-    sizes = [group.size for group in layout.components]
-    score = learned["score_std"] * np.power(np.maximum(sizes, 1), learned["score_power"])
-    usual = [learned["log_std"].get(key.indicator, math.nan) for key in series]
+    score = learned["score_std"] * np.power(np.maximum(layout.sizes, 1), learned["score_power"])
+    known = learned["log_std"]
+    usual = [known.get(key.indicator, float(np.median(list(known.values())))) for key in series]
     return Prior(series=np.array(usual), score=score, level=learned["level_std"], dof=learned["dof"])
 
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,16 @@ class Series:
     indicator: str
     unit: str
 
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.channel, self.component, self.kind, self.indicator, self.unit))
+
+    def __hash__(self) -> int:  # kept, since every record looks up all of them
+        return self._hash
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _series, (self.channel, self.component, self.kind, self.indicator, self.unit)  # hashes differ elsewhere
+
     @property
     def power(self) -> int:
         """Power of the signal's unit: 1 of an amplitude, 2 of an energy, 0 of a ratio."""
@@ -41,21 +52,28 @@ def series_of(row: Mapping[str, Any]) -> dict[Series, float]:
     and of what they are over their surroundings.
     """
     found = {
-        Series(channel=channel, component=component, kind=kind, indicator=name, unit=unit): math.log(value)
+        _series(channel, component, kind, name, unit): math.log(value)
         for channel, component, kind, name, unit, value in row.get("indicators", ())
         if value > 0 and name not in _OF_HISTORY
     }
-    lines: dict[tuple[str, ...], list[tuple[float, float]]] = {}
+    lines: dict[tuple[str, ...], list[float]] = {}
     for channel, spectrum, component, kind, _, _, unit, _, amplitude, snr, _ in row.get("lines", ()):
         if amplitude is not None and snr is not None and math.isfinite(amplitude) and math.isfinite(snr):
-            lines.setdefault((channel, spectrum, component, kind, unit), []).append((amplitude, snr))
-    for (channel, spectrum, component, kind, unit), values in lines.items():
-        squares = np.mean(np.square(values), axis=0)
-        for name, of, square in ((LINE_LEVEL, unit, squares[0]), (LINE_RATIO, "1", squares[1])):
+            sums = lines.setdefault((channel, spectrum, component, kind, unit), [0.0, 0.0, 0.0])
+            sums[0] += amplitude**2
+            sums[1] += snr**2
+            sums[2] += 1
+    for (channel, spectrum, component, kind, unit), (levels, ratios, count) in lines.items():
+        for name, of, square in ((LINE_LEVEL, unit, levels), (LINE_RATIO, "1", ratios)):
             if square > 0:
-                key = Series(channel=channel, component=component, kind=kind, indicator=f"{spectrum} {name}", unit=of)
-                found[key] = math.log(square) / 2
+                found[_series(channel, component, kind, f"{spectrum} {name}", of)] = math.log(square / count) / 2
     return found
+
+
+@lru_cache(maxsize=100_000)
+def _series(channel: str, component: str, kind: str, indicator: str, unit: str) -> Series:
+    """Return the same series for all records that have it."""
+    return Series(channel=channel, component=component, kind=kind, indicator=indicator, unit=unit)
 
 
 def vector(found: Mapping[Series, float], series: Iterable[Series]) -> NDArray[np.float64]:
@@ -64,7 +82,7 @@ def vector(found: Mapping[Series, float], series: Iterable[Series]) -> NDArray[n
 
 
 def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, ...], Layout]:
-    """Return the names of components and of channels with a level, and which series belong to each."""
+    """Return the names of components and of channels with a level, and which series belong to each, by kind."""
     components = tuple(sorted({key.component for key in series}))
     powers = np.array([key.power for key in series], dtype=np.float64)
     absolute = {
@@ -72,8 +90,12 @@ def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, .
         for channel in sorted({key.channel for key in series})
     }
     channels = {name: those for name, those in absolute.items() if those.size >= FEWEST_LEVELS}
+    kinds: dict[tuple[str, str], list[int]] = {}
+    for number, key in enumerate(series):
+        kinds.setdefault((key.component, key.kind), []).append(number)
     groups = tuple(
-        np.array([i for i, key in enumerate(series) if key.component == name], dtype=np.int64) for name in components
+        tuple(np.array(those, dtype=np.int64) for (component, _), those in sorted(kinds.items()) if component == name)
+        for name in components
     )
     layout = Layout(components=groups, channels=tuple(channels.values()), powers=powers)
     return components, tuple(channels), layout

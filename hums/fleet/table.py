@@ -97,7 +97,7 @@ def _group_medians(values: Array, size: int) -> Array:
 SIGNIFICANCE = 0.01
 """False discovery rate below which a trend is called rising or falling."""
 
-VERDICTS = ("none", "indicated", "diagnosed")
+VERDICTS = ("none", "indicated", "diagnosed", "not judged")
 _CONDITION = ("component", "kind")
 _FACTS = ("record", "machine", "recorded_at", "error")
 _DAY_S = 86400.0
@@ -188,9 +188,13 @@ def _table(records: Sequence[KeptRecord], columns: _Columns) -> xr.Dataset:
         value[number, columns.places(one.indicators.keys)] = one.indicators.values
         for component, kind, word in one.findings:
             verdict[number, columns.conditions[component, kind]] = VERDICTS.index(word)
+        for condition in one.not_judged:
+            if condition in columns.conditions:
+                verdict[number, columns.conditions[condition]] = VERDICTS.index("not judged")
     return xr.Dataset(
         {
             "class": ("record", np.array([one.label for one in records], dtype=np.str_)),
+            "parts_not_judged": ("record", np.array([one.parts_not_judged for one in records], dtype=np.str_)),
             **{name: ("record", np.array(texts, dtype=np.str_)) for name, texts in facts.items() if name != "record"},
             "speed_hz": ("record", speed, {"units": "rev s-1", "long_name": "mean speed of the reference"}),
             "amplitude": (("record", "line"), amplitude, {"long_name": "peak amplitude"}),
@@ -200,7 +204,7 @@ def _table(records: Sequence[KeptRecord], columns: _Columns) -> xr.Dataset:
             "verdict": (
                 ("record", "condition"),
                 verdict,
-                {"flag_values": [0, 1, 2], "flag_meanings": " ".join(VERDICTS)},
+                {"flag_values": [0, 1, 2, 3], "flag_meanings": " ".join(VERDICTS).replace("not judged", "not_judged")},
             ),
             "order": ("line", np.array(list(columns.orders.values()), dtype=np.float64)),
         },
@@ -272,6 +276,7 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
         *_FACTS,
         "class",
         "speed_hz",
+        "parts_not_judged",
         "not_judged",
         "health_index",
         *watched,
@@ -285,10 +290,11 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     facts = [table[name].to_numpy() for name in (*_FACTS, "class", "speed_hz")]
     numbers = np.concatenate([table[name].to_numpy() for name in ("value", "amplitude", "snr")], axis=1)
     form = ",%.7g" * numbers.shape[1]
-    health, not_judged = table["health"].to_numpy(), table["not_judged"].to_numpy()
+    health = table["health"].to_numpy()
+    not_judged, parts = table["not_judged"].to_numpy(), table["parts_not_judged"].to_numpy()
     for at, verdicts in enumerate(table["verdict"].to_numpy()):
         row: list[Any] = [column[at] for column in facts[:-1]] + [_number(facts[-1][at])]
-        row += [not_judged[at], _number(_largest(health[at])), *map(_number, health[at])]
+        row += [parts[at], not_judged[at], _number(_largest(health[at])), *map(_number, health[at])]
         row += ["" if facts[3][at] else VERDICTS[verdict] for verdict in verdicts]
         line = io.StringIO()
         csv.writer(line, lineterminator="").writerow(map(plain_cell, row))

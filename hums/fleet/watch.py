@@ -9,10 +9,12 @@ from hums.fleet.monitor import Judgement, MachineState, MonitorSettings, update
 from hums.fleet.observation import observation
 from hums.fleet.results import results
 from hums.fleet.state import read_state, write_state
+from signals._validation import checked
 
 __all__ = ["watch"]
 
 
+@checked
 def watch(
     analysis: Analysis,
     state: str | Path,

@@ -13,12 +13,14 @@ J. Penaud, D. Alazard and A. Amiez, Kinematic analysis of spatial geared mechani
 
 from __future__ import annotations
 
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hums.gearbox.components import Bearing, closest
 from hums.gearbox.model import Gearbox, GearboxError
+from signals._validation import brief, checked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -29,6 +31,7 @@ _TEETH_TOLERANCE = 1e-6  # of the modulus of an entry, a whole number of teeth
 _ANGLE_TOLERANCE_RAD = 1e-6  # of the direction of an axis by several meshes
 
 
+@checked
 def from_adjacency_table(
     T: ArrayLike,
     levels: ArrayLike,
@@ -144,11 +147,11 @@ def _link(link: int | str, links: Sequence[str], what: str) -> str:
         if link not in links:
             raise GearboxError(f'{what} = "{link}" is no link{closest(link, list(links))}')
         return link
-    if isinstance(link, bool) or not 0 <= link < len(links):
+    if not isinstance(link, Integral) or isinstance(link, bool) or not 0 <= link < len(links):
         raise GearboxError(
-            f"{what} = {link!r} is no index of {len(links)} links; give 0 to {len(links) - 1}, or a name."
+            f"{what} = {brief(link)} is no index of {len(links)} links; give 0 to {len(links) - 1}, or a name."
         )
-    return links[link]
+    return links[int(link)]
 
 
 def _axes(levels: NDArray[np.int64]) -> dict[str, list[int]]:

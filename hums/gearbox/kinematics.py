@@ -21,7 +21,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from numbers import Real
 
 import numpy as np
 import xarray as xr
@@ -31,6 +30,7 @@ from hums.gearbox.components import closest, count
 from hums.gearbox.mechanism import Contact, Joint, Mechanism, build_mechanism
 from hums.gearbox.model import Gearbox, GearboxError
 from hums.gearbox.rational import Form, add_pivot, difference, evaluate, reduced
+from signals._validation import brief, checked, is_float
 
 Rates = Form  # a linear form in the joint rates, which are named after their bodies
 Speeds = Mapping[str, float | Fraction]
@@ -433,6 +433,7 @@ class Kinematics:
         )
 
 
+@checked
 def solve_kinematics(
     gearbox: Gearbox,
     *,
@@ -563,8 +564,8 @@ def _is_imposed(name: str) -> bool:
 
 
 def _fraction(link: str, speed: object) -> Fraction:
-    if isinstance(speed, bool) or not isinstance(speed, Real) or not math.isfinite(speed):
-        raise GearboxError(f'speeds: "{link}" = {speed!r} is not a finite number; give its speed as one.')
+    if not is_float(speed) or not math.isfinite(speed):
+        raise GearboxError(f'speeds: "{link}" = {brief(speed)} is not a finite number; give its speed as one.')
     return Fraction(speed) if isinstance(speed, int | Fraction) else Fraction(float(speed))
 
 

@@ -39,6 +39,7 @@ from hums.gearbox.components import (
     unit_vector,
     validated,
 )
+from signals._validation import SentenceError, checked
 
 __all__ = [
     "Axis",
@@ -70,7 +71,7 @@ _GEOMETRY = ("elements", "element_diameter_mm", "pitch_diameter_mm", "contact_an
 _TOLERANCE = 0.0101  # a data sheet prints two decimals: inner + outer is whole within the rounding of both
 
 
-class GearboxError(ValueError):
+class GearboxError(SentenceError):
     """A gearbox that cannot be read, or that is not a mechanism.
 
     Examples
@@ -380,6 +381,7 @@ def _twice(names: Iterable[str]) -> set[str]:
     return {name for name, times in Counter(names).items() if times > 1}
 
 
+@checked
 def load_gearbox(name_or_path: str | Path) -> Gearbox:
     """Load a gearbox from a TOML file or, by its name, from the catalogue that ships with the package.
 

@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from hums.gearbox.components import brief
+from signals._validation import checked
 
 HANN_HALF_LOBE = 2.0  # bins of 1 / revolutions from the peak of a Hann line to its first zero
 _MOST_LINES = 10_000_000  # of a table: some gigabytes
@@ -31,6 +32,7 @@ class _Line(NamedTuple):
     spacing: float
 
 
+@checked
 def order_families(table: pd.DataFrame, *, harmonics: int, sidebands: int) -> pd.DataFrame:
     """Return the harmonics of every defect order and the sidebands of each of them.
 
@@ -77,6 +79,7 @@ def order_families(table: pd.DataFrame, *, harmonics: int, sidebands: int) -> pd
     return pd.DataFrame(lines, columns=list(_Line._fields))
 
 
+@checked
 def collisions(table: pd.DataFrame, *, revolutions: float) -> pd.DataFrame:
     """Return the pairs of lines of different components or kinds that are close, and whether a record resolves them.
 

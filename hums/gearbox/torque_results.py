@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 from hums.gearbox.components import Vector, closest
+from signals._validation import SentenceError
 
 
-class TorqueError(ValueError):
+class TorqueError(SentenceError):
     """Torques that do not balance, or that equilibrium cannot determine.
 
     Examples

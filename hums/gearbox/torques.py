@@ -8,7 +8,6 @@ classes of `hums.gearbox.torque_results`. Power balances to the rounding of the 
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
-from numbers import Real
 
 from hums.gearbox.components import Vector, closest
 from hums.gearbox.kinematics import Kinematics
@@ -24,6 +23,7 @@ from hums.gearbox.torque_results import (
     TorqueError,
     Torques,
 )
+from signals._validation import brief, checked, is_float
 
 __all__ = [
     "BearingLoad",
@@ -156,6 +156,7 @@ def _float(value: Fraction | None) -> float:
 # ---- Torques ---------------------------------------------------------------------------------------------------------
 
 
+@checked
 def solve_torques(
     kinematics: Kinematics,
     torques: Mapping[str, float | Fraction | None],
@@ -244,10 +245,10 @@ def _checked(kinematics: Kinematics, link: str, torque: object) -> Fraction | No
         ) from None
     if torque is None:
         return None
-    if isinstance(torque, bool) or not isinstance(torque, Real) or not math.isfinite(torque):
+    if not is_float(torque) or not math.isfinite(torque):
         raise TorqueError(
-            f'torques: "{link}" = {torque!r} is not a finite number of N m; give one, or None where the link takes '
-            "the balance."
+            f'torques: "{link}" = {brief(torque)} is not a finite number of N m; give one, or None where the link '
+            "takes the balance."
         )
     return Fraction(torque) if isinstance(torque, int | Fraction) else Fraction(float(torque))
 
@@ -260,9 +261,9 @@ def _efficiencies(kinematics: Kinematics, given: float | Mapping[str, float]) ->
     for mesh, efficiency in named.items():
         if mesh not in meshes:
             raise TorqueError(f'mesh_efficiency: no mesh "{mesh}" of two gears{closest(mesh, meshes)}')
-        if isinstance(efficiency, bool) or not isinstance(efficiency, Real) or not 0 < efficiency <= 1:
+        if not is_float(efficiency) or not 0 < efficiency <= 1:
             raise TorqueError(
-                f'mesh_efficiency: "{mesh}" = {efficiency!r} is not above 0 and at most 1; 1 loses nothing.'
+                f'mesh_efficiency: "{mesh}" = {brief(efficiency)} is not above 0 and at most 1; 1 loses nothing.'
             )
     return tuple(Fraction(float(named.get(contact.mesh, 1.0))) for contact in contacts)
 

@@ -122,19 +122,28 @@ def plot_spectrum(
     return ax
 
 
-def plot_tracks(tracks: xr.Dataset | xr.DataTree, *, channel: str, ax: Axes, most: int = 6) -> Axes:
+def plot_tracks(
+    tracks: xr.Dataset | xr.DataTree,
+    *,
+    channel: str,
+    ax: Axes,
+    most: int = 6,
+    of: Literal["tracks", "envelope_tracks"] = "tracks",
+) -> Axes:
     """Draw the largest amplitude tracks of a channel, each with a band of plus and minus two standard deviations.
 
     Parameters
     ----------
     tracks : xarray.Dataset or xarray.DataTree
-        Group ``/tracks`` of an analysis, or the analysis.
+        Group ``/tracks`` or ``/envelope_tracks`` of an analysis, or the analysis.
     channel : str
         Channel to draw.
     ax : matplotlib.axes.Axes
         Axes to draw on.
     most : int
         Largest number of tracks drawn.
+    of : {"tracks", "envelope_tracks"}
+        Group to draw of a whole analysis: orders of the record, or lines of named parts in the envelopes.
 
     Returns
     -------
@@ -157,7 +166,9 @@ def plot_tracks(tracks: xr.Dataset | xr.DataTree, *, channel: str, ax: Axes, mos
     >>> round(float(ax.lines[0].get_ydata().mean()), 2)
     0.5
     """
-    tracks = _group(tracks, "tracks")
+    tracks = _group(tracks, of)
+    if "track" not in tracks.sizes or channel not in tracks["track_channel"].to_numpy():
+        raise ValueError(f'the analysis has no {of.replace("_", " ")} of channel "{channel}" to draw.')
     mine = tracks.isel(track=np.flatnonzero(tracks["track_channel"].to_numpy() == channel))
     size = np.abs(mine["complex_amplitude"].to_numpy()).mean(axis=1)
     for rank, index in enumerate(np.argsort(-size)[:most]):

@@ -7,16 +7,18 @@ does not state (units, rate, shaft) the caller declares; nothing is guessed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated
-from hums.readers.time_axis import check_time_column, rate_hz_of, start_and_epoch
+from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated, canonical_units
+from hums.readers.time_axis import TimeUnit, check_time_column, rate_hz_of, start_and_epoch
+from hums.records.quantities import AngularAverage, Measured, quantity_units
 from hums.records.record import (
-    UNITS,
     Angle,
     Channel,
     NominalSpeed,
@@ -27,28 +29,30 @@ from hums.records.record import (
     make_record,
 )
 from hums.records.store import existing_file
+from signals._validation import brief, checked, is_float
 
 if TYPE_CHECKING:
-    from datetime import datetime
     from os import PathLike
 
     import xarray as xr
     from numpy.typing import NDArray
 
-__all__ = ["ForeignFile", "Stated", "convert", "read_file"]
+__all__ = ["SUFFIXES", "ForeignFile", "Stated", "convert", "read_file"]
 
-_SUFFIXES = (".mat", ".wav", ".csv", ".tdms", ".uff", ".unv", ".h5", ".hdf5")
+SUFFIXES = (".mat", ".wav", ".csv", ".tdms", ".uff", ".unv", ".h5", ".hdf5", ".npy", ".npz")
+_STEADY = 0.02  # largest deviation of a measured speed from its mean: that of lines from a declared one, by default
 
 
+@checked
 def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> ForeignFile:
     r"""Return the contents of another program's file, read by the reader of its suffix.
 
     Parameters
     ----------
     path : str or Path
-        A .mat, .wav, .csv, .tdms, .uff, .unv, .h5 or .hdf5 file.
+        A .mat, .wav, .csv, .tdms, .uff, .unv, .h5, .hdf5, .npy or .npz file.
     most_bytes : int, optional
-        Bytes that one array of an HDF5 file, or of a .mat file in version 7.3, may take; default a hundred times the
+        Bytes that one array of an HDF5 or .mat file may take; default a hundred times the
         size of the file, or 64 MB.
 
     Returns
@@ -87,7 +91,7 @@ def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> Fo
         case ".csv":
             from hums.readers import csv  # noqa: PLC0415
 
-            fields = csv.read(file)
+            fields, stated = csv.read(file)
         case ".tdms":
             from hums.readers import tdms  # noqa: PLC0415
 
@@ -100,9 +104,13 @@ def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> Fo
             from hums.readers import hdf5  # noqa: PLC0415
 
             fields, stated = hdf5.read(file, most_bytes=most_bytes)
+        case ".npy" | ".npz":
+            from hums.readers import numpy_files  # noqa: PLC0415
+
+            fields = numpy_files.read(file)
         case suffix:
             raise RecordError(
-                f'{file}: no reader for the suffix "{suffix}"; known are {", ".join(_SUFFIXES)}. Export the signals '
+                f'{file}: no reader for the suffix "{suffix}"; known are {", ".join(SUFFIXES)}. Export the signals '
                 "to one of them, or build the record in Python with make_record."
             )
     return ForeignFile(
@@ -124,10 +132,18 @@ def convert(
     pulses_per_rev: int | None = None,
     shaft: str | None = None,
     shaft_rpm: float | None = None,
+    speed_column: str | None = None,
+    speed_units: str = "",
     no_tachometer: bool = False,
+    measured: Mapping[str, str] | None = None,
+    average_of: str | None = None,
+    samples_per_rev: int | None = None,
+    averaged_over: int | None = None,
     scale: float = 1.0,
+    time_unit: TimeUnit | None = None,
     machine: str = "",
     recorded_at: datetime | str | None = None,
+    time_column: str | None = None,
     most_bytes: int | None = None,
 ) -> xr.Dataset:
     """Convert another program's file to a record.
@@ -135,7 +151,7 @@ def convert(
     Parameters
     ----------
     source : str or Path
-        A .mat, .wav, .csv, .tdms, .uff, .unv, .h5 or .hdf5 file.
+        A .mat, .wav, .csv, .tdms, .uff, .unv, .h5, .hdf5, .npy or .npz file.
     channels : sequence of str
         Names of the vibration channels in the file; a member of a struct or a group by its path, ``bearing.gs`` or
         ``bearing/gs``. In the record the parts of a name are joined by dots.
@@ -151,12 +167,25 @@ def convert(
         Shaft that carries the tachometer or turns at `shaft_rpm`.
     shaft_rpm : float, optional
         Declared constant speed in rev/min.
+    speed_column, speed_units : str, optional
+        Name of the measured speed of `shaft`, and its units, such as "rpm": its mean is the declared speed, and it is
+        refused where it departs from that by more than 2 %.
     no_tachometer : bool
         Declare that no shaft angle is known: the speed has to be estimated from the vibration.
+    measured : mapping of str to str, optional
+        Loads, temperatures and other quantities measured with the record: the units of each by its name in the file.
+    average_of : str, optional
+        Component of which the channels are an average in angle already, see `hums.AngularAverage`.
+    samples_per_rev, averaged_over : int, optional
+        Samples per revolution of that average, and number of revolutions averaged.
     scale : float
         Factor from the numbers in the file to `units`; for a .wav of integers, the value of full scale.
+    time_unit : {"s", "ms", "us"}, optional
+        Unit of a column of times whose header states none, as "time" alone; such a column states the rate.
     machine, recorded_at
         As in `make_record`; a .tdms file may state when it was recorded.
+    time_column : str, optional
+        Name of the times of the samples, whose first one is `recorded_at`: in s since 1970, or ISO 8601 with an offset.
     most_bytes : int, optional
         As in `read_file`.
 
@@ -183,24 +212,54 @@ def convert(
     (1.0, 10.0, 'log.csv')
     """
     file = read_file(source, most_bytes=most_bytes)
+    if isinstance(channels, str) or not np.iterable(channels) or not all(isinstance(name, str) for name in channels):
+        raise RecordError(f"channels={brief(channels)}: names of channels are needed, one or more (--channel).")
+    if not isinstance(units, str | Mapping | None):
+        raise RecordError(f"units={brief(units)}: a word, or words by the names of channels, are needed (--units).")
+    channels = tuple(channels)
     if not channels:
         raise RecordError(f"channels: none named (--channel). {file.path.name}: {file.contents()}")
     factor = _scale(scale)
+    rate_of = partial(rate_hz_of, file, declared=rate_hz, time_unit=time_unit)
     if isinstance(units, Mapping) and (unknown := [name for name in units if name not in channels]):
         raise RecordError(f'units: no channel "{unknown[0]}"; the channels are {", ".join(channels)}.')
+    average = _average(file, average_of, samples_per_rev, averaged_over, rate_hz=rate_hz)
+    if average is not None:
+        given: dict[str, object] = {"--speed-column": speed_column, "--tach-times": tach_times}
+        given |= {
+            "--tach-waveform": tach_waveform,
+            "--shaft-rpm": shaft_rpm,
+            "--shaft": shaft,
+            "--pulses-per-rev": pulses_per_rev,
+        }
+        if named := [option for option, value in given.items() if value is not None]:
+            raise RecordError(f"{named[0]} has no meaning for an average in angle (--average-of); leave it out.")
+        return make_record(
+            {
+                file.name(name): Channel(
+                    values=_scaled(file.vector(name), factor), units=_units(file, name, units, scale=factor)
+                )
+                for name in channels
+            },
+            angle=average,
+            measured=_measured(file, measured or {}, count=0),
+            machine=machine,
+            recorded_at=_moment(file, time_column) if recorded_at is None and time_column else recorded_at,
+            attrs={"source": file.path.name},
+        )
     values = {
         file.name(name): Channel(
             values=_scaled(file.vector(name), factor),
             units=_units(file, name, units, scale=factor),
-            rate_hz=rate_hz_of(file, name, declared=rate_hz),
+            rate_hz=rate_of(name),
         )
         for name in channels
     }
-    rate = rate_hz_of(file, channels[0], declared=rate_hz)
+    rate = rate_of(channels[0])
     sampled = [*channels, *([tach_waveform] if tach_waveform else [])]
     start_s, epoch = start_and_epoch(file, sampled, rate_hz=rate)
-    used = [file.name(name) for name in (*sampled, tach_times) if name]
-    check_time_column(file, rate, count=file.vector(channels[0]).size, used=used)
+    used = [file.name(name) for name in (*sampled, tach_times, time_column) if name]
+    check_time_column(file, rate, count=file.vector(channels[0]).size, used=used, time_unit=time_unit)
     return make_record(
         values,
         rate_hz=rate,
@@ -211,11 +270,13 @@ def convert(
             pulses_per_rev=pulses_per_rev,
             shaft=shaft,
             shaft_rpm=shaft_rpm,
+            speed=(speed_column, speed_units),
             no_tachometer=no_tachometer,
-            rate_hz=rate_hz,
+            rate_of=rate_of,
         ),
+        measured=_measured(file, measured or {}, count=file.vector(channels[0]).size),
         machine=machine,
-        recorded_at=epoch if recorded_at is None else recorded_at,
+        recorded_at=recorded_at or (_moment(file, time_column) if time_column else epoch),
         start_s=start_s,
         attrs={"source": file.path.name},
     )
@@ -229,14 +290,16 @@ def _angle(
     pulses_per_rev: int | None,
     shaft: str | None,
     shaft_rpm: float | None,
+    speed: tuple[str | None, str],
     no_tachometer: bool,
-    rate_hz: float | None,
+    rate_of: Callable[[str], float],
 ) -> Angle | None:
     """Return the declared source of shaft angle, None where there is no declaration."""
     options: dict[str, object] = {
         "--tach-times": tach_times,
         "--tach-waveform": tach_waveform,
         "--shaft-rpm": shaft_rpm,
+        "--speed-column": speed[0],
         "--no-tachometer": no_tachometer or None,
     }
     given = [option for option, value in options.items() if value is not None]
@@ -246,12 +309,14 @@ def _angle(
         raise RecordError(f"{' and '.join(given)}: the shaft angle has one source; give one of them.")
     if no_tachometer:
         return UnknownAngle()
-    if not shaft:
+    if not isinstance(shaft, str) or not shaft:
         raise RecordError(f'{given[0]} needs the shaft it belongs to: shaft="..." (--shaft).')
-    if shaft_rpm is not None:
+    if shaft_rpm is not None or speed[0] is not None:
         if pulses_per_rev is not None:
-            raise RecordError("--pulses-per-rev has no meaning with --shaft-rpm; leave one of them out.")
-        return NominalSpeed(rpm=shaft_rpm, shaft=shaft)
+            raise RecordError(f"--pulses-per-rev has no meaning with {given[0]}; leave one of them out.")
+        if speed[0] is not None:
+            return NominalSpeed(rpm=60 * _steady_speed_hz(file, speed[0], speed[1]), shaft=shaft)
+        return NominalSpeed(rpm=shaft_rpm or 0.0, shaft=shaft)
     if pulses_per_rev is None:
         raise RecordError(
             f'{given[0]} needs the pulses in one revolution of "{shaft}": pulses_per_rev=... (--pulses-per-rev).'
@@ -264,8 +329,81 @@ def _angle(
         values=file.vector(name),
         shaft=shaft,
         pulses_per_rev=pulses_per_rev,
-        rate_hz=rate_hz_of(file, name, declared=rate_hz),
+        rate_hz=rate_of(name),
     )
+
+
+def _steady_speed_hz(file: ForeignFile, name: str, units: str) -> float:
+    """Return the mean of a measured speed in rev/s; refuse one that is not steady."""
+    unit, factor = quantity_units(units, f'speed "{name}" (--speed-units)')
+    values = np.asarray(file.vector(name), dtype=np.float64) * factor
+    values = np.abs(values[np.isfinite(values)])
+    if unit != "rev s-1" or not values.size or not values.mean() > 0:
+        raise RecordError(f'{file.path.name}: "{name}" in {units} holds no speed above zero; name the column of one.')
+    mean = float(values.mean())
+    off = float(np.max(np.abs(values - mean))) / mean
+    if off > _STEADY:
+        raise RecordError(
+            f'{file.path.name}: the speed "{name}" departs by {off:.1%} from its mean, {60 * mean:.6g} rpm; at most '
+            f"{_STEADY:.0%} is a constant speed. Name a tachometer (--tach-times, --tach-waveform), or have the speed "
+            "estimated from the vibration (--no-tachometer)."
+        )
+    return mean
+
+
+def _measured(file: ForeignFile, units: Mapping[str, str], *, count: int) -> dict[str, Measured]:
+    """Return the quantities measured with a record: a number each, or samples at its rate or at one of their own."""
+    found = {}
+    for name, unit in units.items():
+        values = np.asarray(file.vector(name), dtype=np.float64)
+        if count == 0 or values.size == 1:
+            if not np.isfinite(values).any():
+                raise RecordError(f'{file.path.name}: "{name}" holds no number; leave it out of --measured.')
+            found[file.name(name)] = Measured(values=float(np.nanmean(values)), units=unit)
+            continue
+        rate_hz = file.metadata(name).rate_hz
+        if values.size != count and rate_hz is None:
+            raise RecordError(
+                f'{file.path.name}: "{name}" has {values.size} values beside {count} samples, and states no rate; '
+                "build the record in Python, Measured(values=..., units=..., rate_hz=...)."
+            )
+        found[file.name(name)] = Measured(values=values, units=unit, rate_hz=None if values.size == count else rate_hz)
+    return found
+
+
+def _average(
+    file: ForeignFile,
+    component: str | None,
+    samples_per_rev: int | None,
+    averaged_over: int | None,
+    *,
+    rate_hz: float | None,
+) -> AngularAverage | None:
+    """Return the declared average in angle; None where the file holds samples over time."""
+    if component is None and samples_per_rev is None and averaged_over is None:
+        return None
+    if component is None or samples_per_rev is None:
+        raise RecordError(
+            "an average in angle needs the component whose revolution it is and its samples in one: average_of=..., "
+            "samples_per_rev=... (--average-of, --samples-per-rev)."
+        )
+    if rate_hz is not None:
+        raise RecordError(f"{file.path.name}: an average in angle has no samples per second; leave out --rate-hz.")
+    return AngularAverage(component=component, samples_per_rev=samples_per_rev, averaged_over=averaged_over)
+
+
+def _moment(file: ForeignFile, name: str) -> datetime:
+    """Return the first of the times of a column, which are seconds since 1970."""
+    values = np.asarray(file.vector(name), dtype=np.float64)
+    if not (values.size and math.isfinite(values[0]) and 0 < values[0] < _YEAR_9999):
+        raise RecordError(
+            f'{file.path.name}: "{name}" begins with {values[0] if values.size else "nothing"}, which is no time in s '
+            "since 1970. Give the time with --recorded-at, or in the names of the files."
+        )
+    return datetime.fromtimestamp(float(values[0]), tz=UTC)
+
+
+_YEAR_9999 = 253370764800.0  # s
 
 
 def _units(file: ForeignFile, name: str, units: str | Mapping[str, str] | None, *, scale: float) -> str:
@@ -283,8 +421,8 @@ def _units(file: ForeignFile, name: str, units: str | Mapping[str, str] | None, 
         return declared
     if (
         declared is not None
-        and None not in (_canonical(declared), _canonical(stated))
-        and _canonical(declared) != _canonical(stated)
+        and None not in (canonical_units(declared), canonical_units(stated))
+        and canonical_units(declared) != canonical_units(stated)
     ):
         raise RecordError(
             f'units="{declared}" contradict {file.path.name}, which states "{stated}" for "{name}". Give the factor '
@@ -294,14 +432,9 @@ def _units(file: ForeignFile, name: str, units: str | Mapping[str, str] | None, 
     return declared or stated
 
 
-def _canonical(units: str) -> str | None:
-    """Return units in the spelling of `UNITS`, None for unknown ones."""
-    return next((name for name, aliases in UNITS.items() if units in (name, *aliases)), None)
-
-
 def _scale(scale: float) -> float:
-    if isinstance(scale, bool) or not isinstance(scale, int | float) or not math.isfinite(scale) or scale == 0:
-        raise RecordError(f"scale={scale!r}: a finite number other than zero is needed (--scale).")
+    if not is_float(scale) or not math.isfinite(scale) or scale == 0:
+        raise RecordError(f"scale={brief(scale)}: a finite number other than zero is needed (--scale).")
     return float(scale)
 
 

@@ -11,9 +11,9 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.records.record import RecordError
+from hums.records.record import UNITS, RecordError
 
-__all__ = ["Field", "ForeignFile", "Stated", "rate_of_step"]
+__all__ = ["Field", "ForeignFile", "Stated", "canonical_units", "rate_of_step"]
 
 Field = NDArray[np.generic] | str
 """An array of numbers, or a phrase that describes what is not numeric, such as "text"."""
@@ -79,12 +79,15 @@ class Stated:
         Time of the first sample in s after `epoch`.
     began : datetime or None
         Time from which `start_s` counts, with its offset from UTC.
+    title : str or None
+        Name as the file prints it, where that holds the units, too.
     """
 
     units: str | None = None
     rate_hz: float | None = None
     start_s: float | None = None
     epoch: datetime | None = None
+    title: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +113,9 @@ class ForeignFile:
     stated: Mapping[str, Stated] = field(default_factory=lambda: MappingProxyType({}))
 
     def name(self, name: str) -> str:
-        """Return the key in `fields` of a name with slashes for dots, or of a channel or column by number."""
+        """Return the key in `fields` of a name: as printed, with slashes for dots, or a channel or column by number."""
+        if titled := next((key for key, stated in self.stated.items() if stated.title == name), None):
+            return titled
         numbered = (f"{kind} {name}" for kind in ("channel", "column"))
         if name not in self.fields and (found := next((key for key in numbered if key in self.fields), None)):
             return found
@@ -142,6 +147,11 @@ class ForeignFile:
         others = [f"{name} ({phrase})" for name, phrase in found.items() if isinstance(phrase, str)]
         rest = f" Not numbers: {_listed(others)}." if others else ""
         return f"It holds {_listed(arrays) or 'no array of numbers'}.{rest}"
+
+
+def canonical_units(units: str) -> str | None:
+    """Return units in the spelling of `UNITS`, None for unknown ones."""
+    return next((name for name, aliases in UNITS.items() if units in (name, *aliases)), None)
 
 
 def rate_of_step(step_s: object) -> float | None:

@@ -2,8 +2,10 @@
 
 import codecs
 import csv
+import re
 import warnings
 from collections import Counter
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from hums.readers.columns import Stated, canonical_units
 from hums.records.record import RecordError
 
 if TYPE_CHECKING:
@@ -22,12 +25,12 @@ _ENCODING = "utf-8-sig"  # spreadsheets begin with a byte order mark
 _HEAD = 100  # lines from which the format is detected
 
 
-def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
-    """Return the columns, (n,) each, under the names of the header or as "column 1", "column 2", ...
+def read(path: Path) -> tuple[dict[str, NDArray[np.generic] | str], dict[str, Stated]]:
+    """Return the columns, (n,) each, under the names of the header or as "column 1", "column 2", ..., and their units.
 
     Separators are semicolons, tabs or commas; with the first two a comma in a number is its decimal point. Text is
     UTF-8, or UTF-16 as some spreadsheets and loggers write it. Blank cells are NaN; rows with fewer cells than the
-    first are refused.
+    first are refused. A header such as "DE [m/s²]" states units, which are then no part of the name.
     """
     import pandas as pd  # noqa: PLC0415
 
@@ -61,7 +64,30 @@ def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
     names = [f"column {number}" if without_header else str(name).strip() for number, name in enumerate(table, 1)]
     if repeated := [name for name, times in Counter(names).items() if times > 1]:
         raise RecordError(f'{path}: two columns are named "{repeated[0]}"; give each a name of its own.')
-    return {name: _column(table.iloc[:, place]) for place, name in enumerate(names)}
+    split = {name: _name_and_units(name) for name in names}
+    bare = Counter(short for short, _ in split.values())
+    fields, stated = {}, {}
+    for place, name in enumerate(names):
+        short, units = split[name]
+        key = short if bare[short] == 1 else name  # "DE [g]" beside "DE [mm/s]": the units tell the columns apart
+        fields[key] = _column(table.iloc[:, place])
+        if units:
+            stated[key] = Stated(units=units, title=name)
+    return fields, stated
+
+
+def _name_and_units(title: str) -> tuple[str, str | None]:
+    """Return the name and the units of a header such as "DE [m/s²]" or "DE (g)"; None where it states none we know.
+
+    One letter in round brackets is taken for units only if it is g: "(V)", "(A)" are vertical and axial, too.
+    """
+    found = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]+)\]|\(([^()]+)\))", title)
+    if found is None:
+        return title, None
+    name, square, round_ = found.groups()
+    units = (square or round_).strip()
+    known = canonical_units(units) is not None and units != "1"
+    return (name, units) if known and (square or len(units) > 1 or units == "g") else (title, None)
 
 
 def _encoding(path: Path) -> str:
@@ -106,8 +132,16 @@ def _is_number(cell: str) -> bool:
     return True
 
 
+def _is_moment(cell: object) -> bool:
+    """Return whether a cell is a time in ISO 8601 with its offset from UTC."""
+    try:
+        return isinstance(cell, str) and datetime.fromisoformat(cell).tzinfo is not None
+    except ValueError:
+        return False
+
+
 def _column(column: "pd.Series") -> NDArray[np.generic] | str:
-    """Return a column as numbers, or a phrase that describes what is not numeric."""
+    """Return a column as numbers, times as seconds since 1970, or a phrase that describes what is not numeric."""
     import pandas as pd  # noqa: PLC0415
 
     if column.empty:
@@ -117,6 +151,10 @@ def _column(column: "pd.Series") -> NDArray[np.generic] | str:
     numbers = pd.to_numeric(column, errors="coerce")
     booleans = column.map(lambda cell: isinstance(cell, bool | np.bool))
     invalid = column[column.notna() & (numbers.isna() | booleans)]
+    if not column.isna().iloc[0] and _is_moment(column.iloc[0]):
+        moments = pd.to_datetime(column, utc=True, format="ISO8601", errors="coerce")
+        if moments.notna().all():
+            return (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy()
     if invalid.empty:  # whole numbers of more than 64 bits
         return numbers.to_numpy(dtype=np.float64)
     return f'text, "{invalid.iloc[0]}" in row {invalid.index[0] + 1}'

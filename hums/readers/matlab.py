@@ -1,6 +1,9 @@
 """MATLAB files: v4 to v7 by scipy, v7.3 as HDF5."""
 
+import struct
+import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +12,7 @@ from numpy.typing import NDArray
 
 from hums.readers.columns import ArraysOnDisk, Field, dotted
 from hums.records.record import RecordError
-from hums.records.store import is_array, is_hdf5, objects, open_hdf5, read_array
+from hums.records.store import is_array, is_hdf5, objects, open_hdf5, read_array, refuse_size
 
 __all__ = ["read"]
 
@@ -20,6 +23,8 @@ _CLASSES = {
     "struct": "a struct array",
     "string": "a string object",
 }
+_HEADER_BYTES, _COMPRESSED = 128, 15  # of version 5: the text before the first variable; its type miCOMPRESSED
+_TAG_BYTES = 1024  # of a compressed variable: more than enough for the first eight of what it unpacks to
 _NUMBERS = ("", "double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
@@ -31,16 +36,18 @@ def read(path: Path, *, most_bytes: int | None = None) -> Mapping[str, Field]:
     mapping of str to array or str
         An array in MATLAB's shape, or a phrase that describes what is not numeric.
     """
-    return _read_hdf5(path, most_bytes) if is_hdf5(path) else _read_classic(path)
+    return _read_hdf5(path, most_bytes) if is_hdf5(path) else _read_classic(path, most_bytes)
 
 
 # ---- v4 to v7 ----------------------------------------------------------------------------------------------
 
 
-def _read_classic(path: Path) -> dict[str, Field]:
+def _read_classic(path: Path, most_bytes: int | None) -> dict[str, Field]:
     """Return every variable of a MATLAB file before version 7.3, read by scipy."""
     from scipy.io import loadmat  # noqa: PLC0415
 
+    for declared in _packed_sizes(path):
+        refuse_size(declared, f"{path}: a compressed variable", path.stat().st_size, most_bytes=most_bytes)
     try:
         contents = loadmat(path)
     except Exception as error:  # a parser may fail in any way on damaged bytes
@@ -53,6 +60,22 @@ def _read_classic(path: Path) -> dict[str, Field]:
         if not key.startswith("__")
         for name, field in _classic_fields(key, value)
     }
+
+
+def _packed_sizes(path: Path) -> Iterator[int]:
+    """Yield the bytes that each compressed variable of a version 5 to 7 file says it has."""
+    with path.open("rb") as stream:
+        header = stream.read(_HEADER_BYTES)
+        order = {b"IM": "<", b"MI": ">"}.get(header[-2:])
+        while order and len(tag := stream.read(8)) == 8:  # noqa: PLR2004 - two words
+            kind, count = struct.unpack(f"{order}2I", tag)
+            start = stream.tell()
+            if kind == _COMPRESSED:
+                with suppress(zlib.error):  # scipy names what is damaged
+                    inner = zlib.decompressobj().decompress(stream.read(min(count, _TAG_BYTES)), 8)
+                    if len(inner) == 8:  # noqa: PLR2004
+                        yield struct.unpack(f"{order}2I", inner)[1]
+            stream.seek(start + count)
 
 
 def _classic_fields(name: str, value: Any) -> Iterator[tuple[str, Field]]:  # noqa: ANN401

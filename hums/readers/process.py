@@ -27,7 +27,7 @@ from xarray.core.indexing import IndexingSupport, LazilyIndexedArray, explicit_i
 from hums.readers import convert
 from hums.records.fields import RecordWarning
 from hums.records.record import RecordError, attach_time, detach_time
-from hums.records.store import open_record
+from hums.records.store import open_record, open_tree
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -105,6 +105,23 @@ class ReaderProcess:
         """
         return self._record("convert", source, declared)
 
+    def open_tree(self, path: str | PathLike[str]) -> xr.DataTree:
+        """Open a tree of datasets that `hums.save_analysis` wrote; values are read on access, in the process.
+
+        Raises
+        ------
+        RecordError
+            If the file is missing or damaged, or ends the process.
+        """
+        file = os.fspath(path)
+        found = self._ask({"do": "tree", "path": file}, file)
+        handle = (self._generation, found["number"])
+        tree = xr.DataTree.from_dict(
+            {where: self._dataset(handle, where, group, file) for where, group in found["groups"].items()}
+        )
+        tree.set_close(lambda: self._close_record(handle, file))
+        return tree
+
     def close(self) -> None:
         """End the process; records that it opened cannot be read any more."""
         if self._running is not None:
@@ -122,17 +139,20 @@ class ReaderProcess:
         for text in found["warnings"]:
             warnings.warn(text, RecordWarning, stacklevel=3)
         handle = (self._generation, found["number"])
-        variables = {
-            name: xr.Variable(entry["dims"], self._values(handle, name, entry, file), _decoded(entry["attrs"]))
-            for name, entry in found["variables"].items()
-        }
-        record = attach_time(xr.Dataset(variables, attrs=_decoded(found["attrs"])).set_coords(found["coordinates"]))
+        record = attach_time(self._dataset(handle, "/", found["groups"]["/"], file))
         if found["source"] is not None:
             record.encoding["source"] = found["source"]
         record.set_close(lambda: self._close_record(handle, file))
         return record
 
-    def _values(self, handle: tuple[int, int], name: str, entry: Mapping[str, Any], file: str) -> Any:  # noqa: ANN401
+    def _dataset(self, handle: tuple[int, int], where: str, group: Mapping[str, Any], file: str) -> xr.Dataset:
+        variables = {
+            name: xr.Variable(entry["dims"], self._values(handle, (where, name), entry, file), _decoded(entry["attrs"]))
+            for name, entry in group["variables"].items()
+        }
+        return xr.Dataset(variables, attrs=_decoded(group["attrs"])).set_coords(group["coordinates"])
+
+    def _values(self, handle: tuple[int, int], name: tuple[str, str], entry: Mapping[str, Any], file: str) -> Any:  # noqa: ANN401
         if "text" in entry:
             return np.array(entry["text"], dtype=object).reshape(entry["shape"])
         array = _ArrayThere(self, handle, name, tuple(entry["shape"]), np.dtype(entry["dtype"]), file)
@@ -220,7 +240,7 @@ class _ArrayThere(BackendArray):
         self,
         reader: ReaderProcess,
         handle: tuple[int, int],
-        name: str,
+        name: tuple[str, str],
         shape: tuple[int, ...],
         dtype: np.dtype[Any],
         file: str,
@@ -256,7 +276,7 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
     _limit("RLIMIT_CORE", 0)
     if memory_bytes is not None:
         _limit("RLIMIT_AS", _used_bytes() + memory_bytes)
-    records: dict[int, xr.Dataset] = {}
+    opened: dict[int, tuple[xr.Dataset | xr.DataTree, dict[str, xr.Dataset]]] = {}
     while True:
         try:
             request = json.loads(pipe.recv_bytes())
@@ -265,7 +285,7 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
         times = os.times()
         _limit("RLIMIT_CPU", math.ceil(times.user + times.system + request["cpu_s"]))
         try:
-            answer, values = _answer(request, records)
+            answer, values = _answer(request, opened)
         except MemoryError:
             answer, values = {"error": f"{request.get('path', 'the file')} needs more memory than may be used."}, None
         except Exception as error:  # noqa: BLE001 - the libraries fail in any way on damaged bytes
@@ -281,35 +301,48 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
 
 
 def _answer(
-    request: Mapping[str, Any], records: dict[int, xr.Dataset]
+    request: Mapping[str, Any], opened: dict[int, tuple[xr.Dataset | xr.DataTree, dict[str, xr.Dataset]]]
 ) -> tuple[dict[str, Any], np.ndarray[Any, Any] | None]:
     """Return the answer to a request, and the values that follow it."""
     match request["do"]:
         case "close":
-            record = records.pop(request["number"], None)
-            if record is not None:
-                record.close()
+            if request["number"] in opened:
+                opened.pop(request["number"])[0].close()
             return {}, None
         case "read":
             key = tuple(slice(*one) if isinstance(one, list) else one for one in request["key"])
-            values = np.asarray(records[request["number"]].variables[request["name"]][key].to_numpy())
+            where, name = request["name"]
+            values = np.asarray(opened[request["number"]][1][where].variables[name][key].to_numpy())
             return {"shape": values.shape}, values
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RecordWarning)
-        opened = (
-            open_record(request["path"]) if request["do"] == "open" else convert(request["path"], **request["declared"])
-        )
-    number = max(records, default=0) + 1
-    records[number] = opened
-    plain = detach_time(opened)
+        thing: xr.Dataset | xr.DataTree
+        match request["do"]:
+            case "tree":
+                thing = open_tree(request["path"])
+                groups = {node.path: node.to_dataset(inherit=False) for node in thing.subtree}
+            case "open":
+                thing = open_record(request["path"])
+                groups = {"/": detach_time(thing)}
+            case _:
+                thing = convert(request["path"], **request["declared"])
+                groups = {"/": detach_time(thing)}
+    number = max(opened, default=0) + 1
+    opened[number] = thing, groups
     return {
         "number": number,
-        "variables": {str(name): _entry(variable) for name, variable in plain.variables.items()},
-        "coordinates": [str(name) for name in plain.coords],
-        "attrs": _encoded(plain.attrs),
-        "source": opened.encoding.get("source"),
+        "groups": {where: _described(group) for where, group in groups.items()},
+        "source": thing.encoding.get("source"),
         "warnings": [str(one.message) for one in caught if issubclass(one.category, RecordWarning)],
     }, None
+
+
+def _described(dataset: xr.Dataset) -> dict[str, Any]:
+    return {
+        "variables": {str(name): _entry(variable) for name, variable in dataset.variables.items()},
+        "coordinates": [str(name) for name in dataset.coords],
+        "attrs": _encoded(dataset.attrs),
+    }
 
 
 def _bytes_of(values: np.ndarray[Any, Any]) -> memoryview:

@@ -4,24 +4,27 @@ import math
 import re
 from collections.abc import Sequence
 from datetime import datetime
-from numbers import Real
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hums.readers.columns import ForeignFile, descriptions, rate_of_step
 from hums.records.record import RecordError
+from signals._validation import is_float
 
-__all__ = ["check_time_column", "rate_hz_of", "start_and_epoch"]
+__all__ = ["TimeUnit", "check_time_column", "rate_hz_of", "start_and_epoch"]
+
+TimeUnit: TypeAlias = Literal["s", "ms", "us"]
 
 _TIME_COLUMNS = {"t", "time", "t_s", "time_s", "t_sec", "time_sec", "time_seconds"}  # also "Time [s]" and "time (s)"
-_SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6}
+_SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _UNEVEN = 0.25  # of a step: one missing sample in the middle moves the times by half of one
 _RATE_TOLERANCE = 0.01
 _STEP_TOLERANCE = 1e-5  # a step printed with six digits
 
 
-def rate_hz_of(file: ForeignFile, name: str, *, declared: float | None) -> float:
+def rate_hz_of(file: ForeignFile, name: str, *, declared: float | None, time_unit: TimeUnit | None = None) -> float:
     """Return the samples per second of a channel, declared or stated by the file; refuse a contradiction.
 
     The declared rate has precedence within 1 Hz, as a header of whole numbers drops a fraction, or within 1e-5, as a
@@ -30,13 +33,13 @@ def rate_hz_of(file: ForeignFile, name: str, *, declared: float | None) -> float
     stated = file.metadata(name).rate_hz
     if declared is None:
         if stated is None:
-            stated = _rate_of_time_column(file, name)
+            stated = _rate_of_time_column(file, name, time_unit)
         if stated is None:
             raise RecordError(
                 f"{file.path.name} does not state its samples per second: rate_hz=... (--rate-hz) is needed."
             )
         return stated
-    if stated is not None and isinstance(declared, Real):
+    if stated is not None and is_float(declared):
         difference = abs(declared - stated)
         if difference >= max(min(1.0, _RATE_TOLERANCE * stated), _STEP_TOLERANCE * stated):
             raise RecordError(
@@ -46,13 +49,14 @@ def rate_hz_of(file: ForeignFile, name: str, *, declared: float | None) -> float
     return declared
 
 
-def _rate_of_time_column(file: ForeignFile, name: str) -> float | None:
-    """Return the samples per second of a column of evenly spaced times whose header states their unit, else None.
+def _rate_of_time_column(file: ForeignFile, name: str, declared: TimeUnit | None) -> float | None:
+    """Return the samples per second of a column of evenly spaced times whose unit is stated or declared, else None.
 
     Raises
     ------
     RecordError
-        If its header states no unit, or the times are not even: a sample may be missing.
+        If its unit is neither stated nor declared, or both and differ, or the times are not even: a sample may be
+        missing.
     """
     count = file.vector(name).size
     for title, shape in descriptions(file.fields).items():
@@ -60,10 +64,16 @@ def _rate_of_time_column(file: ForeignFile, name: str) -> float | None:
         if isinstance(shape, str) or math.prod(shape) != count or count < 2 or words[:1] not in (["t"], ["time"]):  # noqa: PLR2004
             continue
         unit = next((_SECONDS[word] for word in words[1:] if word in _SECONDS), None)
+        if declared is not None and unit not in (None, _SECONDS[declared]):
+            raise RecordError(
+                f'time_unit="{declared}" contradicts {file.path.name}, whose header says "{title}"; leave --time-unit '
+                "out, or correct the header."
+            )
+        unit = _SECONDS[declared] if declared else unit
         if unit is None:
             raise RecordError(
-                f'{file.path.name}: the header "{title}" does not say the unit of its times; write it as in "time (s)" '
-                "or give rate_hz=... (--rate-hz)."
+                f'{file.path.name}: the header "{title}" does not say the unit of its times; give it, '
+                'time_unit="ms" (--time-unit ms), or write it as in "time (s)", or give rate_hz=... (--rate-hz).'
             )
         times_s = unit * np.asarray(file.fields[title]).reshape(-1).astype(np.float64)
         step_s = (times_s[-1] - times_s[0]) / (count - 1)
@@ -91,7 +101,7 @@ def start_and_epoch(file: ForeignFile, names: Sequence[str], *, rate_hz: float) 
     epochs_s = [stated.epoch.timestamp() if stated.epoch else 0.0 for stated in metadata]
     for name, start, epoch_s in zip(names, starts, epochs_s, strict=True):
         late = (start - starts[0]) + (epoch_s - epochs_s[0])
-        if late and isinstance(rate_hz, Real) and abs(late) * rate_hz > 0.5:  # noqa: PLR2004 - make_record checks the rate
+        if late and is_float(rate_hz) and abs(late) * rate_hz > 0.5:  # noqa: PLR2004 - make_record checks the rate
             raise RecordError(
                 f'{file.path.name}: "{name}" begins {late:g} s after "{names[0]}"; a record has one clock. '
                 "Convert them one by one, or cut them to the same span."
@@ -99,7 +109,9 @@ def start_and_epoch(file: ForeignFile, names: Sequence[str], *, rate_hz: float) 
     return starts[0], metadata[0].epoch
 
 
-def check_time_column(file: ForeignFile, rate_hz: float, *, count: int, used: Sequence[str]) -> None:
+def check_time_column(
+    file: ForeignFile, rate_hz: float, *, count: int, used: Sequence[str], time_unit: TimeUnit | None = None
+) -> None:
     """Check the rate against a column of evenly spaced times of `count` samples, if the file has one."""
     for name, shape in descriptions(file.fields).items():
         normalized = re.sub(r"[\W_]+", "_", name.rpartition(".")[2].lower()).strip("_")
@@ -107,10 +119,12 @@ def check_time_column(file: ForeignFile, rate_hz: float, *, count: int, used: Se
             continue
         field = np.asarray(file.fields[name])
         step_s = _even_step(field.reshape(-1)) if field.size == count else None
-        if step_s and isinstance(rate_hz, Real) and abs(step_s * rate_hz - 1) > _RATE_TOLERANCE:
+        if step_s and time_unit and normalized in ("t", "time"):
+            step_s *= _SECONDS[time_unit]
+        if step_s and is_float(rate_hz) and abs(step_s * rate_hz - 1) > _RATE_TOLERANCE:
             raise RecordError(
                 f'rate_hz={rate_hz:g} contradicts {file.path.name}, whose "{name}" goes in steps of {step_s:.6g} s, '
-                f"{1 / step_s:.6g} Hz. Correct --rate-hz; if that column is not in seconds, give it another name."
+                f"{1 / step_s:.6g} Hz. Correct --rate-hz; if that column is not in seconds, say so (--time-unit)."
             )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from hums.records.fields import RecordError
 
-__all__ = ["fingerprint", "objects", "refuse_reaching_out", "refuse_too_large"]
+__all__ = ["fingerprint", "objects", "refuse_reaching_out", "refuse_size", "refuse_too_large"]
 
 _MOST_OBJECTS = 100_000  # a record has some dozens
 _PLAUSIBLE = 100  # times the size of the file: more is possible only where values hardly vary
@@ -69,12 +69,20 @@ def refuse_reaching_out(file: h5py.File) -> None:
 
 def refuse_too_large(item: h5py.Dataset, *, most_bytes: int | None) -> None:
     """Refuse to read an array that declares far more than its file can hold, or than `most_bytes`."""
-    declared = item.size * item.dtype.itemsize
-    file_bytes = item.file.id.get_filesize()
+    refuse_size(
+        item.size * item.dtype.itemsize,
+        f'{item.file.filename}: "{_shown(item.name)}"',
+        item.file.id.get_filesize(),
+        most_bytes=most_bytes,
+    )
+
+
+def refuse_size(declared: int, what: str, file_bytes: int, *, most_bytes: int | None) -> None:
+    """Refuse what declares more bytes than a file of its size plausibly holds, or than `most_bytes`."""
     most = max(_ALWAYS_BYTES, _PLAUSIBLE * file_bytes) if most_bytes is None else most_bytes
     if declared > most:
         raise RecordError(
-            f'{item.file.filename}: "{_shown(item.name)}" declares {declared:.3g} bytes in a file of {file_bytes:.3g}; '
+            f"{what} declares {declared:.3g} bytes in a file of {file_bytes:.3g}; "
             f"at most {most:.3g} are read. If it is right, allow them, most_bytes=... (--most-bytes)."
         )
 

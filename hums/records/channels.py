@@ -1,4 +1,8 @@
-"""The parts of a record: kind of each variable, sampling, time axes, pulse times."""
+"""The parts of a record: kind of each variable, sampling, time axes, pulse times.
+
+The last dimension of a sampled variable is its axis: ``time``, ``time_NAME`` at a rate of its own, or ``angle`` of an
+average in angle. A record of snapshots has the dimension ``snapshot`` before it.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,11 +16,15 @@ from xarray.indexes import RangeIndex
 from hums.records.fields import RATE_REMEDY, RecordError, finite_number, positive_number
 
 __all__ = [
+    "ANGLE",
+    "SNAPSHOT",
     "Sampling",
     "attach_time",
     "channel_values",
     "detach_time",
+    "is_average",
     "kind_of",
+    "measured_quantities",
     "names_of",
     "nominal_speed",
     "rate_of",
@@ -27,7 +35,8 @@ __all__ = [
     "vibration_channels",
 ]
 
-Kind = Literal["vibration", "waveform", "tachometer", "speed", "truth"]
+Kind = Literal["vibration", "waveform", "tachometer", "speed", "measured", "truth"]
+SNAPSHOT, ANGLE = "snapshot", "angle"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +66,7 @@ def kind_of(name: str, variable: xr.DataArray | xr.Variable) -> Kind | None:
         return "speed"
     if any(str(dim).startswith("pulse_") for dim in variable.dims):
         return "tachometer"
-    role: dict[Any, Kind] = {"vibration": "vibration", "tachometer": "waveform"}
+    role: dict[Any, Kind] = {"vibration": "vibration", "tachometer": "waveform", "measured": "measured"}
     return role.get(variable.attrs.get("role"))
 
 
@@ -67,8 +76,17 @@ def names_of(record: xr.Dataset, *kinds: Kind) -> list[str]:
 
 
 def sampling_attrs(record: xr.Dataset, variable: xr.DataArray | xr.Variable) -> Mapping[str, Any]:
-    """Return the attributes with a channel's rate_hz and start_s: the record's or, at a rate of its own, its own."""
-    return record.attrs if variable.dims == ("time",) else variable.attrs
+    """Return the attributes with a channel's rate_hz and start_s: the record's or, at a rate of its own, its own.
+
+    Of an average in angle they are the samples per revolution, and zero.
+    """
+    match variable.dims[-1:]:
+        case ("time",):
+            return record.attrs
+        case ("angle",):
+            return {"rate_hz": record.attrs.get("samples_per_rev"), "start_s": 0.0}
+        case _:
+            return variable.attrs
 
 
 def rate_of(record: xr.Dataset, variable: xr.DataArray | xr.Variable) -> Any:  # noqa: ANN401
@@ -86,15 +104,28 @@ def tachometers(record: xr.Dataset) -> list[str]:
     return names_of(record, "tachometer")
 
 
+def measured_quantities(record: xr.Dataset) -> list[str]:
+    """Return the names of the quantities measured with the record, such as loads and temperatures."""
+    return names_of(record, "measured")
+
+
+def is_average(record: xr.Dataset) -> bool:
+    """Return whether a record is an average in angle."""
+    return "samples_per_rev" in record.attrs
+
+
 def nominal_speed(record: xr.Dataset) -> xr.DataArray | None:
-    """Return the declared constant speed in rev s-1, with attribute `shaft`, or None."""
+    """Return the declared constant speed in rev s-1, with attribute `shaft`, or None; of snapshots one for each."""
     return record.get("nominal_speed")
 
 
 def sampling(record: xr.Dataset, channel: str) -> Sampling:
-    """Return the sampling of a channel, also of a slice of a record; refuse an uneven time axis."""
+    """Return the sampling of a channel, also of a slice of a record; refuse an uneven time axis.
+
+    That of a channel of snapshots is the sampling of each; that of an average in angle is in revolutions.
+    """
     variable = record.variables[channel]
-    dim = str(variable.dims[0])
+    dim = str(variable.dims[-1])
     index = record.xindexes.get(dim)
     rate = float(rate_of(record, variable))
     count = variable.sizes[dim]
@@ -127,13 +158,13 @@ def channel_values(record: xr.Dataset, name: str) -> NDArray[np.floating]:
 
 def attach_time(dataset: xr.Dataset) -> xr.Dataset:
     """Return a record with a time axis for every channel, a range computed from start, count and rate."""
-    for name in names_of(dataset, "vibration", "waveform"):
+    for name in _sampled(dataset):
         variable = dataset.variables[name]
-        if variable.ndim != 1:
+        if variable.ndim != 1 + (SNAPSHOT in variable.dims[:-1]):
             raise RecordError(f'channel "{name}": shape {variable.shape}; a channel has one dimension.')
         if variable.size == 0:
             raise RecordError(f'channel "{name}": empty; at least one sample is needed.')
-        dim = str(variable.dims[0])
+        dim = str(variable.dims[-1])
         if isinstance(dataset.xindexes.get(dim), RangeIndex):
             continue
         rate = positive_number(rate_of(dataset, variable), f'channel "{name}": rate_hz', RATE_REMEDY)
@@ -142,10 +173,16 @@ def attach_time(dataset: xr.Dataset) -> xr.Dataset:
             dataset = dataset.drop_vars(dim)
         else:
             start = finite_number(sampling_attrs(dataset, variable).get("start_s"), f'channel "{name}": start_s')
-        count = variable.size
+        count = variable.sizes[dim]
         index = RangeIndex.linspace(start, start + count / rate, num=count, endpoint=False, dim=dim)
         dataset = dataset.assign_coords(xr.Coordinates.from_xindex(index))
     return dataset
+
+
+def _sampled(record: xr.Dataset) -> list[str]:
+    """Return the names of the variables with a time axis, or one of angle."""
+    names = names_of(record, "vibration", "waveform", "measured")
+    return [name for name in names if record.variables[name].dims not in ((), (SNAPSHOT,))]
 
 
 def _stored_start(axis: xr.DataArray, *, name: str, rate_hz: float) -> float:
@@ -164,10 +201,12 @@ def _stored_start(axis: xr.DataArray, *, name: str, rate_hz: float) -> float:
 def detach_time(record: xr.Dataset) -> xr.Dataset:
     """Return a record without time axes, their starts in attributes: the inverse of `attach_time`."""
     axes = set()
-    for name in names_of(record, "vibration", "waveform"):
+    for name in _sampled(record):
         when = sampling(record, name)
-        dim = str(record.variables[name].dims[0])
+        dim = str(record.variables[name].dims[-1])
         axes.add(dim)
+        if dim == ANGLE:
+            continue
         if dim == "time":
             record = record.assign_attrs(start_s=when.start_s)
         else:

@@ -16,12 +16,34 @@ from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+from hums.records.fields import plain_cell
 from hums.records.record import RecordError, attach_time
-from hums.records.store import open_hdf5, open_shard, open_tree, record_of_shard
+from hums.records.store import atomic_write, open_hdf5, open_shard, open_tree, record_of_shard, write_tree
+from signals._validation import brief, checked
 
-__all__ = ["INDEX", "SCHEMA", "dataset_files", "dataset_record", "dataset_size", "is_dataset", "open_dataset"]
+__all__ = [
+    "INDEX",
+    "SCHEMA",
+    "SHARD",
+    "dataset_files",
+    "dataset_record",
+    "dataset_size",
+    "is_begun",
+    "is_dataset",
+    "open_dataset",
+    "write_index",
+]
 
 INDEX, SCHEMA = "index.h5", "hums-dataset/1"
+SHARD = "shards/{:06d}.h5"
+
+
+_BEGUN = {"plan.toml": "hums dataset", "conversion.json": "hums convert"}  # what is there before the index
+
+
+def is_begun(folder: str | Path) -> bool:
+    """Return whether a folder contains a dataset, or one that is not finished."""
+    return is_dataset(folder) or any((Path(folder) / mark).is_file() for mark in _BEGUN)
 
 
 def is_dataset(folder: str | Path) -> bool:
@@ -29,8 +51,9 @@ def is_dataset(folder: str | Path) -> bool:
     return (Path(folder) / INDEX).is_file()
 
 
+@checked
 def open_dataset(folder: str | Path) -> xr.Dataset:
-    r"""Open a dataset that ``hums dataset`` made.
+    r"""Open a dataset that ``hums dataset`` or ``hums convert`` made.
 
     Parameters
     ----------
@@ -73,13 +96,14 @@ def open_dataset(folder: str | Path) -> xr.Dataset:
         values = _Rows(
             folder=folder,
             pattern=index.attrs["shards"],
-            per_shard=int(index.attrs["records_per_shard"]),
+            starts=_starts(index, rows),
             name=name,
             shape=(rows, *layout["width"]),
             dtype=np.dtype(layout["dtype"]),
         )
         variables[name] = xr.Variable(("record", *layout["dims"]), indexing.LazilyIndexedArray(values), layout["attrs"])
-    attrs = {name: index.attrs[name] for name in ("schema", "machine", "rate_hz", "start_s", "plan")}
+    kept = ("schema", "machine", "rate_hz", "start_s", "average_of", "samples_per_rev", "averaged_over", "plan")
+    attrs = {name: index.attrs[name] for name in kept if name in index.attrs}
     dataset = xr.Dataset(variables, attrs=attrs)
     times = attach_time(dataset.isel(record=0)).coords  # the same for all records, and not stored
     return dataset.assign_coords(times).assign_coords(index.data_vars).assign_coords(record=np.arange(rows))
@@ -94,10 +118,12 @@ def dataset_files(folder: str | Path) -> list[Path]:
     """Return the file that holds each record of a dataset."""
     folder = Path(folder).resolve()
     index = _index(folder, labels=False)
-    per_shard, pattern = int(index.attrs["records_per_shard"]), index.attrs["shards"]
-    return [folder / pattern.format(number // per_shard) for number in range(int(index.attrs["records"]))]
+    count, pattern = int(index.attrs["records"]), index.attrs["shards"]
+    starts = _starts(index, count)
+    return [folder / pattern.format(_place(starts, number)[0]) for number in range(count)]
 
 
+@checked
 def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
     r"""Return one record of a dataset with its truth, in memory.
 
@@ -137,9 +163,9 @@ def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
     folder = Path(folder).resolve()
     index = _index(folder, labels=False)
     count = index.attrs["records"]
-    if not 0 <= number < count:
-        raise RecordError(f"{folder} has no record {number}; its {count} records count from 0 to {count - 1}.")
-    shard, row = divmod(number, int(index.attrs["records_per_shard"]))
+    if not isinstance(number, int | np.integer) or not 0 <= number < count:
+        raise RecordError(f"{folder} has no record {brief(number)}; its {count} records count from 0 to {count - 1}.")
+    shard, row = _place(_starts(index, int(count)), number)
     with open_shard(folder / index.attrs["shards"].format(shard)) as opened:
         try:
             return record_of_shard(opened, row)
@@ -147,13 +173,83 @@ def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
             raise _damaged(opened.encoding["source"], f"record {number}", error) from error
 
 
+def write_index(folder: Path, shards: Sequence[Path], *, plan: str) -> None:
+    """Write ``index.h5`` and ``labels.csv``: the labels of all records, and the shapes and attributes of their arrays.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the dataset.
+    shards : sequence of Path
+        Files of its records, named by `SHARD`, in their order; numbers may be left out.
+    plan : str
+        What it was made from, in words or TOML.
+    """
+    tables, attrs = [], {}
+    arrays: dict[str, Any] = {}
+    for path in shards:
+        with open_shard(path) as shard:
+            labels = [name for name, variable in shard.data_vars.items() if variable.attrs.get("role") == "label"]
+            tables.append(shard[labels].load())
+            for name, variable in shard.data_vars.items():
+                if name not in labels and variable.dims[0] == "record" and variable.dtype.kind == "f":
+                    _update_array_facts(arrays, str(name), variable)
+            attrs = json.loads(shard["attrs_of_record"][0].item())
+    table = xr.concat(tables, "record")
+    rows = {int(path.stem): len(one["record"]) for path, one in zip(shards, tables, strict=True)}
+    each = [rows.get(number, 0) for number in range(max(rows) + 1)]
+    kept = ("machine", "rate_hz", "start_s", "average_of", "samples_per_rev", "averaged_over")
+    table.attrs = {
+        "schema": SCHEMA,
+        **{name: attrs[name] for name in kept if name in attrs},
+        "plan": plan,
+        "shards": SHARD,
+        "shard_starts": np.concatenate([[0], np.cumsum(each)[:-1]]),
+        "arrays_json": json.dumps(arrays),
+    }
+    with atomic_write(folder / "labels.csv") as part:
+        table.to_dataframe().map(plain_cell).to_csv(part)
+    write_tree(xr.DataTree(table), folder / INDEX)
+
+
+def _update_array_facts(arrays: dict[str, Any], name: str, variable: xr.DataArray) -> None:
+    """Record dims, type and attributes of an array, and the largest shape among the files."""
+    facts = arrays.setdefault(
+        name,
+        {
+            "dims": list(variable.dims[1:]),
+            "width": [0] * (variable.ndim - 1),
+            "dtype": str(variable.dtype),
+            "attrs": {
+                key: value.tolist() if hasattr(value, "tolist") else value for key, value in variable.attrs.items()
+            },
+        },
+    )
+    facts["width"] = [max(a, b) for a, b in zip(facts["width"], variable.shape[1:], strict=True)]
+
+
+def _starts(index: xr.Dataset, count: int) -> NDArray[np.int64]:
+    """Return the number of the first record of each file; two are equal where a file has none."""
+    if "shard_starts" in index.attrs:
+        return np.atleast_1d(np.asarray(index.attrs["shard_starts"], dtype=np.int64))
+    return np.arange(0, max(count, 1), int(index.attrs["records_per_shard"]))  # of an older version
+
+
+def _place(starts: NDArray[np.int64], number: int) -> tuple[int, int]:
+    """Return the number of the file that holds a record, and its row there."""
+    shard = int(np.searchsorted(starts, number, side="right")) - 1
+    return shard, number - int(starts[shard])
+
+
 def _index(folder: Path, *, labels: bool) -> xr.Dataset:
     """Return the index of a dataset: its attributes and, where asked for, the labels in memory."""
     if not folder.is_dir():
-        raise RecordError(f"{folder}: there is no such folder; name the one that hums dataset wrote into.")
+        raise RecordError(
+            f"{folder}: there is no such folder; name the one that hums dataset wrote into, or hums convert."
+        )
     if not is_dataset(folder):
-        begun = (folder / "plan.toml").is_file()
-        remedy = "finish it with the same hums dataset again" if begun else "make one with hums dataset"
+        begun = next((how for mark, how in _BEGUN.items() if (folder / mark).is_file()), "")
+        remedy = f"finish it with the same {begun} again" if begun else "make one with hums dataset or hums convert"
         raise RecordError(f"{folder} holds no finished dataset, no {INDEX}; {remedy}.")
     with open_tree(folder / INDEX) as tree:
         index = tree.to_dataset()
@@ -167,9 +263,16 @@ class _Rows(BackendArray):
     """One array (record, ...) over all files of a dataset, padded with NaN to the longest row."""
 
     def __init__(
-        self, *, folder: Path, pattern: str, per_shard: int, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]
+        self,
+        *,
+        folder: Path,
+        pattern: str,
+        starts: NDArray[np.int64],
+        name: str,
+        shape: tuple[int, ...],
+        dtype: np.dtype[Any],
     ) -> None:
-        self.folder, self.pattern, self.per_shard, self.name = folder, pattern, per_shard, name
+        self.folder, self.pattern, self.starts, self.name = folder, pattern, starts, name
         self.shape, self.dtype = shape, dtype
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:  # noqa: ANN401
@@ -178,7 +281,8 @@ class _Rows(BackendArray):
     def _read(self, key: tuple[Any, ...]) -> NDArray[Any]:
         """Return the elements that an index selects from the shards that hold them; NaN past the end of a record."""
         picked, *columns = (np.asarray(np.arange(size)[part]) for size, part in zip(self.shape, key, strict=True))
-        rows, shards = np.atleast_1d(picked), np.atleast_1d(picked) // self.per_shard
+        rows = np.atleast_1d(picked)
+        shards = np.searchsorted(self.starts, rows, side="right") - 1
         spans = [(int(part.min()), int(part.max()) + 1) if part.size else (0, 0) for part in columns]
         block = np.full((rows.size, *(stop - start for start, stop in spans)), np.nan, dtype=self.dtype)
         for shard in np.unique(shards):
@@ -193,13 +297,13 @@ class _Rows(BackendArray):
 
     def _row(self, file: Any, number: int, columns: Sequence[slice]) -> NDArray[Any]:  # noqa: ANN401
         try:
-            return np.asarray(file[self.name][(number % self.per_shard, *columns)])
+            return np.asarray(file[self.name][(_place(self.starts, number)[1], *columns)])
         except (OSError, KeyError) as error:
             raise _damaged(file.filename, f'"{self.name}" of record {number}', error) from error
 
 
 def _damaged(path: str, what: str, error: Exception) -> RecordError:
     return RecordError(
-        f"{path}: {what} cannot be read ({error}). The file is damaged: remove it and run the same hums dataset again, "
-        "which makes what is missing."
+        f"{path}: {what} cannot be read ({error}). The file is damaged: remove it and run the same hums dataset (or "
+        "hums convert) again, which makes what is missing."
     )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from datetime import UTC, datetime
-from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from signals._validation import SentenceError, brief, is_float
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -76,7 +77,7 @@ def plain_cell(value: Any) -> Any:  # noqa: ANN401
     return value
 
 
-class RecordError(ValueError):
+class RecordError(SentenceError):
     """A dataset, a file or an argument that is not a valid record.
 
     Examples
@@ -118,7 +119,7 @@ def real_vector(values: ArrayLike, what: str) -> NDArray[np.floating]:
 def known_units(units: object, what: str) -> str:
     """Return units in the spelling of `UNITS`."""
     valid = ", ".join(f'"{name}"' for name in UNITS)
-    if units is None or units == "":
+    if units is None or (isinstance(units, str) and not units):
         raise RecordError(
             f'{what}: no units. Declare them, Channel(values=..., units="g") or make_record(..., units="g"), '
             f"on the command line --units g. Units are one of {valid}."
@@ -132,22 +133,23 @@ def direction_of(direction: Sequence[float] | str, what: str) -> str | list[floa
     """Return a direction as a list of three finite numbers; words unchanged."""
     if isinstance(direction, str):
         return direction
-    vector = np.asarray(direction)
-    if vector.shape != (3,) or vector.dtype.kind not in "iuf" or not 0 < np.linalg.norm(vector) < np.inf:
-        raise RecordError(f"{what}: direction={direction!r}; three numbers, not all zero, or a word are needed.")
-    return [float(component) for component in vector]
+    given = list(direction) if np.iterable(direction) else []
+    numbers = [float(one) for one in given if is_float(one)]
+    if not (len(numbers) == len(given) == 3 and any(numbers) and np.all(np.isfinite(numbers))):  # noqa: PLR2004
+        raise RecordError(f"{what}: direction={brief(direction)}; three numbers, not all zero, or a word are needed.")
+    return numbers
 
 
 def utc_text(moment: datetime | str | None) -> str:
     """Return a time as ISO 8601 in UTC, "" for None; refuse one without its offset from UTC."""
-    if moment is None or moment == "":
+    if moment is None or (isinstance(moment, str) and not moment):
         return ""
     try:
         when = datetime.fromisoformat(moment) if isinstance(moment, str) else moment
         offset = when.utcoffset()
     except (ValueError, AttributeError) as error:
         raise RecordError(
-            f"recorded_at={moment!r}: a datetime or ISO 8601, as 2013-03-11T03:00:24Z, is needed."
+            f"recorded_at={plain_repr(moment)}: a datetime or ISO 8601, as 2013-03-11T03:00:24Z, is needed."
         ) from error
     if offset is None:
         raise RecordError(
@@ -158,21 +160,21 @@ def utc_text(moment: datetime | str | None) -> str:
 
 def positive_number(value: object, what: str, remedy: str) -> float:
     """Return a positive, finite number; refuse others with a remedy."""
-    if isinstance(value, Real) and not isinstance(value, bool | np.bool) and 0 < float(value) < math.inf:
+    if is_float(value) and 0 < float(value) < math.inf:
         return float(value)
     raise RecordError(f"{what}={plain_repr(value)}: a positive, finite number is needed; {remedy}.")
 
 
 def finite_number(value: object, what: str, kind: str = "number of seconds") -> float:
     """Return a finite number; refuse others."""
-    if isinstance(value, Real) and not isinstance(value, bool | np.bool) and math.isfinite(value):
+    if is_float(value) and math.isfinite(value):
         return float(value)
     raise RecordError(f"{what}={plain_repr(value)}: a finite {kind} is needed.")
 
 
 def plain_repr(value: object) -> str:
-    """Return the `repr` of a value, of a numpy scalar that of the Python number."""
-    return repr(value.item() if isinstance(value, np.generic) else value)
+    """Return the `repr` of a value, cut where it is long; of a numpy scalar that of the Python number."""
+    return brief(value.item() if isinstance(value, np.generic) else value)
 
 
 def check_name(name: object, what: str) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from hums.records.channels import (
+    ANGLE,
     Sampling,
     attach_time,
     channel_values,
@@ -35,11 +36,14 @@ from hums.records.fields import (
     direction_of,
     finite_number,
     known_units,
+    plain_repr,
     positive_number,
     real_vector,
     utc_text,
 )
+from hums.records.quantities import AngularAverage, Measured, measured_variable
 from hums.records.validation import check_record
+from signals._validation import checked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -50,7 +54,9 @@ if TYPE_CHECKING:
 __all__ = [
     "SCHEMA",
     "UNITS",
+    "AngularAverage",
     "Channel",
+    "Measured",
     "NominalSpeed",
     "PulseTimes",
     "RecordError",
@@ -237,9 +243,10 @@ Angle = PulseTimes | TachometerWaveform | NominalSpeed | UnknownAngle
 def make_record(
     channels: Mapping[str, Channel | ArrayLike],
     *,
-    rate_hz: float,
-    angle: Angle | Sequence[Angle] | None = None,
+    rate_hz: float | None = None,
+    angle: Angle | Sequence[Angle] | AngularAverage | None = None,
     units: str | Mapping[str, str] | None = None,
+    measured: Mapping[str, Measured] | None = None,
     machine: str = "",
     recorded_at: datetime | str | None = None,
     start_s: float = 0.0,
@@ -252,12 +259,14 @@ def make_record(
     ----------
     channels : mapping of str to Channel or (n,) array_like
         Vibration channels by name.
-    rate_hz : float
-        Samples per second.
+    rate_hz : float, optional
+        Samples per second; needed but for an average in angle, which has none.
     angle : PulseTimes, TachometerWaveform, NominalSpeed, a sequence of tachometers of one kind, or UnknownAngle
-        Source of shaft angle.
+        Source of shaft angle; or `AngularAverage`, where the channels are averages in angle already.
     units : str or mapping of str to str, optional
         Units of the channels that are given as bare arrays.
+    measured : mapping of str to Measured, optional
+        Speeds, loads and temperatures measured with the record, by name.
     machine : str
         Name of the machine.
     recorded_at : datetime or str, optional
@@ -289,12 +298,26 @@ def make_record(
     >>> float(record.time[-1]), record.vib.units
     (1.999, 'g')
     """
+    if isinstance(angle, AngularAverage):
+        if rate_hz is not None or start_s or truth:
+            raise RecordError(
+                "an average in angle has neither samples per second nor a start in time nor truth; leave out rate_hz "
+                "(--rate-hz), start_s and truth, or give the record it was averaged from."
+            )
+        declared = _declared_channels(channels, units)
+        return _average_record(
+            declared, angle, machine=machine, recorded_at=recorded_at, attrs=attrs, measured=measured or {}
+        )
     rate = positive_number(rate_hz, "rate_hz", RATE_REMEDY)
     start = finite_number(start_s, "start_s")
     variables = {
         name: _channel_variable(channel, name=name, rate_hz=rate, start_s=start)
         for name, channel in _declared_channels(channels, units).items()
     }
+    for name, quantity in (measured or {}).items():
+        check_name(name, "measured")
+        _check_new(name, variables)
+        variables[name] = measured_variable(quantity, name=name, rate_hz=rate, start_s=start)
     _check_lengths(variables)
     for name, variable in _angle_variables(angle, rate_hz=rate, start_s=start):
         _check_new(name, variables)
@@ -309,12 +332,51 @@ def make_record(
         "rate_hz": rate,
         "start_s": start,
     }
-    if clash := sorted(required.keys() & (attrs or {}).keys()):
-        raise RecordError(f'attrs: "{clash[0]}" is written by make_record itself; give it as an argument.')
+    _refuse_clash(required, attrs)
     if isinstance(angle, UnknownAngle):
         required["angle"] = UNKNOWN_ANGLE
     record = attach_time(xr.Dataset(variables, attrs={**required, **(attrs or {})}))
     record = _with_truth(record, truth or {})
+    check_record(record)
+    return record
+
+
+def _refuse_clash(required: Mapping[str, Any], attrs: Mapping[str, Any] | None) -> None:
+    if attrs is not None and not isinstance(attrs, Mapping):
+        raise RecordError(f"attrs={plain_repr(attrs)}; give a mapping of names to words and numbers.")
+    if clash := sorted(required.keys() & (attrs or {}).keys()):
+        raise RecordError(f'attrs: "{clash[0]}" is written by make_record itself; give it as an argument.')
+
+
+def _average_record(
+    channels: Mapping[str, Channel],
+    average: AngularAverage,
+    *,
+    machine: str,
+    recorded_at: datetime | str | None,
+    attrs: Mapping[str, Any] | None,
+    measured: Mapping[str, Measured],
+) -> xr.Dataset:
+    """Return the record of an average in angle: channels over ``angle``, in revolutions of its component."""
+    variables = {}
+    for name, channel in channels.items():
+        if channel.rate_hz is not None:
+            raise RecordError(
+                f'channel "{name}": rate_hz={channel.rate_hz!r}; an average in angle has none, leave it out.'
+            )
+        made = _channel_variable(channel, name=name, rate_hz=1.0, start_s=0.0)
+        variables[name] = xr.Variable(ANGLE, made.values, made.attrs)
+    for name, quantity in measured.items():
+        check_name(name, "measured")
+        _check_new(name, variables)
+        variables[name] = measured_variable(quantity, name=name, rate_hz=1.0, start_s=0.0)
+        if variables[name].ndim:
+            raise RecordError(f'measured "{name}": an average in angle has no time; give one number, its mean.')
+    _check_lengths(variables)
+    _check_dimensions(variables)
+    required = {"schema": SCHEMA, "machine": machine, "recorded_at": utc_text(recorded_at), **average.attrs}
+    _refuse_clash(required, attrs)
+    record = attach_time(xr.Dataset(variables, attrs={**required, **(attrs or {})}))
     check_record(record)
     return record
 
@@ -351,6 +413,8 @@ def _channel_variable(
     what = f'channel "{name}"'
     values = real_vector(channel.values, what)
     attrs: dict[str, Any] = {"units": known_units(channel.units, what), "role": role}
+    if not isinstance(channel.sensor, str):
+        raise RecordError(f"{what}: sensor={plain_repr(channel.sensor)}; its name is a word.")
     if channel.sensor:
         attrs["sensor"] = channel.sensor
     if channel.direction is not None:
@@ -491,7 +555,7 @@ def _check_dimensions(variables: Mapping[str, xr.Variable]) -> None:
 
 
 def _check_lengths(variables: Mapping[str, xr.Variable]) -> None:
-    sizes = {name: variable.size for name, variable in variables.items() if variable.dims == ("time",)}
+    sizes = {name: variable.size for name, variable in variables.items() if variable.dims in (("time",), (ANGLE,))}
     if len(set(sizes.values())) > 1:
         usual = Counter(sizes.values()).most_common(1)[0][0]
         odd = ", ".join(f'"{name}" has {size}' for name, size in sizes.items() if size != usual)
@@ -508,6 +572,7 @@ _CALIBRATION = ("sensitivity", "measures", "calibration_factor", "delay_s")
 _APPLIED = "applied_"
 
 
+@checked
 def calibrated(record: xr.Dataset) -> xr.Dataset:
     """Return a record in the units of the measured quantities, with its delays removed.
 

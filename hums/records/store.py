@@ -20,10 +20,12 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from hums.records._contained import fingerprint, objects, refuse_reaching_out, refuse_too_large
+from hums.records._contained import fingerprint, objects, refuse_reaching_out, refuse_size, refuse_too_large
 from hums.records._netcdf import Chunks, DiskError, write_netcdf
+from hums.records.channels import kind_of
 from hums.records.fields import RecordWarning, plain_repr
 from hums.records.record import SCHEMA, RecordError, attach_time, check_record, detach_time
+from signals._validation import checked
 
 __all__ = [
     "atomic_write",
@@ -37,6 +39,7 @@ __all__ = [
     "open_tree",
     "read_array",
     "record_of_shard",
+    "refuse_size",
     "remove_partial_files",
     "save_record",
     "write_shard",
@@ -53,6 +56,8 @@ __all__ = [
 SHARD_SCHEMA = "hums-shard/1"
 ROWS = "record"
 LAYOUT, ATTRS = "layout_of_truth", "attrs_of_record"
+_COORDINATES = ("snapshot_s",)
+_SAMPLES = ("vibration", "waveform", "measured")  # in the type that is asked for; times and speeds are exact
 
 
 def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *, dtype: str) -> xr.Dataset:
@@ -73,6 +78,7 @@ def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *
         If the records differ in layout, or a label has the name of a channel.
     """
     names = [str(name) for name in records[0].data_vars if not _is_truth(name)]
+    names += [name for name in _COORDINATES if name in records[0].coords]
     variables: dict[str, xr.Variable] = {name: _stacked(records, name, dtype) for name in names}
     for label, values in labels.items():
         if label in variables:
@@ -97,7 +103,7 @@ def unpacked(shard: xr.Dataset, row: int) -> xr.Dataset:
             continue
         values = variable.to_numpy()
         if _is_padded(variable.variable):
-            values = values[~np.isnan(values)]
+            values = values[..., ~np.isnan(values).all(axis=tuple(range(values.ndim - 1)))]
         variables[str(name)] = xr.Variable(variable.dims, values, variable.attrs)
     layouts = [json.loads(text) for text in shard[LAYOUT][: row + 1].to_numpy()]
     for name, layout in layouts[row].items():
@@ -105,6 +111,7 @@ def unpacked(shard: xr.Dataset, row: int) -> xr.Dataset:
         flat = shard[name][start : start + _size(layout)].to_numpy()
         variables[name] = xr.Variable(layout["dims"], flat.reshape(layout["shape"]), layout["attrs"])
     coordinates = [name for name, layout in layouts[row].items() if layout["coordinate"]]
+    coordinates += [name for name in _COORDINATES if name in variables]
     return xr.Dataset(variables, attrs=json.loads(selected[ATTRS].item())).set_coords(coordinates)
 
 
@@ -118,14 +125,14 @@ def _stacked(records: Sequence[xr.Dataset], name: str, dtype: str) -> xr.Variabl
         if _json(record.variables[name].attrs) != _json(first.attrs):
             raise ValueError(f'"{name}" has different attributes in the records; units, place and rate have to agree.')
         rows.append(record.variables[name].to_numpy())
-    width = max(row.size for row in rows)
-    if first.ndim and not _is_padded(first) and min(row.size for row in rows) < width:
+    if len({row.ndim for row in rows}) > 1 or (not _is_padded(first) and len({row.shape for row in rows}) > 1):
         raise ValueError(f'channel "{name}" has different lengths; the records of a dataset are equally long.')
     if first.ndim == 0:
         return xr.Variable(ROWS, np.array(rows), first.attrs)
-    stack = np.full((len(rows), width), np.nan, dtype=np.float64 if _is_padded(first) else dtype)
+    widest = np.max([row.shape for row in rows], axis=0)
+    stack = np.full((len(rows), *widest), np.nan, dtype=dtype if kind_of(name, first) in _SAMPLES else np.float64)
     for target, row in zip(stack, rows, strict=True):
-        target[: row.size] = row
+        target[tuple(slice(size) for size in row.shape)] = row
     return xr.Variable((ROWS, *first.dims), stack, first.attrs)
 
 
@@ -178,6 +185,7 @@ _READ_ERRORS = (
 Opened = TypeVar("Opened", xr.Dataset, xr.DataTree)
 
 
+@checked
 def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
     """Write a record to a file, which replaces an existing one only once it is complete.
 
@@ -212,6 +220,7 @@ def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
     _write({"/": (plain, _all_chunks(plain))}, path)
 
 
+@checked
 def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
     """Open a record; samples are read on access.
 

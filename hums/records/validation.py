@@ -6,7 +6,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.records.channels import kind_of, names_of, nominal_speed, rate_of, sampling, tachometers, vibration_channels
+from hums.records.channels import (
+    ANGLE,
+    SNAPSHOT,
+    is_average,
+    kind_of,
+    names_of,
+    nominal_speed,
+    rate_of,
+    sampling,
+    tachometers,
+    vibration_channels,
+)
 from hums.records.fields import (
     ANGLE_REMEDY,
     RATE_REMEDY,
@@ -23,7 +34,9 @@ __all__ = ["check_record"]
 
 _MIN_SAMPLES_PER_PULSE = 1.5  # at 1 they are the sample times
 _MIN_SAMPLES_PER_TURN = 4.0  # of the vibration: the shaft's second harmonic at half the rate
+_MOST_PULSES = 1_000_000  # of a revolution: no encoder has more
 _MIN_INTERVALS = 20  # for a meaningful median of their changes
+_OVERLAP = 0.01  # of a snapshot: clocks are written in whole milliseconds
 _MAX_CHANGE_PER_TURN = 0.3  # some per cent for a shaft, some 60 % for random crossings
 
 
@@ -39,7 +52,10 @@ def check_record(record: xr.Dataset) -> None:
         raise RecordError(f"a record is an xarray.Dataset, not a {type(record).__name__}; see make_record.")
     if (schema := record.attrs.get("schema")) != SCHEMA:
         raise RecordError(f'attribute schema={schema!r}: a record carries "{SCHEMA}"; build it with make_record.')
-    positive_number(record.attrs.get("rate_hz"), "attribute rate_hz", RATE_REMEDY)
+    if is_average(record):
+        _check_average(record)
+    else:
+        positive_number(record.attrs.get("rate_hz"), "attribute rate_hz", RATE_REMEDY)
     recorded_at = record.attrs.get("recorded_at", "")
     if not isinstance(recorded_at, str):
         raise RecordError(f"attribute recorded_at={plain_repr(recorded_at)}: text is needed, a time in ISO 8601.")
@@ -48,7 +64,52 @@ def check_record(record: xr.Dataset) -> None:
         raise RecordError("no vibration channel: a record needs at least one; name it in channels.")
     for name, variable in record.data_vars.items():
         _check_variable(record, str(name), variable)
-    _check_angle(record)
+    if SNAPSHOT in record.dims:
+        _check_snapshots(record)
+    if not is_average(record):
+        _check_angle(record)
+
+
+def _check_average(record: xr.Dataset) -> None:
+    """Refuse an average in angle that is not of whole revolutions, or has a source of angle."""
+    per_rev = record.attrs["samples_per_rev"]
+    if not isinstance(per_rev, Integral) or per_rev < 1:
+        raise RecordError(f"attribute samples_per_rev={plain_repr(per_rev)}: a positive whole number is needed.")
+    if not isinstance(record.attrs.get("average_of"), str) or not record.attrs["average_of"]:
+        raise RecordError("attribute average_of: name the component whose revolution is averaged (--average-of).")
+    if tachometers(record) or nominal_speed(record) is not None:
+        raise RecordError("an average in angle has no tachometer and no speed of its own; leave them out.")
+    for name in vibration_channels(record):
+        count = record[name].size
+        if record[name].dims != (ANGLE,):
+            raise RecordError(
+                f'channel "{name}": dimensions {record[name].dims}; an average in angle has one, "angle".'
+            )
+        if count % per_rev:
+            raise RecordError(
+                f'channel "{name}": {count} samples are {count / per_rev:.6g} revolutions of {per_rev} samples; an '
+                "average has whole revolutions. Correct samples_per_rev (--samples-per-rev), or cut the samples."
+            )
+
+
+def _check_snapshots(record: xr.Dataset) -> None:
+    """Refuse snapshots that overlap or run backwards, where they have times, and channels without snapshots."""
+    for name in names_of(record, "vibration", "waveform", "tachometer"):
+        if record[name].dims[0] != SNAPSHOT:
+            raise RecordError(f'"{name}" has no dimension "{SNAPSHOT}", as the others have; join whole records.')
+    if "snapshot_s" not in record.coords:
+        return
+    starts_s = np.asarray(record["snapshot_s"].values, dtype=np.float64)
+    long_s = max(when.count / when.rate_hz for when in (sampling(record, name) for name in vibration_channels(record)))
+    if starts_s.shape != (record.sizes[SNAPSHOT],) or not np.isfinite(starts_s).all():
+        raise RecordError('"snapshot_s": a finite time in s for each snapshot is needed, or none at all.')
+    early = np.flatnonzero(np.diff(starts_s) < long_s * (1 - _OVERLAP))
+    if early.size:
+        at = int(early[0])
+        raise RecordError(
+            f"snapshot {at + 1} begins {starts_s[at + 1] - starts_s[at]:.6g} s after snapshot {at}, which lasts "
+            f"{long_s:.6g} s; snapshots follow each other without overlap, in the order of their times."
+        )
 
 
 def _check_variable(record: xr.Dataset, name: str, variable: xr.DataArray) -> None:
@@ -63,13 +124,19 @@ def _check_variable(record: xr.Dataset, name: str, variable: xr.DataArray) -> No
     elif kind == "tachometer":
         _check_tachometer(name, variable)
     elif kind == "speed":
-        positive_number(variable.values[()], "nominal_speed", "state the speed of the shaft in rev s-1")
+        for value in np.atleast_1d(variable.values):
+            positive_number(value, "nominal_speed", "state the speed of the shaft in rev s-1")
         _check_shaft("nominal_speed", variable)
+    elif kind == "measured" and (variable.dtype.kind != "f" or variable.ndim > 1 + (SNAPSHOT in variable.dims)):
+        raise RecordError(
+            f'measured "{name}": {variable.ndim}-D {variable.dtype}; a number or a row of them is needed.'
+        )
 
 
 def _check_channel(record: xr.Dataset, name: str, variable: xr.DataArray) -> None:
     what = f'channel "{name}"'
-    if variable.ndim != 1 or not (variable.dims == ("time",) or str(variable.dims[0]).startswith("time_")):
+    axis = variable.dims[1:] if variable.dims[:1] == (SNAPSHOT,) else variable.dims
+    if len(axis) != 1 or not (axis[0] in {"time", ANGLE} or str(axis[0]).startswith("time_")):
         raise RecordError(
             f'{what}: dimensions {variable.dims}; a channel has one, "time" or, at a rate of its own, "time_{name}".'
         )
@@ -94,32 +161,43 @@ def _check_angle(record: xr.Dataset) -> None:
     first_s = min(span.start_s for span in spans)
     last_s = max(span.start_s + span.count / span.rate_hz for span in spans)
     for name in names:
-        times_s = record[name].values
-        if times_s[-1] < first_s or times_s[0] > last_s:
-            raise RecordError(
-                f'tachometer "{name}": its pulses, {times_s[0]:g} s to {times_s[-1]:g} s, lie outside of the '
-                f"record, {first_s:g} s to {last_s:g} s. Pulse times are seconds (not sample numbers) on the "
-                "record's clock, which shows start_s at the first sample."
-            )
+        for times_s in _each_train(record[name]):
+            _check_span(name, times_s, first_s, last_s)
     _check_speeds(record)
+
+
+def _each_train(pulses: xr.DataArray) -> list[NDArray[np.float64]]:
+    """Return the pulse times of each snapshot, or those of the record, without what fills rows up."""
+    rows = pulses.values if pulses.ndim > 1 else [pulses.values]
+    return [row[~np.isnan(row)] if pulses.ndim > 1 else row for row in rows]
+
+
+def _check_span(name: str, times_s: NDArray[np.float64], first_s: float, last_s: float) -> None:
+    if times_s[-1] < first_s or times_s[0] > last_s:
+        raise RecordError(
+            f'tachometer "{name}": its pulses, {times_s[0]:g} s to {times_s[-1]:g} s, lie outside of the '
+            f"record, {first_s:g} s to {last_s:g} s. Pulse times are seconds (not sample numbers) on the "
+            "record's clock, which shows start_s at the first sample."
+        )
 
 
 def _check_speeds(record: xr.Dataset) -> None:
     """Refuse a shaft speed or a pulse rate that is too high for the highest sampling rate of the record."""
     rate_hz = max(sampling(record, name).rate_hz for name in names_of(record, "vibration", "waveform"))
     nominal = nominal_speed(record)
-    if nominal is not None and float(nominal) >= rate_hz / 2:
+    fastest = 0.0 if nominal is None else float(np.max(nominal.values))
+    if fastest >= rate_hz / 2:
         raise RecordError(
-            f"nominal speed: {float(nominal) * 60:g} rpm is {float(nominal):g} revolutions a second, which samples at "
+            f"nominal speed: {fastest * 60:g} rpm is {fastest:g} revolutions a second, which samples at "
             f"{rate_hz:g} Hz cannot show; below {rate_hz / 2:g} is needed. Correct the speed (rpm) or the rate."
         )
     for name in tachometers(record):
-        _check_spacing(name, record[name], rate_hz)
+        for times_s in _each_train(record[name]):
+            _check_spacing(name, times_s, int(record[name].attrs["pulses_per_rev"]), rate_hz)
 
 
-def _check_spacing(name: str, pulses: xr.DataArray, rate_hz: float) -> None:
+def _check_spacing(name: str, times_s: NDArray[np.float64], per_rev: int, rate_hz: float) -> None:
     """Refuse pulse times that are too dense for `rate_hz` or too irregular for a shaft."""
-    times_s, per_rev = pulses.values, int(pulses.attrs["pulses_per_rev"])
     spacing_s = (times_s[-1] - times_s[0]) / (times_s.size - 1)
     what = f'tachometer "{name}": its pulses are {spacing_s:.3g} s apart on average'
     if spacing_s * rate_hz < _MIN_SAMPLES_PER_PULSE:
@@ -147,15 +225,17 @@ def _check_spacing(name: str, pulses: xr.DataArray, rate_hz: float) -> None:
 
 def _check_tachometer(name: str, variable: xr.DataArray) -> None:
     what = f'tachometer "{name}"'
-    if variable.ndim != 1 or variable.dtype != np.float64:
+    if variable.ndim != 1 + (SNAPSHOT in variable.dims) or variable.dtype != np.float64:
         raise RecordError(f"{what}: {variable.ndim}-D {variable.dtype}; a row of float64 times is needed.")
     pulses = variable.attrs.get("pulses_per_rev")
-    if not isinstance(pulses, Integral) or isinstance(pulses, bool) or pulses < 1:
+    if not isinstance(pulses, Integral) or isinstance(pulses, bool) or not 0 < int(pulses) <= _MOST_PULSES:
         raise RecordError(
-            f"{what}: pulses_per_rev={plain_repr(pulses)}: a positive whole number is needed (--pulses-per-rev)."
+            f"{what}: pulses_per_rev={plain_repr(pulses)}: a positive whole number, at most {_MOST_PULSES}, is needed "
+            "(--pulses-per-rev)."
         )
     _check_shaft(what, variable)
-    _check_pulses(what, variable.values)
+    for times_s in _each_train(variable):
+        _check_pulses(what, times_s)
 
 
 def _check_shaft(what: str, variable: xr.DataArray) -> None:

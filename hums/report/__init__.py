@@ -160,6 +160,8 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
 def speed_text(facts: Mapping[str, Any], *, units: Units = "rpm") -> str:
     """Return the speed of the reference in words: in rpm and Hz, the chosen one first, and how it is known."""
     speed = facts["speed_hz"]
+    if speed["mean"] is None:
+        return "not known: the record is an average in angle"
 
     def span(factor: float, unit: str) -> str:
         low, high = f"{factor * speed['min']:.5g}", f"{factor * speed['max']:.5g}"
@@ -185,6 +187,9 @@ def _sampled(facts: Mapping[str, Any]) -> dict[str, str]:
     said = {item["name"]: "" for item in facts["health"]}
     for channel in facts["channels"]:
         sensor = f"{channel['sensor']}, " if "sensor" in channel else ""
+        if "samples_per_rev" in channel:
+            said[channel["name"]] = f"{channel['samples_per_rev']} samples a revolution, {channel['units']}"
+            continue
         said[channel["name"]] = (
             f"{sensor}{channel['duration_s']:.4g} s at {channel['rate_hz']:g} Hz, {channel['units']}"
         )

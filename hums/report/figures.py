@@ -50,7 +50,8 @@ def sections(pictures: Pictures) -> list[Section]:
         ("Order spectra", "orders", _spectra(pictures, ORDER_SPECTRUM)),
         ("Envelope spectra", "envelopes", _spectra(pictures, ENVELOPE)),
         ("Order maps", "maps", _maps(pictures)),
-        ("Tracked orders", "tracks", _tracks(pictures)),
+        ("Tracked lines of named parts", "parts", _tracks(pictures, "envelope_tracks")),
+        ("Tracked orders", "tracks", _tracks(pictures, "tracks")),
         ("Synchronous averages", "averages", _averages(pictures)),
         ("Kurtograms", "kurtograms", _kurtograms(pictures)),
         ("Waveforms", "waveforms", _waveforms(pictures)),
@@ -194,10 +195,14 @@ def _maps(pictures: Pictures) -> Iterator[str]:
         yield figure_html(figure, caption=f"Each row is the spectrum of {turns} revolutions.")
 
 
-def _tracks(pictures: Pictures) -> Iterator[str]:
-    tracks, speed = group(pictures.analysis, "tracks"), group(pictures.analysis, "speed")
+def _tracks(pictures: Pictures, name: str) -> Iterator[str]:
+    """Yield a figure per channel: of its orders, or of what named parts modulate its envelopes with."""
+    if name not in pictures.analysis.children:
+        return
+    tracks, speed = group(pictures.analysis, name), group(pictures.analysis, "speed")
     if "track" not in tracks.sizes:
         return
+    of_parts = name != "tracks"
     for number, channel in enumerate(dict.fromkeys(tracks["track_channel"].to_numpy().tolist())):
         mine = tracks.isel(track=np.flatnonzero(tracks["track_channel"].to_numpy() == channel))
         amplitude = mine["complex_amplitude"].to_numpy()
@@ -220,19 +225,45 @@ def _tracks(pictures: Pictures) -> Iterator[str]:
             "speed": packed(np.interp(time, speed["time_s"].to_numpy(), speed["speed_hz"].to_numpy())),
             "units": str(mine["track_units"].to_numpy()[0]),
         }
-        widths = mine["bandwidth_orders"].to_numpy()
+        what = "lines of named parts in the envelopes" if of_parts else "orders"
         yield figure_html(
             Figure(
-                name=f"tracks-{number}",
-                alt=f"Amplitude and phase of {len(rows)} orders of channel {channel} against time or speed, or polar.",
+                name=f"{'parts' if of_parts else 'tracks'}-{number}",
+                alt=f"Amplitude and phase of {len(rows)} {what} of channel {channel} against time or speed, or polar.",
                 view="tracks",
                 title=channel,
                 height_px=560,
                 data=data,
             ),
-            caption=f"Kalman smoother, bandwidths {widths.min():.2g} to {widths.max():.2g} orders. Bands and circles: "
-            "two standard deviations. Phase of a cosine, at the zero of the reference's angle.",
+            caption=_parts_caption(mine) if of_parts else _tracks_caption(mine),
         )
+
+
+def _tracks_caption(tracks: xr.Dataset) -> str:
+    widths = tracks["bandwidth_orders"].to_numpy()
+    return (
+        f"Kalman smoother, bandwidths {widths.min():.2g} to {widths.max():.2g} orders. Bands and circles: "
+        "two standard deviations. Phase of a cosine, at the zero of the reference's angle."
+    )
+
+
+def _parts_caption(tracks: xr.Dataset) -> str:
+    """Return how the lines of named parts were tracked: band, level, slip and bandwidth of each."""
+    said = []
+    for at in range(tracks.sizes["track"]):
+        one = tracks.isel(track=at)
+        slip = one["slip"].to_numpy()
+        follows = f", slip {100 * slip.min():+.2f} to {100 * slip.max():+.2f} %" if slip.any() else ""
+        depth = np.abs(one["complex_amplitude"].to_numpy()).mean() / float(one["level"])
+        said.append(
+            f"{_label(_track_line(tracks, at))}: envelope from {float(one['band_low_hz']):.5g} to "
+            f"{float(one['band_high_hz']):.5g} Hz, modulated by {depth:.1%} of its mean{follows}, bandwidth "
+            f"{float(one['bandwidth_orders']):.2g} orders"
+        )
+    return (
+        "; ".join(said) + ". Kalman smoother of the envelope. Bands and circles: two standard deviations. "
+        "Phase along the line's own angle."
+    )
 
 
 def _track_line(tracks: xr.Dataset, at: int) -> dict[str, Any]:
@@ -384,6 +415,8 @@ def _waveforms(pictures: Pictures) -> Iterator[str]:
 
 def _speed(pictures: Pictures) -> Iterator[str]:
     dataset = group(pictures.analysis, "speed")
+    if not dataset["speed_hz"].size:
+        return
     speed, indices = least_and_largest(dataset["speed_hz"].to_numpy(), columns=2000)
     figure = Figure(
         name="speed-0",

@@ -3,7 +3,14 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hums.analysis.findings import DIAGNOSED, INDICATED, NOT_JUDGED, NOTHING_FOUND, where_none_is_named
+from hums.analysis.findings import (
+    DIAGNOSED,
+    INDICATED,
+    NOT_JUDGED,
+    NOTHING_FOUND,
+    not_judged_words,
+    where_none_is_named,
+)
 from hums.gearbox.orders import BEARING_KINDS
 
 CLASSES = {DIAGNOSED: "alarm", INDICATED: "watch", NOT_JUDGED: "unknown", NOTHING_FOUND: "calm"}
@@ -26,7 +33,7 @@ def probability_words(probability: float) -> str:
 
 
 def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]]:
-    """Return the strip: one row per finding, or the one that says that nothing was found.
+    """Return the strip: one row per finding, or the one that says that nothing was found; then what was not judged.
 
     Parameters
     ----------
@@ -42,24 +49,37 @@ def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]
     """
     rows = [_row(finding, facts, past) for finding in facts["findings"]]
     rows.sort(key=lambda row: list(CLASSES).index(row["verdict"]) if row["verdict"] in CLASSES else len(CLASSES))
+    every = facts.get("verdicts", ())
     if not rows:
         limit = facts["settings"]["false_alarm_probability"]
-        verdict, sentence = where_none_is_named(facts.get("verdicts", ()))
-        rows = [
-            {
-                "part": facts["machine"] or facts["gearbox"],
-                "kind": "",
-                "verdict": verdict,
-                "style": CLASSES[verdict],
-                "sure": f"{sentence[0].upper()}{sentence[1:]}. A part is named where at most "
-                f"{probability_words(limit)} healthy records show as much.",
-                "severity": "none seen" if verdict == NOTHING_FOUND else "unknown",
-                "since": "" if past is None else _before(past),
-                "next": "Keep this analysis as the baseline of later records.",
-                "evidence": "",
-            }
-        ]
+        verdict, sentence = where_none_is_named(every)
+        sure = (
+            f"{sentence[0].upper()}{sentence[1:]}. A part is named where at most {probability_words(limit)} healthy "
+            "records show as much."
+        )
+        since = "" if past is None else _before(past)
+        return [_of_the_rest(facts["machine"] or facts["gearbox"], verdict, sure, since)]
+    if unjudged := not_judged_words(every):
+        rows.append(_of_the_rest("Other parts", NOT_JUDGED, unjudged, ""))
     return rows
+
+
+def _of_the_rest(part: str, verdict: str, sure: str, since: str) -> dict[str, str]:
+    """Return the row of the parts that are not named."""
+    return {
+        "part": part,
+        "kind": "",
+        "verdict": verdict,
+        "style": CLASSES[verdict],
+        "sure": sure,
+        "severity": "none seen" if verdict == NOTHING_FOUND else "unknown",
+        "since": since,
+        "next": "The table of components says of each part what would let it be judged."
+        if verdict == NOT_JUDGED
+        else "Keep this analysis as the baseline of later records.",
+        "evidence": "",
+        "least_change": "",
+    }
 
 
 def component_styles(facts: Facts) -> dict[str, str]:
@@ -86,6 +106,7 @@ def _row(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> dict[s
         "since": _since(finding, facts, past),
         "next": _next(finding, facts),
         "evidence": finding["evidence"],
+        "least_change": finding.get("least_change", ""),
     }
 
 

@@ -446,15 +446,19 @@ def _t_statistic(values: Array) -> Array:
 
 def _rotated_maxima(smoothed: Sequence[Array], most: int, observed: float, rng: np.random.Generator) -> Array:
     """Return the largest statistic of each random rotation of the blocks, few where many exceed the observed one."""
+    from signals.angle._local_damage_kernels import rotated_maxima  # noqa: PLC0415 - loads numba
+
     blocks, cells = smoothed[0].shape[-2:]
-    found: list[float] = []
-    for drawn in range(most):
-        place = (np.arange(cells) + rng.integers(0, cells, size=(blocks, 1))) % cells
-        found.append(max(float(_t_statistic(_taken(values, place)).max()) for values in smoothed))
-        if drawn + 1 >= _FIRST and np.count_nonzero(np.array(found) >= observed) >= _ENOUGH:
-            break
-    return np.array(found)
-
-
-def _taken(values: Array, place: NDArray[np.intp]) -> Array:
-    return np.take_along_axis(values, np.broadcast_to(place, values.shape), axis=-1)
+    rows = [np.concatenate([band, band], axis=-1) for values in smoothed for band in values]
+    found = np.empty(0)
+    while found.size < most:
+        maxima = np.zeros(min(_FIRST, most - found.size))  # a mean over cells is nothing: the largest is not negative
+        shifts = rng.integers(0, cells, size=(maxima.size, blocks))
+        for row in rows:
+            rotated_maxima(row, shifts, maxima)
+        found = np.append(found, maxima)
+        exceeded = np.cumsum(found >= observed)
+        enough = np.flatnonzero((exceeded >= _ENOUGH) & (np.arange(found.size) >= _FIRST - 1))
+        if enough.size:
+            return found[: enough[0] + 1]
+    return found

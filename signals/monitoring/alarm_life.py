@@ -9,13 +9,14 @@
 | any | clear | maintenance resets the component |
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["AlarmRule", "AlarmState", "Life"]
+__all__ = ["AlarmRule", "AlarmState", "Life", "stacked"]
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,25 @@ class AlarmState:
     recent: NDArray[np.int64]
     quiet: NDArray[np.int64]
     raised_at: Array
+
+    def of(self, place: int) -> "AlarmState":
+        """Return the alarm at a place."""
+        return AlarmState(
+            life=np.asarray(self.life[place]),
+            recent=np.asarray(self.recent[place]),
+            quiet=np.asarray(self.quiet[place]),
+            raised_at=np.asarray(self.raised_at[place]),
+        )
+
+
+def stacked(alarms: Sequence[AlarmState]) -> AlarmState:
+    """Return alarms of single indices as one."""
+    return AlarmState(
+        life=np.array([one.life for one in alarms], dtype=np.int64),
+        recent=np.array([one.recent for one in alarms], dtype=np.int64),
+        quiet=np.array([one.quiet for one in alarms], dtype=np.int64),
+        raised_at=np.array([one.raised_at for one in alarms], dtype=np.float64),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,9 @@ likelihoods (the variance itself integrated out), and the paths of all of them t
 
 Damage often grows faster the larger it is. The same model therefore runs in clocks that go faster and faster,
 u = (exp(g t) - 1) / g, in which exponential growth at the rate g is a line, and the rates g are weighted by their
-likelihoods, too: g = 0 is the trend above. Each rate is as probable before the series is seen (our choice).
+likelihoods, too: g = 0 is the trend above. Each rate is as probable before the series is seen (our choice). Ratios are
+not: a line of its clock is the simplest course, and by how much the level leaves it is exponentially distributed (after
+the penalised complexity priors of Simpson et al. 2017, Stat. Sci. 32(1), 1-28), or few values leave room for any bend.
 """
 
 import math
@@ -25,6 +27,7 @@ Array = NDArray[np.float64]
 FEWEST = 8  # values: level, slope, noise and the change of the slope are four unknowns
 _SMOOTHNESS = 10.0 ** np.arange(-4.0, 2.5, 0.5)  # change of level by curvature over the whole series, in noise stds
 _GROWTH = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0])  # rates g times the span of the series; 6: 400-fold growth
+_BEND = 2.0  # noise stds by which levels usually leave a line of their clock over the series (our choice; see module)
 _PATHS, _STEPS = 2_000, 400
 _HORIZON = 3.0  # spans of the series that a forecast looks ahead; a longer one is a guess
 _PROBABLE = 0.95  # share of paths that must rise at the end for a forecast to be given
@@ -99,7 +102,8 @@ def local_trend(values: Array, times: Array) -> LocalTrend:
     dof = y.size - 2
     # flat in the level and in the rise over the span: the first two values fix both, the rise as their difference / dt
     likelihood = -0.5 * (log_det + dof * np.log(np.maximum(square, 1e-300))) - np.log(clock[1] - clock[0])
-    weight = np.exp(likelihood - likelihood.max())
+    posterior = likelihood - smoothness / _BEND
+    weight = np.exp(posterior - posterior.max())
     return LocalTrend(
         smoothness=smoothness,
         growth=growth,

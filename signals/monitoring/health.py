@@ -6,6 +6,7 @@ judged. A gain that drifts is then no fault of a component.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,26 +20,32 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
 _WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
+_QUANTILES = (0.5, *_WATCHED)
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """Series of each component, and those of each channel whose common level is its gain.
+    """Series of each kind of each component, and those of each channel whose common level is its gain.
 
     Attributes
     ----------
-    components : tuple of (k,) int array
-        Series of each component.
+    components : tuple of tuple of (k,) int array
+        Series of each kind of each component, as of its indicators and of its lines, or of each race.
     channels : tuple of (k,) int array
         Series of each channel that have the signal's unit, or a power of it.
     powers : (series,) array
         Power of the signal's unit: 1 for an amplitude, 2 for an energy, 0 for a ratio.
     """
 
-    components: tuple[Indices, ...]
+    components: tuple[tuple[Indices, ...], ...]
     channels: tuple[Indices, ...] = ()
     powers: Array
+
+    @property
+    def sizes(self) -> Array:
+        """Number of series of each component."""
+        return np.array([sum(kind.size for kind in kinds) for kinds in self.components], dtype=np.float64)
 
     @property
     def scores(self) -> int:
@@ -98,11 +105,8 @@ class Normal:
         `recent` (..., channels) is that of the record before; zero at the start.
         """
         away = self.raw.standardised(values, covariates) * self.raw.scale
-        level = _levels(away, self.layout)
-        watched = [
-            _levels(away, self.layout, share) - center
-            for share, center in zip(_WATCHED, self.level_center, strict=True)
-        ]
+        level, *quantiles = _levels(away, self.layout)
+        watched = [found - center for found, center in zip(quantiles, self.level_center, strict=True)]
         departures = self.series.standardised(_without(values, level, self.layout), covariates)
         fused = fused_scores(departures, self.layout.components)
         before = np.zeros_like(level) if recent is None else recent
@@ -115,7 +119,7 @@ class Normal:
         )
 
 
-def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior) -> Normal:
+def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior, *, independent: float = 1.0) -> Normal:
     """Return what is normal from the records of a baseline.
 
     Parameters
@@ -128,6 +132,9 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior)
         Which series belong together.
     prior : Prior
         Usual deviations.
+    independent : float
+        Effective number of independent records over their number: how much the records' own deviations weigh against
+        the usual ones.
 
     Returns
     -------
@@ -141,25 +148,23 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior)
     records = values.shape[-2]
     if records < 2:  # noqa: PLR2004
         raise ValueError(f"a baseline of {records} records has no spread; learn it on 2 or more.")
-    raw = learn_baseline(values, covariates, prior_scale=prior.series, prior_dof=prior.dof)
+    learned = partial(learn_baseline, prior_dof=prior.dof, independent=independent)
+    raw = learned(values, covariates, prior_scale=prior.series)
     each = SeriesBaseline(
         **{name: getattr(raw, name)[..., None, :] for name in ("center", "scale")}, **_per_record(raw)
     )
     away = each.standardised(values, covariates) * each.scale
-    level = _levels(away, layout)
+    level, *quantiles = _levels(away, layout)
     corrected = _without(values, level, layout)
-    series = learn_baseline(corrected, covariates, prior_scale=prior.series, prior_dof=prior.dof)
+    series = learned(corrected, covariates, prior_scale=prior.series)
     alone = SeriesBaseline(
         **{name: getattr(series, name)[..., None, :] for name in ("center", "scale")}, **_per_record(series)
     )
     departures = alone.standardised(corrected, covariates) * out_of_sample(records)
     fused = fused_scores(departures, layout.components)
     nothing = np.zeros((*values.shape[:-1], 0))
-    levels = [
-        learn_baseline(_levels(away, layout, share), nothing, prior_scale=prior.level, prior_dof=prior.dof)
-        for share in _WATCHED
-    ]
-    scores = learn_baseline(fused, nothing, prior_scale=prior.score, prior_dof=prior.dof)
+    levels = [learned(found, nothing, prior_scale=prior.level) for found in quantiles]
+    scores = learned(fused, nothing, prior_scale=prior.score)
     return Normal(
         layout=layout,
         raw=raw,
@@ -178,14 +183,16 @@ def _per_record(baseline: SeriesBaseline) -> dict[str, Array]:
     }
 
 
-def _levels(departures: Array, layout: Layout, share: float = 0.5) -> Array:
-    """Return a quantile of the departures (..., channels) of the series with the signal's unit, the median."""
-    levels = np.full((*departures.shape[:-1], len(layout.channels)), np.nan)
+def _levels(departures: Array, layout: Layout) -> list[Array]:
+    """Return `_QUANTILES` of the departures (..., channels) of the series with the signal's unit."""
+    found = [np.full((*departures.shape[:-1], len(layout.channels)), np.nan) for _ in _QUANTILES]
     for number, those in enumerate(layout.channels):
-        if those.size:
-            known = departures[..., those] / layout.powers[those]
-            ordered = np.sort(known, axis=-1)  # NaN last
-            count = np.isfinite(known).sum(axis=-1)
+        if not those.size:
+            continue
+        known = departures[..., those] / layout.powers[those]
+        ordered = np.sort(known, axis=-1)  # NaN last
+        count = np.isfinite(known).sum(axis=-1)
+        for levels, share in zip(found, _QUANTILES, strict=True):
             place = share * np.maximum(count - 1, 0)
             low = place.astype(np.int64)
             first, second = (
@@ -193,7 +200,7 @@ def _levels(departures: Array, layout: Layout, share: float = 0.5) -> Array:
                 for at in (low, np.minimum(low + 1, np.maximum(count - 1, 0)))
             )
             levels[..., number] = np.where(count >= FEWEST_LEVELS, first + (place - low) * (second - first), np.nan)
-    return levels
+    return found
 
 
 def _without(values: Array, level: Array, layout: Layout) -> Array:

@@ -12,14 +12,15 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from signals.monitoring.alarm_life import AlarmRule
-from signals.monitoring.autocorrelation import Correlation
+from signals.monitoring.autocorrelation import Correlation, effective_records, variance_shares
 from signals.monitoring.charts import Charts, ChartState
 from signals.monitoring.location import learn_baseline
 
-__all__ = ["ChartLimits", "HealthyScores", "chart_limits"]
+__all__ = ["ChartLimits", "HealthyScores", "chart_limits", "own_scores", "tail_quantiles"]
 
 Array = NDArray[np.float64]
 _MACHINES, _WATCHED = 6_000, 300  # drawn machines, and records watched of each: 1.8 million records
@@ -27,6 +28,10 @@ _SEED = 1  # the same machines for every limit, so that the same records give th
 _TAIL = 0.999  # quantile at which the charts are made alike
 _THRESHOLDS = 60
 _FEWEST_ALARMS = 40  # of a threshold whose rate is taken as measured (its error is 16 %)
+_FEWEST_OWN = 60  # values of which the largest twentieth are three
+_TAIL_SHARE = 0.05  # of the values, above which a distribution goes on as an exponential one
+_PROBABILITIES = (0.0, 0.001, 0.005, 0.02, *(0.05 * k for k in range(1, 20)))
+_BEYOND = 10.0 ** np.arange(-1.5, -5.1, -0.25)  # probabilities of the tail above
 _BASELINES = (2, 3, 4, 6, 8, 10, 15, 20, 30, 50, 80, 120, 200, 300, 500, 1000)  # for which limits are made
 
 
@@ -39,8 +44,7 @@ class HealthyScores:
     shares : tuple of (white, short, long, season)
         Shares of variance of components of machines; each drawn component has one of them.
     quantiles : tuple of tuple of float
-        For each of the `shares`, quantiles of the white part at equal steps of probability, of mean 0 and standard
-        deviation 1; empty: normal.
+        For each of the `shares`, the `tail_quantiles` of its scores; empty: normal.
     scale_dof : float
         Degrees of freedom with which the deviation of a component scatters about the usual one, and the weight of the
         usual one against a machine's own records; 0: nothing is usual.
@@ -76,11 +80,59 @@ class HealthyScores:
     def _white(self, which: NDArray[np.int64], rng: np.random.Generator) -> Array:
         if not self.quantiles:
             return rng.standard_normal(which.size)
-        table = np.asarray(self.quantiles)
-        place = rng.uniform(0, table.shape[1] - 1, which.size)
-        low = np.minimum(place.astype(np.int64), table.shape[1] - 2)
+        table, at = np.asarray(self.quantiles), _probabilities()
+        drawn = rng.uniform(0, at[-1], which.size)
+        low = np.clip(np.searchsorted(at, drawn, side="right") - 1, 0, at.size - 2)
         below, above = table[which, low], table[which, low + 1]
-        return np.asarray(below + (place - low) * (above - below))
+        share = (drawn - at[low]) / (at[low + 1] - at[low])
+        return np.asarray(below + share * (above - below), dtype=np.float64)
+
+
+def _probabilities() -> Array:
+    return np.concatenate([_PROBABILITIES, 1 - _BEYOND])
+
+
+def tail_quantiles(values: Array) -> tuple[float, ...]:
+    """Return quantiles of values (n,), of mean 0 and standard deviation 1, up to a probability of 1e-5 above.
+
+    The largest twentieth is continued as an exponential distribution of their mean excess, for a sample is no
+    distribution beyond its largest value (peaks over a threshold; Pickands 1975, Ann. Stat. 3(1), 119-131, of shape 0).
+    """
+    standard = (values - values.mean()) / values.std()
+    start = float(np.quantile(standard, 1 - _TAIL_SHARE))
+    excess = float((standard[standard > start] - start).mean())
+    body = np.quantile(standard, _PROBABILITIES)
+    return (*map(float, body), *map(float, start + excess * np.log(_TAIL_SHARE / _BEYOND)))
+
+
+def own_scores(scores: Array, correlation: Correlation | None = None) -> tuple[HealthyScores, float]:
+    """Return the model of a machine's own scores, and their effective number of independent records.
+
+    Parameters
+    ----------
+    scores : (records, components) array
+        Of its baseline, in standard deviations; NaN where missing.
+    correlation : Correlation, optional
+        Lengths of the correlated parts.
+
+    Returns
+    -------
+    model : HealthyScores
+        With the distribution and the autocorrelation of each component.
+    effective : float
+        Median over the components of `effective_records`.
+    """
+    lengths = correlation or Correlation()
+    varying = [one for one in scores.T if np.isfinite(one).sum() >= _FEWEST_OWN and np.nanstd(one) > 0]
+    if not varying:
+        return HealthyScores(correlation=lengths), 0.0
+    shares = np.array([variance_shares(one, lengths) for one in varying])
+    model = HealthyScores(
+        shares=tuple((float(w), float(x), float(y), float(z)) for w, x, y, z in shares),
+        quantiles=tuple(tail_quantiles(one[np.isfinite(one)]) for one in varying),
+        correlation=lengths,
+    )
+    return model, float(np.median(effective_records(shares, scores.shape[0], lengths)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +160,18 @@ class ChartLimits:
         """Return the health index (...): the largest chart over its limit; 0 is normal, 1 the limit."""
         limits = np.reshape(self.limits, (-1, *[1] * state.rising.ndim))
         return np.asarray(np.maximum((state.values / limits).max(axis=0), 0.0))
+
+    def headroom(self, baseline: Array, rule: AlarmRule) -> Array:
+        """Return the index (...) that scores of a baseline (records, ...) reach by the rule m of n, at least 1.
+
+        An alarm that the records of the baseline would have raised by themselves is part of what was normal: the index
+        of later records is divided by it. Single bad records, which the rule leaves out, do not count.
+        """
+        if baseline.shape[0] < rule.within:
+            return np.ones(baseline.shape[1:])
+        windows = np.sort(sliding_window_view(np.nan_to_num(baseline), rule.within, axis=0), axis=-1)
+        reached = windows[..., -rule.of].max(axis=0) / self.limits[0]
+        return np.asarray(np.maximum(reached, 1.0))
 
     def every_records_at(self, index: float) -> float:
         """Return the mean number of records of a healthy component between alarms with the limit at an index."""

@@ -62,6 +62,7 @@ def learn_baseline(
     prior_scale: Array | float = math.nan,
     prior_dof: float = 0.0,
     least_share: float = 0.5,
+    independent: float = 1.0,
 ) -> SeriesBaseline:
     """Return the baseline of series from the records it is learned on.
 
@@ -79,6 +80,8 @@ def learn_baseline(
         prior (Gelman et al. 2013, Bayesian Data Analysis, section 2.6).
     least_share : float
         Share of the records in which a series has to have a value.
+    independent : float
+        Effective number of independent records over their number, which a deviation's weight against the usual one has.
 
     Returns
     -------
@@ -97,7 +100,7 @@ def learn_baseline(
             center, scale, weights = _location(values - design @ slopes)
     known = np.isfinite(values).sum(axis=-2)
     usual = np.broadcast_to(np.asarray(prior_scale, dtype=np.float64), scale.shape)
-    own = np.maximum(known - 1 - np.any(slopes != 0, axis=-2), 0)
+    own = independent * np.maximum(known - 1 - np.any(slopes != 0, axis=-2), 0)
     weighted = np.where(np.isfinite(usual), prior_dof, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = (np.where(own > 0, own * scale**2, 0) + np.where(weighted > 0, weighted * usual**2, 0)) / (

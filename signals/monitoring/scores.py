@@ -9,39 +9,48 @@ from numpy.typing import NDArray
 __all__ = ["fused_scores", "out_of_sample"]
 
 Array = NDArray[np.float64]
-_LARGEST = 1 / 3  # of the indicators: a fault raises some of those of its component, and seldom one alone
+_LARGEST = 1 / 3  # of the indicators: a fault raises some of those of its kind, and seldom one alone
 
 
-def fused_scores(departures: Array, groups: Sequence[NDArray[np.int64]]) -> Array:
-    """Return the mean of the largest third of the departures of each group.
+def fused_scores(departures: Array, groups: Sequence[Sequence[NDArray[np.int64]]]) -> Array:
+    """Return the score of each component: the largest over its kinds of the mean of their largest third.
 
     Between the mean of all, which is best where all rise alike, and the largest, which is best where one does; a single
-    indicator that strays is diluted. NaN where less than half of a group has a value.
+    indicator that strays is diluted. A fault of one kind, as of one race of a bearing, is not diluted by the indicators
+    of the others. NaN where less than half of every kind has a value.
 
     Parameters
     ----------
     departures : (..., series) array
         Standardised indicators; NaN where missing.
-    groups : sequence of (k,) int array
-        Series of each component.
+    groups : sequence of sequence of (k,) int array
+        Series of each kind of each component.
 
     Returns
     -------
     (..., groups) array
     """
     scores = np.full((*departures.shape[:-1], len(groups)), np.nan)
-    for number, group in enumerate(groups):
-        if not group.size:
-            continue
-        values = departures[..., group]
-        known = np.isfinite(values)
-        taken = np.ceil(known.sum(axis=-1) * _LARGEST)
-        ordered = -np.sort(-np.where(known, values, -np.inf), axis=-1)
-        counted = np.arange(group.size) < taken[..., None]
-        total = np.where(counted, ordered, 0.0).sum(axis=-1)
-        enough = known.sum(axis=-1) * 2 >= group.size
-        scores[..., number] = np.where(enough, total / np.maximum(taken, 1), np.nan)
+    of_size: dict[int, list[tuple[int, NDArray[np.int64]]]] = {}
+    for number, kinds in enumerate(groups):
+        for kind in kinds:
+            of_size.setdefault(kind.size, []).append((number, kind))
+    for those in of_size.values():  # kinds of one size at once
+        found = _largest_third(departures[..., np.array([kind for _, kind in those])])
+        for place, (number, _) in enumerate(those):
+            scores[..., number] = np.fmax(scores[..., number], found[..., place])
     return scores
+
+
+def _largest_third(values: Array) -> Array:
+    known = np.isfinite(values)
+    count = known.sum(axis=-1)
+    taken = np.ceil(count * _LARGEST)
+    ordered = -np.sort(-np.where(known, values, -np.inf), axis=-1)
+    counted = np.arange(values.shape[-1]) < taken[..., None]
+    total = np.where(counted, ordered, 0.0).sum(axis=-1)
+    enough = (count > 0) & (count * 2 >= values.shape[-1])
+    return np.where(enough, total / np.maximum(taken, 1), np.nan)
 
 
 def out_of_sample(records: int) -> float:

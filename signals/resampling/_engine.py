@@ -194,10 +194,11 @@ FEWEST = {"sinc": 2, "cubic": 4, "linear": 2}  # samples
 _SUPPORT = {"sinc": (HALF_WIDTH - 1, HALF_WIDTH), "cubic": (1, 2), "linear": (0, 1)}  # samples before and after
 _HALO = HALF_WIDTH + 1  # samples kept on either side of a chunk
 _CHUNK = 15 * 1024  # samples processed at once, or outputs where those are more
+_ROWS_AT_ONCE = 8  # of so many samples; of more, fewer, whose moments then stay in the second cache
 _PADDING = 8  # steps that the kernel reads beyond the last output's
 
 Flags = NDArray[np.bool_]
-Outputs = tuple[Array, Flags]  # values, and whether their filter reaches beyond the record or the map
+Outputs = tuple[Array, Flags]  # (row, n) values, and (n,) whether their filter reaches beyond the record or the map
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,70 +231,81 @@ class Map:
 
 
 class Warp:
-    """Streaming resampler. Its chunks are counted from the record's first sample, so block sizes do not matter."""
+    """Streaming resampler of one record, or of several that share their samples' times: (row, n) arrays.
 
-    def __init__(self, grid: Map, *, method: Method) -> None:
-        self._grid, self._method = grid, method
+    Its chunks are counted from the record's first sample, so block sizes do not matter.
+    """
+
+    def __init__(self, grid: Map, *, method: Method, rows: int = 1) -> None:
+        self._grid, self._method, self._rows = grid, method, rows
         self._antialias = method == "sinc" and grid.least_slope < 1
-        self._chunk = max(NODE_STEP, int(_CHUNK / max(1.0, grid.largest_slope)) // NODE_STEP * NODE_STEP)
-        self._level: float | None = None  # the first sample, subtracted from all
-        self._samples = np.zeros(_HALO)  # from sample `_at - _HALO` on
+        at_once = _CHUNK / max(1.0, grid.largest_slope) / max(1.0, rows / _ROWS_AT_ONCE)
+        self._chunk = max(NODE_STEP, int(at_once) // NODE_STEP * NODE_STEP)
+        self._level = np.full((rows, 1), np.nan)  # the first finite sample of each row, subtracted from all
+        self._samples = np.zeros((rows, _HALO))  # from sample `_at - _HALO` on
         self._at = 0
-        self._values, self._slopes = np.empty(0), np.empty(0)  # queued outputs, from `_released` on, and their slopes a
+        self._values = np.empty((rows, 0))  # queued outputs, from `_released` on
+        self._slopes = np.empty(0)  # and their slopes a
         self._beyond: Flags = np.empty(0, dtype=bool)
         self._released = 0  # number of outputs returned so far
-        self._moments = np.zeros((2 * HALF_WIDTH, MOMENTS))  # of the steps from `_released - HALF_WIDTH` on
+        self._moments = np.zeros((rows, 2 * HALF_WIDTH, MOMENTS))  # of the steps from `_released - HALF_WIDTH` on
         self._used = 0  # number of steps with moments; the others are zero
         self._ends = (-np.inf, np.inf)  # of the record on the output grid
 
     def push(self, x: Samples) -> Outputs:
         """Process the next samples; return the outputs they complete, and which of them reach beyond the start."""
-        return _joined(self._pushed(x))
+        return self._joined(self._pushed(x))
 
     def finish(self) -> Outputs:
         """Return the remaining outputs, and which of them reach beyond an end of the record."""
-        return self._advance(np.concatenate([self._samples, np.zeros(_HALO)]), ended=True)
+        return self._advance(np.concatenate([self._samples, np.zeros((self._rows, _HALO))], axis=1), ended=True)
 
     def whole(self, x: Samples) -> Outputs:
         """Process a whole record; return all outputs."""
-        return _joined([*self._pushed(x), self.finish()])
+        return self._joined([*self._pushed(x), self.finish()])
 
     def _pushed(self, x: Samples) -> list[Outputs]:
-        if self._level is None and x.size:
-            finite = x[:1] if np.isfinite(x[0]) else x[np.isfinite(x)]
-            self._level = float(finite[0]) if finite.size else None
+        for row, level in zip(x, self._level, strict=True):
+            if np.isnan(level[0]) and row.size:
+                level[0] = row[0] if np.isfinite(row[0]) else next(iter(row[np.isfinite(row)]), np.nan)
         parts, width = [], self._chunk + 2 * _HALO
-        for begin in range(0, x.size, self._chunk):
-            self._samples = np.concatenate([self._samples, x[begin : begin + self._chunk]])
-            if self._samples.size >= width:
-                parts.append(self._advance(self._samples[:width], ended=False))
-                self._samples = self._samples[self._chunk :]
+        for begin in range(0, x.shape[1], self._chunk):
+            self._samples = np.concatenate([self._samples, x[:, begin : begin + self._chunk]], axis=1)
+            if self._samples.shape[1] >= width:
+                parts.append(self._advance(self._samples[:, :width], ended=False))
+                self._samples = self._samples[:, self._chunk :]
         return parts
+
+    def _joined(self, parts: list[Outputs]) -> Outputs:
+        """Concatenate outputs."""
+        if not parts:
+            return np.empty((self._rows, 0)), np.empty(0, dtype=bool)
+        return np.concatenate([values for values, _ in parts], axis=1), np.concatenate([beyond for _, beyond in parts])
 
     @property
     def samples_seen(self) -> int:
         """Number of samples pushed."""
-        return self._at + self._samples.size - _HALO
+        return self._at + self._samples.shape[1] - _HALO
 
     def _advance(self, samples: Array, *, ended: bool) -> Outputs:
         """Process one chunk, given with a halo on either side; return the outputs that are complete."""
-        count = samples.size - 2 * _HALO
-        samples = samples - (self._level or 0.0)
+        count = samples.shape[1] - 2 * _HALO
+        samples = samples - np.nan_to_num(self._level)
         q, slopes = self._grid.outward.at(self._at - _HALO, self._at + count + _HALO)
         # filtered outputs need moments; where a = 1 q rises by one step per sample, so the halo contains their filter
         moments = self._antialias and float(slopes.min()) < 1
         within = slice(_HALO, _HALO + count + (not ended))  # and the next sample, to interpolate towards
         q, slopes = q[within], slopes[within]
         if self._at == 0:
-            samples[:_HALO] = 0
+            samples[:, :_HALO] = 0
             self._ends = (float(q[0] - slopes[0] / 2), np.inf)
         if ended:
-            samples[-_HALO:] = 0
+            samples[:, -_HALO:] = 0
             self._ends = (self._ends[0], float(q[-1] + slopes[-1] / 2))
         self._interpolate(samples, q, slopes, ended=ended)
-        ready = self._values.size
+        ready = self._slopes.size
         if moments:
-            self._add_moments(samples[_HALO : _HALO + count], q, slopes)
+            self._add_moments(samples[:, _HALO : _HALO + count], q, slopes)
         if self._antialias and not ended:
             ready = min(ready, int(np.floor(q[-1])) - HALF_WIDTH + 1 - self._released)
         self._at += count
@@ -303,25 +315,27 @@ class Warp:
         """Queue the outputs among these samples; those with a < 1 get their value in `_release`."""
         from signals.resampling import _engine_kernels as kernel  # noqa: PLC0415
 
-        first = self._released + self._values.size
+        first = self._released + self._slopes.size
         stop = int(np.floor(q[-1] + self._grid.slack)) + 1 if ended else int(np.ceil(q[-1]))
         positions, slopes_out = self._positions(q, slopes, first, max(first, min(stop, self._grid.outputs)))
         positions += _HALO
-        values, beyond = np.empty(positions.size), np.zeros(positions.size, dtype=bool)
-        least, most = max(_HALO - self._at, 0), samples.size - 1 - (_HALO if ended else 0)
-        if self._method == "sinc":
-            kernel.interpolate(samples, positions, slopes_out, weight_rows(), values)
-        else:
-            (kernel.linear if self._method == "linear" else kernel.cubic)(samples, positions, least, most, values)
+        values, beyond = np.zeros((self._rows, positions.size)), np.zeros(positions.size, dtype=bool)
+        size = samples.shape[1]
+        least, most = max(_HALO - self._at, 0), size - 1 - (_HALO if ended else 0)
+        for row, out in zip(samples, values, strict=True):
+            if self._method == "sinc":
+                kernel.interpolate(row, positions, slopes_out, weight_rows(), out)
+            else:
+                (kernel.linear if self._method == "linear" else kernel.cubic)(row, positions, least, most, out)
         if ended or self._at == 0:
             before, after = _SUPPORT[self._method]
             beyond = (np.floor(positions) - before < least) | (np.ceil(positions) + after - 1 > most)
             if self._method == "sinc" and beyond.any():
-                on_record = ((np.arange(samples.size) >= least) & (np.arange(samples.size) <= most)).astype(np.float64)
+                on_record = ((np.arange(size) >= least) & (np.arange(size) <= most)).astype(np.float64)
                 weight = np.empty(np.count_nonzero(beyond))
                 kernel.interpolate(on_record, positions[beyond], np.ones(weight.size), weight_rows(), weight)
-                values[beyond] /= weight
-        self._values = np.concatenate([self._values, values])
+                values[:, beyond] /= weight
+        self._values = np.concatenate([self._values, values], axis=1)
         self._slopes = np.concatenate([self._slopes, slopes_out])
         self._beyond = np.concatenate([self._beyond, beyond])
 
@@ -343,51 +357,48 @@ class Warp:
         """Add samples to the moments of the steps they lie in."""
         from signals.resampling._engine_kernels import add_moments  # noqa: PLC0415
 
-        top = max(self._released + self._values.size, min(int(q[-1]), self._grid.outputs))
+        top = max(self._released + self._slopes.size, min(int(q[-1]), self._grid.outputs))
         self._used = max(self._used, top - self._released + 2 * HALF_WIDTH + _PADDING)
         self._reserve(self._used)
         first = self._released - HALF_WIDTH
-        add_moments(x, q[: x.size], slopes[: x.size], first, self._moments[: self._used])
+        for row, moments in zip(x, self._moments, strict=True):
+            add_moments(row, q[: row.size], slopes[: row.size], first, moments[: self._used])
 
     def _reserve(self, steps: int) -> None:
         """Lengthen the buffer of moments to at least so many steps."""
-        if steps > self._moments.shape[0]:
-            self._moments = np.concatenate([self._moments, np.zeros((steps - self._moments.shape[0], MOMENTS))])
+        missing = steps - self._moments.shape[1]
+        if missing > 0:
+            self._moments = np.concatenate([self._moments, np.zeros((self._rows, missing, MOMENTS))], axis=1)
 
     def _release(self, ready: int, *, ended: bool) -> Outputs:
         """Remove the first `ready` outputs from the queue and return them, filtered where a < 1."""
-        values, beyond = self._values[:ready], self._beyond[:ready]
+        values, beyond = self._values[:, :ready], self._beyond[:ready]
         if self._antialias and ready:
             if np.any(self._slopes[:ready] < 1):
                 self._filter(values, self._slopes[:ready], beyond, ended=ended)
-            kept = self._moments[ready : self._used].copy()
-            self._moments[: self._used] = 0
-            self._used = kept.shape[0]
-            self._moments[: self._used] = kept
-        self._values, self._slopes, self._beyond = self._values[ready:], self._slopes[ready:], self._beyond[ready:]
+            kept = self._moments[:, ready : self._used].copy()
+            self._moments[:, : self._used] = 0
+            self._used = kept.shape[1]
+            self._moments[:, : self._used] = kept
+        self._values, self._slopes, self._beyond = self._values[:, ready:], self._slopes[ready:], self._beyond[ready:]
         self._released += ready
-        values += self._level or 0.0
+        values += np.nan_to_num(self._level)
         return values, beyond
 
     def _filter(self, values: Array, slopes_out: Array, beyond: Flags, *, ended: bool) -> None:
         """Set the values with a < 1 to the filter applied to the moments."""
         from signals.resampling._engine_kernels import filter_moments  # noqa: PLC0415
 
-        self._reserve(values.size + 2 * HALF_WIDTH + _PADDING)
-        filter_moments(self._moments, step_polynomials(), slopes_out, values)
+        count = slopes_out.size
+        self._reserve(count + 2 * HALF_WIDTH + _PADDING)
+        for moments, out in zip(self._moments, values, strict=True):
+            filter_moments(moments, step_polynomials(), slopes_out, out)
         low, high = self._ends
         clear = max(low, self._grid.known[0]) + HALF_WIDTH, min(high, self._grid.known[1]) - HALF_WIDTH
-        if clear[0] <= self._released and self._released + values.size - 1 <= clear[1]:
+        if clear[0] <= self._released and self._released + count - 1 <= clear[1]:
             return
-        place = self._released + np.arange(values.size, dtype=np.float64)
+        place = self._released + np.arange(count, dtype=np.float64)
         outside = (slopes_out < 1) & ((place < clear[0]) | (place > clear[1]))
         near = place[outside]
-        values[outside] /= step_response(near - low) - (step_response(near - high) if ended else 0.0)
+        values[:, outside] /= step_response(near - low) - (step_response(near - high) if ended else 0.0)
         beyond[outside] = True
-
-
-def _joined(parts: list[Outputs]) -> Outputs:
-    """Concatenate outputs."""
-    if not parts:
-        return np.empty(0), np.empty(0, dtype=bool)
-    return np.concatenate([values for values, _ in parts]), np.concatenate([beyond for _, beyond in parts])

@@ -111,28 +111,52 @@ def interpolate(x: Array, positions: Array, slopes: Array, rows: Array, out: Arr
 
 
 @compiled
+def _add_to_step(moments: Array, step: int, m0: float, m1: float, m2: float, m3: float, m4: float, m5: float, m6: float,
+                 m7: float) -> None:  # fmt: skip
+    """Add to the moments of a step, if it is one of these."""
+    if 0 <= step < len(moments):
+        own = moments[step]
+        own[0] += m0
+        own[1] += m1
+        own[2] += m2
+        own[3] += m3
+        own[4] += m4
+        own[5] += m5
+        own[6] += m6
+        own[7] += m7
+
+
+@compiled
 def add_moments(x: Array, q: Array, slopes: Array, first: int, moments: Array) -> None:
     """Add each sample, times the slope of `q` there, to the moments of the step of the output grid that it lies in.
 
     ``moments[c - first, k] += x[n] slopes[n] v_n^k``, k = 0 .. 7, where v goes from -1 to 1 across step c. Steps
     outside `moments` (steps, 8) are left out.
     """
+    step = -1
+    m0 = m1 = m2 = m3 = m4 = m5 = m6 = m7 = 0.0  # of one step, in registers
     for n in range(x.size):
         floor = np.floor(q[n])
-        step = int(floor) - first
-        if 0 <= step < len(moments):
-            v, weight = 2 * (q[n] - floor) - 1, x[n] * slopes[n]
-            square = v * v
-            fourth = weight * square * square
-            own = moments[step]
-            own[0] += weight
-            own[1] += weight * v
-            own[2] += weight * square
-            own[3] += weight * square * v
-            own[4] += fourth
-            own[5] += fourth * v
-            own[6] += fourth * square
-            own[7] += fourth * square * v
+        here = int(floor) - first
+        if here != step:
+            _add_to_step(moments, step, m0, m1, m2, m3, m4, m5, m6, m7)
+            step = here
+            m0 = m1 = m2 = m3 = m4 = m5 = m6 = m7 = 0.0
+        v, even = 2 * (q[n] - floor) - 1, x[n] * slopes[n]
+        square, odd = v * v, even * v
+        m0 += even
+        m1 += odd
+        even *= square
+        odd *= square
+        m2 += even
+        m3 += odd
+        even *= square
+        odd *= square
+        m4 += even
+        m5 += odd
+        m6 += even * square
+        m7 += odd * square
+    _add_to_step(moments, step, m0, m1, m2, m3, m4, m5, m6, m7)
 
 
 @compiled_sums
@@ -143,14 +167,31 @@ def filter_moments(moments: Array, weights: Array, slopes: Array, out: Array) ->
     not read, not even with a weight of zero, which would spread NaN.
     """
     flat, every = moments.ravel(), weights.ravel()
-    powers = weights.shape[1]
-    for m in range(out.size):
+    powers, size = weights.shape[1], weights.size
+    m = 0
+    while m < out.size:
+        first = m * powers
+        if m + 3 < out.size and slopes[m : m + 4].max() < 1:
+            # four outputs share the weights that are loaded
+            a, b = flat[first : first + size], flat[first + powers : first + powers + size]
+            c = flat[first + 2 * powers : first + 2 * powers + size]
+            d = flat[first + 3 * powers : first + 3 * powers + size]
+            sum_a, sum_b, sum_c, sum_d = 0.0, 0.0, 0.0, 0.0
+            for i in range(size):
+                sum_a += every[i] * a[i]
+                sum_b += every[i] * b[i]
+                sum_c += every[i] * c[i]
+                sum_d += every[i] * d[i]
+            out[m], out[m + 1], out[m + 2], out[m + 3] = sum_a, sum_b, sum_c, sum_d
+            m += 4
+            continue
         if slopes[m] < 1:
-            own = flat[m * powers : m * powers + every.size]
+            own = flat[first : first + size]
             total = 0.0
-            for i in range(own.size):
+            for i in range(size):
                 total += every[i] * own[i]
             out[m] = total
+        m += 1
 
 
 @compiled

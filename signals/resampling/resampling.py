@@ -16,7 +16,7 @@ of the tone is
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from signals.resampling._engine import FEWEST, METHODS, NODE_STEP, Flags, Map, M
 from signals.shaft.phase import direction_of, refuse_rest
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike
 
     from signals.shaft.phase import ShaftPhase
@@ -179,25 +181,61 @@ def angular_resample(
     >>> bool(np.allclose(lines[:, 3], 1.0, atol=1e-4))
     True
     """
+    given: dict[str, Any] = {"revolutions": revolutions, "method": method, "missing": missing}
+    (signal,) = angular_resample_all(
+        [x], rate_hz=rate_hz, phase=phase, samples_per_rev=samples_per_rev, start_s=start_s, **given
+    )
+    return signal
+
+
+def angular_resample_all(
+    x: Sequence[ArrayLike],
+    *,
+    rate_hz: float,
+    phase: ShaftPhase,
+    samples_per_rev: int,
+    start_s: float = 0.0,
+    revolutions: int | None = None,
+    method: Method = "sinc",
+    missing: Missing = "refuse",
+) -> list[AngularSignal]:
+    """Resample records of the same times, as `angular_resample` does one: their angles are found once.
+
+    Parameters
+    ----------
+    x : sequence of (n,) arrays
+        Samples over time, any unit, of one length.
+    rate_hz, phase, samples_per_rev, start_s, revolutions, method, missing
+        As in `angular_resample`.
+
+    Returns
+    -------
+    list of AngularSignal
+        One for each record.
+    """
     choice(method, name="method", choices=METHODS)
     rate, start_s = positive(rate_hz, name="rate_hz"), number(start_s, name="start_s")
-    signal = samples(x, missing=missing, minimum=FEWEST[method], rate_hz=rate, start_s=start_s)
+    signals = [samples(row, missing=missing, minimum=FEWEST[method], rate_hz=rate, start_s=start_s) for row in x]
     per_rev = whole(samples_per_rev, name="samples_per_rev", least=2)
-    stop_s = start_s + (signal.size - 1) / rate
+    stop_s = start_s + (signals[0].size - 1) / rate
     phase = forwards(phase)
     refuse_rest(phase.times_s, phase.revolutions, start_s=start_s, stop_s=stop_s, rate_hz=rate)
     first, count = whole_revolutions(phase, start_s=start_s, stop_s=stop_s)
     if revolutions is not None:
         count = whole(revolutions, name="revolutions", least=1, most=count)
     grid = angle_map(phase, rate_hz=rate, start_s=start_s, samples_per_rev=per_rev, first=first, revolutions=count)
-    values, beyond = Warp(grid, method=method).whole(signal)
-    return AngularSignal(
-        values=values,
-        samples_per_rev=per_rev,
-        start_rev=first,
-        passband_orders=passband_orders(grid, per_rev),
-        unsettled=unsettled(beyond),
-    )
+    rows = signals[0][None] if len(signals) == 1 else np.stack(signals)
+    values, beyond = Warp(grid, method=method, rows=len(rows)).whole(rows)
+    return [
+        AngularSignal(
+            values=row,
+            samples_per_rev=per_rev,
+            start_rev=first,
+            passband_orders=passband_orders(grid, per_rev),
+            unsettled=unsettled(beyond),
+        )
+        for row in values
+    ]
 
 
 @checked
@@ -305,7 +343,7 @@ def time_resample(
         known=((phase.start_s - start) * rate, (phase.stop_s - start) * rate),
         slack=_ROUNDING * rate,
     )
-    values, beyond = Warp(grid, method=method).whole(x)
+    (values,), beyond = Warp(grid, method=method).whole(x[None])
     return TimeSignal(
         values=values,
         rate_hz=rate,

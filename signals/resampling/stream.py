@@ -101,7 +101,7 @@ class AngularStream:
             first=self._warp.samples_seen,
         )
         self._seen += block.size
-        return self._whole_revolutions(*self._warp.push(block))
+        return self._whole_revolutions(*self._warp.push(block[None]))
 
     def finish(self) -> AngularSignal:
         """End the record; return its remaining whole revolutions, perhaps none.
@@ -132,8 +132,8 @@ class AngularStream:
             return 0
 
     def _whole_revolutions(self, values: Array, beyond: Flags) -> AngularSignal:
-        """Return the whole revolutions complete with these values, and keep the remainder."""
-        values, beyond = np.concatenate([self._values, values]), np.concatenate([self._beyond, beyond])
+        """Return the whole revolutions complete with these values, (1, n), and keep the remainder."""
+        values, beyond = np.concatenate([self._values, values[0]]), np.concatenate([self._beyond, beyond])
         size = min(values.size // self._per_rev * self._per_rev, self._covered() - self._released)
         self._values, self._beyond = values[size:].copy(), beyond[size:].copy()
         start = self._first + self._released // self._per_rev

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals._validation import Array, positive, real_vector
+from signals._validation import Array, checked, positive, real_vector
 from signals.shaft.phase_demodulation import listed_orders
 from signals.shaft.tacholess import CERTAIN, SHOWS, Search, search_speeds, single_line
 
@@ -58,6 +58,7 @@ class DeclaredSpeed:
         return self.speed_hz != self.declared_hz
 
 
+@checked
 def refine_declared_speed(
     x: ArrayLike, *, rate_hz: float, speed_hz: float, orders: Sequence[float], tolerance: float
 ) -> DeclaredSpeed:
@@ -101,6 +102,8 @@ def refine_declared_speed(
     signal = real_vector(x, name="the signal", minimum=64)
     rate = positive(rate_hz, name="rate_hz")
     declared, tolerance = positive(speed_hz, name="speed_hz"), positive(tolerance, name="tolerance")
+    if tolerance >= 1:
+        raise ValueError(f"tolerance={tolerance:g} lets the shaft stand still; give a relative error below 1.")
     listed = listed_orders(orders)
     listed = listed[listed * declared * (1 + tolerance) < rate / 2]
     duration, unchanged = signal.size / rate, DeclaredSpeed(declared_hz=declared, speed_hz=declared)
@@ -117,8 +120,8 @@ def refine_declared_speed(
         return unchanged
     shown = scores[best]
     gain = float(evidence[best] - _scores(search, declared).sum())
-    # orders whose line at another speed is not the line that the best one has
-    own = np.abs(np.outer(speeds - speeds[best], listed)) * frame_s > _SAME_LINE
+    # orders whose line at another speed is neither the line that the best one has nor its leakage
+    own = np.abs(np.outer(speeds - speeds[best], listed)) * frame_s > _leakage_bins(search, float(speeds[best]))
     rival = np.any((scores * own).sum(axis=1) > _RIVAL * np.maximum((shown * own).sum(axis=1), CERTAIN))
     if gain < CERTAIN + np.log(speeds.size) or single_line(search, float(speeds[best]), shown) or rival:
         return unchanged
@@ -126,6 +129,18 @@ def refine_declared_speed(
     bend = before - 2 * at + after
     peak = speeds[best] + (search.spacing * 0.5 * (before - after) / bend if bend < 0 else 0.0)
     return DeclaredSpeed(declared_hz=declared, speed_hz=float(peak), gain=gain, orders=listed[shown > SHOWS])
+
+
+def _leakage_bins(search: Search, speed_hz: float) -> Array:
+    """Return how far from the line of each order at a speed its leakage is below the noise, in bins of a frame.
+
+    At d > 1 bins a Hann window leaks at most the power of the line over (pi d (d^2 - 1))^2 (Harris, "On the use of
+    windows for harmonic analysis with the discrete Fourier transform", 1978), so less than that over (pi (d - 1)^3)^2.
+    """
+    ratios = search.evidence.ratios
+    bins = np.rint(search.orders * speed_hz * search.evidence.bins_per_hz).astype(np.int64)
+    strongest = ratios[np.minimum(bins, len(ratios) - 1)].max(axis=1)
+    return np.asarray(np.maximum(_SAME_LINE, 1 + np.cbrt(np.sqrt(strongest) / np.pi)))
 
 
 def _scores(search: Search, speed_hz: float) -> Array:

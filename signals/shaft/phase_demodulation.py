@@ -197,7 +197,7 @@ def listed_orders(orders: Sequence[float]) -> Array:
 
 def _checked_order(order: float) -> float:
     """Return an order, or raise where it is none."""
-    if not _LEAST_ORDER <= positive(float(order), name="an order") <= 1 / _LEAST_ORDER:
+    if not _LEAST_ORDER <= positive(order, name="an order") <= 1 / _LEAST_ORDER:
         raise ValueError(f"an order of {order:g} is none of a shaft; list orders from {_LEAST_ORDER:g} on.")
     return float(order)
 

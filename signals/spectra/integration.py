@@ -142,6 +142,38 @@ def velocity(
 
 
 @checked
+def line_velocity(amplitude: float, *, frequency_hz: float, units: str) -> float:
+    """Return the RMS velocity in mm/s of a sinusoid, as one line of a spectrum is.
+
+    Parameters
+    ----------
+    amplitude : float
+        Peak amplitude.
+    frequency_hz : float
+        Its frequency in Hz.
+    units : str
+        Unit of the amplitude, an acceleration, a velocity or a displacement as `velocity` and `displacement` take.
+
+    Raises
+    ------
+    ValueError
+        Unknown units, or a frequency that is not positive.
+
+    Examples
+    --------
+    An acceleration of 1 m/s2 peak at 50 Hz is a velocity of 1 / (2 pi 50) m/s peak:
+
+    >>> from signals.spectra.integration import line_velocity
+    >>> round(line_velocity(1.0, frequency_hz=50.0, units="m s-2"), 3)
+    2.251
+    """
+    choice(units, name="units", choices=tuple(_UNITS))
+    quantity, si = _UNITS[units]
+    per_second = (2 * np.pi * positive(frequency_hz, name="frequency_hz")) ** (1 - _ORDER[quantity])
+    return float(1e3 * amplitude * si * per_second / np.sqrt(2))
+
+
+@checked
 def displacement(
     x: ArrayLike,
     *,

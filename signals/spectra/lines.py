@@ -39,6 +39,7 @@ _FEWEST_BINS = 8
 _REACH_BINS = 400  # beyond this a Hann side lobe lies 150 dB below its line
 _SIGNIFICANT = 3.0  # standard deviations: in flat noise the closer background exceeds them once in some hundred lines
 _LINE = 4.0  # times the median amplitude
+_HALVINGS = 30  # of the power ratio's range: to 1e-9 of it
 _LARGER = 2.0  # least ratio of a neighbour's amplitude to the line's for its leakage to be considered
 
 
@@ -62,6 +63,10 @@ class Line:
         Probability that noise alone has as large a maximum in the searched band.
     at_edge : bool
         Whether the spectrum still rises at the edge of the searched band: then no peak lies in it.
+    noise : float
+        Median amplitude of noise to which the probability refers.
+    noise_degrees, width_bins, spread : float
+        Independent bins in that median, width of the searched band in bins, and `AmplitudeSpectrum.spread`.
 
     Examples
     --------
@@ -81,6 +86,44 @@ class Line:
     leakage: float
     false_alarm_probability: float
     at_edge: bool = False
+    noise: float = 0.0
+    noise_degrees: float = 1e9
+    width_bins: float = 0.0
+    spread: float = 0.0
+
+    def amplitude_at(self, probability: float) -> float:
+        """Return the amplitude that noise alone reaches in the searched band with a probability.
+
+        A line had to be as large to be told from this noise: in short records, whose noise is known from few bins,
+        larger than in long ones.
+
+        Parameters
+        ----------
+        probability : float
+            Above 0, at most 1.
+
+        Examples
+        --------
+        At a single frequency in noise of known median m it is ``m sqrt(-log2(p))``:
+
+        >>> from signals import Line
+        >>> place = dict(expected=5.0, found=5.0, amplitude=1.0, amplitude_std=0.1, background=0.1, leakage=0.0)
+        >>> round(Line(**place, false_alarm_probability=0.5, noise=0.1, noise_degrees=1e9).amplitude_at(2**-16), 4)
+        0.4
+        """
+        low, high = 0.0, 1.0
+
+        def chance(power_ratio: float) -> float:
+            return false_alarm_probability(
+                power_ratio, width_bins=self.width_bins, spread=self.spread, background_degrees=self.noise_degrees
+            )
+
+        while chance(high) > probability:
+            low, high = high, 2 * high
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (low, middle) if chance(middle) <= probability else (middle, high)
+        return self.noise * math.sqrt(high / math.log(2))
 
     @property
     def snr(self) -> float:
@@ -146,24 +189,32 @@ def find_line(
     if expected + half > axis[-1]:
         raise ValueError(f"a line at {expected:g} +- {half:g} lies beyond the end of the spectrum, {axis[-1]:g}.")
     found, amplitude, at_edge = _peak(axis, spectrum.amplitude, expected - half, expected + half)
-    background, noise, bins = _background(spectrum, found, surroundings)
+    beside = _beside(spectrum, found, surroundings)
+    background, noise, kept = _medians(np.concatenate(beside))
+    per_point = float(axis[1] - axis[0]) / bin_width
+    bins = kept * per_point
     if bins < _FEWEST_BINS:
         raise ValueError(
             f"only {bins:.1f} bins surround the line at {expected:g}, too few to judge it; the record is too short."
         )
     used_bins, std = bins, noise / math.sqrt(2 * math.log(2))
     if closer is not None:
-        _, close, close_bins = _background(spectrum, found, closer)
-        scatter = 1 / math.sqrt(_MEDIAN_EFFICIENCY * max(close_bins, 1) / spectrum.noise_bandwidth_bins)
-        if close_bins >= _FEWEST_BINS and close**2 > (1 + _SIGNIFICANT * scatter) * noise**2:
-            noise, used_bins = close, close_bins
+        below, above = beside = _beside(spectrum, found, closer)
+        size = below.size + above.size
+        least = _significant(noise, size * per_point, spectrum)  # fewer bins, without lines, scatter more
+        if 2 * (np.count_nonzero(below <= least) + np.count_nonzero(above <= least)) <= size:  # the median is above
+            _, close, kept = _medians(np.concatenate(beside))
+            close_bins = kept * per_point
+            if close_bins >= _FEWEST_BINS and close > _significant(noise, close_bins, spectrum):
+                noise, used_bins = close, close_bins
+    degrees, width_bins = _MEDIAN_EFFICIENCY * used_bins / spectrum.noise_bandwidth_bins, 2 * half / bin_width
     probability = 0.0 if amplitude > 0 else 1.0
     if noise > 0:
         probability = false_alarm_probability(
             (amplitude / noise) ** 2 * math.log(2),
-            width_bins=2 * half / bin_width,
+            width_bins=width_bins,
             spread=spectrum.spread,
-            background_degrees=_MEDIAN_EFFICIENCY * used_bins / spectrum.noise_bandwidth_bins,
+            background_degrees=degrees,
         )
     return Line(
         expected=expected,
@@ -174,35 +225,45 @@ def find_line(
         leakage=_leakage(spectrum, found, amplitude),
         false_alarm_probability=probability,
         at_edge=at_edge,
+        noise=noise,
+        noise_degrees=degrees,
+        width_bins=width_bins,
+        spread=spectrum.spread,
     )
 
 
-def _background(spectrum: AmplitudeSpectrum, found: float, reach: float) -> tuple[float, float, float]:
-    """Return the median amplitude beside a line, the same without other lines, and the number of bins of the latter.
+def _beside(spectrum: AmplitudeSpectrum, found: float, reach: float) -> tuple[Array, Array]:
+    """Return the amplitudes up to `reach` below and above a line, without its main lobe."""
+    lobe = _LOBE_BINS * spectrum.bin_width
+    edges = [max(found - reach, lobe), found - lobe, found + lobe, found + reach]
+    first, near, far, last = spectrum.axis.searchsorted(edges)
+    return spectrum.amplitude[first:near], spectrum.amplitude[max(far, first) : last]
 
-    Noise exceeds four times its median amplitude once in 65,000 points (2^-16); larger points are taken for lines; they
-    would raise the median and hide weak lines beside them.
-    """
-    axis, lobe = spectrum.axis, _LOBE_BINS * spectrum.bin_width
-    first, last = np.searchsorted(axis, [max(found - reach, lobe), found + reach])
-    beside = spectrum.amplitude[first:last][np.abs(axis[first:last] - found) > lobe]
-    if not beside.size:
-        return 0.0, 0.0, 0.0
-    median, noise, kept = _medians(beside)
-    return median, noise, float(kept * (axis[1] - axis[0]) / spectrum.bin_width)
+
+def _significant(noise: float, bins: float, spectrum: AmplitudeSpectrum) -> float:
+    """Return the median amplitude of so many bins from which it is significantly above `noise`."""
+    scatter = 1 / math.sqrt(_MEDIAN_EFFICIENCY * max(bins, 1) / spectrum.noise_bandwidth_bins)
+    return math.sqrt(1 + _SIGNIFICANT * scatter) * noise
 
 
 def _medians(values: Array) -> tuple[float, float, int]:
-    """Return the median, that of the values at most `_LINE` times as large, and their number.
+    """Return the median, that of the values at most `_LINE` times as large, and their number; reorder the values.
 
-    One search for both: values left out are above the median, so that the second one lies in the lower half.
+    Noise exceeds four times its median amplitude once in 65,000 points (2^-16); larger points are taken for lines; they
+    would raise the median and hide weak lines beside them. Values left out are above the median, so that the second one
+    lies in the lower half.
     """
-    lower = np.partition(values, values.size // 2)[: values.size // 2 + 1]
+    if not values.size:
+        return 0.0, 0.0, 0
+    half = values.size // 2
+    values.partition(half)
+    lower = values[: half + 1]
     median = _largest_mean(lower, values.size)
-    kept = int(np.count_nonzero(values <= _LINE * median))
+    kept = half + 1 + int(np.count_nonzero(values[half + 1 :] <= _LINE * median))
     if kept == values.size:
         return median, median, kept
-    return median, _largest_mean(np.partition(lower, kept // 2)[: kept // 2 + 1], kept), kept
+    lower.partition(kept // 2)
+    return median, _largest_mean(lower[: kept // 2 + 1], kept), kept
 
 
 def _largest_mean(lower: Array, count: int) -> float:
@@ -214,7 +275,7 @@ def _leakage(spectrum: AmplitudeSpectrum, found: float, amplitude: float) -> flo
     """Return the largest leakage of any larger point of the spectrum to `found`."""
     axis = spectrum.axis
     reach = _REACH_BINS * spectrum.bin_width
-    first, last = np.searchsorted(axis, [found - reach, found + reach])
+    first, last = axis.searchsorted([found - reach, found + reach])
     around = spectrum.amplitude[first:last]
     larger = around > _LARGER * amplitude
     if not larger.any():
@@ -276,10 +337,10 @@ def _peak(axis: Array, amplitude: Array, low: float, high: float) -> tuple[float
 
     The third value says that it is none: a neighbour outside the band is larger.
     """
-    first, last = np.searchsorted(axis, [low, high])
+    first, last = axis.searchsorted([low, high])
     if last <= first:
         last = first + 1
-    top = first + int(np.argmax(amplitude[first:last]))
+    top = first + int(amplitude[first:last].argmax())
     left, middle, right = amplitude[max(top - 1, 0)], amplitude[top], amplitude[min(top + 1, axis.size - 1)]
     curvature = left - 2 * middle + right
     at_edge = bool(middle < max(left, right))

@@ -1,17 +1,19 @@
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
 from collections import deque
 from concurrent.futures import Executor, Future
+from multiprocessing import get_context
 from pathlib import Path
 
 import clusters
 import pytest
 
 from hums import jobs
-from hums.jobs import Cluster, Job, JobError, Processes, Serial, Tally, run_jobs
+from hums.jobs import Cluster, Job, JobError, Processes, Serial, Tally, cpu_limit, run_jobs
 
 JOBS = [Job(name=f"{item}.txt", item=item) for item in range(6)]
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and locks of POSIX")
@@ -197,3 +199,23 @@ class TestRefusals:
         monkeypatch.setitem(sys.modules, "dask.distributed", None)
         with pytest.raises(JobError, match=r'pip install "hums-toolkit\[dask\]"'):
             run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Cluster(address="tcp://127.0.0.1:9"))
+
+
+def spin(seconds):
+    with cpu_limit(seconds):
+        while True:
+            pass
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forks")
+def test_a_worker_that_hangs_is_ended():
+    process = get_context("fork").Process(target=spin, args=(0.01,))
+    process.start()
+    process.join(60)
+    assert process.exitcode == -signal.SIGXCPU
+
+
+def test_no_limit_where_there_is_no_worker():
+    before = resource.getrlimit(resource.RLIMIT_CPU)
+    with cpu_limit(0.01):
+        assert resource.getrlimit(resource.RLIMIT_CPU) == before

@@ -158,7 +158,7 @@ def test_an_unknown_scene_is_told_apart_from_a_missing_file():
 
 
 def test_importing_loads_nothing_heavy_and_no_estimator():
-    heavy = "signals scipy.signal scipy.stats filterpy numba dask h5py matplotlib jinja2 typer"
+    heavy = "signals.shaft signals.harmonics scipy.signal scipy.stats filterpy numba dask h5py matplotlib jinja2 typer"
     script = (
         "import sys, data_synth.simulation\n"
         f"print([name for name in {heavy.split()!r} if name in sys.modules])\n"

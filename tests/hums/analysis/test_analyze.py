@@ -10,7 +10,6 @@ from hums.analysis.analyze import AnalysisSettings, analyze
 from hums.analysis.pictures import AVERAGES, KURTOGRAM, ORDER_MAP, WAVEFORM
 from hums.analysis.result import (
     GROUPS,
-    AnalysisError,
     envelope_bands,
     group,
     health_table,
@@ -19,6 +18,7 @@ from hums.analysis.result import (
     save_analysis,
     summary,
 )
+from hums.analysis.settings import AnalysisError
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.gearbox.orders import BEARING_KINDS, defects
 from hums.records.record import Channel, NominalSpeed, PulseTimes, RecordError, UnknownAngle, make_record
@@ -59,7 +59,11 @@ def test_the_path_of_a_record_is_as_good_as_the_record(tmp_path):
 
 
 def test_layout(analysis):
-    assert set(analysis.children) == {*GROUPS, WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM, "unexplained", "verdicts"}
+    assert set(analysis.children) == {
+        *GROUPS,
+        *(WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM),
+        *("unexplained", "verdicts", "evidence", "gears", "shafts", "unmeasured", "envelope_tracks"),
+    }
     assert isinstance(analysis, xr.DataTree)
 
 

@@ -6,9 +6,10 @@ from scipy.stats import binom
 
 from data_synth import Scene, load_scene, simulate
 from hums.analysis.analyze import AnalysisSettings, analyze
-from hums.analysis.result import AnalysisError, findings_table
-from hums.analysis.score import score
+from hums.analysis.result import findings_table
+from hums.analysis.settings import AnalysisError
 from hums.gearbox.model import load_gearbox
+from hums.scoring import score
 
 RECORDS, PARTS = 200, 20  # parts that may run side by side
 BANDS = ((1900.0, 2900.0), "auto")

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hums.analysis.analyze import AnalysisSettings, analyze
-from hums.analysis.result import AnalysisError, health_table, line_table, open_analysis, save_analysis, summary
+from hums.analysis.result import health_table, line_table, open_analysis, save_analysis, summary
+from hums.analysis.settings import AnalysisError
 from hums.cli import main
 from hums.gearbox.model import load_gearbox
 from hums.records.record import (

@@ -13,8 +13,8 @@ from data_synth import Scene, simulate
 from data_synth.scene.scene import FAULT_KINDS
 from hums.analysis.analyze import AnalysisSettings, analyze
 from hums.analysis.result import findings_table, group, line_table
-from hums.analysis.score import score
 from hums.gearbox.model import load_gearbox
+from hums.scoring import score
 from signals.demodulation.envelope import envelope
 from signals.harmonics import track_orders
 

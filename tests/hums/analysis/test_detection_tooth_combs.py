@@ -9,9 +9,9 @@ from hums.analysis.analyze import AnalysisSettings, analyze
 from hums.analysis.detection import LineAssessor
 from hums.analysis.lines import ENVELOPE, ExpectedLine, MeasuredLine, SearchPlan, expected_lines
 from hums.analysis.result import findings_table, line_table
+from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, load_gearbox
-from hums.gearbox.orders import BearingOrders
 from signals.spectra.lines import Line
 
 BIN = 0.01

@@ -12,7 +12,7 @@ from hums.analysis.findings import bearing_verdicts
 from hums.analysis.findings import findings as named
 from hums.analysis.healthy_machines import HealthyMachines
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, ExpectedLine, MeasuredLine
-from hums.gearbox.orders import BearingOrders
+from hums.gearbox.bearing_orders import BearingOrders
 from signals.spectra.lines import Line
 
 BIN = 0.01
@@ -167,6 +167,26 @@ def test_comparable_lines_on_both_races_are_rivals_and_not_certain():
     found = findings(assessed)
     assert {(f.kind, f.verdict) for f in found} == {("inner_race", "indicated"), ("outer_race", "indicated")}
     assert all("of similar size" in f.evidence for f in found)
+
+
+def test_damage_may_ring_in_either_half_of_the_range():
+    # 6 of a background of 1 over a level of 100 is 6 %, over one of 40 it is 15 %; a narrower band decides nothing
+    def detectable(*levels):
+        bands = [
+            BandEvidence(
+                band_hz=(1e3 * number, 1e3 * (number + width)),
+                lines=ASSESSOR.assess([line("inner_race", 5.4, 2.0, level=level)]),
+                orders=np.zeros(0),
+                depths=np.zeros(0),
+                bin_width=BIN,
+            )
+            for number, (level, width) in enumerate(levels)
+        ]
+        (part,) = bearing_evidence(bands, {"b": BEARING}, SETTING)
+        return part.detectable_depth
+
+    assert detectable((100.0, 1.0), (40.0, 1.0)) == pytest.approx(0.15)
+    assert detectable((100.0, 1.0), (40.0, 0.5)) == pytest.approx(0.06)
 
 
 def test_a_supported_strong_line_is_diagnosed():

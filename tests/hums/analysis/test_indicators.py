@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import kurtosis
 
 from hums.analysis.analyze import AnalysisSettings, analyze
-from hums.analysis.result import AnalysisError, health_table, indicator_table, open_analysis, save_analysis, summary
+from hums.analysis.result import health_table, indicator_table, open_analysis, save_analysis, summary
+from hums.analysis.settings import AnalysisError
 from hums.gearbox.model import Gearbox, GearboxWarning, load_gearbox
 from hums.gearbox.orders import defects
 from hums.records.record import Channel, PulseTimes, make_record

@@ -152,6 +152,12 @@ def test_convert_does_not_overwrite_its_source(run, mat, way):
     assert mat.read_bytes() == before
 
 
+def test_convert_without_a_channel_lists_them(run, mat, tmp_path):
+    code, _, err = run("convert", mat, tmp_path / "record.h5")
+    assert code == 2
+    assert err.startswith("hums: channels: none named (--channel). data.mat: It holds vibration (1 x 20000), tach")
+
+
 def test_no_source_of_angle_names_all_three(run, mat, tmp_path):
     code, _, err = run(*convert_words(mat, tmp_path / "record.h5"))
     assert code == 2

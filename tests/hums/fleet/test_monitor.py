@@ -1,17 +1,20 @@
 from dataclasses import replace
+from datetime import timedelta
 
+import numpy as np
 import pytest
-from fleets import HEALTHY, PINION, alarms, followed, observed
+from fleets import FIRST, HEALTHY, PINION, alarms, followed, observed
 
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation
+from hums.fleet.prior import prior_of
 from signals.monitoring.alarm_life import Life
 
 
 class TestAlarms:
     def test_a_component_that_rises_raises_one_alarm(self):
-        state, found = followed([*HEALTHY, *(observed(number, **PINION) for number in range(40, 50))])
+        state, found = followed([*HEALTHY, *(observed(number, **PINION | {"shift": 2.0}) for number in range(40, 50))])
         assert [one.why for one in found[:20]] == ["learning"] * 20
         (alarm,) = alarms(found)
         assert (alarm["component"], alarm["record"], alarm["severity"]) == ("stage 1/pinion", "record 41", "severe")
@@ -19,6 +22,17 @@ class TestAlarms:
         assert alarm["baseline"] == state.epochs[0].identity
         assert len(alarm["baseline"]) == 12
         assert found[-1].index["stage 1/pinion"] > 1 > found[-1].index["stage 2/wheel"]
+
+    def test_what_is_newly_diagnosed_raises_one(self):
+        def with_verdict(number):
+            return replace(observed(number), diagnosed=("stage 1/wheel",))
+
+        _, found = followed([*HEALTHY, with_verdict(40), observed(41), with_verdict(42), observed(43)])
+        (alarm,) = alarms(found)
+        assert (alarm["component"], alarm["record"], alarm["value"]) == ("stage 1/wheel", "record 42", 1.0)
+        assert alarm["indicator"].startswith("diagnosed; ")
+        before = [with_verdict(5) if number == 5 else one for number, one in enumerate(HEALTHY)]
+        assert alarms(followed([*before, *map(with_verdict, range(40, 44))])[1]) == []
 
     def test_running_in_raises_none(self):
         course = [observed(number, component="stage 1/pinion", shift=-min(number, 60) / 60) for number in range(120)]
@@ -72,6 +86,25 @@ class TestBaseline:
     def test_the_identity_follows_from_what_was_learned(self):
         same, other = followed(HEALTHY)[0], followed([observed(number, seed=1) for number in range(40)])[0]
         assert followed(HEALTHY)[0].epochs[0].identity == same.epochs[0].identity != other.epochs[0].identity
+
+    def test_records_within_an_hour_count_as_one(self):
+        near = [
+            replace(one, recorded_at=(FIRST + timedelta(seconds=10 * number)).isoformat())
+            for number, one in enumerate(HEALTHY)
+        ]
+        apart, close = (followed(seen)[0].epochs[0] for seen in (HEALTHY, near))
+        # 20 records a day apart weigh 18 (a mean and a slope are theirs), of one hour a twentieth; the usual one 10
+        usual = prior_of(apart.series, apart.normal.layout).series[0]
+        for epoch, weight in ((apart, 18.0), (close, 0.9)):
+            expected = np.sqrt((weight * 0.1**2 + 10 * usual**2) / (weight + 10))
+            assert np.median(epoch.normal.series.scale) == pytest.approx(expected, rel=0.1)
+        assert close.limits.limits[0] > 1.1 * apart.limits.limits[0]
+
+    def test_limits_of_a_long_baseline_are_its_own(self):
+        long = [observed(number) for number in range(400)]
+        state, _ = followed(long, settings=MonitorSettings(baseline_records=400))
+        assert state.epochs[0].own_limits
+        assert not followed(long[:50])[0].epochs[0].own_limits
 
     def test_refusals(self):
         with pytest.raises(MonitorError, match="a spread needs 2 records or more"):

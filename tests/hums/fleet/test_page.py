@@ -83,6 +83,7 @@ def test_the_worst_is_first_and_its_figures_say_why(failing, tmp_path):
     assert len(panels) == 6
     assert "Its baseline is being learned: 0 records so far." in page
     assert 'href="reports' not in page
+    assert "<td>1</td><td>0.037</td>" in page  # one alarm; a record a day at one false alarm in 10,000 records
 
 
 def test_a_report_beside_the_page_is_linked(failing, tmp_path):

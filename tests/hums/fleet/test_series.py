@@ -37,3 +37,5 @@ def test_series_by_component_and_level_of_a_channel():
     names, channels, layout = layout_of(keys)
     assert (names, channels, layout.scores) == (("bearing",), (), 1)  # two series with a unit are no level
     assert np.isnan(vector({}, keys)).all()
+    gear = (*keys, *(Series(channel="a", component="bearing", kind="cage", indicator="rms", unit="1"),))
+    assert [[kind.tolist() for kind in kinds] for kinds in layout_of(gear)[2].components] == [[[3], [0, 1, 2]]]

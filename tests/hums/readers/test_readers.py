@@ -449,9 +449,10 @@ def test_pulse_times_are_no_clock(tmp_path):
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
 def test_utf_16(tmp_path, encoding):
     text = "time;Beschleunigung (µm)\r\n0;1,5\r\n1;-2\r\n2;1e3\r\n"
-    fields = read_file(write(tmp_path, text, encoding)).fields
-    assert list(fields) == ["time", "Beschleunigung (µm)"]
-    assert_array_equal(fields["Beschleunigung (µm)"], [1.5, -2, 1000])
+    file = read_file(write(tmp_path, text, encoding))
+    assert list(file.fields) == ["time", "Beschleunigung"]
+    assert file.metadata("Beschleunigung (µm)").units == "µm"
+    assert_array_equal(file.fields["Beschleunigung"], [1.5, -2, 1000])
 
 
 @pytest.mark.parametrize("text", ["acc,b\n1,2\n3\n4,5\n", "acc;b\n1;2\n\n3\n4;5\n", '"acc","b"\n"1","2"\n"3"\n'])

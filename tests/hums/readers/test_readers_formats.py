@@ -1,7 +1,9 @@
 """Files of other measuring programs, written by the libraries that are made for them and read back."""
 
+import struct
 import sys
 import warnings
+import zlib
 from datetime import datetime
 
 import h5py
@@ -10,6 +12,7 @@ import pytest
 import pyuff
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.io import savemat
 
 from hums.readers import convert, read_file
 from hums.records.record import NominalSpeed, RecordError, make_record, sampling, tachometers, vibration_channels
@@ -284,3 +287,19 @@ def test_a_library_that_is_missing(tmp_path, monkeypatch, suffix, module, packag
     text = refusal(tmp_path / f"data{suffix}", channels=["acc"])
     assert f"read with {package}, which is not installed" in text
     assert 'pip install "hums-toolkit[readers]"' in text
+
+
+def test_a_compressed_variable_of_a_mat_file_is_bounded(tmp_path):
+    # a tag of 2 GB in a file of 200 bytes: scipy would unpack whatever follows
+    tag = struct.pack("<2I", 14, 2_000_000_000)
+    packed = zlib.compress(tag + bytes(1000))
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    (tmp_path / "bomb.mat").write_bytes(header + struct.pack("<2I", 15, len(packed)) + packed)
+    with pytest.raises(
+        RecordError, match=r"bomb\.mat: a compressed variable declares 2e\+09 bytes .* at most 6\.71e\+07"
+    ):
+        read_file(tmp_path / "bomb.mat")
+    savemat(tmp_path / "fine.mat", {"a": np.ones(9), "box": {"b": np.arange(5.0)}}, do_compression=True)
+    with pytest.raises(RecordError, match="most_bytes"):
+        read_file(tmp_path / "fine.mat", most_bytes=50)
+    assert read_file(tmp_path / "fine.mat").vector("box.b").tolist() == [0, 1, 2, 3, 4]

@@ -135,7 +135,7 @@ def test_report_in_the_browser(browser, page, width, dark):
     draw_all(browser)
     assert browser.get_log("browser") == []
     drawn = browser.execute_script(DRAWN)
-    assert len(drawn) == 11  # two spectra, map, tracks, four gears, kurtogram, waveform and speed
+    assert len(drawn) == 12  # two spectra, map, tracks of orders and parts, four gears, kurtogram, waveform and speed
     assert all(drawn)
     for canvas in browser.find_elements("css selector", ".canvas"):
         assert canvas.rect["x"] >= 0

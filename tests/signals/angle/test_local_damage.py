@@ -5,7 +5,15 @@ import pytest
 from scipy import stats
 
 from signals import AngularSignal
-from signals.angle.local_damage import BandEnergies, _independent, _tail, folded, local_damage, residual_energies
+from signals.angle.local_damage import (
+    BandEnergies,
+    _independent,
+    _rotated_maxima,
+    _tail,
+    folded,
+    local_damage,
+    residual_energies,
+)
 
 TEETH, CELLS, TURNS, BANDS = 20, 40, 64, 2
 
@@ -173,3 +181,29 @@ def test_nothing_above_the_shafts_is_refused():
     signal = AngularSignal(values=np.ones(640), samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
     with pytest.raises(ValueError, match="lowest_order=30 is not below 28"):
         residual_energies(signal, meshes={}, lowest_order=30.0)
+
+
+def test_rotations_have_the_statistic_of_the_rotated_blocks():
+    # (width, band, block, cell); the definition, with the error of the mean from scipy
+    values = np.random.default_rng(12).standard_normal((2, 3, 9, 31))
+    values -= values.mean(axis=-1, keepdims=True)
+    found = _rotated_maxima(list(values), 120, np.inf, np.random.default_rng(13))
+    rng = np.random.default_rng(13)
+    for largest in found:
+        shifts = rng.integers(0, 31, size=9)
+        turned = np.stack([np.roll(values[:, :, block], -shift, axis=-1) for block, shift in enumerate(shifts)], axis=2)
+        error = stats.sem(turned, axis=2)
+        error = np.maximum(error, np.median(error, axis=-1, keepdims=True))
+        assert largest == pytest.approx(np.max(turned.mean(axis=2) / error), rel=1e-12)
+    assert found.size == 120
+
+
+def test_rotations_stop_at_the_eighth_that_exceeds():
+    values = np.random.default_rng(14).standard_normal((1, 1, 9, 31))
+    every = _rotated_maxima(list(values), 400, np.inf, np.random.default_rng(15))
+    observed = np.quantile(every, 0.95)
+    stopped = _rotated_maxima(list(values), 400, observed, np.random.default_rng(15))
+    assert np.count_nonzero(stopped >= observed) == 8
+    assert stopped[-1] >= observed
+    assert 99 <= stopped.size < 400
+    np.testing.assert_array_equal(stopped, every[: stopped.size])

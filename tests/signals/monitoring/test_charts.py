@@ -4,12 +4,12 @@ import pytest
 from signals.monitoring.charts import Charts
 
 
-def run_lengths(charts, chart, limit, *, machines=4000, records=1500, seed=1):
-    """Records until one chart of standard normal scores reaches its limit; infinite where it does not."""
+def run_lengths(charts, chart, limit, *, machines=4000, records=1500, seed=1, shift=0.0):
+    """Records until one chart of normal scores of mean `shift` reaches its limit; infinite where it does not."""
     rng, state = np.random.default_rng(seed), charts.start((machines,))
     found = np.full(machines, np.inf)
     for number in range(1, records + 1):
-        state = charts.step(state, rng.standard_normal(machines))
+        state = charts.step(state, shift + rng.standard_normal(machines))
         found = np.where(np.isinf(found) & (state.values[chart] >= limit), number, found)
     return found
 
@@ -31,6 +31,13 @@ class TestRunLength:
         # one in 1 / 0.02275 values exceeds 2 deviations
         found = run_lengths(Charts(), 0, 2.0, machines=2000, records=400)
         assert mean_run_length(found, 400) == pytest.approx(1 / 0.0227501, rel=0.08)  # 2000 run lengths: 2.2 % each
+
+    @pytest.mark.parametrize(("chart", "weight", "width", "records"), [(1, 0.2, 2.962, 10.5), (2, 0.05, 2.615, 11.4)])
+    def test_ewma_as_published(self, chart, weight, width, records):
+        # Lucas and Saccucci 1990, table 3: schemes of run length 500 in control, a shift of one deviation
+        limit = width * np.sqrt(weight / (2 - weight))
+        found = run_lengths(Charts(), chart, limit, machines=3000, records=120, shift=1.0)
+        assert found.mean() == pytest.approx(records, abs=0.05 + 4 * found.std() / np.sqrt(3000))
 
     def test_ewma_has_the_deviation_of_its_filter(self):
         charts, rng = Charts(weights=(0.2,)), np.random.default_rng(2)

@@ -5,7 +5,7 @@ from signals.monitoring.health import Layout, Prior, learn_normal, regime
 
 SERIES = 12
 LAYOUT = Layout(
-    components=(np.arange(6), np.arange(6, 12)),
+    components=((np.arange(6),), (np.arange(6, 12),)),
     channels=(np.arange(10),),
     powers=np.array([1.0] * 8 + [2.0] * 2 + [0.0] * 2),
 )

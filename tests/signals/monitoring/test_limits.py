@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from signals.monitoring.alarm_life import AlarmRule
-from signals.monitoring.limits import HealthyScores, chart_limits
+from signals.monitoring.limits import HealthyScores, chart_limits, own_scores, tail_quantiles
 
 CARRIED_OVER = HealthyScores(shares=((0.9, 0.05, 0.05, 0.0), (0.5, 0.2, 0.2, 0.1)), scale_dof=8.0)
 
@@ -36,6 +36,46 @@ def test_beyond_the_simulated_it_goes_on_falling():
     assert all(high > low for high, low in zip(million.limits, thousand.limits, strict=True))
     assert million.every_records_at(1.0) == pytest.approx(1e6)
     assert million.every_records_at(1.0 + million.decades) == pytest.approx(1e7)
+
+
+class TestOwnScores:
+    """One long-watched machine whose scores are half white and half an AR(1) process of exp(-1/5)."""
+
+    MODEL = HealthyScores(shares=((0.5, 0.5, 0.0, 0.0),))
+    SCORES = MODEL.draw(8, 2000, np.random.default_rng(3))
+
+    def test_shares_and_effective_number_of_an_autoregressive_process(self):
+        own, effective = own_scores(self.SCORES)
+        assert np.mean(own.shares, axis=0) == pytest.approx([0.5, 0.5, 0, 0], abs=0.08)
+        decay = np.exp(-1 / 5)  # 1 + 2 * 0.5 * decay / (1 - decay) of an infinite series
+        assert effective == pytest.approx(2000 / (1 + decay / (1 - decay)), rel=0.25)
+
+    def test_limits_of_its_own_hold_the_rate_where_those_of_white_scores_do_not(self):
+        own, _ = own_scores(self.SCORES)
+        expected = 1500 * 300 / 1000
+        counts = [
+            false_alarms(chart_limits(1000, 1000.0, model), 1000, self.MODEL, machines=1500, seed=9)
+            for model in (own, HealthyScores())
+        ]
+        # its distribution is known from 8 x 600 effective records: four deviations of a count, and 25 %
+        assert counts[0] == pytest.approx(expected, abs=4 * np.sqrt(expected) + 0.25 * expected)
+        assert counts[1] > 1.5 * expected
+
+    def test_a_tail_goes_on_beyond_the_sample(self):
+        drawn = np.random.default_rng(4).exponential(size=2000)
+        # the quantile at 1 - 1e-5 of an exponential distribution, about its mean in its deviation
+        assert tail_quantiles(drawn)[-1] == pytest.approx(-np.log(1e-5) - 1, rel=0.2)
+
+    def test_none_of_what_does_not_vary(self):
+        assert own_scores(np.ones((400, 2)))[1] == 0.0
+
+
+def test_an_alarm_of_the_baseline_is_part_of_what_was_normal():
+    limits = chart_limits(30, 1e4, CARRIED_OVER)
+    baseline = np.zeros((30, 3))
+    baseline[[4, 6], 1] = 3 * limits.limits[0], 2 * limits.limits[0]  # two of three
+    baseline[[4, 16], 2] = 5 * limits.limits[0]  # each by itself
+    assert limits.headroom(baseline, AlarmRule()) == pytest.approx([1.0, 2.0, 1.0])
 
 
 def test_fewer_records_need_wider_limits():

@@ -8,7 +8,14 @@ from scipy.optimize import brentq
 
 from signals.resampling._engine import Track, weight_rows, windowed_sinc
 from signals.resampling._engine_kernels import add_moments, filter_moments, interpolate, invert
-from signals.resampling.resampling import AngularSignal, angle_map, angular_resample, time_resample, whole_revolutions
+from signals.resampling.resampling import (
+    AngularSignal,
+    angle_map,
+    angular_resample,
+    angular_resample_all,
+    time_resample,
+    whole_revolutions,
+)
 from signals.resampling.stream import AngularStream
 from signals.shaft.phase import ShaftPhase, constant_speed
 
@@ -652,3 +659,19 @@ def test_a_map_with_a_corner_is_exact_at_every_point(span):
     expected = np.where(points < 0, 2 * value(0.0) - value(-points), value(np.abs(points)))
     np.testing.assert_allclose(found, (expected - 5) * 0.5, atol=1e-8)  # the stated tolerance
     np.testing.assert_allclose(slope, track.slope(np.abs(points)) * 0.5, atol=1e-8)
+
+
+def test_records_of_the_same_times_are_resampled_alike():
+    # one of them with samples missing, one that begins with them; each as alone
+    rng = np.random.default_rng(3)
+    x = rng.standard_normal((11, 5000)) + 1e3 * np.arange(11)[:, None]
+    x[4, 1000:1003], x[7, :40] = np.nan, np.nan
+    times = np.linspace(0, 5, 60)
+    phase = ShaftPhase(times_s=times, revolutions=9 * times + 2 * times**2)
+    for per_rev in (16, 200):  # coarser and finer than the record
+        found = angular_resample_all(x, rate_hz=1000, phase=phase, samples_per_rev=per_rev, missing="mark")
+        for row, signal in zip(x, found, strict=True):
+            alone = angular_resample(row, rate_hz=1000, phase=phase, samples_per_rev=per_rev, missing="mark")
+            np.testing.assert_allclose(signal.values, alone.values, rtol=1e-12, atol=1e-9)
+            assert signal.unsettled == alone.unsettled
+            assert signal.passband_orders == alone.passband_orders

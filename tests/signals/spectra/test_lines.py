@@ -88,6 +88,30 @@ class TestChance:
         assert record_probability(1e-30, searches=500) == pytest.approx(5e-28, rel=1e-12)
 
 
+class TestAmplitudeAt:
+    @pytest.mark.parametrize("revolutions", [8, REVOLUTIONS])
+    def test_a_line_of_that_amplitude_has_that_probability(self, revolutions):
+        values = np.random.default_rng(3).normal(size=PER_REV * revolutions)
+        line = find_line(amplitude_spectrum(values, rate=PER_REV, maximum=9.0), expected=ORDER, tolerance=0.1)
+        found = line.amplitude_at(1e-4)
+        stated = false_alarm_probability(
+            (found / line.noise) ** 2 * math.log(2),
+            width_bins=line.width_bins,
+            spread=line.spread,
+            background_degrees=line.noise_degrees,
+        )
+        assert stated == pytest.approx(1e-4, rel=1e-6)
+
+    def test_the_short_record_needs_more(self):
+        # few bins of surroundings tell the noise's level badly
+        values = np.random.default_rng(3).normal(size=COUNT)
+        short, long = (
+            find_line(amplitude_spectrum(part, rate=PER_REV, maximum=9.0), expected=ORDER)
+            for part in (values[: 8 * PER_REV], values)
+        )
+        assert short.amplitude_at(1e-4) / short.noise > 1.2 * long.amplitude_at(1e-4) / long.noise
+
+
 class TestFoundLine:
     @pytest.mark.parametrize("order", [7.1234, 7.125, 3.0, 7.1289])
     def test_where_it_is(self, order):

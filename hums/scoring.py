@@ -8,7 +8,8 @@ import xarray as xr
 
 from hums.analysis.findings import DIAGNOSED
 from hums.analysis.lines import ORDER_SPECTRUM
-from hums.analysis.result import Analysis, AnalysisError, group
+from hums.analysis.result import Analysis, group
+from hums.analysis.settings import AnalysisError
 from signals._validation import checked
 
 if TYPE_CHECKING:

@@ -1,0 +1,38 @@
+"""
+Control charts of a machine
+===========================
+
+The score of a component, record by record: normal for 60 records, then a fault grows by a twentieth of a standard
+deviation a record. Means of weight 1, 0.2 and 0.05 and a cumulative sum watch it. The health index is the largest of
+the four over its limit, at which a component of normal, independent scores raises one alarm in 10,000 records.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from signals.monitoring.limits import HealthyScores, chart_limits
+
+records, began = np.arange(120), 60
+growth = 0.05 * np.clip(records - began, 0, None)
+scores = np.random.default_rng(1).normal(size=records.size) + growth
+limits = chart_limits(30, 10_000, HealthyScores())
+state, charts, index = limits.charts.start(), [], []
+for score in scores:
+    state = limits.charts.step(state, score)
+    charts.append(state.values)
+    index.append(float(limits.index(state)))
+alarm = int(np.argmax(np.array(index) > 1))
+print(f"the fault begins at record {began}, the alarm comes at {alarm}")
+
+figure, (top, bottom) = plt.subplots(2, 1, figsize=(9, 6), sharex=True, layout="constrained")
+top.plot(records, scores, ".", color="0.6", label="score")
+for name, values in zip(["weight 1", "weight 0.2", "weight 0.05"], np.array(charts).T[:3], strict=True):
+    top.plot(records, values, label=name)
+top.axvline(began, color="k", linestyle=":")
+top.set(ylabel="standard deviations")
+top.legend()
+bottom.plot(records, index)
+bottom.axhline(1, color="tab:red")
+bottom.axvline(alarm, color="tab:red", linestyle=":")
+bottom.set(xlabel="record", ylabel="health index")
+plt.show()

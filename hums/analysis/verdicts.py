@@ -1,0 +1,445 @@
+"""The verdict on every part of the drawing, derived from the groups of an analysis alone.
+
+`/evidence` has what the envelopes show of bearings, `/gears` what one tooth of each gear shows, `/shafts` the level of
+each shaft's lines, `/unmeasured` the parts whose lines no band or record length carries, with the reason. What decides
+is there too: the library of healthy machines, the stated probability, the sensors' health. `derive_verdicts` so gives
+the same verdicts from the file as the analysis did.
+
+A shaft's lines grow with imbalance, a bend, misalignment and a resonance alike: its level is held against the limits of
+ISO 20816 that are declared for the machine, and against the first record of its baseline; without either it is not
+judged. A level is no proof of a cause, so that a shaft is at most indicated.
+"""
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+
+import xarray as xr
+
+from hums.analysis.channel import AnalysedChannel
+from hums.analysis.evidence import PartEvidence
+from hums.analysis.findings import (
+    INDICATED,
+    NOT_JUDGED,
+    NOTHING_FOUND,
+    RANK,
+    Finding,
+    bearing_verdicts,
+    judging_nothing,
+)
+from hums.analysis.gear_damage import GearJudgement, gear_verdicts
+from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
+from hums.analysis.lines import ORDER_SPECTRUM, MeasuredLine
+from hums.analysis.reference_angle import Machine
+from hums.analysis.result import Analysis, group, rows_dataset, rows_of
+from hums.analysis.settings import AnalysisError, AnalysisSettings
+from hums.analysis.thresholds import (
+    FEWEST_CYCLES,
+    SAME_SPEED,
+    SHAFT_CERTAINTY,
+    SHAFT_GROWTH,
+    SLOWEST_VELOCITY_HZ,
+    ZONE_SHARE,
+)
+from hums.gearbox.orders import BEARING_KINDS
+from signals._validation import checked
+from signals.spectra.integration import line_velocity
+
+__all__ = ["ShaftLevel", "Unmeasured", "derive_verdicts", "evidence_groups", "shaft_levels", "unmeasured_parts"]
+
+EVIDENCE, GEARS, SHAFTS, UNMEASURED = "evidence", "gears", "shafts", "unmeasured"
+UNLIKE = "unlike_drawing"  # attribute of the root: why the record does not look like its gearbox, or empty
+_LIBRARY = "library_json"
+_AT_SHAFTS = "library_at_shafts_json"
+_FEWEST_TURNS = 8.0  # of the reference, whose lines one order apart are the noise beside a line
+_SHAFT_KIND = "shaft"
+_MM_S = "mm s-1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unmeasured:
+    """A part of the drawing of which no line was measured, and what would have let it be judged."""
+
+    component: str
+    kind: str
+    why: str
+    least_change: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShaftLevel:
+    """Level of a shaft's lines in one channel.
+
+    Attributes
+    ----------
+    channel, component, units : str
+        `units` is mm s-1 where the channel's unit can be integrated, else that of the channel.
+    speed_hz : float
+        Mean speed of the shaft in rev/s.
+    levels : tuple of float
+        RMS of its first lines.
+    level, std : float
+        RMS of all of them together, and its standard deviation from the noise beside them.
+    baseline_level, baseline_std, baseline_speed_hz : float
+        Those of the first record of the baseline; NaN without one.
+    """
+
+    channel: str
+    component: str
+    units: str
+    order: float
+    speed_hz: float
+    levels: tuple[float, ...]
+    level: float
+    std: float
+    baseline_level: float = math.nan
+    baseline_std: float = math.nan
+    baseline_speed_hz: float = math.nan
+
+
+def evidence_groups(
+    channels: Sequence[AnalysedChannel],
+    gears: Sequence[GearJudgement],
+    machine: Machine,
+    settings: AnalysisSettings,
+    baseline: Analysis | None,
+) -> dict[str, xr.Dataset]:
+    """Return the groups of an analysis from which `derive_verdicts` makes its verdicts."""
+    evidence = [part for channel in channels for part in channel.evidence]
+    return {
+        f"/{EVIDENCE}": rows_dataset(evidence, PartEvidence, dim="part").assign_attrs(
+            {
+                _LIBRARY: json.dumps(asdict(healthy_machines("bearings"))),
+                _AT_SHAFTS: json.dumps(asdict(healthy_machines("bearings_at_shafts"))),
+            }
+        ),
+        f"/{GEARS}": rows_dataset(gears, GearJudgement, dim="gear"),
+        f"/{SHAFTS}": rows_dataset(shaft_levels(channels, machine, baseline), ShaftLevel, dim="shaft"),
+        f"/{UNMEASURED}": rows_dataset(unmeasured_parts(channels, gears, machine, settings), Unmeasured, dim="part"),
+    }
+
+
+@checked
+def derive_verdicts(analysis: Analysis) -> list[Finding]:
+    """Return the verdict on every part again, from what an analysis holds.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `hums.analyze` or `hums.open_analysis`.
+
+    Returns
+    -------
+    list of Finding
+        Bearings, gears, shafts, and the parts that could not be measured. They equal the rows of `hums.verdict_table`
+        but for their order; change a number of a group to see what it does to its verdict.
+
+    Raises
+    ------
+    AnalysisError
+        If the analysis is of a version that did not keep its evidence.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> noise = np.random.default_rng(0).normal(size=80000)
+    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
+    >>> sorted({(one.kind, one.verdict) for one in hums.derive_verdicts(analysis)})[:2]
+    [('cage', 'nothing found'), ('inner_race', 'nothing found')]
+    """
+    lacking = [name for name in (EVIDENCE, GEARS, SHAFTS, UNMEASURED) if name not in analysis.children]
+    if lacking:
+        raise AnalysisError(
+            f"this analysis lacks the groups {', '.join(lacking)}, from which verdicts are derived; make it again with "
+            "hums.analyze."
+        )
+    settings = json.loads(analysis.attrs["settings_json"])
+    evidence = group(analysis, EVIDENCE)
+    parts, gears = rows_of(evidence, PartEvidence), rows_of(group(analysis, GEARS), GearJudgement)
+    unmeasured = rows_of(group(analysis, UNMEASURED), Unmeasured)
+    libraries = [
+        HealthyMachines(**one | {"strengths": tuple(one["strengths"])})
+        for one in (json.loads(evidence.attrs[name]) for name in (_LIBRARY, _AT_SHAFTS))
+    ]
+    health = group(analysis, "health")
+    sensors = zip(*(health[name].to_numpy().tolist() for name in ("name", "sensor", "status")), strict=True)
+    sick = {(sensor, name) for name, sensor, status in sensors if status == "sick"}
+    faulty = [name for sensor, name in sick if sensor == "vibration"]
+    # bearings and gears share what may be named in health
+    bearings = bool(parts) or any(row.kind in BEARING_KINDS for row in unmeasured)
+    chance = settings["false_alarm_probability"] / (2 if gears and bearings else 1)
+    judged = [
+        *bearing_verdicts(
+            parts,
+            false_alarm_probability=chance,
+            faulty=faulty,
+            library=libraries[0],
+            at_shafts=libraries[1],
+        ),
+        *gear_verdicts(gears, false_alarm_probability=chance),
+        *_shaft_verdicts(rows_of(group(analysis, SHAFTS), ShaftLevel), settings["velocity_limits_mm_s"], faulty),
+        *(_not_measured(row) for row in unmeasured),
+    ]
+    if unlike := str(analysis.attrs[UNLIKE]):
+        change = "judged with the drawing of the machine that was recorded"
+        return [judging_nothing(one, unlike, change) for one in judged]
+    if any(sensor == "tachometer" for sensor, _ in sick):
+        why = "speed: the tachometer is faulty, so that no order is sure"
+        return [judging_nothing(one, why, "judged with a sound tachometer") for one in judged]
+    return judged
+
+
+# ---- Parts of which no line was measured ---------------------------------------------------------------------------
+
+
+def unmeasured_parts(
+    channels: Sequence[AnalysedChannel], gears: Sequence[GearJudgement], machine: Machine, settings: AnalysisSettings
+) -> list[Unmeasured]:
+    """Return the parts of the drawing that no evidence is of, each with the reason.
+
+    Parameters
+    ----------
+    channels : sequence of AnalysedChannel
+    gears : sequence of GearJudgement
+    machine : Machine
+        Whose defect orders name every part that can fail.
+    settings : AnalysisSettings
+    """
+    seen = {(part.component, part.kind) for channel in channels for part in channel.evidence}
+    seen |= {(row.component, "tooth") for row in gears}
+    seen |= {(line.expected.component, _SHAFT_KIND) for line in _shaft_lines(channels)}
+    found: dict[tuple[str, str], Unmeasured] = {}
+    for row in machine.defect_orders:
+        key = (row.component, row.kind)
+        if row.kind in {*BEARING_KINDS, "tooth", _SHAFT_KIND} and row.order > 0 and not {key} & (seen | found.keys()):
+            reason = _why_no_line if row.kind in BEARING_KINDS else _why_too_short
+            why, least_change = reason(row.order, channels, machine, settings)
+            found[key] = Unmeasured(component=row.component, kind=row.kind, why=why, least_change=least_change)
+    return list(found.values())
+
+
+def _why_too_short(
+    order: float, channels: Sequence[AnalysedChannel], _machine: Machine, _settings: AnalysisSettings
+) -> tuple[str, str]:
+    cycles = order * max(float(channel.signal.revolutions) for channel in channels)
+    return (
+        f"too short: {cycles:.2g} turns of it in the record, of the {FEWEST_CYCLES:g} needed",
+        f"judged in a record {FEWEST_CYCLES / cycles:.2g} times as long",
+    )
+
+
+def _why_no_line(
+    order: float, channels: Sequence[AnalysedChannel], machine: Machine, settings: AnalysisSettings
+) -> tuple[str, str]:
+    """Return why the line of a bearing's part is in no envelope, and what would change that."""
+    if settings.envelope_band_hz is None:
+        return "out of band: no envelope was asked for", "judged with an envelope band (envelope_band_hz)"
+    turns = max(float(channel.signal.revolutions) for channel in channels)
+    cycles, line_hz = order * turns, order * machine.top_speed_hz
+    if cycles < FEWEST_CYCLES:
+        return (
+            f"too short: {cycles:.2g} cycles of its line in the record, of the {FEWEST_CYCLES:g} needed",
+            f"judged in a record {FEWEST_CYCLES / cycles:.2g} times as long",
+        )
+    reach = max(channel.envelope_reach for channel in channels)
+    if order * (1 + settings.slip) > reach:
+        carries = f"the {reach * machine.top_speed_hz:.4g} Hz that its envelopes carry" if reach else "what they carry"
+        remedy = "a wider envelope band" if isinstance(settings.envelope_band_hz, tuple) else "a higher sampling rate"
+        return f"out of band: its line at {line_hz:.4g} Hz is above {carries}", f"judged with {remedy}"
+    if turns < _FEWEST_TURNS:
+        return (
+            f"too short: {turns:.3g} turns are too few to know the noise beside its line",
+            f"judged in a record of {_FEWEST_TURNS:g} turns or more",
+        )
+    return (
+        "out of band: the bands that carry its line hold mostly lines of meshes and shafts",
+        "judged in a band without them (envelope_band_hz)",
+    )
+
+
+def _not_measured(row: Unmeasured) -> Finding:
+    return Finding(
+        component=row.component,
+        kind=row.kind,
+        channel="",
+        verdict=NOT_JUDGED,
+        evidence=f"not judged: {row.why}.",
+        false_alarm_probability=math.nan,
+        snr=math.nan,
+        order_found=math.nan,
+        amplitude=math.nan,
+        units="",
+        doubts=row.why,
+        next_step="Take a longer record at a steady speed and load." if row.why.startswith("too short") else "",
+        least_change=row.least_change,
+    )
+
+
+# ---- Shafts --------------------------------------------------------------------------------------------------------
+
+
+def _shaft_lines(channels: Sequence[AnalysedChannel]) -> Iterator[MeasuredLine]:
+    for channel in channels:
+        for line in channel.lines:
+            expected = line.expected
+            slow = expected.order < FEWEST_CYCLES * expected.harmonic * line.bin_width
+            if expected.kind == _SHAFT_KIND and expected.spectrum == ORDER_SPECTRUM and not slow:
+                yield line
+
+
+def shaft_levels(
+    channels: Sequence[AnalysedChannel], machine: Machine, baseline: Analysis | None = None
+) -> list[ShaftLevel]:
+    """Return the level of the lines of every shaft in every channel, with that of the first record of the baseline.
+
+    Parameters
+    ----------
+    channels : sequence of AnalysedChannel
+    machine : Machine
+    baseline : xarray.DataTree, optional
+        Analysis of an earlier record; what it took over from its own baseline is passed on.
+    """
+    earlier = {}
+    if baseline is not None and SHAFTS in baseline.children:
+        earlier = {(row.channel, row.component, row.units): row for row in rows_of(group(baseline, SHAFTS), ShaftLevel)}
+    families: dict[tuple[str, str], list[MeasuredLine]] = {}
+    for line in _shaft_lines(channels):
+        families.setdefault((line.channel, line.expected.component), []).append(line)
+    found = []
+    for (channel, component), lines in families.items():
+        order = lines[0].expected.order / lines[0].expected.harmonic
+        units, integrable = lines[0].units, _integrable(lines[0].units)
+        levels, noise = [], []
+        for line in lines:
+            frequency = line.expected.order * machine.mean_speed_hz
+            per_unit = line_velocity(1.0, frequency_hz=frequency, units=units) if integrable else 1 / math.sqrt(2)
+            levels.append(per_unit * line.line.amplitude)
+            noise.append(per_unit * line.line.amplitude_std)
+        level = math.hypot(*levels)
+        # of a root sum of squares: each line's error weighed by its share
+        std = math.hypot(*(a * s for a, s in zip(levels, noise, strict=True))) / level if level else max(noise)
+        was = earlier.get((channel, component, _MM_S if integrable else units))
+        carried = was is not None and math.isfinite(was.baseline_level)
+        found.append(
+            ShaftLevel(
+                channel=channel,
+                component=component,
+                units=_MM_S if integrable else units,
+                order=order,
+                speed_hz=order * machine.mean_speed_hz,
+                levels=tuple(levels),
+                level=level,
+                std=std,
+                baseline_level=math.nan if was is None else was.baseline_level if carried else was.level,
+                baseline_std=math.nan if was is None else was.baseline_std if carried else was.std,
+                baseline_speed_hz=math.nan if was is None else was.baseline_speed_hz if carried else was.speed_hz,
+            )
+        )
+    return found
+
+
+def _integrable(units: str) -> bool:
+    try:
+        line_velocity(1.0, frequency_hz=1.0, units=units)
+    except ValueError:
+        return False
+    return True
+
+
+def _shaft_verdicts(
+    rows: Sequence[ShaftLevel], limits: Sequence[float] | None, sick: Sequence[str]
+) -> Iterator[Finding]:
+    """Yield the verdict on every shaft, in the channel with the gravest."""
+    for component in dict.fromkeys(row.component for row in rows):
+        own = [row for row in rows if row.component == component]
+        sound = [row for row in own if row.channel not in sick]
+        if not sound:
+            yield _shaft_not_judged(own[0], "the sensor is faulty, and may make any line by itself", "a sound sensor")
+            continue
+        yield min((_shaft_verdict(row, limits) for row in sound), key=lambda one: (RANK[one.verdict], -one.amplitude))
+
+
+def _shaft_verdict(row: ShaftLevel, limits: Sequence[float] | None) -> Finding:
+    """Return the verdict on a shaft in one channel: its zone, its change, or that it has neither."""
+    compared = math.isfinite(row.baseline_level)
+    zoned = limits is not None and row.units == _MM_S and row.speed_hz >= SLOWEST_VELOCITY_HZ
+    if not compared and not zoned:
+        slow = limits is not None and row.units == _MM_S
+        why = (
+            f"no baseline: {row.speed_hz:.3g} rev/s are below the {SLOWEST_VELOCITY_HZ:g} Hz from which ISO 20816 "
+            "limits velocity"
+            if slow
+            else "no baseline or limits"
+        )
+        return _shaft_not_judged(row, why, "an earlier analysis as the baseline" + ("" if slow else ", or limits"))
+    changes: list[tuple[float, str]] = []  # what is above its limit, by how much
+    said = [f"{_lines_text(row)}, together {row.level:.3g} {row.units} RMS"]
+    if zoned and limits is not None:
+        zone = "ABCD"[sum(row.level > limit for limit in limits)]
+        said.append(f"alone in zone {zone} of ISO 20816")
+        changes.append((row.level / limits[1], f"{limits[1]:.3g} {row.units}, the limit of zone B"))
+    if compared:
+        if abs(row.speed_hz / row.baseline_speed_hz - 1) > SAME_SPEED:
+            if not zoned:
+                why = (
+                    f"no baseline at this speed: {row.speed_hz:.4g} rev/s, where the first record had "
+                    f"{row.baseline_speed_hz:.4g}"
+                )
+                return _shaft_not_judged(row, why, f"a record within {SAME_SPEED:.0%} of that speed")
+        else:
+            said.append(f"{row.baseline_level:.3g} in the first record of the baseline")
+            if zoned and limits is not None:
+                most = row.baseline_level + ZONE_SHARE * limits[1]
+                text = f"{most:.3g} {row.units}, {ZONE_SHARE:.0%} of the limit of zone B above the baseline"
+            else:
+                noise = math.hypot(row.std, SHAFT_GROWTH * row.baseline_std)
+                most = SHAFT_GROWTH * row.baseline_level + SHAFT_CERTAINTY * noise
+                text = f"{most:.3g} {row.units}, from which its growth is no chance"
+            changes.append((row.level / most if most else math.inf, text))
+    over, text = max(changes)
+    doubt = "imbalance, a bend, misalignment and a resonance raise the same lines"
+    above = over > 1
+    return Finding(
+        component=row.component,
+        kind=_SHAFT_KIND,
+        channel=row.channel,
+        verdict=INDICATED if above else NOTHING_FOUND,
+        evidence="; ".join(said) + (f"; above {text}; not certain: {doubt}." if above else f"; below {text}."),
+        false_alarm_probability=math.nan,
+        snr=row.level / row.std if row.std > 0 else 1e9,
+        order_found=row.order,
+        amplitude=row.level,
+        units=f"{row.units} RMS",
+        doubts=doubt if above else "",
+        severity=f"{over:.2g} times {text}" if above else "within its limits",
+        next_step="Measure phase at both bearings to tell imbalance from misalignment; balance or align."
+        if above
+        else "",
+        least_change=f"{'nothing found below' if above else 'indicated above'} {text} (now {row.level:.3g})",
+    )
+
+
+def _lines_text(row: ShaftLevel) -> str:
+    lines = ", ".join(f"{number}x {level:.3g}" for number, level in enumerate(row.levels, start=1))
+    return f"lines of {row.speed_hz:.4g} rev/s: {lines}"
+
+
+def _shaft_not_judged(row: ShaftLevel, why: str, needs: str) -> Finding:
+    return Finding(
+        component=row.component,
+        kind=_SHAFT_KIND,
+        channel=row.channel,
+        verdict=NOT_JUDGED,
+        evidence=f"not judged: {why}.",
+        false_alarm_probability=math.nan,
+        snr=math.nan,
+        order_found=row.order,
+        amplitude=row.level,
+        units=f"{row.units} RMS",
+        doubts=why,
+        least_change=f"judged with {needs}",
+    )

@@ -1,0 +1,117 @@
+"""Command `hums analyze`."""
+
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hums.cli.options import (
+    Band,
+    Channels,
+    MachineClass,
+    MaxAcceleration,
+    NoEnvelope,
+    Out,
+    SpeedRange,
+    SpeedUnits,
+    Tachometer,
+    VelocityLimits,
+    say,
+    settings_of,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import xarray as xr
+
+    from hums.readers.process import ReaderProcess
+
+__all__ = ["analyze"]
+
+
+def analyze(
+    record: Annotated[Path, typer.Argument(help="A record, .h5.")],
+    gearbox: Annotated[str, typer.Option(help="A .toml file or a catalogue name.")],
+    out: Out,
+    *,
+    envelope_band: Band = None,
+    no_envelope: NoEnvelope = False,
+    channel: Channels = None,
+    tachometer: Tachometer = None,
+    speed_range: SpeedRange = None,
+    max_acceleration: MaxAcceleration = None,
+    baseline: Annotated[
+        Path | None,
+        typer.Option(help="analysis.h5 of the previous record, to whose variances NA4 and NB4 refer."),
+    ] = None,
+    freeze_baseline: Annotated[
+        bool, typer.Option("--freeze-baseline", help="Leave those variances as they are: NA4* and NB4*.")
+    ] = False,
+    false_alarm_probability: Annotated[float, typer.Option(help="For the whole record.")] = 0.01,
+    max_order: Annotated[float | None, typer.Option(help="Where the order spectrum ends.")] = None,
+    track_bandwidth: Annotated[float | None, typer.Option(help="Bandwidth of amplitude tracks, orders.")] = None,
+    velocity_limits: VelocityLimits = None,
+    machine_class: MachineClass = "",
+    units: SpeedUnits = "rpm",
+) -> None:
+    """Analyse a record and write the report."""
+    from hums.analysis.analyze import analyze as run  # noqa: PLC0415
+    from hums.analysis.findings import not_judged_words, where_none_is_named  # noqa: PLC0415
+    from hums.analysis.result import summary  # noqa: PLC0415
+    from hums.gearbox.model import load_gearbox  # noqa: PLC0415
+    from hums.readers.process import ReaderProcess  # noqa: PLC0415
+    from hums.report import prepare_folder, speed_text, write_report  # noqa: PLC0415
+
+    settings = settings_of(
+        channels=tuple(channel) if channel else None,
+        tachometer=tachometer,
+        speed_range_hz=speed_range,
+        max_acceleration_hz_s=max_acceleration,
+        envelope_band_hz=envelope_band,
+        no_envelope=no_envelope,
+        freeze_baseline=freeze_baseline,
+        false_alarm_probability=false_alarm_probability,
+        max_order=max_order,
+        track_bandwidth_orders=track_bandwidth,
+        velocity_limits_mm_s=velocity_limits,
+        machine_class=machine_class,
+    )
+    with (
+        ReaderProcess() as reader,
+        reader.open_record(record) as opened,
+        _past(reader, baseline) if baseline else nullcontext() as past,
+    ):
+        prepare_folder(out)
+        analysis = run(opened, load_gearbox(gearbox), settings=settings, baseline=past)
+        say("writing the report")
+        page = write_report(analysis, out, baseline=past, units=units)
+    facts = summary(analysis)
+    typer.echo(f"speed of {facts['reference']}: {speed_text(facts, units=units)}")
+    for note in facts["notes"]:
+        typer.echo(f"note: {note}")
+    for item in facts["health"]:
+        if item["status"] != "ok":
+            typer.echo(f"{item['status']} {item['sensor']} {item['name']}: {item['reasons']}")
+    for finding in facts["findings"]:
+        kind = finding["kind"].replace("_", " ")
+        typer.echo(f"{finding['verdict']}: {finding['component']}, {kind}: {finding['evidence']}")
+    if not facts["findings"]:
+        typer.echo(": ".join(where_none_is_named(facts["verdicts"])))
+    elif unjudged := not_judged_words(facts["verdicts"]):
+        typer.echo(f"not judged: {unjudged}")
+    typer.echo(f"report: {page}")
+
+
+@contextmanager
+def _past(reader: "ReaderProcess", path: Path) -> "Iterator[xr.DataTree]":
+    """Open an earlier analysis in the process that reads files."""
+    from hums.analysis.result import check_analysis  # noqa: PLC0415
+
+    with reader.open_tree(path) as tree:
+        try:
+            check_analysis(tree)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+        yield tree

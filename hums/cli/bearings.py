@@ -1,0 +1,24 @@
+"""Command `hums bearings`."""
+
+from typing import Annotated, Optional
+
+import typer
+
+__all__ = ["bearings"]
+
+
+def bearings(
+    designation: Annotated[Optional[str], typer.Argument(help="Designation, or a part of one.")] = None,  # noqa: UP045
+) -> None:
+    """Print the catalogue of bearings by designation, with the source of each geometry."""
+    from hums.gearbox.bearings import bearing_catalogue  # noqa: PLC0415
+
+    rows = bearing_catalogue()
+    shown = [row for row in rows if designation is None or designation.lower() in row.name.lower()]
+    if not shown:
+        raise ValueError(f'no bearing "{designation}" in the catalogue; it has {", ".join(row.name for row in rows)}.')
+    for row in shown:
+        typer.echo(
+            f"{row.name}: {row.elements} elements of {row.element_diameter_mm:g} mm on {row.pitch_diameter_mm:g} mm, "
+            f"contact angle {row.contact_angle_deg:g} degrees. {row.source}"
+        )

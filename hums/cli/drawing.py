@@ -1,0 +1,94 @@
+"""Command `hums drawing`."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from hums.cli.options import FigureFormat, parse_speeds, save_picture
+
+if TYPE_CHECKING:
+    from hums.gearbox.kinematics import Kinematics
+
+__all__ = ["drawing"]
+
+_SIZES = {"mechanism": (9.0, 6.0), "velocities": (7.0, 5.0), "orders": (10.0, 7.0)}  # inches
+_FIGURES = (".svg", ".png", ".pdf")
+
+Picture = Literal["mechanism", "velocities", "orders"]
+
+
+def drawing(
+    gearbox: Annotated[str, typer.Argument(help="A .toml file or a catalogue name.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for all pictures; or one file, .svg, .png, .pdf or .html."),
+    ] = None,
+    picture: Annotated[Picture, typer.Option(help="The picture that goes into a single file.")] = "mechanism",
+    html: Annotated[bool, typer.Option("--html", help="One offline page on which the mechanism turns.")] = False,
+    speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeat.")] = None,
+    kind: FigureFormat = "svg",
+) -> None:
+    """Draw a gearbox: the mechanism, velocity vectors, orders against speed; or a page on which it turns."""
+    from hums.drawing import write_drawing  # noqa: PLC0415
+    from hums.gearbox.kinematics import solve_kinematics  # noqa: PLC0415
+    from hums.gearbox.model import load_gearbox  # noqa: PLC0415
+
+    given = parse_speeds(speed)
+    kinematics = solve_kinematics(load_gearbox(gearbox))
+    if html or (out is not None and out.suffix.lower() == ".html"):
+        page = write_drawing(kinematics, out or Path(f"{Path(gearbox).stem}.html"), speeds_rpm=given)
+        typer.echo(f"wrote {page}")
+        return
+    if out is None:
+        raise ValueError("--out is missing; name a folder, a picture as in -o mechanism.svg, or ask for --html.")
+    pictures = _pictures_of(kinematics, _drawn_speeds(kinematics, given))
+    if out.suffix.lower() in _FIGURES:
+        save_picture(pictures[picture], out, _SIZES[picture])
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    for name, draw in pictures.items():
+        save_picture(draw, out / f"{name}.{kind}", _SIZES[name])
+
+
+def _drawn_speeds(kinematics: "Kinematics", given: dict[str, float] | None) -> dict[str, float]:
+    """Return the speeds as given, or those a page begins with, and say so where they are a choice."""
+    from hums.drawing import START_RPM, free_links  # noqa: PLC0415
+
+    if given:
+        return given
+    first, *others = free_links(kinematics)
+    chosen = {first: float(START_RPM)} | dict.fromkeys(others, 0.0)
+    if others:
+        typer.echo(f"speeds: {', '.join(f'{link} {rpm:g} rpm' for link, rpm in chosen.items())}", err=True)
+    return chosen
+
+
+def _pictures_of(kinematics: "Kinematics", speeds: Mapping[str, float]) -> dict[str, Callable[[Any], object]]:
+    from hums.gearbox.layout import layout_of  # noqa: PLC0415
+    from hums.gearbox.orders import defect_orders  # noqa: PLC0415
+    from hums.plots import draw_mechanism, speed_order_chart, velocity_diagram  # noqa: PLC0415
+
+    gearbox = kinematics.gearbox
+
+    def mechanism(ax: Any) -> None:  # noqa: ANN401  - matplotlib stays in hums.plots
+        if not layout_of(gearbox).planar:
+            draw_mechanism(gearbox, ax=ax)
+            return
+        figure = ax.figure
+        ax.remove()
+        section, axial = figure.subplots(1, 2)
+        draw_mechanism(gearbox, ax=section, view="section")
+        draw_mechanism(gearbox, ax=axial, view="axial")
+
+    def orders(ax: Any) -> None:  # noqa: ANN401
+        reference = gearbox.reference or next(iter(speeds))
+        top = abs(float(kinematics.relative_speed(reference, seen_from=gearbox.frame, speeds=speeds)))
+        speed_order_chart(defect_orders(kinematics, speeds=speeds), reference_rpm=(top / 10, top), ax=ax)
+
+    return {
+        "mechanism": mechanism,
+        "velocities": lambda ax: velocity_diagram(kinematics, speeds, ax=ax),
+        "orders": orders,
+    }

@@ -1,0 +1,113 @@
+"""Command `hums fleet`."""
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from hums.cli.options import (
+    Band,
+    Channels,
+    MaxAcceleration,
+    NoEnvelope,
+    Out,
+    Scheduler,
+    SpeedRange,
+    Tachometer,
+    WorkerCount,
+    settings_of,
+    workers_of,
+)
+
+__all__ = ["fleet"]
+
+SHOWN_FAILURES = 5
+
+
+def fleet(  # noqa: PLR0917 - each option is one
+    records: Annotated[list[Path], typer.Argument(help="Records, folders of records, datasets.")],
+    gearbox: Annotated[str, typer.Option(help="A .toml file or a catalogue name.")],
+    out: Out,
+    envelope_band: Band = None,
+    no_envelope: NoEnvelope = False,
+    channel: Channels = None,
+    tachometer: Tachometer = None,
+    speed_range: SpeedRange = None,
+    max_acceleration: MaxAcceleration = None,
+    false_alarm_probability: Annotated[float, typer.Option(help="For each record.")] = 0.01,
+    baseline_records: Annotated[
+        int, typer.Option(metavar="N", help="Learn what is normal from the first N records of a machine.")
+    ] = 30,
+    baseline_span: Annotated[
+        Optional[tuple[str, str]],  # noqa: UP045  (typer reads this form)
+        typer.Option(metavar="FROM UNTIL", help="Learn it from the records of this span of time, ISO 8601."),
+    ] = None,
+    healthy: Annotated[
+        list[str] | None, typer.Option(help="Learn it from this record, declared healthy; repeat.")
+    ] = None,
+    false_alarm_every: Annotated[
+        float, typer.Option(metavar="RECORDS", help="Mean number of records of a machine between false alarms.")
+    ] = 10_000.0,
+    maintenance: Annotated[
+        Path | None, typer.Option(help="CSV file: date, component, machine, serial, action (replaced, acknowledged).")
+    ] = None,
+    append: Annotated[
+        bool, typer.Option("--append", help="Add the records to those that the folder holds from earlier runs.")
+    ] = False,
+    workers: WorkerCount = None,
+    scheduler: Scheduler = None,
+) -> None:
+    """Analyse many records into one table with trends and alarms; the same again goes on, with new records too."""
+    from hums.fleet.fleet import analyze_fleet  # noqa: PLC0415
+    from hums.fleet.monitor import MonitorSettings  # noqa: PLC0415
+    from hums.fleet.parquet import NO_PYARROW  # noqa: PLC0415
+
+    if baseline_span and healthy:
+        raise ValueError("--baseline-span and --healthy are both given; keep one.")
+    span = baseline_span or ("", "")
+    monitoring = MonitorSettings(
+        baseline_records=baseline_records,
+        baseline_from=span[0],
+        baseline_until=span[1],
+        healthy=tuple(healthy or ()),
+        false_alarm_every=false_alarm_every,
+    )
+
+    settings = settings_of(
+        channels=tuple(channel) if channel else None,
+        tachometer=tachometer,
+        speed_range_hz=speed_range,
+        max_acceleration_hz_s=max_acceleration,
+        envelope_band_hz=envelope_band,
+        no_envelope=no_envelope,
+        false_alarm_probability=false_alarm_probability,
+        most_tracks=0,
+        pictures=False,
+    )
+    result = analyze_fleet(
+        records,
+        gearbox,
+        out,
+        settings=settings,
+        workers=workers_of(workers, scheduler),
+        progress=True,
+        monitoring=monitoring,
+        maintenance=maintenance,
+        append=append,
+    )
+    typer.echo(
+        f"{result.records} records: {result.analysed} analysed now, {result.kept} before, {result.failed} failed"
+    )
+    for name, reason in list(result.errors.items())[:SHOWN_FAILURES]:
+        typer.echo(f"failed {name}: {reason}")
+    if result.failed > SHOWN_FAILURES:
+        typer.echo(f"and {result.failed - SHOWN_FAILURES} more: see the column error of fleet.csv")
+    if result.no_trends:
+        typer.echo(result.no_trends)
+    typer.echo(f"{result.alarms} alarms; one in {false_alarm_every:g} records of a machine would be false")
+    for name in ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5"):
+        typer.echo(f"wrote {result.folder / name}")
+    parquet = result.folder / "indicators.parquet"
+    typer.echo(f"wrote {parquet}" if parquet.is_file() else NO_PYARROW)
+    if result.failed == result.records:
+        raise ValueError("no record could be analysed; the column error of fleet.csv says why.")

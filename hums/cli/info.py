@@ -1,0 +1,80 @@
+"""Command `hums info`, and the lines in which it prints a record."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["info", "print_record"]
+
+
+def info(record: Annotated[Path, typer.Argument(help="A record, .h5.")]) -> None:
+    """Print what is inside a record."""
+    from hums.readers.process import ReaderProcess  # noqa: PLC0415
+
+    with ReaderProcess() as reader, reader.open_record(record) as opened:
+        print_record(opened)
+
+
+def print_record(record: "xr.Dataset") -> None:
+    """Print what a record holds, a line for each channel and tachometer."""
+    from hums.records.channels import is_average  # noqa: PLC0415
+    from hums.records.quantities import mean_quantities  # noqa: PLC0415
+    from hums.records.record import nominal_speed, sampling, tachometers, vibration_channels  # noqa: PLC0415
+    from hums.records.snapshots import is_snapshots  # noqa: PLC0415
+
+    for label, key in (("machine", "machine"), ("recorded at", "recorded_at")):
+        if record.attrs.get(key):
+            typer.echo(f"{label:<12} {record.attrs[key]}")
+    if is_snapshots(record):
+        typer.echo(f"{'snapshots':<12} {_snapshots_text(record)}")
+    if is_average(record):
+        attrs = record.attrs
+        over = f", over {attrs['averaged_over']} revolutions" if "averaged_over" in attrs else ""
+        typer.echo(f"{'average of':<12} {attrs['average_of']}, {attrs['samples_per_rev']} samples a revolution{over}")
+    for name in vibration_channels(record):
+        when, attrs = sampling(record, name), record[name].attrs
+        where = "".join(f", {attrs[key]}" for key in ("sensor", "direction") if key in attrs)
+        span = (
+            f"{when.count} samples, {when.count / when.rate_hz:g} revolutions"
+            if is_average(record)
+            else f"{when.count} samples at {when.rate_hz:g} Hz, {when.count / when.rate_hz:.3f} s "
+            f"from {when.start_s:g} s"
+        )
+        typer.echo(f"{'channel':<12} {name}: {span}, in {attrs['units']}{where}")
+    for name in tachometers(record):
+        typer.echo(f"{'tachometer':<12} {name}: {_pulses_text(record[name])}")
+    declared = nominal_speed(record)
+    if declared is not None:
+        rpm = 60 * declared.values
+        span = f"{float(rpm.min()):g}" + (f" to {float(rpm.max()):g}" if rpm.min() < rpm.max() else "")
+        typer.echo(f"{'speed':<12} {span} rpm of {declared.attrs['shaft']}, declared (nominal)")
+    for name, (mean, units) in mean_quantities(record).items():
+        typer.echo(f"{'measured':<12} {name}: {mean:.5g} {units}{' on average' if record[name].ndim else ''}")
+    truth = [str(name) for name in record.data_vars if str(name).startswith("truth_")]
+    if truth:
+        typer.echo(f"{'truth':<12} {', '.join(truth)}")
+
+
+def _snapshots_text(record: "xr.Dataset") -> str:
+    count = record.sizes["snapshot"]
+    if "snapshot_s" not in record.coords:
+        return f"{count}, their times not known"
+    starts_s = record["snapshot_s"].values
+    spacing = f", every {float((starts_s[-1] - starts_s[0]) / (count - 1)):.4g} s on average" if count > 1 else ""
+    return f"{count}{spacing}, the last {float(starts_s[-1]):g} s after the first"
+
+
+def _pulses_text(pulses: "xr.DataArray") -> str:
+    from hums.records.record import speed_percentiles  # noqa: PLC0415
+
+    attrs = pulses.attrs
+    of = f"{attrs['pulses_per_rev']} a revolution of {attrs['shaft']}"
+    if pulses.ndim > 1:
+        return f"{int(pulses.notnull().sum())} pulses in all snapshots, {of}"
+    speeds = speed_percentiles(pulses)
+    about = "" if speeds is None else ", about {:.4g} rev/s (98 % of revolutions {:.4g} to {:.4g})".format(*speeds)
+    return f"{pulses.size} pulses, {of}{about}"

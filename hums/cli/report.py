@@ -1,0 +1,35 @@
+"""Command `hums report`."""
+
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hums.cli.options import Out, SpeedUnits, say
+
+__all__ = ["report"]
+
+
+def report(
+    analysis: Annotated[Path, typer.Argument(help="An analysis, such as the analysis.h5 of an earlier report.")],
+    out: Out,
+    baseline: Annotated[
+        Path | None, typer.Option(help="analysis.h5 of an earlier record: what has changed since, spectra beneath.")
+    ] = None,
+    units: SpeedUnits = "rpm",
+    pdf: Annotated[bool, typer.Option("--pdf", help="Print the page to report.pdf, too, through Chromium.")] = False,
+) -> None:
+    """Make the report again from a saved analysis."""
+    from hums.analysis.result import open_analysis  # noqa: PLC0415
+    from hums.report import prepare_folder, write_report  # noqa: PLC0415
+    from hums.report.pdf import write_pdf  # noqa: PLC0415
+
+    prepare_folder(out)
+    with open_analysis(analysis) as opened, open_analysis(baseline) if baseline else nullcontext() as past:
+        say("writing the report")
+        page = write_report(opened.load(), out, baseline=past, units=units)
+    typer.echo(f"report: {page}")
+    if pdf:
+        say("printing")
+        typer.echo(f"printed: {write_pdf(page)}")

@@ -1,0 +1,49 @@
+"""Command `hums synth`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hums.cli.info import print_record
+from hums.cli.options import say
+
+__all__ = ["synth"]
+
+
+def synth(
+    scene: Annotated[str, typer.Argument(help="A scene, .toml, or a catalogue name.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The record to write, .h5.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    explain: Annotated[bool, typer.Option("--explain", help="Print what will be built, why, and its cost.")] = False,
+    by_source: Annotated[bool, typer.Option("--by-source", help="Also keep the clean signal of each source.")] = False,
+    phases: Annotated[bool, typer.Option("--phases", help="Also keep every shaft's and roller's exact angle.")] = False,
+    mechanics: Annotated[
+        bool, typer.Option("--mechanics", help="Also keep mesh deflections, forces, stiffness and all speeds.")
+    ] = False,
+    detectability: Annotated[
+        bool, typer.Option("--detectability", help="Also state how detectable each fault is, in dB.")
+    ] = False,
+) -> None:
+    """Make a synthetic record with its truth."""
+    from data_synth import explain as explained  # noqa: PLC0415
+    from data_synth import simulate  # noqa: PLC0415
+    from data_synth.cost import refuse_too_large  # noqa: PLC0415
+    from hums.records.store import save_record  # noqa: PLC0415
+
+    if explain:
+        typer.echo(str(explained(scene)))
+    if out is None:
+        if explain:
+            return
+        raise ValueError("--out is missing; name the record to write, as in -o record.h5, or ask with --explain.")
+    if out.exists() and Path(scene).exists() and out.samefile(scene):
+        raise ValueError(f"{out}: the record would overwrite its own scene; name another file, as in -o record.h5.")
+    refuse_too_large(scene, out, by_source=by_source, phases=phases, mechanics=mechanics)
+    say(f"simulating {scene}")
+    record = simulate(
+        scene, seed=seed, by_source=by_source, phases=phases, mechanics=mechanics, detectability=detectability
+    )
+    save_record(record, out)
+    typer.echo(f"wrote {out}")
+    print_record(record)

@@ -1,0 +1,515 @@
+"""Many files of other programs to records: one packed dataset, or a file each.
+
+The files are converted in pieces of a few dozen, each in a process that reads (`hums.readers.process`). A piece that
+is whole leaves a note of the names, sizes and times of its files, so that a conversion that was stopped goes on, and a
+piece whose files changed is made again. A file that cannot be read is a row of ``refused.csv``, and stops no other.
+"""
+
+import csv
+import hashlib
+import json
+import math
+import re
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+
+from hums.jobs import Job, Serial, Workers, run_jobs
+from hums.readers import SUFFIXES
+from hums.readers.process import ReaderProcess
+from hums.records.dataset_store import INDEX, SHARD, write_index
+from hums.records.fields import RecordError, plain_cell, utc_text
+from hums.records.snapshots import join_snapshots
+from hums.records.store import atomic_write, save_record, write_shard
+
+__all__ = ["Conversion", "SourceFile", "convert_files", "find_sources"]
+
+Form = Literal["packed", "files"]
+_MARKS: Mapping[Form, str] = {"packed": "conversion.json", "files": "conversion-files.json"}
+_PIECES, _REFUSED = "pieces", "refused.csv"
+_FILES = 32  # in a piece: it is lost when a run is stopped, and made again when one of its files changes
+_DTYPE = "float32"  # 24 bits, as converters of vibration have
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceFile:
+    """A file to convert, and when it was recorded by its name, ISO 8601 in UTC; empty where the name does not say."""
+
+    path: Path
+    recorded_at: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conversion:
+    """Number of files converted by this run and kept from earlier ones, of records, and the files refused.
+
+    Attributes
+    ----------
+    folder : Path
+        Where the records are.
+    records : int
+        All records in the folder.
+    done, kept : int
+        Files read now, and in earlier runs.
+    refused : mapping of str to str
+        By file, why it is no record.
+    """
+
+    folder: Path
+    records: int
+    done: int
+    kept: int
+    refused: Mapping[str, str]
+
+
+# ---- names -----------------------------------------------------------------------------------------------------------
+
+
+def find_sources(
+    given: Sequence[str | Path],
+    *,
+    time_pattern: str | None = None,
+    utc_offset: str | None = None,
+    every_s: float | None = None,
+    first_at: str | None = None,
+) -> list[SourceFile]:
+    """Return the files that names, folders and patterns stand for, in the order of their times or numbers.
+
+    Parameters
+    ----------
+    given : sequence of path
+        Files; folders, whose files with a suffix that can be read are taken; patterns with ``*`` and ``?``; and names
+        with the directives of `datetime.strptime`, as ``data-%Y%m%dT%H%M%SZ.mat``, which state the time.
+    time_pattern : str, optional
+        Such a pattern for the names of all files.
+    utc_offset : str, optional
+        Offset of those times from UTC, as "+01:00"; a pattern with ``%z``, or with ``Z`` after a directive, states it.
+    every_s : float, optional
+        Seconds from one number in the names to the next; without it numbers are an order only.
+    first_at : str, optional
+        When the file with the lowest number was recorded, ISO 8601 with its offset; needed with `every_s`.
+
+    Returns
+    -------
+    list of SourceFile
+        Each file once: by time where all names state one, else by name with its numbers as numbers.
+
+    Raises
+    ------
+    RecordError
+        If nothing is found, a name does not fit the pattern, or an offset is missing.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from hums.conversion import find_sources
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for name in ("data-20130326T014150Z.mat", "data-20130311T030024Z.mat", "data-notes.mat"):
+    ...         _ = pathlib.Path(folder, name).write_bytes(b"...")
+    ...     [file.recorded_at for file in find_sources([f"{folder}/data-%Y%m%dT%H%M%SZ.mat"])]
+    ['2013-03-11T03:00:24Z', '2013-03-26T01:41:50Z']
+    """
+    found: dict[Path, SourceFile] = {}
+    for name in map(Path, given):
+        for path, pattern in _matching(name):
+            used = pattern or time_pattern
+            when = "" if used is None else _time_of(path.name, used, utc_offset)
+            found.setdefault(path.resolve(), SourceFile(path=path, recorded_at=when))
+    if not found:
+        raise RecordError("no file was named; name files, folders or patterns.")
+    files = sorted(found.values(), key=lambda file: _natural(str(file.path)))
+    if every_s is not None:
+        return _numbered(files, every_s, first_at)
+    if all(file.recorded_at for file in files):
+        files.sort(key=lambda file: datetime.fromisoformat(file.recorded_at))
+    return files
+
+
+def _matching(given: Path) -> Iterator[tuple[Path, str | None]]:
+    """Yield the files that a name stands for, each with its pattern of time if the name is one."""
+    if given.is_file():
+        yield given, None
+        return
+    if given.is_dir():
+        there = [path for path in given.iterdir() if path.is_file() and path.suffix.lower() in SUFFIXES]
+        if not there:
+            raise RecordError(f"{given} holds no file that ends in {', '.join(SUFFIXES)}; name the files.")
+        yield from ((path, None) for path in there)
+        return
+    wild = re.sub(r"\*+", "*", _DIRECTIVE.sub("*", given.name))
+    if not re.search(r"[*?\[]", wild):
+        raise RecordError(f"{given}: there is no such file or folder; check the path.")
+    there = [path for path in given.parent.glob(wild) if path.is_file()]
+    timed = _DIRECTIVE.search(given.name) is not None
+    fitting = [path for path in there if not timed or _parsed(path.name, given.name) is not None]
+    if not fitting:
+        example = f'; "{there[0].name}" does not fit' if there else ""
+        raise RecordError(f"{given}: no file has such a name{example}. Check the pattern, and quote it in a shell.")
+    yield from ((path, given.name if timed else None) for path in fitting)
+
+
+_DIRECTIVE = re.compile(r"%[A-Za-z]")
+_STATES_UTC = re.compile(r"%[A-Za-z]Z")
+
+
+def _parsed(name: str, pattern: str) -> datetime | None:
+    try:
+        return datetime.strptime(name, pattern)  # noqa: DTZ007 - the offset follows
+    except (ValueError, re.error):
+        return None
+
+
+def _time_of(name: str, pattern: str, utc_offset: str | None) -> str:
+    """Return the time that a file's name states, ISO 8601 in UTC."""
+    moment = _parsed(name, pattern) or _parsed(Path(name).stem, pattern)
+    if moment is None:
+        raise RecordError(
+            f'{name} does not fit the pattern "{pattern}" of its time; write it as in "data-%Y%m%dT%H%M%SZ.mat", with '
+            "the directives of strptime."
+        )
+    if moment.tzinfo is None and _STATES_UTC.search(pattern):
+        moment = moment.replace(tzinfo=UTC)
+    if moment.tzinfo is None:
+        if utc_offset is None:
+            raise RecordError(
+                f'"{pattern}" does not say how far {moment.isoformat()} is from UTC: add --utc-offset, as +01:00 or '
+                "+00:00, or write %z in the pattern, or Z after the time where it is UTC."
+            )
+        return utc_text(moment.isoformat() + utc_offset)
+    return utc_text(moment)
+
+
+def _natural(text: str) -> tuple[Any, ...]:
+    """Return a key that sorts names with their numbers as numbers."""
+    return tuple((int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text))
+
+
+def _numbered(files: Sequence[SourceFile], every_s: float, first_at: str | None) -> list[SourceFile]:
+    """Return files with the times that the last numbers of their names say."""
+    if not (math.isfinite(every_s) and every_s > 0) or not first_at:
+        raise RecordError(
+            f"--every {every_s:g}: a number of seconds above zero is needed, and when the first file was recorded, "
+            "--recorded-at."
+        )
+    began = datetime.fromisoformat(utc_text(first_at))
+    numbers = [re.findall(r"\d+", file.path.stem) for file in files]
+    if bare := [file.path.name for file, number in zip(files, numbers, strict=True) if not number]:
+        raise RecordError(f"--every {every_s:g}: {bare[0]} has no number in its name; leave the file out.")
+    each = [int(number[-1]) for number in numbers]
+    moments = [began + timedelta(seconds=every_s * (number - min(each))) for number in each]
+    timed = [
+        SourceFile(path=file.path, recorded_at=utc_text(moment)) for file, moment in zip(files, moments, strict=True)
+    ]
+    return sorted(timed, key=lambda file: datetime.fromisoformat(file.recorded_at))
+
+
+# ---- the run ---------------------------------------------------------------------------------------------------------
+
+
+def convert_files(
+    sources: Sequence[SourceFile],
+    folder: str | Path,
+    *,
+    form: Form = "packed",
+    snapshots: int = 1,
+    workers: Workers | None = None,
+    progress: bool = False,
+    **declared: Any,  # noqa: ANN401 - those of `hums.convert`
+) -> Conversion:
+    """Convert many files to records in a folder, or go on with a conversion that was stopped.
+
+    Parameters
+    ----------
+    sources : sequence of SourceFile
+        From `find_sources`, in their order.
+    folder : str or Path
+        New, empty, or begun with the same declarations.
+    form : {"packed", "files"}
+        One dataset, which `hums.open_dataset` reads: records of one layout, samples of 32 bits. Or a record each, under
+        the name of its file.
+    snapshots : int
+        Number of successive files that are joined to one record of snapshots; 1: none are.
+    workers : Serial, Processes or Cluster of `hums.jobs`, optional
+        Where the files are read; one process if left out.
+    progress : bool
+        Whether to show a progress bar on standard error.
+    **declared
+        Channels, units, rates and the rest, as in `hums.convert`.
+
+    Returns
+    -------
+    Conversion
+
+    Raises
+    ------
+    RecordError
+        If the folder was begun with other declarations or holds something else, two files would have one name, or no
+        file can be read.
+    JobError
+        See `hums.jobs.run_jobs`.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> import hums
+    >>> from hums.conversion import convert_files, find_sources
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for number in (2, 10, 1):
+    ...         np.savetxt(f"{folder}/acc_{number}.csv", np.full(1000, number), header="vib", comments="")
+    ...     _ = pathlib.Path(folder, "acc_3.csv").write_text("")
+    ...     made = convert_files(find_sources([f"{folder}/acc_*.csv"]), f"{folder}/out", channels=["vib"], units="g",
+    ...                          rate_hz=1000, no_tachometer=True)
+    ...     print(made.records, made.done, len(made.refused), hums.open_dataset(made.folder).vib[:, 0].values.tolist())
+    3 4 1 [1.0, 2.0, 10.0]
+    """
+    folder = Path(folder).resolve()
+    if snapshots < 1:
+        raise RecordError(f"snapshots={snapshots}: at least one file makes a record (--snapshots).")
+    if form == "files":
+        _refuse_same_names(sources, snapshots)
+    task = json.loads(json.dumps({"snapshots": snapshots, **declared}, default=str))
+    _begin(folder, form, task)
+    layout = _first_layout(sources, declared) if form == "packed" else None
+    jobs = [_job(files, number, form, task, layout) for number, files in enumerate(_pieces(sources, snapshots))]
+    notes = folder / _PIECES
+    if _drop_stale(folder, jobs):
+        (folder / INDEX).unlink(missing_ok=True)
+    tally = run_jobs(_write_piece, jobs, folder=notes, workers=workers or Serial(), title="files" if progress else None)
+    _reader().close()
+    told = [json.loads((notes / job.name).read_text(encoding="utf-8")) for job in jobs]
+    refused = {file: reason for note in told for file, reason in note["refused"]}
+    _write_refused(folder, refused)
+    shards = [folder / SHARD.format(number) for number, note in enumerate(told) if form == "packed" and note["records"]]
+    if not any(note["records"] for note in told):
+        reason = next(iter(refused.values()))
+        raise RecordError(f"none of {len(sources)} files could be converted; the first: {reason}")
+    if form == "packed" and (tally.done or not (folder / INDEX).is_file()):
+        write_index(folder, shards, plan=json.dumps(task))
+    kept = sum(job.size for job in jobs if not job.item["new"])
+    return Conversion(
+        folder=folder,
+        records=sum(note["records"] for note in told),
+        done=len(sources) - kept,
+        kept=kept,
+        refused=refused,
+    )
+
+
+def _refuse_same_names(sources: Sequence[SourceFile], snapshots: int) -> None:
+    names = Counter(file.path.stem for file in sources[::snapshots])
+    if twice := [name for name, count in names.items() if count > 1]:
+        raise RecordError(f'two of the files are named "{twice[0]}"; convert one folder after the other, or packed.')
+
+
+def _begin(folder: Path, form: Form, task: Mapping[str, Any]) -> None:
+    """Write the declarations into a new folder; refuse one that holds other ones, or something else."""
+    mark = folder / _MARKS[form]
+    if mark.is_file():
+        there = json.loads(mark.read_text(encoding="utf-8"))
+        if different := sorted(name for name in there.keys() | task.keys() if there.get(name) != task.get(name)):
+            name = different[0]
+            raise RecordError(
+                f"{folder} was begun with {name} = {there.get(name)!r}, here it is {task.get(name)!r}; name another "
+                "folder, or go on with the same options."
+            )
+    elif folder.exists() and (not folder.is_dir() or any(path.suffix != ".part" for path in folder.iterdir())):
+        raise RecordError(f"{folder} holds files that belong to no such conversion; name a new or empty folder.")
+    for place in (folder, folder / _PIECES, folder / Path(SHARD).parent if form == "packed" else folder):
+        place.mkdir(parents=True, exist_ok=True)
+    with atomic_write(mark) as part:
+        part.write_text(json.dumps(task, indent=1), encoding="utf-8")
+
+
+def _pieces(sources: Sequence[SourceFile], snapshots: int) -> list[Sequence[SourceFile]]:
+    size = snapshots * max(1, _FILES // snapshots)
+    return [sources[first : first + size] for first in range(0, len(sources), size)]
+
+
+def _job(
+    files: Sequence[SourceFile],
+    number: int,
+    form: Form,
+    task: Mapping[str, Any],
+    layout: Any,  # noqa: ANN401
+) -> Job[dict[str, Any]]:
+    item: dict[str, Any] = {
+        "files": [[str(file.path.resolve()), file.recorded_at, *_size_and_time(file.path)] for file in files],
+        "number": number,
+        "form": form,
+        "task": dict(task),
+        "layout": layout,
+    }
+    item["key"] = hashlib.sha256(json.dumps(item).encode()).hexdigest()
+    return Job(name=f"{number:06d}.json", item=item | {"new": True}, size=len(files))
+
+
+def _size_and_time(path: Path) -> tuple[int, int]:
+    try:
+        stat = path.stat()
+    except OSError:
+        return 0, 0
+    return stat.st_size, stat.st_mtime_ns
+
+
+def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]]) -> bool:
+    """Remove the notes of pieces that changed or are none any more, and mark those that are kept; whether any went."""
+    names = {job.name: job for job in jobs}
+    given = {file[0] for job in jobs for file in job.item["files"]}
+    notes = {note: _read_note(note) for note in (folder / _PIECES).glob("*.json")}
+    others = [file for there in notes.values() for file in there.get("files", []) if file not in given]
+    if left := [file for file in others if Path(file).is_file()]:
+        raise RecordError(
+            f"{folder} holds records of {len(left)} files that are not named now, such as {left[0]}; name them, too, "
+            "or another folder."
+        )
+    gone = False
+    for note, there in notes.items():
+        job = names.get(note.name)
+        outputs = [folder / name for name in there.get("outputs", [])]
+        if job is not None and there.get("key") == job.item["key"] and all(path.is_file() for path in outputs):
+            job.item["new"] = False
+            continue
+        gone = True
+        note.unlink()
+        for path in outputs:
+            path.unlink(missing_ok=True)
+    return gone
+
+
+def _read_note(note: Path) -> dict[str, Any]:
+    try:
+        there: dict[str, Any] = json.loads(note.read_text(encoding="utf-8"))
+    except ValueError:
+        return {}
+    return there
+
+
+def _write_refused(folder: Path, refused: Mapping[str, str]) -> None:
+    with atomic_write(folder / _REFUSED) as part, part.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.writer(stream)
+        table.writerow(["file", "reason"])
+        table.writerows([plain_cell(file), plain_cell(reason)] for file, reason in refused.items())
+
+
+# ---- a piece ---------------------------------------------------------------------------------------------------------
+
+
+@cache
+def _reader() -> ReaderProcess:
+    """Return the process that reads, one for all pieces that this process converts."""
+    return ReaderProcess()
+
+
+def _write_piece(item: Mapping[str, Any], note: Path) -> None:
+    """Convert the files of a piece; write its records, then the note of what was done."""
+    folder = note.parent.parent
+    declared = {name: value for name, value in item["task"].items() if name != "snapshots"}
+    refused: list[tuple[str, str]] = []
+    made: list[tuple[list[str], xr.Dataset]] = []
+    several = item["task"]["snapshots"]
+    for first in range(0, len(item["files"]), several):
+        group = [
+            (path, record)
+            for path, record in _converted(item["files"][first : first + several], declared, refused)
+            if _fits(record, item["layout"], path, refused)
+        ]
+        if not group:
+            continue
+        paths, records = [path for path, _ in group], [record for _, record in group]
+        try:
+            made.append((paths, join_snapshots(records) if several > 1 else records[0]))
+        except RecordError as error:
+            refused += [(path, str(error)) for path in paths]
+    outputs = _write_records(folder, item, made)
+    with atomic_write(note) as part:
+        content = {
+            "key": item["key"],
+            "files": [path for path, *_ in item["files"]],
+            "records": len(made),
+            "refused": refused,
+            "outputs": outputs,
+        }
+        part.write_text(json.dumps(content), encoding="utf-8")
+
+
+def _converted(
+    files: Sequence[Sequence[Any]], declared: Mapping[str, Any], refused: list[tuple[str, str]]
+) -> Iterator[tuple[str, xr.Dataset]]:
+    """Yield each file that can be read with its record, in memory; add the others to `refused`."""
+    for path, recorded_at, *_ in files:
+        stated = {"recorded_at": recorded_at} if recorded_at else {}
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of each of many files
+                record = _reader().convert(path, **(dict(declared) | stated))
+                loaded = record.load()
+                record.close()
+        except (ValueError, OSError) as error:
+            refused.append((path, str(error)))
+        else:
+            yield path, _without_thresholds(loaded)
+
+
+def _without_thresholds(record: xr.Dataset) -> xr.Dataset:
+    """Return a record without the thresholds of its tachometers, found in each waveform: attributes have to agree."""
+    for variable in record.variables.values():
+        variable.attrs.pop("threshold", None)
+    return record
+
+
+def _first_layout(sources: Sequence[SourceFile], declared: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    """Return the layout of the first file that can be read, which those of a dataset have to share."""
+    for file in sources:
+        for _, record in _converted([[str(file.path), file.recorded_at]], declared, []):
+            return _layout(record)
+    return None
+
+
+def _layout(record: xr.Dataset) -> Any:  # noqa: ANN401
+    """Return names, lengths (not those of pulse times) and attributes of the variables of a record, as JSON types."""
+    found = {
+        str(name): [
+            [-1 if str(dim).startswith("pulse_") else size for dim, size in variable.sizes.items()],
+            dict(variable.attrs),
+        ]
+        for name, variable in record.data_vars.items()
+    }
+    return json.loads(json.dumps(found, default=lambda value: np.asarray(value).tolist()))
+
+
+def _fits(record: xr.Dataset, layout: Any, path: str, refused: list[tuple[str, str]]) -> bool:  # noqa: ANN401
+    """Return whether a record has the layout of the dataset, and else add it to `refused`."""
+    own = _layout(record)
+    if layout is None or own == layout:
+        return True
+    name = next(name for name in (*layout, *own) if own.get(name) != layout.get(name))
+    here, there = (f"{one[name][0]} {one[name][1]}" if name in one else "nothing" for one in (own, layout))
+    refused.append((path, f'"{name}" is {here} where the first file has {there}; write a file each (--files).'))
+    return False
+
+
+def _write_records(folder: Path, item: Mapping[str, Any], made: Sequence[tuple[list[str], xr.Dataset]]) -> list[str]:
+    """Write the records of a piece, and return the names of the files."""
+    if not made:
+        return []
+    if item["form"] == "packed":
+        name = SHARD.format(item["number"])
+        labels = {
+            "file": [Path(paths[0]).name for paths, _ in made],
+            "recorded_at": [record.attrs["recorded_at"] for _, record in made],
+        }
+        write_shard([record for _, record in made], folder / name, labels=labels, dtype=_DTYPE)
+        return [name]
+    names = [f"{Path(paths[0]).stem}.h5" for paths, _ in made]
+    for name, (_, record) in zip(names, made, strict=True):
+        save_record(record, folder / name)
+    return names

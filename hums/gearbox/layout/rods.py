@@ -1,0 +1,135 @@
+"""Carrier arms, webs of ring gears and shafts between placed gears."""
+
+import math
+from collections.abc import Iterator
+from statistics import median
+
+import numpy as np
+
+from hums.gearbox.layout.geometry import PARALLEL, Line, nearest_place, vector
+from hums.gearbox.layout.shapes import GearShape, Rod
+from hums.gearbox.layout.stages import Stages
+
+
+def rods_of(stages: Stages, gears: list[GearShape]) -> list[Rod]:
+    """Return carrier arms, webs of ring gears and shafts."""
+    arms = [rod for body in stages.mechanism.joints for rod in _arm(stages, body, gears)]
+    webs = [rod for gear in gears for rod in _web(stages, gear, arms)]
+    return [*arms, *webs, *_shafts(stages, gears, [*arms, *webs])]
+
+
+def _arm(stages: Stages, body: str, gears: list[GearShape]) -> Iterator[Rod]:
+    """Yield the arm that carries a planet: its pin, and the way from there to the carrier's axis."""
+    joint = stages.mechanism.joints[body]
+    if joint.carried_by == stages.mechanism.frame:
+        return
+    line, main = stages.lines[joint.axis], stages.lines[stages.mechanism.joints[joint.carried_by].axis]
+    own = [gear for gear in gears if gear.body == body and gear.turns_about(line)]
+    if not own:
+        return
+    places = [(line.along(np.array(gear.centre)), gear.face / 2) for gear in own]
+    face = min(gear.face for gear in own)
+    radius = 0.25 * min(gear.radius for gear in own)
+    side = _arm_side(stages, gears, own, line, main)
+    low, high = min(at - half for at, half in places), max(at + half for at, half in places)
+    if np.linalg.norm(np.cross(line.direction, main.direction)) > PARALLEL:
+        apex = nearest_place(line, main)  # a bevel planet is held on the side away from the apex
+        side = 1.0 if high - apex > apex - low else -1.0
+    far, near = (high, low) if side > 0 else (low, high)
+    pin = [line.at(near - side * 0.1 * face), line.at(far + side * 0.3 * face)]
+    height = main.along(pin[1])
+    foot = main.at(height)
+    rims = [
+        g for g in gears if g.body == joint.carried_by and g.turns_about(main) and g.radius > main.distance_to(pin[1])
+    ]
+    if rims:  # the carrier is a gear itself, as the cage of a differential: the pin stands on its face
+        rim = main.along(np.array(rims[0].centre))
+        foot = pin[1] + (rim + math.copysign(rims[0].face / 2, height - rim) - height) * main.direction
+    elif np.linalg.norm(np.cross(line.direction, main.direction)) > PARALLEL:
+        height = max(height, main.end + 0.15 * face)
+        foot = main.at(height)
+        pin.append(pin[1] + (height - main.along(pin[1])) * main.direction)
+    points = tuple(map(vector, [*pin, foot]))
+    yield Rod(body=joint.carried_by, kind="arm", points=points, radius=min(radius, 0.2 * face), planet=body)
+
+
+def _arm_side(stages: Stages, gears: list[GearShape], own: list[GearShape], line: Line, main: Line) -> float:
+    """Return on which side of its gears a planet is held: away from where a sun's shaft goes on to other stages."""
+    here = main.along(np.array(own[0].centre))
+    mates = {
+        stages.mechanism.bodies[link]
+        for pair in stages.pairs
+        for link, teeth in pair.contact.gears
+        if teeth > 0 and any(stages.mechanism.bodies[name] == own[0].body for name, _ in pair.contact.gears)
+    } - {own[0].body}
+    others = [
+        main.along(np.array(gear.centre)) - here for gear in gears if gear.body in mates and gear.turns_about(main)
+    ]
+    along = math.copysign(1.0, float(line.direction @ main.direction))
+    return -along if sum(others) > PARALLEL else along
+
+
+def _web(stages: Stages, gear: GearShape, arms: list[Rod]) -> Iterator[Rod]:
+    """Yield the web between the rim of a turning ring gear and its axis, on the side away from the carrier."""
+    if not gear.internal or gear.body == stages.mechanism.frame:
+        return
+    line = _line_of(stages, gear)
+    here = line.along(np.array(gear.centre))
+    near = [line.along(np.array(arm.points[-1])) - here for arm in arms]
+    side = -math.copysign(1.0, min(near, key=abs, default=1.0))
+    at = here if gear.cone_rad else here + side * 0.75 * gear.face
+    e1 = np.array(stages.transverse(line)[0])
+    rims = [line.at(at) + sign * 1.08 * gear.radius * e1 for sign in (1, -1)]
+    yield Rod(
+        body=gear.body,
+        kind="web",
+        points=tuple(map(vector, (rims[0], line.at(at), rims[1]))),
+        radius=0.1 * gear.face,
+    )
+
+
+def _shafts(stages: Stages, gears: list[GearShape], rods: list[Rod]) -> Iterator[Rod]:
+    """Yield the shaft of each body on its axis; the first and the last one on an axis reach beyond all gears."""
+    for name, line in stages.lines.items():
+        on_line = [body for body, joint in stages.mechanism.joints.items() if joint.axis == name]
+        places = {body: _places_on(line, body, gears, rods) for body in on_line}
+        on_line = [body for body in on_line if places[body]]
+        for body in on_line:
+            if stages.mechanism.joints[body].carried_by != stages.mechanism.frame:
+                continue  # a planet turns on its pin
+            own = [gear for gear in gears if gear.body == body and gear.turns_about(line)]
+            smallest = min((gear.radius for gear in own if not gear.internal), default=0.0)
+            face = min((gear.face for gear in own), default=usual_face(gears))
+            middle = sum(places[body]) / len(places[body])
+            means = {other: sum(places[other]) / len(places[other]) for other in on_line}
+            low, high = min(places[body]) - 0.5 * face, max(places[body]) + 0.5 * face
+            first = middle <= min(means.values()) and body == min(on_line, key=lambda each: means[each])
+            last = body == max(reversed(on_line), key=lambda each: means[each])
+            low = min(low, line.start - 1.5 * face) if first else low
+            high = max(high, line.end + 1.5 * face) if last else high
+            radius = min(0.3 * smallest, 0.25 * face) if smallest else 0.2 * face
+            yield Rod(body=body, kind="shaft", points=(vector(line.at(low)), vector(line.at(high))), radius=radius)
+
+
+def usual_face(gears: list[GearShape]) -> float:
+    """Return the median face width."""
+    return median([gear.face for gear in gears] or [10.0])
+
+
+def _places_on(line: Line, body: str, gears: list[GearShape], rods: list[Rod]) -> list[float]:
+    """Return where along an axis a body has gears, arms and webs."""
+    points = [
+        gear.centre for gear in gears if gear.body == body and gear.turns_about(line) and not _is_ring(gear, line)
+    ]
+    for rod in rods:
+        foot = rod.points[1] if rod.kind == "web" else rod.points[-1]
+        points += [foot] if rod.body == body and line.distance_to(np.array(foot)) < 1e-6 else []  # noqa: PLR2004
+    return [line.along(np.array(point)) for point in points]
+
+
+def _is_ring(gear: GearShape, line: Line) -> bool:
+    return gear.internal and not gear.cone_rad and gear.turns_about(line)
+
+
+def _line_of(stages: Stages, gear: GearShape) -> Line:
+    return next(line for line in stages.lines.values() if gear.turns_about(line))

@@ -1,0 +1,159 @@
+"""Quantities measured with a record, and averages in angle: their declarations, and their variables in a record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from hums.records.channels import measured_quantities
+from hums.records.fields import RATE_REMEDY, RecordError, positive_number, real_vector
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike
+
+__all__ = ["MEASURED_UNITS", "AngularAverage", "Measured", "mean_quantities", "measured_variable", "quantity_units"]
+
+MEASURED_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        "rev s-1": {"rev s-1": 1, "rev/s": 1, "Hz": 1, "rpm": 1 / 60, "rev/min": 1 / 60, "min-1": 1 / 60},
+        "N m": {"N m": 1, "Nm": 1, "N·m": 1, "kN m": 1e3, "kNm": 1e3},
+        "N": {"N": 1, "kN": 1e3},
+        "degC": {"degC": 1, "°C": 1},
+        "K": {"K": 1},
+        "Pa": {"Pa": 1, "kPa": 1e3, "bar": 1e5},
+        "W": {"W": 1, "kW": 1e3, "MW": 1e6},
+        "A": {"A": 1},
+        "V": {"V": 1},
+        "m s-1": {"m s-1": 1, "m/s": 1},
+        "1": {"1": 1, "%": 0.01},
+    }
+)
+"""Units of what is measured with a record: in a record, each with the spellings that are accepted and their factors."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """A speed, load or temperature that was measured with the record.
+
+    Attributes
+    ----------
+    values : float or (n,) array_like
+        One number for the record, or samples. NaN marks a gap.
+    units : str
+        Such as "N m", "kN", "degC" or "rpm", see `hums.records.quantities.MEASURED_UNITS`; the record holds SI units
+        (speeds in rev s-1).
+    rate_hz : float or None
+        Samples per second where they differ from the record's.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> record = hums.make_record(
+    ...     {"vib": np.zeros(1000)}, rate_hz=1000, angle=hums.UnknownAngle(), units="g",
+    ...     measured={"force": hums.Measured(values=4.2, units="kN")})
+    >>> float(record.force), record.force.units
+    (4200.0, 'N')
+    """
+
+    values: ArrayLike
+    units: str
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class AngularAverage:
+    """The record is an average in angle already: a revolution of a shaft or a planet, or several, as a hunting period.
+
+    Its samples lie over the angle of one component; no time is known.
+
+    Attributes
+    ----------
+    component : str
+        The link whose revolution is averaged, as in the gearbox file; of copies with its number, as "planet 1".
+    samples_per_rev : int
+        Samples in one revolution of it.
+    averaged_over : int or None
+        Number of revolutions (or periods) averaged; None where it is not known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> average = hums.AngularAverage(component="input", samples_per_rev=512, averaged_over=100)
+    >>> angle_rad = 2 * np.pi * np.arange(512) / 512
+    >>> record = hums.make_record({"vib": np.cos(23 * angle_rad)}, angle=average, units="g")
+    >>> float(record.angle[256]), record.attrs["average_of"]
+    (0.5, 'input')
+    """
+
+    component: str
+    samples_per_rev: int
+    averaged_over: int | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no average."""
+        if not isinstance(self.component, str) or not self.component:
+            raise RecordError(
+                f"component={self.component!r}: name the link whose revolution is averaged (--average-of)."
+            )
+        for name, least in (("samples_per_rev", _FEWEST_SAMPLES), ("averaged_over", 1)):
+            value = getattr(self, name)
+            if value is None and name == "averaged_over":
+                continue
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+                raise RecordError(
+                    f"{name}={value!r}: a whole number of at least {least} is needed (--{name.replace('_', '-')})."
+                )
+
+    @property
+    def attrs(self) -> dict[str, Any]:
+        """Attributes of the record."""
+        averaged = {} if self.averaged_over is None else {"averaged_over": int(self.averaged_over)}
+        return {"average_of": self.component, "samples_per_rev": int(self.samples_per_rev), **averaged}
+
+
+_FEWEST_SAMPLES = 8  # three orders, and the passband's margin
+
+
+def quantity_units(units: object, what: str) -> tuple[str, float]:
+    """Return the unit of a measured quantity as a record holds it, and the factor to it."""
+    for name, spellings in MEASURED_UNITS.items():
+        if isinstance(units, str) and units.strip() in spellings:
+            return name, float(spellings[units.strip()])
+    known = ", ".join(f'"{spelling}"' for spellings in MEASURED_UNITS.values() for spelling in spellings)
+    raise RecordError(f"{what}: units={units!r} are not known. Units of measured quantities are one of {known}.")
+
+
+def measured_variable(measured: Measured, *, name: str, rate_hz: float, start_s: float) -> xr.Variable:
+    """Return a measured quantity as a variable of the record, in SI units."""
+    what = f'measured "{name}"'
+    if not isinstance(measured, Measured):
+        raise RecordError(f'{what}: a {type(measured).__name__}; give Measured(values=..., units="N m").')
+    units, factor = quantity_units(measured.units, what)
+    attrs: dict[str, Any] = {"units": units, "role": "measured"}
+    if np.ndim(measured.values) == 0:
+        number = float(real_vector(np.atleast_1d(np.asarray(measured.values)), what)[0])
+        return xr.Variable((), number * factor, attrs)
+    values = real_vector(measured.values, what)
+    values = values if factor == 1 else np.multiply(values, values.dtype.type(factor))
+    rate = rate_hz if measured.rate_hz is None else positive_number(measured.rate_hz, f"{what}: rate_hz", RATE_REMEDY)
+    if rate == rate_hz:
+        return xr.Variable("time", values, attrs)
+    return xr.Variable(f"time_{name}", values, {**attrs, "rate_hz": rate, "start_s": start_s})
+
+
+def mean_quantities(record: xr.Dataset) -> dict[str, tuple[float, str]]:
+    """Return the mean without gaps, and the unit, of each quantity measured with the record; none where all is gaps."""
+    found = {}
+    for name in measured_quantities(record):
+        values = np.asarray(record[name].values, dtype=np.float64)
+        if np.isfinite(values).any():
+            found[name] = (float(np.nanmean(values)), str(record[name].attrs["units"]))
+    return found

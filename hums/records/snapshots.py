@@ -1,0 +1,175 @@
+"""Records of snapshots: many short stretches of the same channels, each with its time."""
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from hums.records.channels import SNAPSHOT, attach_time, detach_time, kind_of
+from hums.records.fields import RecordError
+from hums.records.validation import check_record
+from signals._validation import checked
+
+__all__ = ["is_snapshots", "join_snapshots", "snapshot_record", "snapshots_of"]
+
+
+def is_snapshots(record: xr.Dataset) -> bool:
+    """Return whether a record is one of snapshots."""
+    return SNAPSHOT in record.dims
+
+
+@checked
+def join_snapshots(records: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Join short records of one machine to one record of snapshots.
+
+    Parameters
+    ----------
+    records : sequence of xarray.Dataset
+        In the order in which they were recorded: of one layout, rate and length, with the same attributes. Where all of
+        them state `recorded_at`, the snapshots have times; else they have an order only.
+
+    Returns
+    -------
+    xarray.Dataset
+        Each channel (snapshot, time), where time counts from the start of each snapshot; pulse times (snapshot,
+        pulse_NAME), filled up with NaN; declared speeds and what was measured once (snapshot,). The coordinate
+        `snapshot_s` is when each begins, in s after `recorded_at`. `snapshot_record` takes one out again.
+
+    Raises
+    ------
+    RecordError
+        If there are none, or they differ in layout, or overlap in time.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> angle = hums.NominalSpeed(rpm=1800, shaft="input")
+    >>> records = [
+    ...     hums.make_record({"vib": np.zeros(2560)}, rate_hz=25600, units="g", angle=angle, recorded_at=when)
+    ...     for when in ("2010-12-01T09:39:39Z", "2010-12-01T09:39:49Z")
+    ... ]
+    >>> record = hums.join_snapshots(records)
+    >>> dict(record.vib.sizes), record.snapshot_s.values.tolist()
+    ({'snapshot': 2, 'time': 2560}, [0.0, 10.0])
+    """
+    if not records:
+        raise RecordError("no record to join: give the snapshots in the order in which they were recorded.")
+    for record in records:
+        check_record(record)
+        if is_snapshots(record) or "samples_per_rev" in record.attrs:
+            raise RecordError("a snapshot is a record of one stretch of time, neither of snapshots nor an average.")
+    plain = [detach_time(record) for record in records]
+    first = plain[0]
+    for number, record in enumerate(plain[1:], start=1):
+        _refuse_other_layout(first, record, number)
+    variables = {
+        str(name): _joined([record.variables[name] for record in plain], str(name)) for name in first.data_vars
+    }
+    joined = attach_time(xr.Dataset(variables, attrs=first.attrs))
+    when = [record.attrs["recorded_at"] for record in plain]
+    if all(when):
+        moments = [datetime.fromisoformat(text).timestamp() for text in when]
+        starts_s = np.array([moment - moments[0] for moment in moments])
+        joined = joined.assign_coords(snapshot_s=(SNAPSHOT, starts_s, {"units": "s", "long_name": "after recorded_at"}))
+    check_record(joined)
+    return joined
+
+
+@checked
+def snapshot_record(record: xr.Dataset, number: int) -> xr.Dataset:
+    """Return one snapshot of a record of snapshots as a record of its own.
+
+    Parameters
+    ----------
+    record : xarray.Dataset
+        Of snapshots.
+    number : int
+        Number of the snapshot, from 0.
+
+    Returns
+    -------
+    xarray.Dataset
+        A record; `recorded_at` is that of the snapshot where its time is known.
+
+    Raises
+    ------
+    RecordError
+        If the record has no such snapshot.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> angle = hums.NominalSpeed(rpm=1800, shaft="input")
+    >>> short = hums.make_record({"vib": np.arange(2560.0)}, rate_hz=25600, units="g", angle=angle)
+    >>> record = hums.join_snapshots([short, short])
+    >>> hums.snapshot_record(record, 1).identical(short)
+    True
+    """
+    count = record.sizes.get(SNAPSHOT, 0)
+    if not 0 <= number < count:
+        raise RecordError(f"the record has no snapshot {number}; its {count} snapshots count from 0.")
+    one = record.isel({SNAPSHOT: number})
+    if "snapshot_s" in one.coords:
+        began = datetime.fromisoformat(record.attrs["recorded_at"])
+        after = float(one["snapshot_s"])
+        moment = datetime.fromtimestamp(began.timestamp() + after, tz=began.tzinfo).isoformat().replace("+00:00", "Z")
+        one = one.drop_vars("snapshot_s").assign_attrs(recorded_at=moment)
+    for name, variable in one.data_vars.items():
+        if kind_of(str(name), variable) == "tachometer":
+            times_s = variable.values
+            own = xr.Variable(variable.dims, times_s[~np.isnan(times_s)], variable.attrs)
+            one = one.drop_vars(str(name)).assign({name: own})
+    check_record(one)
+    return one
+
+
+def snapshots_of(record: xr.Dataset) -> Iterator[xr.Dataset]:
+    """Yield the snapshots of a record one after another."""
+    for number in range(record.sizes[SNAPSHOT]):
+        yield snapshot_record(record, number)
+
+
+_OWN = ("recorded_at", "source")  # attributes in which snapshots differ
+
+
+def _refuse_other_layout(first: xr.Dataset, record: xr.Dataset, number: int) -> None:
+    """Refuse a record with other channels, lengths or attributes than the first."""
+    if list(record.data_vars) != list(first.data_vars):
+        raise RecordError(
+            f"snapshot {number} has {', '.join(map(str, record.data_vars))} where the first has "
+            f"{', '.join(map(str, first.data_vars))}; join those with the same channels."
+        )
+    for name, variable in first.variables.items():
+        here, pulses = record.variables[name], kind_of(str(name), variable) == "tachometer"
+        if here.dims != variable.dims or (not pulses and here.shape != variable.shape):
+            raise RecordError(
+                f'snapshot {number}: "{name}" has shape {here.shape} where the first has {variable.shape}; snapshots '
+                "are equally long."
+            )
+        if not _alike(here.attrs, variable.attrs):
+            raise RecordError(
+                f'snapshot {number}: "{name}" differs from the first in {here.attrs} and {variable.attrs}.'
+            )
+    here_attrs, there = ({k: v for k, v in one.attrs.items() if k not in _OWN} for one in (record, first))
+    if not _alike(here_attrs, there):
+        different = sorted(str(k) for k in here_attrs.keys() | there.keys() if here_attrs.get(k) != there.get(k))
+        raise RecordError(f'snapshot {number} has another "{different[0]}" than the first; join those of one machine.')
+
+
+def _alike(one: Any, other: Any) -> bool:  # noqa: ANN401
+    keys = (one.keys() | other.keys()) - {"threshold"}  # of a tachometer's waveform, found in each
+    return all(np.array_equal(one.get(key), other.get(key)) for key in keys)
+
+
+def _joined(parts: Sequence[xr.Variable], name: str) -> xr.Variable:
+    first = parts[0]
+    if kind_of(name, first) != "tachometer":
+        return xr.Variable((SNAPSHOT, *first.dims), np.stack([part.to_numpy() for part in parts]), first.attrs)
+    rows = np.full((len(parts), max(part.size for part in parts)), np.nan)
+    for row, part in zip(rows, parts, strict=True):
+        row[: part.size] = part.to_numpy()
+    return xr.Variable((SNAPSHOT, *first.dims), rows, first.attrs)

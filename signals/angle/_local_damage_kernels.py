@@ -1,0 +1,49 @@
+"""Compiled loop of the permutation test of local damage."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from signals._compile import compiled_sums
+
+Array = NDArray[np.float64]
+
+
+@compiled_sums
+def rotated_maxima(rows: Array, shifts: NDArray[np.int64], maxima: Array) -> None:
+    """Raise each of `maxima` to the largest statistic of one band whose blocks are rotated.
+
+    The statistic of a cell is the mean over blocks over its standard error, which is at least the median one of all
+    cells. The median is looked for only where the largest mean over its own error, a bound of the statistic, exceeds
+    the maximum so far.
+
+    Parameters
+    ----------
+    rows : (block, 2 cell) array, each block twice in a row, so that every rotation of it is one slice.
+    shifts : (rotation, block) array, first cell of each block.
+    maxima : (rotation,) array, raised in place.
+    """
+    blocks, cells = rows.shape[0], rows.shape[1] // 2
+    sums, squares = np.empty(cells), np.empty(cells)
+    for rotation in range(maxima.size):
+        sums[:] = 0.0
+        squares[:] = 0.0
+        for block in range(blocks):
+            row = rows[block, shifts[rotation, block] : shifts[rotation, block] + cells]
+            for cell in range(cells):
+                sums[cell] += row[cell]
+                squares[cell] += row[cell] * row[cell]
+        # mean > maximum * error, squared and without divisions
+        scale = maxima[rotation] ** 2 / (blocks - 1.0)
+        excess = -np.inf
+        for cell in range(cells):
+            square = sums[cell] * sums[cell]
+            above = square - scale * (blocks * squares[cell] - square)
+            excess = max(excess, above if sums[cell] > 0 else -1.0)
+        if excess <= 0:
+            continue
+        for cell in range(cells):
+            sums[cell] /= blocks
+            squares[cell] = np.sqrt(max(squares[cell] / blocks - sums[cell] * sums[cell], 0.0) / (blocks - 1.0))
+        least = np.median(squares) + 1e-300
+        for cell in range(cells):
+            maxima[rotation] = max(maxima[rotation], sums[cell] / max(squares[cell], least))

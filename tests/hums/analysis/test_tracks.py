@@ -1,0 +1,124 @@
+"""Lines of named parts in an envelope: amplitude, its standard deviation and slip against what was put in."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hums.analysis.analyze import analyze
+from hums.analysis.result import findings_table, group, open_analysis, save_analysis
+from hums.analysis.settings import AnalysisSettings
+from hums.analysis.tracks import EnvelopeLine, track_envelope_lines
+from hums.gearbox.kinematics import solve_kinematics
+from hums.gearbox.model import load_gearbox
+from hums.gearbox.orders import defects
+from hums.records.record import PulseTimes, make_record
+from signals.shaft.phase import constant_speed
+
+TURNS, PER_REV, ORDER = 320, 16, 5.4
+MACHINE = SimpleNamespace(phase=constant_speed(25.0, start_s=0.0, stop_s=TURNS / 25))
+
+
+def envelope(seed, *, slips, noise):
+    """A line whose amplitude swings by 60 % in 200 turns; its slip, where it has one, by 0.3 % in 300."""
+    rng = np.random.default_rng(seed)
+    turn = np.arange(TURNS * PER_REV) / PER_REV
+    amplitude = 0.2 * (1 + 0.6 * np.sin(2 * np.pi * turn / 200 + rng.uniform(0, 6.3)))
+    slip = slips * (0.008 + 0.003 * np.sin(2 * np.pi * turn / 300 + rng.uniform(0, 6.3)))
+    angle = 2 * np.pi * ORDER * np.cumsum(1 + slip) / PER_REV + rng.uniform(0, 6.3)
+    line = EnvelopeLine(
+        component="b",
+        kind="outer_race" if slips else "tooth",
+        channel="a",
+        units="g",
+        order=ORDER,
+        harmonic=1,
+        band_hz=(1e3, 2e3),
+        largest_slip=0.02 if slips else 0.0,
+        values=1 + amplitude * np.cos(angle) + rng.normal(0, noise, turn.size),
+        samples_per_rev=float(PER_REV),
+        start_rev=0.0,
+    )
+    return line, turn, amplitude, slip
+
+
+@pytest.mark.parametrize(("slips", "noise"), [(True, 0.15), (True, 0.5), (False, 0.15), (False, 0.5)])
+def test_amplitude_and_slip_are_within_their_std_of_the_truth(slips, noise):
+    errors, off = [], []
+    for seed in range(2):
+        line, turn, amplitude, slip = envelope(seed, slips=slips, noise=noise)
+        tracks = track_envelope_lines([line], MACHINE)
+        at = tracks["revolution"].to_numpy()
+        found = np.abs(tracks["complex_amplitude"].to_numpy()[0])
+        errors.append((found - np.interp(at, turn, amplitude)) / tracks["std"].to_numpy()[0])
+        if slips:
+            off.append((tracks["slip"].to_numpy()[0] - np.interp(at, turn, slip)) / tracks["slip_std"].to_numpy()[0])
+    # 95.4 % of independent Gaussian errors; those of a record are some ten swings of the smoother's bandwidth each
+    assert np.mean(np.abs(np.array(errors)) < 2) > 0.85
+    assert 0.4 < np.sqrt(np.mean(np.square(errors))) < 1.4
+    # and the swing itself is far larger than its std
+    assert tracks["std"].to_numpy().mean() < 0.25 * np.ptp(amplitude)
+    if slips:
+        assert np.mean(np.abs(np.array(off)) < 2) > 0.85
+
+
+def test_the_noise_alone_is_no_amplitude():
+    line, *_ = envelope(4, slips=True, noise=0.3)
+    rng = np.random.default_rng(5)
+    tracks = track_envelope_lines(
+        [EnvelopeLine(**vars(line) | {"values": 1 + rng.normal(0, 0.3, line.values.size)})], MACHINE
+    )
+    assert tracks["method"].item() == "slipping order, no line"
+    assert np.all(np.abs(tracks["complex_amplitude"]) < 4 * tracks["std"])
+
+
+@pytest.fixture(scope="module")
+def modulated():
+    """A tone of 3 kHz that the outer race of the input bearing modulates by 40 %, with 1 % of slip."""
+    rate_hz, seconds, speed_hz = 10_000, 10.0, 20.0
+    gearbox = load_gearbox("two-stage")
+    race = next(
+        row
+        for row in defects(solve_kinematics(gearbox))
+        if row.kind == "outer_race" and row.component == "input bearing"
+    )
+    time = np.arange(int(rate_hz * seconds)) / rate_hz
+    depth = 0.4 * np.cos(2 * np.pi * 1.01 * race.order * speed_hz * time)
+    x = (1 + depth) * np.cos(2 * np.pi * 3000 * time) + np.random.default_rng(1).normal(0, 0.2, time.size)
+    pulses = PulseTimes(times_s=np.arange(0.0, seconds, 1 / speed_hz), shaft="input", pulses_per_rev=1)
+    record = make_record({"housing": x}, rate_hz=rate_hz, units="g", angle=pulses)
+    settings = AnalysisSettings(envelope_band_hz=(2500.0, 3500.0), pictures=False)
+    return analyze(record, gearbox, settings=settings)
+
+
+def test_a_named_race_is_tracked_in_its_envelope(modulated, tmp_path):
+    assert findings_table(modulated)[["component", "kind"]].iloc[0].tolist() == ["input bearing", "outer_race"]
+    save_analysis(modulated, tmp_path / "a.h5")
+    with open_analysis(tmp_path / "a.h5") as opened:
+        tracks = group(opened, "envelope_tracks").load()
+    one = tracks.isel(track=0)
+    assert (one["component"].item(), one["kind"].item(), one["track_units"].item()) == (
+        "input bearing",
+        "outer_race",
+        "g",
+    )
+    inner = slice(10, -10)
+    amplitude = np.abs(one["complex_amplitude"].to_numpy())[inner]
+    # the noise in the band, 0.09 g, lifts the mean of the envelope by half a per cent, and its swing by as little
+    np.testing.assert_allclose(amplitude, 0.4, atol=0.01)
+    off = one["slip"].to_numpy()[inner] - 0.01
+    assert np.all(np.abs(off) < 4 * one["slip_std"].to_numpy()[inner])
+    assert abs(off.mean()) < 1e-4  # a tenth of a bin of the whole record
+    assert float(one["level"]) == pytest.approx(1.0, abs=0.01)
+
+
+def test_nothing_is_tracked_where_nothing_is_named():
+    settings = AnalysisSettings(most_tracks=0, pictures=False)
+    noise = make_record(
+        {"a": np.random.default_rng(2).normal(size=8000)},
+        rate_hz=4000,
+        units="g",
+        angle=PulseTimes(times_s=np.arange(41) / 20, shaft="input", pulses_per_rev=1),
+    )
+    analysis = analyze(noise, load_gearbox("two-stage"), settings=settings)
+    assert "track" not in group(analysis, "envelope_tracks").sizes
