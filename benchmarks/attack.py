@@ -39,23 +39,25 @@ FILES_NOTE = """\
 A small valid file of each reader is cut off, or has bits flipped, bytes replaced, or sizes written over it (seed 20),
 and is read by `ReaderProcess`. `crash contained` and `stopped`: the process ended, in a sentence that names the file;
 `wrong`: another exception, a message without the name of the file, or, of a record, other values without a warning."""
-KILLS = (100, 5)  # of saves, and of runs of jobs
-FILES = 500  # of each reader
+FILES, SAVES, RUNS = 1000, 500, 10  # files of each reader, saves, runs of jobs
 
 
-def damage(scratch: Path, *, files: int = FILES, kills: tuple[int, int] = KILLS) -> tuple[str, bool]:
+def damage(
+    scratch: Path, *, files: int = FILES, saves_killed: int = SAVES, runs_killed: int = RUNS
+) -> tuple[str, bool]:
     """Return the part of the page on damaged files and on kills, and whether anything was wrong."""
     rows, wrong = attack_files(scratch, count=files)
-    saves = kill_saves(scratch, count=kills[0])
-    dead, runs = kill_workers(scratch / "runs", count=kills[1])
+    saves = kill_saves(scratch, count=saves_killed)
+    dead, runs = kill_workers(scratch / "runs", count=runs_killed)
     header = f"| reader | files | {' | '.join(COLUMNS)} | s |\n|{'---|' * (len(COLUMNS) + 3)}"
     kills_text = (
-        f"{kills[0]} saves of a record over another were killed (-9): {len(saves)} times something was lost or left "
-        f"behind. {dead} workers of {kills[1]} runs of jobs were killed: {len(runs)} runs were not whole."
+        f"{saves_killed} saves of a record over another were killed (-9): {len(saves)} times something was lost or "
+        f"left behind. {dead} workers of {runs_killed} runs of jobs were killed: {len(runs)} runs were not whole."
     )
-    shown = [f"- `{line[:200].replace('`', '')}`".replace("\n", " ") for line in [*wrong, *saves, *runs][:MOST_SHOWN]]
+    every = [*wrong, *saves, *runs]
+    shown = [f"- `{line[:200].replace('`', '')}`".replace("\n", " ") for line in every[:MOST_SHOWN]]
     page = "\n".join([FILES_NOTE, "", header, *rows, "", "## Kills", "", kills_text, "", *shown])
-    return page.rstrip() + "\n", bool(wrong or saves or runs)
+    return page.rstrip() + "\n", bool(every)
 
 
 def main(folder: Path, *, cases: list[Case] | None = None) -> int:

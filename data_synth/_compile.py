@@ -29,9 +29,11 @@ def compiled_inside(kernel: Callable[P, R]) -> Callable[P, R]:
 
 
 def _compile(kernel: Callable[P, R], *, inside: bool) -> Callable[P, R]:
-    fastmath = {"contract", "reassoc"}
-    build = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=fastmath, forceinline=inside)
-    return cast("Callable[P, R]", build(kernel))
+    settings: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc"}}
+    try:
+        return cast("Callable[P, R]", numba.njit(cache=True, forceinline=inside, **settings)(kernel))
+    except RuntimeError:  # neither the package's folder nor the user's cache can be written: compiled in each process
+        return cast("Callable[P, R]", numba.njit(forceinline=inside, **settings)(kernel))
 
 
 class _Announcer(event.Listener):

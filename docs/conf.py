@@ -35,7 +35,7 @@ html_theme_options = {
     "show_toc_level": 2,
     "secondary_sidebar_items": ["page-toc", "sg_download_links", "sg_launcher_links"],
 }
-html_sidebars = {"glossary": [], "validation": []}
+html_sidebars = {"glossary": [], "validation": [], "mechanisms/index": []}
 
 myst_enable_extensions = ["deflist", "dollarmath", "colon_fence"]
 myst_heading_anchors = 4

@@ -26,8 +26,11 @@ def compiled_sums(kernel: Callable[P, R]) -> Callable[P, R]:
 
 
 def _compile(kernel: Callable[P, R], freedoms: set[str]) -> Callable[P, R]:
-    build = cast("Any", numba.njit)(cache=True, nogil=True, error_model="numpy", fastmath=freedoms)
-    return cast("Callable[P, R]", build(kernel))
+    settings = {"nogil": True, "error_model": "numpy", "fastmath": freedoms}
+    try:
+        return cast("Callable[P, R]", cast("Any", numba.njit)(cache=True, **settings)(kernel))
+    except RuntimeError:  # neither the package's folder nor the user's cache can be written: compiled in each process
+        return cast("Callable[P, R]", cast("Any", numba.njit)(**settings)(kernel))
 
 
 class _Announcer(event.Listener):

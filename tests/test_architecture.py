@@ -69,6 +69,7 @@ NO_MIRROR = {
     "test_architecture.py": "of all modules",
     "test_examples.py": "of all public names",
     "test_numbers.py": "of all public functions",
+    "test_reach.py": "of analysis and report together",
     "test_readme.py": "of the README",
     "data_synth/test_fault_effects.py": "of every fault in every fidelity",
 }

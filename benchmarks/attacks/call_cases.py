@@ -397,6 +397,9 @@ def labelled_cases(folder: Path) -> Iterator[Case]:  # noqa: PLR0915 - a list of
         also={"names": ["a", "b", "c"], "reference": 1, "name": "pair"},
     )
     yield Case(function=hums.load_gearbox, arguments={"name_or_path": "two-stage"})
+    short = record.isel(time=slice(400))
+    yield Case(function=hums.join_snapshots, arguments={"records": [short, short]})
+    yield Case(function=hums.snapshot_record, arguments={"record": hums.join_snapshots([short, short]), "number": 1})
     yield Case(
         function=hums.make_record,
         arguments={

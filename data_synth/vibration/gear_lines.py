@@ -6,10 +6,11 @@ other. Those that are loud are kept.
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import partial
+from functools import cached_property
 from itertools import permutations
 
 import numpy as np
@@ -21,7 +22,7 @@ from data_synth.kinematic.planet_pass import pass_orders
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Scene
 from data_synth.sources.prepared import PreparedScene, mesh_name
-from data_synth.vibration.order_projection import AngleSamples, Projection, Window
+from data_synth.vibration.order_projection import AngleSamples, Moments, Projection, Window, amplitudes_of
 
 FLOOR = 1e-3  # of the loudest line, over time and channels: lines of meshes and of gears with each other
 FAULT_FLOOR = 1e-2  # of the loudest line of the same damaged gear
@@ -31,11 +32,14 @@ _STEADY = 1e-12  # of the speed: what rounding may change
 _BELOW_NYQUIST = 0.98
 _MIXED = 4  # multiples of one order beside those of another
 _LONGEST_CELLS = 1 << 20  # of a window in steady motion
-_SEARCHED = 16  # windows in which lines are looked for
-_APART, _APART_STEADY = 2.0, 1.5  # periods of the window that two lines have to be apart to be fitted together
+_SEARCHED = 9  # windows in which lines are looked for
+_APART, _APART_STEADY = 3.0, 1.5
+"""Periods of the window that two lines have to be apart to be fitted together. With amplitudes of second degree the
+condition number of least squares is 8 for lines 3 periods apart, 900 for 2.5 and 600,000 for 2."""
+_DEGREES = (1, 2)
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
-_LONGER = 4.0  # times the power of the least change: twice in amplitude, of windows that need not be longer still
-_PERIODS = 6.0  # of the smallest base order: the shortest window tried
+_LONGER = 2.0  # times the least change, of windows that need not be longer still
+_PERIODS = 1.5  # of the smallest base order: the shortest window tried, where speed changes within a turn or two
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +80,7 @@ class Candidates:
     ranks: NDArray[np.int_]
     spacing: float
 
-    @property
+    @cached_property
     def values(self) -> Array:
         """The orders as numbers, (k,)."""
         return np.array([float(order) for order in self.orders])
@@ -148,20 +152,22 @@ def gear_lines(prepared: PreparedScene, signal: Array) -> GearLines:
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
     At constant speed, torque and damage the window is the whole record, and Z is constant. Else Z is a polynomial of
-    second degree in angle within windows whose length is the one, of several, at which halving changes the lines least.
+    first or second degree in angle within windows, whose degree and length are those, of several, at which halving the
+    window changes the lines least.
     """
     scene, angle = prepared.scene, prepared.drive.angle
     turning = np.sign(prepared.speed_hz[prepared.speed_hz != 0])
     if not turning.size or np.ptp(turning) or not signal.any():
         return GearLines(lines=(), about="left out: the shaft turns back, or nothing moves")
     sign = float(turning[0])
+    top = _BELOW_NYQUIST * scene.rate_hz / 2 / angle.top_speed_hz(0.0, scene.duration_s)
     samples = AngleSamples(
         signal=signal,
         rate_hz=scene.rate_hz,
         revolutions=lambda times_s: sign * angle.revolutions(times_s),
         speed_hz=lambda times_s: np.maximum(sign * angle.speed_hz(times_s), 0.0),
+        top_order=top,
     )
-    top = _BELOW_NYQUIST * scene.rate_hz / 2 / angle.top_speed_hz(0.0, scene.duration_s)
     steady = _is_steady(prepared)
     candidates = candidates_of(scene, top=top, mixed=steady)
     instants_rev = samples.revolutions(prepared.instants_s)
@@ -206,7 +212,7 @@ def _steady_fit(
     def fitted(chosen: NDArray[np.int_]) -> ComplexArray:
         return Projection(samples=samples, orders=candidates.values[chosen], window=window).mean(centres_rev)[..., None]
 
-    chosen, lines = _kept(samples, candidates, window, _APART_STEADY, fitted)
+    chosen, lines = _above_floor(_loud_alone(samples, candidates, window, _APART_STEADY), candidates.ranks, fitted)
     about = (
         f"{chosen.size} lines of the steady motion, in a window of {length_rev:.4g} rev: other lines add less than "
         f"2e-5; {_floors()}; lines nearer than {_APART_STEADY / length_rev:.2g} orders count as one"
@@ -225,24 +231,23 @@ def _floors() -> str:
     return f"down to {FLOOR:g} of the loudest line, and for a damaged gear to {FAULT_FLOOR:g} of the loudest of its own"
 
 
-def _kept(
-    samples: AngleSamples,
-    candidates: Candidates,
-    window: Window,
-    apart: float,
-    fitted: Callable[[NDArray[np.int_]], ComplexArray],
+def _loud_alone(samples: AngleSamples, candidates: Candidates, window: Window, apart: float) -> NDArray[np.int_]:
+    """Return the numbers of candidates that are loud where each stands alone, and `apart` periods from each other."""
+    everywhere = Projection(samples=samples, orders=candidates.values, window=window)
+    sizes = np.max(np.sqrt(everywhere.power(_tiles(samples, window.length_rev, _SEARCHED))), axis=0)
+    loud = _loud(sizes, candidates.ranks, 0.3)
+    return np.sort(_separate(candidates.values, sizes, candidates.ranks, loud, apart / window.length_rev))
+
+
+def _above_floor(
+    chosen: NDArray[np.int_], ranks: NDArray[np.int_], lines_of: Callable[[NDArray[np.int_]], ComplexArray]
 ) -> tuple[NDArray[np.int_], ComplexArray]:
-    """Return the numbers of loud candidates, and their lines as `fitted` (channel, line, instant) gives them.
+    """Return those of chosen lines that are loud, and their Z (channel, line, instant) as `lines_of` gives them.
 
     Twice: once more without those that were only the leakage of their neighbours.
     """
-    orders, ranks = candidates.values, candidates.ranks
-    everywhere = Projection(samples=samples, orders=orders, window=window)
-    centres_rev = _tiles(samples, window.length_rev, _SEARCHED)
-    sizes = np.max(np.sqrt(everywhere.power(centres_rev)), axis=0)
-    chosen = np.sort(_separate(orders, sizes, ranks, _loud(sizes, ranks, 0.3), apart / window.length_rev))
     for _ in range(2):
-        lines = fitted(chosen)
+        lines = lines_of(chosen)
         sizes = np.max(np.abs(lines), axis=(0, 2))
         loud = _loud(sizes, ranks[chosen], 1.0)
         loud = np.sort(loud[np.argsort(-sizes[loud], kind="stable")[:_MOST]])
@@ -266,19 +271,30 @@ def _loud(sizes: Array, ranks: NDArray[np.int_], share: float) -> NDArray[np.int
 def _separate(
     orders: Array, sizes: Array, ranks: NDArray[np.int_], numbers: NDArray[np.int_], apart: float
 ) -> NDArray[np.int_]:
-    """Return the numbers of lines that are at least `apart`: of lower ranks first, then of larger sizes."""
-    kept = np.empty(0)
-    taken = []
+    """Return the numbers of lines that are at least `apart`, zero included: lower ranks first, then larger sizes."""
+    kept, taken = [0.0], list[int]()  # the mean is fitted with them
     for number in numbers[np.lexsort((-sizes[numbers], ranks[numbers]))].tolist():
-        place = int(np.searchsorted(kept, orders[number]))
-        around = kept[max(place - 1, 0) : place + 1]
-        if np.all(np.abs(around - orders[number]) >= apart):
-            kept = np.insert(kept, place, orders[number])
+        order = float(orders[number])
+        place = bisect_left(kept, order)
+        if all(abs(near - order) >= apart for near in kept[max(place - 1, 0) : place + 1]):
+            kept.insert(place, order)
             taken.append(number)
     return np.array(taken, dtype=np.int64)
 
 
 # ---- varying speed, torque or damage ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """A window, the numbers of the candidates that it keeps, and by how much halving it changes their lines.
+
+    `changes` (trial,) are RMS over RMS at the trial instants.
+    """
+
+    window: Window
+    chosen: NDArray[np.int_]
+    changes: Array
 
 
 def _varying_fit(
@@ -287,47 +303,67 @@ def _varying_fit(
     """Return the numbers of the kept candidates, Z (channel, line, instant), and a sentence."""
     first, last = samples.span_rev
     longest = min((last - first) / _LONGEST_SHARE, _LONGEST_CELLS / 4 / float(candidates.orders[-1]))
-    lengths = [min(_PERIODS / candidates.spacing, longest)]
-    while 2 * lengths[-1] <= longest:
-        lengths.append(2 * lengths[-1])
     trials = np.unique(np.linspace(0, instants_rev.size - 1, _SEARCHED).round().astype(int))
-    changes, kept = np.full((len(lengths), trials.size), np.inf), []
-    for row, length_rev in enumerate(lengths):
-        if row > 1 and np.all(changes[row - 1] > _LONGER * np.min(changes[: row - 1], axis=0)):
-            break  # these already blur every line
-        window = Window(length_rev=length_rev, degree=2)
-        chosen, fitted = _kept(
-            samples,
-            candidates,
-            window,
-            _APART,
-            partial(_projected, samples, candidates, length_rev, instants_rev[trials]),
-        )
-        halved = _projected(samples, candidates, length_rev / 2, instants_rev[trials], chosen)
-        difference, size = (np.sum(np.abs(part) ** 2, axis=(0, 1)) for part in (fitted - halved, fitted))
-        changes[row] = difference / np.maximum(size, np.finfo(float).tiny)
-        kept.append(chosen)
-    best = np.argmin(changes, axis=0)
+    length_rev, fits = min(_PERIODS / candidates.spacing, longest), list[_Fit]()
+    least, blurred = np.full(trials.size, np.inf), False
+    while length_rev <= longest and not blurred:
+        new = _trial_fits(samples, candidates, length_rev, instants_rev[trials])
+        now = np.min([fit.changes for fit in new], axis=0)
+        blurred = bool(np.all(now > _LONGER * least))
+        least = np.minimum(least, now)
+        fits += new
+        length_rev *= 2
+    best = np.argmin([fit.changes for fit in fits], axis=0)
     nearest = best[np.argmin(np.abs(np.arange(instants_rev.size)[:, None] - trials), axis=1)]
-    union = np.unique(np.concatenate([kept[row] for row in np.unique(best)]))
+    used = np.unique(best).tolist()
+    union = np.unique(np.concatenate([fits[number].chosen for number in used]))
     amplitudes = np.zeros((samples.signal.shape[0], union.size, instants_rev.size), dtype=np.complex128)
-    for row in np.unique(best).tolist():
-        here = np.flatnonzero(nearest == row)
-        lines = _projected(samples, candidates, lengths[row], instants_rev[here], kept[row])
-        amplitudes[:, np.searchsorted(union, kept[row])[:, None], here] = lines
-    used = [lengths[row] for row in np.unique(best)]
-    change = np.sqrt(np.min(changes, axis=0))
+    for number in used:
+        here, fit = np.flatnonzero(nearest == number), fits[number]
+        # with the lines that are loud at other times, as far as this window separates them from its own
+        own = np.isin(union, fit.chosen).astype(np.float64)
+        orders, apart = candidates.values[union], _APART / fit.window.length_rev
+        rows = np.sort(_separate(orders, own, np.zeros(union.size, dtype=np.int64), np.arange(union.size), apart))
+        projection = Projection(samples=samples, orders=orders[rows], window=fit.window)
+        amplitudes[:, rows[:, None], here] = projection.amplitudes(instants_rev[here])
+    lengths = [fits[number].window.length_rev for number in used]
     about = (
-        f"{union.size} lines against time, of second degree in windows of {min(used):.3g} to {max(used):.3g} rev: "
-        f"halving the windows changes them by {np.median(change):.1e}, at most by {np.max(change):.1e} of their RMS; "
-        f"{_floors()}; lines nearer than {_APART:g} periods of the window count as one"
+        f"{union.size} lines against time, of first or second degree in windows of {min(lengths):.3g} to "
+        f"{max(lengths):.3g} rev: halving the windows changes them by {np.median(least):.1e}, at most by "
+        f"{np.max(least):.1e} of their RMS; {_floors()}; lines nearer than {_APART:g} periods of the window count as "
+        "one"
     )
     return union, amplitudes, about
 
 
-def _projected(
-    samples: AngleSamples, candidates: Candidates, length_rev: float, instants_rev: Array, chosen: NDArray[np.int_]
-) -> ComplexArray:
-    """Return Z (channel, line, instant) of chosen candidates."""
-    window = Window(length_rev=length_rev, degree=2)
-    return Projection(samples=samples, orders=candidates.values[chosen], window=window).amplitudes(instants_rev)
+def _trial_fits(
+    samples: AngleSamples, candidates: Candidates, length_rev: float, instants_rev: Array
+) -> tuple[_Fit, ...]:
+    """Return the fits of windows of one length, for each degree, and their changes at instants (i,)."""
+    orders, ranks = candidates.values, candidates.ranks
+    window = Window(length_rev=length_rev, degree=_DEGREES[-1])
+    chosen = _loud_alone(samples, candidates, window, _APART)
+    projection = Projection(samples=samples, orders=orders[chosen], window=window)
+    centres_rev, which = projection.windows_about(instants_rev)
+    moments = Moments.joined(projection.moments(centres_rev))
+    half = Projection(
+        samples=samples, orders=orders[chosen], window=Window(length_rev=length_rev / 2, degree=_DEGREES[-1])
+    )
+    half_centres_rev, half_which = half.windows_about(instants_rev)
+    half_moments = Moments.joined(half.moments(half_centres_rev))
+
+    def fit_of(degree: int) -> _Fit:
+        def lines_of(kept: NDArray[np.int_]) -> ComplexArray:
+            return amplitudes_of([moments.of(kept, degree=degree)], instants_rev, which)
+
+        kept, lines = _above_floor(np.arange(chosen.size), ranks[chosen], lines_of)
+        sizes = np.max(np.abs(lines), axis=(0, 2))
+        # the halved window separates fewer lines: those nearer than it can tell apart would be no least squares
+        own = np.sort(_separate(orders[chosen[kept]], sizes, ranks[chosen[kept]], np.arange(kept.size), 2 * apart))
+        halved = amplitudes_of([half_moments.of(kept[own], degree=degree)], instants_rev, half_which)
+        difference, size = (np.sum(np.abs(part) ** 2, axis=(0, 1)) for part in (lines[:, own] - halved, lines[:, own]))
+        changes = np.sqrt(difference / np.maximum(size, np.finfo(float).tiny))
+        return _Fit(window=replace(window, degree=degree), chosen=chosen[kept], changes=changes)
+
+    apart = _APART / length_rev
+    return tuple(fit_of(degree) for degree in _DEGREES)

@@ -90,7 +90,7 @@ def make_sources(app: Sphinx) -> None:
     for name in sorted(catalogue()):
         gearbox = load_gearbox(name)
         save_figure(
-            lambda ax, gearbox=gearbox: draw_mechanism(gearbox, ax=ax), folder / f"{name}.svg", width=4, height=3
+            lambda ax, gearbox=gearbox: draw_mechanism(gearbox, ax=ax), folder / f"{name}.svg", width=6, height=4
         )
         free = solve_kinematics(gearbox).dof
         freedom = f"{free} degree{'s' if free > 1 else ''} of freedom"

@@ -21,6 +21,7 @@ from hums.analysis.averages import analyse_average
 from hums.analysis.caveats import notes
 from hums.analysis.channel import (
     AnalysedChannel,
+    Stretch,
     analyse_channel,
     drawn_by,
     excluded_channels,
@@ -31,11 +32,10 @@ from hums.analysis.channel import (
 from hums.analysis.detection import AssessedLine, LineAssessor
 from hums.analysis.findings import Finding, findings
 from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_indicators
-from hums.analysis.indicators import HISTORIES, channel_indicators, read_baseline
+from hums.analysis.indicators import HISTORIES, channel_indicators, read_baseline, snapshot_indicators
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.pictures import ChannelPictures, channel_pictures, picture_groups
-from hums.analysis.reference_angle import Machine, prepare_machine
-from hums.analysis.resemblance import unlike_drawing
+from hums.analysis.reference_angle import Machine, prepare_machine, prepare_snapshots
 from hums.analysis.result import (
     SCHEMA,
     Analysis,
@@ -45,16 +45,17 @@ from hums.analysis.result import (
     rows_dataset,
     spectrum_dataset,
 )
-from hums.analysis.settings import AnalysisSettings
+from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.stretches import analyse_stretches, is_long
 from hums.analysis.tracks import bearing_line, lines_to_track, tooth_line, track_envelope_lines, track_lines
-from hums.analysis.unexplained import UnexplainedLine
+from hums.analysis.unexplained import UnexplainedLine, unlike_drawing
 from hums.analysis.verdicts import UNLIKE, derive_verdicts, evidence_groups
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
 from hums.records.channels import is_average
 from hums.records.quantities import mean_quantities
 from hums.records.record import channel_values, check_record, sampling
+from hums.records.snapshots import is_snapshots, snapshots_of
 from hums.records.store import open_record
 from signals._validation import checked
 from signals.health import SensorHealth
@@ -77,8 +78,10 @@ def analyze(
     Parameters
     ----------
     record : xarray.Dataset, str or Path
-        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`; or the path of a record. Of an
-        average in angle (`hums.AngularAverage`) the indicators are made that it allows, and nothing is judged.
+        Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`; or the path of a record. Of
+        an average in angle (`hums.AngularAverage`) the indicators are made that it allows, and nothing is judged.
+        Snapshots (`hums.join_snapshots`) are pooled: their spectra are averaged in power, and the whole stretch is
+        judged.
     gearbox : Gearbox
         The gearbox, with one degree of freedom; the record's tachometer or declared speed is that of one of its links.
     settings : AnalysisSettings, optional
@@ -93,6 +96,12 @@ def analyze(
         Groups ``/speed``, ``/health``, ``/order_spectrum``, ``/envelope``, ``/tracks``, ``/envelope_tracks`` (lines of
         named parts in the envelopes that show them), ``/indicators`` and ``/findings``; `line_table`, `findings_table`,
         `verdict_table`, `indicator_table`, `health_table` and `summary` read them.
+
+    Notes
+    -----
+    A record of more than 4,000,000 samples a channel is analysed in stretches of equal length, which are joined:
+    spectra are averaged by power, each row of a table is that of the stretch with its median, and a part is named by
+    what at least half of the stretches show (`hums.analysis.stretches`). A gap costs its stretch alone.
 
     Raises
     ------
@@ -122,6 +131,8 @@ def analyze(
     check_record(record)
     if is_average(record):
         return analyse_average(record, gearbox, settings, baseline)
+    if is_snapshots(record):
+        return _analyse_snapshots(record.compute(), gearbox, settings, baseline)
     chosen = selected_channels(record, settings)
     if is_long(record, chosen):
 
@@ -143,7 +154,8 @@ def analyze(
     for number, name in enumerate(names, start=1):
         _log.info("channel %s, %d of %d", name, number, len(names))
         values = varying_values(record, name)
-        channel = analyse_channel(record, name, values, machine, expected, settings)
+        stretch = Stretch(values=values, phase=machine.phase)
+        channel = analyse_channel(record, name, [stretch], machine, expected, settings)
         channels.append(channel)
         indicators += channel_indicators(record, channel, values, machine, settings, histories)
         of_gears = gear_damage(
@@ -160,50 +172,160 @@ def analyze(
         gears += of_gears
         if settings.pictures:
             pictures.append(channel_pictures(channel, values, sampling(record, name), machine, settings))
+    excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
+    excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
+    conditions = _sensor_conditions(record, channels, gapped, constant, machine)
+    assessed = _assessed(channels, machine, settings)
+    tree = _without_verdicts(
+        record, gearbox, machine, settings, channels, assessed, gears, baseline, notes=excluded, conditions=conditions
+    )
+    tree["speed"] = xr.DataTree(_speed_dataset(machine))
+    _log.info("amplitude tracks")
+    tree["tracks"] = xr.DataTree(_tracks_dataset(record, channels, machine, assessed, settings))
+    rows = rows_dataset(indicators, IndicatorValue, dim="row")
+    tree["indicators"] = xr.DataTree(rows.assign_attrs({HISTORIES: histories.to_json()}))
+    found = _judge(tree)
+    tree["envelope_tracks"] = xr.DataTree(_envelope_tracks(record, channels, gears, machine, found, settings))
+    tree = tree.assign(picture_groups(pictures)) if pictures else tree
+    check_analysis(tree)
+    return tree
+
+
+def _analyse_snapshots(
+    record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings, baseline: Analysis | None
+) -> Analysis:
+    """Return the analysis of a record of snapshots, whose spectra are pooled by power.
+
+    Tracks, averages over turns and what one tooth shows need the angle from snapshot to snapshot, and are left out.
+    """
+    parts = list(snapshots_of(record))
+    chosen = selected_channels(record, settings)
+    usable = {name: [n for n, part in enumerate(parts) if _is_usable(part, name)] for name in chosen}
+    names = [name for name in chosen if usable[name]]
+    if not names:
+        raise AnalysisError(
+            f'channel "{chosen[0]}" has samples that are not finite, or the same value throughout, in every snapshot; '
+            "check the sensor, or choose other channels."
+        )
+    histories = read_baseline(baseline, settings, units={name: record[name].attrs["units"] for name in names})
+    _log.info("angle of the reference shaft")
+    machines = prepare_snapshots(parts, gearbox, settings.model_copy(update={"channels": tuple(names)}))
+    machine = max(machines, key=lambda one: one.top_speed_hz)
+    expected = expected_lines(machine.kinematics, _plan(machine, settings))
+    channels, indicators = [], []
+    for number, name in enumerate(names, start=1):
+        _log.info("channel %s, %d of %d", name, number, len(names))
+        rows = {n: channel_values(parts[n], name) for n in usable[name]}
+        stretches = [
+            Stretch(values=values, phase=machines[n].phase.scaled(_PARTS), parts=_PARTS) for n, values in rows.items()
+        ]
+        channel = analyse_channel(parts[usable[name][0]], name, stretches, machine, expected, settings)
+        channels.append(channel)
+        indicators += snapshot_indicators(channel, list(rows.values()), machine, settings)
+    left = [
+        f'Channel "{name}": {len(parts) - len(some)} of {len(parts)} snapshots are left out, which have gaps or the '
+        "same value throughout."
+        for name, some in usable.items()
+        if len(some) < len(parts)
+    ]
+    conditions = [
+        SensorCondition(name=name, sensor="vibration", status="sick", reasons="No snapshot of it can be used.")
+        for name in chosen
+        if not usable[name]
+    ]
+    conditions += _sensor_conditions(record, channels, {}, {}, machine)
+    assessed = _assessed(channels, machine, settings)
+    notes = [_pooled_note(channels, len(parts)), *left]
+    tree = _without_verdicts(
+        record, gearbox, machine, settings, channels, assessed, [], baseline, notes=notes, conditions=conditions
+    )
+    tree["speed"] = xr.DataTree(_speeds_of_snapshots(record, machines))
+    tree["tracks"] = xr.DataTree(xr.Dataset())
+    rows_of_all = rows_dataset(indicators, IndicatorValue, dim="row")
+    tree["indicators"] = xr.DataTree(rows_of_all.assign_attrs({HISTORIES: histories.to_json()}))
+    _judge(tree)
+    tree["envelope_tracks"] = xr.DataTree(xr.Dataset())
+    check_analysis(tree)
+    return tree
+
+
+_PARTS = 8  # of a turn, to whole ones of which a snapshot is cut: of three turns an eighth is lost, not one
+
+
+def _is_usable(part: xr.Dataset, name: str) -> bool:
+    values = channel_values(part, name)
+    return bool(np.isfinite(values).all() and values.min() != values.max())
+
+
+def _pooled_note(channels: Sequence[AnalysedChannel], count: int) -> str:
+    spectrum = channels[0].spectra.get(ENVELOPE, channels[0].spectra[ORDER_SPECTRUM])
+    return (
+        f"{count} snapshots of {1 / spectrum.bin_width:.3g} turns were pooled by power. Lines nearer to each other "
+        f"than {spectrum.resolution:.2g} orders are one, whatever the number of snapshots; probabilities are those of "
+        "records in one piece, which pooled noise does not exceed."
+    )
+
+
+def _speeds_of_snapshots(record: xr.Dataset, machines: Sequence[Machine]) -> xr.Dataset:
+    """Return the mean speed over each revolution of all snapshots, against time from the first."""
+    starts_s = record["snapshot_s"].values if "snapshot_s" in record.coords else np.zeros(len(machines))
+    each = [_speed_dataset(machine) for machine in machines]
+    shifted = [one.assign_coords(time_s=one["time_s"] + start) for one, start in zip(each, starts_s, strict=True)]
+    return xr.concat(shifted, dim="revolution", combine_attrs="override")
+
+
+def _assessed(channels: Sequence[AnalysedChannel], machine: Machine, settings: AnalysisSettings) -> list[AssessedLine]:
     assessor = LineAssessor(
         {bearing.name: bearing for bearing in machine.bearings},
         settings.false_alarm_probability,
         _healthy_spacings(machine),
     )
-    assessed = assessor.assess([line for channel in channels for line in channel.lines])
+    return assessor.assess([line for channel in channels for line in channel.lines])
+
+
+def _judge(tree: Analysis) -> list[Finding]:
+    """Add the verdicts that the groups of an analysis allow, and return the findings among them."""
+    judged = derive_verdicts(tree)
+    found = findings(judged)
+    tree["findings"] = xr.DataTree(rows_dataset(found, Finding, dim="finding"))
+    tree["verdicts"] = xr.DataTree(rows_dataset([one for one in judged if one not in found], Finding, dim="part"))
+    return found
+
+
+def _without_verdicts(
+    record: xr.Dataset,
+    gearbox: Gearbox,
+    machine: Machine,
+    settings: AnalysisSettings,
+    channels: Sequence[AnalysedChannel],
+    assessed: Sequence[AssessedLine],
+    gears: Sequence[GearJudgement],
+    baseline: Analysis | None,
+    *,
+    notes: Sequence[str],
+    conditions: Sequence[SensorCondition],
+) -> Analysis:
+    """Return the groups of an analysis that records in one piece and snapshots have alike."""
     unlike = unlike_drawing(
         [channel.spectra[ORDER_SPECTRUM] for channel in channels if not channel.faulty],
         drawn_by(machine, settings),
         setting_of(machine),
     )
     doubts = [unlike[0].upper() + unlike[1:] + "."] if unlike else []
-    _log.info("amplitude tracks")
-    excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
-    excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
-    tree = xr.DataTree.from_dict(
+    return xr.DataTree.from_dict(
         {
             "/": xr.Dataset(
-                attrs=_root_attrs(record, gearbox, machine, settings, channels, [*doubts, *excluded]) | {UNLIKE: unlike}
+                attrs=_root_attrs(record, gearbox, machine, settings, channels, [*doubts, *notes]) | {UNLIKE: unlike}
             ),
-            "/speed": _speed_dataset(machine),
-            "/health": rows_dataset(
-                _sensor_conditions(record, channels, gapped, constant, machine), SensorCondition, dim="item"
-            ),
+            "/health": rows_dataset(conditions, SensorCondition, dim="item"),
             f"/{ORDER_SPECTRUM}": _spectra(channels, ORDER_SPECTRUM, assessed),
             f"/{ENVELOPE}": _spectra(channels, ENVELOPE, assessed),
-            "/tracks": _tracks_dataset(record, channels, machine, assessed, settings),
-            "/indicators": rows_dataset(indicators, IndicatorValue, dim="row").assign_attrs(
-                {HISTORIES: histories.to_json()}
-            ),
             "/unexplained": rows_dataset(
                 [line for channel in channels for line in channel.unexplained], UnexplainedLine, dim="line"
             ),
         }
         | evidence_groups(channels, gears, machine, settings, baseline)
     )
-    judged = derive_verdicts(tree)
-    found = findings(judged)
-    tree["envelope_tracks"] = xr.DataTree(_envelope_tracks(record, channels, gears, machine, found, settings))
-    tree["findings"] = xr.DataTree(rows_dataset(found, Finding, dim="finding"))
-    tree["verdicts"] = xr.DataTree(rows_dataset([one for one in judged if one not in found], Finding, dim="part"))
-    tree = tree.assign(picture_groups(pictures)) if pictures else tree
-    check_analysis(tree)
-    return tree
 
 
 def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:

@@ -124,5 +124,6 @@ def _out_of_range_notes(channel: AnalysedChannel) -> Iterator[str]:
 def _analysed_s(channel: AnalysedChannel, machine: Machine) -> float:
     """Return the duration in s of the whole revolutions of a channel."""
     signal = channel.signal
-    ends = machine.phase.times_at(np.array([signal.start_rev, signal.start_rev + signal.revolutions]))
+    turns = signal.values.size / signal.samples_per_rev
+    ends = machine.phase.times_at(np.array([signal.start_rev, signal.start_rev + turns]))
     return float(ends[1] - ends[0])

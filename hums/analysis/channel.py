@@ -32,7 +32,9 @@ from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level
 from signals.health import SensorHealth, sensor_health
 from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all
 from signals.shaft.phase import ShaftPhase
+from signals.spectra.lines import SURROUNDINGS
 from signals.spectra.peaks import spectral_peaks
+from signals.spectra.pooling import pooled_spectrum
 from signals.spectra.spectra import AmplitudeSpectrum, order_spectrum
 
 _ENVELOPE_SHARE = 0.5
@@ -43,6 +45,7 @@ _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
 _TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
 _SHORTEST = 64  # samples that a check of the sensor needs
+_POOLED_BINS = 12.0  # beside a line of a pooled spectrum: nine without its main lobe, of a record of three turns
 
 Values = NDArray[np.floating]  # samples, in the precision of their source
 
@@ -138,28 +141,64 @@ def varying_values(record: xr.Dataset, name: str) -> Values:
     return values
 
 
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """Samples of a channel in one stretch of time, and the reference's angle in it: of a record, or of a snapshot.
+
+    A snapshot of few turns is cut to whole parts of one, `parts` of which are a turn: `phase` counts these.
+    """
+
+    values: Values
+    phase: ShaftPhase
+    parts: int = 1
+
+    def over_angle(self, rows: Sequence[Values], when: Sampling, name: str, last_order: float) -> list[AngularSignal]:
+        """Return signals of this stretch at equal increments of the reference's angle."""
+        if self.parts == 1:
+            return resample_all_in_angle(rows, when, name, self.phase, last_order)
+        signals = resample_all_in_angle(rows, when, name, self.phase, last_order / self.parts, multiple_of=1)
+        return [
+            replace(
+                signal,
+                samples_per_rev=self.parts * signal.samples_per_rev,
+                start_rev=signal.start_rev / self.parts,
+                passband_orders=self.parts * signal.passband_orders,
+            )
+            for signal in signals
+        ]
+
+
 def analyse_channel(
     record: xr.Dataset,
     name: str,
-    values: Values,
+    stretches: Sequence[Stretch],
     machine: Machine,
     expected: Sequence[ExpectedLine],
     settings: AnalysisSettings,
 ) -> AnalysedChannel:
-    """Return the sensor health, spectra and measured lines of a channel with samples `values`."""
+    """Return the sensor health, spectra and measured lines of a channel, those of snapshots pooled.
+
+    `record` is that of one stretch; `machine` is that of the fastest.
+    """
     when, units = sampling(record, name), record[name].attrs["units"]
-    health = sensor_health(values, rate_hz=when.rate_hz, units=units) if values.size >= _SHORTEST else None
+    conditions = [_health(one.values, when, units) for one in stretches]
+    health = _usual_health(conditions)
     searched = [line for line in expected if line.spectrum == ORDER_SPECTRUM]
     last = _spectrum_end(searched, settings.max_order, PASSBAND / 2 * when.rate_hz / machine.top_speed_hz)
-    signal = resample_in_angle(values, when, name, machine.phase, last)
-    spectra = {ORDER_SPECTRUM: order_spectrum(signal, max_order=last)}
-    lines, out_of_range = search(spectra[ORDER_SPECTRUM], searched, channel=name, units=units)
+    signals = _equally_long([one.over_angle([one.values], when, name, last)[0] for one in stretches])
+    spectrum = pooled_spectrum([order_spectrum(one, max_order=last) for one in signals])
+    signal, values = signals[0], np.concatenate([one.values for one in stretches])
+    spectra = {ORDER_SPECTRUM: spectrum}
+    beside = surroundings_of(spectrum, len(stretches))
+    lines, out_of_range = search(spectrum, searched, channel=name, units=units, surroundings=beside)
     unexplained = unexplained_lines(
         spectra[ORDER_SPECTRUM], drawn_by(machine, settings), setting_of(machine), channel=name, units=units
     )
-    samples = whole_values(values, health)
+    filled = [
+        replace(one, values=whole_values(one.values, own)) for one, own in zip(stretches, conditions, strict=True)
+    ]
     searched = [line for line in expected if line.spectrum == ENVELOPE]
-    best, evidence, no_band = _envelopes(samples, record, name, machine, searched, lines, settings)
+    best, evidence, no_band = _envelopes(filled, record, name, machine, searched, lines, settings)
     if best is not None:
         spectra[ENVELOPE] = best.spectrum
         lines = [*lines, *best.lines, *_with_sidebands(best, machine.bearings)]
@@ -237,8 +276,71 @@ class _Envelope:
     reach: float = 0.0  # of all bands
 
 
+def _health(values: Values, when: Sampling, units: str) -> SensorHealth | None:
+    return sensor_health(values, rate_hz=when.rate_hz, units=units) if values.size >= _SHORTEST else None
+
+
+def _usual_health(each: Sequence[SensorHealth | None]) -> SensorHealth | None:
+    """Return the health that half of the stretches have at least, of their statuses from ok to sick."""
+    known = sorted(
+        (one for one in each if one is not None), key=lambda one: ("ok", "suspect", "sick").index(one.status)
+    )
+    return known[(len(known) - 1) // 2] if known else None
+
+
+def _equally_long(signals: Sequence[AngularSignal]) -> list[AngularSignal]:
+    """Return signals cut to the length of the shortest, so that their spectra have one axis."""
+    size = min(one.values.size for one in signals)
+    return [one if one.values.size == size else replace(one, values=one.values[:size]) for one in signals]
+
+
+def surroundings_of(spectrum: AmplitudeSpectrum, stretches: int) -> float:
+    """Return the orders on either side of a line within which its background is measured: more in pooled spectra."""
+    return SURROUNDINGS if stretches == 1 else max(SURROUNDINGS, _POOLED_BINS * spectrum.bin_width)
+
+
+def _pooled_envelope(signals: Sequence[AngularSignal], last: float, slowest: float) -> tuple[float, AmplitudeSpectrum]:
+    """Return the mean level of the envelopes of some stretches, and the spectrum of all, each over its own level."""
+    levels = [float(one.values.mean()) for one in signals]
+    level = float(np.mean(levels))
+    flat = [level_normalised(one, revolutions=_LEVEL_PERIODS / slowest) for one in signals]
+    if len(flat) > 1:
+        flat = [
+            replace(one, values=one.values * (level / own if own > 0 else 0.0))
+            for one, own in zip(flat, levels, strict=True)
+        ]
+    return level, pooled_spectrum([order_spectrum(one, max_order=last) for one in _equally_long(flat)])
+
+
+def _unresolved(
+    evidence: Iterable[PartEvidence], expected: Sequence[ExpectedLine], resolution: float
+) -> list[PartEvidence]:
+    """Return the evidence of pooled snapshots: of parts whose lines are not resolved each may have made that of all."""
+    orders = {(line.component, line.kind): line.order for line in expected if line.fundamental}
+    parts, found = list(evidence), []
+    for part in parts:
+        own = (part.component, part.kind)
+        near = [
+            other
+            for other in parts
+            if (other.component, other.kind) != own
+            and abs(orders[other.component, other.kind] - orders[own]) < resolution
+        ]
+        strength = max([part.strength, *(other.strength for other in near)])
+        if near and strength > 0 and not part.hidden_by:
+            other, order = near[0], orders[near[0].component, near[0].kind]
+            why = (
+                f"snapshots this short resolve {resolution:.2g} orders, and {other.kind.replace('_', ' ')} of "
+                f"{other.component}, at {order:.3f}, is nearer than that to {orders[own]:.3f}"
+            )
+            found.append(replace(part, hidden_by=why, strength=strength))
+        else:
+            found.append(part)
+    return found
+
+
 def _envelopes(
-    values: Values,
+    stretches: Sequence[Stretch],
     record: xr.Dataset,
     name: str,
     machine: Machine,
@@ -259,12 +361,18 @@ def _envelopes(
     found: list[_Envelope] = []
     seen: list[BandEvidence] = []
     try:
-        for band, last, over_angle in _over_angle(values, when, name, machine, expected, bands):
-            level = float(over_angle.values.mean())
-            signal = level_normalised(over_angle, revolutions=_LEVEL_PERIODS / slowest)
-            spectrum = order_spectrum(signal, max_order=last)
+        each = (_over_angle(one, when, name, machine.top_speed_hz, expected, bands) for one in stretches)
+        for rows in zip(*each, strict=True):
+            band, last, _ = rows[0]
+            level, spectrum = _pooled_envelope([signal for *_, signal in rows], last, slowest)
             lines, out_of_range = search(
-                spectrum, expected, channel=name, units=record[name].attrs["units"], level=level, searches=len(bands)
+                spectrum,
+                expected,
+                channel=name,
+                units=record[name].attrs["units"],
+                level=level,
+                searches=len(bands),
+                surroundings=surroundings_of(spectrum, len(stretches)),
             )
             chosen = EnvelopeBand(
                 low_hz=band[0], high_hz=band[1], chosen=not isinstance(settings.envelope_band_hz, tuple)
@@ -288,6 +396,8 @@ def _envelopes(
             "--channel NAME."
         ) from None
     evidence = bearing_evidence(seen, assessor.bearings, setting_of(machine))
+    if len(stretches) > 1:
+        evidence = _unresolved(evidence, expected, found[0].spectrum.resolution)
     strongest = max(evidence, key=lambda part: (not part.hidden_by, part.strength), default=None)
     shown = [place for place, band in enumerate(seen) if band.clear] or [0]
     place = shown[0]
@@ -303,22 +413,22 @@ def _envelopes(
 
 
 def _over_angle(
-    values: Values,
+    stretch: Stretch,
     when: Sampling,
     name: str,
-    machine: Machine,
+    top_speed_hz: float,
     expected: Sequence[ExpectedLine],
     bands: Sequence[tuple[float, float]],
 ) -> Iterator[tuple[tuple[float, float], float, AngularSignal]]:
     """Yield each band, its highest order, and its envelope over angle; those of one rate are resampled together."""
-    envelopes = zip(bands, bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=bands), strict=True)
+    envelopes = zip(bands, bank_envelopes(stretch.values, rate_hz=when.rate_hz, bands_hz=bands), strict=True)
     for (rate_hz, size), alike in groupby(envelopes, key=lambda item: (item[1][0], item[1][1].size)):
         at = replace(when, rate_hz=rate_hz, count=size)
         while some := list(islice(alike, max(1, _TOGETHER // size))):
             low, high = some[0][0]
             # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
-            last = _spectrum_end(expected, None, _ENVELOPE_SHARE * (high - low) / machine.top_speed_hz)
-            signals = resample_all_in_angle([envelope for _, (_, envelope) in some], at, name, machine.phase, last)
+            last = _spectrum_end(expected, None, _ENVELOPE_SHARE * (high - low) / top_speed_hz)
+            signals = stretch.over_angle([envelope for _, (_, envelope) in some], at, name, last)
             yield from ((band, last, signal) for (band, _), signal in zip(some, signals, strict=True))
 
 

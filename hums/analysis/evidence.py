@@ -42,6 +42,7 @@ from hums.gearbox.bearing_orders import BearingOrders
 
 __all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "mains_multiples", "strength"]
 
+_CHANCE_WIDTHS = 4.0  # widths of a line: where multiples of the mains are nearer, a quarter of all lines is on one
 _ALIKE = 0.99  # of the widest band's width, to rounding
 _SEEN = 0.01  # probability that noise alone makes a harmonic, below which it counts
 _SIDEBANDS = 3  # on either side that support a fundamental
@@ -429,7 +430,7 @@ def _mains(order: float, others: _Others) -> str:
     """Return of which mains a line is a harmonic, or an empty string."""
     setting = others.setting
     for mains, (multiple,) in mains_multiples(np.array([order]), setting, 0.5 * others.width * setting.speed_hz):
-        if multiple:
+        if multiple and mains > _CHANCE_WIDTHS * others.width * setting.speed_hz:
             return f"{order * setting.speed_hz:.2f} Hz is {multiple:.0f} times mains of {mains:g} Hz"
     return ""
 

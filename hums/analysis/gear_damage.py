@@ -33,7 +33,7 @@ from signals.angle.local_damage import (
 )
 from signals.resampling.resampling import PASSBAND
 
-__all__ = ["GearJudgement", "gear_damage", "gear_indicators", "gear_verdicts", "tooth_envelope"]
+__all__ = ["GearJudgement", "gear_damage", "gear_indicators", "gear_verdicts", "healthy_probability", "tooth_envelope"]
 
 # Sidebands of run-out and planet passes removed on either side of a mesh harmonic, in rotations of the fastest of its
 # gears. Halved, a run-out of several per cent leaves its second sideband; doubled, a quarter of the orders is lost.
@@ -207,6 +207,11 @@ def _energies(values: Values, when: Sampling, machine: Machine, channel: str) ->
     return residual_energies(signal, meshes=meshes, lowest_order=_SHAFT_ORDERS * fastest)
 
 
+def healthy_probability(strength: float, repeats: float, library: HealthyMachines, *, tests: int) -> float:
+    """Return the probability that a healthy machine gives this at any of `tests` gears: see `GearJudgement`."""
+    return max(min(1.0, tests * repeats), library.probability(strength, parts=tests))
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Judge:
     """Judges the gears of one channel, `tests` of them in the record."""
@@ -235,7 +240,7 @@ class _Judge:
         strength = -math.log10(max(found.local, _LEAST_LOCAL)) if by_chance <= self.threshold else 0.0
         return {
             "turns": found.turns,
-            "probability": max(by_chance, self.library.probability(strength, parts=self.tests)),
+            "probability": healthy_probability(strength, found.repeats, self.library, tests=self.tests),
             "strength": strength,
             "local": found.local,
             "repeats": found.repeats,
@@ -316,12 +321,12 @@ def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: f
             best[row.component] = row
     others = [row for name, row in best.items() if name not in {row.component for row in named.values()}]
     return [
-        *(_indicated(row) for row in sorted(named.values(), key=_evidence)),
+        *(_indicated(row, false_alarm_probability) for row in sorted(named.values(), key=_evidence)),
         *(_unnamed(row, false_alarm_probability) for row in others),
     ]
 
 
-def _indicated(row: GearJudgement) -> Finding:
+def _indicated(row: GearJudgement, stated: float) -> Finding:
     low, high = row.band_orders
     alike = f", or of {' or '.join(row.also)}, which this record cannot tell from it," if row.also else ""
     doubt = "a single pitch deviation of a sound gear does the same"
@@ -337,7 +342,7 @@ def _indicated(row: GearJudgement) -> Finding:
         evidence=evidence,
         doubts=doubt,
         next_step="Compare with an earlier record at the same speed and load, or inspect the tooth.",
-        least_change="diagnosed, if an earlier record of this machine did not show it",
+        least_change=f"nothing found above a probability of {stated:.3g} (now {row.probability:.3g})",
     )
 
 

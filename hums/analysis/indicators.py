@@ -8,7 +8,7 @@ only.
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import partial
@@ -513,6 +513,31 @@ def channel_indicators(
     rows += _fixed_axis_indicators(channel, machine, settings, baseline)
     rows += planetary_indicators(record, channel, values, machine, settings, baseline)
     rows += _bearing_indicators(channel, machine, settings)
+    return rows
+
+
+def snapshot_indicators(
+    channel: AnalysedChannel, stretches: Sequence[Values], machine: Machine, settings: AnalysisSettings
+) -> list[IndicatorValue]:
+    """Return the indicators of a channel of pooled snapshots: of all samples, and of bearings; of the others why not.
+
+    Averages over turns need the angle from snapshot to snapshot, which is not known.
+    """
+    whole = MonitoredComponent(channel=channel.name, units=channel.units, component="record", kind="channel")
+    values = np.concatenate(stretches)
+    takes = f"all samples of {len(stretches)} snapshots"
+    names = ("rms",) if channel.faulty else ("rms", "peak", "crest_factor", "kurtosis")
+    rows = [whole.evaluate(name, takes, partial(INDICATORS[name], values)) for name in names]
+    if channel.faulty:
+        return rows
+    rows += _bearing_indicators(channel, machine, settings)
+    made = {row.indicator for row in rows}
+    why = "the angle from one snapshot to the next is not known, so that turns of several cannot be averaged."
+    rows += [
+        whole.evaluate(name, "pooled snapshots", unavailable(why))
+        for name, indicator in INDICATORS.items()
+        if name not in made and indicator.part != "bearing"
+    ]
     return rows
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hums.gearbox.kinematics import Kinematics
 from hums.gearbox.orders import BEARING_KINDS, DefectOrder, defects
-from signals.spectra.lines import Line, find_line
+from signals.spectra.lines import SURROUNDINGS, Line, find_line
 from signals.spectra.spectra import AmplitudeSpectrum
 
 ORDER_SPECTRUM, ENVELOPE = "order_spectrum", "envelope"
@@ -203,8 +203,11 @@ def search(
     units: str,
     level: float = 0.0,
     searches: int = 1,
+    surroundings: float = SURROUNDINGS,
 ) -> tuple[list[MeasuredLine], list[ExpectedLine]]:
     """Return the lines measured in one spectrum, and the expected ones out of its range.
+
+    The background of a line is measured within `surroundings` orders on either side of it.
 
     Out of range are lines above the end of the spectrum, and those with too few bins for a background.
     """
@@ -212,7 +215,9 @@ def search(
     for line in expected:
         try:
             closer = line.order / 2 if line.spectrum == ENVELOPE else _CLOSE_ORDERS if line.kind == "tooth" else None
-            result = find_line(spectrum, expected=line.order, tolerance=line.tolerance, closer=closer)
+            result = find_line(
+                spectrum, expected=line.order, tolerance=line.tolerance, surroundings=surroundings, closer=closer
+            )
         except ValueError:
             out_of_range.append(line)
             continue

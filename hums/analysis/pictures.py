@@ -101,35 +101,25 @@ def _order_map(channel: AnalysedChannel, machine: Machine) -> xr.Dataset:
     signal = channel.signal
     turns = min(_TURNS, signal.revolutions)
     starts = np.unique(np.linspace(0, signal.revolutions - turns, _ROWS).astype(int))
-    rows = [
-        map_orders(
-            replace(
-                signal,
-                values=signal.values[start * signal.samples_per_rev : (start + turns) * signal.samples_per_rev],
-                start_rev=signal.start_rev + start,
-                unsettled=(0, 0),
-            ),
-            revolutions=turns,
-            phase=machine.phase,
-        )
-        for start in starts.tolist()
-    ]
-    times = np.array([row.time_s[0] for row in rows if row.time_s is not None])
-    speeds = np.array([row.speed_hz[0] for row in rows if row.speed_hz is not None])
-    amplitude = np.stack([row.value[0] for row in rows])
+    length = turns * signal.samples_per_rev
+    stretches = np.lib.stride_tricks.sliding_window_view(signal.values, length)[starts * signal.samples_per_rev]
+    one_by_one = (stretches - stretches.mean(axis=1, keepdims=True)).ravel()
+    rows = map_orders(replace(signal, values=one_by_one, unsettled=(0, 0)), revolutions=turns, overlap=0.0)
+    times = machine.phase.times_at(signal.start_rev + starts + turns / 2)
+    amplitude = rows.value
     every = -(-amplitude.shape[1] // _CELLS)  # of neighbouring orders the largest, so that no line is lost
     cells = amplitude.shape[1] // every
-    amplitude = amplitude[:, : cells * every].reshape(len(rows), cells, every).max(axis=2)
+    amplitude = amplitude[:, : cells * every].reshape(len(amplitude), cells, every).max(axis=2)
     return xr.Dataset(
         {
             "amplitude": (("row", "order"), amplitude),
-            "speed_hz": ("row", speeds, {"units": "rev s-1"}),
+            "speed_hz": ("row", machine.phase.speed_hz(times), {"units": "rev s-1"}),
         },
         coords={
             "order": (np.arange(cells) * every + (every - 1) / 2) / turns,
             "time_s": ("row", times, {"units": "s"}),
         },
-        attrs={"turns": turns, "resolution_orders": rows[0].resolution},
+        attrs={"turns": turns, "resolution_orders": rows.resolution},
     )
 
 

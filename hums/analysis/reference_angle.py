@@ -160,7 +160,33 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
         cannot be repaired, the speed cannot be estimated, or the record holds less than one revolution.
     """
     kinematics, reference = solved(gearbox)
-    defect_orders = defects(kinematics)
+    return _machine(record, kinematics, reference, defects(kinematics), settings)
+
+
+def prepare_snapshots(parts: Sequence[xr.Dataset], gearbox: Gearbox, settings: AnalysisSettings) -> list[Machine]:
+    """Return the machine with the angle of its reference in each of several short records; see `prepare_machine`.
+
+    A declared speed is taken as it is: a few turns do not refine it.
+    """
+    kinematics, reference = solved(gearbox)
+    defect_orders, plain = defects(kinematics), settings.model_copy(update={"nominal_speed_tolerance": 0.0})
+    machines = []
+    for number, part in enumerate(parts):
+        try:
+            machines.append(_machine(part, kinematics, reference, defect_orders, plain))
+        except AnalysisError as error:
+            raise AnalysisError(f"snapshot {number}: {error}") from None
+    return machines
+
+
+def _machine(
+    record: xr.Dataset,
+    kinematics: Kinematics,
+    reference: str,
+    defect_orders: tuple[DefectOrder, ...],
+    settings: AnalysisSettings,
+) -> Machine:
+    """Return a solved gearbox with the angle of its reference in a record."""
     source = _angle_source(record, kinematics, defect_orders, reference, settings)
     ratio = _ratio(kinematics, source.shaft, reference)
     phase = source.phase if abs(ratio) == 1 else source.phase.scaled(abs(ratio))

@@ -14,8 +14,8 @@ A median of probabilities is one again, but for a factor: at level p, half of th
 
 References
 ----------
-.. [1] B. Rueger, Das maximale Signifikanzniveau des Tests: Lehne H0 ab, wenn k unter n gegebenen Tests zur Ablehnung
-   fuehren, Metrika 25 (1978), 171-178.
+.. [1] B. Rüger, Das maximale Signifikanzniveau des Tests: Lehne H0 ab, wenn k unter n gegebenen Tests zur Ablehnung
+   führen, Metrika 25 (1978), 171-178.
 """
 
 import json
@@ -286,7 +286,7 @@ def _tracks(tables: Sequence[xr.Dataset]) -> xr.Dataset:
     if not there:
         return xr.Dataset()
     about = [str(name) for name in there[0].coords if there[0][name].dims == ("track",)]
-    keys = [name for name in about if name not in {"track_order", "bandwidth_orders"}]
+    keys = [name for name in about if name not in {"track_order", "bandwidth_orders", "level", "method"}]
     identity: dict[tuple[Any, ...], dict[str, Any]] = {}
     rows = []
     for table in there:
@@ -295,7 +295,7 @@ def _tracks(tables: Sequence[xr.Dataset]) -> xr.Dataset:
         for place, key in enumerate(own):
             identity.setdefault(key, {name: table[name].to_numpy()[place] for name in about})
     values: dict[str, Any] = {}
-    for name in ("complex_amplitude", "std"):
+    for name in (str(name) for name in there[0].data_vars):
         parts = []
         for table, own in zip(there, rows, strict=True):
             given = table[name].to_numpy()

@@ -13,7 +13,7 @@ judged. A level is no proof of a cause, so that a shaft is at most indicated.
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import xarray as xr
 
@@ -28,7 +28,7 @@ from hums.analysis.findings import (
     bearing_verdicts,
     judging_nothing,
 )
-from hums.analysis.gear_damage import GearJudgement, gear_verdicts
+from hums.analysis.gear_damage import GearJudgement, gear_verdicts, healthy_probability
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.reference_angle import Machine
@@ -114,7 +114,9 @@ def evidence_groups(
                 _AT_SHAFTS: json.dumps(asdict(healthy_machines("bearings_at_shafts"))),
             }
         ),
-        f"/{GEARS}": rows_dataset(gears, GearJudgement, dim="gear"),
+        f"/{GEARS}": rows_dataset(gears, GearJudgement, dim="gear").assign_attrs(
+            {_LIBRARY: json.dumps(asdict(healthy_machines("teeth")))}
+        ),
         f"/{SHAFTS}": rows_dataset(shaft_levels(channels, machine, baseline), ShaftLevel, dim="shaft"),
         f"/{UNMEASURED}": rows_dataset(unmeasured_parts(channels, gears, machine, settings), Unmeasured, dim="part"),
     }
@@ -158,13 +160,16 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
             "hums.analyze."
         )
     settings = json.loads(analysis.attrs["settings_json"])
-    evidence = group(analysis, EVIDENCE)
-    parts, gears = rows_of(evidence, PartEvidence), rows_of(group(analysis, GEARS), GearJudgement)
-    unmeasured = rows_of(group(analysis, UNMEASURED), Unmeasured)
-    libraries = [
-        HealthyMachines(**one | {"strengths": tuple(one["strengths"])})
-        for one in (json.loads(evidence.attrs[name]) for name in (_LIBRARY, _AT_SHAFTS))
+    evidence, of_gears = group(analysis, EVIDENCE), group(analysis, GEARS)
+    parts, gears = rows_of(evidence, PartEvidence), rows_of(of_gears, GearJudgement)
+    tests, teeth = len({(row.channel, row.order) for row in gears}), _library(of_gears)
+    gears = [
+        replace(row, probability=healthy_probability(row.strength, row.repeats, teeth, tests=tests))
+        if row.judgeable
+        else row
+        for row in gears
     ]
+    unmeasured = rows_of(group(analysis, UNMEASURED), Unmeasured)
     health = group(analysis, "health")
     sensors = zip(*(health[name].to_numpy().tolist() for name in ("name", "sensor", "status")), strict=True)
     sick = {(sensor, name) for name, sensor, status in sensors if status == "sick"}
@@ -177,8 +182,8 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
             parts,
             false_alarm_probability=chance,
             faulty=faulty,
-            library=libraries[0],
-            at_shafts=libraries[1],
+            library=_library(evidence),
+            at_shafts=_library(evidence, _AT_SHAFTS),
         ),
         *gear_verdicts(gears, false_alarm_probability=chance),
         *_shaft_verdicts(rows_of(group(analysis, SHAFTS), ShaftLevel), settings["velocity_limits_mm_s"], faulty),
@@ -191,6 +196,11 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
         why = "speed: the tachometer is faulty, so that no order is sure"
         return [judging_nothing(one, why, "judged with a sound tachometer") for one in judged]
     return judged
+
+
+def _library(dataset: xr.Dataset, name: str = _LIBRARY) -> HealthyMachines:
+    read = json.loads(dataset.attrs[name])
+    return HealthyMachines(**read | {"strengths": tuple(read["strengths"])})
 
 
 # ---- Parts of which no line was measured ---------------------------------------------------------------------------

@@ -253,8 +253,8 @@ def _parts_caption(tracks: xr.Dataset) -> str:
     for at in range(tracks.sizes["track"]):
         one = tracks.isel(track=at)
         slip = one["slip"].to_numpy()
-        follows = f", slip {100 * slip.min():+.2f} to {100 * slip.max():+.2f} %" if slip.any() else ""
-        depth = np.abs(one["complex_amplitude"].to_numpy()).mean() / float(one["level"])
+        follows = f", slip {100 * np.nanmin(slip):+.2f} to {100 * np.nanmax(slip):+.2f} %" if slip.any() else ""
+        depth = np.nanmean(np.abs(one["complex_amplitude"].to_numpy())) / float(one["level"])
         said.append(
             f"{_label(_track_line(tracks, at))}: envelope from {float(one['band_low_hz']):.5g} to "
             f"{float(one['band_high_hz']):.5g} Hz, modulated by {depth:.1%} of its mean{follows}, bandwidth "

@@ -185,6 +185,59 @@ def correlate(seen: Floats, phase: Floats, orders: Floats, shaft: Indices, lengt
                             weights[n] *= u[n]
 
 
+@compiled_sums
+def correlate_steady(starts: Floats, step: float, orders: Floats, length: int, sums: Floats) -> None:
+    """Fill what `correlate` does, of whole blocks without missing samples whose angle grows by `step` a sample.
+
+    With `a` and `b` the angles of two orders, `2 cos a cos b = cos(a - b) + cos(a + b)`, and so on: the moments are
+    those of the sum and of the difference over one block, turned by the angle at the start of each.
+
+    Parameters
+    ----------
+    starts : (block,) array, angle at the first sample of each block in rad.
+    step : rad.
+    orders, length, sums : as for `correlate`.
+    """
+    blocks, moments, _, _ = sums.shape
+    count = orders.size
+    turned = np.zeros((count, count, 2, moments, 2))  # difference and sum; cos and sin
+    for a in range(count):
+        for b in range(a + 1):
+            for k in range(2):
+                angle = (orders[a] + (orders[b] if k else -orders[b])) * step
+                for n in range(length):
+                    power = 1.0
+                    for moment in range(moments):
+                        turned[a, b, k, moment, 0] += 0.5 * power * np.cos(angle * n)
+                        turned[a, b, k, moment, 1] += 0.5 * power * np.sin(angle * n)
+                        power *= n / length
+    cosine, sine = np.empty((count, blocks)), np.empty((count, blocks))
+    for a in range(count):
+        fill_phasors(orders[a], starts, cosine[a], sine[a])
+    for block in range(blocks):
+        for a in range(count):
+            cos_a, sin_a = cosine[a, block], sine[a, block]
+            for b in range(a + 1):
+                cos_b, sin_b = cosine[b, block], sine[b, block]
+                cos_less, sin_less = cos_a * cos_b + sin_a * sin_b, sin_a * cos_b - cos_a * sin_b
+                cos_more, sin_more = cos_a * cos_b - sin_a * sin_b, sin_a * cos_b + cos_a * sin_b
+                for moment in range(moments):
+                    less, more = turned[a, b, 0, moment], turned[a, b, 1, moment]
+                    even_less, odd_less = (
+                        cos_less * less[0] - sin_less * less[1],
+                        cos_less * less[1] + sin_less * less[0],
+                    )
+                    even_more, odd_more = (
+                        cos_more * more[0] - sin_more * more[1],
+                        cos_more * more[1] + sin_more * more[0],
+                    )
+                    own = sums[block, moment]
+                    own[a, b] = even_less + even_more
+                    own[count + a, count + b] = even_less - even_more
+                    own[count + a, b] = -(odd_more + odd_less)
+                    own[count + b, a] = -(odd_more - odd_less)
+
+
 @compiled
 def evaluate(pieces: Floats, length: int, skip: int, every: int, values: Floats) -> None:
     """Fill the values of pairs of piecewise cubics, the real and imaginary parts, at samples evenly apart.

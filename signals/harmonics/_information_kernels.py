@@ -116,22 +116,14 @@ def filter_information(
 
 
 @compiled_sums
-def _dot(one: Floats, a: int, other: Floats, b: int, size: int) -> float:
-    """Return the inner product of the first `size` numbers of two rows."""
-    total = 0.0
-    for c in range(size):
-        total += one[a, c] * other[b, c]
-    return total
-
-
-@compiled_sums
 def combine(
     information: Floats, past: Floats, past_vectors: Floats, future: Floats, future_vectors: Floats, levels: Floats,
     variances: Floats, explained: Floats,
 ) -> bool:  # fmt: skip
     """Fill levels and variances of some nodes from the sum of past and future information; False if one is singular.
 
-    The sum is factored, J = L L^T, with the levels last: the last block of L is the root of the information on them.
+    The sum is factored, J = U^T U, with the levels last: the last block of U is the root of the information on them.
+    Rows of U are subtracted from those below as soon as they are known, so that all loops run along rows.
 
     Parameters
     ----------
@@ -142,43 +134,51 @@ def combine(
     nodes, width, lanes = levels.shape
     size = past_vectors.shape[1] // lanes
     differences = size - width
-    root, solved = np.empty((size, size)), np.empty((size, lanes))
+    root, solved, inverse = np.empty((size, size)), np.empty((size, lanes)), np.empty((width, width))
     flat, row = root.reshape(-1), solved.reshape(-1)
-    last, inverse = np.empty((width, width)), np.zeros((width, width))
+    last = root[differences:, differences:]
     for node in range(nodes):
         # J = J_past + J_future, j likewise
         for i in range(flat.size):
             flat[i] = past[node, i] + future[node, i]
         for i in range(row.size):
             row[i] = past_vectors[node, i] + future_vectors[node, i]
-        for a in range(size):  # row by row of J = L L^T and of L s = j
-            for b in range(a):
-                root[a, b] = (root[a, b] - _dot(root, a, root, b, b)) / root[b, b]
-            pivot = root[a, a] - _dot(root, a, root, a, a)
-            if not pivot > 0.0:
+        for a in range(size):  # row by row of U, and of s in U^T s = j
+            if not root[a, a] > 0.0:
                 return False
-            root[a, a] = np.sqrt(pivot)
+            scale = 1.0 / np.sqrt(root[a, a])
+            for b in range(a, size):
+                root[a, b] *= scale
             for lane in range(lanes):
-                for b in range(a):
-                    solved[a, lane] -= root[a, b] * solved[b, lane]
-                solved[a, lane] /= root[a, a]
-        for a in range(width):
-            for b in range(a + 1):
-                last[a, b] = root[differences + a, differences + b]
+                solved[a, lane] *= scale
+            for b in range(a + 1, size):
+                factor, own, below = root[a, b], root[a, b:], root[b, b:]
+                for c in range(own.size):
+                    below[c] -= factor * own[c]
+                for lane in range(lanes):
+                    solved[b, lane] -= factor * solved[a, lane]
         at = min(node, len(information) - 1)
         explained[node] = 0.0
         for a in range(width - 1, -1, -1):
-            for lane in range(lanes):  # the last block of L^T state = s: the levels
+            for lane in range(lanes):  # the last block of U state = s: the levels
                 level = solved[differences + a, lane]
                 for b in range(a + 1, width):
-                    level -= last[b, a] * levels[node, b, lane]
+                    level -= last[a, b] * levels[node, b, lane]
                 levels[node, a, lane] = level / last[a, a]
-            # Columns of the inverse of `last`: the covariance of the levels is the matrix of their products.
-            inverse[a, a] = 1.0 / last[a, a]
-            for b in range(a + 1, width):
-                inverse[a, b] = -_dot(last, b, inverse, a, b) / last[b, b]
-            variances[node, a] = _dot(inverse, a, inverse, a, width)
+            # Columns of the inverse of the block, transposed: the covariance of the levels is made of their products.
             for b in range(a, width):
-                own = information[at, (differences + a) * size + differences + b]
-                explained[node] += (1.0 if a == b else 2.0) * own * _dot(inverse, a, inverse, b, width)
+                inverse[a, b] = 1.0 if b == a else 0.0
+            for b in range(a, width):
+                inverse[a, b] /= last[b, b]
+                own, below = last[b, b + 1 :], inverse[a, b + 1 :]
+                for c in range(own.size):
+                    below[c] -= inverse[a, b] * own[c]
+            for b in range(a, width):
+                one, other, covariance = inverse[a, b:], inverse[b, b:], 0.0
+                for c in range(one.size):
+                    covariance += one[c] * other[c]
+                if a == b:
+                    variances[node, a] = covariance
+                own_information = information[at, (differences + a) * size + differences + b]
+                explained[node] += (1.0 if a == b else 2.0) * own_information * covariance
     return True

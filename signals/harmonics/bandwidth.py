@@ -82,7 +82,7 @@ def process_variance(
     [2.383e-05 4.765e-05]
     """
     width, poles = _checked_width(bandwidth, rate), whole(poles, name="poles", least=1, most=MOST_POLES)
-    return np.asarray(_quadrature_noise(orders, noise_variance) * _ratio(width, poles))
+    return np.asarray(quadrature_noise(orders, noise_variance) * variance_ratio(width, poles))
 
 
 @checked
@@ -115,7 +115,7 @@ def smoother_bandwidth(
     if not np.all((variance >= 0) & np.isfinite(variance)):
         raise ValueError(f"process_variance={brief(process_variance)} must be finite and not negative.")
     with np.errstate(over="ignore"):  # a width of more than half the rate, NaN
-        return _width(variance / _quadrature_noise(orders, noise_variance), poles) * positive(rate, name="rate")
+        return _width(variance / quadrature_noise(orders, noise_variance), poles) * positive(rate, name="rate")
 
 
 @checked
@@ -156,7 +156,7 @@ def isolated_std(
     poles = whole(poles, name="poles", least=1, most=MOST_POLES)
     c, u = _factors(_checked_width(bandwidth, rate), poles)
     passed = -np.expm1(_log_radius(u).sum(axis=-1)) if estimator == "filter" else np.mean(c / (c - 2 * u), axis=-1).real
-    return np.asarray(np.sqrt(_quadrature_noise(orders, noise_variance) * passed))
+    return np.asarray(np.sqrt(quadrature_noise(orders, noise_variance) * passed))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,7 +222,7 @@ class Bandwidth:
     @property
     def weight(self) -> float:
         """Weight r of the Vold-Kalman filter with this bandwidth: `r^2 = N / q`."""
-        return float(_ratio(self.width, self.poles) ** -0.5)
+        return float(variance_ratio(self.width, self.poles) ** -0.5)
 
     def hz(self, rate_hz: float) -> float:
         """Return the width in Hz."""
@@ -300,7 +300,7 @@ class Bandwidth:
         return float(minimize_scalar(loss, bounds=(0.0, end), method="bounded", options={"xatol": 1e-9}).x)
 
 
-def _quadrature_noise(orders: ArrayLike, noise_variance: float) -> Floats:
+def quadrature_noise(orders: ArrayLike, noise_variance: float) -> Floats:
     """Return N of each order: R for the mean, 2 R for any other."""
     noise = positive(noise_variance, name="noise_variance")
     return np.where(real_array(orders, name="orders") == 0.0, 1.0, 2.0) * noise
@@ -317,7 +317,7 @@ def _checked_width(bandwidth: ArrayLike, rate: float) -> Floats:
     return width
 
 
-def _ratio(width: ArrayLike, poles: int) -> Floats:
+def variance_ratio(width: ArrayLike, poles: int) -> Floats:
     """Return q / N for a width in cycles a sample."""
     sine = np.sin(0.5 * np.pi * np.asarray(width, dtype=np.float64))
     return np.asarray((2 * sine) ** (2 * poles) / HALF_POWER)

@@ -16,6 +16,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import ceil, comb, sqrt
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,7 @@ from signals._validation import checked, positive, real_array, whole
 from signals.harmonics._information_kernels import FORWARD, filter_information
 from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
 from signals.harmonics._validation import check_noise_variance, check_orders, check_record
-from signals.harmonics.bandwidth import MOST_POLES
+from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.block_smoother import BlockFit, block_length, one_of_each, scattered_share
 from signals.harmonics.coupling import WithoutOthers, chain_alone, chain_together, everywhere, no_neighbours
@@ -87,6 +88,11 @@ class ChainLikelihood:
     measured: NodeInformation
     before: Information
 
+    @cached_property
+    def noise(self) -> Floats:
+        """(order,) array, noise of a quadrature between nodes, for noise of unit variance."""
+        return quadrature_noise(self.model.orders, 1.0 / self.length)
+
     @classmethod
     def of(cls, model: HarmonicModel, chain: NodeChain, length: int) -> ChainLikelihood:
         """Return the likelihood of a chain's data."""
@@ -100,8 +106,8 @@ class ChainLikelihood:
 
     def log_likelihood(self, bandwidth: ArrayLike) -> Floats:
         """Return the (lane,) log likelihoods, less a constant, of (order,) bandwidths in cycles per sample."""
-        width = np.broadcast_to(np.asarray(bandwidth, dtype=np.float64), self.model.orders.shape)
-        process = replace(self.model, bandwidth=width[:, None]).process_noise(step=self.length)
+        ratio = variance_ratio(np.minimum(np.asarray(bandwidth) * self.length, 1.0), self.model.poles)
+        process = np.broadcast_to(ratio * self.noise, self.model.orders.shape)[self.model.order_of_column][None]
         matrix, vector = self.before.copy()
         squares, unstored = np.zeros(vector.shape[1]), (np.empty((0, matrix.size)), np.empty((0, vector.size)))
         columns = len(matrix) // max(2, self.model.poles)  # one where orders share it

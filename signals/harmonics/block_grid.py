@@ -22,6 +22,8 @@ Flags = NDArray[np.bool_]
 SAMPLES_AT_ONCE = 1 << 16
 # Angle by which a jump of the speed may lead the highest order astray within a block.
 LARGEST_JUMP_RAD = 0.03
+# Angle by which the highest order may differ from a steady turn: the rounding of the angles of long records.
+STEADY_RAD = 1e-8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,6 +130,16 @@ class Grid:
         jumps = largest * self.length > LARGEST_JUMP_RAD
         return np.asarray(np.concatenate([jumps[:1], jumps]) | np.concatenate([jumps, jumps[-1:]]))
 
+    @cached_property
+    def steady_step(self) -> float | None:
+        """Angle of one sample in rad, where it is the same throughout and no sample is missing; None elsewhere."""
+        phase = self.model.phases[0]
+        if len(self.model.phases) > 1 or phase.size == 1 or not self.seen.all():
+            return None
+        step = float(phase[-1] - phase[0]) / (phase.size - 1)
+        off = np.abs(phase - (phase[0] + step * np.arange(phase.size))).max()
+        return step if off * np.abs(self.model.orders).max(initial=0.0) <= STEADY_RAD else None
+
     def process_noise(self, orders: Indices) -> Floats:
         """(node or 1, column) array, process-noise variances from node to node of some orders."""
         model = self.model.subset(orders)
@@ -205,7 +217,17 @@ class Grid:
         first, last = max(nodes.start - 1, 0), min(nodes.stop, self.blocks)
         sums = np.zeros((last - first, self.squares, 2 * orders.size, 2 * orders.size))
         model = self.model
-        for samples, blocks in self.spans(first, last):
+        steady = first if self.steady_step is None else max(first, min(last, self.samples // self.length))
+        if self.steady_step is not None and steady > first:
+            starts = model.phases[0][first * self.length : steady * self.length : self.length]
+            _block_kernels.correlate_steady(
+                np.ascontiguousarray(starts),
+                self.steady_step,
+                model.orders[orders],
+                self.length,
+                sums[: steady - first],
+            )
+        for samples, blocks in self.spans(steady, last):
             seen, phase = self.seen[samples].astype(np.float64), model.phase(samples)
             part = sums[blocks.start - first : blocks.stop - first]
             _block_kernels.correlate(seen, phase, model.orders[orders], model.shaft[orders], self.length, part)

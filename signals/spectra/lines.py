@@ -235,8 +235,11 @@ def find_line(
 def _beside(spectrum: AmplitudeSpectrum, found: float, reach: float) -> tuple[Array, Array]:
     """Return the amplitudes up to `reach` below and above a line, without its main lobe."""
     lobe = _LOBE_BINS * spectrum.bin_width
-    edges = [max(found - reach, lobe), found - lobe, found + lobe, found + reach]
-    first, near, far, last = spectrum.axis.searchsorted(edges)
+    axis = spectrum.axis
+    first, near, far, last = axis.searchsorted([max(found - reach, lobe), found - lobe, found + lobe, found + reach])
+    around = slice(max(near - 1, 0), far + 1)  # a point at the edge of the lobe is in or out by its difference
+    inside = around.start + np.flatnonzero(np.abs(axis[around] - found) <= lobe)
+    near, far = inside[0], inside[-1] + 1
     return spectrum.amplitude[first:near], spectrum.amplitude[max(far, first) : last]
 
 

@@ -2,8 +2,8 @@
 
 The phases of short records do not agree, so that their spectra are averaged in power (Bartlett 1948). The resolution
 stays that of one record, and so does the mean of the noise; what the average makes smaller is its scatter, by the
-square root of their number. The part of the noise that is known to be there is therefore subtracted, and
-what is left is as uncertain as the noise of one record with so much less noise.
+square root of their number. The part of the noise that is known to be there is therefore subtracted, and what is left
+is as uncertain as the noise of one record with so much less noise.
 """
 
 import math

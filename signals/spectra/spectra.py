@@ -97,7 +97,8 @@ def amplitude_spectrum(
     window : str
         A window of `scipy.signal`; the amplitude is divided by its mean, so that a line has its true peak.
     padding : int
-        Zero padding: the bin width over the step of the axis.
+        Zero padding: the bin width over the step of the axis; above 1 up to some per cent more where the length of the
+        padded record has a prime factor above 11, whose transform takes several times as long.
     maximum : float, optional
         End of the axis; default half of `rate`.
     start : float
@@ -124,7 +125,7 @@ def amplitude_spectrum(
     padding = whole(padding, name="padding", least=1)
     start = number(start, name="start")
     shape = window_of(window, signal.size)
-    length = signal.size * padding
+    length = fft.next_fast_len(signal.size * padding) if padding > 1 else signal.size
     lines = fft.rfft(without_mean(signal) * shape.weights, length)
     forget_plans(length)
     axis = np.arange(lines.size, dtype=np.float64) * (rate / length)

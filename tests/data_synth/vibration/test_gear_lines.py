@@ -79,7 +79,11 @@ def test_halving_the_window_changes_the_lines_by_less_than_one_percent():
     angle = moving.stage.drive.angle
     instants_rev = angle.revolutions(np.linspace(0, 3, 61))
     samples = AngleSamples(
-        signal=signal, rate_hz=declared.rate_hz, revolutions=angle.revolutions, speed_hz=angle.speed_hz
+        signal=signal,
+        rate_hz=declared.rate_hz,
+        revolutions=angle.revolutions,
+        speed_hz=angle.speed_hz,
+        top_order=declared.rate_hz / 2 / angle.top_speed_hz(0.0, 3.0),
     )
     lines = gear_lines(stage_of(declared), signal).lines
     orders = np.array([float(line.order) for line in lines])

@@ -177,6 +177,9 @@ def test_defect_energy_of_a_known_envelope(gearbox):
     row = value(analysis, race.component, "defect_energy", kind="inner_race")
     assert row.value == pytest.approx((0.3 * 0.8) ** 2 / 2, rel=0.05)  # a Hann line between two bins loses some
     assert row.unit == "g2"
+    modulation = value(analysis, race.component, "modulation", kind="inner_race")
+    assert modulation.value == pytest.approx(0.3, rel=0.05)  # the line's depth, far above the background
+    assert modulation.unit == "1"
 
 
 def test_a_value_is_missing_exactly_where_a_sentence_says_why(modulated):

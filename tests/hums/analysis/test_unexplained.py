@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from hums.analysis.evidence import Setting
-from hums.analysis.resemblance import unlike_drawing
-from hums.analysis.unexplained import Drawn, unexplained_lines
+from hums.analysis.unexplained import Drawn, unexplained_lines, unlike_drawing
 from signals import amplitude_spectrum
 
 SPEED_HZ = 20.0

@@ -13,6 +13,7 @@ import xarray as xr
 from hums.analysis.analyze import analyze
 from hums.analysis.evidence import PartEvidence
 from hums.analysis.findings import where_none_is_named
+from hums.analysis.gear_damage import GearJudgement
 from hums.analysis.result import (
     findings_table,
     group,
@@ -169,6 +170,32 @@ def test_probabilities_follow_from_strengths_and_library_in_the_file(opened):
         assert max(low, floor) * (1 - 1e-9) <= said <= max(high, floor) * (1 + 1e-9)
         if said > 0.005 or part.strength < 0.01:  # half of 0.01 for bearings, half for teeth
             assert table.loc[(part.component, part.kind), "verdict"] in {"nothing found", "not judged"}
+
+
+def test_a_tooth_follows_from_its_strength_and_turns_at_the_stated_probability(opened):
+    rows = rows_of(group(opened, "gears"), GearJudgement)
+    library = json.loads(group(opened, "gears").attrs["library_json"])
+    tests = len({row.order for row in rows})
+    told = by_part(derive_verdicts(opened))
+    for row in rows:
+        above = np.count_nonzero(np.array(library["strengths"]) > row.strength) if row.strength else library["parts"]
+        low = 1 - (1 - (above + 1) / (library["parts"] + 1)) ** tests
+        said = told[row.component, "tooth"].false_alarm_probability
+        assert said >= min(1.0, tests * row.repeats, low) * (1 - 1e-9)
+        assert said == pytest.approx(row.probability, rel=1e-12)
+
+    def turned(strength, repeats):
+        tree, attrs = opened.copy(), group(opened, "gears").attrs
+        changed = [replace(rows[0], strength=strength, repeats=repeats, explained_by=""), *rows[1:]]
+        tree["gears"] = xr.DataTree(rows_dataset(changed, GearJudgement, dim="gear").assign_attrs(attrs))
+        return by_part(derive_verdicts(tree))[rows[0].component, "tooth"]
+
+    strong = 2 * max(library["strengths"])
+    if 1 / (library["records"] + 1) <= 0.005:  # else no strength is rare enough in so small a library
+        assert turned(strong, 0.99 * 0.005 / tests).verdict == "indicated"
+    clear = turned(strong, 1.01 * 0.005 / tests)
+    assert clear.verdict == "nothing found"
+    assert number(clear.least_change, "indicated from a probability of ") == 0.005
 
 
 def number(text, after):

@@ -134,6 +134,7 @@ class TestTable:
         title = "a: order_spectrum: stage 1 gear_mesh harmonic 1 [g]"
         assert [float(line[title]) for line in lines] == pytest.approx(expected, rel=1e-6)
         assert expected == pytest.approx(1 + np.arange(6) / 10, rel=0.01)  # noise of 0.01 rms, a window's ripple
+        assert all("kinds of damage could not be judged (" in line["parts_not_judged"] for line in lines)
 
     def test_a_dataset_is_many_records(self, tmp_path):
         plan = parse_plan('scene = "demo"\nrecords = 2\nseed = 1\nchange = { duration_s = 0.5, fault = [] }')

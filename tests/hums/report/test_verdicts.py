@@ -95,5 +95,13 @@ def test_a_record_that_could_not_be_judged_is_not_called_clean():
     assert row["sure"].startswith("1 of 2 kinds of damage could not be judged (too short)")
 
 
+def test_what_was_not_judged_stands_beside_the_findings():
+    every = [finding("diagnosed"), {"verdict": "not judged", "doubts": "out of band: 900 Hz"}]
+    named, rest = verdict_rows(facts(finding("diagnosed", least_change="indicated below x")) | {"verdicts": every})
+    assert named["least_change"] == "indicated below x"
+    assert (rest["part"], rest["verdict"]) == ("Other parts", "not judged")
+    assert rest["sure"] == "1 of 2 kinds of damage could not be judged (out of band)"
+
+
 def test_a_sick_sensor_comes_first():
     assert "Mend the sensor" in verdict_rows(facts(finding("diagnosed"), status="sick"))[0]["next"]

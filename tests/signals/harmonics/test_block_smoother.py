@@ -5,6 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from signals.harmonics import block_smoother, process_variance, track_orders
+from signals.harmonics.block_grid import Grid
+from signals.harmonics.model import HarmonicModel
 
 RATE = 1000.0
 
@@ -120,3 +122,28 @@ def test_what_a_record_hardly_determines_is_finite_and_sure_of_little(name):
     tracks = track_orders(x, **settings, method="fast")
     assert np.all(np.isfinite(tracks.complex_amplitude))
     assert np.all(tracks.std > 0)
+
+
+@pytest.mark.parametrize("swing_rad", [0.0, 1e-3])
+def test_products_of_regressors_are_their_sums(swing_rad):
+    """Of a steady turn, in closed form, and of one that swings: the products of the columns, added up."""
+    samples, length, orders = 60, 7, np.array([0.0, 1.0, 1.3, 4.0])
+    phase = 0.4 + 0.3 * np.arange(samples) + swing_rad * np.sin(0.2 * np.arange(samples))
+    model = HarmonicModel(
+        orders=orders, shaft=np.zeros(4, dtype=np.int64), phases=(phase,), bandwidth=np.full((4, 1), 0.01), poles=2,
+        prior_std=1.0,
+    )  # fmt: skip
+    grid = Grid(
+        model=model, x=np.zeros((1, samples)), seen=np.ones(samples, dtype=bool), length=length, tolerance=0.0,
+        shared=np.ones(4, dtype=np.int64),
+    )  # fmt: skip
+    assert (grid.steady_step is None) == (swing_rad > 0)
+    some, nodes = np.array([0, 1, 3]), slice(2, 10)  # the last block is not full
+    found = grid.gram(some, nodes)
+    columns = model.subset(some).regressors(slice(None))
+    for node in range(nodes.start, nodes.stop):  # of two poles a node has the block before it
+        own = np.arange((node - 1) * length, min(node * length, samples))
+        for moment in range(3):
+            weights = ((own - own[0]) / length) ** moment
+            expected = np.einsum("n,na,nb->ab", weights, columns[own], columns[own])
+            assert_allclose(found[node - nodes.start, moment], expected, atol=1e-12)

@@ -93,6 +93,18 @@ class TestResolution:
             # a sum for an integral, over a periodic window half a sample off its middle: some 1/n^2
             assert amplitude_spectrum(tone(9), rate=RATE, window=window).spread == pytest.approx(expected, rel=1e-6)
 
+    @pytest.mark.parametrize("padding", [1, 8])
+    def test_a_length_with_a_large_prime_factor(self, padding):
+        # the windowed sum itself at the positions of the axis, whatever their step
+        count = 4 * 79
+        values = np.random.default_rng(1).standard_normal(count)
+        spectrum = amplitude_spectrum(values, rate=1.0, padding=padding)
+        weights = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(count) / count)
+        sums = np.exp(-2j * np.pi * np.outer(spectrum.axis, np.arange(count))) @ (weights * (values - values.mean()))
+        np.testing.assert_allclose(spectrum.complex_amplitude, 2 * sums / weights.sum(), atol=1e-12)
+        assert spectrum.bin_width == 1 / count
+        assert 1 <= spectrum.bin_width / spectrum.axis[1] / padding < 1.05
+
     @pytest.mark.parametrize("padding", [1, 3, 8])
     def test_grid(self, padding):
         spectrum = amplitude_spectrum(tone(400), rate=RATE, padding=padding)
