@@ -1,9 +1,10 @@
 """Healthy synthetic machines: the library from which verdicts learn what health looks like, and those that score.
 
-    python benchmarks/healthy_library.py --records 1000 --jobs 2
+    python benchmarks/healthy_library.py --records 1000 --deviations 900 --jobs 2
 
-writes `hums/analysis/healthy_machines.json`: of bearings and of teeth the strengths of evidence that healthy records
-show, of teeth in records whose gears have pitch deviations.
+writes `hums/analysis/healthy_machines.json`: the strengths of evidence that healthy records show, of bearings, and of
+teeth. Teeth, and bearings whose line stands at a multiple of a shaft, learn from other records, whose gears all have
+pitch deviations: the only thing in health that makes such lines, or teeth that differ.
 The even half of the gearboxes and two thirds of the drives are in the library; the others are held out for
 `benchmarks/verdicts.py`. Records are synthetic; no measured one teaches anything.
 """
@@ -12,7 +13,7 @@ import argparse
 import json
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
 from pathlib import Path
@@ -58,8 +59,8 @@ IMPERFECTIONS = (
     "temperature",
 )
 SHARE = 0.25  # of the records with an imperfection: each is one of several that a machine may have
-TAUGHT = {"gears": 0.5}  # share in the library where it is not SHARE: teeth learn from these records alone
-GRADES = (5, 6, 7, 8)  # of the library's gears, ISO 1328-1: industrial ones; those held out have the generator's own
+DEVIATIONS = 0.5  # share of the numbers with pitch deviations where only those are used
+GRADES = (5, 6, 7, 8)  # of their gears, ISO 1328-1: industrial ones; all others have the generator's own
 SOUND_NEIGHBOURS = 0.8  # of the library's neighbours: a damaged one beside a sound machine is rare
 LENGTHS_S = (1.0, 3.0, 6.0, 10.0)
 
@@ -169,8 +170,8 @@ LEARNED: Mapping[str, Drive] = {
 HELD_OUT: Mapping[str, Drive] = {"drift": _drift, "coast down 4:1": _coast_down, "load steps": _load_steps}
 
 
-def table(number: int, *, held_out: bool) -> tuple[dict[str, Any], str]:
-    """Return the scene of a healthy machine as a table, and its drive's name."""
+def table(number: int, *, held_out: bool, deviations: bool = False) -> tuple[dict[str, Any], str]:
+    """Return the scene of a healthy machine as a table, and its drive's name; half have `deviations` of some grade."""
     rng = np.random.default_rng([20 + held_out, number])
     boxes = gearboxes(held_out)
     gearbox = boxes[number % len(boxes)]
@@ -212,7 +213,7 @@ def table(number: int, *, held_out: bool) -> tuple[dict[str, Any], str]:
             "meshes": {mesh.name: {"module_mm": 3.0, "face_width_mm": 30.0} for mesh in gearbox.meshes},
         },
         "imperfections": {
-            key: {} for key in IMPERFECTIONS if rng.uniform() < (SHARE if held_out else TAUGHT.get(key, SHARE))
+            key: {} for key in IMPERFECTIONS if rng.uniform() < (DEVIATIONS if deviations and key == "gears" else SHARE)
         },
         "sensor": [{"name": "a", "on": str(rng.choice(on)), "units": "g"}],
     }
@@ -222,23 +223,25 @@ def table(number: int, *, held_out: bool) -> tuple[dict[str, Any], str]:
         scene["imperfections"].pop("planets", None)
     if "neighbour" in scene["imperfections"] and not held_out and rng.uniform() < SOUND_NEIGHBOURS:
         scene["imperfections"]["neighbour"] = {"impact_m_s2": 0.0}
-    if "gears" in scene["imperfections"] and not held_out:
+    if deviations and "gears" in scene["imperfections"]:
         scene["imperfections"]["gears"] = {"grade": int(rng.choice(GRADES))}
     return scene, name
 
 
-def record(number: int, *, held_out: bool) -> tuple[xr.Dataset, Gearbox, str, tuple[str, ...]]:
+def record(
+    number: int, *, held_out: bool, deviations: bool = False
+) -> tuple[xr.Dataset, Gearbox, str, tuple[str, ...]]:
     """Return a healthy record, its gearbox, the drive's name, and the imperfections it has."""
-    made, drive = table(number, held_out=held_out)
+    made, drive = table(number, held_out=held_out, deviations=deviations)
     scene = Scene.from_mapping(made)
     return simulate(scene, seed=number), scene.gearbox, drive, tuple(made["imperfections"])
 
 
-def strengths(number: int, *, held_out: bool) -> dict[str, Any]:
+def strengths(number: int, *, held_out: bool, deviations: bool = False) -> dict[str, Any]:
     """Return what the analysis of a healthy record says: strengths of all parts, and who is named."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        data, gearbox, drive, imperfections = record(number, held_out=held_out)
+        data, gearbox, drive, imperfections = record(number, held_out=held_out, deviations=deviations)
         of = {
             "number": number,
             "gearbox": gearbox.name,
@@ -265,9 +268,9 @@ def strengths(number: int, *, held_out: bool) -> dict[str, Any]:
     }
 
 
-def every(numbers: range, *, held_out: bool, jobs: int) -> Iterator[dict[str, Any]]:
+def every(numbers: Iterable[int], *, held_out: bool, jobs: int, deviations: bool = False) -> Iterator[dict[str, Any]]:
     """Yield `strengths` of many records."""
-    run = partial(strengths, held_out=held_out)
+    run = partial(strengths, held_out=held_out, deviations=deviations)
     if jobs == 1:
         yield from map(run, numbers)
         return
@@ -275,10 +278,28 @@ def every(numbers: range, *, held_out: bool, jobs: int) -> Iterator[dict[str, An
         yield from pool.map(run, numbers, chunksize=4)
 
 
-def distribution(shown: list[dict[str, Any]], of: Callable[[str], bool]) -> dict[str, Any]:
-    """Return the number of records and parts of some kinds that were judged, and the largest of their strengths."""
+def judged(records: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the records that were not refused."""
+    found = []
+    for one in records:
+        if not one["refused"]:
+            found.append(one)
+            if len(found) % 50 == 0:
+                sys.stderr.write(f"{len(found)} records\n")
+    return found
+
+
+def distribution(shown: list[dict[str, Any]], of: Callable[[str], bool], *, at_shafts: bool = False) -> dict[str, Any]:
+    """Return the number of records and parts of some kinds that were judged, and the largest of their strengths.
+
+    Parts whose line may be something else's are left out, but those at shafts where they are asked for.
+    """
     rows = [[row for row in one["rows"] if of(row[0]) and np.isfinite(row[1])] for one in shown]
-    values = [row[1] for own in rows for row in own if row[1] > 0 and not row[2].startswith("its line may be")]
+
+    def counts(doubts: str) -> bool:
+        return at_shafts if "it stands at" in doubts else not doubts.startswith("its line may be")
+
+    values = [row[1] for own in rows for row in own if row[1] > 0 and counts(row[2])]
     return {
         "records": sum(bool(own) for own in rows),
         "parts": sum(map(len, rows)),
@@ -290,23 +311,25 @@ def main() -> None:
     """Make the library and write it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--records", type=int, default=1000)
+    parser.add_argument("--deviations", type=int, default=900, help="records of which half have pitch deviations")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", type=Path, help="also write what every record showed here")
     given = parser.parse_args()
-    shown = []
-    for one in every(range(given.records), held_out=False, jobs=given.jobs):
-        if not one["refused"]:
-            shown.append(one)
-            if len(shown) % 50 == 0:
-                sys.stderr.write(f"{len(shown)} records\n")
-    with_deviations = [one for one in shown if "gears" in one["imperfections"]]
+    shown = judged(every(range(given.records), held_out=False, jobs=given.jobs))
+    numbers = [
+        number
+        for number in range(given.deviations)
+        if "gears" in table(number, held_out=False, deviations=True)[0]["imperfections"]
+    ]
+    deviating = judged(every(numbers, held_out=False, jobs=given.jobs, deviations=True))
     learned = {
         "bearings": distribution(shown, lambda kind: kind != "tooth"),
-        "teeth": distribution(with_deviations, lambda kind: kind == "tooth"),
+        "bearings_at_shafts": distribution(deviating, lambda kind: kind != "tooth", at_shafts=True),
+        "teeth": distribution(deviating, lambda kind: kind == "tooth"),
     }
     SHIPPED.write_text(json.dumps(learned) + "\n", encoding="utf-8")
     if given.json:
-        given.json.write_text(json.dumps(shown), encoding="utf-8")
+        given.json.write_text(json.dumps([*shown, *deviating]), encoding="utf-8")
 
 
 if __name__ == "__main__":

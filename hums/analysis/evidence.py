@@ -12,7 +12,8 @@ and none stands out, the strength counts a quarter. The strength of a part is th
 
 A part is not counted for a line which another explains that is not its own: a multiple of a line, a sideband of a
 deeper one, or a part of a much deeper line's order, in whatever band that line is deepest; nor for a harmonic of the
-mains, nor for one of a comb of multiples of a shaft.
+mains, nor for one of a comb of multiples of a shaft. Where its line stands at a multiple of a shaft of whose other
+multiples none does, it counts if healthy machines do not make lines there that are as strong.
 """
 
 import math
@@ -112,6 +113,8 @@ class PartEvidence:
         Number of sidebands among them.
     hidden_by : str
         What else explains its line; empty where nothing does.
+    at_shaft : str
+        Multiple of a shaft's order at which its line stands, of whose other multiples none does; empty elsewhere.
     detectable_depth : float
         The least modulation that would be significant and `JUDGED_SNR` times the background in each of the widest
         bands, since damage may ring in any part of the range.
@@ -142,6 +145,7 @@ class PartEvidence:
     support: str = ""
     sidebands: int = 0
     hidden_by: str = ""
+    at_shaft: str = ""
     detectable_depth: float = math.inf
     unsure_depth: float = 0.0
     explained: float = 0.0
@@ -262,13 +266,15 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     deepest = int(np.argmax(rest)) if rest.size else -1
     own_depth = max(main.depth, others.deepest(main.line.found))
     both = 2 if main.expected.kind == "rolling_element" else 0  # its two races may be struck unequally
-    hidden = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting) or _mains(main.line.found, others)
+    at_shaft, comb = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting)
+    hidden = comb or _mains(main.line.found, others)
     return replace(
         plain,
         strength=best,
         support=", ".join([*harmonics, *sidebands]),
         sidebands=len(sidebands),
         hidden_by=hidden or _explanation(main.line.found, own_depth, others, both),
+        at_shaft=at_shaft,
         explained=float(power[mine].sum() / power.sum()) if power.size and power.sum() else 1.0,
         other_order=0.0 if deepest < 0 else float(others.orders[~own][deepest]),
         other_depth=0.0 if deepest < 0 else float(rest[deepest]),
@@ -373,9 +379,12 @@ def _own(orders: Numbers, fundamental: float, spacings: Sequence[float], width: 
     return own
 
 
-def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Setting) -> str:
-    """Return of which comb of a shaft's multiples a line is one, or an empty string."""
-    width = band.bin_width
+def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Setting) -> tuple[str, str]:
+    """Return at which multiple of a shaft a line stands alone, and of which comb of such multiples it is one.
+
+    Harmonics of the line itself are no other multiples.
+    """
+    width, alone = band.bin_width, ""
 
     def stands(place: float) -> bool:
         near = np.abs(band.orders - place) <= width
@@ -391,14 +400,14 @@ def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Se
             # near a multiple of a slow shaft any line is: only a comb that stands far away from it says more
             far = [k for k in range(3, 11) if abs(k - multiple) > _SIDEBANDS]
             if sum(stands(k * shaft) for k in far) >= _FULL_COMB * len(far):
-                return f"it is {name}, of whose multiples most stand out"
+                return "", f"it is {name}, of whose multiples most stand out"
         elif multiple <= _COMB:
-            if off <= EXACT_BINS * width and setting.measured:
-                return f"it stands at {name}"
-            beside = [k for k in (1, 2, multiple - 1, multiple + 1) if k not in {0, multiple} and stands(k * shaft)]
+            beside = [k for k in (1, 2, multiple - 1, multiple + 1) if k % multiple and stands(k * shaft)]
             if beside:
-                return f"it is {name}, of which {beside[0]} times stands out, too"
-    return ""
+                return "", f"it is {name}, of which {beside[0]} times stands out, too"
+            if (off <= EXACT_BINS * width and setting.measured) or multiple == 1:
+                alone = alone or f"it stands at {name}"
+    return alone, ""
 
 
 def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[tuple[float, Numbers]]:

@@ -126,6 +126,7 @@ def bearing_verdicts(
     false_alarm_probability: float,
     faulty: Collection[str] = (),
     library: HealthyMachines | None = None,
+    at_shafts: HealthyMachines | None = None,
 ) -> list[Finding]:
     """Return the verdict on every kind of defect of every bearing.
 
@@ -137,10 +138,11 @@ def bearing_verdicts(
         Share of healthy records in which a bearing may be named.
     faulty : collection of str
         Channels with a faulty sensor.
-    library : HealthyMachines, optional
-        Default the shipped one.
+    library, at_shafts : HealthyMachines, optional
+        Default the shipped ones; the second with lines that stand at multiples of shafts.
     """
     library = library or healthy_machines("bearings")
+    at_shafts = at_shafts or healthy_machines("bearings_at_shafts")
     parts = {(part.component, part.kind) for part in evidence}
     searches = max(1, len(evidence))
     results = []
@@ -152,10 +154,63 @@ def bearing_verdicts(
             results.append(_not_judged(own[0], why, least_change="judged with a sound sensor"))
             continue
         judged = [
-            (_bearing_verdict(part, evidence, faulty, library, searches, false_alarm_probability)) for part in sound
+            _bearing_verdict(part, evidence, faulty, library, at_shafts, searches, false_alarm_probability)
+            for part in sound
         ]
         results.append(min(judged, key=lambda one: (RANK[one.verdict], -one.strength)))
-    return results
+    return _with_twins(results, {(part.component, part.kind): part.order for part in evidence})
+
+
+def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], float]) -> list[Finding]:
+    """Return the verdicts, where bearings of the same orders are not told apart.
+
+    Their lines are the same: the one with the strongest evidence is named, with the others, and they are not judged.
+    """
+    stronger: dict[tuple[str, float], Finding] = {}
+    for one in sorted(results, key=lambda one: (RANK[one.verdict], -one.strength)):
+        stronger.setdefault((one.kind, round(orders[one.component, one.kind], 9)), one)
+    made = []
+    for one in results:
+        order = orders[one.component, one.kind]
+        first = stronger[one.kind, round(order, 9)]
+        twins = [
+            name
+            for name, kind in orders
+            if kind == one.kind and name != one.component and math.isclose(orders[name, kind], order, rel_tol=1e-9)
+        ]
+        if twins and first.verdict in {DIAGNOSED, INDICATED}:
+            made.append(_also(one, twins) if one is first else _not_told(one, first.component))
+        else:
+            made.append(one)
+    return made
+
+
+def _also(one: Finding, twins: Sequence[str]) -> Finding:
+    """Return a finding that may be of bearings with the same orders as well."""
+    doubt = f"it may be {' or '.join(twins)}, which has the same orders"
+    joint = "; " if one.doubts else "; not certain: "
+    return replace(
+        one,
+        verdict=INDICATED,
+        evidence=f"{one.evidence.removesuffix('.')}{joint}{doubt}.",
+        doubts="; ".join(filter(None, [one.doubts, doubt])),
+        next_step=f"Inspect {one.component} and {' and '.join(twins)}.",
+        least_change=f"diagnosed without this doubt: {doubt}" if not one.doubts else one.least_change,
+    )
+
+
+def _not_told(one: Finding, stronger: str) -> Finding:
+    """Return that a bearing is not judged, whose lines are those of one that is named."""
+    why = f"its line may be something else's: {stronger} has the same orders, and is named"
+    return replace(
+        one,
+        verdict=NOT_JUDGED,
+        evidence=f"not judged: {why}.",
+        doubts=why,
+        severity=_UNKNOWN,
+        next_step="",
+        least_change=f"judged, if its orders were not those of {stronger}",
+    )
 
 
 def judging_nothing(one: Finding, why: str, least_change: str) -> Finding:
@@ -179,6 +234,7 @@ def _bearing_verdict(
     evidence: Sequence[PartEvidence],
     faulty: Collection[str],
     library: HealthyMachines,
+    at_shafts: HealthyMachines,
     searches: int,
     stated: float,
 ) -> Finding:
@@ -189,7 +245,13 @@ def _bearing_verdict(
         return _unnamed(part, probability, needed)
     if part.hidden_by:
         least_change = "indicated, if no other line explained its own"
-        return _not_judged(part, _hidden(part), probability=probability, least_change=least_change)
+        return _not_judged(part, _hidden(part.hidden_by), probability=probability, least_change=least_change)
+    if part.at_shaft:
+        probability = at_shafts.probability(part.strength, parts=searches)
+        if probability > stated:
+            least = at_shafts.strength_at(stated, parts=searches)
+            least_change = f"indicated from a strength of {least:.3g} on (now {part.strength:.3g})"
+            return _not_judged(part, _hidden(part.at_shaft), probability=probability, least_change=least_change)
     rivals = [other for other in evidence if other.channel not in faulty and other is not part]
     doubts = _doubts(part, rivals)
     if probability > CERTAIN * stated and not doubts:
@@ -206,6 +268,8 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
             f"it modulates the band by only {part.depth:.1%}: it is there, but sound bearings have races and "
             "elements that are not perfect, too; compare with earlier and later records"
         )
+    if part.at_shaft:
+        doubts.append(f"{part.at_shaft}, though no shaft of a sound machine makes one as strong")
     if part.kind == "cage":
         doubts.append("damage of a rolling element makes this line, too")
     if not part.support:
@@ -339,13 +403,13 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         verdict=NOTHING_FOUND,
         evidence=f"{seen}; a modulation by {part.detectable_depth:.1%} would have stood out.",
         false_alarm_probability=probability,
-        doubts=_hidden(part) if part.hidden_by else "",
+        doubts=_hidden(part.hidden_by or part.at_shaft) if part.hidden_by or part.at_shaft else "",
         least_change=_least_of(changes),
     )
 
 
-def _hidden(part: PartEvidence) -> str:
-    return f"its line may be something else's: {part.hidden_by}"
+def _hidden(what: str) -> str:
+    return f"its line may be something else's: {what}"
 
 
 def _not_judged(part: PartEvidence, why: str, *, probability: float = math.nan, least_change: str) -> Finding:

@@ -6,7 +6,8 @@ with every drive and imperfection of the generator; ``benchmarks/healthy_library
 only. It is empirical: nothing below one in the number of its records plus one is stated.
 
 Bearings (`hums.analysis.evidence`) and teeth (`hums.analysis.gear_damage`) have a distribution each. That of teeth is
-over the records whose gears have pitch deviations, since every gear has some.
+over the records whose gears have pitch deviations, since every gear has some. Bearings whose line stands at a multiple
+of a shaft have one that holds such lines of sound machines as well, which the other leaves out.
 
 A record with N parts shows its strongest by chance more often than each: ``1 - (1 - p)^N``, parts taken as independent,
 which is careful where they share a cause.
@@ -80,7 +81,7 @@ class HealthyMachines:
 
 
 @cache
-def healthy_machines(parts: Literal["bearings", "teeth"]) -> HealthyMachines:
+def healthy_machines(parts: Literal["bearings", "bearings_at_shafts", "teeth"]) -> HealthyMachines:
     """Return the distribution over some parts that is shipped with the package."""
     read = json.loads(resources.files("hums.analysis").joinpath(_FILE).read_text(encoding="utf-8"))[parts]
     return HealthyMachines(records=read["records"], parts=read["parts"], strengths=tuple(read["strengths"]))

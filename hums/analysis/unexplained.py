@@ -7,6 +7,7 @@ another machine's, or that of a part which the drawing lacks. Where such lines o
 record does not look like its gearbox.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -74,7 +75,7 @@ def unexplained_lines(
     """Return the lines of an order spectrum that the drawing does not explain, the largest first."""
     peaks = spectral_peaks(spectrum, ratio=UNEXPLAINED_RATIO)
     width = MATCH_BINS * spectrum.bin_width
-    kept = ~_flanks(peaks.position, peaks.amplitude, _LOBE_BINS * spectrum.bin_width)
+    kept = ~flanks(peaks.position, peaks.amplitude, spectrum.bin_width)
     kept &= ~_explained(peaks.position, drawn, width)
     mains = on_mains(peaks.position, setting, width)
     left = np.flatnonzero(kept & ~mains)
@@ -116,8 +117,9 @@ def _guess(order: float, spacing: float, setting: Setting, drawn: Drawn) -> str:
     return f"{family}: another machine, or a part that the drawing lacks"
 
 
-def _flanks(orders: Numbers, amplitudes: Numbers, reach: float) -> NDArray[np.bool_]:
+def flanks(orders: Numbers, amplitudes: Numbers, bin_width: float) -> NDArray[np.bool_]:
     """Return which peaks stand within the reach of a larger one's window."""
+    reach = _LOBE_BINS * bin_width
     first, last = np.searchsorted(orders, orders - reach), np.searchsorted(orders, orders + reach)
     return np.array(
         [amplitudes[a:b].max() > one for a, b, one in zip(first, last, amplitudes, strict=True)], dtype=bool
@@ -211,6 +213,7 @@ _HARMONICS = (2, 3)
 _STRANGE_SIDEBANDS = 3  # of a strange mesh, spaced by the reference: run-out and pitch deviations
 _STRIKES = 6  # multiples of a race's order on either side: a resonance carries as many at a similar size
 _SIMILAR = 4.0  # lines of a comb that a resonance carries
+_BY_CHANCE = 0.3  # of a harmonic: above it lines are so many, as of strikes while the speed changes, that any has one
 
 
 def unlike_drawing(spectra: Sequence[AmplitudeSpectrum], drawn: Drawn, setting: Setting) -> str:
@@ -231,9 +234,10 @@ def unlike_drawing(spectra: Sequence[AmplitudeSpectrum], drawn: Drawn, setting: 
 
 def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
     peaks = spectral_peaks(spectrum, ratio=UNEXPLAINED_RATIO)
-    orders, sizes = peaks.position, peaks.amplitude
-    if not orders.size:
+    if not peaks.position.size:
         return ""
+    kept = ~flanks(peaks.position, peaks.amplitude, spectrum.bin_width)
+    orders, sizes = peaks.position[kept], peaks.amplitude[kept]
     width = MATCH_BINS * spectrum.bin_width
 
     def at(places: Numbers, relative: float = 0.0) -> NDArray[np.bool_]:
@@ -246,13 +250,16 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
     own = at(meshes)
     floor = float(np.median(peaks.background))
     others = ~own & ~shafts & (orders > _FEWEST_ORDERS) & ~on_mains(orders, setting, width)
-    harmonic = np.zeros(orders.size, dtype=bool)
-    for k in _HARMONICS:
-        harmonic |= (np.abs(orders - k * orders[:, None]) <= k * width).any(axis=1)
-        harmonic |= (np.abs(k * orders - orders[:, None]) <= k * width).any(axis=1)
-    strange = np.flatnonzero(others & harmonic & (sizes > STRANGE_FACTOR * UNEXPLAINED_RATIO * floor))
-    comb = _Combs(orders=orders, sizes=sizes, drawn=drawn, meshes=meshes, width=width)
-    place = next((place for place in strange[np.argsort(-sizes[strange])] if not comb.explain(place)), None)
+    strange = np.flatnonzero(others & (sizes > STRANGE_FACTOR * UNEXPLAINED_RATIO * floor))
+    lines = _Lines(orders=orders, sizes=sizes, drawn=drawn, meshes=meshes, width=width)
+    place = next(
+        (
+            place
+            for place in strange[np.argsort(-sizes[strange])]
+            if lines.of_a_mesh(place) and not lines.explained(place)
+        ),
+        None,
+    )
     if place is None:
         return ""
     order, size = float(orders[place]), float(sizes[place])
@@ -268,7 +275,7 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Combs:
+class _Lines:
     """Lines of a spectrum, and what of a drawing makes combs of them: planets that pass, strikes on a race."""
 
     orders: Numbers
@@ -277,7 +284,17 @@ class _Combs:
     meshes: Numbers
     width: float
 
-    def explain(self, place: int) -> bool:
+    def of_a_mesh(self, place: int) -> bool:
+        """Return whether a line has harmonics, or is one, where lines at random would seldom stand."""
+        order = self.orders[place]
+        others = self.orders[self.sizes > self.sizes[place] / _SIMILAR**2]
+        density = max(1, others.size - 1) / float(self.orders[-1])
+        near = [np.abs(others - k * order) <= self.width for k in _HARMONICS]
+        near += [np.abs(k * others - order) <= self.width for k in _HARMONICS]
+        tried = 2 * self.width * sum((k * order <= self.orders[-1]) + 1 / k for k in _HARMONICS)
+        return bool(np.any(near)) and -math.expm1(-density * tried) <= _BY_CHANCE
+
+    def explained(self, place: int) -> bool:
         """Return whether a line is a sideband of passing planets, or rung by strikes."""
         order, resolved = self.orders[place], 2 * self.width
         races = [race for race in self.drawn.bearings if race > resolved]

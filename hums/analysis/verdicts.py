@@ -51,6 +51,7 @@ __all__ = ["ShaftLevel", "Unmeasured", "derive_verdicts", "evidence_groups", "sh
 EVIDENCE, GEARS, SHAFTS, UNMEASURED = "evidence", "gears", "shafts", "unmeasured"
 UNLIKE = "unlike_drawing"  # attribute of the root: why the record does not look like its gearbox, or empty
 _LIBRARY = "library_json"
+_AT_SHAFTS = "library_at_shafts_json"
 _FEWEST_TURNS = 8.0  # of the reference, whose lines one order apart are the noise beside a line
 _SHAFT_KIND = "shaft"
 _MM_S = "mm s-1"
@@ -108,7 +109,10 @@ def evidence_groups(
     evidence = [part for channel in channels for part in channel.evidence]
     return {
         f"/{EVIDENCE}": rows_dataset(evidence, PartEvidence, dim="part").assign_attrs(
-            {_LIBRARY: json.dumps(asdict(healthy_machines("bearings")))}
+            {
+                _LIBRARY: json.dumps(asdict(healthy_machines("bearings"))),
+                _AT_SHAFTS: json.dumps(asdict(healthy_machines("bearings_at_shafts"))),
+            }
         ),
         f"/{GEARS}": rows_dataset(gears, GearJudgement, dim="gear").assign_attrs(
             {_LIBRARY: json.dumps(asdict(healthy_machines("teeth")))}
@@ -179,6 +183,7 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
             false_alarm_probability=chance,
             faulty=faulty,
             library=_library(evidence),
+            at_shafts=_library(evidence, _AT_SHAFTS),
         ),
         *gear_verdicts(gears, false_alarm_probability=chance),
         *_shaft_verdicts(rows_of(group(analysis, SHAFTS), ShaftLevel), settings["velocity_limits_mm_s"], faulty),
@@ -193,8 +198,8 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
     return judged
 
 
-def _library(dataset: xr.Dataset) -> HealthyMachines:
-    read = json.loads(dataset.attrs[_LIBRARY])
+def _library(dataset: xr.Dataset, name: str = _LIBRARY) -> HealthyMachines:
+    read = json.loads(dataset.attrs[name])
     return HealthyMachines(**read | {"strengths": tuple(read["strengths"])})
 
 

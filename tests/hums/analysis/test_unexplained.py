@@ -1,5 +1,7 @@
 """Lines that a drawing does not explain: a neighbour's family, mains, and what the drawing does explain."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -75,3 +77,42 @@ def test_another_machines_meshes_do_not_look_like_the_drawing():
 def test_a_damaged_race_is_no_other_gearbox():
     struck = [(3.6 * k, 1.0) for k in range(4, 14)]
     assert unlike_drawing([spectrum_of((23.0, 0.1), *struck)], DRAWN, SETTING) == ""
+
+
+def drawing(**changed):
+    return replace(DRAWN, **changed)
+
+
+def test_a_mesh_where_a_shaft_has_its_lines_is_no_mark_of_the_drawing():
+    other = [(1.0, 0.5), (29.0, 1.0), (58.0, 0.4)]
+    why = unlike_drawing([spectrum_of(*other)], drawing(meshes=(1.0, 23.0)), SETTING)
+    assert "the line at 29.000 orders" in why
+    assert "stands alone" in why
+
+
+def test_a_sideband_of_a_strange_mesh_is_no_mesh_of_the_drawing():
+    # 23 = 29 - 6 is one of its own, 28 = 29 - 1 a sideband that run-out makes
+    other = [(29.0, 1.0), (58.0, 0.4), (28.0, 0.6), (30.0, 0.6)]
+    assert "the line at 29.000 orders" in unlike_drawing([spectrum_of(*other)], drawing(meshes=(28.0,)), SETTING)
+    assert unlike_drawing([spectrum_of(*other)], drawing(meshes=(29.0,)), SETTING) == ""
+    assert unlike_drawing([spectrum_of(*other, (23.0, 0.6))], DRAWN, SETTING) == ""
+
+
+def test_a_second_harmonic_above_its_first_and_the_range_is_strange():
+    other = [(40.0, 0.6), (80.0, 1.0), (23.0, 0.05)]
+    assert "the line at 80.000 orders" in unlike_drawing([spectrum_of(*other)], DRAWN, SETTING)
+
+
+def test_many_races_near_to_any_line_explain_none_by_chance():
+    races = tuple(3.1 + 0.17 * k for k in range(12))
+    other = [(29.0, 1.0), (58.0, 0.4), (29.0 - races[4], 0.5), (29.0 + races[4] + 0.05, 0.5), (23.0, 0.05)]
+    assert "the line at 29.000 orders" in unlike_drawing([spectrum_of(*other)], drawing(bearings=races), SETTING)
+
+
+def test_planets_that_pass_are_no_other_gearbox():
+    # an assembly whose mesh line itself vanishes: sidebands at multiples of the carrier's order, some times the mesh
+    passed = [(harmonic * 23.0 + k * 0.25, 1.0 / harmonic) for harmonic in (1, 2, 3) for k in (-7, -4, -1, 2, 5, 8)]
+    planetary = drawing(carriers=(0.25,))
+    assert unlike_drawing([spectrum_of(*passed)], planetary, SETTING) == ""
+    # a line that falls on one of its sidebands by chance has no neighbours
+    assert unlike_drawing([spectrum_of((24.75, 1.0), (49.5, 0.4), (23.0, 0.1))], planetary, SETTING) != ""
