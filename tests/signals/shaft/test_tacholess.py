@@ -319,7 +319,7 @@ class TestInput:
             ({"x": np.ones(1000)}, "3.91 revolutions at the top of speed_range_hz, 50 Hz; at least 10"),
             ({"speed_range_hz": (50, 5)}, "empty; give the lower end first"),
             ({"orders": ()}, "orders is empty"),
-            ({"orders": (20, -1)}, "an order=-1.0 must be above zero"),
+            ({"orders": (20, -1)}, "an order=-1 must be above zero"),
             ({"orders": (2000,)}, "beyond half of rate_hz=12800"),
             ({"max_acceleration_hz_s": 0}, "max_acceleration_hz_s=0 must be above zero"),
             ({"frame_s": 2.0}, "fewer than 8 frames"),
