@@ -42,13 +42,15 @@ from hums.analysis.result import (
     IndicatorValue,
     SensorCondition,
     check_analysis,
+    group,
     rows_dataset,
+    rows_of,
     spectrum_dataset,
 )
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.stretches import analyse_stretches, is_long
 from hums.analysis.tracks import bearing_line, lines_to_track, tooth_line, track_envelope_lines, track_lines
-from hums.analysis.unexplained import UnexplainedLine, unlike_drawing
+from hums.analysis.unexplained import UnexplainedLine, not_named, unlike_drawing
 from hums.analysis.verdicts import UNLIKE, derive_verdicts, evidence_groups
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
@@ -289,6 +291,12 @@ def _judge(tree: Analysis) -> list[Finding]:
     found = findings(judged)
     tree["findings"] = xr.DataTree(rows_dataset(found, Finding, dim="finding"))
     tree["verdicts"] = xr.DataTree(rows_dataset([one for one in judged if one not in found], Finding, dim="part"))
+    left = not_named(
+        rows_of(group(tree, "unexplained"), UnexplainedLine),
+        [one.order_found for one in found if one.kind in BEARING_KINDS],
+        bin_width=group(tree, ORDER_SPECTRUM).attrs["bin_width_orders"],
+    )
+    tree["unexplained"] = xr.DataTree(rows_dataset(left, UnexplainedLine, dim="line"))
     return found
 
 

@@ -21,7 +21,7 @@ from hums.gearbox.orders import DefectOrder
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
 
-__all__ = ["Drawn", "UnexplainedLine", "drawn_orders", "on_mains", "unexplained_lines", "unlike_drawing"]
+__all__ = ["Drawn", "UnexplainedLine", "drawn_orders", "not_named", "on_mains", "unexplained_lines", "unlike_drawing"]
 
 _FEWEST = 4  # members of a family: three multiples of one order among tens of lines happen by chance
 _CHANCE = 1e-3
@@ -31,6 +31,7 @@ _MULTIPLES = 60  # of a spacing, up to the third mesh harmonic of a small gear
 _SAME = 1e-3  # relative: a spacing and a shaft's order are the same
 _PARTS = 5  # of a shaft's order: a family of its multiples may have some of them only
 _SHAFT_MULTIPLES = 30
+_PEAK_BINS = 0.2  # of a bin, to which the place of a line is known
 _SIDEBANDS = 8  # on either side of a mesh harmonic: run-out, pitch deviations, speed that wanders
 _MESH_HARMONICS = 12
 _MOST = 60  # lines that are listed, the largest first
@@ -97,15 +98,37 @@ def unexplained_lines(
     ]
 
 
+def not_named(lines: Sequence[UnexplainedLine], found: Sequence[float], *, bin_width: float) -> list[UnexplainedLine]:
+    """Return the lines that are not harmonics of the bearings that a verdict names.
+
+    Parameters
+    ----------
+    lines : sequence of UnexplainedLine
+    found : sequence of float
+        Orders at which the named bearings were found, each to a fifth of a bin, as far as a peak is interpolated.
+    bin_width : float
+        Of the spectrum, in orders.
+    """
+
+    def is_harmonic(order: float, of: float) -> bool:
+        if of <= _WIDE_BINS * bin_width:
+            return False
+        multiple = max(1, round(order / of))
+        reach = min((MATCH_BINS + _PEAK_BINS * multiple) * bin_width, of / 8)  # at most a quarter of all places
+        return abs(order - multiple * of) <= reach
+
+    return [line for line in lines if not any(is_harmonic(line.order, of) for of in found)]
+
+
 def _guess(order: float, spacing: float, setting: Setting, drawn: Drawn) -> str:
     """Return in words what a family's line might be; empty for a line that stands alone."""
     if not np.isfinite(spacing):
         return ""
     family = f"{order / spacing:.0f} times {spacing:.4g} orders ({spacing * setting.speed_hz:.4g} Hz)"
-    for race in drawn.bearings:
-        multiple = max(1, round(spacing / race))
-        if abs(spacing - multiple * race) <= drawn.slip * multiple * race:
-            return f"{family}: a bearing's defect of order {race:.4g}"
+    multiples = {race: max(1, round(spacing / race)) for race in drawn.bearings}
+    near = [race for race, n in multiples.items() if abs(spacing - n * race) <= drawn.slip * n * race]
+    if near:  # nine times a cage is near many a race: the lowest multiple says most
+        return f"{family}: a bearing's defect of order {min(near, key=multiples.__getitem__):.4g}"
     for shaft in drawn.shafts:
         for part in range(1, _PARTS + 1):
             multiple = max(1, round(part * spacing / shaft))

@@ -105,6 +105,11 @@ def fleet(  # noqa: PLR0917 - each option is one
     if result.no_trends:
         typer.echo(result.no_trends)
     typer.echo(f"{result.alarms} alarms; one in {false_alarm_every:g} records of a machine would be false")
+    for machine in result.learning:
+        typer.echo(
+            f"not judged: {machine or 'the machine'}, whose baseline is not learned yet: it takes {baseline_records} "
+            "records (--baseline-records)"
+        )
     for name in ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5"):
         typer.echo(f"wrote {result.folder / name}")
     parquet = result.folder / "indicators.parquet"

@@ -31,7 +31,12 @@ def orders(
         typer.Option(metavar="LOW HIGH", help="Speeds of the reference to draw, up to the given one or 3000."),
     ] = None,
 ) -> None:
-    """Print the defect orders of a gearbox."""
+    """Print the defect orders of a gearbox.
+
+    Orders count per revolution of the reference. A rolling element strikes both races, twice per turn of its own
+    (2 BSF); a tooth's order is how often it meets its mates; assembly_phase is the mesh over the common divisor of the
+    teeth.
+    """
     from hums.gearbox.kinematics import solve_kinematics  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.gearbox.orders import defect_orders  # noqa: PLC0415

@@ -74,6 +74,8 @@ class Fleet:
         Reason why ``trends.csv`` has no row; empty where it has rows.
     alarms : int
         Number of alarms raised, the rows of ``alarms.csv``.
+    learning : tuple of str
+        Machines whose baseline is not learned yet, so that nothing of them is judged.
 
     Examples
     --------
@@ -94,6 +96,7 @@ class Fleet:
     errors: Mapping[str, str] = field(default_factory=dict)
     no_trends: str = ""
     alarms: int = 0
+    learning: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,6 +215,7 @@ def analyze_fleet(
         errors=written.errors,
         no_trends=written.no_trends,
         alarms=sum(len(history.alarms) for history in histories),
+        learning=tuple(history.state.machine for history in histories if _is_learning(history)),
     )
 
 
@@ -223,6 +227,10 @@ def _listed(folder: Path) -> list[str]:
     path = folder / _LIST
     names: list[str] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
     return names
+
+
+def _is_learning(history: MachineHistory) -> bool:
+    return history.last is None and not history.state.unwatched_since
 
 
 def _tables(

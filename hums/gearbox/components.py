@@ -422,6 +422,9 @@ class Mesh(Declared):
         return self
 
 
+_DATA_SHEET = {"bpfi": "inner", "bpfo": "outer", "ftf": "cage"}
+
+
 class Multiples(Declared):
     """Defect frequencies of a bearing as a data sheet prints them, per relative turn of its rings."""
 
@@ -435,12 +438,14 @@ class Multiples(Declared):
     @classmethod
     def _refuse_ball(cls, table: Any) -> Any:  # noqa: ANN401
         if isinstance(table, dict):
-            for word in ("ball", "roller", "element"):
-                if word in table:
+            for word in table:
+                if str(word).lower() in ("ball", "roller", "element", "bsf"):
                     raise ValueError(
                         f'"{word}" is ambiguous; say element_spin (BSF: one turn of the element) '
                         "or element_defect (twice that: the defect meets both races)"
                     )
+                if key := _DATA_SHEET.get(str(word).lower()):
+                    raise ValueError(f'"{word}" is called {key} here; write {key} = {table[word]}')
         return table
 
     @model_validator(mode="after")

@@ -437,7 +437,8 @@ def _catalogue_geometry(table: Mapping[str, Any]) -> dict[str, Any]:
     if not found:
         raise ValueError(
             f'bearing = "{name}" is not in the catalogue{closest(name, [row.name for row in bearing_catalogue()])}; '
-            "or give elements, element_diameter_mm and pitch_diameter_mm"
+            "or give elements, element_diameter_mm and pitch_diameter_mm, or what its data sheet prints: "
+            "multiples = { inner = BPFI, outer = BPFO, element_spin = BSF, cage = FTF }"
         )
     if len(found) > 1:
         raise ValueError(

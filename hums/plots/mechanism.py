@@ -1,6 +1,7 @@
 """The mechanism of a gearbox, drawn from its file: a section through its axes, or the view along them."""
 
 import math
+import textwrap
 from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from typing import Any, Literal
@@ -23,6 +24,7 @@ View = Literal["section", "axial"]
 _STEEL, _FRAME = "#dfe6ee", "#c3cad3"
 _RIM = 0.14  # thickness of the rim of a ring gear, of its pitch radius
 _TEXT = 7.0  # points
+_LINE = 60  # characters of a note below a drawing: half of a page's width holds as many
 _IN_PLANE = 1e-6
 
 
@@ -86,7 +88,8 @@ def draw_mechanism(
     ax.autoscale_view()
     ax.margins(0.08)
     ax.set_axis_off()
-    ax.set_title("\n".join(layout.notes), loc="left", fontsize=_TEXT, color=INK, y=-0.02, va="top")
+    notes = "\n".join(line for note in layout.notes for line in textwrap.wrap(note, _LINE))
+    ax.set_title(notes, loc="left", fontsize=_TEXT, color=INK, y=-0.02, va="top")
     if names:
         drawing.write_names(beside=view != "axial")
     return ax

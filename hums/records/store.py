@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from datetime import datetime
 from hashlib import sha256
 from pathlib import Path
+from shlex import quote
 from socket import gethostname
 from typing import Any, Final, TypeVar
 from uuid import uuid4
@@ -342,7 +343,8 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
         if _SIGNATURE.startswith(start):
             raise _damaged(file, f"it ends after {len(start)} bytes")
         raise RecordError(
-            f"{file} is not an HDF5 file, so not a record. Make a record of it: hums convert {file.name} record.h5 ..."
+            f"{file} is not an HDF5 file, so not a record. "
+            f"Make a record of it: hums convert {quote(file.name)} record.h5 ..."
         )
     contents = None
     try:
@@ -442,7 +444,7 @@ def _check_schema(file: Path) -> None:
     if schema is None:
         raise RecordError(
             f"{file} is HDF5 but not a record: it carries no schema. If it holds signals, make a record of "
-            f"them: hums convert {file.name} record.h5 ..."
+            f"them: hums convert {quote(file.name)} record.h5 ..."
         )
     raise RecordError(f"{file} holds {schema}, where a record holds {SCHEMA}; open it with what wrote it.")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hums.analysis.evidence import Setting
-from hums.analysis.unexplained import Drawn, unexplained_lines, unlike_drawing
+from hums.analysis.unexplained import Drawn, not_named, unexplained_lines, unlike_drawing
 from signals import amplitude_spectrum
 
 SPEED_HZ = 20.0
@@ -116,3 +116,19 @@ def test_planets_that_pass_are_no_other_gearbox():
     assert unlike_drawing([spectrum_of(*passed)], planetary, SETTING) == ""
     # a line that falls on one of its sidebands by chance has no neighbours
     assert unlike_drawing([spectrum_of((24.75, 1.0), (49.5, 0.4), (23.0, 0.1))], planetary, SETTING) != ""
+
+
+def test_harmonics_of_a_named_bearing_are_explained_by_it():
+    heard = [(k * 3.59, 0.1) for k in (1, 2, 3, 5, 7)]
+    lines = unexplained((23.0, 1.0), *heard, (16.65, 0.2))
+    left = not_named(lines, [3.59], bin_width=1 / 128)
+    assert [round(line.order, 2) for line in left] == [16.65]
+    assert not_named(lines, [], bin_width=1 / 128) == lines
+
+
+def test_a_family_is_guessed_to_be_the_bearing_of_the_lowest_multiple():
+    cage_and_race = drawing(bearings=(0.3983, 3.585))
+    heard = [(k * 3.585, 0.1) for k in range(5, 15)]
+    lines = unexplained_lines(spectrum_of(*heard), cage_and_race, SETTING, channel="x", units="g")
+    assert lines
+    assert all("order 3.585" in line.might_be for line in lines)
