@@ -83,10 +83,15 @@ def _of_the_rest(part: str, verdict: str, sure: str, since: str) -> dict[str, st
 
 
 def component_styles(facts: Facts) -> dict[str, str]:
-    """Return the class of each component that was judged, that of its gravest verdict."""
+    """Return the class of each component that was judged, that of its gravest verdict.
+
+    A shaft that lacks a baseline is left out: its colour would cover that of the gears on it.
+    """
     gravest: dict[str, str] = {}
     ranks = [*CLASSES.values()]
     for finding in facts.get("verdicts") or facts["findings"]:
+        if finding.get("kind") == "shaft" and finding["verdict"] == NOT_JUDGED:
+            continue
         style = CLASSES.get(finding["verdict"], "unknown")
         known = gravest.setdefault(finding["component"], style)
         if ranks.index(style) < ranks.index(known):
