@@ -358,7 +358,7 @@ def _trial_fits(
 
         kept, lines = _above_floor(np.arange(chosen.size), ranks[chosen], lines_of)
         sizes = np.max(np.abs(lines), axis=(0, 2))
-        # the halved window separates fewer lines: those nearer than it can tell apart would be no least squares
+        # the halved window separates fewer lines: for those below its resolution least squares are undetermined
         own = np.sort(_separate(orders[chosen[kept]], sizes, ranks[chosen[kept]], np.arange(kept.size), 2 * apart))
         halved = amplitudes_of([half_moments.of(kept[own], degree=degree)], instants_rev, half_which)
         difference, size = (np.sum(np.abs(part) ** 2, axis=(0, 1)) for part in (lines[:, own] - halved, lines[:, own]))

@@ -6,12 +6,9 @@ An analysis is an `xarray.DataTree` with the groups `/speed`, `/health`, `/order
 alone.
 """
 
-import json
 import logging
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,12 +34,12 @@ from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_l
 from hums.analysis.pictures import ChannelPictures, channel_pictures, picture_groups
 from hums.analysis.reference_angle import Machine, prepare_machine, prepare_snapshots
 from hums.analysis.result import (
-    SCHEMA,
     Analysis,
     IndicatorValue,
     SensorCondition,
     check_analysis,
     group,
+    root_attributes,
     rows_dataset,
     rows_of,
     spectrum_dataset,
@@ -55,7 +52,6 @@ from hums.analysis.verdicts import UNLIKE, derive_verdicts, evidence_groups
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
 from hums.records.channels import is_average
-from hums.records.quantities import mean_quantities
 from hums.records.record import channel_values, check_record, sampling
 from hums.records.snapshots import is_snapshots, snapshots_of
 from hums.records.store import open_record
@@ -408,30 +404,13 @@ def _root_attrs(
     excluded: Sequence[str],
 ) -> dict[str, Any]:
     """Return the attributes of the analysis: its inputs, settings and caveats."""
-    return {
-        "schema": SCHEMA,
-        "record": Path(str(record.encoding.get("source", ""))).name,
-        "version": version("hums-toolkit"),
-        "channels_json": json.dumps(
-            [
-                {"name": c.name, "units": c.units, "rate_hz": c.rate_hz, "duration_s": c.duration_s}
-                | {
-                    key: str(record[c.name].attrs[key])
-                    for key in ("sensor", "direction")
-                    if key in record[c.name].attrs
-                }
-                for c in channels
-            ]
-        ),
-        "machine": record.attrs.get("machine", ""),
-        "recorded_at": record.attrs.get("recorded_at", ""),
-        "gearbox": gearbox.name,
-        "gearbox_json": gearbox.model_dump_json(exclude_none=True),
-        "reference": machine.reference,
-        "measured_json": json.dumps({name: mean for name, (mean, _) in mean_quantities(record).items()}),
-        "settings_json": settings.model_dump_json(),
-        "notes_json": json.dumps([*notes(machine, settings, channels), *excluded]),
-    }
+    described = [
+        {"name": c.name, "units": c.units, "rate_hz": c.rate_hz, "duration_s": c.duration_s}
+        | {key: str(record[c.name].attrs[key]) for key in ("sensor", "direction") if key in record[c.name].attrs}
+        for c in channels
+    ]
+    caveats = [*notes(machine, settings, channels), *excluded]
+    return root_attributes(record, gearbox, machine.reference, settings, channels=described, notes=caveats)
 
 
 def _speed_dataset(machine: Machine) -> xr.Dataset:

@@ -5,13 +5,10 @@ its gears. Bearings, other shafts, time and speed are gone, and one average has 
 be taken: nothing is diagnosed, and every part says why.
 """
 
-import json
 import math
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from functools import partial
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,11 +32,11 @@ from hums.analysis.indicators import (
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.reference_angle import AngleSource, Machine, solved
 from hums.analysis.result import (
-    SCHEMA,
     Analysis,
     IndicatorValue,
     SensorCondition,
     check_analysis,
+    root_attributes,
     rows_dataset,
     spectrum_dataset,
 )
@@ -47,7 +44,6 @@ from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.components import closest
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS, bearing_orders, defects
-from hums.records.quantities import mean_quantities
 from signals.angle.averaging import SynchronousAverage
 from signals.angle.residual import residual_signal
 from signals.indicators import INDICATORS, kurtosis, rms
@@ -97,32 +93,24 @@ def analyse_average(
         monitored = MonitoredComponent(channel=name, units=units[name], component=component, kind="shaft")
         indicators += _indicators(monitored, values, average, machine, settings, baseline)
         spectra.append((name, units[name], _spectrum(values, record, machine, component)))
-    turns = {name: record[name].size // int(record.attrs["samples_per_rev"]) for name in names}
+    per_rev = int(record.attrs["samples_per_rev"])
+    described = [
+        {"name": name, "units": units[name], "revolutions": record[name].size // per_rev, "samples_per_rev": per_rev}
+        for name in names
+    ]
     excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
     excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
     tree = xr.DataTree.from_dict(
         {
             "/": xr.Dataset(
-                attrs={
-                    "schema": SCHEMA,
-                    "record": Path(str(record.encoding.get("source", ""))).name,
-                    "version": version("hums-toolkit"),
-                    "channels_json": json.dumps(
-                        [
-                            {"name": name, "units": units[name], "revolutions": turns[name]}
-                            | {"samples_per_rev": int(record.attrs["samples_per_rev"])}
-                            for name in names
-                        ]
-                    ),
-                    "machine": record.attrs.get("machine", ""),
-                    "recorded_at": record.attrs.get("recorded_at", ""),
-                    "gearbox": gearbox.name,
-                    "gearbox_json": gearbox.model_dump_json(exclude_none=True),
-                    "reference": machine.reference,
-                    "measured_json": json.dumps({key: mean for key, (mean, _) in mean_quantities(record).items()}),
-                    "settings_json": settings.model_dump_json(),
-                    "notes_json": json.dumps([_note(record), *excluded]),
-                }
+                attrs=root_attributes(
+                    record,
+                    gearbox,
+                    machine.reference,
+                    settings,
+                    channels=described,
+                    notes=[_note(record), *excluded],
+                )
             ),
             "/speed": _no_speed(machine),
             "/health": rows_dataset(_conditions([*names, *constant], gapped), SensorCondition, dim="item"),

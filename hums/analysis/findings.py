@@ -162,7 +162,7 @@ def bearing_verdicts(
 
 
 def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], float]) -> list[Finding]:
-    """Return the verdicts, where bearings of the same orders are not told apart.
+    """Return the verdicts, where bearings of the same orders are not distinguished.
 
     Their lines are the same: the one with the strongest evidence is named, with the others, and they are not judged.
     """
@@ -179,7 +179,7 @@ def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], flo
             if kind == one.kind and name != one.component and math.isclose(orders[name, kind], order, rel_tol=1e-9)
         ]
         if twins and first.verdict in {DIAGNOSED, INDICATED}:
-            made.append(_also(one, twins) if one is first else _not_told(one, first.component))
+            made.append(_also(one, twins) if one is first else _of_another_bearing(one, first.component))
         else:
             made.append(one)
     return made
@@ -199,22 +199,14 @@ def _also(one: Finding, twins: Sequence[str]) -> Finding:
     )
 
 
-def _not_told(one: Finding, stronger: str) -> Finding:
+def _of_another_bearing(one: Finding, named: str) -> Finding:
     """Return that a bearing is not judged, whose lines are those of one that is named."""
-    why = f"its line may be something else's: {stronger} has the same orders, and is named"
-    return replace(
-        one,
-        verdict=NOT_JUDGED,
-        evidence=f"not judged: {why}.",
-        doubts=why,
-        severity=_UNKNOWN,
-        next_step="",
-        least_change=f"judged, if its orders were not those of {stronger}",
-    )
+    why = f"its line may be something else's: {named} has the same orders, and is named"
+    return judging_nothing(one, why, f"judged, if its orders were not those of {named}")
 
 
 def judging_nothing(one: Finding, why: str, least_change: str) -> Finding:
-    """Return a verdict that judges nothing, for a reason of the whole record."""
+    """Return a verdict that judges nothing, with the reason."""
     return replace(
         one,
         verdict=NOT_JUDGED,

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -11,7 +12,9 @@ import xarray as xr
 
 from hums.analysis.detection import AssessedLine
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
-from hums.analysis.settings import AnalysisError
+from hums.analysis.settings import AnalysisError, AnalysisSettings
+from hums.gearbox.model import Gearbox
+from hums.records.quantities import mean_quantities
 from hums.records.record import RecordError
 from hums.records.store import open_tree, write_tree
 from signals._validation import checked, choice
@@ -178,6 +181,32 @@ def group(analysis: Analysis, name: str) -> xr.Dataset:
 def _table(analysis: Analysis, name: str) -> "pd.DataFrame":
     """Return the rows of one group of an analysis."""
     return group(analysis, name).to_dataframe().reset_index(drop=True)
+
+
+def root_attributes(
+    record: xr.Dataset,
+    gearbox: Gearbox,
+    reference: str,
+    settings: AnalysisSettings,
+    *,
+    channels: Sequence[Mapping[str, Any]],
+    notes: Sequence[str],
+) -> dict[str, str]:
+    """Return the attributes of an analysis: what was analysed, with which gearbox and settings, and its caveats."""
+    return {
+        "schema": SCHEMA,
+        "record": Path(str(record.encoding.get("source", ""))).name,
+        "version": version("hums-toolkit"),
+        "channels_json": json.dumps(channels),
+        "machine": record.attrs.get("machine", ""),
+        "recorded_at": record.attrs.get("recorded_at", ""),
+        "gearbox": gearbox.name,
+        "gearbox_json": gearbox.model_dump_json(exclude_none=True),
+        "reference": reference,
+        "measured_json": json.dumps({name: mean for name, (mean, _) in mean_quantities(record).items()}),
+        "settings_json": settings.model_dump_json(),
+        "notes_json": json.dumps(notes),
+    }
 
 
 def check_analysis(tree: Analysis) -> None:

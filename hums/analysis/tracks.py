@@ -354,7 +354,7 @@ def _track_envelope_line(line: EnvelopeLine, revolution: Numbers, bandwidth: flo
 def _followed(
     line: EnvelopeLine, values: Numbers, angle: Numbers, grid: Numbers, largest: float, bandwidth: float | None
 ) -> tuple[NDArray[np.complex128], Numbers, Numbers, Numbers, float, str]:
-    """Follow a slipping line: once to know its angle, and again at the bandwidth that is likely along it."""
+    """Track a slipping line: first for its angle, then at the bandwidth of maximum likelihood along it."""
 
     def follow(width: float, steps: int = _MOST_STEPS) -> SlippingTrack:
         return track_slipping_order(

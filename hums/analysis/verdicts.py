@@ -225,7 +225,8 @@ def unmeasured_parts(
     found: dict[tuple[str, str], Unmeasured] = {}
     for row in machine.defect_orders:
         key = (row.component, row.kind)
-        if row.kind in {*BEARING_KINDS, "tooth", _SHAFT_KIND} and row.order > 0 and not {key} & (seen | found.keys()):
+        can_fail = row.kind in {*BEARING_KINDS, "tooth", _SHAFT_KIND} and row.order > 0
+        if can_fail and key not in seen and key not in found:
             reason = _why_no_line if row.kind in BEARING_KINDS else _why_too_short
             why, least_change = reason(row.order, channels, machine, settings)
             found[key] = Unmeasured(component=row.component, kind=row.kind, why=why, least_change=least_change)

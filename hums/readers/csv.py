@@ -77,7 +77,7 @@ def read(path: Path) -> tuple[dict[str, NDArray[np.generic] | str], dict[str, St
 
 
 def _name_and_units(title: str) -> tuple[str, str | None]:
-    """Return the name and the units of a header such as "DE [m/s²]" or "DE (g)"; None where it states none we know.
+    """Return the name and the units of a header such as "DE [m/s²]" or "DE (g)"; None where it states no known unit.
 
     One letter in round brackets is taken for units only if it is g: "(V)", "(A)" are vertical and axial, too.
     """

@@ -9,24 +9,10 @@ import numpy as np
 import pytest
 from scipy.io import savemat, wavfile
 
-from hums.cli import main
 from hums.records.store import open_record
 
 RATE_HZ, SPEED_HZ, SECONDS = 5000, 20.0, 4.0
 RATIO = 67 / 23 * 61 / 19  # of the two-stage gearbox: turns of its input for one of its output
-
-
-@pytest.fixture
-def run(monkeypatch, capsys):
-    """Run `hums ...` and return exit code, standard output and standard error."""
-
-    def command(*words):
-        monkeypatch.setattr(sys, "argv", ["hums", *map(str, words)])
-        code = main()
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return command
 
 
 @pytest.fixture

@@ -4,21 +4,6 @@ import math
 import subprocess
 import sys
 
-import pytest
-
-from hums.cli import main
-
-
-@pytest.fixture
-def run(monkeypatch, capsys):
-    def command(*words):
-        monkeypatch.setattr(sys, "argv", ["hums", *map(str, words)])
-        code = main()
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return command
-
 
 def test_drawing_of_all_pictures(run, tmp_path):
     code, out, err = run("drawing", "car-differential", "-o", tmp_path / "pictures")

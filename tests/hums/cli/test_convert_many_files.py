@@ -1,25 +1,9 @@
 """`hums convert` of many files, of averages in angle, and what `hums info` says of such records."""
 
-import sys
-
 import numpy as np
 import pytest
 
 import hums
-from hums.cli import main
-
-
-@pytest.fixture
-def run(monkeypatch, capsys):
-    """Run `hums ...` and return exit code, standard output and standard error."""
-
-    def command(*words):
-        monkeypatch.setattr(sys, "argv", ["hums", *map(str, words)])
-        code = main()
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return command
 
 
 @pytest.fixture
