@@ -289,7 +289,7 @@ def _parts_caption(tracks: xr.Dataset) -> str:
         depth = np.nanmean(np.abs(one["complex_amplitude"].to_numpy())) / float(one["level"])
         said.append(
             f"{_label(_track_line(tracks, at))}: envelope from {float(one['band_low_hz']):.5g} to "
-            f"{float(one['band_high_hz']):.5g} Hz, modulated by {depth:.1%} of its mean{follows}, bandwidth "
+            f"{float(one['band_high_hz']):.5g} Hz, modulated by {depth:.1%} of its mean along it{follows}, bandwidth "
             f"{float(one['bandwidth_orders']):.2g} orders"
         )
     return (

@@ -106,8 +106,8 @@ def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]
     Returns
     -------
     list of dict
-        part, kind, verdict, style (class), line, sure, severity, nearer, since, next and evidence, in words; empty
-        where nothing is known.
+        part, kind, verdict, word (for the verdict), style (class), unjudged (parts), line, sure, severity, nearer,
+        since, next, evidence and least_change, in words; empty where nothing is known.
     """
     rows = [_row(finding, facts, past) for finding in facts["findings"]]
     rows.sort(key=lambda row: list(CLASSES).index(row["verdict"]) if row["verdict"] in CLASSES else len(CLASSES))
@@ -120,20 +120,33 @@ def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]
             "records show as much."
         )
         since = "" if past is None else _before(past)
-        return [_of_the_rest(facts["machine"] or facts["gearbox"], verdict, sure, since)]
+        row = _of_the_rest(facts["machine"] or facts["gearbox"], verdict, sure, since, _unjudged_parts(every))
+        partly = verdict == NOT_JUDGED and any(one["verdict"] == NOTHING_FOUND for one in every)
+        return [row | ({"word": "not judged in part"} if partly else {})]
     if unjudged := not_judged_words(every):
-        rows.append(_of_the_rest("Other parts", NOT_JUDGED, unjudged, ""))
+        rows.append(_of_the_rest("Other parts", NOT_JUDGED, unjudged, "", _unjudged_parts(every)))
     return rows
 
 
-def _of_the_rest(part: str, verdict: str, sure: str, since: str) -> dict[str, str]:
+def _unjudged_parts(every: Sequence[Mapping[str, Any]]) -> str:
+    """Return which parts could not be judged, by kind of damage."""
+    kinds: dict[str, list[str]] = {}
+    for row in every:
+        if row["verdict"] == NOT_JUDGED and "component" in row:
+            kinds.setdefault(_kind(row), []).append(row["component"])
+    return "; ".join(f"{kind} of {', '.join(dict.fromkeys(parts))}" for kind, parts in kinds.items())
+
+
+def _of_the_rest(part: str, verdict: str, sure: str, since: str, unjudged: str) -> dict[str, str]:
     """Return the row of the parts that are not named."""
     return {
         "part": part,
         "kind": "",
         "verdict": verdict,
+        "word": verdict,
         "style": CLASSES[verdict],
         "sure": sure,
+        "unjudged": unjudged,
         "line": "",
         "nearer": "",
         "severity": "",
@@ -169,6 +182,8 @@ def _row(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> dict[s
         "part": finding["component"],
         "kind": _kind(finding),
         "verdict": verdict,
+        "word": verdict,
+        "unjudged": "",
         "style": CLASSES.get(verdict, "unknown"),
         "line": _line_words(finding, facts),
         "sure": _sure(finding),

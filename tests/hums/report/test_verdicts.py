@@ -92,7 +92,11 @@ def test_a_record_that_could_not_be_judged_is_not_called_clean():
     judged = [{"verdict": "nothing found", "doubts": ""}, {"verdict": "not judged", "doubts": "too short: 3 turns"}]
     (row,) = verdict_rows(facts() | {"verdicts": judged})
     assert (row["verdict"], row["style"], row["severity"]) == ("not judged", "unknown", "")
+    assert row["word"] == "not judged in part"
     assert row["sure"].startswith("1 of 2 kinds of damage could not be judged (too short)")
+    named = [one | {"component": "input", "kind": "shaft"} for one in judged]
+    assert verdict_rows(facts() | {"verdicts": named})[0]["unjudged"] == "shaft of input"
+    assert verdict_rows(facts() | {"verdicts": named[1:]})[0]["word"] == "not judged"
 
 
 def test_what_was_not_judged_stands_beside_the_findings():
