@@ -54,7 +54,8 @@ def test_orders_in_hz(run):
     _, out, _ = run("orders", "two-stage", "--csv", "--rpm", 1500)
     header, *lines = out.splitlines()
     mesh = dict(zip(header.split(","), next(line for line in lines if "gear_mesh" in line).split(","), strict=True))
-    assert float(mesh["hz"]) == 23 * 1500 / 60
+    assert (float(mesh["hz"]), float(mesh["cpm"])) == (23 * 1500 / 60, 23 * 1500)
+    assert run("orders", "two-stage")[2] == "note: No bearing is declared on output.\n"
 
 
 def test_python_m_hums():
