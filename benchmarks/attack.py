@@ -5,14 +5,12 @@ stopped goes on there.
 """
 
 import faulthandler
-import json
 import os
 import sys
 import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +18,7 @@ from attacks.call_cases import Case, all_cases
 from attacks.damaged_files import COLUMNS, FOREIGN, KINDS, attack_kind, file_rows
 from attacks.kills import WRITERS, kill_saves, kill_workers
 from attacks.odd_calls import answers_that_differ, failure, odd_calls
+from attacks.parts import kept_or_made
 
 KILL_S = 60
 MOST_SHOWN = 40
@@ -70,16 +69,6 @@ def call_rows(counts: dict[str, dict[str, int]]) -> list[str]:
         + f" | {count['ms'] / 1000:.0f} |"
         for name, count in sorted(counts.items())
     ]  # fmt: skip
-
-
-def kept_or_made(folder: Path, name: str, make: Callable[[], Any]) -> Any:  # noqa: ANN401 - what JSON holds
-    """Return what a part found; it is made unless a file of an earlier run has it."""
-    file = folder / f"{name}.json"
-    if not file.exists():
-        part = file.with_suffix(".part")
-        part.write_text(json.dumps(make()), encoding="utf-8")
-        part.replace(file)
-    return json.loads(file.read_text(encoding="utf-8"))
 
 
 def attack(kept: Path, scratch: Path) -> tuple[str, bool]:

@@ -9,10 +9,12 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
 import hums
 from hums.fleet.state import read_state, write_state
 from hums.jobs import Job, Processes, run_jobs
+from hums.records.store import open_tree, write_tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,7 +42,8 @@ def _writer(kind: str, folder: Path) -> tuple[list[Any], Callable[[Any, Path], N
         for seed in (1, 2)
     ]  # fmt: skip
     if kind == "analysis":
-        return analyses, hums.save_analysis, _holds(hums.open_analysis)
+        few = [{where: one[where].to_dataset() for where in ("/health", "/speed", "/gears")} for one in analyses]
+        return [xr.DataTree.from_dict(groups) for groups in few], write_tree, _holds(open_tree)
     states = []
     for number, analysis in enumerate(analyses):
         hums.watch(analysis, folder / f"{number}.state")
