@@ -3,6 +3,7 @@
 import difflib
 import json
 import math
+import os
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
@@ -32,6 +33,7 @@ __all__ = [
     "closest",
     "coaxial_warning",
     "count",
+    "file_beside",
     "named_file",
     "parsed_toml",
     "planet_angles",
@@ -133,6 +135,12 @@ def named_file(name_or_path: str | Path, *, shipped: dict[str, Path], thing: str
     raise error(f'"{name}" is neither a .toml file nor a {thing} of the catalogue{closest(name, set(shipped))}')
 
 
+def file_beside(path: Path, name: str) -> str:
+    """Return the path of a file that another one beside it names; the name itself where there is no such file."""
+    beside = path.parent / name
+    return str(beside) if os.path.isfile(beside) else name  # noqa: PTH113 - False, too, of what no file can be named
+
+
 def shipped_files(package: str) -> dict[str, Path]:
     """Return the TOML files in the folder `catalogue` of a package, by stem."""
     folder = Path(str(files(package))) / "catalogue"
@@ -149,6 +157,8 @@ def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise error(f"{path}: there is no such file; check the path.") from None
+    except OSError as caught:
+        raise error(f"{path} cannot be read ({caught.strerror}); check who may read it.") from None
     except UnicodeDecodeError as caught:
         raise error(f"{path} is not UTF-8 text (byte {caught.start}); save it as UTF-8.") from None
     if not text.strip():

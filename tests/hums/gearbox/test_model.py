@@ -417,6 +417,12 @@ class TestFiles:
         assert str(path) in str(caught.value)
         assert caught.value.__cause__ is None  # the sentence stands alone, no chain of internals
 
+    @pytest.mark.parametrize("name", ["y" * 5000, "y" * 5000 + ".toml", "a\0b.toml"])
+    def test_names_that_no_file_has(self, name):
+        with pytest.raises((ValueError, TypeError), match=r"no (file|path) may have") as caught:
+            load_gearbox(name)
+        assert len(str(caught.value)) <= 1000
+
     def test_missing(self, tmp_path):
         with pytest.raises(GearboxError, match="no such file"):
             load_gearbox(tmp_path / "nowhere.toml")
