@@ -9,9 +9,12 @@ Every kind of defect of every part has one of four verdicts:
 - *nothing found*: a modulation by a tenth of the level would have stood out, and does not.
 
 The probability is that over healthy machines (`hums.analysis.healthy_machines`), for all parts of the record together,
-not that of noise. A bearing is diagnosed if its line modulates a band by a tenth of the mean or more, a harmonic or
-sideband supports it, on a race that turns through the load zone a sideband, no other race or element of it comes within
-a factor of three, and nothing unexplained is deeper; its cage never, since damage of an element makes the same line.
+not that of noise. No bearing is named for a line that may be another source's: one of the same bearing is three times
+as large, or something that the drawing does not explain makes a stronger line; nor, unless the line is deep, where both
+races have lines alike or the record would not show damage. A bearing is diagnosed if its line modulates a band by a
+tenth of the mean or more, a harmonic or sideband supports it, on a race that turns through the load zone a sideband,
+and no other race or element of it comes within a factor of three; its cage never, since damage of an element makes the
+same line.
 Gears are judged in `hums.analysis.gear_damage`, and are at most indicated.
 """
 
@@ -20,7 +23,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hums.analysis.evidence import PartEvidence
+from hums.analysis.evidence import PartEvidence, strength
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.thresholds import FAULTY_DEPTH, LEAST_STRENGTH, RIVAL_FACTOR
 from hums.gearbox.orders import BEARING_KINDS
@@ -245,11 +248,64 @@ def _bearing_verdict(
             least_change = f"indicated from a strength of {least:.3g} on (now {part.strength:.3g})"
             return _not_judged(part, _hidden(part.at_shaft), probability=probability, least_change=least_change)
     rivals = [other for other in evidence if other.channel not in faulty and other is not part]
+    if why := _eclipsed(part, rivals):
+        return _not_judged(part, why[0], probability=probability, least_change=why[1])
     doubts = _doubts(part, rivals)
     if probability > CERTAIN * stated and not doubts:
         doubts.append(f"one in {1 / probability:.0f} healthy machines shows as much")
     certain = library.strength_at(CERTAIN * stated, parts=searches)
     return _named(part, doubts, probability, _least_of(_changes(part, rivals, doubts, needed, certain)))
+
+
+def _eclipsed(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, str] | None:
+    """Return why a line that few healthy machines show is no evidence for its part, and what would change that.
+
+    A much larger line of the same bearing leaves traces at the places of its other parts. Where something else that
+    the drawing does not explain makes a stronger line, it may as well make this one. Below `RIVAL_FACTOR` times
+    `FAULTY_DEPTH` two more: in a record that would not show damage, other sources as strong need not show either; and
+    lines of both races alike are what a rough bearing or a damaged element makes.
+    """
+    rivals = _rivals(part, others)
+    larger = max(rivals, key=lambda rival: rival.depth, default=None)
+    if larger is not None and larger.depth > RIVAL_FACTOR * part.depth and larger.strength > part.strength:
+        why = (
+            f"the line of {_kind_text(larger.kind)} of the same bearing is {larger.depth / part.depth:.0f} times as "
+            "large, of which this may be a trace"
+        )
+        least = larger.depth / RIVAL_FACTOR
+        return _hidden(why), f"indicated from a modulation of {least:.1%} on (now {part.depth:.1%})"
+    if part.other_strength > strength([part.depth], part.snr) and not _is_known(part, others):
+        why = f"the line at {part.other_order:.3f} orders, which nothing explains, is stronger ({part.other_depth:.1%})"
+        return _hidden(why), "indicated, if that line were weaker than its own"
+    clear = RIVAL_FACTOR * FAULTY_DEPTH
+    if part.depth >= clear:
+        return None
+    least_change = f"indicated from a modulation of {clear:.0%} on (now {part.depth:.1%})"
+    if part.detectable_depth > FAULTY_DEPTH:
+        why = (
+            f"too short or too noisy: its line modulates a band by {part.depth:.0%} where only "
+            f"{part.detectable_depth:.0%} would stand out in any, so that other sources may be as strong and unseen"
+        )
+        return why, least_change
+    for rival in rivals:
+        alike = rival.channel == part.channel and rival.depth * RIVAL_FACTOR > part.depth
+        if alike and {part.kind, rival.kind} == {"inner_race", "outer_race"}:
+            why = (
+                f"the line of {_kind_text(rival.kind)} is of similar size ({rival.depth:.1%}), as a rough bearing or a "
+                "damaged element makes both"
+            )
+            return _hidden(why), least_change
+    return None
+
+
+def _is_known(part: PartEvidence, others: Sequence[PartEvidence]) -> bool:
+    """Whether the strongest line that a part does not explain is one of another part, or a harmonic of such."""
+    return any(
+        abs(part.other_order - multiple * other.found) <= multiple * other.bin_width
+        for other in others
+        if other.strength > 0 and not other.hidden_by
+        for multiple in (1, 2, 3)
+    )
 
 
 def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
@@ -273,16 +329,6 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
         for rival in _rivals(part, rivals)
         if rival.depth * RIVAL_FACTOR > part.depth
     ]
-    known = any(
-        abs(part.other_order - multiple * rival.found) <= multiple * rival.bin_width
-        for rival in rivals
-        if rival.strength > 0
-        for multiple in (1, 2, 3)
-    )
-    if part.other_depth > part.depth and not known:
-        doubts.append(
-            f"the line at {part.other_order:.3f} orders, which nothing explains, is deeper ({part.other_depth:.1%})"
-        )
     return doubts
 
 
@@ -293,7 +339,7 @@ def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvid
         for other in others
         if other.component == part.component
         and other.kind != part.kind
-        and other.strength > 0
+        and other.strength >= LEAST_STRENGTH
         and part.kind != "cage" != other.kind
     ]
 

@@ -34,11 +34,13 @@ Halved, records of a few turns are called clean; doubled, records of a minute ar
 RIVAL_FACTOR = 3.0
 """Ratio of two lines above which the smaller may be a trace of the larger; within it they are rivals.
 
+A race that has a rival, and any part in a record that would not show damage, is named only where it modulates a band
+by this factor times `FAULTY_DEPTH`: a rough bearing makes lines of both races, and a damaged element does.
 Halved, traces of one race on the other are named as second faults; doubled, two real faults hide one another.
 """
 
 NO_SIDEBAND = 0.25
-"""Weight of a line without the sidebands that the load zone would give it.
+"""Weight of a line without the sidebands that the load zone would give it, or without any other line of its family.
 
 Halved, defects under a load that turns with the shaft are lost; doubled, impacts of a neighbouring machine that happen
 to fall on the order of an inner race are named as often as real ones.
