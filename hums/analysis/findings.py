@@ -262,8 +262,9 @@ def _eclipsed(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, 
 
     A much larger line of the same bearing leaves traces at the places of its other parts. Where something else that
     the drawing does not explain makes a stronger line, it may as well make this one. Below `RIVAL_FACTOR` times
-    `FAULTY_DEPTH` two more: in a record that would not show damage, other sources as strong need not show either; and
-    lines of both races alike are what a rough bearing or a damaged element makes.
+    `FAULTY_DEPTH` two more: in a record that would not show damage, other sources as strong need not show either, so
+    that a line must be as much deeper than `FAULTY_DEPTH` as the record is too short for it; and lines of both races
+    alike are what a rough bearing or a damaged element makes.
     """
     rivals = _rivals(part, others)
     larger = max(rivals, key=lambda rival: rival.depth, default=None)
@@ -281,12 +282,14 @@ def _eclipsed(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, 
     if part.depth >= clear:
         return None
     least_change = f"indicated from a modulation of {clear:.0%} on (now {part.depth:.1%})"
-    if part.detectable_depth > FAULTY_DEPTH:
+    lacking = (part.detectable_depth / FAULTY_DEPTH) ** 2  # the noise about a line falls as the root of the time
+    needed = min(clear, FAULTY_DEPTH * lacking)
+    if lacking > 1 and part.depth < needed:
         why = (
-            f"too short or too noisy: its line modulates a band by {part.depth:.0%} where only "
-            f"{part.detectable_depth:.0%} would stand out in any, so that other sources may be as strong and unseen"
+            f"too short or too noisy: its line modulates a band by {part.depth:.0%}, but only a modulation by "
+            f"{part.detectable_depth:.0%} would stand out in any, so that other sources as strong may go unseen"
         )
-        return why, least_change
+        return why, f"indicated from a modulation of {needed:.0%} on, or in a record {lacking:.2g} times as long"
     for rival in rivals:
         alike = rival.channel == part.channel and rival.depth * RIVAL_FACTOR > part.depth
         if alike and {part.kind, rival.kind} == {"inner_race", "outer_race"}:

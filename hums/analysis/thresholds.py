@@ -34,8 +34,8 @@ Halved, records of a few turns are called clean; doubled, records of a minute ar
 RIVAL_FACTOR = 3.0
 """Ratio of two lines above which the smaller may be a trace of the larger; within it they are rivals.
 
-A race that has a rival, and any part in a record that would not show damage, is named only where it modulates a band
-by this factor times `FAULTY_DEPTH`: a rough bearing makes lines of both races, and a damaged element does.
+A race that has a rival is named only where it modulates a band by this factor times `FAULTY_DEPTH`: a rough bearing
+makes lines of both races, and a damaged element does. No record is too short for a line as deep as that.
 Halved, traces of one race on the other are named as second faults; doubled, two real faults hide one another.
 """
 

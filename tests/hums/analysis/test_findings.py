@@ -289,20 +289,23 @@ def test_lines_of_both_races_alike_name_neither_unless_they_are_deep():
     assert {one.verdict for one in verdicts(20.0).values()} == {"indicated"}  # 60 % and 55 %
 
 
-def test_a_record_that_would_not_show_damage_names_only_what_is_deep():
-    # six times a background of 1 over a level of 50 is 12 %, over 100 it is 6 %; the race modulates by 25 % in both
-    def inner(snr, level):
+def test_a_record_that_would_not_show_damage_names_only_what_is_deeper():
+    # six times a background of 1 over a level of 40 is 15 %, over 100 it is 6 %, over 12 it is 50 %
+    def inner(depth, level):
         lines = [
-            line("inner_race", 5.4, snr, level=level),
-            line("inner_race", 6.4, snr / 2, sideband=1, fundamental=False, level=level),
+            line("inner_race", 5.4, depth * level, level=level),
+            line("inner_race", 6.4, 0.5 * depth * level, sideband=1, fundamental=False, level=level),
         ]
         (found,) = judged(ASSESSOR.assess(lines))
         return found
 
-    assert inner(12.5, 50.0).verdict == "not judged"
-    assert "by 12% where only 12% would stand out" in inner(6.2, 50.0).evidence
-    assert inner(25.0, 100.0).verdict == "diagnosed"
-    assert inner(20.0, 50.0).verdict == "diagnosed"  # 40 %: three times the least damage
+    assert inner(0.2, 100.0).verdict == "diagnosed"
+    short = inner(0.2, 40.0)  # a record 1.5^2 times as long would show 10 %: of this one 22.5 % are asked
+    assert short.verdict == "not judged"
+    assert "by 20%, but only a modulation by 15% would stand out" in short.evidence
+    assert short.least_change == "indicated from a modulation of 22% on, or in a record 2.2 times as long"
+    assert inner(0.24, 40.0).verdict == "diagnosed"
+    assert inner(0.8, 12.0).verdict == "diagnosed"  # three times the least damage is enough, where 50 % would show
 
 
 def test_a_line_alone_counts_a_quarter_where_its_harmonic_would_show():
