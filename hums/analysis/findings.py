@@ -22,7 +22,7 @@ from typing import Any
 
 from hums.analysis.evidence import PartEvidence
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
-from hums.analysis.thresholds import FAULTY_DEPTH, LEAST_STRENGTH, RIVAL_FACTOR
+from hums.analysis.thresholds import FAULTY_DEPTH, LEAST_STRENGTH, RIVAL_FACTOR, SLIP_SCATTER
 from hums.gearbox.orders import BEARING_KINDS
 
 __all__ = [
@@ -176,7 +176,7 @@ def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], flo
         twins = [
             name
             for name, kind in orders
-            if kind == one.kind and name != one.component and math.isclose(orders[name, kind], order, rel_tol=1e-9)
+            if kind == one.kind and name != one.component and _same_order(orders[name, kind], order)
         ]
         if twins and first.verdict in {DIAGNOSED, INDICATED}:
             made.append(_also(one, twins) if one is first else _of_another_bearing(one, first.component))
@@ -273,6 +273,11 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
         for rival in _rivals(part, rivals)
         if rival.depth * RIVAL_FACTOR > part.depth
     ]
+    doubts += [
+        f"{_kind_text(other.kind)} of {other.component}, of order {other.order:.3f}, may make this line, too"
+        for other in {(one.component, one.kind): one for one in rivals}.values()
+        if _as_near(part, other)
+    ]
     known = any(
         abs(part.other_order - multiple * rival.found) <= multiple * rival.bin_width
         for rival in rivals
@@ -284,6 +289,17 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
             f"the line at {part.other_order:.3f} orders, which nothing explains, is deeper ({part.other_depth:.1%})"
         )
     return doubts
+
+
+def _as_near(part: PartEvidence, other: PartEvidence) -> bool:
+    """Whether a line is nearly as close to the order of another part as to its own; those of the same order apart."""
+    off = abs(part.found / part.order - 1) + SLIP_SCATTER
+    same = (other.component, other.kind) == (part.component, part.kind)
+    return not same and not _same_order(part.order, other.order) and abs(part.found / other.order - 1) <= off
+
+
+def _same_order(one: float, other: float) -> bool:
+    return math.isclose(one, other, rel_tol=1e-9)
 
 
 def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvidence]:

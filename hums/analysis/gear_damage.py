@@ -224,7 +224,8 @@ class _Judge:
     def of(self, row: GearJudgement, gear: _Tooth, keep: NDArray[np.bool_] | None = None) -> GearJudgement:
         """Return the judgement of a gear, from some of the samples."""
         least, most = _ROTATIONS
-        rotations = int(np.clip(2 * self.tests / self.threshold, least, most))
+        # gears may have half of the stated probability, and the least of a permutation test is half of that again
+        rotations = int(np.clip(4 * self.tests / self.threshold, least, most))
         try:
             folds = folded(
                 self.energies, order=gear.row.order, teeth=gear.per_turn, keep=keep, smooth_orders=gear.smooth_orders
