@@ -35,6 +35,7 @@ from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, group, rows_dataset, rows_of
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import (
+    BEARING_SHARE,
     FEWEST_CYCLES,
     SAME_SPEED,
     SHAFT_CERTAINTY,
@@ -160,9 +161,9 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
             "hums.analyze."
         )
     settings = json.loads(analysis.attrs["settings_json"])
-    evidence, of_gears = group(analysis, EVIDENCE), group(analysis, GEARS)
-    parts, gears = rows_of(evidence, PartEvidence), rows_of(of_gears, GearJudgement)
-    tests, teeth = len({(row.channel, row.order) for row in gears}), _library(of_gears)
+    evidence, judged_gears = group(analysis, EVIDENCE), group(analysis, GEARS)
+    parts, gears = rows_of(evidence, PartEvidence), rows_of(judged_gears, GearJudgement)
+    tests, teeth = len({(row.channel, row.order) for row in gears}), _library(judged_gears)
     gears = [
         replace(row, probability=healthy_probability(row.strength, row.repeats, teeth, tests=tests))
         if row.judgeable
@@ -176,16 +177,18 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
     faulty = [name for sensor, name in sick if sensor == "vibration"]
     # bearings and gears share what may be named in health
     bearings = bool(parts) or any(row.kind in BEARING_KINDS for row in unmeasured)
-    chance = settings["false_alarm_probability"] / (2 if gears and bearings else 1)
+    stated = settings["false_alarm_probability"]
+    of_bearings = stated * (BEARING_SHARE if gears and bearings else 1)
+    of_gears = stated * (1 - BEARING_SHARE if gears and bearings else 1)
     judged = [
         *bearing_verdicts(
             parts,
-            false_alarm_probability=chance,
+            false_alarm_probability=of_bearings,
             faulty=faulty,
             library=_library(evidence),
             at_shafts=_library(evidence, _AT_SHAFTS),
         ),
-        *gear_verdicts(gears, false_alarm_probability=chance),
+        *gear_verdicts(gears, false_alarm_probability=of_gears),
         *_shaft_verdicts(rows_of(group(analysis, SHAFTS), ShaftLevel), settings["velocity_limits_mm_s"], faulty),
         *(_not_measured(row) for row in unmeasured),
     ]
