@@ -51,7 +51,8 @@ of those not judged, a record is *too short* that holds fewer turns or cycles th
 records are cut from their begin; all of them had been looked at while the rules were made, those of CWRU's load 2 and
 HIT's 900 rpm among them, so that none is unseen."""
 
-TOO_FEW = "cycles of its line|turns are too few"  # what is said of a record that holds too few of a fault's meetings
+# what is said of a record that holds too few meetings of a fault
+TOO_FEW = "cycles of its line|turns are too few|turns show no damage"
 LEVELS_DB = (30.0, 40.0, 50.0, 60.0)
 DETECTABLE_DB = 40.0  # matched-filter ratio of fault to noise above which a fault counts as detectable, for all kinds
 # Kind of fault -> kind of the finding, and the range of sizes that is drawn, in mm.

@@ -3,13 +3,6 @@
 What was changed was read off ``python benchmarks/verdicts.py``; see ``docs/benchmarks/verdicts.md``.
 """
 
-BEARING_SHARE = 1 / 3
-"""Share of the stated probability that the bearings of a machine may take, where it has gears, too; gears the rest.
-
-What a damaged bearing shows is several times what sound ones show, a damaged tooth is rarer by less. Halved, a machine
-of ten parts needs more records than the library has to diagnose one; doubled, one damaged tooth in ten is lost.
-"""
-
 FAULTY_DEPTH = 0.1
 """Part of the mean envelope by which a damaged race modulates it.
 

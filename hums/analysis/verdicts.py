@@ -35,7 +35,6 @@ from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, group, rows_dataset, rows_of
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import (
-    BEARING_SHARE,
     FEWEST_CYCLES,
     SAME_SPEED,
     SHAFT_CERTAINTY,
@@ -177,18 +176,16 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
     faulty = [name for sensor, name in sick if sensor == "vibration"]
     # bearings and gears share what may be named in health
     bearings = bool(parts) or any(row.kind in BEARING_KINDS for row in unmeasured)
-    stated = settings["false_alarm_probability"]
-    of_bearings = stated * (BEARING_SHARE if gears and bearings else 1)
-    of_gears = stated * (1 - BEARING_SHARE if gears and bearings else 1)
+    chance = settings["false_alarm_probability"] / (2 if gears and bearings else 1)
     judged = [
         *bearing_verdicts(
             parts,
-            false_alarm_probability=of_bearings,
+            false_alarm_probability=chance,
             faulty=faulty,
             library=_library(evidence),
             at_shafts=_library(evidence, _AT_SHAFTS),
         ),
-        *gear_verdicts(gears, false_alarm_probability=of_gears),
+        *gear_verdicts(gears, false_alarm_probability=chance),
         *_shaft_verdicts(rows_of(group(analysis, SHAFTS), ShaftLevel), settings["velocity_limits_mm_s"], faulty),
         *(_not_measured(row) for row in unmeasured),
     ]
