@@ -51,6 +51,7 @@ _HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it 
 _MULTIPLES = 3  # of a deeper line that may be looked at as the part's own
 _EXPLAINING_SIDEBANDS = 2  # of a deeper line: the third of a real defect is below its fundamental
 _PARTS = 5  # of a deeper line's order
+_STRIKES = 10  # multiples of a bearing's line that its strikes make; a tenth stands above half of a resonance's width
 _COMB = 30  # multiples of a shaft that impacts once a turn make
 _FULL_COMB = 0.7  # of eight multiples of a slow shaft that impacts once a turn; a defect with sidebands has fewer
 _FAST_BINS = 20  # multiples of a slower shaft lie so densely that any line is near one
@@ -202,7 +203,24 @@ def bearing_evidence(
             if expected.fundamental and expected.order >= FEWEST_CYCLES * band.bin_width:
                 families.setdefault(line.measured.family, []).append((band, line))
     others = _Others(usable, setting)
-    return [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
+    parts = [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
+    return [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts)) for part in parts]
+
+
+def _of_a_stronger_part(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:
+    """Return of which deeper line of another bearing a part's is a harmonic, or an empty string."""
+    for other in parts:
+        multiple = round(part.found / other.found) if part.strength > 0 and other.strength > part.strength else 0
+        if (
+            other.component != part.component
+            and not other.hidden_by
+            and 1 < multiple <= _STRIKES
+            and other.depth >= part.depth
+            and abs(part.found - multiple * other.found) <= MATCH_BINS * part.bin_width
+        ):
+            kind = other.kind.replace("_", " ")
+            return f"it is {multiple} times the line of {kind} of {other.component} at {other.found:.3f}"
+    return ""
 
 
 class _Others:
@@ -215,6 +233,7 @@ class _Others:
         depths = np.concatenate([np.zeros(0), *(band.depths for band in bands)])
         backgrounds = np.concatenate([np.zeros(0), *(band.backgrounds for band in bands)])
         kept = ~self.of_shafts(orders)
+        self.every_order, self.every_depth = orders, depths
         self.orders, self.depths = orders[kept], depths[kept]
         self.strengths = self.depths**3 / (self.depths**2 + (TRUSTED_SNR * backgrounds[kept]) ** 2)  # each alone
         # a shaft too slow for its sidebands to be resolved from the line is left out
@@ -229,8 +248,8 @@ class _Others:
         return on
 
     def deepest(self, order: float) -> float:
-        """Return the depth of the deepest line at an order."""
-        return float(self.depths[np.abs(self.orders - order) <= self.width].max(initial=0.0))
+        """Return the depth of the deepest line at an order, of shafts or not."""
+        return float(self.every_depth[np.abs(self.every_order - order) <= self.width].max(initial=0.0))
 
 
 def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrders, others: _Others) -> PartEvidence:

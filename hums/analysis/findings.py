@@ -25,7 +25,7 @@ from typing import Any
 
 from hums.analysis.evidence import PartEvidence, strength
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
-from hums.analysis.thresholds import FAULTY_DEPTH, LEAST_STRENGTH, RIVAL_FACTOR
+from hums.analysis.thresholds import FAULTY_DEPTH, LEAST_STRENGTH, RIVAL_FACTOR, SLIP_SCATTER
 from hums.gearbox.orders import BEARING_KINDS
 
 __all__ = [
@@ -179,7 +179,7 @@ def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], flo
         twins = [
             name
             for name, kind in orders
-            if kind == one.kind and name != one.component and math.isclose(orders[name, kind], order, rel_tol=1e-9)
+            if kind == one.kind and name != one.component and _same_order(orders[name, kind], order)
         ]
         if twins and first.verdict in {DIAGNOSED, INDICATED}:
             made.append(_also(one, twins) if one is first else _of_another_bearing(one, first.component))
@@ -248,8 +248,10 @@ def _bearing_verdict(
             least_change = f"indicated from a strength of {least:.3g} on (now {part.strength:.3g})"
             return _not_judged(part, _hidden(part.at_shaft), probability=probability, least_change=least_change)
     rivals = [other for other in evidence if other.channel not in faulty and other is not part]
-    if why := _eclipsed(part, rivals):
-        return _not_judged(part, why[0], probability=probability, least_change=why[1])
+    if eclipsed := _eclipsed(part, rivals):
+        why, least_change = eclipsed
+        step = f"Take a longer record at the same speed and load, and compare the line of {_kind_text(part.kind)}."
+        return replace(_not_judged(part, why, probability=probability, least_change=least_change), next_step=step)
     doubts = _doubts(part, rivals)
     if probability > CERTAIN * stated and not doubts:
         doubts.append(f"one in {1 / probability:.0f} healthy machines shows as much")
@@ -332,7 +334,23 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
         for rival in _rivals(part, rivals)
         if rival.depth * RIVAL_FACTOR > part.depth
     ]
+    doubts += [
+        f"{_kind_text(other.kind)} of {other.component}, of order {other.order:.3f}, may make this line, too"
+        for other in {(one.component, one.kind): one for one in rivals}.values()
+        if _as_near(part, other)
+    ]
     return doubts
+
+
+def _as_near(part: PartEvidence, other: PartEvidence) -> bool:
+    """Whether a line is nearly as close to the order of another part as to its own; those of the same order apart."""
+    off = abs(part.found / part.order - 1) + SLIP_SCATTER
+    same = (other.component, other.kind) == (part.component, part.kind)
+    return not same and not _same_order(part.order, other.order) and abs(part.found / other.order - 1) <= off
+
+
+def _same_order(one: float, other: float) -> bool:
+    return math.isclose(one, other, rel_tol=1e-9)
 
 
 def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvidence]:

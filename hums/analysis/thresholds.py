@@ -97,6 +97,14 @@ STEADY_SPEED = 0.005
 Halved, records of machines on the grid count as varying; doubled, smeared lines are compared with a frequency.
 """
 
+SLIP_SCATTER = 0.005
+"""Relative difference of distance from two nominal orders below which a line is not told to be of the nearer.
+
+Bearings slip by 1 to 2 % (Randall and Antoni 2011), alike within a machine but not equally (half of a per cent is our
+choice). Halved, a race is diagnosed whose neighbour's order is three thousandths away; doubled, bearings with similar
+orders are only indicated.
+"""
+
 MAINS_HZ = (50.0, 60.0)
 MAINS_HARMONICS = 12
 MAINS_ACCURACY = 1e-3

@@ -514,3 +514,118 @@ def test_a_comb_of_impacts_once_a_turn_of_a_slow_shaft_is_no_bearing():
     ]
     assessed = ASSESSOR.assess([*shaft, line("rolling_element", 42 * 0.107, 5.2)])
     assert assessed[-1].explained_by == "harmonic 42 of s shaft"
+
+
+def shaft_comb(*amplitudes, spacing=1.0):
+    return [
+        line("shaft", spacing * number, amplitude, component="s", harmonic=number, fundamental=False)
+        for number, amplitude in enumerate(amplitudes, start=1)
+    ]
+
+
+def test_the_load_zone_of_a_race_is_no_comb_of_impacts():
+    # A spot carried through a load zone cos^1.5 has weights of 0.82, 0.43 and 0.09 at one to three turns, over the line
+    # of the race, which slip has lowered here by a fifth. Impacts have equal ones.
+    race = line("inner_race", 5.4, 16.0)
+    zone = ASSESSOR.assess([*shaft_comb(16.4, 8.6, 1.8, spacing=0.9), race])
+    assert (zone[-1].significant, zone[-1].explained_by) == (True, "")
+    impacts = ASSESSOR.assess([*shaft_comb(16.4, 16.0, 15.0, spacing=0.9), race])
+    assert impacts[-1].explained_by == "harmonic 6 of s shaft"
+
+
+@pytest.mark.parametrize(("third", "kind"), [(1.8, "rolling_element"), (24.0, "cage")])
+def test_a_cage_makes_an_element_line_only_by_impacts(third, kind):
+    # 4.8 is twelve times the cage; the cage's lines are the highest
+    cage = [
+        line("cage", 0.4, 25.0),
+        line("cage", 0.8, 25.0 if third > 9 else 9.0, harmonic=2, fundamental=False),
+        line("cage", 1.2, third, harmonic=3, fundamental=False),
+    ]
+    assessed = ASSESSOR.assess([*cage, line("rolling_element", 4.8, 20.0)])
+    alone = [one.measured.expected.kind for one in assessed if one.significant and one.measured.expected.fundamental]
+    assert alone == [kind]
+
+
+def of_order(nominal, found, kind="outer_race", *, component="b", snr=20.0, harmonic=1):
+    made = line(kind, found, snr, component=component, harmonic=harmonic, fundamental=harmonic == 1)
+    return replace(made, expected=replace(made.expected, order=nominal))
+
+
+def test_a_peak_within_the_slip_of_two_parts_is_of_the_nearer_one():
+    # nominal orders of 3.66 and 3.60 both have 3.602 within 2 %
+    own = [of_order(3.6, 3.602, component="c"), of_order(7.2, 7.204, component="c", snr=9.0, harmonic=2)]
+    farther = [of_order(3.66, 3.602), of_order(7.32, 7.204, snr=9.0, harmonic=2)]
+    for lines in ([*farther, *own], [*own, *farther]):
+        (found,) = findings(ASSESSOR.assess(lines))
+        assert (found.component, found.verdict) == ("c", "diagnosed")  # 0.1 and 1.6 % off
+
+
+def test_a_peak_between_two_nominal_orders_is_not_certain():
+    nearer = [of_order(3.6, 3.602, component="c"), of_order(7.2, 7.204, component="c", snr=9.0, harmonic=2)]
+    (found,) = findings(ASSESSOR.assess([of_order(3.612, 3.602), *nearer]))  # 0.3 % off
+    assert (found.component, found.verdict) == ("c", "indicated")
+    assert "the outer race of b, of order 3.612, may make this line, too" in found.doubts
+
+
+@pytest.mark.parametrize("lines", [("b", "c"), ("c", "b")])
+def test_equal_bearings_are_named_together(lines):
+    # two of the same bearing on one shaft: nothing in the record tells one from the other
+    made = [
+        one
+        for name in lines
+        for one in (of_order(3.6, 3.6, component=name), of_order(7.2, 7.2, component=name, snr=9.0, harmonic=2))
+    ]
+    every = judged(ASSESSOR.assess(made))
+    assert sorted(one.verdict for one in every) == ["indicated", "not judged"]
+    (found,) = named(every)
+    (other,) = {"b", "c"} - {found.component}
+    assert f"it may be {other}, which has the same orders" in found.doubts
+    assert found.next_step == f"Inspect {found.component} and {other}."
+
+
+def test_a_multiple_of_another_bearings_line_is_not_named():
+    # 10.81 is three times 3.603 of b, whose line is deeper, and within slip of c's element at 10.9
+    strong = [of_order(3.6, 3.603, snr=40.0), of_order(7.2, 7.206, snr=20.0, harmonic=2)]
+    weak = of_order(5 * 3.6 * 1.005, 5 * 3.603, "rolling_element", component="c", snr=15.0)
+    every = {(one.component, one.kind): one for one in judged(ASSESSOR.assess([*strong, weak]))}
+    assert every["b", "outer_race"].verdict == "diagnosed"
+    assert every["c", "rolling_element"].verdict == "not judged"
+    assert "it is 5 times the line of outer race of b at 3.603" in every["c", "rolling_element"].doubts
+
+
+@pytest.mark.parametrize(("race", "depth", "verdict"), [(4.0, 0.3, "not judged"), (4.0, 0.7, "indicated")])
+def test_a_race_at_a_multiple_of_a_shaft_needs_more_than_shafts_make(race, depth, verdict):
+    # four turns of the shaft, whose other multiples do not stand; sound machines show lines of up to 0.5 there
+    made = [of_order(race, race, snr=40.0), of_order(2 * race, 2 * race, snr=30.0, harmonic=2)]
+    made = [replace(one, level=40.0 / depth) for one in made]
+    band = BandEvidence(
+        band_hz=(1e3, 2e3),
+        lines=ASSESSOR.assess(made),
+        orders=np.array([race, 2 * race]),
+        depths=np.array([depth, 0.75 * depth]),
+        bin_width=BIN,
+    )
+    evidence = bearing_evidence([band], {"b": BEARING}, SETTING)
+    sound = HealthyMachines(records=9999, parts=9999, strengths=(0.5, 0.5))
+    (found,) = bearing_verdicts(evidence, false_alarm_probability=2e-4, library=LIBRARY, at_shafts=sound)
+    assert found.verdict == verdict
+    assert "it stands at 4 times the order 1 of a shaft" in found.doubts
+
+
+@pytest.mark.parametrize(("deep", "hidden"), [(0.6, False), (0.3, True)])
+def test_a_line_is_compared_with_what_it_is_in_the_same_band(deep, hidden):
+    # 4.824, at 32 turns of a slow shaft, is a sideband of 4.53, two turns below, if that is the deeper one in its band
+    setting = Setting(shafts=(0.15,), speed_hz=17.0, speed_range_hz=1.0)
+    (own,) = ASSESSOR.assess([replace(of_order(4.824, 4.824, "rolling_element", snr=12.0), level=50.0)])
+    unclaimed = replace(own, significant=False, explained_by="leakage")
+    bands = [
+        BandEvidence(
+            band_hz=(place, place + 1e3), lines=[one], orders=np.array(orders), depths=np.array(depths), bin_width=BIN
+        )
+        for place, one, orders, depths in (
+            (1e3, own, [4.824], [0.24]),
+            (2e3, unclaimed, [4.53, 4.824], [0.39, deep]),
+        )
+    ]
+    (part,) = bearing_evidence(bands, {"b": BEARING}, setting)
+    assert ("sideband" in part.hidden_by) == hidden
