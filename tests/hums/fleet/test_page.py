@@ -14,6 +14,13 @@ from hums.fleet.monitor import MachineState
 from hums.fleet.page import write_page
 
 RECORDS = 1_826  # five years of days
+DRAWN_MS = """
+const done = arguments[0];
+const wait = () => [...pages.figures.values()].some((figure) => figure.drawn)
+  ? requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now())))
+  : requestAnimationFrame(wait);
+wait();
+"""
 
 
 def content(page, figure):
@@ -98,6 +105,7 @@ def test_a_report_beside_the_page_is_linked(failing, tmp_path):
 def test_five_years_of_twenty_machines_in_the_browser(browser, long):
     assert long.stat().st_size < 16e6
     assert show(browser, long) == []
+    print(f"opened and drawn in {browser.execute_async_script(DRAWN_MS) / 1e3:.2f} s, {long.stat().st_size / 1e6:.1f} MB")
     browser.execute_async_script("setTimeout(arguments[0], 200)")
     drawn = browser.execute_script("return [...pages.figures.values()].map((figure) => figure.drawn)")
     assert len(drawn) == 60
