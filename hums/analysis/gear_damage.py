@@ -22,6 +22,7 @@ from hums.analysis.findings import INDICATED, NOT_JUDGED, NOTHING_FOUND, Finding
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
+from hums.analysis.thresholds import FEWEST_CYCLES
 from hums.gearbox.orders import DefectOrder
 from hums.records.record import Sampling
 from signals.angle.local_damage import (
@@ -248,7 +249,8 @@ class _Judge:
     def of(self, row: GearJudgement, gear: _Tooth, keep: NDArray[np.bool_] | None = None) -> GearJudgement:
         """Return the judgement of a gear, from some of the samples."""
         least, most = _ROTATIONS
-        rotations = int(np.clip(2 * self.tests / self.threshold, least, most))
+        # gears may have half of the stated probability, and the least of a permutation test is half of that
+        rotations = int(np.clip(4 * self.tests / self.threshold, least, most))
         try:
             folds = folded(
                 self.energies, order=gear.row.order, teeth=gear.per_turn, keep=keep, smooth_orders=gear.smooth_orders
@@ -366,13 +368,15 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
 
 def _unnamed(row: GearJudgement, stated: float) -> Finding:
     """Return why a gear is not judged, or that no tooth stands out."""
-    why = row.not_judged or (
-        f"what it shows may be that of {row.explained_by}" if row.explained_by and row.probability <= stated else ""
-    )
+    explained_by = row.explained_by if row.probability <= stated else ""
+    why, change = row.not_judged, "judged in a longer record, or a faster sampled one"
+    if why == _SICK:
+        change = "judged with a sound sensor"
+    elif not why and explained_by:
+        why, change = f"what it shows may be that of {explained_by}", f"indicated without the tooth of {explained_by}"
+    elif not why and row.turns < FEWEST_CYCLES:
+        why = f"too short: {row.turns} turns show no damage but a grave one, {FEWEST_CYCLES:g} are needed"
     if why:
-        change = "judged with a sound sensor" if why == _SICK else "judged in a longer record, or a faster sampled one"
-        if not row.not_judged:
-            change = f"indicated without the tooth of {row.explained_by}"
         return replace(
             _blank(row),
             verdict=NOT_JUDGED,

@@ -148,8 +148,19 @@ def test_samples_left_out_leave_no_tooth():
 
 
 def test_too_few_turns_are_refused():
-    with pytest.raises(ValueError, match="7 turns are too few to judge one tooth; record 8 or more"):
-        judged(noise(np.random.default_rng(0), turns=7))
+    with pytest.raises(ValueError, match="3 turns are too few to judge one tooth; record 4 or more"):
+        judged(noise(np.random.default_rng(0), turns=3))
+
+
+@pytest.mark.parametrize("turns", [4, 7])
+def test_few_turns_repeat_by_chance_as_seldom_as_stated(turns):
+    # a permutation test is exact for any number of blocks: 5 % of 200, of which a binomial exceeds 20 in 0.1 %
+    rng = np.random.default_rng(14)
+    found = [judged(noise(rng, turns=turns), rotations=99).repeats <= 0.05 for _ in range(200)]
+    assert sum(found) <= 20
+    damaged = noise(rng, turns=turns)
+    damaged[:, :, 12:14] *= 30
+    assert judged(damaged, rotations=999).repeats <= 0.01
 
 
 def test_too_few_samples_in_a_turn_are_refused():
