@@ -216,7 +216,7 @@ def _of_a_stronger_part(part: PartEvidence, parts: Iterable[PartEvidence]) -> st
             and not other.hidden_by
             and 1 < multiple <= _STRIKES
             and other.depth >= part.depth
-            and abs(part.found - multiple * other.found) <= MATCH_BINS * part.bin_width
+            and abs(part.found - multiple * other.found) <= MATCH_BINS * part.bin_width * math.sqrt(multiple)
         ):
             kind = other.kind.replace("_", " ")
             return f"it is {multiple} times the line of {kind} of {other.component} at {other.found:.3f}"
