@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from functools import wraps
 from numbers import Number, Real
 from os import PathLike
+from pathlib import PurePath
 from types import UnionType
 from typing import Any, Literal, ParamSpec, TypeGuard, TypeVar, get_args, get_origin
 
@@ -176,6 +177,7 @@ class ArgumentTypeError(SentenceError, TypeError):
     """An argument of another kind than the function declares."""
 
 
+_LONGEST_NAME_BYTES = 255  # of one file or folder, on the usual file systems
 _PATHS = frozenset({"Path", "PathLike", "PathLike[str]"})
 
 
@@ -199,8 +201,15 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
                     f"{function.__name__} takes {' or '.join(map(_words, kinds))} for {name}, not {brief(value)}, "
                     f"of type {type(value).__name__}."
                 )
-            if isinstance(value, str) and "\0" in value and not _PATHS.isdisjoint(kinds):
-                raise ArgumentTypeError(f"{name}={brief(value)} has a NUL, which no path may have; leave it out.")
+            if isinstance(value, str | PurePath) and not _PATHS.isdisjoint(kinds):
+                if "\0" in str(value):
+                    raise ArgumentTypeError(f"{name}={brief(value)} has a NUL, which no path may have; leave it out.")
+                longest = max((len(part.encode(errors="surrogatepass")) for part in PurePath(value).parts), default=0)
+                if longest > _LONGEST_NAME_BYTES:
+                    raise SentenceError(
+                        f"{name}={brief(value)} has a part of {longest} bytes; no file may have more than "
+                        f"{_LONGEST_NAME_BYTES}, give it a shorter name."
+                    )
         return function(*args, **kwargs)
 
     return call

@@ -449,7 +449,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     seen = (
         f"{_line_text(part)}: healthy machines show as much in one of {1 / probability:.0f} records"
         if part.strength > 0
-        else "no line stands where it would make one"
+        else "no line of its own stands where it would make one"
     )
     blind = FAULTY_DEPTH / part.detectable_depth if part.detectable_depth > 0 else math.inf
     changes = [(blind, f"not judged, if the noise about its line were {blind:.2g} times as large")]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hums.fleet.maintenance import ACKNOWLEDGED, Work
 from hums.fleet.observation import Observation, seconds_since_1970
 from hums.fleet.prior import healthy_scores, prior_of
-from hums.fleet.series import Series, layout_of, vector
+from hums.fleet.series import Series, component_parts, layout_of, vector, watched_component
 from signals._validation import SentenceError
 from signals.monitoring.alarm_life import AlarmRule, AlarmState, Life, stacked
 from signals.monitoring.charts import ChartState
@@ -262,6 +262,10 @@ class MachineState:
     first_seconds: float = math.inf
     last_seconds: float = -math.inf
 
+    def epoch_of(self, component: str) -> int:
+        """Return the epoch that governs a component; of several that are watched as one, the newest of theirs."""
+        return max(self.governed_by.get(part, 0) for part in component_parts(component))
+
     def check(self, machine: str) -> None:
         """Raise MonitorError where a record is of another machine."""
         if machine != self.machine:
@@ -385,7 +389,7 @@ def _judged(
         governed = [
             (place, component, what, f"{component}: {what}" if what else component)
             for place, (component, what) in enumerate(epoch.scores)
-            if state.governed_by.get(component, 0) == number
+            if state.epoch_of(component) == number
         ]
         newly = set(seen.diagnosed) - set(epoch.diagnosed)
         for place, component, what, _ in governed:
@@ -443,7 +447,7 @@ def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int
     away = {
         key: float(departure)
         for key, departure in zip(epoch.series, reading.departures, strict=True)
-        if key.component == component and math.isfinite(departure)
+        if watched_component(key) == component and math.isfinite(departure)
     }
     return tuple(sorted(away, key=lambda key: -away[key])[:most])
 
@@ -520,7 +524,7 @@ def _do(state: MachineState, seen: Observation, work: Sequence[Work]) -> None:
 
 
 def _of(name: str, component: str) -> bool:
-    return not component or name == component or name.startswith(f"{component}: ")
+    return not component or component in component_parts(name.partition(": ")[0])
 
 
 def _acknowledge(state: MachineState, component: str) -> None:
@@ -536,7 +540,7 @@ def _acknowledge(state: MachineState, component: str) -> None:
 def _restart_charts(state: MachineState, name: str) -> None:
     """Let the charts of an acknowledged alarm begin anew, so that only later records decide whether it clears."""
     component, _, what = name.partition(": ")
-    epoch = state.epochs[state.governed_by.get(component, 0)]
+    epoch = state.epochs[state.epoch_of(component)]
     if epoch.charts is not None and epoch.limits is not None and (component, what) in epoch.scores:
         epoch.charts = epoch.limits.charts.restart(epoch.charts, epoch.scores.index((component, what)))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-from hums.fleet.series import Series, series_of
+from hums.fleet.series import Series, joint_names, series_of
 
 __all__ = ["Observation", "observation", "order_key", "seconds_since_1970"]
 
@@ -53,7 +53,8 @@ def observation(row: Mapping[str, Any]) -> Observation:
     tachometers = [name for name, sensor, *_ in row.get("health", ()) if sensor == "tachometer" and name in sick]
     unjudged = "not analysed" if row["error"] else "sick tachometer" if tachometers else ""
     when, findings = row["recorded_at"], row.get("findings", ())
-    speed = row.get("speed_hz", math.nan)
+    speed, joint = row.get("speed_hz", math.nan), joint_names(row)
+    diagnosed = {joint.get(name, name) for name, _, word, *_ in findings if word == "diagnosed"}
     return Observation(
         machine=row["machine"],
         record=row["record"],
@@ -62,7 +63,7 @@ def observation(row: Mapping[str, Any]) -> Observation:
         covariates=({"speed_hz": speed} if math.isfinite(speed) else {}) | row.get("covariates", {}),
         sick=sick,
         unjudged=unjudged,
-        diagnosed=() if unjudged else tuple(sorted({one for one, _, word, *_ in findings if word == "diagnosed"})),
+        diagnosed=() if unjudged else tuple(sorted(diagnosed)),
     )
 
 

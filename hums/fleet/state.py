@@ -59,13 +59,12 @@ def read_state(path: Path) -> MachineState:
     """
     try:
         table = json.loads(gzip.decompress(path.read_bytes()))
-        if table["schema"] != SCHEMA:
-            raise MonitorError(
-                f"{path} holds {table['schema']!r}, where a state holds {SCHEMA!r}; watch from the start."
-            )
-        state = _decoded(table["state"])
-    except (OSError, EOFError, KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        schema = table["schema"]
+        state = _decoded(table["state"]) if schema == SCHEMA else None
+    except Exception as error:  # noqa: BLE001 - of damaged bytes: a broken archive, lists in the place of numbers
         raise MonitorError(f"{path}: this is no state of hums.watch ({error}); name the file that it wrote.") from None
+    if schema != SCHEMA:
+        raise MonitorError(f"{path} holds {schema!r}, where a state holds {SCHEMA!r}; watch from the start.")
     if not isinstance(state, MachineState):
         raise MonitorError(f"{path}: this is no state of hums.watch; name the file that it wrote.")
     return state

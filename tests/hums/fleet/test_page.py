@@ -115,6 +115,10 @@ def test_every_width_light_dark_and_paper(browser, failing, tmp_path):
         assert browser.get_log("browser") == []
         assert violations(browser) == []
         assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+        cut = (
+            "return [...document.querySelectorAll('.scroll')].filter((box) => box.scrollWidth > box.clientWidth).length"
+        )
+        assert browser.execute_script(cut) == 0  # no table is cut
     text = text_of(printed(browser))
     assert "What drove stage 1/pinion" in text
     assert "health index" in text

@@ -194,14 +194,15 @@ def test_nothing_above_the_shafts_is_refused():
         residual_energies(signal, meshes={}, lowest_order=30.0)
 
 
-def test_rotations_have_the_statistic_of_the_rotated_blocks():
+@pytest.mark.parametrize("cells", [30, 31])
+def test_rotations_have_the_statistic_of_the_rotated_blocks(cells):
     # (width, band, block, cell); the definition, with the error of the mean from scipy
-    values = np.random.default_rng(12).standard_normal((2, 3, 9, 31))
+    values = np.random.default_rng(12).standard_normal((2, 3, 9, cells))
     values -= values.mean(axis=-1, keepdims=True)
     found = _rotated_maxima(list(values), 120, np.inf, np.random.default_rng(13))
     rng = np.random.default_rng(13)
     for largest in found:
-        shifts = rng.integers(0, 31, size=9)
+        shifts = rng.integers(0, cells, size=9)
         turned = np.stack([np.roll(values[:, :, block], -shift, axis=-1) for block, shift in enumerate(shifts)], axis=2)
         error = stats.sem(turned, axis=2)
         error = np.maximum(error, np.median(error, axis=-1, keepdims=True))
