@@ -603,6 +603,7 @@ def test_a_race_at_a_multiple_of_a_shaft_needs_more_than_shafts_make(race, depth
         lines=ASSESSOR.assess(made),
         orders=np.array([race, 2 * race]),
         depths=np.array([depth, 0.75 * depth]),
+        backgrounds=np.full(2, 0.01),
         bin_width=BIN,
     )
     evidence = bearing_evidence([band], {"b": BEARING}, SETTING)
@@ -620,7 +621,12 @@ def test_a_line_is_compared_with_what_it_is_in_the_same_band(deep, hidden):
     unclaimed = replace(own, significant=False, explained_by="leakage")
     bands = [
         BandEvidence(
-            band_hz=(place, place + 1e3), lines=[one], orders=np.array(orders), depths=np.array(depths), bin_width=BIN
+            band_hz=(place, place + 1e3),
+            lines=[one],
+            orders=np.array(orders),
+            depths=np.array(depths),
+            backgrounds=np.full(len(orders), 0.01),
+            bin_width=BIN,
         )
         for place, one, orders, depths in (
             (1e3, own, [4.824], [0.24]),
