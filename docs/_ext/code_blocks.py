@@ -52,7 +52,7 @@ def run_page(page: Path, printed: dict[str, str]) -> str:
             try:
                 said = _run_python(source, page, names) if language == "python" else _run_shell(source)
                 if said.strip():
-                    printed[source] = said
+                    printed[source] = said.replace(f"{Path.cwd()}{os.sep}", "")
             except subprocess.CalledProcessError as error:
                 return f"{source}{error.stderr}"
             except Exception:  # noqa: BLE001 - a page may fail in any way
