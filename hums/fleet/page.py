@@ -203,7 +203,7 @@ def _figures(history: MachineHistory, found: dict[str, KeptRecord], component: s
         return
     course = _course(kept)
     yield figure_html(_health(history, course, name), caption="Dashed: the limit. Shaded: the records of the baseline.")
-    epoch = history.state.epochs[history.state.governed_by.get(component.partition(": ")[0], 0)]
+    epoch = history.state.epochs[history.state.epoch_of(component.partition(": ")[0])]
     judged = [one for one, brought in zip(kept, history.records, strict=True) if not brought["why"]]
     drivers = driving_series(epoch, judged[-1].observation, component, most=_PANELS) if judged else ()
     if drivers:

@@ -336,6 +336,8 @@ _MOST_COPIES = 100  # planets on a carrier: a dozen are many
 _MOST_TEETH = 100_000  # of a gear or a segmented ring: the largest have some thousands
 X_AXIS: Vector = (1.0, 0.0, 0.0)
 _ROUNDING = 0.05  # of the number of elements: above what a data sheet rounds
+_SPIN_ROUNDING = 1.25  # of a spin, which rests on the small difference inner - outer; a factor of two is no rounding
+_CAGE_ROUNDING = 0.05  # of the cage: some data sheets print one decimal
 
 
 class Axis(Declared):
@@ -474,7 +476,40 @@ class Multiples(Declared):
                 f"inner = {self.inner:g} is not above outer = {self.outer:g}; the inner race is struck more often, "
                 "so see whether the two are exchanged"
             )
+        self._check_rolling()
         return self
+
+    def _check_rolling(self) -> None:
+        """Refuse a cage or a spin that no elements rolling between the races of `inner` and `outer` could have.
+
+        With Z elements, ``g = (inner - outer) / Z`` is the projected diameter ratio ``d/D cos a``; the cage turns at
+        ``(1 - g) / 2`` and an element at ``cos a (1 - g^2) / (2 g)``, at most that of ``a = 0``; its diameter is at
+        most ``D sin(pi / Z)``, where neighbours touch, so that it turns at ``(1 - g^2) / (2 sin(pi / Z))`` or more.
+        """
+        count, ratio = self.inner + self.outer, (self.inner - self.outer) / (self.inner + self.outer)
+        cage = (1 - ratio) / 2
+        if abs(self.cage - cage) > _CAGE_ROUNDING:
+            held = " (this is the cage against the inner ring)" if abs(1 - self.cage - cage) < _CAGE_ROUNDING else ""
+            raise ValueError(
+                f"cage = {self.cage:g}{held}, but elements that roll at inner {self.inner:g} and outer {self.outer:g} "
+                f"carry it round at {cage:.3g}, outer ring at rest; correct one of the three"
+            )
+        key, spin = ("element_spin", self.element_spin) if self.element_spin else ("element_defect", self.defect / 2)
+        least = (1 - ratio**2) / (2 * sin(math.pi / max(2.0, count)))
+        most = (1 - ratio**2) / (2 * ratio)
+        if spin is not None and not least / _SPIN_ROUNDING <= spin <= most * _SPIN_ROUNDING:
+            times = 2 if key == "element_defect" else 1
+            hint = (
+                "; is it the defect on both races, twice the spin? Then call it element_defect"
+                if times == 1 and least <= spin / 2 <= most * _SPIN_ROUNDING
+                else "; is it one turn of the element? Then call it element_spin"
+                if times == 2 and least <= 2 * spin <= most * _SPIN_ROUNDING  # noqa: PLR2004
+                else ""
+            )
+            raise ValueError(
+                f"{key} = {times * spin:g} is impossible: elements that roll at inner {self.inner:g} and outer "
+                f"{self.outer:g}, and fit side by side, have {times * least:.3g} to {times * most:.3g}{hint}"
+            )
 
     @property
     def defect(self) -> float:

@@ -330,6 +330,17 @@ class TestRefusals:
             (sheet(inner=-9.5), "inner = -9.5: input should be greater than 0"),
             (sheet(inner=0.7, outer=0.4), "number of elements, at least 2"),
             (sheet(cage=None), "cage is missing"),
+            (sheet(cage=0.2), "cage = 0.2, but elements that roll at inner 9.5 and outer 6.5 carry it round at 0.406"),
+            (sheet(cage=0.594), "cage = 0.594 (this is the cage against the inner ring)"),
+            (
+                sheet(element_spin=5.14),
+                "have 2.47 to 2.57; is it the defect on both races, twice the spin? Then call it element_defect",
+            ),
+            (
+                sheet(element_spin=None, element_defect=2.6),
+                "have 4.95 to 5.15; is it one turn of the element? Then call it element_spin",
+            ),
+            (sheet(element_spin=0.3), "element_spin = 0.3 is impossible: elements that roll"),
             (sheet(inner=6.5, outer=9.5), "inner = 6.5 is not above outer = 9.5"),
             (sheet(inner=8, outer=8), "inner = 8 is not above outer = 8"),
             (
