@@ -1,9 +1,10 @@
-"""Odd calls of every exported function, damaged files and kills: python benchmarks/attack.py [FOLDER [KEPT]].
+"""Odd calls of every exported function, damaged files and kills: python benchmarks/attack.py [FOLDER].
 
-Writes attack.md into FOLDER (default docs/benchmarks). What each part finds is kept in KEPT, if named: a run that was
+Writes attack.md into FOLDER (default docs/benchmarks). What each part finds is kept in --kept, if named: a run that was
 stopped goes on there.
 """
 
+import argparse
 import faulthandler
 import os
 import sys
@@ -23,8 +24,8 @@ from attacks.parts import kept_or_made
 KILL_S = 60
 MOST_SHOWN = 40
 PER_PART = 500
-FILES = {kind: 8000 if kind in FOREIGN else 5000 for kind in KINDS}
-SAVES = {"record": 500, "analysis": 200, "state": 200}
+FILES, OTHER_FILES = 8000, 5000  # of each kind that other programs write, and of each that we or users do
+SAVES = {"record": 500, "analysis": 50, "state": 350}
 RUNS, RUNS_PER_PART = 100, 10  # of jobs, a worker of each killed
 CALLS_NOTE = """\
 Made by `python benchmarks/attack.py`. Each call has one odd argument: a wrong type, NaN, infinities, nothing, one
@@ -71,7 +72,7 @@ def call_rows(counts: dict[str, dict[str, int]]) -> list[str]:
     ]  # fmt: skip
 
 
-def attack(kept: Path, scratch: Path) -> tuple[str, bool]:
+def attack(kept: Path, scratch: Path, *, files: int) -> tuple[str, bool]:
     """Make every part that is not kept; return the page, and whether anything was wrong."""
     calls = kept_or_made(kept, "calls", lambda: calls_of(all_cases(scratch)))
     saves = {
@@ -80,13 +81,6 @@ def attack(kept: Path, scratch: Path) -> tuple[str, bool]:
         )
         for kind in WRITERS
     }
-    runs = [
-        kept_or_made(
-            kept, f"workers {part}",
-            lambda part=part: kill_workers(scratch / f"runs {part}", count=RUNS_PER_PART, seed=part),
-        )
-        for part in range(RUNS // RUNS_PER_PART)
-    ]  # fmt: skip
     parts = [
         kept_or_made(
             kept, f"{kind} {part}",
@@ -94,9 +88,16 @@ def attack(kept: Path, scratch: Path) -> tuple[str, bool]:
                 kind, scratch, count=PER_PART, seed=(20, number, part)
             ),
         )
-        for part in range(max(FILES.values()) // PER_PART)
+        for part in range(files // PER_PART)
         for number, kind in enumerate(KINDS)
-        if part < FILES[kind] // PER_PART
+        if kind in FOREIGN or part < OTHER_FILES // PER_PART
+    ]  # fmt: skip
+    runs = [
+        kept_or_made(
+            kept, f"workers {part}",
+            lambda part=part: kill_workers(scratch / f"runs {part}", count=RUNS_PER_PART, seed=part),
+        )
+        for part in range(RUNS // RUNS_PER_PART)
     ]  # fmt: skip
     parts.sort(key=lambda part: KINDS.index(part["kind"]))
     workers = sum(killed for killed, _ in runs)
@@ -116,7 +117,7 @@ def attack(kept: Path, scratch: Path) -> tuple[str, bool]:
     return "\n".join(page).rstrip() + "\n", bool(wrong)
 
 
-def main(folder: Path, kept: Path | None = None) -> int:
+def main(folder: Path, *, kept: Path | None = None, files: int = FILES) -> int:
     """Write the page; return 1 where anything came out wrong."""
     folder = folder.resolve()
     with tempfile.TemporaryDirectory() as scratch, warnings.catch_warnings():
@@ -124,7 +125,7 @@ def main(folder: Path, kept: Path | None = None) -> int:
         kept = (kept or Path(scratch, "kept")).resolve()
         kept.mkdir(parents=True, exist_ok=True)
         os.chdir(scratch)  # some odd calls name files
-        page, wrong = attack(kept, Path(scratch))
+        page, wrong = attack(kept, Path(scratch), files=files)
         os.chdir(folder)
     (folder / "attack.md").write_text(page, encoding="utf-8")
     print(page)  # noqa: T201 - what the command is for
@@ -132,4 +133,9 @@ def main(folder: Path, kept: Path | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*map(Path, sys.argv[1:] or ["docs/benchmarks"])))
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("folder", nargs="?", type=Path, default=Path("docs/benchmarks"))
+    options.add_argument("--kept", type=Path)
+    options.add_argument("--files", type=int, default=FILES, help=f"of a kind; at most {OTHER_FILES} of our own kinds")
+    given = options.parse_args()
+    sys.exit(main(given.folder, kept=given.kept, files=given.files))

@@ -25,14 +25,13 @@ JOBS = 40
 WRITERS = ("record", "analysis", "state")
 
 
-def _writer(kind: str, folder: Path) -> tuple[list[Any], Callable[[Any, Path], None], Callable[[Path, Any], bool]]:
-    """Return two things to write by turns, how one is written, and whether a file holds it."""
+def _writer(kind: str, folder: Path) -> tuple[list[Any], Callable[[Any, Path], None]]:
+    """Return two things to write by turns, and how one is written."""
     if kind == "record":
-        records = [
+        return [
             hums.make_record({"a": np.full(200_000, k)}, rate_hz=1000, units="g", angle=hums.UnknownAngle())
             for k in (1.0, 2.0)
-        ]
-        return records, hums.save_record, _holds(hums.open_record)
+        ], hums.save_record
     angle = hums.NominalSpeed(rpm=1200, shaft="input")
     settings = hums.AnalysisSettings(pictures=False, most_tracks=0, envelope_band_hz=None)
     analyses = [
@@ -43,28 +42,31 @@ def _writer(kind: str, folder: Path) -> tuple[list[Any], Callable[[Any, Path], N
     ]  # fmt: skip
     if kind == "analysis":
         few = [{where: one[where].to_dataset() for where in ("/health", "/speed", "/gears")} for one in analyses]
-        return [xr.DataTree.from_dict(groups) for groups in few], write_tree, _holds(open_tree)
+        return [xr.DataTree.from_dict(groups) for groups in few], write_tree
     states = []
     for number, analysis in enumerate(analyses):
         hums.watch(analysis, folder / f"{number}.state")
         states.append(read_state(folder / f"{number}.state"))
-    return states, write_state, lambda path, state: read_state(path) == state
+    return states, write_state
 
 
-def _holds(open_file: Callable[[Path], Any]) -> Callable[[Path, Any], bool]:
-    def holds(path: Path, written: Any) -> bool:  # noqa: ANN401 - a record or a tree
-        with open_file(path) as opened:
-            return bool(opened.load().identical(written))
-
-    return holds
+def _contents(kind: str, path: Path) -> Any:  # noqa: ANN401 - a record, a tree or bytes
+    if kind == "state":
+        read_state(path)
+        return path.read_bytes()
+    with hums.open_record(path) if kind == "record" else open_tree(path) as opened:
+        return opened.load()
 
 
 def kill_saves(folder: Path, *, count: int, kind: str = "record", seed: int = 20) -> list[str]:
     """Kill a process that saves one file over another `count` times; return what went wrong."""
     folder.mkdir(exist_ok=True)
     rng, wrong, path = np.random.default_rng([seed, WRITERS.index(kind)]), [], folder / f"saved {kind}"
-    things, write, holds = _writer(kind, folder)
-    write(things[0], path)
+    things, write = _writer(kind, folder)
+    calm = []
+    for thing in things:
+        write(thing, path)
+        calm.append(_contents(kind, path))
     for _ in range(count):
         child = os.fork()
         if child == 0:
@@ -74,7 +76,8 @@ def kill_saves(folder: Path, *, count: int, kind: str = "record", seed: int = 20
         time.sleep(rng.uniform(0, LONGEST_S))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
-        if not any(holds(path, one) for one in things):
+        found = _contents(kind, path)
+        if not any(found == one if kind == "state" else found.identical(one) for one in calm):
             wrong.append(f"a saved {kind} is neither the old nor the new one")
     write(things[0], path)
     wrong += [f"{part.name} was left behind" for part in folder.glob(".hums-*")]

@@ -152,6 +152,8 @@ def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
     if path.is_dir():
         raise error(f"{path} is a directory; name a .toml file in it.")
     try:
+        if not path.is_file() and path.exists():  # a device may have no end
+            raise error(f"{path} is no regular file; write its text to one.")
         if path.stat().st_size > _MOST_BYTES:
             raise error(f"{path} has {path.stat().st_size} bytes; a hand-written file has at most {_MOST_BYTES}.")
         text = path.read_text(encoding="utf-8")

@@ -492,6 +492,8 @@ def _write(groups: Mapping[str, tuple[xr.Dataset, Chunks]], path: str | os.PathL
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary file to write, which replaces `path` on success and is removed on failure."""
     target = Path(path).resolve()  # so that a symbolic link remains one
+    if not is_utf8(target.name):
+        raise RecordError(f"{path}: this name is not UTF-8 text, and what it names would not be opened; give another.")
     if target.is_dir():
         raise RecordError(f"{path} is a directory; name a file in it.")
     if not target.parent.is_dir():

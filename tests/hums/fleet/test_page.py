@@ -91,6 +91,8 @@ def test_the_worst_is_first_and_its_figures_say_why(failing, tmp_path):
     assert len(panels) == 6
     assert "Its baseline is being learned: 0 records so far." in page
     assert 'href="reports' not in page
+    quiet.state = MachineState(machine="é" * 5000)
+    write_page([quiet], records, tmp_path / "long.html")  # no folder has such a name
     assert "<td>1</td><td>0.037</td>" in page  # one alarm; a record a day at one false alarm in 10,000 records
 
 

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from pathlib import Path
 
 import pytest
 from pydantic import BaseModel, ValidationError
@@ -416,6 +417,11 @@ class TestFiles:
         assert words in str(caught.value)
         assert str(path) in str(caught.value)
         assert caught.value.__cause__ is None  # the sentence stands alone, no chain of internals
+
+    @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no devices here")
+    def test_a_device_is_no_file(self):
+        with pytest.raises(GearboxError, match=r"/dev/zero is no regular file"):
+            load_gearbox(Path("/dev/zero"))
 
     @pytest.mark.parametrize("name", ["y" * 5000, "y" * 5000 + ".toml", "a\0b.toml"])
     def test_names_that_no_file_has(self, name):
