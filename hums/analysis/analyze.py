@@ -427,6 +427,9 @@ def _speed_dataset(machine: Machine) -> xr.Dataset:
         "nominal": int(phase.nominal),
         "stripe_positions_rev": machine.source.phase.stripe_positions_rev,
     }
+    declared = machine.source.declared
+    if declared is not None and declared.refined:
+        attrs["declared_hz"] = declared.declared_hz * machine.mean_speed_hz / declared.speed_hz  # of the reference
     if found is not None:
         attrs |= {
             "estimated_from": found.channel,
