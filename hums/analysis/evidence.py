@@ -126,8 +126,8 @@ class PartEvidence:
     explained : float
         Share that it has of the power of all lines of the band that neither shafts nor meshes make.
     other_order, other_depth, other_strength : float
-        The strongest line in any band that this part does not explain, and its strength as one alone; 0 if there is
-        none.
+        The strongest line in any band, no slower than the slowest part, that this part does not explain, and its
+        strength as one alone; 0 if there is none.
     modulation : float
         Strength of its lines in the band where that is largest, whether they are significant, have sidebands, and are
         explained otherwise or not: what successive records are compared by.
@@ -236,6 +236,14 @@ class _Others:
         self.every_order, self.every_depth = orders, depths
         self.orders, self.depths = orders[kept], depths[kept]
         self.strengths = self.depths**3 / (self.depths**2 + (TRUSTED_SNR * backgrounds[kept]) ** 2)  # each alone
+        searched = [
+            line.measured.expected for band in bands for line in band.lines if line.measured.expected.fundamental
+        ]
+        # what is slower than every part, or comes a few times in the record, is a change of level
+        self.slowest = max(
+            min((one.order - one.tolerance for one in searched), default=0.0),
+            FEWEST_CYCLES * self.width / MATCH_BINS,
+        )
         # a shaft too slow for its sidebands to be resolved from the line is left out
         self.spacings = tuple({round(s, 9): s for s in setting.shafts if s > 2 * self.width}.values())
 
@@ -287,7 +295,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     in_band = ~others.of_shafts(band.orders)
     mine = _own(band.orders[in_band], main.line.found, spacings, others.width)
     power = band.depths[in_band] ** 2
-    rest = np.flatnonzero(~own)
+    rest = np.flatnonzero(~own & (others.orders >= others.slowest))
     strongest = rest[np.argmax(others.strengths[rest])] if rest.size else None
     own_depth = max(main.depth, others.deepest(main.line.found))
     both = 2 if main.expected.kind == "rolling_element" else 0  # its two races may be struck unequally

@@ -178,6 +178,8 @@ def speed_text(facts: Mapping[str, Any], *, units: Units = "rpm") -> str:
     known = ""
     if speed["nominal"]:
         known = ", declared (nominal)"
+        if speed["declared"] is not None:
+            known = f", refined from the declared {first[0] * speed['declared']:.5g} {first[1]} (nominal)"
     elif speed["tachometer"]:
         known = f", measured by {speed['tachometer']}"
     elif speed["estimated_from"]:

@@ -258,15 +258,21 @@ INNER = (line("inner_race", 5.4, 10.0), line("inner_race", 6.4, 7.0, sideband=1,
 
 
 @pytest.mark.parametrize(
-    ("depth", "noise", "verdict"),
+    ("order", "depth", "noise", "verdict"),
     [
-        (0.9, 0.02, "not judged"),
-        (0.9, 0.2, "diagnosed"),  # 5 times its background: 0.9 * 25 / (25 + 64) = 0.25, the race 0.5 * 100 / 164 = 0.30
-        (0.3, 0.02, "diagnosed"),
+        (7.1, 0.9, 0.02, "not judged"),
+        (0.15, 0.9, 0.02, "diagnosed"),  # slower than any part: the level changes
+        (
+            7.1,
+            0.9,
+            0.2,
+            "diagnosed",
+        ),  # 5 times its background: 0.9 * 25 / (25 + 64) = 0.25, the race 0.5 * 100 / 164 = 0.30
+        (7.1, 0.3, 0.02, "diagnosed"),
     ],
 )
-def test_where_a_stronger_line_is_of_something_else_a_race_may_be_as_well(depth, noise, verdict):
-    (found,) = judged(ASSESSOR.assess(INNER), others=[(7.1, depth)], noise=noise)
+def test_where_a_stronger_line_is_of_something_else_a_race_may_be_as_well(order, depth, noise, verdict):
+    (found,) = judged(ASSESSOR.assess(INNER), others=[(order, depth)], noise=noise)
     assert found.verdict == verdict
     if found.verdict == "not judged":
         assert "the line at 7.100 orders, which nothing explains, is stronger (90.0%)" in found.evidence
@@ -603,6 +609,7 @@ def test_a_race_at_a_multiple_of_a_shaft_needs_more_than_shafts_make(race, depth
         lines=ASSESSOR.assess(made),
         orders=np.array([race, 2 * race]),
         depths=np.array([depth, 0.75 * depth]),
+        backgrounds=np.full(2, 0.01),
         bin_width=BIN,
     )
     evidence = bearing_evidence([band], {"b": BEARING}, SETTING)
@@ -620,7 +627,12 @@ def test_a_line_is_compared_with_what_it_is_in_the_same_band(deep, hidden):
     unclaimed = replace(own, significant=False, explained_by="leakage")
     bands = [
         BandEvidence(
-            band_hz=(place, place + 1e3), lines=[one], orders=np.array(orders), depths=np.array(depths), bin_width=BIN
+            band_hz=(place, place + 1e3),
+            lines=[one],
+            orders=np.array(orders),
+            depths=np.array(depths),
+            backgrounds=np.full(len(orders), 0.01),
+            bin_width=BIN,
         )
         for place, one, orders, depths in (
             (1e3, own, [4.824], [0.24]),
