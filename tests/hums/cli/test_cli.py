@@ -198,7 +198,7 @@ def test_files_that_are_no_records(run, tmp_path, content):
 def test_a_directory_in_place_of_a_file(run, tmp_path):
     code, _, err = run("info", tmp_path)
     assert code == 2
-    assert "directory" in err
+    assert "is a folder, and no dataset" in err
 
 
 def test_a_wav_states_its_rate(run, tmp_path):
