@@ -143,7 +143,7 @@ def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
     rows = [json.loads(gzip.decompress(path.read_bytes())) for path in paths]
     labels = open_dataset(folder / "set")
     found = [series_of(row) for row in rows]
-    every = sorted(set().union(*found))
+    every = tuple(sorted(set().union(*found)))
     values = np.array([vector(one, every) for one in found])
     kinds = labels["class"].to_numpy().astype(np.str_)
     kept = np.isfinite(values[kinds == "healthy"]).mean(axis=0) >= 0.9  # noqa: PLR2004
@@ -588,9 +588,10 @@ Made by one run of `python benchmarks/fleet.py ANALYSES --machines {machines} --
 resampled from {records} analyses of one gearbox ({healthy} healthy): each series of indicators is its mean, its slopes
 on gain, noise, temperature and load, which carry over as `data_synth.scene.history` declares (5 and 50 records, a
 season of 365), and a residual drawn together for all series. The load is not measured, so it is no covariate. The
-healthy analyses are split by machine: the prior (`hums/fleet/prior.json`) was learned on one half (`--learn-prior`),
-and all that follows is measured on the other. Both halves are of one gearbox and one plan. Nothing is tuned to measured
-records.
+healthy analyses are split by machine: the prior (`hums/fleet/prior.json`) was learned on one half (`--learn-prior`
+`--machines 1600`), each of whose machines was left out in turn to find how much wider limits have to be for a machine
+that a prior has not seen; all that follows is measured on the other half. Both halves are of one gearbox and one plan.
+Nothing is tuned to measured records.
 """
 
 

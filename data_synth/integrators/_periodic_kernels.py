@@ -1,4 +1,7 @@
-"""Compiled look-ups in tables of periodic functions: values, and moments over an interval of phase."""
+"""Compiled look-ups in tables of periodic functions: values, and moments over an interval of phase.
+
+Each operation is rounded as written.
+"""
 
 import math
 
@@ -6,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth._compile import compiled, compiled_inside
-from data_synth.integrators.modal_problem import Waves
+from data_synth.integrators.periodic_tables import Waves
 
 Array = NDArray[np.float64]
 

@@ -168,7 +168,7 @@ class Epoch:
     def learn(self, machine: str, settings: MonitorSettings) -> None:
         """Learn what is normal from the collected records, and forget them."""
         seen = self.pending
-        every = sorted(set().union(*(one.values for one in seen)))
+        every = tuple(sorted(set().union(*(one.values for one in seen))))
         values = np.array([vector(one.values, every) for one in seen])
         kept = np.isfinite(values).sum(axis=0) * 2 >= len(seen)
         self.series = tuple(key for key, keep in zip(every, kept, strict=True) if keep)
@@ -403,9 +403,9 @@ def _judged(
             if rising[place] <= 1:
                 state.since[name] = seen.recorded_at or seen.record
             state.alarms[name] = after.of(at)
-            drivers = _drivers(epoch, reading, place)
-            growth[name] = drivers[0]
+            growth[name] = _drivers(epoch, reading, place, most=1)[0]
             if raised[at]:
+                drivers = _drivers(epoch, reading, place, most=_DRIVERS)
                 severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
                 row = _alarm(state, seen, component, drivers, value=index[name], severity=severity, epoch=epoch)
                 row["since"] = state.since[name]
@@ -418,7 +418,7 @@ def _judged(
     return Judgement(judged=True, index=index, scores=scores, growth=growth, alarms=tuple(alarms))
 
 
-def _drivers(epoch: Epoch, reading: Reading, place: int) -> list[tuple[str, str, float]]:
+def _drivers(epoch: Epoch, reading: Reading, place: int, *, most: int) -> list[tuple[str, str, float]]:
     """Return channel, indicator and departure of the series that depart most, for an alarm of a score."""
     sensor = place - len(epoch.names)
     if sensor >= 0:
@@ -427,10 +427,10 @@ def _drivers(epoch: Epoch, reading: Reading, place: int) -> list[tuple[str, str,
         return [(epoch.channels[channel], what, float(reading.level[channel]))]
     if epoch.normal is None:
         return []
-    those = np.concatenate(epoch.normal.layout.components[place])
+    those = epoch.normal.layout.series[place]
     away = reading.departures[those]
     away = np.where(np.isfinite(away), away, -np.inf)
-    largest = np.argsort(-away, kind="stable")[:_DRIVERS]
+    largest = [away.argmax()] if most == 1 else np.argsort(-away, kind="stable")[:most]
     keys = [epoch.series[those[i]] for i in largest]
     return [
         (key.channel, key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}", float(away[i]))

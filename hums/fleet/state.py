@@ -3,6 +3,7 @@
 import gzip
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -78,7 +79,7 @@ def _encoded(thing: Any) -> Any:  # noqa: ANN401
         return ["array", str(thing.dtype), list(thing.shape), thing.ravel().tolist()]
     if isinstance(thing, np.generic):
         return _encoded(np.asarray(thing))
-    if isinstance(thing, dict):
+    if isinstance(thing, Mapping):
         return ["dict", [[_encoded(key), _encoded(value)] for key, value in thing.items()]]
     if isinstance(thing, list | tuple):
         return [type(thing).__name__, [_encoded(one) for one in thing]]
