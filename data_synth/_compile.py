@@ -14,8 +14,9 @@ R = TypeVar("R")
 def compiled(kernel: Callable[P, R]) -> Callable[P, R]:
     """Compile `kernel` to machine code at its first call and keep the result on disk.
 
-    Kernels take contiguous arrays and plain numbers, raise nothing, and release the interpreter lock. Sums may be
-    added up in any order, and a product and the sum that takes it may become one instruction.
+    Kernels take contiguous arrays and plain numbers, raise nothing, and release the interpreter lock. Every operation
+    is rounded as IEEE 754 says, in the order of the source: results do not depend on how a loop was vectorised, or on
+    where arrays are in memory, as the promise of the same bytes needs.
     """
     return _compile(kernel, inside=False)
 
@@ -29,7 +30,7 @@ def compiled_inside(kernel: Callable[P, R]) -> Callable[P, R]:
 
 
 def _compile(kernel: Callable[P, R], *, inside: bool) -> Callable[P, R]:
-    settings: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc"}}
+    settings: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
     try:
         return cast("Callable[P, R]", numba.njit(cache=True, forceinline=inside, **settings)(kernel))
     except RuntimeError:  # neither the package's folder nor the user's cache can be written: compiled in each process

@@ -15,11 +15,11 @@ from typing import Any, TypeAlias
 import xarray as xr
 
 from data_synth.benchmark.card import data_card
-from data_synth.benchmark.records import DURATION_S, BenchmarkRecords
+from data_synth.benchmark.records import DURATION_S, TRIAL_S, BenchmarkRecords
 from data_synth.cost import explain
 from data_synth.plan import Plan, PlanError, load_plan, parse_plan
-from data_synth.scene.scene import Scene, SceneError
-from data_synth.simulation import fault_detectability, simulate
+from data_synth.scene.scene import SceneError
+from data_synth.simulation import simulate, simulate_with_detectability
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
 from hums.records.dataset_store import SHARD, write_index
 from hums.records.store import atomic_write, remove_partial_files, write_shard
@@ -182,18 +182,17 @@ def _simulated(plan: AnyPlan, number: int) -> tuple[xr.Dataset, dict[str, Any]]:
     """Return a record and its labels."""
     labels = plan.labels(number)
     try:
-        scene, *trial = plan.scenes_of(number)
-        record = simulate(scene, seed=plan.seed_of(number))
-        if isinstance(plan, BenchmarkRecords):
-            labels["detectability_db"] = _detectability_db(*trial, seed=plan.seed_of(number)) if trial else float("nan")
+        scene, seed = plan.scene(number), plan.seed_of(number)
+        if not isinstance(plan, BenchmarkRecords):
+            record = simulate(scene, seed=seed)
+        elif labels["class"] == "healthy":
+            record, labels["detectability_db"] = simulate(scene, seed=seed), math.nan
+        else:
+            record, found_db = simulate_with_detectability(scene, seed=seed, trial_s=TRIAL_S)
+            labels["detectability_db"] = found_db + 10 * math.log10(DURATION_S / scene.duration_s)
     except SceneError as error:
         raise SceneError(f'record {number}, class "{labels["class"]}": {error}') from None
     return record, labels
-
-
-def _detectability_db(trial: Scene, *, seed: int) -> float:
-    """Return the detectability of the one fault of a short scene in a record of the benchmark's length."""
-    return float(fault_detectability(trial, seed=seed)[0, 0]) + 10 * math.log10(DURATION_S / trial.duration_s)
 
 
 # ---- the folder --------------------------------------------------------------------------------------------

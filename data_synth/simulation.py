@@ -1,7 +1,8 @@
 """Simulate a scene: sum the sources, apply the measurement chain, and state the truth beside the record."""
 
+import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -76,7 +77,8 @@ def simulate(
     detectability : bool
         Also return ``truth_fault_detectability_db`` (truth_channel, truth_fault): what each fault alone adds to the
         noise-free healthy channel of the same seed, against the channel's noise and quantisation, as
-        `fault_detectability` returns it. It costs a simulation for each fault and one more.
+        `fault_detectability` returns it. It costs the simulation of the healthy channel, and where there are several
+        faults one of each.
 
     Returns
     -------
@@ -144,6 +146,48 @@ def simulate(
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise SceneError(f"seed = {seed!r}: a whole number, 0 or more, is needed.")
     refuse_too_large(declared, by_source=by_source, phases=phases, mechanics=mechanics)
+    record, noise_free = _simulated(declared, seed, by_source=by_source, phases=phases, mechanics=mechanics)
+    if detectability:
+        own = noise_free if len(declared.faults) == 1 else None
+        return record.assign(truth_fault_detectability_db=fault_detectability(declared, seed=seed, own=own))
+    return record
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseFree:
+    """Channels after the linear part of their chains, (sensor, n), and the integration's steps to a sample, if any."""
+
+    signal: Array
+    steps: int | None
+
+
+def simulate_with_detectability(scene: Scene, *, seed: int, trial_s: float) -> tuple[xr.Dataset, float]:
+    """Return the record of a scene with one fault, and the detectability in its first channel from its beginning.
+
+    Parameters
+    ----------
+    scene : Scene
+    seed : int
+    trial_s : float
+        Length of the beginning in s that is simulated without the fault as well.
+
+    Returns
+    -------
+    record : xarray.Dataset
+        As `simulate` returns it.
+    detectability_db : float
+        Of the fault in the whole record, from what it adds to its first `trial_s` seconds.
+    """
+    record, noise_free = _simulated(scene, seed)
+    samples = min(scene.samples, round(trial_s * scene.rate_hz))
+    found_db = float(fault_detectability(scene, seed=seed, own=noise_free, samples=samples)[0, 0])
+    return record, found_db + 10 * math.log10(scene.samples / samples)
+
+
+def _simulated(
+    declared: Scene, seed: int, *, by_source: bool = False, phases: bool = False, mechanics: bool = False
+) -> tuple[xr.Dataset, NoiseFree]:
+    """Return the record of a scene, and its channels after the linear part of their chains."""
     prepared = prepare_scene(declared, rng_for=partial(random_stream, seed))
     gears = prepare_gears(prepared) if declared.fidelity != "kinematic" else None
     choice = decided(declared) if gears is not None else None
@@ -153,9 +197,10 @@ def simulate(
     parts = _by_source(prepared, timing_errors_s=timing_errors_s) if by_source else {}
     signal = _clean(prepared, timing_errors_s=timing_errors_s)
     if gears is not None and choice is not None:
-        truth, attrs = _with_gears(prepared, gears, choice, signal, parts)
+        truth, attrs, steps = _with_gears(prepared, gears, choice, signal, parts)
     else:
-        truth, attrs = truth_variables(prepared), {}
+        truth, attrs, steps = truth_variables(prepared), dict[str, str](), None
+    noise_free = NoiseFree(signal=signal.copy(), steps=steps)
     truth |= add_outside_sources(prepared, signal, timing_errors_s=timing_errors_s)
     if declared.imperfections is not None:
         truth |= sensor_truth(prepared, truth["truth_speed"]["truth_time"])
@@ -167,9 +212,7 @@ def simulate(
     truth |= angle_truth(prepared) if phases else {}
     if mechanics:
         truth |= _mechanics(prepared, gears, choice)
-    if detectability:
-        truth["truth_fault_detectability_db"] = fault_detectability(declared, seed=seed)
-    return make_record(
+    record = make_record(
         {sensor.name: _channel(sensor, values) for sensor, values in zip(declared.sensors, signal, strict=True)},
         rate_hz=declared.rate_hz,
         angle=PulseTimes(
@@ -181,6 +224,7 @@ def simulate(
         truth=truth,
         attrs={"truth_scene": declared.to_toml(), "truth_seed": seed, **attrs},
     )
+    return record, noise_free
 
 
 def _channel(sensor: Sensor, values: Array) -> Channel:
@@ -222,11 +266,10 @@ def _clean(prepared: PreparedScene, *, timing_errors_s: Array | None, only: tupl
     return signal
 
 
-def _gear_vibration(motion: Motion) -> Array:
+def _gear_vibration(motion: Motion, *, samples: int) -> Array:
     """Return the response of the sensors to the vibration of the gears, (sensor, n)."""
-    scene, at = motion.stage.scene, 0
-    signal = np.empty((len(scene.sensors), scene.samples))
-    for block in motion.channels(samples=scene.samples):
+    signal, at = np.empty((len(motion.stage.scene.sensors), samples)), 0
+    for block in motion.channels(samples=samples):
         signal[:, at : at + block.shape[1]] = block
         at += block.shape[1]
     return signal
@@ -234,10 +277,11 @@ def _gear_vibration(motion: Motion) -> Array:
 
 def _with_gears(
     prepared: PreparedScene, gears: Gears, choice: Choice, signal: Array, parts: dict[str, xr.DataArray]
-) -> tuple[dict[str, xr.DataArray], dict[str, str]]:
-    """Add the vibration of the gears to a signal (sensor, n) and to `parts`; return truth variables and attributes.
+) -> tuple[dict[str, xr.DataArray], dict[str, str], int | None]:
+    """Add the vibration of the gears to a signal (sensor, n) and to `parts`; return truth, attributes and steps.
 
-    The attributes state which motions were simulated, and the error of the amplitudes of the mesh harmonics.
+    The steps are those to a sample, None where nothing is integrated. The attributes state which motions were
+    simulated, and the error of the amplitudes of the mesh harmonics.
     """
     motion = simulated_motion(prepared, gears, choice.levels)
     all_move = motion is not None and LEFT_OUT not in choice.levels.values()
@@ -245,8 +289,9 @@ def _with_gears(
         motion if motion is not None and all_move else most_detailed_motion(prepared, gears, choice.levels)
     )
     if motion is None:
-        return truth_variables(prepared) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
-    gear_signal = _gear_vibration(motion)
+        return truth_variables(prepared) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}, None
+    steps = motion.steps()
+    gear_signal = _gear_vibration(replace(motion, steps_per_sample=steps), samples=prepared.scene.samples)
     signal += gear_signal
     measured = gear_lines(prepared, gear_signal)
     for name, sources in parts.items():
@@ -254,10 +299,8 @@ def _with_gears(
         coords = {"truth_channel": sources["truth_channel"], "truth_source_name": ["gears, motion"]}
         own = xr.DataArray(gear_signal[:, None], dims=sources.dims, coords=coords)
         parts[name] = xr.concat([sources, own], dim="truth_source_name").assign_attrs(sources.attrs)
-    return truth_variables(prepared, measured=measured) | passes, {
-        "truth_fidelity": str(choice),
-        "truth_mesh_lines": measured.about,
-    }
+    attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": measured.about}
+    return truth_variables(prepared, measured=measured) | passes, attrs, steps
 
 
 def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dict[str, xr.DataArray]:
@@ -303,7 +346,9 @@ def _mechanics(prepared: PreparedScene, gears: Gears | None, choice: Choice | No
 _OF_A_FAULT = {"offset", "impacts", "pits"}  # random streams that are named by the number of the fault
 
 
-def fault_detectability(scene: Scene, *, seed: int) -> xr.DataArray:
+def fault_detectability(
+    scene: Scene, *, seed: int, own: NoiseFree | None = None, samples: int | None = None
+) -> xr.DataArray:
     """Return how detectable each fault of a scene alone is in each channel, in dB.
 
     What the fault adds to the noise-free healthy channel of the same seed, against the white noise of the channel, with
@@ -315,6 +360,10 @@ def fault_detectability(scene: Scene, *, seed: int) -> xr.DataArray:
     ----------
     scene : Scene
     seed : int
+    own : NoiseFree, optional
+        The channels of the scene itself, where it has one fault and they are known.
+    samples : int, optional
+        From the beginning of the scene, if not all.
 
     Returns
     -------
@@ -327,7 +376,9 @@ def fault_detectability(scene: Scene, *, seed: int) -> xr.DataArray:
         A scene that cannot be simulated.
     """
     levels = None if scene.fidelity == "kinematic" else decided(scene).levels
-    healthy, steps = _noise_free(scene.changed(faults=()), partial(random_stream, seed), levels)
+    # with the steps of one motion, whose error is nearly the same in the other and leaves the difference
+    count, steps = scene.samples if samples is None else samples, own.steps if own is not None else None
+    healthy = _noise_free(scene.changed(faults=()), partial(random_stream, seed), levels, samples=count, steps=steps)
     variances = [_noise_variance(scene, sensor, partial(random_stream, seed)) for sensor in scene.sensors]
     ratios_db = np.empty((len(scene.sensors), len(scene.faults)))
     for number, fault in enumerate(scene.faults):
@@ -335,12 +386,16 @@ def fault_detectability(scene: Scene, *, seed: int) -> xr.DataArray:
         def rng_for(*words: str, number: int = number) -> np.random.Generator:
             return random_stream(seed, *((words[0], str(number)) if words[0] in _OF_A_FAULT else words))
 
-        # with the steps of the healthy motion, whose error is nearly the same and leaves the difference
-        faulty, _ = _noise_free(scene.changed(faults=(fault,)), rng_for, levels, steps=steps)
-        for row, variance in enumerate(variances):
+        faulty = own
+        if faulty is None:
+            alone = scene.changed(faults=(fault,))
+            faulty = _noise_free(alone, rng_for, levels, samples=count, steps=healthy.steps)
+        added = faulty.signal[:, :count] - healthy.signal
+        for row, whole in enumerate(variances):
+            variance = whole[:count]
             mean = float(np.mean(variance))
             # the filter matched in noise of varying level weights each instant by the inverse of its variance
-            weighted = (faulty[row] - healthy[row]) * (np.sqrt(mean / variance) if mean else 1.0)
+            weighted = added[row] * (np.sqrt(mean / variance) if mean else 1.0)
             ratios_db[row, number] = matched_filter_snr_db(
                 weighted, noise_psd=2 * mean / scene.rate_hz, rate_hz=scene.rate_hz
             )
@@ -354,19 +409,20 @@ def fault_detectability(scene: Scene, *, seed: int) -> xr.DataArray:
 
 
 def _noise_free(
-    scene: Scene, rng_for: RandomStreams, levels: Mapping[str, str] | None, *, steps: int | None = None
-) -> tuple[Array, int | None]:
-    """Return the channels of a scene after the linear part of their chains, (sensor, n), and the steps to a sample."""
+    scene: Scene, rng_for: RandomStreams, levels: Mapping[str, str] | None, *, samples: int, steps: int | None
+) -> NoiseFree:
+    """Return the beginning of the channels of a scene after the linear part of their chains."""
     prepared = prepare_scene(scene, rng_for=rng_for)
     gears = prepare_gears(prepared) if levels is not None else None
     if gears is not None and levels is not None:
         prepared = with_kinematic_lines(prepared, gears, levels)
-    signal = _clean(prepared, timing_errors_s=_timing_errors_s(prepared))
+    signal = _clean(prepared, timing_errors_s=_timing_errors_s(prepared))[:, :samples]
     motion = simulated_motion(prepared, gears, levels) if gears is not None and levels is not None else None
     if motion is None:
-        return signal, None
+        return NoiseFree(signal=signal, steps=None)
     steps = motion.steps() if steps is None else steps
-    return signal + _gear_vibration(replace(motion, steps_per_sample=steps)), steps
+    signal += _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)
+    return NoiseFree(signal=signal, steps=steps)
 
 
 def _noise_variance(scene: Scene, sensor: Sensor, rng_for: RandomStreams) -> Array:

@@ -41,9 +41,11 @@ the RMS. Bearing forces reach the sensor through modes of the housing. Defects o
 imbalance is a force on the rigid housing. Each record has its whole scene in the attribute `truth_scene`, and its truth
 beside it.
 
-Samples are those of version 1.1; 1.2 has another truth of lines where speed or torque varies: only lines that the
-window of the projection determines, which it does not at spacings below three of its periods (attribute
-`truth_mesh_lines` states the windows, and by how much halving them changes the lines).
+Version 1.3 differs from 1.2 in the last digits of samples, whose every operation is now rounded as IEEE 754 says, and
+in `detectability_db`: of the record's own beginning, at its own speed, where 1.2 drew the wandering speed of a short
+record again. 1.2 has only the lines in its truth that the window of the projection determines, which it does not at
+spacings below three of its periods (attribute `truth_mesh_lines` states the windows, and by how much halving them
+changes the lines); before, samples were those of 1.1.
 
 ## Licence
 
@@ -68,9 +70,9 @@ Sizes are drawn evenly in the logarithm; `severity` is 0 at the least and 1 at t
 {classes}
 
 `detectability_db` is the signal-to-noise ratio of the filter matched to what the fault adds behind the measurement
-chain: 10 log10 of the sum of its squares, each over the variance of the noise at that instant, from {trial:g} s without
-noise, with and without the fault, scaled to 10 s. NaN for healthy records. Below some 15 dB no method finds the fault;
-above it a method that does not know the machine may still miss it.
+chain: 10 log10 of the sum of its squares, each over the variance of the noise at that instant, from the record's first
+{trial:g} s without noise, with and without the fault, scaled to 10 s. NaN for healthy records. Below some 15 dB no
+method finds the fault; above it a method that does not know the machine may still miss it.
 
 ## Gearboxes
 
@@ -116,7 +118,7 @@ def data_card(plan: benchmark.BenchmarkRecords) -> str:
     >>> from data_synth import load_plan
     >>> from data_synth.benchmark.card import data_card
     >>> data_card(load_plan("benchmark-1")).splitlines()[0]
-    '# benchmark-1 1.2: synthetic gearbox vibration with labelled faults'
+    '# benchmark-1 1.3: synthetic gearbox vibration with labelled faults'
     """
     total = sum(split.share for split in benchmark.SPLITS.values())
     split_of = {name: split for split, pool in benchmark.SPLITS.items() for name in pool.gearboxes}

@@ -20,13 +20,13 @@ from data_synth.scene.scene import Scene
 
 __all__ = ["CLASSES", "FURTHER", "SPLITS", "BenchmarkRecords", "Split", "gearboxes", "paths"]
 
-NAME, VERSION = "benchmark-1", "1.2"
+NAME, VERSION = "benchmark-1", "1.3"
 RATE_HZ, DURATION_S = 25600.0, 10.0
 SENSOR = "input vertical"
 ERROR = 1e-2
 """Relative RMS error of steps in time, -40 dB: below the noise of every record, and half the time of 1e-3."""
 TRIAL_S = 2.0
-"""Length of what the fault adds, from which its detectability follows, scaled to the whole record."""
+"""Length of the beginning from which the detectability of the fault follows, scaled to 10 s."""
 _POOL = 20261  # of gearboxes and paths: of the version, not of the seed
 _SHARD_RECORDS, _FEWEST_SHARDS = 14, 4  # of a megabyte each: little is lost with a kill
 
@@ -272,7 +272,7 @@ class BenchmarkRecords:
         return Scene.from_mapping(table, where=f'record {number}, class "{drawn.class_name}"')
 
     def scenes_of(self, number: int) -> tuple[Scene, ...]:
-        """Return the scenes that are simulated for a record: its own; then a short one, for the detectability.
+        """Return the scenes that are simulated for a record: its own; then a short healthy one, for the detectability.
 
         Parameters
         ----------
@@ -286,7 +286,7 @@ class BenchmarkRecords:
         """
         if self._slot(number)[1] == "healthy":
             return (self.scene(number),)
-        return self.scene(number), self.scene(number, duration_s=min(TRIAL_S, self.duration_s))
+        return self.scene(number), self.scene(number, healthy=True, duration_s=min(TRIAL_S, self.duration_s))
 
     def _table(self, number: int, drawn: _Draw) -> dict[str, Any]:
         """Return the scene of a record without its fault."""

@@ -1,4 +1,7 @@
-"""Compiled exact steps for mesh stiffness that is constant between switching instants."""
+"""Compiled exact steps for mesh stiffness that is constant between switching instants.
+
+Each operation is rounded as written.
+"""
 
 from typing import NamedTuple
 
@@ -39,7 +42,7 @@ def apply_columns(columns: Array, added: Array, x: Array, out: Array) -> None:
     size, width = x.size, out.size
     first, second, a, b = columns[0], columns[1], x[0], x[1]
     for i in range(width):
-        out[i] = added[i] + first[i] * a + second[i] * b
+        out[i] = added[i] + (first[i] * a + second[i] * b)
     left = 2
     if size % 4 == 0:
         third, fourth, c, d = columns[2], columns[3], x[2], x[3]
@@ -50,7 +53,7 @@ def apply_columns(columns: Array, added: Array, x: Array, out: Array) -> None:
         first, second, a, b = columns[j], columns[j + 1], x[j], x[j + 1]
         third, fourth, c, d = columns[j + 2], columns[j + 3], x[j + 2], x[j + 3]
         for i in range(width):
-            out[i] += first[i] * a + second[i] * b + third[i] * c + fourth[i] * d
+            out[i] += (first[i] * a + second[i] * b) + (third[i] * c + fourth[i] * d)
 
 
 @compiled
@@ -98,6 +101,12 @@ def samples_before(switch: float, start: float, sample_s: float, sample: int, co
     return samples_ahead
 
 
+@compiled_inside
+def part_before(switches: Array, event: int, now: float, sample_s: float) -> float:
+    """Return the part of a sample interval from `now` on that lies before a switching time, at most 1."""
+    return min((switches[event] - now) / sample_s, 1.0) if event < switches.size else 1.0
+
+
 @compiled
 def transition_steps(
     x: Array,
@@ -143,16 +152,15 @@ def transition_steps(
             samples_ahead -= samples
         if sample == count:
             break
-        now, then = start + sample * sample_s, start + (sample + 1) * sample_s
         for i in range(states, size):
             x[i] = 0.0
-        while now < then:
-            # up to the next switching instant, or to the next sample
-            switching = event < switches.size and switches[event] < then
-            stop = switches[event] if switching else then
-            propagate_fraction(x, other, terms, propagators, combinations[event], (stop - now) / sample_s)
-            now = stop
-            event += switching
+        place = 0.0
+        while place < 1.0:
+            # up to the next switching instant, or to the next sample; in fractions of one, whose sum is exact
+            stop = part_before(switches, event, start + sample * sample_s, sample_s)
+            propagate_fraction(x, other, terms, propagators, combinations[event], max(stop - place, 0.0))
+            place = max(stop, place)
+            event += stop < 1.0
         for r in range(channels):
             row = rows[r]
             total = constant[r]
@@ -296,13 +304,12 @@ def contact_steps(
     deflections, buffer, other = np.empty((gaps, count + 1)), np.empty(count + 1), np.empty(size)
     event, edge = 0, -1
     for sample in range(outputs.shape[0]):
-        now, then = start + sample * sample_s, start + (sample + 1) * sample_s
         for i in range(states, size):
             x[i] = 0.0
-        while now < then:
-            switching = event < switches.size and switches[event] < then
-            stop = switches[event] if switching else then
-            left, events = (stop - now) / sample_s, 0
+        place = 0.0
+        while place < 1.0:
+            stop = part_before(switches, event, start + sample * sample_s, sample_s)
+            left, events = stop - place, 0
             while left > 0.0:
                 state = 0
                 for m in range(gaps):
@@ -324,8 +331,8 @@ def contact_steps(
                 if event_found:
                     contact[mesh // 2] = after
                     events += 1
-            now = stop
-            event += switching
+            place = max(stop, place)
+            event += stop < 1.0
         for r in range(rows.shape[0]):
             row = rows[r]
             total = constant[r]

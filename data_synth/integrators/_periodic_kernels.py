@@ -1,4 +1,7 @@
-"""Compiled look-ups in tables of periodic functions: values, and moments over an interval of phase."""
+"""Compiled look-ups in tables of periodic functions: values, and moments over an interval of phase.
+
+Each operation is rounded as written.
+"""
 
 import math
 

@@ -1,4 +1,7 @@
-"""Compiled steps of the exponential splitting: exact flow of the constant part, rank-one impulses by the meshes."""
+"""Compiled steps of the exponential splitting: exact flow of the constant part, rank-one impulses by the meshes.
+
+Each operation is rounded as written.
+"""
 
 import numpy as np
 from numpy.typing import NDArray

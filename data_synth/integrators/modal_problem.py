@@ -471,12 +471,14 @@ class Assembled:
         varying = self.problem.load.varying
         if varying is None:
             return np.zeros((0, self.size))
-        values = np.asarray(varying(times_s), dtype=np.float64)
-        if values.shape != (times_s.size, self.size) or not np.all(np.isfinite(values)):
+        values, directions = np.asarray(varying(times_s), dtype=np.float64), self.problem.load.directions
+        modal = self.flow.modes.shapes if directions is None else directions @ self.flow.modes.shapes
+        if values.shape != (times_s.size, modal.shape[0]) or not np.all(np.isfinite(values)):
             raise ValueError(
-                f"load.varying must return finite forces ({times_s.size}, {self.size}); it returned {values.shape}."
+                f"load.varying must return finite forces ({times_s.size}, {modal.shape[0]}); it returned "
+                f"{values.shape}."
             )
-        return np.ascontiguousarray(values @ self.flow.modes.shapes)
+        return np.ascontiguousarray(values @ modal)
 
     def history_positions(self, times_s: Array) -> Array:
         """Return the positions in the histories, (times, forces); (0, forces) where no mesh has a history."""

@@ -62,7 +62,9 @@ class Load:
     quadratic_drag : (dof,) array or None
         N s2/m2 and N m s2/rad2, none below zero: as of a fan or a propeller.
     varying : callable or None
-        From times in s (n,) to forces (n, dof) in N and N m.
+        From times in s (n,) to forces (n, dof) in N and N m; with `directions`, to factors of these (n, k).
+    directions : (k, dof) array or None
+        Forces of which `varying` returns the factors: fewer than degrees of freedom cost less time.
 
     Examples
     --------
@@ -78,6 +80,14 @@ class Load:
     constant: Array = field(metadata={"dims": ("dof",), "units": "N or N m"})
     quadratic_drag: Array | None = None
     varying: Callable[[Array], Array] | None = None
+    directions: Array | None = None
+
+    def varying_at(self, times_s: Array) -> Array:
+        """Return the varying forces (n, dof) at times in s (n,); zero where there are none."""
+        if self.varying is None:
+            return np.zeros((times_s.size, self.constant.size))
+        values = np.asarray(self.varying(times_s))
+        return values if self.directions is None else np.asarray(values @ self.directions)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Sum of harmonics whose amplitudes are linear in time, compiled."""
+"""Sum of harmonics whose amplitudes are linear in time; compiled, each operation rounded as written."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Impulse responses by recursion from sample to sample, compiled."""
+"""Impulse responses by recursion from sample to sample; compiled, each operation rounded as written."""
 
 import numpy as np
 from numpy.typing import NDArray

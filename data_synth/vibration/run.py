@@ -457,14 +457,15 @@ def without_meshes(motion: Motion, meshes: Collection[str]) -> Motion:
     removed = [number for name in meshes for number in contacts_in(system, name)]
     elimination, free = _elimination(motion, np.array([system.meshes[number].direction for number in removed]))
     kept = [number for number in range(len(system.meshes)) if number not in removed]
-    drive_load, varying = motion.drive_load, motion.load.varying
+    drive_load = motion.drive_load
     drag = motion.load.quadratic_drag
     forces = motion.sensor_forces
     names = {system.meshes[number].name for number in kept}
     load = Load(
         constant=motion.load.constant @ elimination,
         quadratic_drag=None if drag is None else drag[free],
-        varying=None if varying is None else lambda times_s: varying(times_s) @ elimination,
+        varying=motion.load.varying,
+        directions=None if motion.load.directions is None else motion.load.directions @ elimination,
     )
     return replace(
         motion,

@@ -11,7 +11,7 @@ rotation, as does the tachometer; vibration changes a shaft's angle by microns a
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -60,8 +60,7 @@ class DriveLoad:
             return State(displacement=np.zeros(system.dof), velocity=np.zeros(system.dof))
         speed = 2 * np.pi * float(drive.angle.speed_hz(time_s)) * self.rigid_motion * self.full_rotation
         force = self.load.constant.copy()
-        if self.load.varying is not None:
-            force += self.load.varying(np.array([time_s]))[0]
+        force += self.load.varying_at(np.array([time_s]))[0]
         if self.load.quadratic_drag is not None:
             force -= self.load.quadratic_drag * speed * np.abs(speed)
         return State(displacement=static_deflection(system, force - self.damping @ speed), velocity=speed)
@@ -93,12 +92,12 @@ def drive_load_of(stage: PreparedScene, kinematics: Kinematics, system: System) 
     inertia_torque = -system.mass @ rigid_motion
     inertia_torque[place] += rigid_motion @ system.mass @ rigid_motion
 
-    def force(times_s: Array) -> Array:
-        acceleration = 2 * np.pi * angle.acceleration_hz_s(times_s)
-        return np.asarray(np.stack([torque.at(times_s), acceleration], axis=1) @ np.stack([unit, inertia_torque]))
+    def factors(times_s: Array) -> Array:
+        return np.stack([torque.at(times_s), 2 * np.pi * angle.acceleration_hz_s(times_s)], axis=1)
 
-    steady = np.ptp(torque.values) == 0 and np.ptp(stage.speed_hz) == 0
-    load = Load(constant=force(np.zeros(1))[0]) if steady else _varying(force)
+    load = _varying(factors, np.stack([unit, inertia_torque]), drive=stage.drive)
+    if np.ptp(torque.values) == 0 and np.ptp(stage.speed_hz) == 0:
+        load = Load(constant=load.constant)
     return DriveLoad(load=load, damping=np.zeros((system.dof, system.dof)), rigid_motion=rigid_motion)
 
 
@@ -127,8 +126,7 @@ def static_tooth_forces(stage: PreparedScene, system: System, drive_load: DriveL
     load = drive_load.load
     speeds = 2 * np.pi * np.multiply.outer(stage.speed_hz, drive_load.rigid_motion * drive_load.full_rotation)
     force = load.constant - speeds @ drive_load.damping
-    if load.varying is not None:
-        force = force + load.varying(stage.instants_s)
+    force = force + load.varying_at(stage.instants_s)
     if load.quadratic_drag is not None:
         force = force - load.quadratic_drag * speeds * np.abs(speeds)
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])
@@ -173,15 +171,23 @@ def _check_speed_continuous(drive: Drive) -> None:
         )
 
 
-def _varying(force: Callable[[Array], Array]) -> Load:
-    """Return a force over time as a load, at a jump the mean of both sides."""
+def _varying(factors: Callable[[Array], Array], directions: Array, *, drive: Drive) -> Load:
+    """Return forces (k, dof) times factors (n, k) of rising times as a load, at a knot the mean of both sides."""
+    assert drive.torque is not None  # noqa: S101 - the callers' own check
+    knots_s = np.unique(np.concatenate([drive.torque.times_s, getattr(drive.angle, "times_s", np.zeros(0))]))
 
     def mean_about(times_s: Array) -> Array:
-        return (force(times_s - _INSTANT_S) + force(times_s + _INSTANT_S)) / 2
+        found = factors(times_s)
+        inside = knots_s[(knots_s >= times_s[0] - _INSTANT_S) & (knots_s <= times_s[-1] + _INSTANT_S)]
+        first, last = (np.searchsorted(times_s, inside + off, side="right") for off in (-_INSTANT_S, _INSTANT_S))
+        near = np.unique(np.concatenate([first[last > first], last[last > first] - 1]))
+        found[near] = (factors(times_s[near] - _INSTANT_S) + factors(times_s[near] + _INSTANT_S)) / 2
+        return found
 
     # the constant part has no discretisation error
-    first = force(np.zeros(1))[0]
-    return Load(constant=first, varying=lambda times_s: mean_about(times_s) - first)
+    at_zero = mean_about(np.zeros(1))[0]
+    constant = np.asarray(at_zero @ directions)
+    return Load(constant=constant, varying=lambda times_s: mean_about(times_s) - at_zero, directions=directions)
 
 
 def _running_up(
@@ -208,14 +214,16 @@ def _running_up(
     damping[brake, brake] = law.load_nm_s / ratio**2
     drag[brake] = law.load_nm_s2 / ratio**3
 
-    def force(times_s: Array) -> Array:
+    def factors(times_s: Array) -> Array:
         within = np.clip(times_s, 0.0, scene.duration_s)
         load_torque = law.load_nm + max(machine_kg_m2, 0.0) * 2 * np.pi * speed_ratio * angle.acceleration_hz_s(within)
-        return np.multiply.outer(torque.at(times_s), driving_torque) + np.multiply.outer(load_torque, unit)
+        return np.stack([torque.at(times_s), load_torque], axis=1)
 
-    varying = _varying(force)
     return DriveLoad(
-        load=Load(constant=varying.constant, varying=varying.varying, quadratic_drag=drag if law.load_nm_s2 else None),
+        load=replace(
+            _varying(factors, np.stack([driving_torque, unit]), drive=stage.drive),
+            quadratic_drag=drag if law.load_nm_s2 else None,
+        ),
         damping=damping,
         rigid_motion=rigid_motion,
         full_rotation=True,

@@ -5,6 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, load_scene, simulate
+from data_synth.kinematic._harmonics_kernels import add_series
+from data_synth.transfer._acquisition_kernels import add_pole_responses
 from hums.records.record import check_record, tachometers
 from hums.records.store import open_record, save_record
 
@@ -217,6 +219,37 @@ def test_same_seed_same_bytes():
     assert first.identical(again)
     assert all(first[name].values.tobytes() == again[name].values.tobytes() for name in first.variables)
     assert not np.array_equal(first["input vertical"].values, other["input vertical"].values)
+
+
+def test_kernels_round_every_operation_in_the_order_of_their_source():
+    # the interpreter follows IEEE 754; a fused or reordered sum would differ in some of thousands of last digits
+    rng = np.random.default_rng(5)
+    lines = rng.standard_normal((2, 2, 9))
+    turns, edges = np.cumsum(rng.random(701)), np.array([0, 701])
+    poles = rng.standard_normal((3, 3)) + 1j * rng.standard_normal((3, 3))
+    poles[0] *= 0.9 / np.abs(poles[0])  # decays
+    drive = rng.standard_normal(702)
+    compiled, interpreted = (
+        (
+            add_series_by(np.zeros(701), *lines, turns, np.linspace(0, 1, 701), edges),
+            add_responses_by(np.zeros(701), drive, *poles, np.zeros(3, dtype=np.complex128)),
+        )
+        for add_series_by, add_responses_by in (
+            (_returning_first(add_series), _returning_first(add_pole_responses)),
+            (_returning_first(add_series.py_func), _returning_first(add_pole_responses.py_func)),
+        )
+    )
+    for one, other in zip(compiled, interpreted, strict=True):
+        assert one.any()
+        assert one.tobytes() == other.tobytes()
+
+
+def _returning_first(kernel):
+    def called(signal, *arguments):
+        kernel(signal, *arguments)
+        return signal
+
+    return called
 
 
 def test_a_fault_leaves_noise_phases_and_tachometer_as_they_were():
