@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth._compile import compiled, compiled_inside
-from data_synth.integrators.modal_problem import Waves
+from data_synth.integrators.periodic_tables import Waves
 
 Array = NDArray[np.float64]
 

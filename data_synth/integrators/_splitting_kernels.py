@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from data_synth._compile import compiled, compiled_inside
 from data_synth.integrators._periodic_kernels import SHORT, integrals_at, legendre, legendre_short, value_at
-from data_synth.integrators.modal_problem import Equations, Waves
+from data_synth.integrators.modal_problem import Equations
+from data_synth.integrators.periodic_tables import Waves
 
 Array = NDArray[np.float64]
 

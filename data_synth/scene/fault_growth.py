@@ -1,6 +1,7 @@
 """Growth of a fault's size with time: laws that a scene declares, and the size that follows."""
 
 import math
+from abc import abstractmethod
 from typing import Annotated, Literal
 
 import numpy as np
@@ -73,9 +74,9 @@ class GrowingFault(Declared):
     growth: GrowthLaw | None = None
 
     @property
+    @abstractmethod
     def initial_mm(self) -> float:
         """Size at the beginning of the record, mm."""
-        raise NotImplementedError
 
     def relative_size(self, times_s: ArrayLike) -> Array:
         """Return the size at times (n,) in s over the initial size."""

@@ -1,6 +1,7 @@
-"""Faults, as a scene declares them: kind, component, size, and growth of the size."""
+"""Faults of gears, as a scene declares them: kind, component, size, and growth of the size; and the kinds of all."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, Self, get_args
@@ -16,8 +17,9 @@ from data_synth.gears.mesh_stiffness import Array
 from data_synth.gears.tooth_compliance import CrackedSection, DamagedTooth, Tooth, ToothPair
 from data_synth.gears.transmission_error import TransmissionError
 from data_synth.scene.fault_growth import GrowingFault
+from data_synth.scene.machine_faults import BearingFault, ShaftFault
 from data_synth.scene.operation import NotNegative, Share
-from hums.gearbox.components import Declared, Name, Positive
+from hums.gearbox.components import Declared, Positive
 
 # ---- Faults of gears: what a scene declares of each, and what each changes -------------------------------------------
 # Each fault has a modulation function of the angle of its gear, 1 where the damage is worst. In a kinematic scene it
@@ -184,6 +186,7 @@ class GearFault(GrowingFault):
         """Return the impacts of one turn: place in turns, and relative amplitude."""
         return ((0.0, 1.0),)
 
+    @abstractmethod
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the damage of a gear with a fault of `size_m`, for the dynamics.
 
@@ -192,7 +195,6 @@ class GearFault(GrowingFault):
         ValueError
             A size that the gear does not have.
         """
-        raise NotImplementedError
 
 
 class ToothCrack(GearFault):
@@ -537,103 +539,6 @@ def _critical_section(tooth: Tooth) -> tuple[float, float]:
 
 
 # ---- Faults ----------------------------------------------------------------------------------------------------------
-
-
-class _Sized(GrowingFault):
-    """A fault whose initial size is `size_mm`, and which may grow."""
-
-    size_mm: Positive
-
-    @property
-    def initial_mm(self) -> float:
-        """Size at the beginning of the record, mm."""
-        return self.size_mm
-
-
-class ShaftFault(_Sized):
-    """A shaft fault: harmonics of the shaft, `size_mm` times `amplitude_per_mm` at top speed, an illustrative factor.
-
-    `imbalance` (size: the eccentricity) excites the first harmonic with the square of speed; `bent_shaft` mostly the
-    first and `shaft_misalignment` mostly the second, independent of speed.
-    """
-
-    kind: Literal["imbalance", "bent_shaft", "shaft_misalignment"]
-    amplitude_per_mm: NotNegative = 1.0
-
-
-class Suspended(Declared):
-    """A mass on a spring and a damper to the ground."""
-
-    mass_kg: Positive
-    damping_n_s_m: Positive
-    stiffness_n_m: NotNegative
-
-
-class FiveDof(Declared):
-    """A bearing with five degrees of freedom, after Sawalhi and Randall (2008, Mech. Syst. Signal Process. 22).
-
-    The equations are in `data_synth.bearings.five_dof`. `load_n` presses the shaft down at full load. The contact force
-    of an element is `contact_n_m` times its compression to the power `load_exponent` of the fault, after half the
-    diametral clearance, `clearance_um`, is closed. A spall of `size_mm` is `depth_um` deep in the middle; if left out,
-    as deep as an element that bridges it can sink in, ``size^2 / (4 d)``. The acceleration of `resonator_kg` on the
-    pedestal, which has the scene's `resonance`, is what the sensors measure.
-    """
-
-    load_n: Positive = 500.0
-    contact_n_m: Positive = 8e9
-    clearance_um: float = 2.0
-    depth_um: Positive | None = None
-    shaft: Suspended = Suspended(mass_kg=3.0, damping_n_s_m=800.0, stiffness_n_m=1e5)
-    pedestal: Suspended = Suspended(mass_kg=7.0, damping_n_s_m=2500.0, stiffness_n_m=1.5e7)
-    resonator_kg: Positive = 0.5
-
-
-class BearingFault(_Sized):
-    """A localised defect of a rolling bearing, with slip.
-
-    Intervals between impacts have the relative standard deviation `slip_std`, independently, so that their errors add
-    up (Antoni and Randall 2003, J. Vib. Acoust. 125); `mean_slip` lowers the mean rate below that of pure rolling.
-    Where the defect moves through the load zone, impacts follow Stribeck's load distribution with the factor
-    `load_distribution` (0.5: half of the ring is loaded) and `load_exponent` (3/2 for balls, 10/9 for rollers). The
-    zone is stationary, as under weight and tooth forces, or rotates with the link `load_turns_with`, as under an
-    imbalance. The impact amplitude at full load is `size_mm` times `impact_per_mm`, an illustrative factor.
-
-    A defect of the outer ring is at `place_deg` from the middle of the load zone. Impacts of an element on the inner
-    race are `inner_share` of those on the outer race. An element that enters a spall of a race causes, before the
-    impact at the far end, one of `entry_share`. An impact is an impulse, or a constant force for `pulse_share` of the
-    time to pass the spall, which excites high modes less. With `five_dof` the impacts follow from the motion of the
-    bearing instead: `load_distribution`, `inner_share`, `entry_share`, `pulse_share` and `impact_per_mm` are not used.
-    """
-
-    kind: Literal["inner_race", "outer_race", "rolling_element", "cage"]
-    slip_std: Annotated[float, Field(ge=0, le=0.1)] = 0.01
-    mean_slip: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
-    load_distribution: Annotated[float, Field(gt=0, le=1)] = 0.5
-    load_exponent: Annotated[float, Field(ge=1, le=2)] = 1.5
-    load_turns_with: Name | None = None
-    place_deg: Annotated[float, Field(ge=-180, le=360)] = 0.0
-    inner_share: NotNegative = 1.0
-    entry_share: Annotated[float, Field(ge=-1, le=1)] = 0.0
-    pulse_share: Share = 0.0
-    impact_per_mm: NotNegative = 1.0
-    five_dof: FiveDof | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        for key, kinds in _ONLY.items():
-            if getattr(self, key) != type(self).model_fields[key].default and self.kind not in kinds:
-                raise ValueError(f"{key} is a matter of {' and '.join(kinds)}, not of {self.kind}; leave it out")
-        return self
-
-
-_ONLY = {
-    "place_deg": ("outer_race",),
-    "inner_share": ("rolling_element",),
-    "entry_share": ("inner_race", "outer_race"),
-    "pulse_share": ("inner_race", "outer_race", "rolling_element"),
-    "five_dof": ("inner_race", "outer_race", "rolling_element"),
-}
-"""The kinds of bearing fault that have a key."""
 
 
 Fault = Annotated[GEAR_FAULTS | ShaftFault | BearingFault, Field(discriminator="kind")]

@@ -14,8 +14,9 @@ from typing import Annotated, Any, Self
 from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
 
 from data_synth.scene.dynamics import Dynamics
-from data_synth.scene.faults import FAULT_KINDS, ROW_OF, BearingFault, Fault, GearFault, ShaftFault, ToothCrack
+from data_synth.scene.faults import FAULT_KINDS, ROW_OF, Fault, GearFault, ToothCrack
 from data_synth.scene.imperfections import Imperfections
+from data_synth.scene.machine_faults import BearingFault, ShaftFault
 from data_synth.scene.operation import NotNegative, Share, Speed, Tachometer, Torque
 from data_synth.scene.sensors import Mode, Noise, PlanetPass, SamplingJitter, Sensor, check_chain
 from data_synth.scene.transfer_paths import Transfer, check_transfers

@@ -10,7 +10,8 @@ from numpy.polynomial import legendre as polynomials
 from scipy import linalg
 
 from data_synth.integrators._periodic_kernels import integrals_at, legendre, value_at
-from data_synth.integrators.modal_problem import _TABLES, Wave, flow_of, modes_of, tabulated
+from data_synth.integrators.modal_problem import flow_of, modes_of
+from data_synth.integrators.periodic_tables import _TABLES, Wave, tabulated
 
 CURVES = {
     "smooth": Wave(ten_harmonics(), 1),

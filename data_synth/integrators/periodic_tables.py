@@ -1,0 +1,157 @@
+"""Tables of periodic functions of the mesh phase, which compiled code evaluates and integrates to rounding.
+
+Between two jumps a function is divided into equal cells with one polynomial each. The tables also hold the first three
+periodic integrals of the function less its mean, so that its moments over any interval of phase, across jumps or
+cycles, cost two look-ups.
+"""
+
+import weakref
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+DEGREE = 5
+WIDTHS = (6, 7, 8, 9)  # coefficients of the function and of its three integrals, side by side in a row
+_MIN_DENSITY, _MAX_DENSITY = 16, 2048  # cells to a mesh cycle
+_FIT = 1e-11  # of the largest value: cells are halved until the polynomials are this close
+FIT_ERROR = 1e-9  # the same of transmission errors, which no method integrates exactly: a third of the time
+_LEAST_GAIN = 1.2  # of halving, by which even a kink within a cell gains 2
+
+_NODES = (1 - np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))) / 2
+_INTERPOLATE = np.linalg.inv(np.vander(_NODES, increasing=True))
+_CHECKED = np.array([0.003, 0.24, 0.64, 0.997])  # where the fit is checked: near the ends of a cell, and between nodes
+
+
+class Waves(NamedTuple):
+    """Tables of several periodic functions, one after the other.
+
+    ``periods``, ``means`` (f,); ``segments`` (f + 1,): where the segments of each function begin in ``starts``,
+    ``densities`` (cells to a cycle), ``firsts`` (first cell) and ``counts`` (cells), each (segments,); ``rows``
+    (cells, 30). To find the segment of a phase at once, each period is divided into equal parts, ``lookup_rates`` (f,)
+    to a cycle; ``lookup`` (parts,) has the segment in which each begins, from ``lookup_offsets`` (f + 1,) on.
+    """
+
+    periods: Array
+    means: Array
+    segments: Integers
+    starts: Array
+    densities: Array
+    firsts: Integers
+    counts: Integers
+    rows: Array
+    lookup_offsets: Integers
+    lookup_rates: Array
+    lookup: Integers
+
+
+class Wave(NamedTuple):
+    """A function of the phase in cycles, its period, its jumps in [0, period), and the relative misfit of its table."""
+
+    value: Callable[[Array], Array]
+    period: float
+    jumps: tuple[float, ...] = ()
+    misfit: float = _FIT
+
+
+def tabulated(functions: Sequence[Wave]) -> Waves:
+    """Return the tables of these functions."""
+    tables = [_table(function) for function in functions]
+    counts = [starts.size for starts, *_ in tables]
+    cells = np.cumsum([0, *(rows.shape[0] for *_, rows, _ in tables)])
+    none = np.zeros(0)
+    segments = np.cumsum([0, *counts], dtype=np.int64)
+    rates = [starts.size / function.period for (starts, *_), function in zip(tables, functions, strict=True)]
+    lookups = [
+        first + np.searchsorted(starts, np.arange(starts.size) / rate, side="right") - 1
+        for first, (starts, *_), rate in zip(segments, tables, rates, strict=False)
+    ]
+    return Waves(
+        periods=np.array([float(function.period) for function in functions]),
+        means=np.array([mean for *_, mean in tables]),
+        segments=segments,
+        starts=np.concatenate([none, *(starts for starts, *_ in tables)]),
+        densities=np.concatenate([none, *(densities for _, densities, *_ in tables)]),
+        firsts=np.concatenate(
+            [np.zeros(0, dtype=np.int64), *(t[2] + cell for t, cell in zip(tables, cells, strict=False))]
+        ),
+        counts=np.concatenate([np.zeros(0, dtype=np.int64), *(t[3] for t in tables)]),
+        rows=np.concatenate([np.zeros((0, sum(WIDTHS))), *(rows for *_, rows, _ in tables)]),
+        lookup_offsets=segments,
+        lookup_rates=np.array(rates),
+        lookup=np.concatenate([np.zeros(0, dtype=np.int64), *lookups]).astype(np.int64),
+    )
+
+
+Table: TypeAlias = tuple[Array, Array, Integers, Integers, Array, float]
+_TABLES: dict[int, tuple[weakref.ref[Callable[[Array], Array]], tuple[object, ...], Table]] = {}
+"""Tables by the identity of the function, as long as it lives: a trial and the run after it share them."""
+
+
+def _table(function: Wave) -> Table:
+    """Return starts, densities, first cells and cell counts of the segments, rows of the cells, and the mean."""
+    key, where = id(function.value), (function.period, function.jumps, function.misfit)
+    known = _TABLES.get(key)
+    if known is not None and known[0]() is function.value and known[1] == where:
+        return known[2]
+    table = _tabulated_alone(function)
+    try:
+        _TABLES[key] = weakref.ref(function.value, lambda _: _TABLES.pop(key, None)), where, table
+    except TypeError:  # a function without weak references
+        _TABLES.pop(key, None)
+    return table
+
+
+def _tabulated_alone(function: Wave) -> Table:
+    breaks = np.unique(np.array([0.0, *function.jumps, function.period]))
+    # a value may change by all of its range over the shortest segment, and phases are rounded
+    rounding = 4 * np.finfo(float).eps * function.period / float(np.min(np.diff(breaks)))
+    density = _MIN_DENSITY
+    starts, widths, counts, rows, error = _fitted(function, breaks, density)
+    while error > function.misfit and density < _MAX_DENSITY:
+        # the misfit falls with the power DEGREE + 1; rounding down the doublings avoids too many cells
+        doublings = int(np.log2(error / function.misfit) / (DEGREE + 1))
+        density = min(density * 2 ** max(1, doublings), _MAX_DENSITY)
+        finer = _fitted(function, breaks, density)
+        if finer[-1] > error / _LEAST_GAIN and finer[-1] <= rounding:
+            break
+        starts, widths, counts, rows, error = finer
+    mean, rows = _with_integrals(rows, widths)
+    firsts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
+    return starts, counts / np.diff(breaks), firsts, counts.astype(np.int64), rows, mean
+
+
+def _fitted(function: Wave, breaks: Array, density: int) -> tuple[Array, Array, Integers, Array, float]:
+    """Return segments' starts, cells' widths, cells to a segment, coefficients over a cell, relative misfit."""
+    counts = np.maximum(1, np.ceil(np.diff(breaks) * density - 1e-9)).astype(np.int64)
+    widths = np.repeat(np.diff(breaks) / counts, counts)
+    within = np.arange(widths.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    begins = np.repeat(breaks[:-1], counts) + widths * within
+    values = function.value(begins[:, None] + widths[:, None] * _NODES)
+    rows = values @ _INTERPOLATE.T
+    fitted = rows @ np.vander(_CHECKED, DEGREE + 1, increasing=True).T
+    misfit = np.max(np.abs(fitted - function.value(begins[:, None] + widths[:, None] * _CHECKED)))
+    return breaks[:-1], widths, counts, rows, float(misfit / max(np.max(np.abs(values)), np.finfo(float).tiny))
+
+
+def _with_integrals(rows: Array, widths: Array) -> tuple[float, Array]:
+    """Return the mean, and the rows extended by those of the three periodic integrals, each of zero mean."""
+
+    def mean_of(polynomials: Array) -> float:
+        return float(widths @ (polynomials @ (1 / np.arange(1, polynomials.shape[1] + 1))) / widths.sum())
+
+    mean = mean_of(rows)
+    parts = [rows]
+    rows = rows.copy()
+    rows[:, 0] -= mean
+    for _ in range(len(WIDTHS) - 1):
+        risen = widths[:, None] * rows / np.arange(1, rows.shape[1] + 1)
+        at_begin = np.concatenate([[0.0], np.cumsum(risen.sum(axis=1))[:-1]])
+        rows = np.column_stack([at_begin, risen])
+        rows[:, 0] -= mean_of(rows)
+        parts.append(rows)
+    return mean, np.ascontiguousarray(np.hstack(parts))
