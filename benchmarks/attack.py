@@ -1,8 +1,10 @@
 """Odd calls of every exported function, damaged files and kills: python benchmarks/attack.py [FOLDER].
 
-Writes attack.md into FOLDER (default docs/benchmarks).
+Writes attack.md into FOLDER (default docs/benchmarks). What each part finds is kept in --kept, if named: a run that was
+stopped goes on there.
 """
 
+import argparse
 import faulthandler
 import os
 import sys
@@ -11,89 +13,129 @@ import time
 import warnings
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 from attacks.call_cases import Case, all_cases
-from attacks.damaged_files import COLUMNS, attack_files
-from attacks.kills import kill_saves, kill_workers
+from attacks.damaged_files import COLUMNS, FOREIGN, KINDS, attack_kind, file_rows
+from attacks.kills import WRITERS, kill_saves, kill_workers
 from attacks.odd_calls import answers_that_differ, failure, odd_calls
+from attacks.parts import kept_or_made
 
 KILL_S = 60
 MOST_SHOWN = 40
-NOTE = """\
+PER_PART = 500
+FILES, OTHER_FILES = 8000, 5000  # of each kind that other programs write, and of each that we or users do
+SAVES = {"record": 500, "analysis": 50, "state": 350}
+RUNS, RUNS_PER_PART = 100, 10  # of jobs, a worker of each killed
+CALLS_NOTE = """\
 Made by `python benchmarks/attack.py`. Each call has one odd argument: a wrong type, NaN, infinities, nothing, one
 sample, a constant, a table, sizes of 1e-300 to 1e300. It may return, or raise a ValueError or TypeError in a sentence
 of ours; a warning, another exception, 5 s of processor, or 1 GB beyond what is used, is wrong. `answers`: results
 that differ where the same numbers come as float32, integers, big-endian, strided or read-only, or scaled by 1e6 and
 1e-6."""
-HEADER = "| package | functions | calls | wrong | answers that differ | s |\n|---|---|---|---|---|---|"
-
-
-def package_of(case: Case) -> str:
-    """Return the package and sub-package of a function."""
-    return ".".join(case.function.__module__.split(".")[:2])
-
-
+CALLS_HEADER = "| package | functions | calls | wrong | answers that differ | s |\n|---|---|---|---|---|---|"
 FILES_NOTE = """\
-## Damaged files
+A small valid file of each kind is cut off, or has bits flipped, bytes replaced, or sizes written over it; of texts
+also values replaced by odd ones, and lines left out or doubled (seed 20). Signals, records and analyses are read by
+`ReaderProcess`, with at most 5 s of processor and 1 GB for a file, the last four kinds in the calling process.
+`crash contained` and `stopped`: the process for reading ended, in a sentence that names the file; `wrong`: another
+exception, a message without the name of the file, or, of a record, other values without a warning. Seconds of a
+machine that does other work besides."""
 
-A small valid file of each reader is cut off, or has bits flipped, bytes replaced, or sizes written over it (seed 20),
-and is read by `ReaderProcess`. `crash contained` and `stopped`: the process ended, in a sentence that names the file;
-`wrong`: another exception, a message without the name of the file, or, of a record, other values without a warning."""
-FILES, SAVES, RUNS = 1000, 500, 10  # files of each reader, saves, runs of jobs
+
+def calls_of(cases: list[Case]) -> dict[str, Any]:
+    """Make every odd call; return counts and seconds by package, and what went wrong."""
+    counts: dict[str, Counter[str]] = {}
+    wrong = []
+    for case in cases:
+        count = counts.setdefault(".".join(case.function.__module__.split(".")[:2]), Counter())
+        calls, begun = odd_calls([case]), time.process_time()
+        for odd in calls:
+            faulthandler.dump_traceback_later(KILL_S, exit=True)
+            if outcome := failure(odd):
+                wrong.append(f"{odd}: {outcome}")
+                count["wrong"] += 1
+        faulthandler.cancel_dump_traceback_later()
+        differing = list(answers_that_differ(case))
+        count.update(functions=1, calls=len(calls), differ=len(differing))
+        count["ms"] += round(1000 * (time.process_time() - begun))
+        wrong += differing
+    return {"counts": counts, "wrong": wrong}
 
 
-def damage(
-    scratch: Path, *, files: int = FILES, saves_killed: int = SAVES, runs_killed: int = RUNS
-) -> tuple[str, bool]:
-    """Return the part of the page on damaged files and on kills, and whether anything was wrong."""
-    rows, wrong = attack_files(scratch, count=files)
-    saves = kill_saves(scratch, count=saves_killed)
-    dead, runs = kill_workers(scratch / "runs", count=runs_killed)
-    header = f"| reader | files | {' | '.join(COLUMNS)} | s |\n|{'---|' * (len(COLUMNS) + 3)}"
-    kills_text = (
-        f"{saves_killed} saves of a record over another were killed (-9): {len(saves)} times something was lost or "
-        f"left behind. {dead} workers of {runs_killed} runs of jobs were killed: {len(runs)} runs were not whole."
+def call_rows(counts: dict[str, dict[str, int]]) -> list[str]:
+    """Return a row of the table for each package."""
+    return [
+        f"| {name} | " + " | ".join(str(count.get(what, 0)) for what in ("functions", "calls", "wrong", "differ"))
+        + f" | {count['ms'] / 1000:.0f} |"
+        for name, count in sorted(counts.items())
+    ]  # fmt: skip
+
+
+def attack(kept: Path, scratch: Path, *, files: int) -> tuple[str, bool]:
+    """Make every part that is not kept; return the page, and whether anything was wrong."""
+    calls = kept_or_made(kept, "calls", lambda: calls_of(all_cases(scratch)))
+    saves = {
+        kind: kept_or_made(
+            kept, f"saves {kind}", lambda kind=kind: kill_saves(scratch / "saves", count=SAVES[kind], kind=kind)
+        )
+        for kind in WRITERS
+    }
+    parts = [
+        kept_or_made(
+            kept, f"{kind} {part}",
+            lambda kind=kind, number=number, part=part: attack_kind(
+                kind, scratch, count=PER_PART, seed=(20, number, part)
+            ),
+        )
+        for part in range(files // PER_PART)
+        for number, kind in enumerate(KINDS)
+        if kind in FOREIGN or part < OTHER_FILES // PER_PART
+    ]  # fmt: skip
+    runs = [
+        kept_or_made(
+            kept, f"workers {part}",
+            lambda part=part: kill_workers(scratch / f"runs {part}", count=RUNS_PER_PART, seed=part),
+        )
+        for part in range(RUNS // RUNS_PER_PART)
+    ]  # fmt: skip
+    parts.sort(key=lambda part: KINDS.index(part["kind"]))
+    workers = sum(killed for killed, _ in runs)
+    lost = [line for found in saves.values() for line in found] + [line for _, found in runs for line in found]
+    wrong = [*calls["wrong"], *(line for part in parts for line in part["wrong"]), *lost]
+    shown = [f"- `{line[:200].replace('`', '')}`".replace("\n", " ") for line in wrong[:MOST_SHOWN]]
+    files_header = f"| reader | files | {' | '.join(COLUMNS)} | s |\n|{'---|' * (len(COLUMNS) + 3)}"
+    kills = (
+        f"{sum(SAVES.values()) + workers} processes were killed (-9): {SAVES['record']} that saved one record over "
+        f"another, {SAVES['analysis']} analyses, {SAVES['state']} states of watched machines, and {workers} workers of "
+        f"{RUNS} runs of jobs. {len(lost)} times something was lost, doubled or left behind. "
+        "`docs/benchmarks/load.md` has kills of fleets."
     )
-    every = [*wrong, *saves, *runs]
-    shown = [f"- `{line[:200].replace('`', '')}`".replace("\n", " ") for line in every[:MOST_SHOWN]]
-    page = "\n".join([FILES_NOTE, "", header, *rows, "", "## Kills", "", kills_text, "", *shown])
-    return page.rstrip() + "\n", bool(every)
+    page = ["# Odd calls", "", CALLS_NOTE, "", CALLS_HEADER, *call_rows(calls["counts"]), "", "## Damaged files", "",
+            f"{sum(part['count'] for part in parts):,} files. {FILES_NOTE}", "", files_header, *file_rows(parts), "",
+            "## Kills", "", kills, "", *shown]  # fmt: skip
+    return "\n".join(page).rstrip() + "\n", bool(wrong)
 
 
-def main(folder: Path, *, cases: list[Case] | None = None) -> int:
-    """Make every odd call and write the page; return 1 where a call came out wrong."""
+def main(folder: Path, *, kept: Path | None = None, files: int = FILES) -> int:
+    """Write the page; return 1 where anything came out wrong."""
     folder = folder.resolve()
     with tempfile.TemporaryDirectory() as scratch, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        os.chdir(scratch)
-        found = all_cases(Path(scratch)) if cases is None else cases
-        counts, seconds, wrong = Counter[tuple[str, str]](), Counter[str](), []
-        for case in found:
-            package, begun = package_of(case), time.process_time()
-            calls = odd_calls([case])
-            for odd in calls:
-                faulthandler.dump_traceback_later(KILL_S, exit=True)
-                if outcome := failure(odd):
-                    wrong.append(f"{odd}: {outcome}")
-                    counts[package, "wrong"] += 1
-            faulthandler.cancel_dump_traceback_later()
-            counts[package, "functions"] += 1
-            counts[package, "calls"] += len(calls)
-            counts[package, "differ"] += len(list(answers_that_differ(case)))
-            seconds[package] += time.process_time() - begun
-        about_damage, damaged = damage(Path(scratch))
+        kept = (kept or Path(scratch, "kept")).resolve()
+        kept.mkdir(parents=True, exist_ok=True)
+        os.chdir(scratch)  # some odd calls name files
+        page, wrong = attack(kept, Path(scratch), files=files)
         os.chdir(folder)
-    rows = [
-        f"| {name} | " + " | ".join(str(counts[name, what]) for what in ("functions", "calls", "wrong", "differ"))
-        + f" | {seconds[name]:.0f} |"
-        for name in sorted(seconds)
-    ]  # fmt: skip
-    shown = [f"- `{line[:200].replace('`', '')}`".replace("\n", " ") for line in wrong[:MOST_SHOWN]]
-    page = "\n".join(["# Odd calls", "", NOTE, "", HEADER, *rows, "", *shown, "", about_damage])
     (folder / "attack.md").write_text(page, encoding="utf-8")
     print(page)  # noqa: T201 - what the command is for
-    return int(bool(wrong) or damaged)
+    return int(wrong)
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1] if len(sys.argv) > 1 else "docs/benchmarks")))
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("folder", nargs="?", type=Path, default=Path("docs/benchmarks"))
+    options.add_argument("--kept", type=Path)
+    options.add_argument("--files", type=int, default=FILES, help=f"of a kind; at most {OTHER_FILES} of our own kinds")
+    given = options.parse_args()
+    sys.exit(main(given.folder, kept=given.kept, files=given.files))

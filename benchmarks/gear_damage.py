@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import xarray as xr
-from verdicts import DRIVES, HEALTHY, measured, table_of
+from verdicts import DRIVES, HEALTHY, STAGES, measured, planetary_scene, table_of
 
 from data_synth import Scene, load_scene, simulate
 from hums import AnalysisSettings, Gearbox
@@ -22,56 +22,6 @@ from hums.analysis.reference_angle import prepare_machine
 from hums.records.record import sampling, vibration_channels
 
 STATED = 0.01
-CARRIER_HZ, SECONDS = 4.0, 20  # 80 turns of the carrier
-
-STAGES = {"27/36/99": (27, 36, 99), "20/31/82": (20, 31, 82)}
-
-
-def planetary(sun: int, planet: int, ring: int) -> dict[str, Any]:
-    """Return a stage of three planets and a fixed ring, as `planetary-27-36-99` of the catalogue."""
-    return {
-        "name": f"planetary {sun}/{planet}/{ring}",
-        "frame": "housing",
-        "reference": "sun",
-        "rigid": [["housing", "ring"]],
-        "axes": {
-            "main": ["housing", "sun", "ring", "carrier"],
-            "planet": {"links": ["carrier", "planet"], "copies": 3},
-        },
-        "mesh": [
-            {"teeth": {"sun": sun, "planet": planet}, "module_mm": 2.0},
-            {"teeth": {"planet": planet, "ring": -ring}, "module_mm": 2.0},
-        ],
-        "bearing": [
-            {
-                "names": ["carrier front", "carrier rear"],
-                "inner_ring": "carrier",
-                "outer_ring": "housing",
-                "elements": 25,
-                "element_diameter_mm": 5,
-                "pitch_diameter_mm": 54,
-                "contact_angle_deg": 15,
-            }
-        ],
-    }
-
-
-def planetary_scene(teeth: tuple[int, int, int]) -> dict[str, Any]:
-    """Return a scene of 80 carrier turns with a sensor on the ring, without faults."""
-    sun, _, ring = teeth
-    return {
-        "gearbox": planetary(*teeth),
-        "rate_hz": 20000,
-        "duration_s": SECONDS,
-        "fidelity": "kinematic",
-        "speed": {"link": "sun", "rpm": 60 * CARRIER_HZ * (sun + ring) / sun},
-        "tachometer": {"link": "sun", "pulses_per_rev": 1},
-        "planet_pass": {"half_width_deg": 40, "floor": 0.1},
-        "noise": {"rms": 0.5},
-        "sensor": [{"name": "ring", "on": "ring", "units": "m s-2"}],
-    }
-
-
 IMPERFECT: Mapping[str, Any] = {
     "imperfections": {
         "gears": {},

@@ -16,7 +16,11 @@ NOTE = """\
 # Licences
 
 Distributions that `pip install hums-toolkit` installs, with what each of its extras for users adds, and the licence
-that each states of itself. Written by `python benchmarks/licences.py` from the metadata of what is installed."""
+that each states of itself. Written by `python benchmarks/licences.py` from the metadata of what is installed.
+
+Known vulnerabilities of what is installed are listed by `pip install pip-audit && pip-audit --skip-editable`, on a
+machine that reaches the advisories of PyPI; elsewhere it says of each distribution that it could not be audited, which
+is no finding."""
 HEADER = "| distribution | licence | for |\n|---|---|---|"
 FOR_DEVELOPERS = {"test", "docs", "bench"}
 

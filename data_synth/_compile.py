@@ -30,7 +30,11 @@ def compiled_inside(kernel: Callable[P, R]) -> Callable[P, R]:
 
 
 def _compile(kernel: Callable[P, R], *, inside: bool) -> Callable[P, R]:
-    settings: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+    settings: dict[str, Any] = {
+        "nogil": True,
+        "error_model": "numpy",
+        "no_cfunc_wrapper": True,  # a further entry, for C, which none needs and which takes time to compile
+    }
     try:
         return cast("Callable[P, R]", numba.njit(cache=True, forceinline=inside, **settings)(kernel))
     except RuntimeError:  # neither the package's folder nor the user's cache can be written: compiled in each process

@@ -30,6 +30,7 @@ from hums.gearbox.components import (
     Name,
     Positive,
     closest,
+    file_beside,
     named_file,
     parsed_toml,
     read_toml,
@@ -437,8 +438,8 @@ def load_plan(name_or_path: str | Path) -> Plan | BenchmarkRecords:
     path = named_file(name_or_path, shipped=plans(), thing="plan", error=PlanError)
     table = read_toml(path, error=PlanError)
     scene = table.get("scene")
-    if isinstance(scene, str) and (path.parent / scene).is_file():
-        table["scene"] = str(path.parent / scene)
+    if isinstance(scene, str):
+        table["scene"] = file_beside(path, scene)
     return _plan(table, where=str(path))
 
 

@@ -10,7 +10,7 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -333,6 +333,11 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int, type[Exception]]]:
         pool = client.get_executor()
         try:
             yield pool, threads, KilledWorker
+        except CancelledError:
+            raise JobError(
+                f"the Dask scheduler at {address} was lost while jobs ran; run again, on another one or without it. "
+                "What was done is kept."
+            ) from None
         except RuntimeError as error:
             if "deserialization" not in str(error):
                 raise

@@ -26,7 +26,8 @@ def compiled_sums(kernel: Callable[P, R]) -> Callable[P, R]:
 
 
 def _compile(kernel: Callable[P, R], freedoms: set[str]) -> Callable[P, R]:
-    settings = {"nogil": True, "error_model": "numpy", "fastmath": freedoms}
+    # no_cfunc_wrapper: a further entry, for C, which none needs and which takes time to compile.
+    settings = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "fastmath": freedoms}
     try:
         return cast("Callable[P, R]", cast("Any", numba.njit)(cache=True, **settings)(kernel))
     except RuntimeError:  # neither the package's folder nor the user's cache can be written: compiled in each process

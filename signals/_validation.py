@@ -3,11 +3,12 @@
 import inspect
 import math
 import re
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import wraps
-from numbers import Number, Real
+from numbers import Complex, Number, Real
 from os import PathLike
+from pathlib import PurePath
 from types import UnionType
 from typing import Any, Literal, ParamSpec, TypeGuard, TypeVar, get_args, get_origin
 
@@ -176,7 +177,12 @@ class ArgumentTypeError(SentenceError, TypeError):
     """An argument of another kind than the function declares."""
 
 
+_LONGEST_NAME_BYTES = 255  # of one file or folder, on the usual file systems
 _PATHS = frozenset({"Path", "PathLike", "PathLike[str]"})
+_ARRAYS = frozenset({"ArrayLike", "NDArray", "Array", "Floats"})
+# Whether values of these types agree may depend on what they are or hold; but for the next ones it does not.
+_UNLIKE = (Complex, Iterable)
+_ALIKE = frozenset({float, bool, str})
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
@@ -189,18 +195,33 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         name: _alternatives(parameter.annotation) for name, parameter in inspect.signature(function).parameters.items()
     }
     names = tuple(annotations)
+    arrays = {name for name, kinds in annotations.items() if any(kind.partition("[")[0] in _ARRAYS for kind in kinds)}
+    agreed: set[tuple[str, type]] = set()  # kinds of value that need not be looked at again
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         for name, value in (*zip(names, args, strict=False), *kwargs.items()):
-            kinds = annotations.get(name, ())
-            if kinds and not any(_agrees(value, kind, function) for kind in kinds):
+            kinds, seen = annotations.get(name, ()), (name, type(value))
+            if not kinds or seen in agreed:
+                pass
+            elif any(_agrees(value, kind, function) for kind in kinds):
+                array = name in arrays and isinstance(value, np.ndarray)
+                if array or type(value) in _ALIKE or not isinstance(value, _UNLIKE):
+                    agreed.add(seen)
+            else:
                 raise ArgumentTypeError(
                     f"{function.__name__} takes {' or '.join(map(_words, kinds))} for {name}, not {brief(value)}, "
                     f"of type {type(value).__name__}."
                 )
-            if isinstance(value, str) and "\0" in value and not _PATHS.isdisjoint(kinds):
-                raise ArgumentTypeError(f"{name}={brief(value)} has a NUL, which no path may have; leave it out.")
+            if isinstance(value, str | PurePath) and not _PATHS.isdisjoint(kinds):
+                if "\0" in str(value):
+                    raise ArgumentTypeError(f"{name}={brief(value)} has a NUL, which no path may have; leave it out.")
+                longest = max((len(part.encode(errors="surrogatepass")) for part in PurePath(value).parts), default=0)
+                if longest > _LONGEST_NAME_BYTES:
+                    raise SentenceError(
+                        f"{name}={brief(value)} has a part of {longest} bytes; no file may have more than "
+                        f"{_LONGEST_NAME_BYTES}, give it a shorter name."
+                    )
         return function(*args, **kwargs)
 
     return call

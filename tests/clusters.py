@@ -73,14 +73,17 @@ def note_and_sleep(_item, path):
 
 
 @contextmanager
-def dask_cluster(folder, workers=1, *, nanny=False):
+def dask_cluster(folder, workers=1, *, nanny=False, failures=None):
     """Run a scheduler and workers, each a process of its own, and yield the scheduler's address.
 
-    A nanny starts its worker again when it dies; then one death is enough for the scheduler to give a job up.
+    A nanny starts its worker again when it dies; then one death is enough for the scheduler to give a job up, or
+    `failures` and one.
     """
     where = folder / "scheduler.json"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
-    environment["DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES"] = "0" if nanny else "3"
+    environment["DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES"] = str(
+        (0 if nanny else 3) if failures is None else failures
+    )
 
     def start(*words):
         return subprocess.Popen(

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import time
 import warnings
 from collections import Counter
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
+import xarray as xr
 from scipy.io import savemat, wavfile
 
+import data_synth
 import hums
+from attacks.odd_calls import bounded
+from hums.fleet.state import read_state
 from hums.readers.process import ReaderProcess
+from hums.records.store import write_tree
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
-
-    import xarray as xr
 
 COUNT = 400  # samples of a file: small ones have most of their bytes in headers
 CPU_S = 5.0
@@ -27,30 +33,89 @@ LONGEST_MESSAGE = 1000
 SIZES = (0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
 NOISE = np.random.default_rng(20).normal(size=COUNT)
 DECLARED: dict[str, Any] = {"units": "g", "rate_hz": 1000.0, "no_tachometer": True}
+SCENE = """\
+gearbox = "two-stage"
+rate_hz = 2000
+duration_s = 1.5
+fidelity = "kinematic"
+speed = { link = "input", rpm = [[0, 600], [1, 620]] }
+tachometer = { link = "input", pulses_per_rev = 1 }
+resonance = { frequency_hz = 500, damping_ratio = 0.05 }
+sensor = [{ name = "vib", on = "output", units = "g" }]
+"""
+WORK = "date,component,work\n2026-03-01,input bearing,replaced\n2026-04-02T10:00:00Z,gear 2,oil\n"
+
+FOREIGN = ("csv", "wav", "mat v5", "mat v5, packed", "mat v7.3", "hdf5", "tdms", "uff", "npy", "npz")
+STORED = ("record", "analysis")  # by us, read in the process for readers
+TEXTS: Mapping[str, Callable[[Path], object]] = {  # read in the calling process, by code of ours and of Python
+    "gearbox": lambda path: hums.defect_orders(hums.load_gearbox(path)),
+    "scene": data_synth.load_scene,
+    "maintenance": hums.read_maintenance,
+    "state": read_state,
+}
+KINDS = (*FOREIGN, *STORED, *TEXTS)
+CHANNELS = {"wav": "channel 1", "mat v5, packed": "box.vib", "tdms": "group.vib", "uff": "1", "npy": "column 1"}
+SUFFIXES = {
+    "csv": ".csv", "wav": ".wav", "mat v5": ".mat", "mat v5, packed": ".mat", "mat v7.3": ".mat", "tdms": ".tdms",
+    "uff": ".uff", "npy": ".npy", "npz": ".npz", "gearbox": ".toml", "scene": ".toml", "maintenance": ".csv",
+    "state": ".state",
+}  # fmt: skip
 
 
-def valid_files(folder: Path) -> dict[str, tuple[Path, str]]:
-    """Write a small valid file for each reader; return its path and the name of its channel."""
-    files = {
-        "csv": ("a.csv", "vib"), "wav": ("a.wav", "channel 1"), "mat v5": ("a5.mat", "vib"),
-        "mat v5, packed": ("a6.mat", "box.vib"), "mat v7.3": ("a7.mat", "vib"), "hdf5": ("a.h5", "vib"),
-        "tdms": ("a.tdms", "group.vib"), "uff": ("a.uff", "1"), "record": ("record.h5", ""),
-    }  # fmt: skip
-    found = {kind: (folder / name, channel) for kind, (name, channel) in files.items()}
-    np.savetxt(found["csv"][0], NOISE, header="vib", comments="")
-    wavfile.write(found["wav"][0], 1000, (3000 * NOISE).astype(np.int16))
-    savemat(found["mat v5"][0], {"vib": NOISE, "notes": "text"})
-    savemat(found["mat v5, packed"][0], {"box": {"vib": NOISE}}, do_compression=True)
-    with h5py.File(found["mat v7.3"][0], "w", userblock_size=512) as file:
-        file["vib"] = NOISE
-        file["vib"].attrs["MATLAB_class"] = np.bytes_("double")
-    with h5py.File(found["hdf5"][0], "w") as file:
-        file.create_dataset("vib", data=NOISE, chunks=(100,), compression="gzip", shuffle=True)
-    _write_tdms(found["tdms"][0])
-    _write_uff(found["uff"][0])
-    record = hums.make_record({"vib": NOISE}, rate_hz=1000, units="g", angle=hums.UnknownAngle())
-    hums.save_record(record, found["record"][0])
-    return found
+def write_valid(kind: str, path: Path) -> None:  # noqa: C901, PLR0912 - a list of kinds
+    """Write a small valid file of a kind."""
+    match kind:
+        case "csv":
+            np.savetxt(path, NOISE, header="vib", comments="")
+        case "wav":
+            wavfile.write(path, 1000, (3000 * NOISE).astype(np.int16))
+        case "mat v5":
+            savemat(path, {"vib": NOISE, "notes": "text"})
+        case "mat v5, packed":
+            savemat(path, {"box": {"vib": NOISE}}, do_compression=True)
+        case "mat v7.3":
+            with h5py.File(path, "w", userblock_size=512) as file:
+                file["vib"] = NOISE
+                file["vib"].attrs["MATLAB_class"] = np.bytes_("double")
+        case "hdf5":
+            with h5py.File(path, "w") as file:
+                file.create_dataset("vib", data=NOISE, chunks=(100,), compression="gzip", shuffle=True)
+        case "tdms":
+            _write_tdms(path)
+        case "uff":
+            _write_uff(path)
+        case "npy":
+            np.save(path, NOISE)
+        case "npz":
+            np.savez_compressed(path, vib=NOISE, other=NOISE[:10])
+        case "record":
+            hums.save_record(_record(), path)
+        case "analysis":
+            few = {where: _analysis()[where].to_dataset() for where in ("/health", "/speed", "/gears")}
+            write_tree(xr.DataTree.from_dict(few), path)
+        case "gearbox":
+            unnamed = hums.load_gearbox("two-stage").to_toml().partition("\n")[2]  # its file names it, as do errors
+            path.write_text(unnamed, encoding="utf-8")
+        case "scene":
+            path.write_text(SCENE, encoding="utf-8")
+        case "maintenance":
+            path.write_text(WORK, encoding="utf-8")
+        case "state":
+            hums.watch(_analysis(), path)
+
+
+@cache
+def _record() -> xr.Dataset:
+    return hums.make_record({"vib": NOISE}, rate_hz=1000, units="g", angle=hums.UnknownAngle())
+
+
+@cache
+def _analysis() -> xr.DataTree:
+    noise = np.random.default_rng(20).normal(size=4000)
+    angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    record = hums.make_record({"vib": noise}, rate_hz=2000, units="g", angle=angle)
+    settings = hums.AnalysisSettings(pictures=False, most_tracks=0, envelope_band_hz=None)
+    return hums.analyze(record, hums.load_gearbox("two-stage"), settings=settings)
 
 
 def _write_tdms(path: Path) -> None:
@@ -75,6 +140,16 @@ def _write_uff(path: Path) -> None:
         pyuff.UFF(str(path)).write_sets(entry, mode="add")
 
 
+# ---- damage ----------------------------------------------------------------------------------------------------------
+
+_TOKEN = re.compile(rb"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?|true|false|\"[^\"\n]*\"")
+ODD_TOKENS = (
+    b"nan", b"inf", b"-1", b"0", b"1e308", b"1e-308", b"9" * 300, b"0.5", b"true", b'""', b'"x"', b"[]", b"{}",
+    b"2026-01-01", b"[" * 5000, b'"' + b"y" * 5000 + b'"', b'"$x_1$"', b'"\\u0000"', b"[[1, 2], [3, 4]]", b"null",
+    b"\xff", b'"=1+1"', b"9223372036854775808", b"-0.0", b"1_000",
+)  # fmt: skip
+
+
 def damaged(whole: bytes, rng: np.random.Generator) -> bytes:
     """Return a file with some bytes flipped, cut off, or overwritten by a size."""
     data, kind = bytearray(whole), rng.integers(4)
@@ -92,17 +167,36 @@ def damaged(whole: bytes, rng: np.random.Generator) -> bytes:
     return bytes(data)
 
 
-def outcome(reader: ReaderProcess, path: Path, channel: str, original: xr.Dataset | None) -> str:
+def reworded(whole: bytes, rng: np.random.Generator) -> bytes:
+    """Return a text of which a value is replaced by an odd one, a line is gone or is there twice, or bytes differ."""
+    kind = rng.integers(4)
+    lines = whole.splitlines(keepends=True)
+    if kind == 0:
+        return damaged(whole, rng)
+    if kind == 1 and len(lines) > 1:
+        at = int(rng.integers(len(lines)))
+        return b"".join([*lines[:at], *(2 * [lines[at]] if rng.random() < 0.5 else []), *lines[at + 1 :]])  # noqa: PLR2004
+    for _ in range(int(rng.integers(1, 3))):
+        found = list(_TOKEN.finditer(whole))
+        if not found:
+            break
+        token = found[rng.integers(len(found))]
+        whole = whole[: token.start()] + ODD_TOKENS[rng.integers(len(ODD_TOKENS))] + whole[token.end() :]
+    return whole
+
+
+# ---- what comes of it ------------------------------------------------------------------------------------------------
+
+
+def outcome(kind: str, path: Path, reader: ReaderProcess, original: xr.Dataset | None) -> str:  # noqa: PLR0911
     """Return what came of a damaged file: one word, and a text where it is wrong."""
+    if kind in TEXTS:
+        return _outcome_here(TEXTS[kind], path)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            with (
-                reader.open_record(path)
-                if original is not None
-                else reader.convert(path, channels=[channel], **DECLARED)
-            ) as record:
-                record.load()
+            with _read(kind, path, reader) as found:
+                found.load()
         except ValueError as error:
             text = str(error)
             if "the process that reads it" in text:
@@ -117,32 +211,67 @@ def outcome(reader: ReaderProcess, path: Path, channel: str, original: xr.Datase
             return "sentence" if ours else f"wrong: {text[:200]}"
         except Exception as error:  # noqa: BLE001 - all that should not be
             return f"wrong: {type(error).__name__}: {str(error)[:200]}"
-    if original is None or record.identical(original):
+    if kind != "record" or found.identical(original):
         return "read"
     return "read, with a warning" if caught else "wrong: other values, unseen"
+
+
+def _read(kind: str, path: Path, reader: ReaderProcess) -> Any:  # noqa: ANN401 - a record or a tree
+    if kind == "record":
+        return reader.open_record(path)
+    if kind == "analysis":
+        return reader.open_tree(path)
+    return reader.convert(path, channels=[CHANNELS.get(kind, "vib")], **DECLARED)
+
+
+def _outcome_here(read: Callable[[Path], object], path: Path) -> str:
+    said: list[str] = []
+
+    def attempt() -> None:
+        try:
+            read(path)
+        except Exception as error:
+            said.append(str(error))
+            raise
+
+    if found := bounded(attempt):
+        return f"wrong: {found}"
+    if said and path.stem not in said[0]:
+        return f"wrong: no name of the file: {said[0][:200]}"
+    return "sentence" if said else "read"
 
 
 COLUMNS = ("read", "read, with a warning", "sentence", "crash contained", "stopped: time", "stopped: memory", "wrong")
 
 
-def attack_files(folder: Path, *, count: int, seed: int = 20) -> tuple[list[str], list[str]]:
-    """Return the rows of a table, a reader each, and sentences on what went wrong."""
-    rows, wrong = [], []
+def attack_kind(kind: str, folder: Path, *, count: int, seed: Sequence[int]) -> dict[str, Any]:
+    """Damage a file of a kind `count` times; return what came of it, how often, and what was wrong."""
     rng = np.random.default_rng(seed)
+    path = folder / f"damaged{SUFFIXES.get(kind, '.h5')}"
+    path.unlink(missing_ok=True)
+    write_valid(kind, path)
+    whole, begun = path.read_bytes(), time.perf_counter()
+    damage = reworded if kind in TEXTS and kind != "state" else damaged
+    found, wrong = Counter[str](), []
     with ReaderProcess(cpu_s=CPU_S, memory_bytes=MEMORY_BYTES) as reader:
-        for kind, (path, channel) in valid_files(folder).items():
-            original = hums.open_record(path).load() if kind == "record" else None
-            whole, victim = path.read_bytes(), path.with_name(f"damaged{path.suffix}")
-            victim.write_bytes(whole)
-            if (plain := outcome(reader, victim, channel, original)) != "read":
-                wrong.append(f"{kind}, undamaged: {plain}")
-            found, begun = Counter[str](), time.perf_counter()
-            for _ in range(count):
-                victim.write_bytes(damaged(whole, rng))
-                result = outcome(reader, victim, channel, original)
-                if result.startswith("wrong"):
-                    wrong.append(f"{kind}: {result}")
-                found[result.split(":")[0] if result.startswith("wrong") else result] += 1
-            cells = " | ".join(str(found[column]) for column in COLUMNS)
-            rows.append(f"| {kind} | {count} | {cells} | {time.perf_counter() - begun:.0f} |")
-    return rows, wrong
+        original = _record() if kind == "record" else None
+        if (plain := outcome(kind, path, reader, original)) != "read":
+            wrong.append(f"{kind}, undamaged: {plain}")
+        for _ in range(count):
+            path.write_bytes(damage(whole, rng))
+            result = outcome(kind, path, reader, original)
+            if result.startswith("wrong"):
+                wrong.append(f"{kind}: {result}")
+            found[result.split(":")[0] if result.startswith("wrong") else result] += 1
+    return {"kind": kind, "count": count, "found": found, "wrong": wrong, "s": time.perf_counter() - begun}
+
+
+def file_rows(parts: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the rows of a table, a kind of file each, of what its parts found."""
+    rows = []
+    for kind in dict.fromkeys(part["kind"] for part in parts):
+        mine = [part for part in parts if part["kind"] == kind]
+        found = sum((Counter(part["found"]) for part in mine), Counter[str]())
+        cells = " | ".join(str(found[column]) for column in COLUMNS)
+        rows.append(f"| {kind} | {sum(part['count'] for part in mine)} | {cells} | {sum(p['s'] for p in mine):.0f} |")
+    return rows

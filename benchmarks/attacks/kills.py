@@ -6,41 +6,80 @@ import os
 import signal
 import threading
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
 import hums
+from hums.fleet.state import read_state, write_state
 from hums.jobs import Job, Processes, run_jobs
+from hums.records.store import open_tree, write_tree
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
-LONGEST_S = 0.03  # until a save is killed: it takes about that
+LONGEST_S = 0.03  # until a save is killed: that of a record takes about that
 JOBS = 40
+WRITERS = ("record", "analysis", "state")
 
 
-def kill_saves(folder: Path, *, count: int, seed: int = 20) -> list[str]:
-    """Kill a process that saves a record over another one `count` times; return what went wrong."""
-    rng, wrong, path = np.random.default_rng(seed), [], folder / "saved.h5"
-    records = [
-        hums.make_record({"a": np.full(200_000, k)}, rate_hz=1000, units="g", angle=hums.UnknownAngle())
-        for k in (1.0, 2.0)
-    ]
-    hums.save_record(records[0], path)
+def _writer(kind: str, folder: Path) -> tuple[list[Any], Callable[[Any, Path], None]]:
+    """Return two things to write by turns, and how one is written."""
+    if kind == "record":
+        return [
+            hums.make_record({"a": np.full(200_000, k)}, rate_hz=1000, units="g", angle=hums.UnknownAngle())
+            for k in (1.0, 2.0)
+        ], hums.save_record
+    angle = hums.NominalSpeed(rpm=1200, shaft="input")
+    settings = hums.AnalysisSettings(pictures=False, most_tracks=0, envelope_band_hz=None)
+    analyses = [
+        hums.analyze(
+            hums.make_record({"a": np.random.default_rng(seed).normal(size=4000)}, rate_hz=2000, units="g",
+                             angle=angle), hums.load_gearbox("two-stage"), settings=settings)
+        for seed in (1, 2)
+    ]  # fmt: skip
+    if kind == "analysis":
+        few = [{where: one[where].to_dataset() for where in ("/health", "/speed", "/gears")} for one in analyses]
+        return [xr.DataTree.from_dict(groups) for groups in few], write_tree
+    states = []
+    for number, analysis in enumerate(analyses):
+        hums.watch(analysis, folder / f"{number}.state")
+        states.append(read_state(folder / f"{number}.state"))
+    return states, write_state
+
+
+def _contents(kind: str, path: Path) -> Any:  # noqa: ANN401 - a record, a tree or bytes
+    if kind == "state":
+        read_state(path)
+        return path.read_bytes()
+    with hums.open_record(path) if kind == "record" else open_tree(path) as opened:
+        return opened.load()
+
+
+def kill_saves(folder: Path, *, count: int, kind: str = "record", seed: int = 20) -> list[str]:
+    """Kill a process that saves one file over another `count` times; return what went wrong."""
+    folder.mkdir(exist_ok=True)
+    rng, wrong, path = np.random.default_rng([seed, WRITERS.index(kind)]), [], folder / f"saved {kind}"
+    things, write = _writer(kind, folder)
+    calm = []
+    for thing in things:
+        write(thing, path)
+        calm.append(_contents(kind, path))
     for _ in range(count):
         child = os.fork()
         if child == 0:
             for turn in range(1000):
-                hums.save_record(records[turn % 2], path)
+                write(things[turn % 2], path)
             os._exit(0)
         time.sleep(rng.uniform(0, LONGEST_S))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
-        with hums.open_record(path) as opened:
-            if not any(opened.load().identical(one) for one in records):
-                wrong.append("a saved record is neither the old nor the new one")
-    hums.save_record(records[0], path)
+        found = _contents(kind, path)
+        if not any(found == one if kind == "state" else found.identical(one) for one in calm):
+            wrong.append(f"a saved {kind} is neither the old nor the new one")
+    write(things[0], path)
     wrong += [f"{part.name} was left behind" for part in folder.glob(".hums-*")]
     return wrong
 
@@ -63,7 +102,7 @@ def kill_workers(folder: Path, *, count: int, seed: int = 20) -> tuple[int, list
         pids.mkdir()
         over = threading.Event()
 
-        def kill(pids: Path = pids, over: threading.Event = over, wait_s: float = rng.uniform(0.1, 0.5)) -> None:
+        def kill(pids: Path = pids, over: threading.Event = over, wait_s: float = rng.uniform(0.0, 0.2)) -> None:
             nonlocal killed
             while not over.is_set() and not any(pids.iterdir()):
                 time.sleep(0.01)

@@ -17,7 +17,7 @@ import numpy as np
 import hums
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 ROOT = Path(__file__).resolve().parents[2]
 FEW = 20  # records of the loads that need no more
@@ -122,18 +122,26 @@ def table(folder: Path, records: Path) -> str:
     return (folder / "fleet.csv").read_text(encoding="utf-8").replace(str(records), "")
 
 
-def kill_fleet(script: Path, records: Path, out: Path, *, kills: int, rng: np.random.Generator) -> int:
+def kill_fleet(
+    script: Path,
+    records: Path,
+    out: Path,
+    *words: str,
+    kills: int,
+    rng: np.random.Generator,
+    victims: Callable[[Run], list[int]] = lambda run: run.members(),
+) -> int:
     """Run a fleet until it is done, killing one of its processes again and again; return how many died."""
     killed = 0
-    run = Run(script, records, out)
+    run = Run(script, records, out, *words)
     while killed < kills:
         time.sleep(rng.uniform(0.05, LONGEST_S))
-        members = run.members()
+        members = victims(run)
         if run.process.poll() is not None:
             run.end()
             for path in sorted(out.rglob("*.json.gz"))[::2]:  # more to do: half of it again
                 path.unlink()
-            run = Run(script, records, out)
+            run = Run(script, records, out, *words)
         elif members:
             try:
                 os.kill(members[int(rng.integers(len(members)))], signal.SIGKILL)
@@ -142,10 +150,27 @@ def kill_fleet(script: Path, records: Path, out: Path, *, kills: int, rng: np.ra
             killed += 1
     run.wait()
     run.end()
-    said = Run(script, records, out).wait()
+    said = Run(script, records, out, *words).wait()
     if said:
         raise RuntimeError(said[-300:])
     return killed
+
+
+def nursed_workers(folder: Path) -> list[int]:
+    """Return the workers that nannies started of a cluster with its scheduler file in `folder`."""
+    parents, commands = {}, {}
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            stat = (process / "stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+            words = (process / "cmdline").read_bytes()
+        except OSError:
+            continue
+        parents[int(process.name)], commands[int(process.name)] = int(stat[1]), words
+    nannies = {
+        number for number, words in commands.items()
+        if b"\0worker\0" in words and str(folder / "scheduler.json").encode() in words
+    }  # fmt: skip
+    return [number for number, parent in parents.items() if parent in nannies and b"spawn_main" in commands[number]]
 
 
 def attack_fleets(folder: Path, *, records: int, kills: int, seed: int = 20) -> tuple[list[str], list[str]]:
@@ -185,14 +210,19 @@ def attack_fleets(folder: Path, *, records: int, kills: int, seed: int = 20) -> 
     killed = kill_fleet(script, sources, folder / "killed", kills=kills, rng=rng)
     check("killed", folder / "killed", of=sources)
     row("its processes killed (-9)", f"{killed} killed, {records} records")
-    for name, outcome in _others(script, dataset, few, folder, check):
+    for name, outcome in (
+        *_others(script, dataset, few, folder, check),
+        *_on_a_cluster(script, few, folder, check, kills=kills, rng=rng),
+    ):
         row(name, outcome)
         if outcome.startswith("wrong"):
             wrong.append(f"{name}: {outcome}")
     return rows, wrong
 
 
-def _others(script: Path, dataset: Path, sources: Path, folder: Path, check) -> Iterator[tuple[str, str]]:  # type: ignore[no-untyped-def]  # noqa: ANN001
+def _others(
+    script: Path, dataset: Path, sources: Path, folder: Path, check: Callable[..., bool]
+) -> Iterator[tuple[str, str]]:
     two = [Run(script, sources, folder / "both") for _ in range(2)]
     said = [text for text in (run.wait() for run in two) if text]
     refused = [text for text in said if "another run is at work" in text]
@@ -230,9 +260,7 @@ def _others(script: Path, dataset: Path, sources: Path, folder: Path, check) -> 
 
     fewer = make_records(folder / "vanishing", FEW)
     run = Run(script, fewer, folder / "fewer")
-    until = time.monotonic() + PATIENCE_S
-    while not list((folder / "fewer").rglob("*.json.gz")) and time.monotonic() < until:
-        time.sleep(0.02)
+    _first_result(folder / "fewer")
     gone = sorted(fewer.glob("*.h5"))[-FEW // 4 :]
     for path in gone:
         path.unlink()
@@ -243,7 +271,13 @@ def _others(script: Path, dataset: Path, sources: Path, folder: Path, check) -> 
         "input that vanishes",
         f"wrong: {said[-200:]}" if said else f"{len(lines) - 1} rows of {FEW}, {errors} with a sentence",
     )
-    yield from _on_a_cluster(script, sources, folder, check)
+
+
+def _first_result(out: Path) -> None:
+    """Wait until a fleet has analysed one of its records."""
+    until = time.monotonic() + PATIENCE_S
+    while not list(out.rglob("*.json.gz")) and time.monotonic() < until:
+        time.sleep(0.02)
 
 
 def _sentence(said: str) -> str:
@@ -251,7 +285,15 @@ def _sentence(said: str) -> str:
     return f"a sentence: {found[1].strip()[:120]}" if found and "Traceback" not in said else f"wrong: {said[-200:]}"
 
 
-def _on_a_cluster(script: Path, sources: Path, folder: Path, check) -> Iterator[tuple[str, str]]:  # type: ignore[no-untyped-def]  # noqa: ANN001
+def _on_a_cluster(
+    script: Path,
+    sources: Path,
+    folder: Path,
+    check: Callable[..., bool],
+    *,
+    kills: int,
+    rng: np.random.Generator,
+) -> Iterator[tuple[str, str]]:
     try:
         import dask.distributed  # noqa: F401, PLC0415 - an optional part
     except ImportError:
@@ -265,10 +307,19 @@ def _on_a_cluster(script: Path, sources: Path, folder: Path, check) -> Iterator[
         check("cluster", folder / "on cluster", Run(script, sources, folder / "on cluster", address).wait())
     yield "a local Dask cluster of two workers", "the same table"
 
+    (folder / "struck").mkdir()
+    with dask_cluster(folder / "struck", workers=2, nanny=True, failures=10) as address:
+        out = folder / "struck out"
+        killed = kill_fleet(
+            script, sources, out, address, kills=kills, rng=rng, victims=lambda _: nursed_workers(folder / "struck")
+        )
+        check("workers of a cluster killed", out)
+    yield "workers of a local Dask cluster killed (-9), each started again", f"{killed} killed, the same table"
+
     (folder / "lost").mkdir()
     with dask_cluster(folder / "lost", workers=1) as address:
         run = Run(script, sources, folder / "lost out", address)
-        time.sleep(6.0)
+        _first_result(folder / "lost out")
         for command in Path("/proc").glob("[0-9]*/cmdline"):
             try:
                 words = command.read_bytes().split(b"\0")

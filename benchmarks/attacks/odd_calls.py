@@ -138,13 +138,15 @@ def call(function: Callable[..., Any], arguments: Mapping[str, Any]) -> Any:  # 
 def failure(odd: OddCall) -> str | None:
     """Return what is wrong with the outcome of an odd call, None where nothing is."""
     arguments = {**odd.case.arguments, odd.argument: odd.value}
-    found = _bounded(lambda: call(odd.case.function, arguments))
+    found = bounded(lambda: call(odd.case.function, arguments))
     if found == "slow":  # once more, as kernels may have been compiled
-        found = _bounded(lambda: call(odd.case.function, arguments))
+        found = bounded(lambda: call(odd.case.function, arguments))
     return found
 
 
-def _bounded(attempt: Callable[[], Any]) -> str | None:
+def bounded(attempt: Callable[[], Any]) -> str | None:
+    """Return what is wrong with an attempt, None where it is done or refused in a sentence of ours, in bounds."""
+
     def stop(_signum: int, _frame: FrameType | None) -> None:
         raise TooSlowError
 

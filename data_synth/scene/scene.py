@@ -21,7 +21,17 @@ from data_synth.scene.operation import NotNegative, Share, Speed, Tachometer, To
 from data_synth.scene.sensors import Mode, Noise, PlanetPass, SamplingJitter, Sensor, check_chain
 from data_synth.scene.transfer_paths import Transfer, check_transfers
 from hums.gearbox.bearing_orders import BearingOrders
-from hums.gearbox.components import Declared, Name, Positive, closest, named_file, read_toml, shipped_files, validated
+from hums.gearbox.components import (
+    Declared,
+    Name,
+    Positive,
+    closest,
+    file_beside,
+    named_file,
+    read_toml,
+    shipped_files,
+    validated,
+)
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.gearbox.orders import bearing_orders, defect_orders
@@ -334,11 +344,11 @@ class Scene(Declared):
         path = Path(path)
         table = read_toml(path, error=SceneError)
         gearbox = table.get("gearbox")
-        if isinstance(gearbox, str) and (path.parent / gearbox).is_file():
-            table["gearbox"] = str(path.parent / gearbox)
+        if isinstance(gearbox, str):
+            table["gearbox"] = file_beside(path, gearbox)
         for history in ("speed", "torque"):
             if isinstance(table.get(history), dict):
-                table[history] = _with_file(table[history], path.parent)
+                table[history] = _with_file(table[history], path)
         if isinstance(table.get("transfer"), list):
             table["transfer"] = [_with_file(item, path.parent) for item in table["transfer"]]
         return cls.from_mapping(table, where=str(path))
@@ -529,11 +539,11 @@ class Scene(Declared):
         return math.ceil(20 * self.duration_s - 1e-9) + 1
 
 
-def _with_file(table: Any, beside: Path) -> Any:  # noqa: ANN401
+def _with_file(table: Any, path: Path) -> Any:  # noqa: ANN401
     """Return a table whose csv file, where it is beside the scene, has its full path."""
     if not isinstance(table, dict) or not isinstance(file := table.get("csv"), str):
         return table
-    return table | {"csv": str(beside / file if (beside / file).is_file() else file)}
+    return table | {"csv": file_beside(path, file)}
 
 
 @checked

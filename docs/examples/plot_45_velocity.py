@@ -18,7 +18,7 @@ print(f"{found.rms:.2f} mm/s RMS; the tone alone has {1e3 / (2 * np.pi * 50) / n
 
 figure, (top, bottom) = plt.subplots(2, 1, sharex=True, layout="constrained")
 top.plot(t[5000:5500], x[5000:5500])
-top.set(ylabel="acceleration, m/s2")
+top.set(ylabel="acceleration, m/s²")
 bottom.plot(t[5000:5500], found.values[5000:5500])
 bottom.set(xlabel="time, s", ylabel="velocity, mm/s")
 plt.show()

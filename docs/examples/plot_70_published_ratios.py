@@ -9,6 +9,8 @@ Amiez 2012). Print has two to four decimals; the solver gives fractions.
 
 from fractions import Fraction
 
+import matplotlib.pyplot as plt
+
 import hums
 
 
@@ -31,3 +33,13 @@ print(f"{'quantity':38}{'printed':>10}{'exact':>12}{'decimal':>12}")
 for quantity, printed, ours in published:
     print(f"{quantity:38}{printed:>10}{ours!s:>12}{float(ours):>12.5f}")
     assert abs(printed - float(ours)) < 5e-4  # half a unit of the last decimal of the coarsest
+
+# %%
+# What is left is the rounding of print.
+figure, ax = plt.subplots(figsize=(8, 3.5), layout="constrained")
+ax.barh([row[0] for row in published], [printed - float(ours) for _, printed, ours in published])
+ax.axvline(0, color="black", lw=0.8)
+ax.set(xlabel="printed less exact", xlim=(-5e-4, 5e-4))
+ax.ticklabel_format(axis="x", scilimits=(0, 0))
+ax.invert_yaxis()
+plt.show()

@@ -28,7 +28,7 @@ from hums.analysis.channel import (
 )
 from hums.analysis.detection import AssessedLine, LineAssessor
 from hums.analysis.findings import Finding, findings
-from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_indicators
+from hums.analysis.gear_damage import GearJudgement, ToothEnvelope, gear_damage, gear_indicators
 from hums.analysis.indicators import HISTORIES, channel_indicators, read_baseline, snapshot_indicators
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.pictures import ChannelPictures, channel_pictures, picture_groups
@@ -148,6 +148,7 @@ def analyze(
     channels: list[AnalysedChannel] = []
     indicators: list[IndicatorValue] = []
     gears: list[GearJudgement] = []
+    teeth: dict[str, dict[str, ToothEnvelope]] = {}
     pictures: list[ChannelPictures] = []
     for number, name in enumerate(names, start=1):
         _log.info("channel %s, %d of %d", name, number, len(names))
@@ -165,6 +166,7 @@ def analyze(
             false_alarm_probability=settings.false_alarm_probability,
             channels=len(names),
             faulty=channel.faulty,
+            envelopes=teeth.setdefault(name, {}) if settings.most_tracks else None,
         )
         indicators += [] if channel.faulty else gear_indicators(of_gears)
         gears += of_gears
@@ -183,7 +185,7 @@ def analyze(
     rows = rows_dataset(indicators, IndicatorValue, dim="row")
     tree["indicators"] = xr.DataTree(rows.assign_attrs({HISTORIES: histories.to_json()}))
     found = _judge(tree)
-    tree["envelope_tracks"] = xr.DataTree(_envelope_tracks(record, channels, gears, machine, found, settings))
+    tree["envelope_tracks"] = xr.DataTree(_envelope_tracks(record, channels, teeth, machine, found, settings))
     tree = tree.assign(picture_groups(pictures)) if pictures else tree
     check_analysis(tree)
     return tree
@@ -425,6 +427,9 @@ def _speed_dataset(machine: Machine) -> xr.Dataset:
         "nominal": int(phase.nominal),
         "stripe_positions_rev": machine.source.phase.stripe_positions_rev,
     }
+    declared = machine.source.declared
+    if declared is not None and declared.refined:
+        attrs["declared_hz"] = declared.declared_hz * machine.mean_speed_hz / declared.speed_hz  # of the reference
     if found is not None:
         attrs |= {
             "estimated_from": found.channel,
@@ -472,7 +477,7 @@ def _tracks_dataset(
 def _envelope_tracks(
     record: xr.Dataset,
     channels: Sequence[AnalysedChannel],
-    gears: Sequence[GearJudgement],
+    teeth: Mapping[str, Mapping[str, ToothEnvelope]],
     machine: Machine,
     found: Sequence[Finding],
     settings: AnalysisSettings,
@@ -485,6 +490,5 @@ def _envelope_tracks(
             part = next(part for part in channel.evidence if (part.component, part.kind) == (one.component, one.kind))
             lines.append(bearing_line(record, channel, machine, part, slip=settings.slip))
         elif one.kind == "tooth":
-            gear = next(row for row in gears if (row.channel, row.component) == (one.channel, one.component))
-            lines.append(tooth_line(record, channel, machine, gear.component, gear.band_orders))
+            lines.append(tooth_line(channel, machine, one.component, teeth[one.channel][one.component]))
     return track_envelope_lines(lines, machine, bandwidth_orders=settings.track_bandwidth_orders)

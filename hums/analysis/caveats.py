@@ -42,8 +42,9 @@ def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
             f"by lines of orders {lines} per turn of it, which show that speed within the tolerance."
         )
     if machine.phase.nominal:
+        known = "refined" if declared is not None and declared.refined else "declared"
         yield (
-            f"The speed is nominal: declared for {shaft}, not measured. Lines are searched within "
+            f"The speed is nominal: {known} for {shaft}, not measured. Lines are searched within "
             f"{settings.nominal_speed_tolerance:.1%} of their nominal order and smear if the speed changed."
         )
     if found is not None:

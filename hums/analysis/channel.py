@@ -385,6 +385,7 @@ def _envelopes(
                     lines=assessor.assess(lines),
                     orders=peaks.position,
                     depths=peaks.amplitude / level if level > 0 else np.zeros(peaks.position.size),
+                    backgrounds=peaks.background / level if level > 0 else np.zeros(peaks.position.size),
                     bin_width=spectrum.bin_width,
                     clear=not chosen.chosen or _mesh_share(found[-1], shaft_locked, machine) < MESH_SHARE,
                     line_probability=assessor.single_probability(lines),

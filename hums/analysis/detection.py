@@ -16,9 +16,14 @@ The rule, fixed on the wind turbine and CWRU records:
      a line at the cage order, and what is below a third of another defect of the same bearing is hidden by it: impacts
      of one spot excite lines at the orders of the others;
    - in the envelope, impacts once per revolution of a shaft, or once per contact of a planet's damaged tooth, produce
-     any multiple of that order; those of a tooth, which no bearing makes, explain lines up to three times as high;
+     any multiple of that order; those of a tooth, which no bearing makes, explain lines up to three times as high.
+     Impacts make multiples of similar size: a comb of a shaft or cage whose first harmonics fall below a third of a
+     bearing's line explains no multiple above the third, since a load zone that a defect is carried through makes such
+     lines, too;
    - it is a sideband that the planet pass produces in a healthy stage.
-3. Harmonics and sidebands of a bearing line are significant only together with it, at the right spacing. A line that
+3. Of two bearing lines that one peak makes, the one with the nearer nominal order is assessed first, and of a bearing
+   whose cage makes no comb of impacts, the cage last.
+4. Harmonics and sidebands of a bearing line are significant only together with it, at the right spacing. A line that
    would be a harmonic of two significant fundamentals supports neither.
 """
 
@@ -38,6 +43,8 @@ LEAKAGE_SHARE = 0.5
 OF_CAGE = "times the cage rate implied by"
 _EXPLAINED_HARMONICS = 3
 _EXPLAINED_SIDEBANDS = 3
+
+_Comb = tuple[tuple[str, str], str, str]  # component and kind, channel, spectrum
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,10 +82,8 @@ class LineAssessor:
         ]
         significant: list[MeasuredLine] = []
         detected = [i for i in range(len(lines)) if probability[i] < self.false_alarm_probability]
-        level = _combined_levels([lines[i] for i in detected])
-        # a tooth's impacts make every multiple of their rate, and a bearing no fraction of its own, so they come first;
-        # a bearing's harmonics and sidebands follow all lines that can be significant alone
-        rank = {i: (is_support(lines[i]), not _is_tooth_comb(lines[i]), -level(lines[i])) for i in detected}
+        least = _least_of_combs(lines)
+        rank = _ranks(lines, detected, least)
         for i in sorted(detected, key=rank.__getitem__):
             line = lines[i]
             parents = [other for other in significant if supports(line, other)] if is_support(line) else []
@@ -86,7 +91,9 @@ class LineAssessor:
                 result[i] = replace(result[i], significant=True)
                 continue
             cause = self._healthy_cause(line)
-            cause = cause or next((text for other in significant if (text := self._explanation(line, other))), "")
+            cause = cause or next(
+                (text for other in significant if (text := self._explanation(line, other, least.get(_comb(other))))), ""
+            )
             result[i] = replace(result[i], significant=not cause and not is_support(line), explained_by=cause)
             if result[i].significant:
                 significant.append(line)
@@ -115,13 +122,17 @@ class LineAssessor:
             for harmonic in range(1, 2 * _EXPLAINED_HARMONICS + 1)
         )
 
-    def _explanation(self, weaker: MeasuredLine, stronger: MeasuredLine) -> str:
-        """Return how `stronger` produces a line at the order of `weaker`, or an empty string."""
+    def _explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, least: float | None) -> str:
+        """Return how `stronger` produces a line at the order of `weaker`, or an empty string.
+
+        `least` is the smallest amplitude of the comb that `stronger` is of, None if it is of none.
+        """
         same_spectrum = weaker.expected.spectrum == stronger.expected.spectrum and weaker.channel == stronger.channel
         if not same_spectrum or weaker.family == stronger.family:
             return ""
         base = stronger.line.found
         name = f"{stronger.expected.component} {stronger.expected.kind.replace('_', ' ')}"
+        impacts = least is None or RIVAL_FACTOR * least >= weaker.line.amplitude
         if weaker.expected.kind in {"gear_mesh", "shaft"} or _is_comb(weaker):
             return f"not to be told from {name}" if _near(weaker, base, bins=1.0) else ""
         if stronger.expected.kind == "shaft" or _is_comb(stronger):
@@ -130,7 +141,7 @@ class LineAssessor:
             multiple = round(weaker.line.found / base)
             # Coupling and run-out produce any multiple in an envelope; but a gear's sidebands lie at multiples of its
             # own shaft's order, so that only the searched harmonics explain them.
-            highest = _EXPLAINED_HARMONICS if weaker.expected.kind == "tooth" else multiple
+            highest = multiple if impacts and weaker.expected.kind != "tooth" else _EXPLAINED_HARMONICS
             near = 0 < multiple <= highest and _near(weaker, multiple * base)
             above = _is_tooth_comb(stronger) and weaker.line.snr > RIVAL_FACTOR * stronger.line.snr
             return f"harmonic {multiple} of {name}" if near and not above else ""
@@ -140,18 +151,19 @@ class LineAssessor:
                 return f"harmonic {harmonic} of {name}" if harmonic > 1 else f"coincides with {name}"
         if stronger.expected.kind not in BEARING_KINDS:
             return ""
-        return self._bearing_explanation(weaker, stronger, name)
+        return self._bearing_explanation(weaker, stronger, name, impacts=impacts)
 
-    def _bearing_explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, name: str) -> str:
+    def _bearing_explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, name: str, *, impacts: bool) -> str:
         """Return the cage multiple or sideband of a bearing line at the order of `weaker`, or an empty string."""
         order, bearing = weaker.line.found, self.bearings[stronger.expected.component]
         base = stronger.line.found / stronger.expected.harmonic
         cage = implied_cage(bearing, stronger.expected.kind, base)
         if cage:
             multiple = round(order / cage)
+            highest = 2 * bearing.elements if impacts else _EXPLAINED_HARMONICS
             races = {weaker.expected.kind, stronger.expected.kind} == {"inner_race", "outer_race"}
             rival = races and not is_support(weaker) and weaker.line.amplitude * RIVAL_FACTOR > stronger.line.amplitude
-            if 0 < multiple <= 2 * bearing.elements and _near(weaker, multiple * cage) and not rival:
+            if 0 < multiple <= highest and _near(weaker, multiple * cage) and not rival:
                 return f"{multiple} {OF_CAGE} {name}"
         element = stronger.expected.kind == "rolling_element"
         same = weaker.expected.component == stronger.expected.component
@@ -194,6 +206,46 @@ def _combined_levels(detected: Sequence[MeasuredLine]) -> Callable[[MeasuredLine
         return math.hypot(line.line.snr, *(other.line.snr for other in others))
 
     return level
+
+
+def _ranks(
+    lines: Sequence[MeasuredLine], detected: Sequence[int], least: Mapping[_Comb, float]
+) -> dict[int, tuple[bool, bool, bool, float, float]]:
+    """Return by which the detected lines are assessed, the smallest first.
+
+    A tooth's impacts make every multiple of their rate, and a bearing no fraction of its own, so that they come first.
+    A bearing's harmonics and sidebands follow all lines that can be significant alone, its cage all other defects where
+    it makes no comb of impacts. Bearing lines of one peak have the level of the highest, the nearest to nominal first.
+    """
+    level = _combined_levels([lines[i] for i in detected])
+    levels = {i: level(lines[i]) for i in detected}
+    bearings = [i for i in detected if lines[i].expected.kind in BEARING_KINDS and lines[i].expected.fundamental]
+    ranks = {}
+    for i in detected:
+        line, off, most = lines[i], 0.0, levels[i]
+        if i in bearings:
+            off = abs(line.line.found / line.expected.order - 1)
+            most = max(
+                levels[j]
+                for j in bearings
+                if lines[j].channel == line.channel and _near(lines[j], line.line.found, bins=1.0)
+            )
+        smooth = line.expected.kind == "cage" and RIVAL_FACTOR * least.get(_comb(line), 0.0) < line.line.amplitude
+        ranks[i] = (is_support(line), not _is_tooth_comb(line), smooth, -most, off)
+    return ranks
+
+
+def _comb(line: MeasuredLine) -> _Comb:
+    return line.family, line.channel, line.expected.spectrum
+
+
+def _least_of_combs(lines: Iterable[MeasuredLine]) -> dict[_Comb, float]:
+    """Return the smallest amplitude of the searched harmonics of every shaft, tooth and cage in an envelope."""
+    least: dict[_Comb, float] = {}
+    for line in lines:
+        if _is_comb(line) or (line.expected.kind == "cage" and not line.expected.sideband):
+            least[_comb(line)] = min(line.line.amplitude, least.get(_comb(line), math.inf))
+    return least
 
 
 def _is_tooth_comb(line: MeasuredLine) -> bool:

@@ -8,7 +8,8 @@ gain, and near one where the strikes are all the band has.
 The strength of the evidence is the root sum of squares of the depths of the fundamental and of its harmonics, none of
 them counted as more than the fundamental, times ``snr^2 / (snr^2 + TRUSTED_SNR^2)``, which is small for what noise
 makes in a short record. A spot that turns through the load zone is hit harder there: where sidebands are to be expected
-and none stands out, the strength counts a quarter. The strength of a part is that of its best band.
+and none stands out, the strength counts a quarter; so does a line alone where its harmonics were looked for, since
+strikes are no sine. The strength of a part is that of its best band.
 
 A part is not counted for a line which another explains that is not its own: a multiple of a line, a sideband of a
 deeper one, or a part of a much deeper line's order, in whatever band that line is deepest; nor for a harmonic of the
@@ -50,6 +51,7 @@ _HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it 
 _MULTIPLES = 3  # of a deeper line that may be looked at as the part's own
 _EXPLAINING_SIDEBANDS = 2  # of a deeper line: the third of a real defect is below its fundamental
 _PARTS = 5  # of a deeper line's order
+_STRIKES = 10  # multiples of a bearing's line that its strikes make; a tenth stands above half of a resonance's width
 _COMB = 30  # multiples of a shaft that impacts once a turn make
 _FULL_COMB = 0.7  # of eight multiples of a slow shaft that impacts once a turn; a defect with sidebands has fewer
 _FAST_BINS = 20  # multiples of a slower shaft lie so densely that any line is near one
@@ -77,7 +79,7 @@ class Setting:
 
 @dataclass(frozen=True, kw_only=True)
 class BandEvidence:
-    """What the envelope of one band shows: the expected lines, and all peaks by order and depth.
+    """What the envelope of one band shows: the expected lines, and all peaks by order and depth, with the background's.
 
     `clear` says that no mesh or shaft has a large part of the band's power; `line_probability` is that of noise at one
     line, below which it is significant.
@@ -87,6 +89,7 @@ class BandEvidence:
     lines: Sequence[AssessedLine]
     orders: Numbers
     depths: Numbers
+    backgrounds: Numbers
     bin_width: float
     clear: bool = True
     line_probability: float = 1.0
@@ -122,8 +125,9 @@ class PartEvidence:
         The deepest line in any band at its order that nothing explains and that noise makes too often.
     explained : float
         Share that it has of the power of all lines of the band that neither shafts nor meshes make.
-    other_order, other_depth : float
-        The deepest line in any band that this part does not explain; 0 if there is none.
+    other_order, other_depth, other_strength : float
+        The strongest line in any band, no slower than the slowest part, that this part does not explain, and its
+        strength as one alone; 0 if there is none.
     modulation : float
         Strength of its lines in the band where that is largest, whether they are significant, have sidebands, and are
         explained otherwise or not: what successive records are compared by.
@@ -151,6 +155,7 @@ class PartEvidence:
     explained: float = 0.0
     other_order: float = 0.0
     other_depth: float = 0.0
+    other_strength: float = 0.0
     modulation: float = 0.0
 
 
@@ -198,7 +203,24 @@ def bearing_evidence(
             if expected.fundamental and expected.order >= FEWEST_CYCLES * band.bin_width:
                 families.setdefault(line.measured.family, []).append((band, line))
     others = _Others(usable, setting)
-    return [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
+    parts = [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
+    return [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts)) for part in parts]
+
+
+def _of_a_stronger_part(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:
+    """Return of which deeper line of another bearing a part's is a harmonic, or an empty string."""
+    for other in parts:
+        multiple = round(part.found / other.found) if part.strength > 0 and other.strength > part.strength else 0
+        if (
+            other.component != part.component
+            and not other.hidden_by
+            and 1 < multiple <= _STRIKES
+            and other.depth >= part.depth
+            and abs(part.found - multiple * other.found) <= MATCH_BINS * part.bin_width * math.sqrt(multiple)
+        ):
+            kind = other.kind.replace("_", " ")
+            return f"it is {multiple} times the line of {kind} of {other.component} at {other.found:.3f}"
+    return ""
 
 
 class _Others:
@@ -209,8 +231,19 @@ class _Others:
         self.width = MATCH_BINS * max((band.bin_width for band in bands), default=0.0)
         orders = np.concatenate([np.zeros(0), *(band.orders for band in bands)])
         depths = np.concatenate([np.zeros(0), *(band.depths for band in bands)])
+        backgrounds = np.concatenate([np.zeros(0), *(band.backgrounds for band in bands)])
         kept = ~self.of_shafts(orders)
+        self.every_order, self.every_depth = orders, depths
         self.orders, self.depths = orders[kept], depths[kept]
+        self.strengths = self.depths**3 / (self.depths**2 + (TRUSTED_SNR * backgrounds[kept]) ** 2)  # each alone
+        searched = [
+            line.measured.expected for band in bands for line in band.lines if line.measured.expected.fundamental
+        ]
+        # what is slower than every part, or comes a few times in the record, is a change of level
+        self.slowest = max(
+            min((one.order - one.tolerance for one in searched), default=0.0),
+            FEWEST_CYCLES * self.width / MATCH_BINS,
+        )
         # a shaft too slow for its sidebands to be resolved from the line is left out
         self.spacings = tuple({round(s, 9): s for s in setting.shafts if s > 2 * self.width}.values())
 
@@ -223,8 +256,8 @@ class _Others:
         return on
 
     def deepest(self, order: float) -> float:
-        """Return the depth of the deepest line at an order."""
-        return float(self.depths[np.abs(self.orders - order) <= self.width].max(initial=0.0))
+        """Return the depth of the deepest line at an order, of shafts or not."""
+        return float(self.every_depth[np.abs(self.every_order - order) <= self.width].max(initial=0.0))
 
 
 def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrders, others: _Others) -> PartEvidence:
@@ -262,8 +295,8 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     in_band = ~others.of_shafts(band.orders)
     mine = _own(band.orders[in_band], main.line.found, spacings, others.width)
     power = band.depths[in_band] ** 2
-    rest = others.depths[~own]
-    deepest = int(np.argmax(rest)) if rest.size else -1
+    rest = np.flatnonzero(~own & (others.orders >= others.slowest))
+    strongest = rest[np.argmax(others.strengths[rest])] if rest.size else None
     own_depth = max(main.depth, others.deepest(main.line.found))
     both = 2 if main.expected.kind == "rolling_element" else 0  # its two races may be struck unequally
     at_shaft, comb = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting)
@@ -276,8 +309,9 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         hidden_by=hidden or _explanation(main.line.found, own_depth, others, both),
         at_shaft=at_shaft,
         explained=float(power[mine].sum() / power.sum()) if power.size and power.sum() else 1.0,
-        other_order=0.0 if deepest < 0 else float(others.orders[~own][deepest]),
-        other_depth=0.0 if deepest < 0 else float(rest[deepest]),
+        other_order=0.0 if strongest is None else float(others.orders[strongest]),
+        other_depth=0.0 if strongest is None else float(others.depths[strongest]),
+        other_strength=0.0 if strongest is None else float(others.strengths[strongest]),
     )
 
 
@@ -302,16 +336,23 @@ def _strength_in(band: BandEvidence, line: AssessedLine, spacings: Sequence[floa
         return 0.0
     width = MATCH_BINS * band.bin_width
     separable = [spacing for spacing in spacings if spacing > 2 * width]
-    bare = separable and not _sidebands(line.measured, band, separable)
+    sidebands = _sidebands(line.measured, band, separable)
     family = [one.measured for one in _family(band, line) if one is line or _stands_out(one)]
+    alone = len(family) == 1 and not sidebands and _has_harmonics(band, line)
     whole = _family_strength(family)
-    return NO_SIDEBAND * whole if bare else whole
+    return NO_SIDEBAND * whole if alone or (separable and not sidebands) else whole
 
 
 def _family(band: BandEvidence, line: AssessedLine) -> list[AssessedLine]:
     """Return a fundamental and its harmonics in a band."""
     harmonics = (other for other in band.lines if other is not line and not other.measured.expected.sideband)
     return [line, *(other for other in harmonics if supports(other.measured, line.measured))]
+
+
+def _has_harmonics(band: BandEvidence, line: AssessedLine) -> bool:
+    """Whether a harmonic of a fundamental was looked for in a band."""
+    expected = (other.measured.expected for other in band.lines if other.measured.family == line.measured.family)
+    return any(one.harmonic > 1 and not one.sideband for one in expected)
 
 
 def _stands_out(line: AssessedLine) -> bool:

@@ -9,9 +9,12 @@ Every kind of defect of every part has one of four verdicts:
 - *nothing found*: a modulation by a tenth of the level would have stood out, and does not.
 
 The probability is that over healthy machines (`hums.analysis.healthy_machines`), for all parts of the record together,
-not that of noise. A bearing is diagnosed if its line modulates a band by a tenth of the mean or more, a harmonic or
-sideband supports it, on a race that turns through the load zone a sideband, no other race or element of it comes within
-a factor of three, and nothing unexplained is deeper; its cage never, since damage of an element makes the same line.
+not that of noise. No bearing is named for a line that may be another source's: one of the same bearing is three times
+as large, or something that the drawing does not explain makes a stronger line; nor, unless the line is deep, where both
+races have lines alike or the record would not show damage. A bearing is diagnosed if its line modulates a band by a
+tenth of the mean or more, a harmonic or sideband supports it, on a race that turns through the load zone a sideband,
+and no other race or element of it comes within a factor of three; its cage never, since damage of an element makes the
+same line.
 Gears are judged in `hums.analysis.gear_damage`, and are at most indicated.
 """
 
@@ -20,9 +23,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hums.analysis.evidence import PartEvidence
+from hums.analysis.evidence import PartEvidence, strength
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
-from hums.analysis.thresholds import FAULTY_DEPTH, LEAST_STRENGTH, RIVAL_FACTOR
+from hums.analysis.thresholds import FAULTY_DEPTH, LEAST_STRENGTH, RIVAL_FACTOR, SLIP_SCATTER
 from hums.gearbox.orders import BEARING_KINDS
 
 __all__ = [
@@ -176,7 +179,7 @@ def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], flo
         twins = [
             name
             for name, kind in orders
-            if kind == one.kind and name != one.component and math.isclose(orders[name, kind], order, rel_tol=1e-9)
+            if kind == one.kind and name != one.component and _same_order(orders[name, kind], order)
         ]
         if twins and first.verdict in {DIAGNOSED, INDICATED}:
             made.append(_also(one, twins) if one is first else _of_another_bearing(one, first.component))
@@ -245,11 +248,69 @@ def _bearing_verdict(
             least_change = f"indicated from a strength of {least:.3g} on (now {part.strength:.3g})"
             return _not_judged(part, _hidden(part.at_shaft), probability=probability, least_change=least_change)
     rivals = [other for other in evidence if other.channel not in faulty and other is not part]
+    if eclipsed := _eclipsed(part, rivals):
+        why, least_change = eclipsed
+        step = f"Take a longer record at the same speed and load, and compare the line of {_kind_text(part.kind)}."
+        return replace(_not_judged(part, why, probability=probability, least_change=least_change), next_step=step)
     doubts = _doubts(part, rivals)
     if probability > CERTAIN * stated and not doubts:
         doubts.append(f"one in {1 / probability:.0f} healthy machines shows as much")
     certain = library.strength_at(CERTAIN * stated, parts=searches)
     return _named(part, doubts, probability, _least_of(_changes(part, rivals, doubts, needed, certain)))
+
+
+def _eclipsed(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, str] | None:
+    """Return why a line that few healthy machines show is no evidence for its part, and what would change that.
+
+    A much larger line of the same bearing leaves traces at the places of its other parts. Where something else that
+    the drawing does not explain makes a stronger line, it may as well make this one. Below `RIVAL_FACTOR` times
+    `FAULTY_DEPTH` two more: in a record that would not show damage, other sources as strong need not show either, so
+    that a line must be as much deeper than `FAULTY_DEPTH` as the record is too short for it; and lines of both races
+    alike are what a rough bearing or a damaged element makes.
+    """
+    rivals = _rivals(part, others)
+    larger = max(rivals, key=lambda rival: rival.depth, default=None)
+    if larger is not None and larger.depth > RIVAL_FACTOR * part.depth and larger.strength > part.strength:
+        why = (
+            f"the line of {_kind_text(larger.kind)} of the same bearing is {larger.depth / part.depth:.0f} times as "
+            "large, of which this may be a trace"
+        )
+        least = larger.depth / RIVAL_FACTOR
+        return _hidden(why), f"indicated from a modulation of {least:.1%} on (now {part.depth:.1%})"
+    if part.other_strength > strength([part.depth], part.snr) and not _is_known(part, others):
+        why = f"the line at {part.other_order:.3f} orders, which nothing explains, is stronger ({part.other_depth:.1%})"
+        return _hidden(why), "indicated, if that line were weaker than its own"
+    clear = RIVAL_FACTOR * FAULTY_DEPTH
+    if part.depth >= clear:
+        return None
+    least_change = f"indicated from a modulation of {clear:.0%} on (now {part.depth:.1%})"
+    lacking = (part.detectable_depth / FAULTY_DEPTH) ** 2  # the noise about a line falls as the root of the time
+    needed = min(clear, FAULTY_DEPTH * lacking)
+    if lacking > 1 and part.depth < needed:
+        why = (
+            f"too short or too noisy: its line modulates a band by {part.depth:.0%}, but only a modulation by "
+            f"{part.detectable_depth:.0%} would stand out in any, so that other sources as strong may go unseen"
+        )
+        return why, f"indicated from a modulation of {needed:.0%} on, or in a record {lacking:.2g} times as long"
+    for rival in rivals:
+        alike = rival.channel == part.channel and rival.depth * RIVAL_FACTOR > part.depth
+        if alike and {part.kind, rival.kind} == {"inner_race", "outer_race"}:
+            why = (
+                f"the line of {_kind_text(rival.kind)} is of similar size ({rival.depth:.1%}), as a rough bearing or a "
+                "damaged element makes both"
+            )
+            return _hidden(why), least_change
+    return None
+
+
+def _is_known(part: PartEvidence, others: Sequence[PartEvidence]) -> bool:
+    """Whether the strongest line that a part does not explain is one of another part, or a harmonic of such."""
+    return any(
+        abs(part.other_order - multiple * other.found) <= multiple * other.bin_width
+        for other in others
+        if other.strength > 0 and not other.hidden_by
+        for multiple in (1, 2, 3)
+    )
 
 
 def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
@@ -273,17 +334,23 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
         for rival in _rivals(part, rivals)
         if rival.depth * RIVAL_FACTOR > part.depth
     ]
-    known = any(
-        abs(part.other_order - multiple * rival.found) <= multiple * rival.bin_width
-        for rival in rivals
-        if rival.strength > 0
-        for multiple in (1, 2, 3)
-    )
-    if part.other_depth > part.depth and not known:
-        doubts.append(
-            f"the line at {part.other_order:.3f} orders, which nothing explains, is deeper ({part.other_depth:.1%})"
-        )
+    doubts += [
+        f"{_kind_text(other.kind)} of {other.component}, of order {other.order:.3f}, may make this line, too"
+        for other in {(one.component, one.kind): one for one in rivals}.values()
+        if _as_near(part, other)
+    ]
     return doubts
+
+
+def _as_near(part: PartEvidence, other: PartEvidence) -> bool:
+    """Whether a line is nearly as close to the order of another part as to its own; those of the same order apart."""
+    off = abs(part.found / part.order - 1) + SLIP_SCATTER
+    same = (other.component, other.kind) == (part.component, part.kind)
+    return not same and not _same_order(part.order, other.order) and abs(part.found / other.order - 1) <= off
+
+
+def _same_order(one: float, other: float) -> bool:
+    return math.isclose(one, other, rel_tol=1e-9)
 
 
 def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvidence]:
@@ -293,7 +360,7 @@ def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvid
         for other in others
         if other.component == part.component
         and other.kind != part.kind
-        and other.strength > 0
+        and other.strength >= LEAST_STRENGTH
         and part.kind != "cage" != other.kind
     ]
 
@@ -382,7 +449,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     seen = (
         f"{_line_text(part)}: healthy machines show as much in one of {1 / probability:.0f} records"
         if part.strength > 0
-        else "no line stands where it would make one"
+        else "no line of its own stands where it would make one"
     )
     blind = FAULTY_DEPTH / part.detectable_depth if part.detectable_depth > 0 else math.inf
     changes = [(blind, f"not judged, if the noise about its line were {blind:.2g} times as large")]

@@ -22,6 +22,7 @@ from hums.analysis.findings import INDICATED, NOT_JUDGED, NOTHING_FOUND, Finding
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
+from hums.analysis.thresholds import FEWEST_CYCLES
 from hums.gearbox.orders import DefectOrder
 from hums.records.record import Sampling
 from signals.angle.local_damage import (
@@ -33,7 +34,7 @@ from signals.angle.local_damage import (
 )
 from signals.resampling.resampling import PASSBAND
 
-__all__ = ["GearJudgement", "gear_damage", "gear_indicators", "gear_verdicts", "healthy_probability", "tooth_envelope"]
+__all__ = ["GearJudgement", "ToothEnvelope", "gear_damage", "gear_indicators", "gear_verdicts", "healthy_probability"]
 
 # Sidebands of run-out and planet passes removed on either side of a mesh harmonic, in rotations of the fastest of its
 # gears. Halved, a run-out of several per cent leaves its second sideband; doubled, a quarter of the orders is lost.
@@ -110,6 +111,19 @@ class GearJudgement:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ToothEnvelope:
+    """The squared envelope of the band in which a gear's tooth stands out.
+
+    `order` is how often the tooth meets another in a revolution, `harmonic` the lowest of it that modulations of a
+    sound gear's turn do not make.
+    """
+
+    energies: BandEnergies
+    order: float
+    harmonic: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Tooth:
     """A gear of a mesh: its row of the defect orders, its teeth, and how many pass from one meeting to the next."""
 
@@ -130,6 +144,7 @@ def gear_damage(
     channels: int = 1,
     faulty: bool = False,
     library: HealthyMachines | None = None,
+    envelopes: dict[str, ToothEnvelope] | None = None,
 ) -> list[GearJudgement]:
     """Return the judgement of every gear of a gearbox in one channel, the most conspicuous first.
 
@@ -151,6 +166,8 @@ def gear_damage(
         Whether the sensor is, so that nothing is judged.
     library : HealthyMachines, optional
         Default the shipped one.
+    envelopes : dict, optional
+        Filled, by component, for the gears below that probability.
     """
     gears = _gears(machine)
     if not gears:
@@ -175,7 +192,15 @@ def gear_damage(
         library=library or healthy_machines("teeth"),
     )
     judged = [judge.of(row, gear) for row, gear in zip(judged, gears, strict=True)]
-    return judge.explained(judged, {gear.row.component: gear for gear in gears})
+    named = {gear.row.component: gear for gear in gears}
+    judged = judge.explained(judged, named)
+    if envelopes is not None:
+        envelopes |= {
+            row.component: judge.envelope(row, named[row.component])
+            for row in judged
+            if row.probability <= false_alarm_probability
+        }
+    return judged
 
 
 def _gears(machine: Machine) -> list[_Tooth]:
@@ -224,7 +249,8 @@ class _Judge:
     def of(self, row: GearJudgement, gear: _Tooth, keep: NDArray[np.bool_] | None = None) -> GearJudgement:
         """Return the judgement of a gear, from some of the samples."""
         least, most = _ROTATIONS
-        rotations = int(np.clip(2 * self.tests / self.threshold, least, most))
+        # gears may have half of the stated probability, and the least of a permutation test is half of that
+        rotations = int(np.clip(4 * self.tests / self.threshold, least, most))
         try:
             folds = folded(
                 self.energies, order=gear.row.order, teeth=gear.per_turn, keep=keep, smooth_orders=gear.smooth_orders
@@ -276,26 +302,20 @@ class _Judge:
             keep &= ~self._at_tooth(row, gear)
         return [*named, *sorted(others, key=_evidence)]
 
+    def envelope(self, row: GearJudgement, gear: _Tooth) -> ToothEnvelope:
+        """Return the squared envelope of the band in which a gear's tooth stands out."""
+        energies = self.energies
+        band = int(np.argmin(np.abs(energies.edges[:-1] - row.band_orders[0])))
+        values, edges = energies.values[band : band + 1].copy(), energies.edges[band : band + 2]
+        alone = replace(energies, values=values, edges=edges)
+        return ToothEnvelope(energies=alone, order=row.order, harmonic=gear.smooth_orders + 1)
+
     def _at_tooth(self, row: GearJudgement, gear: _Tooth) -> NDArray[np.bool_]:
         """Return which samples lie within some teeth of the damaged one."""
         energies = self.energies
         place = energies.start_rev + np.arange(energies.values.shape[1]) / energies.samples_per_rev
         apart = (row.order * place - row.position_rev + 0.5) % 1.0 - 0.5
         return np.asarray(np.abs(apart) < _MASKED_TEETH / gear.per_turn)
-
-
-def tooth_envelope(
-    values: Values, when: Sampling, machine: Machine, channel: str, component: str, band_orders: tuple[float, float]
-) -> tuple[BandEnergies, float, int]:
-    """Return the squared envelope in which a gear's tooth stands out, the tooth's meetings per revolution, a harmonic.
-
-    The harmonic is the lowest of the meetings that modulations of a sound gear's turn do not make.
-    """
-    gear = next(gear for gear in _gears(machine) if gear.row.component == component)
-    energies = _energies(values, when, machine, channel)
-    band = int(np.argmin(np.abs(energies.edges[:-1] - band_orders[0])))
-    alone = replace(energies, values=energies.values[band : band + 1], edges=energies.edges[band : band + 2])
-    return alone, gear.row.order, gear.smooth_orders + 1
 
 
 def _evidence(row: GearJudgement) -> tuple[bool, float, float]:
@@ -348,13 +368,15 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
 
 def _unnamed(row: GearJudgement, stated: float) -> Finding:
     """Return why a gear is not judged, or that no tooth stands out."""
-    why = row.not_judged or (
-        f"what it shows may be that of {row.explained_by}" if row.explained_by and row.probability <= stated else ""
-    )
+    explained_by = row.explained_by if row.probability <= stated else ""
+    why, change = row.not_judged, "judged in a longer record, or a faster sampled one"
+    if why == _SICK:
+        change = "judged with a sound sensor"
+    elif not why and explained_by:
+        why, change = f"what it shows may be that of {explained_by}", f"indicated without the tooth of {explained_by}"
+    elif not why and row.turns < FEWEST_CYCLES:
+        why = f"too short: {row.turns} turns show no damage but a grave one, {FEWEST_CYCLES:g} are needed"
     if why:
-        change = "judged with a sound sensor" if why == _SICK else "judged in a longer record, or a faster sampled one"
-        if not row.not_judged:
-            change = f"indicated without the tooth of {row.explained_by}"
         return replace(
             _blank(row),
             verdict=NOT_JUDGED,

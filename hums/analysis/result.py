@@ -621,6 +621,7 @@ def _speed_facts(motion: xr.Dataset) -> dict[str, Any]:
         "max": float(speed.max()) if known else None,
         "mean": speed.size / float((1 / speed).sum()) if known else None,
         "nominal": bool(attrs["nominal"]),
+        "declared": float(attrs["declared_hz"]) if "declared_hz" in attrs else None,
         "tachometer": str(attrs["tachometer"]),
         "estimated_from": str(attrs.get("estimated_from", "")),
         "confidence": float(attrs["confidence"]) if "confidence" in attrs else None,

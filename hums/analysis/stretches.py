@@ -189,7 +189,7 @@ def joined(
         tree[name] = xr.DataTree(_tracks([group(one, name) for one in analyses]))
     speeds = [group(one, "speed") for one in analyses]
     if len(speeds) > 1 and not speeds[0].equals(speeds[1]):
-        tree["speed"] = xr.DataTree(xr.concat(speeds, dim="revolution", combine_attrs="override"))
+        tree["speed"] = xr.DataTree(_speed(speeds))
     tree.attrs |= _root(analyses, remarks)
     judged = derive_verdicts(tree)
     named = findings(judged)
@@ -278,6 +278,15 @@ def _health(tables: Sequence[xr.Dataset]) -> xr.Dataset:
     missing = every.groupby("name", sort=False)["missing"].mean()
     worst = pd.DataFrame(rows).assign(missing=missing.to_numpy())
     return xr.Dataset({str(name): ("item", _column(worst[name])) for name in tables[0].data_vars})
+
+
+def _speed(tables: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Return the speeds of stretches one after the other; of estimated ones with the worst doubt of any stretch."""
+    whole = xr.concat(tables, dim="revolution", combine_attrs="override")
+    for name, worst in (("confidence", min), ("phase_std_rev", max)):
+        if name in whole.attrs:
+            whole.attrs[name] = worst(table.attrs[name] for table in tables)
+    return whole
 
 
 def _tracks(tables: Sequence[xr.Dataset]) -> xr.Dataset:

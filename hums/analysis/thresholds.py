@@ -34,11 +34,13 @@ Halved, records of a few turns are called clean; doubled, records of a minute ar
 RIVAL_FACTOR = 3.0
 """Ratio of two lines above which the smaller may be a trace of the larger; within it they are rivals.
 
+A race that has a rival is named only where it modulates a band by this factor times `FAULTY_DEPTH`: a rough bearing
+makes lines of both races, and a damaged element does. No record is too short for a line as deep as that.
 Halved, traces of one race on the other are named as second faults; doubled, two real faults hide one another.
 """
 
 NO_SIDEBAND = 0.25
-"""Weight of a line without the sidebands that the load zone would give it.
+"""Weight of a line without the sidebands that the load zone would give it, or without any other line of its family.
 
 Halved, defects under a load that turns with the shaft are lost; doubled, impacts of a neighbouring machine that happen
 to fall on the order of an inner race are named as often as real ones.
@@ -93,6 +95,14 @@ STEADY_SPEED = 0.005
 """Largest change of speed, over its mean, at which lines of the mains are narrow in orders.
 
 Halved, records of machines on the grid count as varying; doubled, smeared lines are compared with a frequency.
+"""
+
+SLIP_SCATTER = 0.005
+"""Relative difference of distance from two nominal orders below which a line is not told to be of the nearer.
+
+Bearings slip by 1 to 2 % (Randall and Antoni 2011), alike within a machine but not equally (half of a per cent is our
+choice). Halved, a race is diagnosed whose neighbour's order is three thousandths away; doubled, bearings with similar
+orders are only indicated.
 """
 
 MAINS_HZ = (50.0, 60.0)

@@ -13,7 +13,7 @@ from scipy import fft
 from hums.analysis.channel import AnalysedChannel, resample_in_angle, varying_values, whole_values
 from hums.analysis.detection import AssessedLine
 from hums.analysis.evidence import PartEvidence
-from hums.analysis.gear_damage import tooth_envelope
+from hums.analysis.gear_damage import ToothEnvelope
 from hums.analysis.lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.reference_angle import Machine
 from hums.gearbox.orders import BEARING_KINDS
@@ -259,30 +259,25 @@ def bearing_line(
     )
 
 
-def tooth_line(
-    record: xr.Dataset, channel: AnalysedChannel, machine: Machine, component: str, band_orders: tuple[float, float]
-) -> EnvelopeLine:
+def tooth_line(channel: AnalysedChannel, machine: Machine, component: str, tooth: ToothEnvelope) -> EnvelopeLine:
     """Return the line of a tooth in the envelope of what is left without meshes and shafts.
 
     It is the lowest harmonic of the tooth's meetings that run-out of a sound gear does not make, too.
     """
-    values = varying_values(record, channel.name)
-    energies, order, harmonic = tooth_envelope(
-        values, sampling(record, channel.name), machine, channel.name, component, band_orders
-    )
+    energies, order = tooth.energies, tooth.harmonic * tooth.order
     envelope = np.sqrt(energies.values[0])
     lines = np.asarray(fft.rfft(envelope))
     turns = envelope.size / energies.samples_per_rev
-    size = min(envelope.size, 2 * math.ceil((harmonic * order + _MARGIN_ORDERS) * turns))
-    low, high = (edge * machine.mean_speed_hz for edge in band_orders)
+    size = min(envelope.size, 2 * math.ceil((order + _MARGIN_ORDERS) * turns))
+    low, high = energies.edges * machine.mean_speed_hz
     return EnvelopeLine(
         component=component,
         kind="tooth",
         channel=channel.name,
         units=channel.units,
-        order=harmonic * order,
-        harmonic=harmonic,
-        band_hz=(low, high),
+        order=order,
+        harmonic=tooth.harmonic,
+        band_hz=(float(low), float(high)),
         largest_slip=0.0,
         values=np.asarray(fft.irfft(lines[: size // 2 + 1], size)) * (size / envelope.size),
         samples_per_rev=size / turns,

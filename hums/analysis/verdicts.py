@@ -160,9 +160,9 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
             "hums.analyze."
         )
     settings = json.loads(analysis.attrs["settings_json"])
-    evidence, of_gears = group(analysis, EVIDENCE), group(analysis, GEARS)
-    parts, gears = rows_of(evidence, PartEvidence), rows_of(of_gears, GearJudgement)
-    tests, teeth = len({(row.channel, row.order) for row in gears}), _library(of_gears)
+    evidence, judged_gears = group(analysis, EVIDENCE), group(analysis, GEARS)
+    parts, gears = rows_of(evidence, PartEvidence), rows_of(judged_gears, GearJudgement)
+    tests, teeth = len({(row.channel, row.order) for row in gears}), _library(judged_gears)
     gears = [
         replace(row, probability=healthy_probability(row.strength, row.repeats, teeth, tests=tests))
         if row.judgeable

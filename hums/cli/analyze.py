@@ -61,8 +61,10 @@ def analyze(
     from hums.analysis.findings import not_judged_words, where_none_is_named  # noqa: PLC0415
     from hums.analysis.result import summary  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
+    from hums.gearbox.undeclared import undeclared_parts  # noqa: PLC0415
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
     from hums.report import prepare_folder, speed_text, write_report  # noqa: PLC0415
+    from hums.report.verdicts import with_hz  # noqa: PLC0415
 
     settings = settings_of(
         channels=tuple(channel) if channel else None,
@@ -84,7 +86,8 @@ def analyze(
         _past(reader, baseline) if baseline else nullcontext() as past,
     ):
         prepare_folder(out)
-        analysis = run(opened, load_gearbox(gearbox), settings=settings, baseline=past)
+        declared = load_gearbox(gearbox)
+        analysis = run(opened, declared, settings=settings, baseline=past)
         say("writing the report")
         page = write_report(analysis, out, baseline=past, units=units)
     facts = summary(analysis)
@@ -96,11 +99,14 @@ def analyze(
             typer.echo(f"{item['status']} {item['sensor']} {item['name']}: {item['reasons']}")
     for finding in facts["findings"]:
         kind = finding["kind"].replace("_", " ")
-        typer.echo(f"{finding['verdict']}: {finding['component']}, {kind}: {finding['evidence']}")
+        evidence = with_hz(finding["evidence"], facts["speed_hz"]["mean"])
+        typer.echo(f"{finding['verdict']}: {finding['component']}, {kind}: {evidence}")
     if not facts["findings"]:
         typer.echo(": ".join(where_none_is_named(facts["verdicts"])))
     elif unjudged := not_judged_words(facts["verdicts"]):
         typer.echo(f"not judged: {unjudged}")
+    for sentence in undeclared_parts(declared):
+        typer.echo(f"not in the drawing: {sentence}")
     typer.echo(f"report: {page}")
 
 

@@ -18,13 +18,16 @@ FEW_FILES = 200  # which one process converts in the time in which others start
 
 def convert(  # noqa: PLR0917 - each option is one
     source: Annotated[
-        list[Path],
+        list[Path] | None,
         typer.Argument(
+            show_default=False,
             help="A .mat, .wav, .csv, .tdms, .uff, .h5, .npy or .npz file; or many: files, folders, patterns as "
-            '"acc_*.csv", and names that state the time as "data-%Y%m%dT%H%M%SZ.mat".'
+            '"acc_*.csv", and names that state the time as "data-%Y%m%dT%H%M%SZ.mat".',
         ),
-    ],
-    target: Annotated[Path, typer.Argument(help="The record to write, .h5; of many files a folder.")],
+    ] = None,
+    target: Annotated[
+        Path | None, typer.Argument(show_default=False, help="The record to write, .h5; of many files a folder.")
+    ] = None,
     channel: Annotated[
         list[str] | None,
         typer.Option(
@@ -127,6 +130,9 @@ def convert(  # noqa: PLR0917 - each option is one
         "time_column": time_column,
         "most_bytes": most_bytes,
     }
+    if not source or target is None:
+        named = f"{target} alone is named" if target else "no file is named"
+        raise ValueError(f"{named}; name the files to read and, last, the record or folder to write.")
     one = source[0] if len(source) == 1 else None
     of_many = {"--time-pattern": time_pattern, "--utc-offset": utc_offset, "--every": every, "--files": files}
     of_many |= {"--snapshots": snapshots if snapshots != 1 else None}
@@ -163,6 +169,11 @@ def convert(  # noqa: PLR0917 - each option is one
         typer.echo(f"refused {file}: {reason}")
     if len(result.refused) > SHOWN_REFUSALS:
         typer.echo(f"and {len(result.refused) - SHOWN_REFUSALS} more: see refused.csv")
+    if not any((time_pattern, time_column, every)) and not all(file.recorded_at for file in found):
+        typer.echo(
+            "no time is known: neither names nor options state when the files were recorded, so that their numbers are "
+            "an order only and there are no trends; give --time-pattern, --time-column, or --every with --recorded-at"
+        )
     typer.echo(f"wrote {target}")
 
 

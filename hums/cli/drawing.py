@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, parse_speeds, save_picture
+from hums.cli.options import FigureFormat, parse_speeds, save_picture, say
 
 if TYPE_CHECKING:
     from hums.gearbox.kinematics import Kinematics
@@ -38,6 +38,7 @@ def drawing(
     given = parse_speeds(speed)
     kinematics = solve_kinematics(load_gearbox(gearbox))
     if html or (out is not None and out.suffix.lower() == ".html"):
+        say("drawing a page on which the mechanism turns")
         page = write_drawing(kinematics, out or Path(f"{Path(gearbox).stem}.html"), speeds_rpm=given)
         typer.echo(f"wrote {page}")
         return

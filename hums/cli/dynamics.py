@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, save_picture
+from hums.cli.options import FigureFormat, save_picture, say
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,6 +45,7 @@ def dynamics(
 
     if not (math.isfinite(top_rpm) and top_rpm > 0):
         raise ValueError(f"--rpm {top_rpm:g}: give the highest speed of the reference, in rpm, above 0.")
+    say("natural frequencies")
     system_at = _system_source(source, motions)
     speeds = np.linspace(0, top_rpm * math.pi / 30, _SPEEDS)
     system = system_at(0.0)
@@ -65,6 +66,7 @@ def dynamics(
             plot_mode_shape(modes, number, ax=place)
 
     save_picture(shapes, out / f"modes.{kind}", (14.0, 2.0 + 0.32 * system.dof * -(-len(elastic) // 3)))
+    say(f"natural frequencies at {_SPEEDS} speeds")
     diagram = campbell(system_at, speeds_rad_s=speeds)
     save_picture(lambda ax: plot_campbell(diagram, ax=ax, harmonics=2), out / f"campbell.{kind}", (8.0, 5.0))
     if stability:

@@ -11,12 +11,25 @@ if TYPE_CHECKING:
 __all__ = ["info", "print_record"]
 
 
-def info(record: Annotated[Path, typer.Argument(help="A record, .h5.")]) -> None:
-    """Print what is inside a record."""
+def info(record: Annotated[Path, typer.Argument(help="A record, .h5, or a folder of records.")]) -> None:
+    """Print what is inside a record; of a folder of records, their number and the first."""
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
 
+    if record.is_dir():
+        _print_dataset(record)
+        return
     with ReaderProcess() as reader, reader.open_record(record) as opened:
         print_record(opened)
+
+
+def _print_dataset(folder: Path) -> None:
+    from hums.records.dataset_store import dataset_files, dataset_record, is_begun  # noqa: PLC0415
+
+    if not is_begun(folder):
+        raise ValueError(f"{folder} is a folder, and no dataset (hums dataset, hums convert); name a record in it.")
+    typer.echo(f"{'dataset':<12} {len(dataset_files(folder))} records; the first:")
+    with dataset_record(folder, 0) as first:
+        print_record(first)
 
 
 def print_record(record: "xr.Dataset") -> None:

@@ -127,6 +127,7 @@ def say(step: str) -> None:
 
 def save_picture(draw: Callable[[Any], object], path: Path, size: tuple[float, float]) -> None:
     """Draw into a file of a size in inches and say so."""
+    say(f"drawing {path.name}")
     from hums.plots import save_figure  # noqa: PLC0415
 
     save_figure(draw, path, width=size[0], height=size[1])

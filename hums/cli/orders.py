@@ -25,7 +25,9 @@ def orders(
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Draw the lines against speed: .svg, .png or .pdf.")] = None,
-    rpm: Annotated[float | None, typer.Option(help="Speed of the reference: adds the frequencies in Hz.")] = None,
+    rpm: Annotated[
+        float | None, typer.Option(help="Speed of the reference: adds the frequencies in Hz and CPM.")
+    ] = None,
     plot_rpm: Annotated[
         Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
         typer.Option(metavar="LOW HIGH", help="Speeds of the reference to draw, up to the given one or 3000."),
@@ -40,6 +42,7 @@ def orders(
     from hums.gearbox.kinematics import solve_kinematics  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.gearbox.orders import defect_orders  # noqa: PLC0415
+    from hums.gearbox.undeclared import undeclared_parts  # noqa: PLC0415
 
     if csv and json:
         raise ValueError("--csv and --json are both given; keep one.")
@@ -53,9 +56,12 @@ def orders(
     top = abs(rpm) if rpm is not None else _reference_rpm(kinematics, reference, speeds)
     if rpm is not None:
         table.insert(list(table.columns).index("exact"), "hz", table["order"] * top / 60)
+        table.insert(list(table.columns).index("exact"), "cpm", table["order"] * top)
     if plot:
         _plot_orders(table, plot_rpm or (top / 10, top), plot)
     _print_orders(table, csv=csv, json=json)
+    for sentence in () if csv or json else undeclared_parts(kinematics.gearbox):
+        typer.echo(f"note: {sentence.split(':')[0]}.", err=True)
 
 
 def _print_orders(table: "pd.DataFrame", *, csv: bool, json: bool) -> None:
@@ -70,7 +76,11 @@ def _print_orders(table: "pd.DataFrame", *, csv: bool, json: bool) -> None:
         typer.echo(plain.to_json(orient="records", double_precision=15))
     else:
         plain = table.assign(exact=fractions.fillna("")).drop(columns="sidebands")
-        typer.echo(plain.to_string(index=False, formatters={"order": "{:.6f}".format, "hz": "{:.6g}".format}))
+        typer.echo(
+            plain.to_string(
+                index=False, formatters={"order": "{:.6f}".format, "hz": "{:.6g}".format, "cpm": "{:.6g}".format}
+            )
+        )
 
 
 def _plot_orders(table: "pd.DataFrame", reference_rpm: tuple[float, float], path: Path) -> None:

@@ -218,10 +218,11 @@ function drawMechanism() {
   for (const gear of drawing.gears) {
     const at = gear.internal ? rim(gear, 1.07 * gear.radius, Math.PI / 2) : gear.centre;
     const [x, y0] = flat(gear.internal ? at : moved(gear.body, at));
+    if (placed.some(p => p[3] === gear.link && Math.hypot(p[0] - x, p[1] - y0) < 14)) continue;  // two gears of one link
     let y = y0;
     const half = 3.2 * gear.link.length;
     while (placed.some(p => Math.abs(p[1] - y) < 12 && Math.abs(p[0] - x) < half + p[2])) y += 12;
-    placed.push([x, y, half]);
+    placed.push([x, y, half, gear.link]);
     names.set(gear.link + gear.teeth, `<text x="${x.toFixed(1)}" y="${(y + 4).toFixed(1)}" text-anchor="middle">${escaped(gear.link)}</text>`);
   }
   document.getElementById("mechanism").innerHTML = parts.map(part => part[1]).join("") + [...names.values()].join("");

@@ -22,6 +22,7 @@ from hums.fleet.history import Fact, MachineHistory, watch_machines, write_alarm
 from hums.fleet.kept import read_results
 from hums.fleet.maintenance import Work, read_maintenance
 from hums.fleet.monitor import MonitorSettings
+from hums.fleet.observation import order_key
 from hums.fleet.page import write_page
 from hums.fleet.parquet import write_indicators
 from hums.fleet.results import results
@@ -243,7 +244,7 @@ def _tables(
     gearbox: str = "GEARBOX",
 ) -> tuple[list[MachineHistory], WrittenTables]:
     """Watch the machines; write alarms, components, baselines, the tables of all records and the page."""
-    records = read_results(paths)
+    records = sorted(read_results(paths), key=lambda one: order_key("", one.record))  # whatever their order was
     facts = [
         Fact(machine=one.machine, record=one.record, recorded_at=one.recorded_at, number=number)
         for number, one in enumerate(records)

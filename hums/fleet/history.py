@@ -199,7 +199,7 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
         }
         return
     for name, index in last.index.items():
-        epoch = state.epochs[state.governed_by.get(name.partition(": ")[0], 0)]
+        epoch = state.epochs[state.epoch_of(name.partition(": ")[0])]
         if epoch.limits is None:
             continue
         channel, indicator, departure = last.growth[name]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.fleet.observation import Observation, observation
+from hums.fleet.series import Series, SeriesValues
 
 __all__ = ["INDICATOR", "LINE", "KeptRecord", "Numbers", "read_results", "read_row"]
 
@@ -61,8 +62,7 @@ class KeptRecord:
     @property
     def observation(self) -> Observation:
         """What the record says about its machine."""
-        values = dict(zip(self.watched.keys, self.watched.values.tolist(), strict=True))
-        return with_changes(self.seen, values=values)
+        return with_changes(self.seen, values=SeriesValues(self.watched.keys, self.watched.values))
 
 
 def read_row(path: Path) -> dict[str, Any]:
@@ -93,12 +93,19 @@ def _kept(row: Mapping[str, Any], shared: dict[Any, Any]) -> KeptRecord:
         orders=shared["orders", taken.keys],
         indicators=_numbers([tuple(one[:-1]) for one in indicators], [one[-1:] for one in indicators], 1, shared),
         findings=tuple((component, kind, word) for component, kind, word, *_ in row.get("findings", ())),
-        watched=_numbers(list(seen.values), [(x,) for x in seen.values.values()], 1, shared, np.float64),
+        watched=_watched(seen.values),
         seen=with_changes(seen, values={}),
         label=row.get("class", ""),
         not_judged=_shared_pairs(row.get("not_judged", ()), shared),
         parts_not_judged=row.get("parts_not_judged", ""),
     )
+
+
+def _watched(values: Mapping[Series, float]) -> Numbers:
+    """Return the values of the series; those of one record's results share their keys with others already."""
+    if isinstance(values, SeriesValues):
+        return Numbers(keys=values.series, values=values.numbers)
+    return Numbers(keys=tuple(values), values=np.array(list(values.values()), dtype=np.float64))
 
 
 def _shared_pairs(rows: Iterable[Iterable[str]], shared: dict[Any, Any]) -> tuple[tuple[str, str], ...]:
@@ -107,9 +114,7 @@ def _shared_pairs(rows: Iterable[Iterable[str]], shared: dict[Any, Any]) -> tupl
     return shared.setdefault(("pairs", pairs), pairs)  # type: ignore[no-any-return]
 
 
-def _numbers(
-    keys: list[Any], values: list[Any], width: int, shared: dict[Any, Any], dtype: type = np.float32
-) -> Numbers:
+def _numbers(keys: list[Any], values: list[Any], width: int, shared: dict[Any, Any]) -> Numbers:
     names = tuple(keys)
-    table: NDArray[Any] = np.array(values, dtype=dtype).reshape(len(names), width)
+    table: NDArray[Any] = np.array(values, dtype=np.float32).reshape(len(names), width)
     return Numbers(keys=shared.setdefault(names, names), values=table[:, 0] if width == 1 else table)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hums.fleet.maintenance import ACKNOWLEDGED, Work
 from hums.fleet.observation import Observation, seconds_since_1970
 from hums.fleet.prior import healthy_scores, prior_of
-from hums.fleet.series import Series, layout_of, vector
+from hums.fleet.series import Series, component_parts, layout_of, vector, watched_component
 from signals._validation import SentenceError
 from signals.monitoring.alarm_life import AlarmRule, AlarmState, Life, stacked
 from signals.monitoring.charts import ChartState
@@ -168,7 +168,7 @@ class Epoch:
     def learn(self, machine: str, settings: MonitorSettings) -> None:
         """Learn what is normal from the collected records, and forget them."""
         seen = self.pending
-        every = sorted(set().union(*(one.values for one in seen)))
+        every = tuple(sorted(set().union(*(one.values for one in seen))))
         values = np.array([vector(one.values, every) for one in seen])
         kept = np.isfinite(values).sum(axis=0) * 2 >= len(seen)
         self.series = tuple(key for key, keep in zip(every, kept, strict=True) if keep)
@@ -261,6 +261,10 @@ class MachineState:
     unwatched_since: str = ""
     first_seconds: float = math.inf
     last_seconds: float = -math.inf
+
+    def epoch_of(self, component: str) -> int:
+        """Return the epoch that governs a component; of several that are watched as one, the newest of theirs."""
+        return max(self.governed_by.get(part, 0) for part in component_parts(component))
 
     def check(self, machine: str) -> None:
         """Raise MonitorError where a record is of another machine."""
@@ -385,7 +389,7 @@ def _judged(
         governed = [
             (place, component, what, f"{component}: {what}" if what else component)
             for place, (component, what) in enumerate(epoch.scores)
-            if state.governed_by.get(component, 0) == number
+            if state.epoch_of(component) == number
         ]
         newly = set(seen.diagnosed) - set(epoch.diagnosed)
         for place, component, what, _ in governed:
@@ -399,9 +403,9 @@ def _judged(
             if rising[place] <= 1:
                 state.since[name] = seen.recorded_at or seen.record
             state.alarms[name] = after.of(at)
-            drivers = _drivers(epoch, reading, place)
-            growth[name] = drivers[0]
+            growth[name] = _drivers(epoch, reading, place, most=1)[0]
             if raised[at]:
+                drivers = _drivers(epoch, reading, place, most=_DRIVERS)
                 severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
                 row = _alarm(state, seen, component, drivers, value=index[name], severity=severity, epoch=epoch)
                 row["since"] = state.since[name]
@@ -414,7 +418,7 @@ def _judged(
     return Judgement(judged=True, index=index, scores=scores, growth=growth, alarms=tuple(alarms))
 
 
-def _drivers(epoch: Epoch, reading: Reading, place: int) -> list[tuple[str, str, float]]:
+def _drivers(epoch: Epoch, reading: Reading, place: int, *, most: int) -> list[tuple[str, str, float]]:
     """Return channel, indicator and departure of the series that depart most, for an alarm of a score."""
     sensor = place - len(epoch.names)
     if sensor >= 0:
@@ -423,10 +427,10 @@ def _drivers(epoch: Epoch, reading: Reading, place: int) -> list[tuple[str, str,
         return [(epoch.channels[channel], what, float(reading.level[channel]))]
     if epoch.normal is None:
         return []
-    those = np.concatenate(epoch.normal.layout.components[place])
+    those = epoch.normal.layout.series[place]
     away = reading.departures[those]
     away = np.where(np.isfinite(away), away, -np.inf)
-    largest = np.argsort(-away, kind="stable")[:_DRIVERS]
+    largest = [away.argmax()] if most == 1 else np.argsort(-away, kind="stable")[:most]
     keys = [epoch.series[those[i]] for i in largest]
     return [
         (key.channel, key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}", float(away[i]))
@@ -443,7 +447,7 @@ def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int
     away = {
         key: float(departure)
         for key, departure in zip(epoch.series, reading.departures, strict=True)
-        if key.component == component and math.isfinite(departure)
+        if watched_component(key) == component and math.isfinite(departure)
     }
     return tuple(sorted(away, key=lambda key: -away[key])[:most])
 
@@ -520,7 +524,7 @@ def _do(state: MachineState, seen: Observation, work: Sequence[Work]) -> None:
 
 
 def _of(name: str, component: str) -> bool:
-    return not component or name == component or name.startswith(f"{component}: ")
+    return not component or component in component_parts(name.partition(": ")[0])
 
 
 def _acknowledge(state: MachineState, component: str) -> None:
@@ -536,7 +540,7 @@ def _acknowledge(state: MachineState, component: str) -> None:
 def _restart_charts(state: MachineState, name: str) -> None:
     """Let the charts of an acknowledged alarm begin anew, so that only later records decide whether it clears."""
     component, _, what = name.partition(": ")
-    epoch = state.epochs[state.governed_by.get(component, 0)]
+    epoch = state.epochs[state.epoch_of(component)]
     if epoch.charts is not None and epoch.limits is not None and (component, what) in epoch.scores:
         epoch.charts = epoch.limits.charts.restart(epoch.charts, epoch.scores.index((component, what)))
 

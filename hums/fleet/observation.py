@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-from hums.fleet.series import Series, series_of
+from hums.fleet.series import Series, joint_names, series_of
 
 __all__ = ["Observation", "observation", "order_key", "seconds_since_1970"]
 
@@ -53,16 +53,17 @@ def observation(row: Mapping[str, Any]) -> Observation:
     tachometers = [name for name, sensor, *_ in row.get("health", ()) if sensor == "tachometer" and name in sick]
     unjudged = "not analysed" if row["error"] else "sick tachometer" if tachometers else ""
     when, findings = row["recorded_at"], row.get("findings", ())
-    speed = row.get("speed_hz", math.nan)
+    speed, diagnosed = row.get("speed_hz", math.nan), {name for name, _, word, *_ in findings if word == "diagnosed"}
+    joint = joint_names(row) if diagnosed else {}
     return Observation(
         machine=row["machine"],
         record=row["record"],
         recorded_at=when if math.isfinite(seconds_since_1970(when)) else "",
-        values={} if unjudged else {key: x for key, x in series_of(row).items() if key.channel not in sick},
+        values={} if unjudged else series_of(row, without=sick),
         covariates=({"speed_hz": speed} if math.isfinite(speed) else {}) | row.get("covariates", {}),
         sick=sick,
         unjudged=unjudged,
-        diagnosed=() if unjudged else tuple(sorted({one for one, _, word, *_ in findings if word == "diagnosed"})),
+        diagnosed=() if unjudged else tuple(sorted({joint.get(name, name) for name in diagnosed})),
     )
 
 

@@ -4,6 +4,7 @@ import math
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from signals.monitoring.alarm_life import Life
 __all__ = ["write_page"]
 
 Array = NDArray[np.float64]
+_LONGEST_FOLDER_BYTES = 200  # file systems take 255
 _DRAWN = 50  # machines with figures, 0.3 MB of each with 2,000 records; all of them are in the table
 _COLUMNS = 1_000  # of a course: two values for each pixel of the widest figure
 _NAMED = 5  # components in colours and in the legend; the others are thin
@@ -162,7 +164,10 @@ def _short(moment: str) -> str:
 def _folder_name(machine: str, record: str) -> str:
     """Return a name for the folder of a record's report, made of letters that file systems take."""
     name = f"{machine} {Path(record).stem}".strip()
-    return "".join(letter if letter.isalnum() or letter in " -_." else "_" for letter in name)
+    plain = "".join(letter if letter.isalnum() or letter in " -_." else "_" for letter in name)
+    if len(plain.encode()) <= _LONGEST_FOLDER_BYTES:
+        return plain
+    return f"{plain[:40]} {sha256(plain.encode()).hexdigest()[:16]}"  # 40 letters have at most 160 bytes
 
 
 def _command(record: str, gearbox: str, folder: Path) -> str:
@@ -198,7 +203,7 @@ def _figures(history: MachineHistory, found: dict[str, KeptRecord], component: s
         return
     course = _course(kept)
     yield figure_html(_health(history, course, name), caption="Dashed: the limit. Shaded: the records of the baseline.")
-    epoch = history.state.epochs[history.state.governed_by.get(component.partition(": ")[0], 0)]
+    epoch = history.state.epochs[history.state.epoch_of(component.partition(": ")[0])]
     judged = [one for one, brought in zip(kept, history.records, strict=True) if not brought["why"]]
     drivers = driving_series(epoch, judged[-1].observation, component, most=_PANELS) if judged else ()
     if drivers:

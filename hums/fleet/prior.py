@@ -1,7 +1,7 @@
 """What is usual over machines, learned from healthy ones: deviations of indicators, and how scores depend on before."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
@@ -25,18 +25,18 @@ def read_prior() -> dict[str, Any]:
     return learned
 
 
-def prior_of(series: Sequence[Series], layout: Layout) -> Prior:
+def prior_of(series: Sequence[Series], layout: Layout, learned: Mapping[str, Any] | None = None) -> Prior:
     """Return the usual deviations of some series; of one that no machine of the prior had, that of most others."""
-    learned = read_prior()
+    learned = learned or read_prior()
     score = learned["score_std"] * np.power(np.maximum(layout.sizes, 1), learned["score_power"])
     known = learned["log_std"]
     usual = [known.get(key.indicator, float(np.median(list(known.values())))) for key in series]
     return Prior(series=np.array(usual), score=score, level=learned["level_std"], dof=learned["dof"])
 
 
-def healthy_scores() -> HealthyScores:
+def healthy_scores(learned: Mapping[str, Any] | None = None) -> HealthyScores:
     """Return the model of healthy scores that limits are made with."""
-    learned = read_prior()
+    learned = learned or read_prior()
     return HealthyScores(
         shares=tuple(tuple(row) for row in learned["shares"]),
         quantiles=tuple(tuple(row) for row in learned["quantiles"]),

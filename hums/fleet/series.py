@@ -1,7 +1,7 @@
 """Series that are watched: logarithms of the indicators and lines of a record, by channel, component and name."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -9,11 +9,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hums.gearbox.orders import BEARING_KINDS
 from signals.monitoring.health import FEWEST_LEVELS, Layout
 
-__all__ = ["LINE_LEVEL", "LINE_RATIO", "Series", "layout_of", "series_of", "vector"]
+__all__ = [
+    "LINE_LEVEL",
+    "LINE_RATIO",
+    "Series",
+    "SeriesValues",
+    "component_parts",
+    "joint_names",
+    "layout_of",
+    "series_of",
+    "vector",
+    "watched_component",
+]
 
 LINE_LEVEL, LINE_RATIO = "line_level", "line_over_surroundings"
+_JOINT, _AND = "one of ", ", "
+_WHOLE_SIGNAL = "record"
+_IMPULSES = "record (impulses)"
 _OF_HISTORY = ("na4", "nb4")  # whose own history they are held against: the charts do that here
 
 
@@ -45,29 +60,142 @@ class Series:
         return 2 if self.unit.endswith("2") and not self.unit.endswith("-2") else 1
 
 
-def series_of(row: Mapping[str, Any]) -> dict[Series, float]:
-    """Return the logarithms of the positive indicators and lines of one record's results.
+class SeriesValues(Mapping[Series, float]):
+    """Values (series,) under series, the same tuple for all records that have the same ones."""
+
+    def __init__(self, series: tuple[Series, ...], numbers: NDArray[np.float64]) -> None:
+        self.series, self.numbers = series, numbers
+
+    def __getitem__(self, key: Series) -> float:
+        if key not in self.series:
+            raise KeyError(key)
+        return float(self.numbers[self.series.index(key)])
+
+    def __iter__(self) -> Iterator[Series]:
+        return iter(self.series)
+
+    def __len__(self) -> int:
+        return len(self.series)
+
+
+def series_of(row: Mapping[str, Any], *, without: Collection[str] = ()) -> SeriesValues:
+    """Return the logarithms of the positive indicators and lines of one record's results, `without` some channels.
 
     The lines of a component in a spectrum are two series: the logarithm of the root mean square of their amplitudes,
-    and of what they are over their surroundings.
+    and of what they are over their surroundings. Bearings whose lines have the same orders are one component.
     """
-    found = {
-        _series(channel, component, kind, name, unit): math.log(value)
-        for channel, component, kind, name, unit, value in row.get("indicators", ())
-        if value > 0 and name not in _OF_HISTORY
-    }
-    lines: dict[tuple[str, ...], list[float]] = {}
-    for channel, spectrum, component, kind, _, _, unit, _, amplitude, snr, _ in row.get("lines", ()):
-        if amplitude is not None and snr is not None and math.isfinite(amplitude) and math.isfinite(snr):
-            sums = lines.setdefault((channel, spectrum, component, kind, unit), [0.0, 0.0, 0.0])
-            sums[0] += amplitude**2
-            sums[1] += snr**2
-            sums[2] += 1
-    for (channel, spectrum, component, kind, unit), (levels, ratios, count) in lines.items():
-        for name, of, square in ((LINE_LEVEL, unit, levels), (LINE_RATIO, "1", ratios)):
-            if square > 0:
-                found[_series(channel, component, kind, f"{spectrum} {name}", of)] = math.log(square / count) / 2
-    return found
+    indicators, lines = row.get("indicators", ()), row.get("lines", ())
+    keys, joint = tuple(tuple(one[:7]) for one in lines), tuple(sorted(joint_names(row).items()))
+    plan = _plan(tuple(tuple(one[:5]) for one in indicators), keys, joint, frozenset(without))
+    numbers = np.full(len(plan.series), np.nan)
+    logs = [math.log(one[5]) if one[5] > 0 else math.nan for one in indicators]
+    numbers[plan.of_indicators[plan.of_indicators >= 0]] = np.array(logs)[plan.of_indicators >= 0]
+    table = np.array([(one[8], one[9]) for one in lines], dtype=np.float64).reshape(-1, 2)
+    known = np.isfinite(table).all(axis=1)
+    groups = plan.of_lines[known]
+    count = np.bincount(groups, minlength=len(plan.line_places))
+    for column, places in enumerate(plan.line_places.T):
+        sums = np.bincount(groups, weights=table[known, column] ** 2, minlength=len(count))
+        numbers[places] = [math.log(x / n) / 2 if x > 0 else math.nan for x, n in zip(sums, count, strict=True)]
+    kept = np.isfinite(numbers) & plan.watched
+    return SeriesValues(_some(_Same(plan.series), kept.tobytes()), numbers[kept])
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Plan:
+    """Series of all rows with the same indicators and lines.
+
+    ``of_indicators`` is the place of the series of each indicator, -1 of none; ``of_lines`` the group of each line, and
+    ``line_places`` (groups, 2) those of its level and of what it is over its surroundings; ``watched`` is false for
+    channels that are left out.
+    """
+
+    series: tuple[Series, ...]
+    of_indicators: NDArray[np.int64]
+    of_lines: NDArray[np.int64]
+    line_places: NDArray[np.int64]
+    watched: NDArray[np.bool_]
+
+
+@lru_cache(maxsize=256)
+def _plan(
+    indicators: tuple[Any, ...], lines: tuple[Any, ...], joint: tuple[tuple[str, str], ...], without: frozenset[str]
+) -> _Plan:
+    names = dict(joint)
+    places: dict[Series, int] = {}
+    groups: dict[tuple[str, ...], int] = {}
+
+    def place(channel: str, component: str, kind: str, name: str, unit: str) -> int:
+        return places.setdefault(_series(channel, names.get(component, component), kind, name, unit), len(places))
+
+    of_indicators = [
+        -1 if name in _OF_HISTORY else place(channel, component, kind, name, unit)
+        for channel, component, kind, name, unit in indicators
+    ]
+    of_lines, line_places = [], []
+    for channel, spectrum, component, kind, _, _, unit in lines:
+        group = (channel, spectrum, names.get(component, component), kind, unit)
+        if group not in groups:
+            groups[group] = len(groups)
+            words = ((f"{spectrum} {name}", of) for name, of in ((LINE_LEVEL, unit), (LINE_RATIO, "1")))
+            line_places.append([place(channel, component, kind, name, of) for name, of in words])
+        of_lines.append(groups[group])
+    return _Plan(
+        series=tuple(places),
+        of_indicators=np.array(of_indicators, dtype=np.int64),
+        of_lines=np.array(of_lines, dtype=np.int64),
+        line_places=np.array(line_places, dtype=np.int64).reshape(-1, 2),
+        watched=np.array([key.channel not in without for key in places], dtype=np.bool_),
+    )
+
+
+class _Same:
+    """A thing that equals itself alone, so that a cache needs not compare hundreds of series."""
+
+    def __init__(self, thing: Any) -> None:  # noqa: ANN401
+        self.thing = thing
+
+    def __hash__(self) -> int:
+        return id(self.thing)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.thing is other.thing
+
+
+@lru_cache(maxsize=4096)
+def _some(series: _Same, kept: bytes) -> tuple[Series, ...]:
+    """Return the series that are kept, the same tuple for the same ones."""
+    return tuple(key for key, keep in zip(series.thing, np.frombuffer(kept, dtype=np.bool_), strict=True) if keep)
+
+
+@lru_cache(maxsize=4096)
+def _places(there: _Same, wanted: _Same) -> NDArray[np.int64]:
+    """Return where the wanted series stand among others, -1 of those that do not."""
+    at = {key: place for place, key in enumerate(there.thing)}
+    return np.array([at.get(key, -1) for key in wanted.thing], dtype=np.int64)
+
+
+def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
+    """Return the name under which each of several bearings is watched whose lines have the same orders.
+
+    What one of them shows, all show; watched apart, a fault of one would raise an alarm of each.
+    """
+    orders: dict[str, list[tuple[Any, ...]]] = {}
+    for one in row.get("lines", ()):
+        if one[3] in BEARING_KINDS:
+            orders.setdefault(one[2], []).append((one[0], one[1], *one[3:6], one[7]))
+    equal: dict[tuple[Any, ...], list[str]] = {}
+    for component, own in orders.items():
+        equal.setdefault(tuple(own), []).append(component)
+    groups = [sorted(names) for names in equal.values() if len(names) > 1]
+    return {name: _JOINT + _AND.join(names) for names in groups for name in names}
+
+
+def component_parts(component: str) -> tuple[str, ...]:
+    """Return the components that a watched name stands for: of "one of A, B" both, and the name itself."""
+    if not component.startswith(_JOINT):
+        return (component,)
+    return (component, *component.removeprefix(_JOINT).split(_AND))
 
 
 @lru_cache(maxsize=100_000)
@@ -76,14 +204,28 @@ def _series(channel: str, component: str, kind: str, indicator: str, unit: str) 
     return Series(channel=channel, component=component, kind=kind, indicator=indicator, unit=unit)
 
 
-def vector(found: Mapping[Series, float], series: Iterable[Series]) -> NDArray[np.float64]:
+def vector(found: Mapping[Series, float], series: tuple[Series, ...]) -> NDArray[np.float64]:
     """Return the values of some series, NaN where a record has none."""
+    if isinstance(found, SeriesValues):
+        return np.append(found.numbers, np.nan)[_places(_Same(found.series), _Same(series))]
     return np.array([found.get(key, math.nan) for key in series], dtype=np.float64)
+
+
+def watched_component(key: Series) -> str:
+    """Return the name under which a series is watched: its component.
+
+    Of the whole signal, what its few largest samples set (peak, and all without a unit: kurtosis, crest factor) is
+    watched apart from its levels: one impact raises the former, and the limits of a machine that has such bursts in its
+    baseline would be so wide that no growth of its level reaches them.
+    """
+    if key.component == _WHOLE_SIGNAL and (not key.power or key.indicator == "peak"):
+        return _IMPULSES
+    return key.component
 
 
 def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, ...], Layout]:
     """Return the names of components and of channels with a level, and which series belong to each, by kind."""
-    components = tuple(sorted({key.component for key in series}))
+    components = tuple(sorted({watched_component(key) for key in series}))
     powers = np.array([key.power for key in series], dtype=np.float64)
     absolute = {
         channel: np.array([i for i, key in enumerate(series) if key.channel == channel and key.power], dtype=np.int64)
@@ -92,7 +234,7 @@ def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, .
     channels = {name: those for name, those in absolute.items() if those.size >= FEWEST_LEVELS}
     kinds: dict[tuple[str, str], list[int]] = {}
     for number, key in enumerate(series):
-        kinds.setdefault((key.component, key.kind), []).append(number)
+        kinds.setdefault((watched_component(key), key.kind), []).append(number)
     groups = tuple(
         tuple(np.array(those, dtype=np.int64) for (component, _), those in sorted(kinds.items()) if component == name)
         for name in components

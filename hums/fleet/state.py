@@ -3,6 +3,7 @@
 import gzip
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -59,13 +60,12 @@ def read_state(path: Path) -> MachineState:
     """
     try:
         table = json.loads(gzip.decompress(path.read_bytes()))
-        if table["schema"] != SCHEMA:
-            raise MonitorError(
-                f"{path} holds {table['schema']!r}, where a state holds {SCHEMA!r}; watch from the start."
-            )
-        state = _decoded(table["state"])
-    except (OSError, EOFError, KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        schema = table["schema"]
+        state = _decoded(table["state"]) if schema == SCHEMA else None
+    except Exception as error:  # noqa: BLE001 - of damaged bytes: a broken archive, lists in the place of numbers
         raise MonitorError(f"{path}: this is no state of hums.watch ({error}); name the file that it wrote.") from None
+    if schema != SCHEMA:
+        raise MonitorError(f"{path} holds {schema!r}, where a state holds {SCHEMA!r}; watch from the start.")
     if not isinstance(state, MachineState):
         raise MonitorError(f"{path}: this is no state of hums.watch; name the file that it wrote.")
     return state
@@ -79,7 +79,7 @@ def _encoded(thing: Any) -> Any:  # noqa: ANN401
         return ["array", str(thing.dtype), list(thing.shape), thing.ravel().tolist()]
     if isinstance(thing, np.generic):
         return _encoded(np.asarray(thing))
-    if isinstance(thing, dict):
+    if isinstance(thing, Mapping):
         return ["dict", [[_encoded(key), _encoded(value)] for key, value in thing.items()]]
     if isinstance(thing, list | tuple):
         return [type(thing).__name__, [_encoded(one) for one in thing]]

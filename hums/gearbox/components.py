@@ -3,6 +3,7 @@
 import difflib
 import json
 import math
+import os
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
@@ -32,6 +33,7 @@ __all__ = [
     "closest",
     "coaxial_warning",
     "count",
+    "file_beside",
     "named_file",
     "parsed_toml",
     "planet_angles",
@@ -133,6 +135,12 @@ def named_file(name_or_path: str | Path, *, shipped: dict[str, Path], thing: str
     raise error(f'"{name}" is neither a .toml file nor a {thing} of the catalogue{closest(name, set(shipped))}')
 
 
+def file_beside(path: Path, name: str) -> str:
+    """Return the path of a file that another one beside it names; the name itself where there is no such file."""
+    beside = path.parent / name
+    return str(beside) if os.path.isfile(beside) else name  # noqa: PTH113 - False, too, of what no file can be named
+
+
 def shipped_files(package: str) -> dict[str, Path]:
     """Return the TOML files in the folder `catalogue` of a package, by stem."""
     folder = Path(str(files(package))) / "catalogue"
@@ -144,11 +152,15 @@ def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
     if path.is_dir():
         raise error(f"{path} is a directory; name a .toml file in it.")
     try:
+        if not path.is_file() and path.exists():  # a device may have no end
+            raise error(f"{path} is no regular file; write its text to one.")
         if path.stat().st_size > _MOST_BYTES:
             raise error(f"{path} has {path.stat().st_size} bytes; a hand-written file has at most {_MOST_BYTES}.")
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise error(f"{path}: there is no such file; check the path.") from None
+    except OSError as caught:
+        raise error(f"{path} cannot be read ({caught.strerror}); check who may read it.") from None
     except UnicodeDecodeError as caught:
         raise error(f"{path} is not UTF-8 text (byte {caught.start}); save it as UTF-8.") from None
     if not text.strip():
@@ -324,6 +336,8 @@ _MOST_COPIES = 100  # planets on a carrier: a dozen are many
 _MOST_TEETH = 100_000  # of a gear or a segmented ring: the largest have some thousands
 X_AXIS: Vector = (1.0, 0.0, 0.0)
 _ROUNDING = 0.05  # of the number of elements: above what a data sheet rounds
+_SPIN_ROUNDING = 1.25  # of a spin, which rests on the small difference inner - outer; a factor of two is no rounding
+_CAGE_ROUNDING = 0.05  # of the cage: some data sheets print one decimal
 
 
 class Axis(Declared):
@@ -462,7 +476,40 @@ class Multiples(Declared):
                 f"inner = {self.inner:g} is not above outer = {self.outer:g}; the inner race is struck more often, "
                 "so see whether the two are exchanged"
             )
+        self._check_rolling()
         return self
+
+    def _check_rolling(self) -> None:
+        """Refuse a cage or a spin that no elements rolling between the races of `inner` and `outer` could have.
+
+        With Z elements, ``g = (inner - outer) / Z`` is the projected diameter ratio ``d/D cos a``; the cage turns at
+        ``(1 - g) / 2`` and an element at ``cos a (1 - g^2) / (2 g)``, at most that of ``a = 0``; its diameter is at
+        most ``D sin(pi / Z)``, where neighbours touch, so that it turns at ``(1 - g^2) / (2 sin(pi / Z))`` or more.
+        """
+        count, ratio = self.inner + self.outer, (self.inner - self.outer) / (self.inner + self.outer)
+        cage = (1 - ratio) / 2
+        if abs(self.cage - cage) > _CAGE_ROUNDING:
+            held = " (this is the cage against the inner ring)" if abs(1 - self.cage - cage) < _CAGE_ROUNDING else ""
+            raise ValueError(
+                f"cage = {self.cage:g}{held}, but elements that roll at inner {self.inner:g} and outer {self.outer:g} "
+                f"carry it round at {cage:.3g}, outer ring at rest; correct one of the three"
+            )
+        key, spin = ("element_spin", self.element_spin) if self.element_spin else ("element_defect", self.defect / 2)
+        least = (1 - ratio**2) / (2 * sin(math.pi / max(2.0, count)))
+        most = (1 - ratio**2) / (2 * ratio)
+        if spin is not None and not least / _SPIN_ROUNDING <= spin <= most * _SPIN_ROUNDING:
+            times = 2 if key == "element_defect" else 1
+            hint = (
+                "; is it the defect on both races, twice the spin? Then call it element_defect"
+                if times == 1 and least <= spin / 2 <= most * _SPIN_ROUNDING
+                else "; is it one turn of the element? Then call it element_spin"
+                if times == 2 and least <= 2 * spin <= most * _SPIN_ROUNDING  # noqa: PLR2004
+                else ""
+            )
+            raise ValueError(
+                f"{key} = {times * spin:g} is impossible: elements that roll at inner {self.inner:g} and outer "
+                f"{self.outer:g}, and fit side by side, have {times * least:.3g} to {times * most:.3g}{hint}"
+            )
 
     @property
     def defect(self) -> float:

@@ -39,6 +39,7 @@ from hums.gearbox.components import (
     unit_vector,
     validated,
 )
+from hums.gearbox.field_descriptions import DESCRIPTIONS
 from signals._validation import SentenceError, checked
 
 __all__ = [
@@ -530,7 +531,6 @@ def gearbox_schema() -> dict[str, Any]:
     parts = schema["$defs"]
     # of the class's docstring only what describes a file, not its sections for Python
     schema["description"] = schema["description"].split("\n\n")[0]
-    name = {"type": "string", "minLength": 1}
     axis, mesh, bearing = parts["Axis"], parts["Mesh"], parts["Bearing"]
     # in a file an axis is a table under its name or, in short form, the list of its links
     del axis["properties"]["name"]
@@ -548,13 +548,16 @@ def gearbox_schema() -> dict[str, Any]:
         "minProperties": 1,
         "maxProperties": 2,
         "additionalProperties": {"type": "integer", "not": {"const": 0}},
-        "description": "Signed teeth of each gear: minus for an internal gear.",
     }
     mesh["required"] = ["teeth"]
-    bearing["properties"]["name"] = name
+    bearing["properties"]["name"] = {"type": "string", "minLength": 1}
     bearing["required"].remove("names")
     bearing["oneOf"] = [{"required": ["names"]}, {"required": ["name"]}]
     # the name defaults to that of the file
     schema["required"].remove("name")
+    for table, fields in DESCRIPTIONS.items():
+        properties = (schema if table == "Gearbox" else parts[table])["properties"]
+        for field, description in fields.items():
+            properties[field]["description"] = description
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     return schema

@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -24,7 +24,8 @@ View = Literal["section", "axial"]
 _STEEL, _FRAME = "#dfe6ee", "#c3cad3"
 _RIM = 0.14  # thickness of the rim of a ring gear, of its pitch radius
 _TEXT = 7.0  # points
-_LINE = 60  # characters of a note below a drawing: half of a page's width holds as many
+_LINE = 46  # characters of a note below a drawing: three inches hold as many
+_PASSES = 3  # of layout: names take room from the drawing, whose parts then move; the third moves nothing by a point
 _IN_PLANE = 1e-6
 
 
@@ -89,7 +90,7 @@ def draw_mechanism(
     ax.margins(0.08)
     ax.set_axis_off()
     notes = "\n".join(line for note in layout.notes for line in textwrap.wrap(note, _LINE))
-    ax.set_title(notes, loc="left", fontsize=_TEXT, color=INK, y=-0.02, va="top")
+    ax.set_title(notes, loc="center", ma="left", fontsize=_TEXT, color=INK, y=-0.02, va="top")
     if names:
         drawing.write_names(beside=view != "axial")
     return ax
@@ -300,23 +301,34 @@ class _Drawing:
         if beside:
             points = np.array([at for _, at, _ in labels])
             middle = float(points[:, 0].mean()) - _IN_PLANE
-            for side in (-1, 1):
-                self._write_column([label for label in labels if (label[1][0] < middle) == (side < 0)], side)
+            self.ax.plot(*points.T, ".", ls="", ms=3, color=INK, zorder=9)
+            names: list[Annotation] = []
+            for _ in range(_PASSES):
+                for name in names:
+                    name.remove()
+                names = [
+                    name
+                    for side in (-1, 1)
+                    for name in self._column([one for one in labels if (one[1][0] < middle) == (side < 0)], side)
+                ]
+                apply_layout(self.ax)
             return
         space = LabelSpace()
         for text, at, half in labels:
             pixels = np.diff(self.ax.transData.transform([(0.0, 0.0), (0.0, half)])[:, 1])[0] * 72 / self.ax.figure.dpi
             away = float(pixels) + 0.75 * _TEXT
-            written = self._write(text, at, xytext=(0, 0), textcoords="offset points", ha="center")
+            name = self._write(text, at, xytext=(0, 0), textcoords="offset points", ha="center")
             width = 3.2 * len(text) / 2 + away
             places = [(0.0, 0.0)]
             for step in (1.0, 1.6, 2.4, 3.4):
                 places += [(0.0, step * away), (0.0, -step * away), (step * width, 0.0), (-step * width, 0.0)]
                 places += [(step * width, step * away), (-step * width, -step * away)]
-            space.place_text(written, places)
+            space.place_text(name, places)
 
-    def _write_column(self, labels: list[tuple[str, Array, float]], side: int) -> None:
+    def _column(self, labels: list[tuple[str, Array, float]], side: int) -> Iterator[Annotation]:
         """Write the names of one side under each other, each as near as can be to the height of its part."""
+        if not labels:
+            return
         labels = sorted(labels, key=lambda label: float(label[1][1]))
         ends = np.array([self.ax.transData.transform(at)[1] for _, at, _ in labels])
         gap = 1.35 * _TEXT * point_size(self.ax)
@@ -328,10 +340,9 @@ class _Drawing:
             leader = {"arrowstyle": "-", "color": FAINT, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
             leader |= {"relpos": (0.0 if side > 0 else 1.0, 0.5)}
             place = to_data.transform((x, height))
-            self._write(
+            yield self._write(
                 text, at, xytext=place, textcoords="data", ha="left" if side > 0 else "right", arrowprops=leader
             )
-            self.ax.plot(*at, ".", ms=3, color=INK, zorder=9)
 
     def _write(self, text: str, at: Array, **where: Any) -> Annotation:  # noqa: ANN401  - settings of an annotation
         return self.ax.annotate(

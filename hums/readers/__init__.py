@@ -52,7 +52,7 @@ def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> Fo
     path : str or Path
         A .mat, .wav, .csv, .tdms, .uff, .unv, .h5, .hdf5, .npy or .npz file.
     most_bytes : int, optional
-        Bytes that one array of an HDF5 or .mat file may take; default a hundred times the
+        Bytes that one array of an HDF5, .mat or .npz file may take; default a hundred times the
         size of the file, or 64 MB.
 
     Returns
@@ -107,7 +107,7 @@ def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> Fo
         case ".npy" | ".npz":
             from hums.readers import numpy_files  # noqa: PLC0415
 
-            fields = numpy_files.read(file)
+            fields = numpy_files.read(file, most_bytes=most_bytes)
         case suffix:
             raise RecordError(
                 f'{file}: no reader for the suffix "{suffix}"; known are {", ".join(SUFFIXES)}. Export the signals '

@@ -11,6 +11,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from hums.records.fields import is_utf8
 from hums.records.record import UNITS, RecordError
 
 __all__ = ["Field", "ForeignFile", "Stated", "canonical_units", "rate_of_step"]
@@ -133,6 +134,10 @@ class ForeignFile:
             raise RecordError(f'{self.path.name} has no "{name}"{_closest(name, self.fields)} {self.contents()}')
         if isinstance(values, str):
             raise RecordError(f'{self.path.name}: "{name}" is {values}, not numbers. {self.contents()}')
+        if not is_utf8(self.name(name)):
+            raise RecordError(
+                f'{self.path.name}: the name "{name}" in it is not UTF-8 text; save the file with names in UTF-8.'
+            )
         if values.size != max(values.shape, default=1):
             raise RecordError(
                 f'{self.path.name}: "{name}" is a table of {_shape(values.shape)} values; a channel is one row or one '

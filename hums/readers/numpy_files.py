@@ -1,34 +1,79 @@
 """NumPy files: an array, or several by name; a table is columns by number."""
 
+import zipfile
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from hums.readers.columns import ArraysOnDisk, Field
 from hums.records.record import RecordError
+from hums.records.store import refuse_size
 
 __all__ = ["read"]
 
 _TABLE = 2  # dimensions
 
 
-def read(path: Path) -> dict[str, NDArray[np.generic] | str]:
+def read(path: Path, *, most_bytes: int | None = None) -> Mapping[str, Field]:
     """Return the arrays of a .npz by name, or the columns of the array of a .npy as "column 1", "column 2", ...
 
-    Objects are not unpickled: unpickling runs code that the file states.
+    Objects are not unpickled: unpickling runs code that the file states. An array of a .npz is read when it is asked
+    for.
     """
     try:
-        found = np.load(path, allow_pickle=False)
-        arrays = {"": found} if isinstance(found, np.ndarray) else {str(name): found[name] for name in found.files}
+        if not zipfile.is_zipfile(path):
+            return _columns(np.load(path, allow_pickle=False))
+        with zipfile.ZipFile(path) as archive:
+            described = {name.removesuffix(".npy"): _described(archive, name) for name in archive.namelist()}
     except Exception as error:  # a parser may fail in any way on damaged bytes
-        raise RecordError(
-            f"{path} is no NumPy file of numbers, or damaged ({error}). Write it again with numpy.save."
-        ) from error
-    fields: dict[str, NDArray[np.generic] | str] = {}
-    for name, array in arrays.items():
-        if not name and array.ndim == _TABLE:
-            fields |= {f"column {number}": column for number, column in enumerate(array.T, start=1)}
-        else:
-            plain = array.dtype.kind in "iuf" and array.size
-            fields[name or "column 1"] = array if plain else "empty" if not array.size else f"of type {array.dtype}"
-    return fields
+        raise _damaged(path, error) from error
+    return ArraysOnDisk(
+        {name: phrase or shape for name, (shape, _, phrase) in described.items()},
+        partial(_member, path, {name: size for name, (_, size, _) in described.items()}, most_bytes),
+    )
+
+
+def _columns(array: NDArray[Any]) -> dict[str, Field]:
+    if array.ndim == _TABLE:
+        return {f"column {number}": column for number, column in enumerate(array.T, start=1)}
+    return {"column 1": _phrase(array.dtype, array.size) or array}
+
+
+def _phrase(dtype: np.dtype[Any], size: int) -> str:
+    """Return what describes an array that is no row of numbers, "" for one that is."""
+    return "empty" if not size else "" if dtype.kind in "iuf" else f"of type {dtype}"
+
+
+def _described(archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], int, str]:
+    """Return the shape, the bytes and the phrase of an array, from its header."""
+    with archive.open(name) as stream:
+        shape, dtype = _header(stream)
+    size = int(np.prod(shape, dtype=object))  # a damaged shape may exceed 64 bits
+    return shape or (1,), size * dtype.itemsize, _phrase(dtype, size)
+
+
+def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    if npy.read_magic(stream) == (1, 0):
+        shape, _, dtype = npy.read_array_header_1_0(stream)
+    else:  # of columns with many names, which are described alone
+        shape, _, dtype = npy.read_array_header_2_0(stream)
+    return shape, dtype
+
+
+def _member(path: Path, sizes: Mapping[str, int], most_bytes: int | None, name: str) -> NDArray[np.generic]:
+    refuse_size(sizes[name], f'{path}: "{name}"', path.stat().st_size, most_bytes=most_bytes)
+    try:
+        with np.load(path, allow_pickle=False) as contents:
+            values: NDArray[np.generic] = contents[name]
+    except Exception as error:  # as above
+        raise _damaged(path, error) from error
+    return values if values.shape else values.reshape(1)
+
+
+def _damaged(path: Path, why: Exception) -> RecordError:
+    return RecordError(f"{path} is no NumPy file of numbers, or damaged ({why}). Write it again with numpy.save.")

@@ -180,6 +180,7 @@ class ReaderProcess:
 
     def _start(self) -> tuple[BaseProcess, Connection]:
         context: Any = multiprocessing.get_context("fork" if _FORKS else "spawn")
+        xr.Variable("sample", np.empty(1))  # xarray loads what it needs for arrays once, before the fork
         here, there = context.Pipe()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of forks beside threads, which the class refers to

@@ -28,7 +28,7 @@ def objects(file: h5py.File) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
     while waiting:
         where, group = waiting.pop()
         for name in group:
-            path = f"{where}/{name}"
+            path = f"{where}/{_utf8(name, file.filename)}"
             if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
                 raise RecordError(
                     f'{file.filename}: "{_shown(path)}" is an external link, into another file, and is not followed; '
@@ -46,6 +46,16 @@ def objects(file: h5py.File) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
             yield path, item
             if isinstance(item, h5py.Group):
                 waiting.append((path, item))
+
+
+def _utf8(name: str | bytes, filename: str) -> str:
+    """Return a name; refuse one that is not UTF-8, which h5py gives as bytes."""
+    if isinstance(name, bytes):
+        raise RecordError(
+            f'{filename}: the name "{_shown(name.decode(errors="surrogateescape"))}" in it is not UTF-8 text; rename '
+            "it in the program that wrote the file."
+        )
+    return name
 
 
 def refuse_reaching_out(file: h5py.File) -> None:

@@ -26,6 +26,7 @@ __all__ = [
     "check_name",
     "direction_of",
     "finite_number",
+    "is_utf8",
     "known_units",
     "plain_cell",
     "plain_repr",
@@ -147,7 +148,8 @@ def utc_text(moment: datetime | str | None) -> str:
     try:
         when = datetime.fromisoformat(moment) if isinstance(moment, str) else moment
         offset = when.utcoffset()
-    except (ValueError, AttributeError) as error:
+        utc = when.astimezone(UTC) if offset is not None else when
+    except (ValueError, AttributeError, OverflowError) as error:  # the last of the years 1 and 9999
         raise RecordError(
             f"recorded_at={plain_repr(moment)}: a datetime or ISO 8601, as 2013-03-11T03:00:24Z, is needed."
         ) from error
@@ -155,7 +157,7 @@ def utc_text(moment: datetime | str | None) -> str:
         raise RecordError(
             f"recorded_at={moment!s}: no time zone; add its offset from UTC, as {when.isoformat()}+01:00 or ...Z."
         )
-    return when.astimezone(UTC).isoformat().replace("+00:00", "Z")
+    return utc.isoformat().replace("+00:00", "Z")
 
 
 def positive_number(value: object, what: str, remedy: str) -> float:
@@ -177,10 +179,15 @@ def plain_repr(value: object) -> str:
     return brief(value.item() if isinstance(value, np.generic) else value)
 
 
+def is_utf8(name: str) -> bool:
+    """Return whether a name was UTF-8 where it was read: other bytes become surrogates, or the replacement sign."""
+    return "\ufffd" not in name and not any("\ud800" <= sign <= "\udfff" for sign in name)
+
+
 def check_name(name: object, what: str) -> None:
     """Refuse names that HDF5 cannot store, in which a slash opens a group, and names with a meaning of their own."""
     valid = isinstance(name, str) and name.strip() == name and name not in {"", ".", ".."}
-    if not isinstance(name, str) or not valid or "/" in name or "\0" in name:
+    if not isinstance(name, str) or not valid or "/" in name or "\0" in name or not is_utf8(name):
         raise RecordError(f"{what}: the name {name!r} cannot be kept in a file; use words without / and outer blanks.")
     if what != "truth" and (name in {"time", "nominal_speed"} or name.startswith("truth_")):
         raise RecordError(f'{what}: the name "{name}" has a meaning of its own in a record; choose another.')

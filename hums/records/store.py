@@ -24,7 +24,7 @@ import xarray as xr
 from hums.records._contained import fingerprint, objects, refuse_reaching_out, refuse_size, refuse_too_large
 from hums.records._netcdf import Chunks, DiskError, write_netcdf
 from hums.records.channels import kind_of
-from hums.records.fields import RecordWarning, plain_repr
+from hums.records.fields import RecordWarning, is_utf8, plain_repr
 from hums.records.record import SCHEMA, RecordError, attach_time, check_record, detach_time
 from signals._validation import checked
 
@@ -407,6 +407,8 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
     if not isinstance(path, str | os.PathLike) or "\0" in os.fspath(path):
         raise RecordError(f"path={plain_repr(path)[:100]}: the name of a file is needed, a str or Path without NUL.")
     file = Path(path)
+    if not is_utf8(str(file)):
+        raise RecordError(f"{file}: this name is not UTF-8 text, as tables and pages need; rename the file or folder.")
     if file.is_dir():
         raise RecordError(f"{file} is a directory; name a file in it.")
     if not file.exists():
@@ -490,6 +492,8 @@ def _write(groups: Mapping[str, tuple[xr.Dataset, Chunks]], path: str | os.PathL
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary file to write, which replaces `path` on success and is removed on failure."""
     target = Path(path).resolve()  # so that a symbolic link remains one
+    if not is_utf8(target.name):
+        raise RecordError(f"{path}: this name is not UTF-8 text, and what it names would not be opened; give another.")
     if target.is_dir():
         raise RecordError(f"{path} is a directory; name a file in it.")
     if not target.parent.is_dir():

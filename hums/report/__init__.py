@@ -14,13 +14,14 @@ from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.result import Analysis, check_analysis, indicator_table, line_table, save_analysis, summary
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.undeclared import undeclared_parts
 from hums.pages.page import stand_alone_page
 from hums.plots import coloured_components, draw_mechanism, svg
 from hums.records.fields import plain_cell
 from hums.records.store import atomic_write
 from hums.report.figures import Pictures, cursor_choices, sections
 from hums.report.indicators import indicator_tables, velocity_zones
-from hums.report.verdicts import CLASSES, component_styles, probability_words, verdict_rows
+from hums.report.verdicts import CLASSES, answer, component_styles, probability_words, verdict_rows, with_hz
 from signals._validation import checked
 
 Units: TypeAlias = Literal["rpm", "Hz"]
@@ -125,6 +126,7 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
     environment.filters["words"] = lambda kind: str(kind).replace("_", " ")
     environment.filters["chance"] = probability_words
     environment.filters["first_upper"] = _first_upper
+    environment.filters["hz"] = lambda text: with_hz(text, facts["speed_hz"]["mean"])
     environment.filters["sentence"] = lambda text: f"{_first_upper(text).rstrip('.')}."
     page_facts = {"speed_hz": facts["speed_hz"]["mean"], "reference": facts["reference"], "choices": choices}
     tail = [("components", "Components"), ("indicators", "Indicators"), ("health", "Sensors"), ("settings", "Settings")]
@@ -133,7 +135,9 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
         units=units,
         speed_text=speed_text(facts, units=units),
         contents=[("verdicts", "Verdicts"), *((section.name, section.title) for section in drawn), *tail],
+        answer=answer(facts),
         verdicts=verdict_rows(facts, past),
+        undeclared=undeclared_parts(_gearbox(analysis)),
         styles_of=CLASSES,
         zones=velocity_zones(facts["indicators"], facts["settings"].get("velocity_limits_mm_s")),
         machine_class=facts["settings"].get("machine_class", ""),
@@ -146,6 +150,9 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
         components=_components(facts),
         indicators=indicator_tables(facts["indicators"], facts["findings"]),
         sampled=_sampled(facts),
+        settings=[
+            (_words(name), _value(value)) for name, value in facts["settings"].items() if value not in (None, "")
+        ],
         page_facts=json.dumps(page_facts).replace("<", "\\u003c"),
     )
     ours = files("hums.report")
@@ -171,11 +178,37 @@ def speed_text(facts: Mapping[str, Any], *, units: Units = "rpm") -> str:
     known = ""
     if speed["nominal"]:
         known = ", declared (nominal)"
+        if speed["declared"] is not None:
+            known = f", refined from the declared {first[0] * speed['declared']:.5g} {first[1]} (nominal)"
     elif speed["tachometer"]:
         known = f", measured by {speed['tachometer']}"
     elif speed["estimated_from"]:
         known = f", estimated from channel {speed['estimated_from']} with confidence {speed['confidence']:.3f}"
     return f"{span(*first)} ({span(*second)}){known}"
+
+
+def _gearbox(analysis: Analysis) -> Gearbox:
+    return Gearbox.model_validate_json(analysis.attrs["gearbox_json"])
+
+
+_UNITS = {"hz": "Hz", "hz_s": "Hz/s", "mm_s": "mm/s"}
+
+
+def _words(name: str) -> str:
+    """Return the name of a setting in words, its unit in brackets."""
+    for ending, unit in sorted(_UNITS.items(), key=lambda pair: -len(pair[0])):
+        if name.endswith(f"_{ending}"):
+            return f"{name.removesuffix(f'_{ending}').replace('_', ' ')} ({unit})"
+    return name.replace("_", " ")
+
+
+def _value(value: object) -> str:
+    """Return the value of a setting in words."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_value, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _first_upper(text: str) -> str:
@@ -198,12 +231,12 @@ def _sampled(facts: Mapping[str, Any]) -> dict[str, str]:
 
 def _mechanism(analysis: Analysis, facts: Mapping[str, Any], styles: Mapping[str, str]) -> str:
     """Return the drawing of the mechanism as SVG, every part that was searched in the colour of its verdict."""
-    gearbox = Gearbox.model_validate_json(analysis.attrs["gearbox_json"])
+    gearbox = _gearbox(analysis)
     searched = {row["component"] for row in [*facts["orders"], *facts["envelope"]] if row["kind"] in _FAULT_KINDS}
     verdicts = dict.fromkeys(searched, "calm") | dict(styles)
     drawn = coloured_components(gearbox)
     colours = {part: _PART_COLOURS[style] for part, style in verdicts.items() if part in drawn}
-    return svg(lambda ax: draw_mechanism(gearbox, ax=ax, colours=colours), width=4.8, height=4.0)
+    return svg(lambda ax: draw_mechanism(gearbox, ax=ax, colours=colours), width=3.6, height=3.2)
 
 
 def _components(facts: dict[str, Any]) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.pictures import AVERAGES, KURTOGRAM, ORDER_MAP, WAVEFORM, pictures_of
 from hums.analysis.result import Analysis, envelope_bands, group
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, packed_codes
+from hums.report.verdicts import frequency_words, with_hz
 
 Floats = NDArray[np.floating[Any]]
 
@@ -42,6 +43,12 @@ class Pictures:
     styles: Mapping[str, str]
     past: Analysis | None = None
     past_name: str = ""
+
+    @property
+    def speed_hz(self) -> float | None:
+        """Mean speed of the reference in rev/s; None where the record does not say."""
+        speed: float | None = self.facts["speed_hz"]["mean"]
+        return speed
 
 
 def sections(pictures: Pictures) -> list[Section]:
@@ -106,7 +113,8 @@ def _spectra(pictures: Pictures, name: str) -> Iterator[str]:
                 "pastName": pictures.past_name,
             },
         )
-        resolution = f"{dataset.attrs['window'].capitalize()} window, {dataset.attrs['resolution_orders']:.2g} orders."
+        width = float(dataset.attrs["resolution_orders"])
+        resolution = f"{dataset.attrs['window'].capitalize()} window, resolution {_orders(pictures, width)}."
         band = _band_caption(bands[channel]) if name == ENVELOPE and channel in bands else ""
         yield figure_html(figure, caption=f"{band}{resolution}")
 
@@ -156,11 +164,35 @@ def _label(line: Mapping[Any, Any]) -> str:
     return f"{harmonic}{line['component']}{kind}{sideband}"
 
 
+def _orders(pictures: Pictures, width: float) -> str:
+    """Return a width in orders and in Hz at the mean speed."""
+    return with_hz(f"{width:.2g} orders", pictures.speed_hz)
+
+
+def _order(pictures: Pictures, order: float) -> str:
+    """Return a place in orders and in Hz at the mean speed."""
+    beside = "" if pictures.speed_hz is None else f", {frequency_words(order * pictures.speed_hz)}"
+    return f"order {order:.5g}{beside}"
+
+
 def _band_caption(band: Mapping[str, Any]) -> str:
     edges = f"{band['low_hz']:.6g} to {band['high_hz']:.6g} Hz"
     if not band["chosen"]:
         return f"Band {edges}, as given. "
     return " ".join([f"Band chosen from the record: {band['why']}", *band["doubts"]]) + " "
+
+
+def _kurtogram_caption(dataset: xr.Dataset, band: Mapping[str, Any] | None) -> str:
+    """Return how long the record is that a kurtogram is of, and where its frame comes from."""
+    frame = ""
+    if band is not None and band["chosen"]:
+        frame = (
+            " The demodulated band is the one in which bearing lines stand out most, which need not be that of the "
+            "highest kurtosis."
+        )
+    elif band is not None:
+        frame = " The demodulated band is the one that was asked for."
+    return f"{float(dataset.attrs['seconds']):.4g} s; 0 is Gaussian noise.{frame}"
 
 
 # ---- Maps, tracks, averages, kurtograms, waveforms and speed ---------------------------------------------------------
@@ -210,7 +242,7 @@ def _tracks(pictures: Pictures, name: str) -> Iterator[str]:
         faulty = np.array([str(name) in pictures.styles for name in mine["component"].to_numpy()])
         rows = [
             {
-                "name": f"{_label(_track_line(mine, at))}, order {float(mine['track_order'][at]):.5g}",
+                "name": f"{_label(_track_line(mine, at))}, {_order(pictures, float(mine['track_order'][at]))}",
                 "real": packed(amplitude[at].real),
                 "imag": packed(amplitude[at].imag),
                 "std": packed(mine["std"].to_numpy()[at]),
@@ -235,7 +267,7 @@ def _tracks(pictures: Pictures, name: str) -> Iterator[str]:
                 height_px=560,
                 data=data,
             ),
-            caption=_parts_caption(mine) if of_parts else _tracks_caption(mine),
+            caption=with_hz(_parts_caption(mine) if of_parts else _tracks_caption(mine), pictures.speed_hz),
         )
 
 
@@ -257,7 +289,7 @@ def _parts_caption(tracks: xr.Dataset) -> str:
         depth = np.nanmean(np.abs(one["complex_amplitude"].to_numpy())) / float(one["level"])
         said.append(
             f"{_label(_track_line(tracks, at))}: envelope from {float(one['band_low_hz']):.5g} to "
-            f"{float(one['band_high_hz']):.5g} Hz, modulated by {depth:.1%} of its mean{follows}, bandwidth "
+            f"{float(one['band_high_hz']):.5g} Hz, modulated by {depth:.1%} of its mean along it{follows}, bandwidth "
             f"{float(one['bandwidth_orders']):.2g} orders"
         )
     return (
@@ -320,9 +352,11 @@ def _averages(pictures: Pictures) -> Iterator[str]:
                 "yaxis": {"title": {"text": f"average, {units}"}, "domain": [0.55, 1]},
                 "yaxis2": {"title": {"text": f"difference, {units}"}, "domain": [0, 0.45]},
                 "margin": {"b": 84},
+                "showlegend": len(gears[name]) > 1,
             },
         )
-        yield figure_html(figure, caption=f"{revolutions} revolutions.")
+        said = f"{revolutions} revolutions." + (f" Channel {gears[name][0][0]}." if len(gears[name]) == 1 else "")
+        yield figure_html(figure, caption=said)
 
 
 def _kurtograms(pictures: Pictures) -> Iterator[str]:
@@ -369,12 +403,7 @@ def _kurtograms(pictures: Pictures) -> Iterator[str]:
                 "shapes": shapes,
             },
         )
-        seconds = float(dataset.attrs["seconds"])
-        yield figure_html(
-            figure,
-            caption=f"{seconds:.4g} s; 0 is Gaussian noise. The demodulated band is the one in which bearing lines "
-            "stand out most, which need not be that of the highest kurtosis.",
-        )
+        yield figure_html(figure, caption=_kurtogram_caption(dataset, bands.get(channel)))
 
 
 def _waveforms(pictures: Pictures) -> Iterator[str]:

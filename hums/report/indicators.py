@@ -14,7 +14,21 @@ _TITLES = {
     "bearing": "bearings",
 }
 _PARTS = 6  # side by side in a table, so that it fits on a sheet
-_VELOCITY = ("RMS velocity of the vibration, in the band of ISO 20816-1", "unbalance, misalignment, looseness")
+_OURS = {
+    "velocity_rms": (
+        "RMS velocity of the vibration, in the band of ISO 20816-1",
+        "unbalance, misalignment, looseness",
+    ),
+    "modulation": (
+        "Lines of this defect in the envelope over its mean, in the band where they are largest, explained or not",
+        "a spall on the race or element of that order, and lines of other parts that fall on it",
+    ),
+    "tooth_outlier": (
+        "How far the energy of the most active tooth stands above the other teeth, in their standard deviations",
+        "one damaged tooth, a single pitch deviation",
+    ),
+}
+_UNIT_WORDS = {"1": "", "mm s-1": "mm/s", "g2": "g\N{SUPERSCRIPT TWO}", "m s-2": "m/s\N{SUPERSCRIPT TWO}"}
 _ZONES = (
     ("A", "calm", "as of a newly commissioned machine"),
     ("B", "calm", "acceptable for unrestricted long-term operation"),
@@ -63,7 +77,7 @@ def _table(channel: str, kind: str, rows: Rows, findings: Rows) -> dict[str, Any
     """Return one table: bearings in rows, since there are many; other components in columns."""
     parts = list(dict.fromkeys(row["part"] for row in rows))
     names = list(dict.fromkeys(row["indicator"] for row in rows))
-    units = {row["indicator"]: row["unit"] for row in rows}
+    units = {row["indicator"]: _UNIT_WORDS.get(row["unit"], row["unit"]) for row in rows}
     cells = {(row["indicator"], row["part"]): _cell(row, findings) for row in rows}
     table = {
         "title": f"{_TITLES[kind][0].upper()}{_TITLES[kind][1:]}, {channel}",
@@ -72,7 +86,7 @@ def _table(channel: str, kind: str, rows: Rows, findings: Rows) -> dict[str, Any
     }
     if kind == "bearing":  # many of them, and few indicators
         return table | {
-            "head": ["part", *(f"{_words(name)}, {units[name]}" for name in names)],
+            "head": ["part", *(", ".join(filter(None, [_words(name), units[name]])) for name in names)],
             "rows": [{"name": part, "cells": [cells.get((n, part), _NONE) for n in names]} for part in parts],
             "meanings": [f"{_words(name)}: {_meaning(name)}" for name in names],
         }
@@ -95,7 +109,7 @@ def _meaning(name: str) -> str:
     """Return one sentence on an indicator: what it is, from its function, and what raises it."""
     known = INDICATORS.get(name) or INDICATORS.get(name.removesuffix("_ratio"))
     if known is None:
-        what, raised_by = _VELOCITY if name == "velocity_rms" else (_words(name), "")
+        what, raised_by = _OURS.get(name) or (_words(name), "")
     else:
         what = (known.function.__doc__ or "").splitlines()[0].removeprefix("Return ").rstrip(".")
         raised_by = known.raised_by

@@ -31,7 +31,7 @@ const report = (() => {
     type: "line", x0: line.x, x1: line.x, yref: "paper", y0: 0, y1: 1, layer: "below", name: "cursor",
     line: {color: "--watch", width: line.width, dash: line.dash}}));
 
-  const LABEL_PX = 13;  // of one line of text, upright
+  const LABEL_PX = 14;  // of one line of text, upright
   function labels(data, figure, factor, last) {
     const canvas = figure.canvas, drawn = canvas._fullLayout;
     const zoomed = drawn && drawn.xaxis && figure.state.unit === unit().name ? drawn.xaxis.range : [0, last * factor];
@@ -42,13 +42,13 @@ const report = (() => {
       if (at < 0 || at > width || taken.some((other) => Math.abs(other - at) < LABEL_PX)) continue;
       taken.push(at);
       said.push({x: line.order * factor, y: 1, yref: "paper", yanchor: "bottom", textangle: -90, showarrow: false,
-                 text: line.label.replace("<", "&lt;"), font: {size: 10, color: line.style ? `--${line.style}` : "--faint"}});
+                 text: line.label.replace("<", "&lt;"), font: {size: 11, color: line.style ? `--${line.style}` : "--faint"}});
     }
     return said;
   }
 
   pages.views.spectrum = (data, figure) => {
-    const {factor, name, text} = unit(), scale = chosen("scale") || (data.log ? "log" : "linear");
+    const {factor, name, text} = unit(), mean = facts.speed_hz, scale = chosen("scale") || (data.log ? "log" : "linear");
     const db = (values) => values.map((value) => 20 * Math.log10(Math.max(value, 1e-30)));
     const y = (values) => scale === "dB" ? db(values) : values;
     const last = data.now.x[data.now.x.length - 1];
@@ -62,8 +62,9 @@ const report = (() => {
     traces.push(curve(data.now, "this record", "--line", 0.8));
     const group = (called, style, lines) => lines.length && traces.push({type: "scatter", mode: "markers", name: called,
       x: lines.map((line) => line.order * factor), y: y(lines.map((line) => line.amplitude)),
-      marker: {color: style, size: 6}, customdata: lines.map((line) => [line.label, line.nominal, line.snr]),
-      hovertemplate: `%{customdata[0]}<br>%{x:.6g} ${name} (nominal order %{customdata[1]:.5g})<br>%{y:.4g}, ` +
+      marker: {color: style, size: 6}, customdata: lines.map((line) => [line.label, line.nominal, line.snr, line.order, line.order * mean, 60 * line.order * mean]),
+      hovertemplate: `%{customdata[0]}<br>order %{customdata[3]:.5g} (nominal %{customdata[1]:.5g})` +
+        (mean ? `, %{customdata[4]:.5g} Hz, %{customdata[5]:.5g} CPM` : "") + `<br>%{y:.4g}, ` +
         `%{customdata[2]:.3g} times its surroundings<extra></extra>`});
     const claimed = data.lines.filter((line) => line.claimed);
     group("claimed lines", "--ink", claimed.filter((line) => !line.style));
@@ -78,7 +79,7 @@ const report = (() => {
     const longest = Math.max(0, ...claimed.map((line) => line.label.length));
     const looked = data.lines.filter((line) => !line.claimed).map((line) => ({type: "line", name: "looked for",
       x0: line.order * factor, x1: line.order * factor, yref: "paper", y0: 0, y1: 0.02, line: {color: "--faint", width: 1}}));
-    const band = Math.min(230, 36 + 5.6 * longest), annotations = labels(data, figure, factor, last);
+    const band = Math.min(250, 36 + 6.2 * longest), annotations = labels(data, figure, factor, last);
     figure.state.unit = name;
     return {traces, height: 330 + band, layout: {
       uirevision: `${name} ${scale}`, margin: {t: band, b: 84},
@@ -121,7 +122,7 @@ const report = (() => {
                shapes: name === "orders" ? cursorShapes(1).map((shape) => ({...shape, layer: "above"})) : []}};
   };
 
-  pages.views.tracks = (data) => {
+  pages.views.tracks = (data, figure) => {
     const against = chosen("against"), rpm = speedUnit(), colour = (place) => `--c${place % 8}`;
     const shown = (track) => track.shown ? true : "legendonly", traces = [];
     const size = (track) => track.real.map((re, at) => Math.hypot(re, track.imag[at]));
@@ -153,7 +154,8 @@ const report = (() => {
           hovertemplate: "%{x:.5g}: %{y:.4g}<extra>%{fullData.name}</extra>"});
       }
     });
-    return {traces, layout: {uirevision: against, margin: {b: 130},
+    const narrow = figure.width < 600;  // a legend in one column takes half the height
+    return {traces, ...(narrow ? {height: 780} : {}), layout: {uirevision: against, margin: {b: 130},
       xaxis: {title: {text: bySpeed ? `speed of ${facts.reference}, ${rpm.name}` : "time, s"}, anchor: "y2"},
       yaxis: {title: {text: `amplitude, ${data.units}`}, domain: [0.5, 1], rangemode: "tozero"},
       yaxis2: {title: {text: "phase, degrees"}, domain: [0, 0.44]}}};

@@ -1,5 +1,6 @@
 """Verdict strip of a report: part, certainty, severity, since when, and what to do next, from the findings alone."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from hums.analysis.findings import (
     not_judged_words,
     where_none_is_named,
 )
+from hums.analysis.thresholds import FAULTY_DEPTH
 from hums.gearbox.orders import BEARING_KINDS
 
 CLASSES = {DIAGNOSED: "alarm", INDICATED: "watch", NOT_JUDGED: "unknown", NOTHING_FOUND: "calm"}
@@ -19,6 +21,10 @@ CLASSES = {DIAGNOSED: "alarm", INDICATED: "watch", NOT_JUDGED: "unknown", NOTHIN
 _RARE = 1e-6
 _SAME_LINE_ORDERS = 1e-9
 _GROWN = 1.5  # our choice: amplitudes of a sound machine vary by less from record to record at one speed and load
+_SEVERE_DEPTH = 0.5  # our choice: the impacts then swing the band between a half and one and a half times its mean
+_NEARER = 2.0  # our choice: 6 dB, since the paths to two sensors differ by as much on a sound machine
+_ORDERS = re.compile(r"\b(\d+(?:\.\d+)?)(?: to (\d+(?:\.\d+)?))? orders\b")
+_NUMBERED = re.compile(r"\b((?:harmonic|sideband) [+-]?\d+ at (\d+\.\d+))")
 
 Facts = Mapping[str, Any]
 
@@ -30,6 +36,61 @@ def probability_words(probability: float) -> str:
     if probability < 0.1:  # noqa: PLR2004
         return f"1 in {1 / probability:,.0f}"
     return f"{100 * probability:.0f} in 100"
+
+
+def frequency_words(hz: float) -> str:
+    """Return a frequency in Hz with four digits, never in powers of ten: "57.58 Hz", "12345 Hz"."""
+    return f"{hz:.4g} Hz" if abs(hz) < 1e4 else f"{hz:.0f} Hz"  # noqa: PLR2004
+
+
+def with_hz(text: str, speed_hz: float | None) -> str:
+    """Return a text with the frequency beside every order in it, at one speed of the reference in rev/s.
+
+    Examples
+    --------
+    >>> from hums.report.verdicts import with_hz
+    >>> with_hz("line at 2.557 orders; supported by harmonic 2 at 5.113.", 25.0)
+    'line at 2.557 orders = 63.92 Hz; supported by harmonic 2 at 5.113 = 127.8 Hz.'
+    """
+    if speed_hz is None:
+        return text
+
+    def beside(match: re.Match[str]) -> str:
+        ends = [frequency_words(float(order) * speed_hz) for order in match.groups() if order]
+        return f"{match.group(0)} = {' to '.join(ends)}"
+
+    said = _ORDERS.sub(beside, text)
+    return _NUMBERED.sub(lambda match: f"{match.group(1)} = {frequency_words(float(match.group(2)) * speed_hz)}", said)
+
+
+def answer(facts: Facts) -> list[tuple[str, str]]:
+    """Return the report's answer in a few sentences, each with its class, for those who read no further."""
+    said = []
+    for verdict, words in ((DIAGNOSED, "Damaged"), (INDICATED, "Possibly damaged")):
+        parts = [f"{row['component']} ({_kind(row)})" for row in facts["findings"] if row["verdict"] == verdict]
+        if parts:
+            said.append((CLASSES[verdict], f"{words}: {', '.join(parts)}."))
+    every = facts.get("verdicts", ())
+    counts = {verdict: sum(row["verdict"] == verdict for row in every) for verdict in (NOTHING_FOUND, NOT_JUDGED)}
+    if counts[NOTHING_FOUND]:
+        rest = "the other " if said else ""
+        said.append((CLASSES[NOTHING_FOUND], f"Nothing found in {rest}{_checks(counts[NOTHING_FOUND])}."))
+    if counts[NOT_JUDGED]:
+        said.append((CLASSES[NOT_JUDGED], f"{_checks(counts[NOT_JUDGED])} could not be made."))
+    said += [
+        (CLASSES[DIAGNOSED], f"The {item['sensor']} {item['name']} is faulty.")
+        for item in facts["health"]
+        if item["status"] == "sick"
+    ]
+    return said or [(CLASSES[NOTHING_FOUND], "Nothing found.")]
+
+
+def _checks(number: int) -> str:
+    return "1 check" if number == 1 else f"{number} checks"
+
+
+def _kind(row: Mapping[str, Any]) -> str:
+    return str(row["kind"]).replace("_", " ")
 
 
 def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]]:
@@ -45,7 +106,8 @@ def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]
     Returns
     -------
     list of dict
-        part, kind, verdict, style (class), sure, severity, since, next and evidence, in words.
+        part, kind, verdict, word (for the verdict), style (class), unjudged (parts), line, sure, severity, nearer,
+        since, next, evidence and least_change, in words; empty where nothing is known.
     """
     rows = [_row(finding, facts, past) for finding in facts["findings"]]
     rows.sort(key=lambda row: list(CLASSES).index(row["verdict"]) if row["verdict"] in CLASSES else len(CLASSES))
@@ -58,21 +120,36 @@ def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]
             "records show as much."
         )
         since = "" if past is None else _before(past)
-        return [_of_the_rest(facts["machine"] or facts["gearbox"], verdict, sure, since)]
+        row = _of_the_rest(facts["machine"] or facts["gearbox"], verdict, sure, since, _unjudged_parts(every))
+        partly = verdict == NOT_JUDGED and any(one["verdict"] == NOTHING_FOUND for one in every)
+        return [row | ({"word": "not judged in part"} if partly else {})]
     if unjudged := not_judged_words(every):
-        rows.append(_of_the_rest("Other parts", NOT_JUDGED, unjudged, ""))
+        rows.append(_of_the_rest("Other parts", NOT_JUDGED, unjudged, "", _unjudged_parts(every)))
     return rows
 
 
-def _of_the_rest(part: str, verdict: str, sure: str, since: str) -> dict[str, str]:
+def _unjudged_parts(every: Sequence[Mapping[str, Any]]) -> str:
+    """Return which parts could not be judged, by kind of damage."""
+    kinds: dict[str, list[str]] = {}
+    for row in every:
+        if row["verdict"] == NOT_JUDGED and "component" in row:
+            kinds.setdefault(_kind(row), []).append(row["component"])
+    return "; ".join(f"{kind} of {', '.join(dict.fromkeys(parts))}" for kind, parts in kinds.items())
+
+
+def _of_the_rest(part: str, verdict: str, sure: str, since: str, unjudged: str) -> dict[str, str]:
     """Return the row of the parts that are not named."""
     return {
         "part": part,
         "kind": "",
         "verdict": verdict,
+        "word": verdict,
         "style": CLASSES[verdict],
         "sure": sure,
-        "severity": "none seen" if verdict == NOTHING_FOUND else "unknown",
+        "unjudged": unjudged,
+        "line": "",
+        "nearer": "",
+        "severity": "",
         "since": since,
         "next": "The table of components says of each part what would let it be judged."
         if verdict == NOT_JUDGED
@@ -103,11 +180,15 @@ def _row(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> dict[s
     verdict = finding["verdict"]
     return {
         "part": finding["component"],
-        "kind": finding["kind"].replace("_", " "),
+        "kind": _kind(finding),
         "verdict": verdict,
+        "word": verdict,
+        "unjudged": "",
         "style": CLASSES.get(verdict, "unknown"),
+        "line": _line_words(finding, facts),
         "sure": _sure(finding),
         "severity": _severity(finding),
+        "nearer": _nearer(finding, facts),
         "since": _since(finding, facts, past),
         "next": _next(finding, facts),
         "evidence": finding["evidence"],
@@ -124,18 +205,63 @@ def _sure(finding: Mapping[str, Any]) -> str:
         if name != "false_alarm_probability":
             said.append(f"{name.replace('_', ' ')} {probability_words(value)}")
         elif finding.get("strength") is None:
-            said.append(f"a sound gear shows as much in {probability_words(value)} records")
+            said.append(f"{probability_words(value)} records of sound gears show as much")
         else:
-            said.append(f"healthy machines show as much in {probability_words(value)} records")
+            said.append(f"{probability_words(value)} records of healthy machines show as much")
     return "; ".join(said)
 
 
+def _line_words(finding: Mapping[str, Any], facts: Facts) -> str:
+    """Return where the line of a finding stands: in orders, Hz and CPM at the mean speed; a tooth has no line."""
+    speed, order = facts.get("speed_hz", {}).get("mean"), finding.get("order_found")
+    if speed is None or not order or finding["kind"] == "tooth":
+        return ""
+    return f"order {order:.5g}, {frequency_words(order * speed)}, {60 * order * speed:.5g} CPM at the mean speed"
+
+
 def _severity(finding: Mapping[str, Any]) -> str:
-    """Return what is known of the severity; that it needs an earlier record stands under "since when"."""
-    said = [part for part in finding.get("severity", "").split("; ") if part and not part.startswith("unknown")]
+    """Return how severe a finding is: in words where it has a scale, else why it has none; then its size.
+
+    That it needs an earlier record stands under "since when".
+    """
+    depth = finding.get("depth")
+    if finding["kind"] in BEARING_KINDS and depth is not None:
+        word = "slight" if depth < FAULTY_DEPTH else "moderate" if depth < _SEVERE_DEPTH else "severe"
+        scale = f"below {FAULTY_DEPTH:.0%} is slight, from {_SEVERE_DEPTH:.0%} on severe"
+        said = [f"{word}: its impacts modulate the band by {depth:.1%}, where {scale}"]
+    elif finding["kind"] == "tooth":
+        said = ["no scale: how much a damaged tooth shows depends on load and path; its growth says more"]
+    else:
+        said = [part for part in finding.get("severity", "").split("; ") if part and not part.startswith("unknown")]
     if finding.get("amplitude") is not None:
         said.append(f"{finding['amplitude']:.3g} {finding['units']}, {finding['snr']:.3g} times its surroundings")
     return "; ".join(said) or "not measured"
+
+
+def _nearer(finding: Mapping[str, Any], facts: Facts) -> str:
+    """Return which sensor a bearing's fault is nearer to, where its line says so; empty with a single sensor."""
+    sick = {item["name"] for item in facts["health"] if item["status"] == "sick"}
+    largest: dict[str, float] = {}
+    for line in facts["envelope"]:
+        same = (line["component"], line["kind"], line["units"]) == (
+            finding["component"],
+            finding["kind"],
+            finding["units"],
+        )
+        if same and (line["harmonic"], line["sideband"]) == (1, 0) and line["channel"] not in sick:
+            largest[line["channel"]] = max(line["amplitude"], largest.get(line["channel"], 0.0))
+    if len(largest) < 2:  # noqa: PLR2004
+        return ""
+    first, second = sorted(largest, key=lambda channel: -largest[channel])[:2]
+    ratio = largest[first] / largest[second] if largest[second] > 0 else float("inf")
+    if ratio < _NEARER:
+        return (
+            f"not resolved: its line at {first} is {ratio:.2g} times that at {second}, and paths alone differ by as "
+            f"much (below {_NEARER:g})"
+        )
+    places = {one["name"]: one["sensor"] for one in facts.get("channels", ()) if one.get("sensor")}
+    where = f" ({places[first]})" if first in places else ""
+    return f"nearer to {first}{where}: its line there is {ratio:.2g} times that at {second}, the next"
 
 
 def _since(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> str:

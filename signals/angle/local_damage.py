@@ -46,10 +46,10 @@ __all__ = [
     "residual_energies",
 ]
 
-FEWEST_TURNS = 8
-"""Turns of a gear that a judgement needs: eight blocks, so that the scatter of a block is estimated from eight."""
+FEWEST_TURNS = 4
+"""Turns of a gear that a judgement needs: rotations of fewer blocks than four repeat by chance too often."""
 
-_BLOCKS = (8, 24)  # least and most blocks; more blocks cost time in the permutations and no longer sharpen the scatter
+_BLOCKS = (8, 24)  # least, of as many turns, and most; more cost time and no longer sharpen the scatter
 _FEWEST_CELLS, _LEAST_CELLS, _MOST_CELLS = 10, 24, 128  # of a turn: needed, aimed at, and most
 _FLOOR = 0.1  # of a turn's geometric mean energy: bounds the logarithm from below
 _WIDTHS = (1, 2, 4, 8)  # cells
@@ -238,7 +238,7 @@ def folded(
     cell = np.floor((place - turn + 1e-9) * cells).astype(int)
     index = ((turn - first) * cells + np.clip(cell, 0, cells - 1))[inside]
     seen = np.bincount(index, minlength=turns * cells).reshape(turns, cells)
-    blocks = int(np.clip(turns // 2, *_BLOCKS))
+    blocks = min(turns, int(np.clip(turns // 2, *_BLOCKS)))
     edges = np.linspace(0, turns, blocks + 1).astype(int)[:-1]
     values = np.empty((bands, blocks, cells))
     for band in range(bands):

@@ -6,7 +6,7 @@ judged. A gain that drifts is then no fault of a component.
 """
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,11 @@ class Layout:
     components: tuple[tuple[Indices, ...], ...]
     channels: tuple[Indices, ...] = ()
     powers: Array
+
+    @cached_property
+    def series(self) -> tuple[Indices, ...]:
+        """Series of each component, of all its kinds."""
+        return tuple(np.concatenate(kinds) for kinds in self.components)
 
     @property
     def sizes(self) -> Array:

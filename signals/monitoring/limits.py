@@ -92,17 +92,23 @@ def _probabilities() -> Array:
     return np.concatenate([_PROBABILITIES, 1 - _BEYOND])
 
 
-def tail_quantiles(values: Array) -> tuple[float, ...]:
+def tail_quantiles(values: Array, independent: float = math.inf) -> tuple[float, ...]:
     """Return quantiles of values (n,), of mean 0 and standard deviation 1, up to a probability of 1e-5 above.
 
-    The largest twentieth is continued as an exponential distribution of their mean excess, for a sample is no
+    The largest twentieth is continued as an exponential distribution of their mean excess m, for a sample is no
     distribution beyond its largest value (peaks over a threshold; Pickands 1975, Ann. Stat. 3(1), 119-131, of shape 0).
+    Of few `independent` values that mean is uncertain: of k in the tail, the next one exceeds it by x with the
+    probability (1 + x/(k m))^-k (predictive distribution; Aitchison and Dunsmore 1975, Statistical Prediction
+    Analysis), which is exp(-x/m) for many.
     """
     standard = (values - values.mean()) / values.std()
     start = float(np.quantile(standard, 1 - _TAIL_SHARE))
     excess = float((standard[standard > start] - start).mean())
-    body = np.quantile(standard, _PROBABILITIES)
-    return (*map(float, body), *map(float, start + excess * np.log(_TAIL_SHARE / _BEYOND)))
+    body, times = np.quantile(standard, _PROBABILITIES), np.log(_TAIL_SHARE / _BEYOND)
+    if math.isfinite(independent):
+        few = max(1.0, _TAIL_SHARE * independent)
+        times = few * np.expm1(times / few)
+    return (*map(float, body), *map(float, start + excess * times))
 
 
 def own_scores(scores: Array, correlation: Correlation | None = None) -> tuple[HealthyScores, float]:
@@ -127,12 +133,15 @@ def own_scores(scores: Array, correlation: Correlation | None = None) -> tuple[H
     if not varying:
         return HealthyScores(correlation=lengths), 0.0
     shares = np.array([variance_shares(one, lengths) for one in varying])
+    effective = effective_records(shares, scores.shape[0], lengths)
     model = HealthyScores(
         shares=tuple((float(w), float(x), float(y), float(z)) for w, x, y, z in shares),
-        quantiles=tuple(tail_quantiles(one[np.isfinite(one)]) for one in varying),
+        quantiles=tuple(
+            tail_quantiles(one[np.isfinite(one)], float(known)) for one, known in zip(varying, effective, strict=True)
+        ),
         correlation=lengths,
     )
-    return model, float(np.median(effective_records(shares, scores.shape[0], lengths)))
+    return model, float(np.median(effective))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,16 +171,28 @@ class ChartLimits:
         return np.asarray(np.maximum((state.values / limits).max(axis=0), 0.0))
 
     def headroom(self, baseline: Array, rule: AlarmRule) -> Array:
-        """Return the index (...) that scores of a baseline (records, ...) reach by the rule m of n, at least 1.
+        """Return by how much limits (...) are wider for scores that raise an alarm in their baseline (records, ...).
 
-        An alarm that the records of the baseline would have raised by themselves is part of what was normal: the index
-        of later records is divided by it. Single bad records, which the rule leaves out, do not count.
+        An alarm that the records of a baseline raise by the rule m of n shows that bursts are normal there,
+        and the index of later records is divided by this factor, 1 elsewhere. Single bad records, which the rule leaves
+        out, do not count. k bursts of n records that exceed the limit u by a sum s are taken as exponential of unknown
+        mean; the next one then exceeds u + x with the probability (1 + x/s)^-k (predictive distribution with a prior
+        flat in the logarithm of the mean; Aitchison and Dunsmore 1975, Statistical Prediction Analysis). The factor is
+        that at which the rule raises bursts at the stated rate, where they come independently, in a share
+        (k + 1/2) / (n + 1) of the records (Jeffreys' prior).
         """
-        if baseline.shape[0] < rule.within:
+        records = baseline.shape[0]
+        if records < rule.within:
             return np.ones(baseline.shape[1:])
-        windows = np.sort(sliding_window_view(np.nan_to_num(baseline), rule.within, axis=0), axis=-1)
-        reached = windows[..., -rule.of].max(axis=0) / self.limits[0]
-        return np.asarray(np.maximum(reached, 1.0))
+        over = np.nan_to_num(baseline) / self.limits[0] - 1
+        windows = np.sort(sliding_window_view(over, rule.within, axis=0), axis=-1)
+        alarmed = windows[..., -rule.of].max(axis=0) >= 0
+        count, total = (over >= 0).sum(axis=0), np.maximum(over, 0).sum(axis=0)
+        ways = math.comb(rule.within - 1, rule.of - 1)  # of a window that ends with a burst
+        exceeded = (self.every_records * ways) ** (-1 / rule.of)  # probability of a record that the rate allows
+        share = (count + 0.5) / (records + 1)
+        beyond = total * ((share / exceeded) ** (1 / np.maximum(count, 1)) - 1)
+        return np.asarray(np.where(alarmed, 1 + np.maximum(beyond, 0), 1.0))
 
     def every_records_at(self, index: float) -> float:
         """Return the mean number of records of a healthy component between alarms with the limit at an index."""

@@ -10,6 +10,7 @@ that does (Tusher, Tibshirani and Chu 2001, PNAS 98(9), 5116-5121).
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -80,8 +81,7 @@ def trend_tests(values: Array, times: Array, *, seed: int = 1) -> TrendTests:
     with np.errstate(invalid="ignore", divide="ignore"):
         ranks, logs = _standardised(_ranks(values)), _standardised(values)
     courses = _courses(times)
-    rng = np.random.default_rng(seed)
-    orders = np.array([_block_order(count, block, rng) for _ in range(_PERMUTATIONS)])
+    orders = _block_orders(count, block, seed)
     signed = _correlations(ranks, logs, courses[None])[0]
     permuted = np.moveaxis(courses.astype(np.float32)[:, orders], 0, 1)
     drawn = np.abs(_correlations(ranks.astype(np.float32), logs.astype(np.float32), permuted))  # (orders, 3, series)
@@ -133,6 +133,13 @@ def _correlations(ranks: Floats, logs: Floats, courses: Floats) -> Floats:
     return np.stack([monotone, np.take_along_axis(steps, largest, axis=1)[:, 0], growth], axis=1)
 
 
+@lru_cache(maxsize=8)
+def _block_orders(count: int, block: int, seed: int) -> NDArray[np.int64]:
+    """Return the orders (permutations, records), the same for all machines with as many records."""
+    rng = np.random.default_rng(seed)
+    return np.array([_block_order(count, block, rng) for _ in range(_PERMUTATIONS)])
+
+
 def _block_order(count: int, block: int, rng: np.random.Generator) -> NDArray[np.int64]:
     """Return the records in blocks of another order; where the first block begins is random, too."""
     turned = np.roll(np.arange(count), -int(rng.integers(block)))
@@ -152,7 +159,10 @@ def _standardised(values: Array) -> Array:
 def _ranks(values: Array) -> Array:
     from scipy.stats import rankdata  # noqa: PLC0415 - heavy
 
-    return np.asarray(rankdata(values, axis=0, nan_policy="omit"), dtype=np.float64)
+    ranks, whole = np.full(values.shape, np.nan), np.isfinite(values).all(axis=0)
+    ranks[:, whole] = rankdata(values[:, whole], axis=0)
+    ranks[:, ~whole] = rankdata(values[:, ~whole], axis=0, nan_policy="omit")  # one by one
+    return ranks
 
 
 def _grouped(values: Array, times: Array) -> tuple[Array, Array]:

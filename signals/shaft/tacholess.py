@@ -57,6 +57,7 @@ SHOWS = 3.0  # least score of a significant order
 _SAME_SPEED = 0.01
 _LOW_ORDERS, _FAMILY = 10, 3  # whole orders below which this many lines in a row may be harmonics of anything
 _NEVER = -50.0
+_MAINS_HZ, _MAINS_HARMONICS = (50.0, 60.0), 7  # hum above the seventh is seldom louder than the machine (our choice)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,6 +196,20 @@ def slower_shaft(search: Search, speed_hz: float, shown: Array) -> float | None:
     return next((speed_hz / part for part in (2, 3) if speed_hz / part >= search.speeds[0]), None)
 
 
+def of_mains(search: Search, speed: Array, seen: NDArray[np.bool_], shown: Array) -> NDArray[np.bool_]:
+    """Return which orders show no more along a path than at a harmonic of the mains beside it, as hum does."""
+    fixed = replace(search, orders=np.ones(1))
+    found = np.zeros(shown.size, dtype=np.bool_)
+    for harmonic_hz in {number * mains for mains in _MAINS_HZ for number in range(1, _MAINS_HARMONICS + 1)}:
+        off = np.median(np.abs(np.outer(speed[seen], search.orders) - harmonic_hz), axis=0)
+        near = (off * search.evidence.bins_per_hz <= _SAME_LINE) & (shown > SHOWS)
+        if near.any():
+            found |= near & (
+                _KEPT * shown <= fixed.score(np.full(speed.size, harmonic_hz), seen)[0]
+            )  # half a bin costs 7 %
+    return found
+
+
 def rivals(search: Search, speed: Array, seen: NDArray[np.bool_], shown: Array) -> list[Rival]:
     """Search again without the speeds found so far; return the paths that are not much less likely."""
     from signals.shaft._line_likelihood_kernels import most_likely_path  # noqa: PLC0415
@@ -203,15 +218,17 @@ def rivals(search: Search, speed: Array, seen: NDArray[np.bool_], shown: Array) 
     votes = search.votes[seen].copy()
     found: list[Rival] = []
     last, scores = speed[seen], shown
+    own = np.where(of_mains(search, speed, seen, shown), 0.0, shown)
     for _ in range(_RIVALS):
         votes[np.abs(search.speeds - last[:, None]) <= search.width(last, scores)[:, None]] = _NEVER
         last = search.speeds[most_likely_path(votes, np.log(search.kernel))]
         path = np.full(speed.size, np.nan)
         path[seen] = last
         scores = search.score(path, seen)
-        if scores.sum() < (1 - temper) * shown.sum():
+        its = np.where(of_mains(search, path, seen, scores), 0.0, scores)
+        if its.sum() < (1 - temper) * own.sum():
             break
-        odds = _odds(search, (speed[seen], shown), (last, scores), tempering=temper)
+        odds = _odds(search, (speed[seen], own), (last, its), tempering=temper)
         if odds > 1 / _LEAST_ODDS:
             found.append(Rival(speed=path, odds=odds))
     return found

@@ -40,8 +40,10 @@ def condense(chain: SlipChain, first: int, last: int, states: Floats, informatio
     row = np.empty(states.shape[1])
     for m in range(first, last):
         state, information, score = states[m], informations[m], scores[m]
-        information[:] = 0.0
-        score[:] = 0.0
+        for a in range(row.size):
+            score[a] = 0.0
+            for b in range(row.size):
+                information[a, b] = 0.0
         for n in range(chain.edges[m], chain.edges[m + 1]):
             if np.isnan(chain.x[n]):
                 continue
@@ -68,15 +70,16 @@ def condense(chain: SlipChain, first: int, last: int, states: Floats, informatio
 
 @compiled
 def _update(
-    information: Floats, score: Floats, at: Floats, mean: Floats, P: Floats, row: Floats, gain: Floats
+    information: Floats, score: Floats, at: Floats, mean: Floats, P: Floats, full: Floats, row: Floats, gain: Floats
 ) -> tuple[float, int]:
     """Update mean and P by a block linearised at the state `at`; its information and score are overwritten.
 
     Each pivot of the information is a scalar measurement with unit noise: `row (state - at) + noise = datum`.
-    Returns the sum of squared innovations over their variances, and their number.
+    Returns the sum of squared innovations over their variances, and their number. The last three are scratch, (state,).
     """
     total, count = 0.0, 0
-    full = np.diag(information).copy()
+    for a in range(mean.size):
+        full[a] = information[a, a]
     for _ in range(mean.size):
         # The rank is at most the number of samples: largest relative pivot first, down to rounding errors.
         pivot, largest = -1, 1e-12
@@ -99,8 +102,8 @@ def _update(
                 gain[a] += P[a, b] * row[b]
             innovation -= row[a] * (mean[a] - at[a])
             variance += row[a] * gain[a]
-        information[pivot, :] = information[:, pivot] = 0.0
         for a in range(mean.size):
+            information[pivot, a] = information[a, pivot] = 0.0
             mean[a] += gain[a] * (innovation / variance)
             for b in range(mean.size):
                 P[a, b] -= gain[a] * gain[b] / variance
@@ -111,28 +114,31 @@ def _update(
 
 @compiled
 def _times(F: Floats, P: Floats, product: Floats) -> None:
-    """Fill `product` with F P; F is zero but for the couplings of each amplitude's two parts and the slip."""
+    """Fill `product` with F P^T; F is zero but for the couplings of each amplitude's two parts and the slip."""
     harmonics = len(F) // 2
     for b in range(len(F)):
         for k in range(harmonics):
-            real, imaginary, slip = P[k, b], P[harmonics + k, b], P[-1, b]
+            real, imaginary, slip = P[b, k], P[b, harmonics + k], P[b, -1]
             product[k, b] = F[k, k] * real + F[k, harmonics + k] * imaginary + F[k, -1] * slip
             product[harmonics + k, b] = F[harmonics + k, k] * real + F[k, k] * imaginary + F[harmonics + k, -1] * slip
-        product[-1, b] = P[-1, b]
+        product[-1, b] = P[b, -1]
 
 
 @compiled
 def _predict(
-    step: tuple[float, float, float], at: Floats, ahead: float, mean: Floats, P: Floats, F: Floats, FP: Floats
-) -> None:
-    """Predict mean and P in the next block by F, linearised where the state is `at` and the next slip `ahead`.
+    step: tuple[float, float, float], at: Floats, ahead: float, mean: Floats, P: Floats, F: Floats, FP: Floats,
+    mean_ahead: Floats, P_ahead: Floats,
+) -> None:  # fmt: skip
+    """Predict mean and P of the next block by F, linearised where the state is `at` and the next slip `ahead`.
 
-    The step is its `turns`, `process` and `slip_process` of the chain. Fills F, and FP with F times the P before.
+    The step is its `turns`, `process` and `slip_process` of the chain. Fills F, F P, and both predictions.
     """
     turn, process, slip_process = step
     size, harmonics, middle = mean.size, mean.size // 2, 0.5 * (at[-1] + ahead)
     off = mean[-1] - middle
-    F[:] = 0.0
+    for a in range(size):
+        for b in range(size):
+            F[a, b] = 0.0
     F[-1, -1] = 1.0
     for k in range(harmonics):
         rate = (k + 1) * turn
@@ -142,60 +148,65 @@ def _predict(
         F[harmonics + k, k] = s
         F[k, -1] = -rate * (s * at[k] + c * at[harmonics + k])
         F[harmonics + k, -1] = rate * (c * at[k] - s * at[harmonics + k])
-        real, imaginary = mean[k], mean[harmonics + k]
-        mean[k] = c * real - s * imaginary + F[k, -1] * off
-        mean[harmonics + k] = s * real + c * imaginary + F[harmonics + k, -1] * off
+        mean_ahead[k] = c * mean[k] - s * mean[harmonics + k] + F[k, -1] * off
+        mean_ahead[harmonics + k] = s * mean[k] + c * mean[harmonics + k] + F[harmonics + k, -1] * off
+    mean_ahead[-1] = mean[-1]
     _times(F, P, FP)
-    _times(F, FP.T, P)
+    _times(F, FP, P_ahead)
     for a in range(size):
-        P[a, a] += process if a < size - 1 else 0.0
+        P_ahead[a, a] += process if a < size - 1 else 0.0
         for b in range(a + 1):
             # The slip within the step is the mean of both blocks', so its change turns the line by half as much.
             share = (0.5 if a < size - 1 else 1.0) * (0.5 if b < size - 1 else 1.0)
-            P[a, b] += slip_process * share * F[a, -1] * F[b, -1]
-            P[b, a] = P[a, b]
+            P_ahead[a, b] += slip_process * share * F[a, -1] * F[b, -1]
+            P_ahead[b, a] = P_ahead[a, b]
 
 
 @compiled
 def forward(
-    chain: SlipChain, extended: bool, states: Floats, informations: Floats, scores: Floats
-) -> tuple[Floats, Floats, float, int]:
+    chain: SlipChain, extended: bool, states: Floats, informations: Floats, scores: Floats, means: Floats,
+    covariances: Floats,
+) -> tuple[float, int]:  # fmt: skip
     """Filter all blocks, linearised at `states` or, as the extended Kalman filter, at each prediction.
 
     The informations, (block, state, state), and scores, (block, state), condensed at the states, (block, state), are
-    overwritten; the extended filter returns its filtered means in `states`. Returns the means and covariances after
-    each block, the sum of squared innovations over their variances, and their number.
+    overwritten; the extended filter returns its filtered means in `states`. Means and covariances, of the prior in the
+    first block, are filled with those after each block. Returns the sum of squared innovations over their variances,
+    and their number.
     """
-    means, covariances = np.empty_like(scores), np.empty_like(informations)
-    mean, P = chain.prior_mean.copy(), np.diag(chain.prior_std**2)
-    F, FP, row, gain = np.empty_like(P), np.empty_like(P), np.empty_like(mean), np.empty_like(mean)
+    blocks, size = means.shape
+    F, FP = np.empty((size, size)), np.empty((size, size))
+    full, row, gain = np.empty(size), np.empty(size), np.empty(size)
     total, count = 0.0, 0
-    for m in range(len(means)):
+    for m in range(blocks):
+        state, mean, P = states[m], means[m], covariances[m]
         if extended:
-            states[m] = mean
+            for a in range(size):
+                state[a] = mean[a]
             condense(chain, m, m + 1, states, informations, scores)
-        added, more = _update(informations[m], scores[m], states[m], mean, P, row, gain)
+        added, more = _update(informations[m], scores[m], state, mean, P, full, row, gain)
         total += added
         count += more
-        means[m] = mean
-        covariances[m] = P
         if extended:
-            states[m] = mean
-        if m + 1 < len(means):
+            for a in range(size):
+                state[a] = mean[a]
+        if m + 1 < blocks:
             step = chain.turns[m], chain.process[m], chain.slip_process[m]
-            _predict(step, states[m], states[m if extended else m + 1, -1], mean, P, F, FP)
-    return means, covariances, total, count
+            ahead = states[m if extended else m + 1, -1]
+            _predict(step, state, ahead, mean, P, F, FP, means[m + 1], covariances[m + 1])
+    return total, count
 
 
 @compiled
 def backward(chain: SlipChain, extended: bool, states: Floats, means: Floats, covariances: Floats) -> None:
     """Smooth what `forward` returned, in place (Rauch, Tung, Striebel)."""
-    size = means.shape[1]
-    F, gain, spread = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
-    for m in range(len(means) - 2, -1, -1):
-        mean, P = means[m].copy(), covariances[m].copy()
+    blocks, size = means.shape
+    F, gain = np.empty((size, size)), np.empty((size, size))
+    P, spread, mean = np.empty((size, size)), np.empty((size, size)), np.empty(size)
+    for m in range(blocks - 2, -1, -1):
         step = chain.turns[m], chain.process[m], chain.slip_process[m]
-        _predict(step, states[m], states[m if extended else m + 1, -1], mean, P, F, gain)
+        ahead = states[m if extended else m + 1, -1]
+        _predict(step, states[m], ahead, means[m], covariances[m], F, gain, mean, P)
         # The gain, transposed: P^-1 F P_m, by forward and back substitution with the Cholesky factor.
         factor = np.linalg.cholesky(P)
         for a in range(size):
@@ -208,8 +219,9 @@ def backward(chain: SlipChain, extended: bool, states: Floats, means: Floats, co
                 for b in range(a + 1, size):
                     gain[a, c] -= factor[b, a] * gain[b, c]
                 gain[a, c] /= factor[a, a]
-        spread[:] = 0.0
         for a in range(size):
+            for c in range(size):
+                spread[a, c] = 0.0
             for b in range(size):
                 means[m, a] += gain[b, a] * (means[m + 1, b] - mean[b])
                 for c in range(size):

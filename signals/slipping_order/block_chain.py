@@ -85,7 +85,9 @@ def _run(
     """
     extended, size = condensed is None, chain.prior_mean.size
     informations, scores = condensed or (np.empty((len(states), size, size)), np.empty_like(states))
-    means, covariances, total, count = forward(chain, extended, states, informations, scores)
+    means, covariances = np.empty_like(scores), np.empty_like(informations)
+    means[0], covariances[0] = chain.prior_mean, np.diag(chain.prior_std**2)
+    total, count = forward(chain, extended, states, informations, scores, means, covariances)
     try:
         if smooth:
             backward(chain, extended, states, means, covariances)

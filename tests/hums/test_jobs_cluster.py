@@ -2,6 +2,7 @@
 
 import os
 import sys
+from concurrent.futures import CancelledError
 
 import clusters
 import pytest
@@ -101,3 +102,9 @@ def test_a_fleet_has_the_same_tables(tmp_path, cluster):
         assert (result.records, result.failed) == (3, 0)
     for name in ("fleet.h5", "fleet.csv", "trends.csv"):
         assert (tmp_path / "cluster" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
+
+
+def test_a_scheduler_lost_on_the_way_is_a_sentence(cluster):
+    # Dask cancels the jobs of a scheduler that does not come back; benchmarks/load.py kills one
+    with pytest.raises(JobError, match="was lost while jobs ran"), jobs._cluster(cluster.address):
+        raise CancelledError

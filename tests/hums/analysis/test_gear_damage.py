@@ -1,11 +1,13 @@
 """Gears of synthetic records: the right one is named, and none of a sound machine whose load and speed change."""
 
+from dataclasses import replace
+
 import pytest
 
 from data_synth import Scene, simulate
 from hums import AnalysisSettings, load_gearbox
 from hums.analysis.channel import varying_values
-from hums.analysis.gear_damage import gear_damage
+from hums.analysis.gear_damage import gear_damage, gear_verdicts
 from hums.analysis.reference_angle import prepare_machine
 from hums.records.record import sampling
 
@@ -91,7 +93,18 @@ def test_two_cracked_gears_are_both_named():
 
 
 def test_a_short_record_and_a_sick_sensor_are_not_judged():
-    rows = judged(TWO_STAGE | crack("stage 1/pinion", 1.0), stop=RATE_HZ // 2)
+    rows = judged(TWO_STAGE | crack("stage 1/pinion", 1.0), stop=RATE_HZ // 4)
     assert all("turns are too few" in row.not_judged for row in rows)
     assert not any(row.judgeable or row.probability < 1 for row in rows)
     assert {row.not_judged for row in judged(TWO_STAGE | {"duration_s": 2}, faulty=True)} == {"the sensor is sick"}
+
+
+def test_few_turns_name_a_tooth_that_stands_out_and_call_none_sound():
+    rows = judged(TWO_STAGE | crack("stage 1/pinion", 1.0), stop=RATE_HZ // 2)
+    few = [row for row in rows if row.judgeable and row.turns < 8]
+    assert few
+    verdicts = gear_verdicts([replace(row, probability=1.0) for row in few], false_alarm_probability=0.01)
+    assert {one.verdict for one in verdicts} == {"not judged"}
+    assert all(one.doubts.startswith(f"too short: {row.turns} turns") for one, row in zip(verdicts, few, strict=True))
+    (named,) = gear_verdicts([replace(few[0], probability=0.001)], false_alarm_probability=0.01)
+    assert named.verdict == "indicated"

@@ -66,6 +66,33 @@ def test_tracks_follow_each_other(joined):
     assert np.isnan(size[tracks["track_channel"].to_numpy() == "b"][:, middle]).all()
 
 
+def test_a_speed_is_estimated_for_each_stretch(monkeypatch):
+    # 20 rev/s growing by 0.02 rev/s a second; the middle stretch has twenty times the noise
+    times_s = np.arange(COUNT) / RATE_HZ
+    turn = TURN_HZ * times_s + 0.01 * times_s**2
+    std = np.repeat([STD, 20 * STD, STD], COUNT // STRETCHES)
+    x = AMPLITUDE * np.cos(2 * np.pi * 23 * turn) + 0.2 * np.cos(2 * np.pi * 46 * turn + 1)
+    x += 0.2 * np.cos(2 * np.pi * turn) + std * np.random.default_rng(3).normal(size=COUNT)
+    record = hums.make_record({"a": x}, rate_hz=RATE_HZ, units="g", angle=hums.UnknownAngle())
+    settings = hums.AnalysisSettings(
+        pictures=False, most_tracks=0, envelope_band_hz=None, speed_range_hz=(17.0, 23.0), max_acceleration_hz_s=0.2
+    )
+    monkeypatch.setattr(stretches, "LONGEST", COUNT // STRETCHES)
+    box = hums.load_gearbox("two-stage")
+    found = hums.analyze(record, box, settings=settings)
+    speed = found["speed"].to_dataset()
+    assert np.all(np.diff(speed.time_s) > 0)
+    assert speed.time_s[-1] > COUNT / RATE_HZ - 0.1
+    assert_allclose(speed.speed_hz, TURN_HZ + 0.02 * speed.time_s, rtol=1e-3)
+    alone = hums.analyze(record.isel(time=slice(COUNT // 3, 2 * COUNT // 3)), box, settings=settings)["speed"]
+    assert {name: speed.attrs[name] for name in ("confidence", "phase_std_rev")} == {
+        name: alone.attrs[name] for name in ("confidence", "phase_std_rev")
+    }
+    lines = hums.line_table(found, "order_spectrum")
+    mesh = lines[(lines.component == "stage 1") & (lines.harmonic == 1) & (lines.sideband == 0)]
+    assert_allclose(mesh.amplitude, AMPLITUDE, rtol=0.01)
+
+
 def test_its_tables_are_those_of_an_analysis(joined, tmp_path):
     hums.save_analysis(joined, tmp_path / "joined.h5")
     with hums.open_analysis(tmp_path / "joined.h5") as opened:

@@ -1,5 +1,6 @@
 """The commands that draw, in process: which files they write, what they print, and how they fail."""
 
+import logging
 import math
 import subprocess
 import sys
@@ -23,6 +24,15 @@ def test_drawing_of_one_picture_and_of_a_page(run, tmp_path):
     assert (tmp_path / "v.png").read_bytes().startswith(b"\x89PNG")
     assert run("drawing", "two-stage", "--html", "-o", tmp_path / "p.html", "--speed", "output=100")[0] == 0
     assert '"link": "output", "rpm": 100.0' in (tmp_path / "p.html").read_text(encoding="utf-8")
+
+
+def test_pictures_say_what_they_draw_on_a_terminal(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(logging.getLogger("hums"), "handlers", [])
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert "hums: drawing x.svg\n" in run("drawing", "two-stage", "-o", tmp_path / "x.svg")[2]
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: False, raising=False)
+    monkeypatch.setattr(logging.getLogger("hums"), "handlers", [])
+    assert run("drawing", "two-stage", "-o", tmp_path / "x.svg")[2] == ""
 
 
 def test_drawing_without_a_file(run):
@@ -54,7 +64,8 @@ def test_orders_in_hz(run):
     _, out, _ = run("orders", "two-stage", "--csv", "--rpm", 1500)
     header, *lines = out.splitlines()
     mesh = dict(zip(header.split(","), next(line for line in lines if "gear_mesh" in line).split(","), strict=True))
-    assert float(mesh["hz"]) == 23 * 1500 / 60
+    assert (float(mesh["hz"]), float(mesh["cpm"])) == (23 * 1500 / 60, 23 * 1500)
+    assert run("orders", "two-stage")[2] == "note: No bearing is declared on output.\n"
 
 
 def test_python_m_hums():

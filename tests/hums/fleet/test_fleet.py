@@ -152,11 +152,11 @@ class TestTable:
         save_record(record(1.0).drop_vars("a").assign(a=record(0.0, noise=0.0)["a"]), tmp_path / "dead.h5")
         result = run([tmp_path / "broken.h5", records / "0.h5", tmp_path / "dead.h5"], tmp_path / "o")
         assert (result.records, result.failed) == (3, 2)
-        errors = [line["error"] for line in rows(tmp_path / "o" / "fleet.csv")]
-        assert "broken.h5 is not an HDF5 file" in errors[0]
-        assert errors[1] == ""
-        assert "same value 0 throughout" in errors[2]
-        assert result.errors == {str(tmp_path / "broken.h5"): errors[0], str(tmp_path / "dead.h5"): errors[2]}
+        errors = {line["record"]: line["error"] for line in rows(tmp_path / "o" / "fleet.csv")}
+        assert "broken.h5 is not an HDF5 file" in errors[str(tmp_path / "broken.h5")]
+        assert errors.pop(str(records / "0.h5")) == ""
+        assert "same value 0 throughout" in errors[str(tmp_path / "dead.h5")]
+        assert result.errors == errors
 
     def test_even_a_mistake_of_ours_ends_no_run(self, records, tmp_path, monkeypatch):
         def analyze(*_, **__):
@@ -192,6 +192,12 @@ class TestGoingOn:
         result = run([records], tmp_path)
         assert (result.analysed, result.kept) == (3, 3)
         assert tables(tmp_path) == tables(done)
+
+    def test_any_order_of_the_files_gives_the_same_tables(self, records, done, tmp_path):
+        shutil.copytree(done, tmp_path / "fleet")
+        names = sorted(records.glob("*.h5"), reverse=True)
+        assert run([*names[2:], *names[:2]], tmp_path / "fleet").kept == 6
+        assert tables(tmp_path / "fleet") == tables(done)
 
     def test_new_and_changed_records_alone_are_analysed(self, tmp_path):
         folder = tmp_path / "records"

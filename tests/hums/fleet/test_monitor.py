@@ -11,6 +11,8 @@ from hums.fleet.observation import Observation
 from hums.fleet.prior import prior_of
 from signals.monitoring.alarm_life import Life
 
+JOINT = {"stage 1/pinion": "one of A, B"}
+
 
 class TestAlarms:
     def test_a_component_that_rises_raises_one_alarm(self):
@@ -125,6 +127,21 @@ class TestMaintenance:
         assert "stage 1/pinion" not in found[60].index
         assert "stage 2/wheel" in found[60].index
         assert found[-1].index["stage 1/pinion"] < 1
+
+    @pytest.mark.parametrize("component", ["A", "B", "one of A, B"])
+    def test_of_one_of_two_that_cannot_be_told_apart_both_are_learned_anew(self, component):
+        course = [
+            replace(seen, values={replace(key, component=JOINT.get(key.component, key.component)): x
+                                  for key, x in seen.values.items()})
+            for seen in self.COURSE
+        ]  # fmt: skip
+        (alarm,) = alarms(followed(course)[1])
+        assert alarm["component"] == "one of A, B"
+        state, found = followed(course, work=[Work(date="2026-04-20", component=component)])
+        assert [alarm["state"] for alarm in alarms(found)] == ["cleared"]
+        assert "one of A, B" not in found[60].index
+        assert found[-1].index["one of A, B"] < 1
+        assert len(state.epochs) == 2
 
     def test_of_another_machine_does_nothing(self):
         state, _ = followed(self.COURSE, work=[Work(date="2026-04-20", machine="fan")])

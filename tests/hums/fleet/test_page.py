@@ -3,6 +3,7 @@
 import copy
 import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -14,6 +15,13 @@ from hums.fleet.monitor import MachineState
 from hums.fleet.page import write_page
 
 RECORDS = 1_826  # five years of days
+DRAWN_MS = """
+const done = arguments[0];
+const wait = () => [...pages.figures.values()].some((figure) => figure.drawn)
+  ? requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now())))
+  : requestAnimationFrame(wait);
+wait();
+"""
 
 
 def content(page, figure):
@@ -83,6 +91,8 @@ def test_the_worst_is_first_and_its_figures_say_why(failing, tmp_path):
     assert len(panels) == 6
     assert "Its baseline is being learned: 0 records so far." in page
     assert 'href="reports' not in page
+    quiet.state = MachineState(machine="é" * 5000)
+    write_page([quiet], records, tmp_path / "long.html")  # no folder has such a name
     assert "<td>1</td><td>0.037</td>" in page  # one alarm; a record a day at one false alarm in 10,000 records
 
 
@@ -98,6 +108,8 @@ def test_a_report_beside_the_page_is_linked(failing, tmp_path):
 def test_five_years_of_twenty_machines_in_the_browser(browser, long):
     assert long.stat().st_size < 16e6
     assert show(browser, long) == []
+    seconds, size_mb = browser.execute_async_script(DRAWN_MS) / 1e3, long.stat().st_size / 1e6
+    sys.stdout.write(f"opened and drawn in {seconds:.2f} s, {size_mb:.1f} MB\n")
     browser.execute_async_script("setTimeout(arguments[0], 200)")
     drawn = browser.execute_script("return [...pages.figures.values()].map((figure) => figure.drawn)")
     assert len(drawn) == 60
@@ -115,6 +127,10 @@ def test_every_width_light_dark_and_paper(browser, failing, tmp_path):
         assert browser.get_log("browser") == []
         assert violations(browser) == []
         assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+        cut = (
+            "return [...document.querySelectorAll('.scroll')].filter((box) => box.scrollWidth > box.clientWidth).length"
+        )
+        assert browser.execute_script(cut) == 0  # no table is cut
     text = text_of(printed(browser))
     assert "What drove stage 1/pinion" in text
     assert "health index" in text

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from hums.fleet.series import Series, layout_of, series_of, vector
+from hums.fleet.series import Series, component_parts, joint_names, layout_of, series_of, vector
 
 
 def line(harmonic, amplitude, snr):
@@ -39,3 +39,31 @@ def test_series_by_component_and_level_of_a_channel():
     assert np.isnan(vector({}, keys)).all()
     gear = (*keys, *(Series(channel="a", component="bearing", kind="cage", indicator="rms", unit="1"),))
     assert [[kind.tolist() for kind in kinds] for kinds in layout_of(gear)[2].components] == [[[3], [0, 1, 2]]]
+
+
+def test_bearings_of_the_same_orders_are_one_component():
+    equal, other = ("drive end", "free end"), "third"
+    orders = dict.fromkeys(equal, 4.5) | {other: 5.5}
+    lines = [
+        ["a", "envelope", name, "inner_race", harmonic, 0, "g", harmonic * order, 1.0, 2.0, 1]
+        for name, order in orders.items()
+        for harmonic in (1, 2)
+    ]
+    row = {"lines": lines, "indicators": [["a", name, "inner_race", "defect_energy", "g2", 4.0] for name in orders]}
+    joint = "one of drive end, free end"
+    assert joint_names(row) == dict.fromkeys(equal, joint)
+    assert {key.component for key in series_of(row)} == {joint, other}
+    assert len(series_of(row)) == 6
+    assert component_parts(joint) == (joint, *equal)
+    lines[1][7] = 9.01  # a harmonic apart: they can be told apart
+    assert joint_names(row) == {}
+
+
+def test_what_few_samples_set_is_watched_apart_from_the_level_of_the_signal():
+    keys = tuple(
+        Series(channel="a", component="record", kind="channel", indicator=name, unit=unit)
+        for name, unit in (("kurtosis", "1"), ("peak", "g"), ("rms", "g"))
+    )
+    names, _, layout = layout_of(keys)
+    assert names == ("record", "record (impulses)")
+    assert [[kind.tolist() for kind in kinds] for kinds in layout.components] == [[[2]], [[0, 1]]]

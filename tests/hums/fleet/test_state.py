@@ -1,3 +1,5 @@
+import gzip
+
 import pytest
 from fleets import HEALTHY, PINION, followed, observed
 
@@ -32,7 +34,18 @@ def test_its_size_does_not_grow(tmp_path):
     assert sizes[1] < 1.1 * sizes[0]  # numbers of other digits compress a little differently
 
 
-def test_what_is_no_state(tmp_path):
-    (tmp_path / "state").write_text("nothing")
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        b"nothing",
+        gzip.compress(b"[]"),
+        gzip.compress(b'{"schema": "hums-watch/1", "state": ["array", "O", [2], [1]]}'),
+        gzip.compress(b"[" * 100_000),
+        gzip.compress(b"{}" * 1000)[:-20] + bytes(20),
+    ],
+    ids=["text", "list", "array", "deep", "torn"],
+)
+def test_what_is_no_state(tmp_path, damaged):
+    (tmp_path / "state").write_bytes(damaged)
     with pytest.raises(MonitorError, match=r"this is no state of hums\.watch"):
         read_state(tmp_path / "state")

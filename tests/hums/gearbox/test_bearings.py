@@ -24,6 +24,7 @@ def gearbox(**bearing):
         ("NICE (MFPT)", 25, (118.88, 81.12, None, None)),
         ("Rexnord ZA-2115", 2000 / 60, (296.9, 236.4, None, None)),
         ("LDK UER204", 35, (None, 107.91, None, None)),
+        ("MB ER-16K", 1, (None, 3.572, None, None)),  # as a rig with this bearing states it
     ],
 )
 def test_printed_frequencies(name, speed_hz, printed):

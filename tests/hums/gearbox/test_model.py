@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from pathlib import Path
 
 import pytest
 from pydantic import BaseModel, ValidationError
@@ -329,6 +330,17 @@ class TestRefusals:
             (sheet(inner=-9.5), "inner = -9.5: input should be greater than 0"),
             (sheet(inner=0.7, outer=0.4), "number of elements, at least 2"),
             (sheet(cage=None), "cage is missing"),
+            (sheet(cage=0.2), "cage = 0.2, but elements that roll at inner 9.5 and outer 6.5 carry it round at 0.406"),
+            (sheet(cage=0.594), "cage = 0.594 (this is the cage against the inner ring)"),
+            (
+                sheet(element_spin=5.14),
+                "have 2.47 to 2.57; is it the defect on both races, twice the spin? Then call it element_defect",
+            ),
+            (
+                sheet(element_spin=None, element_defect=2.6),
+                "have 4.95 to 5.15; is it one turn of the element? Then call it element_spin",
+            ),
+            (sheet(element_spin=0.3), "element_spin = 0.3 is impossible: elements that roll"),
             (sheet(inner=6.5, outer=9.5), "inner = 6.5 is not above outer = 9.5"),
             (sheet(inner=8, outer=8), "inner = 8 is not above outer = 8"),
             (
@@ -405,6 +417,17 @@ class TestFiles:
         assert words in str(caught.value)
         assert str(path) in str(caught.value)
         assert caught.value.__cause__ is None  # the sentence stands alone, no chain of internals
+
+    @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no devices here")
+    def test_a_device_is_no_file(self):
+        with pytest.raises(GearboxError, match=r"/dev/zero is no regular file"):
+            load_gearbox(Path("/dev/zero"))
+
+    @pytest.mark.parametrize("name", ["y" * 5000, "y" * 5000 + ".toml", "a\0b.toml"])
+    def test_names_that_no_file_has(self, name):
+        with pytest.raises((ValueError, TypeError), match=r"no (file|path) may have") as caught:
+            load_gearbox(name)
+        assert len(str(caught.value)) <= 1000
 
     def test_missing(self, tmp_path):
         with pytest.raises(GearboxError, match="no such file"):

@@ -3,6 +3,7 @@
 import copy
 import tomllib
 import warnings
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -64,6 +65,16 @@ def test_what_the_loader_refuses_does_not_fit(spoil):
     assert list(VALIDATOR.iter_errors(table))
     with pytest.raises(GearboxError):
         Gearbox.from_mapping(table)
+
+
+def test_every_field_is_described_in_schema_and_documentation():
+    schema = gearbox_schema()
+    tables = {"Gearbox": schema} | schema["$defs"]
+    page = (Path(__file__).parents[3] / "docs" / "gearbox_files.md").read_text(encoding="utf-8")
+    fields = [(table, name, field) for table, part in tables.items() for name, field in part["properties"].items()]
+    assert len(fields) > 35
+    assert [(table, name) for table, name, field in fields if not field.get("description", "").endswith(".")] == []
+    assert [(table, name) for table, name, field in fields if f"| `{name}` |" not in page] == []
 
 
 # ---- random damage never ends in anything but a solution or a sentence of ours ------------------------------------

@@ -371,7 +371,10 @@ def test_a_direction_points_somewhere(direction):
     assert "direction=" in refusal({"case": Channel(values=NOISE, units="g", direction=direction)})
 
 
-@pytest.mark.parametrize("moment", ["yesterday", "2024-05-01T12:00:00", datetime(2024, 5, 1), 1.7e9])  # noqa: DTZ001
+@pytest.mark.parametrize(
+    "moment",
+    ["yesterday", "2024-05-01T12:00:00", datetime(2024, 5, 1), 1.7e9, "0001-01-01T00:00:00+10:00"],  # noqa: DTZ001
+)
 def test_a_moment_has_a_time_zone(moment):
     assert "recorded_at=" in refusal(recorded_at=moment)
 
@@ -464,7 +467,9 @@ def test_a_waveform_without_pulses():
     assert 'tachometer "tachometer": no pulses found' in refusal(angle=flat)
 
 
-@pytest.mark.parametrize("name", ["", " a", "a/b", ".", "a\0b", 3, "time", "nominal_speed", "truth_a"])
+@pytest.mark.parametrize(
+    "name", ["", " a", "a/b", "a\udcff", "b\ufffd", ".", "a\0b", 3, "time", "nominal_speed", "truth_a"]
+)
 def test_names_that_cannot_be_kept(name):
     assert refusal({name: NOISE}).startswith("channel: the name")
     assert refusal(angle=pulses([0.1, 0.2], name=name)).startswith("tachometer: the name")

@@ -18,6 +18,7 @@ from hums.gearbox.model import load_gearbox
 from hums.pages.page import stand_alone_page
 from hums.records.record import Channel, PulseTimes, make_record
 from hums.report import render, write_report
+from hums.report.verdicts import with_hz
 from signals.indicators import INDICATORS
 
 RATE_HZ, SPEED_HZ, SECONDS = 5000.0, 20.0, 6.0
@@ -180,7 +181,10 @@ def test_paper_loses_nothing(browser, page):
     text = text_of(printed(browser))
     facts = json.loads((page.parent / "summary.json").read_text())
     for finding in facts["findings"]:
-        assert finding["evidence"][:60].lower() in text.lower()
+        assert with_hz(finding["evidence"], facts["speed_hz"]["mean"])[:60].lower() in text.lower()
+    assert "No bearing is declared on output" in text  # what the drawing lacks
+    order = facts["findings"][0]["order_found"]
+    assert f"{SPEED_HZ * order:.4g} Hz, {60 * SPEED_HZ * order:.5g} CPM at the mean speed" in text
     for column in ("nominal order", "order found", "amplitude", "level", "units"):  # the whole components table
         assert column in text
     for words in (

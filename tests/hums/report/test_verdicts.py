@@ -2,7 +2,7 @@
 
 import pytest
 
-from hums.report.verdicts import component_styles, probability_words, verdict_rows
+from hums.report.verdicts import answer, component_styles, probability_words, verdict_rows, with_hz
 
 LINE = {
     "component": "bearing",
@@ -62,7 +62,7 @@ def test_gravest_first_and_unknown_words_are_shown():
 
 def test_every_probability_of_a_finding_is_said():
     sure = verdict_rows(facts(finding("diagnosed", healthy_machine_probability=0.02)))[0]["sure"]
-    assert sure == "a sound gear shows as much in 1 in 250 records; healthy machine probability 1 in 50"
+    assert sure == "1 in 250 records of sound gears show as much; healthy machine probability 1 in 50"
 
 
 @pytest.mark.parametrize(
@@ -91,8 +91,12 @@ def test_nothing_found():
 def test_a_record_that_could_not_be_judged_is_not_called_clean():
     judged = [{"verdict": "nothing found", "doubts": ""}, {"verdict": "not judged", "doubts": "too short: 3 turns"}]
     (row,) = verdict_rows(facts() | {"verdicts": judged})
-    assert (row["verdict"], row["style"], row["severity"]) == ("not judged", "unknown", "unknown")
+    assert (row["verdict"], row["style"], row["severity"]) == ("not judged", "unknown", "")
+    assert row["word"] == "not judged in part"
     assert row["sure"].startswith("1 of 2 kinds of damage could not be judged (too short)")
+    named = [one | {"component": "input", "kind": "shaft"} for one in judged]
+    assert verdict_rows(facts() | {"verdicts": named})[0]["unjudged"] == "shaft of input"
+    assert verdict_rows(facts() | {"verdicts": named[1:]})[0]["word"] == "not judged"
 
 
 def test_what_was_not_judged_stands_beside_the_findings():
@@ -105,3 +109,64 @@ def test_what_was_not_judged_stands_beside_the_findings():
 
 def test_a_sick_sensor_comes_first():
     assert "Mend the sensor" in verdict_rows(facts(finding("diagnosed"), status="sick"))[0]["next"]
+
+
+@pytest.mark.parametrize(
+    ("depth", "word"), [(0.05, "Slight"), (0.1, "Moderate"), (0.49, "Moderate"), (0.5, "Severe"), (1.4, "Severe")]
+)
+def test_severity_of_a_bearing_in_words(depth, word):
+    severity = verdict_rows(facts(finding("diagnosed", depth=depth)))[0]["severity"]
+    assert severity.startswith(f"{word.lower()}: its impacts modulate the band by {depth:.1%}")
+    assert severity.endswith("0.3 g, 12 times its surroundings")
+
+
+def test_severity_of_a_tooth_has_no_scale():
+    assert verdict_rows(facts(finding("indicated", kind="tooth")))[0]["severity"].startswith("no scale: ")
+
+
+def two_sensors(ratio, status="ok"):
+    other = LINE | {"channel": "b", "amplitude": LINE["amplitude"] / ratio}
+    every = facts(finding("diagnosed"), lines=[LINE, other])
+    every["health"] = [{"name": "a", "status": "ok"}, {"name": "b", "status": status}]
+    return every | {"channels": [{"name": "a", "sensor": "on motor end"}, {"name": "b"}]}
+
+
+@pytest.mark.parametrize(
+    ("ratio", "words"),
+    [
+        (3.0, "nearer to a (on motor end): its line there is 3 times that at b"),
+        (1.5, "not resolved: "),
+        (0.2, "to b: "),
+    ],
+)
+def test_which_sensor_a_fault_is_nearer_to(ratio, words):
+    assert words in verdict_rows(two_sensors(ratio))[0]["nearer"]
+
+
+def test_no_place_from_one_sensor_or_beside_a_faulty_one():
+    assert verdict_rows(facts(finding("diagnosed")))[0]["nearer"] == ""
+    assert verdict_rows(two_sensors(3.0, status="sick"))[0]["nearer"] == ""
+
+
+def test_hertz_beside_orders():
+    assert with_hz("at 2.5 orders, 3 to 4 orders; sideband -1 at 1.500.", 10.0) == (
+        "at 2.5 orders = 25 Hz, 3 to 4 orders = 30 Hz to 40 Hz; sideband -1 at 1.500 = 15 Hz."
+    )
+    assert with_hz("at 2.5 orders", None) == "at 2.5 orders"
+    line = verdict_rows(facts(finding("diagnosed")) | {"speed_hz": {"mean": 10.0}})[0]["line"]
+    assert line == "order 2.5, 25 Hz, 1500 CPM at the mean speed"
+
+
+def test_the_answer_says_each_part_once():
+    rest = [{"verdict": "nothing found"}, {"verdict": "not judged"}, {"verdict": "not judged"}]
+    every = facts(finding("diagnosed"), finding("indicated", component="gear", kind="tooth")) | {"verdicts": rest}
+    assert answer(every) == [
+        ("alarm", "Damaged: bearing (inner race)."),
+        ("watch", "Possibly damaged: gear (tooth)."),
+        ("calm", "Nothing found in the other 1 check."),
+        ("unknown", "2 checks could not be made."),
+    ]
+    assert answer(facts()) == [("calm", "Nothing found.")]
+    faulty = facts(status="sick")
+    faulty["health"][0]["sensor"] = "vibration"
+    assert answer(faulty) == [("alarm", "The vibration a is faulty.")]

@@ -148,8 +148,19 @@ def test_samples_left_out_leave_no_tooth():
 
 
 def test_too_few_turns_are_refused():
-    with pytest.raises(ValueError, match="7 turns are too few to judge one tooth; record 8 or more"):
-        judged(noise(np.random.default_rng(0), turns=7))
+    with pytest.raises(ValueError, match="3 turns are too few to judge one tooth; record 4 or more"):
+        judged(noise(np.random.default_rng(0), turns=3))
+
+
+@pytest.mark.parametrize("turns", [4, 7])
+def test_few_turns_repeat_by_chance_as_seldom_as_stated(turns):
+    # a permutation test is exact for any number of blocks: 5 % of 200, of which a binomial exceeds 20 in 0.1 %
+    rng = np.random.default_rng(14)
+    found = [judged(noise(rng, turns=turns), rotations=99).repeats <= 0.05 for _ in range(200)]
+    assert sum(found) <= 20
+    damaged = noise(rng, turns=turns)
+    damaged[:, :, 12:14] *= 30
+    assert judged(damaged, rotations=999).repeats <= 0.01
 
 
 def test_too_few_samples_in_a_turn_are_refused():
@@ -183,14 +194,15 @@ def test_nothing_above_the_shafts_is_refused():
         residual_energies(signal, meshes={}, lowest_order=30.0)
 
 
-def test_rotations_have_the_statistic_of_the_rotated_blocks():
+@pytest.mark.parametrize("cells", [30, 31])
+def test_rotations_have_the_statistic_of_the_rotated_blocks(cells):
     # (width, band, block, cell); the definition, with the error of the mean from scipy
-    values = np.random.default_rng(12).standard_normal((2, 3, 9, 31))
+    values = np.random.default_rng(12).standard_normal((2, 3, 9, cells))
     values -= values.mean(axis=-1, keepdims=True)
     found = _rotated_maxima(list(values), 120, np.inf, np.random.default_rng(13))
     rng = np.random.default_rng(13)
     for largest in found:
-        shifts = rng.integers(0, 31, size=9)
+        shifts = rng.integers(0, cells, size=9)
         turned = np.stack([np.roll(values[:, :, block], -shift, axis=-1) for block, shift in enumerate(shifts)], axis=2)
         error = stats.sem(turned, axis=2)
         error = np.maximum(error, np.median(error, axis=-1, keepdims=True))

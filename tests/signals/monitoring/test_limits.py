@@ -66,6 +66,16 @@ class TestOwnScores:
         # the quantile at 1 - 1e-5 of an exponential distribution, about its mean in its deviation
         assert tail_quantiles(drawn)[-1] == pytest.approx(-np.log(1e-5) - 1, rel=0.2)
 
+    def test_a_tail_known_from_few_is_one_that_the_next_value_exceeds_as_stated(self):
+        rng, share = np.random.default_rng(6), 0.05
+        above, trials, known = 0, 400, 400  # 20 values in the tail
+        for _ in range(trials):
+            drawn = rng.exponential(size=known)
+            limit = tail_quantiles(drawn, known)[-7] * drawn.std() + drawn.mean()  # at 10^-3.5 above
+            above += np.exp(-limit)  # the probability that the next one is above
+        assert share / 20 > 10**-3.5  # in the tail
+        assert above / trials == pytest.approx(10**-3.5, rel=0.15)
+
     def test_none_of_what_does_not_vary(self):
         assert own_scores(np.ones((400, 2)))[1] == 0.0
 
@@ -75,7 +85,20 @@ def test_an_alarm_of_the_baseline_is_part_of_what_was_normal():
     baseline = np.zeros((30, 3))
     baseline[[4, 6], 1] = 3 * limits.limits[0], 2 * limits.limits[0]  # two of three
     baseline[[4, 16], 2] = 5 * limits.limits[0]  # each by itself
-    assert limits.headroom(baseline, AlarmRule()) == pytest.approx([1.0, 2.0, 1.0])
+    none, two, apart = limits.headroom(baseline, AlarmRule())
+    assert (none, apart) == (1.0, 1.0)
+    # a burst is above 1 + x with the share of bursts times (1 + x/3)^-2, and two of three are with 2 p^2
+    p = 2.5 / 31 * (1 + (two - 1) / 3) ** -2
+    assert 2 * p**2 == pytest.approx(1e-4)
+
+
+def test_bursts_of_a_baseline_give_limits_that_later_ones_exceed_at_the_stated_rate():
+    rng, single = np.random.default_rng(5), AlarmRule(of=1, within=1)
+    limits = chart_limits(30, 100.0, CARRIED_OVER, rule=single)
+    bursts = limits.limits[0] * (1 + 2 * rng.exponential(size=(4, 40_000)))  # of the last, and three of a baseline
+    factor = limits.headroom(np.concatenate([bursts[:3], np.zeros((17, 40_000))]), single)
+    above = (bursts[3] >= factor * limits.limits[0]).mean() * 3.5 / 21
+    assert above == pytest.approx(1 / 100, rel=4 / np.sqrt(40_000 * 0.06))  # four deviations of the count
 
 
 def test_fewer_records_need_wider_limits():

@@ -232,6 +232,23 @@ class TestDoubt:
             )
             assert found.status == "ambiguous" or np.abs(found.speed_hz / 29.2 - 1).max() < 0.005
 
+    @pytest.mark.parametrize(("weak", "status"), [(0.1, "ambiguous"), (0.2, "ok")])
+    def test_hum_speaks_for_no_speed(self, weak, status):
+        # 1.25 times the speed has 16 and 32 where 20 and 40 are, and its first order, 50 Hz, at the mains
+        law = swing(40.0, [(0.03, 0.2)])
+        t = np.arange(int(6 * RATE_HZ)) / RATE_HZ
+        lines = ((20.0, 1.0), (40.0, 1.0), (5.7, weak), (11.4, weak))
+        x = sum(height * np.cos(2 * np.pi * order * law.revolutions(t) + order) for order, height in lines)
+        x = x + 0.5 * np.cos(2 * np.pi * 50 * t) + np.random.default_rng(0).standard_normal(t.size)
+        orders = [1.0, 5.7, 11.4, 16.0, 20.0, 32.0, 40.0]
+        found = estimate_speed(
+            x, rate_hz=RATE_HZ, orders=orders, speed_range_hz=(30.0, 52.0), max_acceleration_hz_s=5.0
+        )
+        assert found.status == status
+        speeds = [found.speed_hz, *(other.speed_hz for other in found.alternatives)]
+        assert any(abs(np.nanmedian(speed / law.speed_hz(found.times_s)) - 1) < 1e-3 for speed in speeds)
+        assert status == "ambiguous" or abs(np.nanmedian(found.speed_hz / law.speed_hz(found.times_s)) - 1) < 1e-4
+
     def test_two_machines(self):
         # a pump at another speed, its lines as strong: two answers, or none
         first, second = (

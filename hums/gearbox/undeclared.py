@@ -1,0 +1,55 @@
+"""What a gearbox file leaves out, so that nothing of it can be found in a record."""
+
+from collections.abc import Sequence
+
+from hums.gearbox.mechanism import build_mechanism
+from hums.gearbox.model import Gearbox
+from signals._validation import checked
+
+__all__ = ["undeclared_parts"]
+
+_MOST_NAMED = 12
+
+
+@checked
+def undeclared_parts(gearbox: Gearbox) -> list[str]:
+    """Return a sentence for each kind of part that a machine has and its gearbox file does not declare.
+
+    Parameters
+    ----------
+    gearbox : Gearbox
+        From `hums.load_gearbox`.
+
+    Returns
+    -------
+    list of str
+        Bodies that turn and have no bearing; no gear mesh at all. Empty where nothing is known to be missing.
+
+    Examples
+    --------
+    >>> import hums
+    >>> from hums.gearbox.undeclared import undeclared_parts
+    >>> undeclared_parts(hums.load_gearbox("two-stage"))
+    ['No bearing is declared on output: damage of its bearings was not looked for.']
+    """
+    mechanism = build_mechanism(gearbox)
+    borne = {
+        mechanism.bodies[name]
+        for bearing in gearbox.bearings
+        for ring in (bearing.inner_ring, bearing.outer_ring)
+        for name in gearbox.instances(ring)
+    }
+    copies = {name: link for link in gearbox.copied for name in gearbox.instances(link)}
+    bare = list(dict.fromkeys(copies.get(body, body) for body in mechanism.joints if body not in borne))
+    said = []
+    if bare:
+        whose = "its" if len(bare) == 1 else "their"
+        said.append(f"No bearing is declared on {_listed(bare)}: damage of {whose} bearings was not looked for.")
+    if not gearbox.meshes:
+        said.append("No gear mesh is declared: damage of teeth was not looked for.")
+    return said
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return ", ".join(names[:_MOST_NAMED]) + more
