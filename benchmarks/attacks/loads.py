@@ -282,7 +282,7 @@ def _first_result(out: Path) -> None:
 
 def _sentence(said: str) -> str:
     found = re.search(r"^SENTENCE (.*)", said, flags=re.MULTILINE | re.DOTALL)
-    return f"a sentence: {found[1].strip()[:120]}" if found and "Traceback" not in said else f"wrong: {said[-200:]}"
+    return f"a sentence: {found[1].strip()[:120]}" if found and "Traceback" not in found[1] else f"wrong: {said[-200:]}"
 
 
 def _on_a_cluster(

@@ -134,6 +134,8 @@ class ForeignFile:
             raise RecordError(f'{self.path.name} has no "{name}"{_closest(name, self.fields)} {self.contents()}')
         if isinstance(values, str):
             raise RecordError(f'{self.path.name}: "{name}" is {values}, not numbers. {self.contents()}')
+        if values.size == 0:
+            raise RecordError(f'{self.path.name}: "{name}" is empty; at least one sample is needed. {self.contents()}')
         if not is_utf8(self.name(name)):
             raise RecordError(
                 f'{self.path.name}: the name "{name}" in it is not UTF-8 text; save the file with names in UTF-8.'
