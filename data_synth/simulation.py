@@ -146,7 +146,8 @@ def simulate(
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise SceneError(f"seed = {seed!r}: a whole number, 0 or more, is needed.")
     refuse_too_large(declared, by_source=by_source, phases=phases, mechanics=mechanics)
-    record, noise_free = _simulated(declared, seed, by_source=by_source, phases=phases, mechanics=mechanics)
+    kept = declared.samples if detectability else 0
+    record, noise_free = _simulated(declared, seed, kept, by_source=by_source, phases=phases, mechanics=mechanics)
     if detectability:
         own = noise_free if len(declared.faults) == 1 else None
         return record.assign(truth_fault_detectability_db=fault_detectability(declared, seed=seed, own=own))
@@ -178,16 +179,16 @@ def simulate_with_detectability(scene: Scene, *, seed: int, trial_s: float) -> t
     detectability_db : float
         Of the fault in the whole record, from what it adds to its first `trial_s` seconds.
     """
-    record, noise_free = _simulated(scene, seed)
     samples = min(scene.samples, round(trial_s * scene.rate_hz))
+    record, noise_free = _simulated(scene, seed, samples)
     found_db = float(fault_detectability(scene, seed=seed, own=noise_free, samples=samples)[0, 0])
     return record, found_db + 10 * math.log10(scene.samples / samples)
 
 
 def _simulated(
-    declared: Scene, seed: int, *, by_source: bool = False, phases: bool = False, mechanics: bool = False
+    declared: Scene, seed: int, kept: int, *, by_source: bool = False, phases: bool = False, mechanics: bool = False
 ) -> tuple[xr.Dataset, NoiseFree]:
-    """Return the record of a scene, and its channels after the linear part of their chains."""
+    """Return the record of a scene, and the first `kept` samples after the linear part of its channels' chains."""
     prepared = prepare_scene(declared, rng_for=partial(random_stream, seed))
     gears = prepare_gears(prepared) if declared.fidelity != "kinematic" else None
     choice = decided(declared) if gears is not None else None
@@ -200,7 +201,7 @@ def _simulated(
         truth, attrs, steps = _with_gears(prepared, gears, choice, signal, parts)
     else:
         truth, attrs, steps = truth_variables(prepared), dict[str, str](), None
-    noise_free = NoiseFree(signal=signal.copy(), steps=steps)
+    noise_free = NoiseFree(signal=signal[:, :kept].copy(), steps=steps)
     truth |= add_outside_sources(prepared, signal, timing_errors_s=timing_errors_s)
     if declared.imperfections is not None:
         truth |= sensor_truth(prepared, truth["truth_speed"]["truth_time"])

@@ -233,7 +233,8 @@ def _submit(
                 running[future] = waiting.popleft()
         if not running:
             return lost
-        for future in wait(running, return_when=FIRST_COMPLETED).done:
+        done = wait(running, return_when=FIRST_COMPLETED).done
+        for future in [one for one in running if one in done]:  # in their order: the first is named where all die
             job = running.pop(future)
             try:
                 future.result()

@@ -246,7 +246,7 @@ def _full_torque_nm(stages: list[DrawnStage], unit_load: float) -> float:
 
 
 def draw_bearing(rng: np.random.Generator) -> BearingGeometry:
-    """Return the geometry of a bearing, within what those of `hums.gearbox.bearings` span.
+    """Return the geometry of a bearing, within what the ball bearings of `hums.gearbox.bearings` span.
 
     Parameters
     ----------

@@ -350,7 +350,7 @@ class Scene(Declared):
             if isinstance(table.get(history), dict):
                 table[history] = _with_file(table[history], path)
         if isinstance(table.get("transfer"), list):
-            table["transfer"] = [_with_file(item, path.parent) for item in table["transfer"]]
+            table["transfer"] = [_with_file(item, path) for item in table["transfer"]]
         return cls.from_mapping(table, where=str(path))
 
     def to_toml(self) -> str:

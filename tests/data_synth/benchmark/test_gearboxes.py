@@ -57,8 +57,9 @@ def test_other_numbers_of_stages_are_refused():
 def test_bearings_span_the_published_ones():
     drawn = [draw_bearing(np.random.default_rng(seed)) for seed in range(300)]
     shares = [bearing.element_diameter_mm / bearing.pitch_diameter_mm for bearing in drawn]
-    # NICE has elements over 0.48 of its pitch circle, and the family none below 0.55
-    for published in (each for each in bearing_catalogue() if each.name != "NICE (MFPT)"):
+    # the family is of ball bearings with one row: self-aligning and roller bearings are fuller, NICE emptier
+    others = {"NICE (MFPT)", "SKF 1205 ETN9", "N204 (Seoul)", "30204 (Seoul)", "DIRG B1", "DIRG B2"}
+    for published in (each for each in bearing_catalogue() if each.name not in others):
         own = published.element_diameter_mm / published.pitch_diameter_mm
         assert min(shares) < own < max(shares)
         near = [b for b, share in zip(drawn, shares, strict=True) if abs(share - own) < 0.01]
