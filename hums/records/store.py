@@ -5,11 +5,13 @@ which is computed and not stored, and validates the record.
 """
 
 import json
+import math
 import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from shlex import quote
@@ -440,6 +442,7 @@ def _check_schema(file: Path) -> None:
             schema = contents.attrs.get("schema")
             if isinstance(schema, str) and schema == SCHEMA:  # files of other software may have an array there
                 _warn_if_changed(file, contents)
+                contents.visititems(partial(_refuse_lost_samples, file))
                 return
     except (OSError, RuntimeError, LookupError, TypeError) as error:
         raise _damaged(file, error) from error
@@ -469,6 +472,15 @@ def _warn_if_changed(file: Path, contents: h5py.File) -> None:
             RecordWarning,
             stacklevel=3,
         )
+
+
+def _refuse_lost_samples(file: Path, name: str, item: object) -> None:
+    """Refuse an array of which the index of the file misses a part: HDF5 reads that as never written."""
+    if not isinstance(item, h5py.Dataset) or item.chunks is None:
+        return
+    needed = math.prod(-(-size // chunk) for size, chunk in zip(item.shape, item.chunks, strict=True))
+    if item.id.get_num_chunks() != needed:
+        raise _damaged(file, f"the parts of {quote(name)} are not all there")
 
 
 def _damaged(file: Path, why: object) -> RecordError:

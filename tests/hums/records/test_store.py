@@ -24,6 +24,7 @@ from hums.records.record import (
     PulseTimes,
     RecordError,
     TachometerWaveform,
+    UnknownAngle,
     channel_values,
     make_record,
     sampling,
@@ -474,6 +475,20 @@ def test_a_record_that_lost_a_part_names_its_file(path):
 
 
 # ---- damage ------------------------------------------------------------------------------------------------
+
+
+def test_samples_that_the_index_of_a_file_has_lost_are_refused(tmp_path):
+    path = tmp_path / "record.h5"
+    save_record(make_record({"a": Channel(values=np.ones(64), units="g")}, rate_hz=100.0, angle=UnknownAngle()), path)
+    with h5py.File(path, "r+") as contents:  # as a damaged index does, an array of the same shape that has no chunk
+        old, attrs = contents["a"], dict(contents["a"].attrs)
+        layout = {"shape": old.shape, "dtype": old.dtype, "chunks": old.chunks, "fletcher32": True}
+        del contents["a"]
+        contents.create_dataset("a", **layout).attrs.update(
+            {key: value for key, value in attrs.items() if key not in {"DIMENSION_LIST", "_Netcdf4Dimid"}}
+        )
+    with pytest.raises(RecordError, match=r"record\.h5 is damaged.*the parts of a are not all there"):
+        open_record(path)
 
 
 @pytest.mark.parametrize("kept", [1, 7, 8, 9, 47, 48, 95, 96, 512, 4096, 0.25, 0.5, 0.9, -1])
