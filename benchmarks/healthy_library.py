@@ -1,6 +1,6 @@
 """Healthy synthetic machines: the library from which verdicts learn what health looks like, and those that score.
 
-    python benchmarks/healthy_library.py --records 1000 --deviations 900 --jobs 2
+    python benchmarks/healthy_library.py --records 2000 --deviations 3600 --jobs 2
 
 writes `hums/analysis/healthy_machines.json`: the strengths of evidence that healthy records show, of bearings, and of
 teeth. Teeth, and bearings whose line stands at a multiple of a shaft, learn from other records, whose gears all have

@@ -186,7 +186,8 @@ def analyze(
     tree["indicators"] = xr.DataTree(rows.assign_attrs({HISTORIES: histories.to_json()}))
     found = _judge(tree)
     tree["envelope_tracks"] = xr.DataTree(_envelope_tracks(record, channels, teeth, machine, found, settings))
-    tree = tree.assign(picture_groups(pictures)) if pictures else tree
+    for name, picture in picture_groups(pictures).items() if pictures else ():
+        tree[name] = picture
     check_analysis(tree)
     return tree
 

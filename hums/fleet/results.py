@@ -2,51 +2,57 @@
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from hums.analysis.findings import NOT_JUDGED, not_judged_words
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
-from hums.analysis.result import (
-    Analysis,
-    findings_table,
-    group,
-    health_table,
-    indicator_table,
-    line_table,
-    verdict_table,
-)
+from hums.analysis.result import Analysis, group
 
 __all__ = ["results"]
 
 
 def results(analysis: Analysis) -> dict[str, Any]:
     """Return speed, what else was measured, lines, indicators, findings, unjudged parts and sensors as JSON types."""
-    speed, verdicts = group(analysis, "speed")["speed_hz"], verdict_table(analysis).to_dict("records")
+    speed = group(analysis, "speed")["speed_hz"]
+    findings, others = (list(_rows(analysis, name, ["verdict", "doubts", *_PART])) for name in ("findings", "verdicts"))
+    verdicts = [*findings, *others]
     return {
         "error": "",
         "speed_hz": speed.size / float((1 / speed).sum()) if speed.size else math.nan,
         "covariates": json.loads(analysis.attrs.get("measured_json", "{}")),
         "lines": [line for name in (ORDER_SPECTRUM, ENVELOPE) for line in _lines(analysis, name)],
         "indicators": [
-            [row[name] for name in ("channel", "component", "kind", "indicator", "unit", "value")]
-            for row in indicator_table(analysis).to_dict("records")
+            [row[name] for name in _INDICATOR]
+            for row in _rows(analysis, "indicators", _INDICATOR)
             if math.isfinite(row["value"])
         ],
-        "findings": [
-            [row[name] for name in ("component", "kind", "verdict", "channel", "evidence")]
-            for row in findings_table(analysis).to_dict("records")
-        ],
-        "not_judged": [[row["component"], row["kind"]] for row in verdicts if row["verdict"] == NOT_JUDGED],
+        "findings": [[row[name] for name in _FINDING] for row in _rows(analysis, "findings", _FINDING)],
+        "not_judged": [[row[name] for name in _PART] for row in verdicts if row["verdict"] == NOT_JUDGED],
         "parts_not_judged": not_judged_words(verdicts),
-        "health": [
-            [row[name] for name in ("name", "sensor", "status", "reasons")]
-            for row in health_table(analysis).to_dict("records")
-        ],
+        "health": [[row[name] for name in _HEALTH] for row in _rows(analysis, "health", _HEALTH)],
     }
 
 
+_PART = ("component", "kind")
+_INDICATOR = ("channel", "component", "kind", "indicator", "unit", "value")
+_FINDING = ("component", "kind", "verdict", "channel", "evidence")
+_HEALTH = ("name", "sensor", "status", "reasons")
+_LINE = ("line_channel", "component", "kind", "harmonic", "sideband", "line_units")
+_MEASURED = ("line_order", "line_amplitude", "snr", "claimed")
+
+
+def _rows(analysis: Analysis, name: str, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a group; a table of pandas takes as long as a third of the analysis of a short record."""
+    if name not in analysis.children:
+        return
+    dataset = analysis.children[name].dataset
+    for row in zip(*(dataset[column].to_numpy().tolist() for column in columns), strict=True):
+        yield dict(zip(columns, row, strict=True))
+
+
 def _lines(analysis: Analysis, name: str) -> Iterator[list[Any]]:
-    for row in line_table(analysis, name).to_dict("records"):
-        key = [row["channel"], name, *(row[part] for part in ("component", "kind", "harmonic", "sideband", "units"))]
-        yield [*key, row["order"], row["amplitude"], row["snr"], int(row["claimed"])]
+    for row in _rows(analysis, name, [*_LINE, *_MEASURED]):
+        channel, *line = (row[key] for key in _LINE)
+        order, amplitude, snr, claimed = (row[key] for key in _MEASURED)
+        yield [channel, name, *line, order, amplitude, snr, int(claimed)]
