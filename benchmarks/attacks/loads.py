@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -210,9 +211,9 @@ def attack_fleets(folder: Path, *, records: int, kills: int, seed: int = 20) -> 
     killed = kill_fleet(script, sources, folder / "killed", kills=kills, rng=rng)
     check("killed", folder / "killed", of=sources)
     row("its processes killed (-9)", f"{killed} killed, {records} records")
-    for name, outcome in (
-        *_others(script, dataset, few, folder, check),
-        *_on_a_cluster(script, few, folder, check, kills=kills, rng=rng),
+    for name, outcome in chain(
+        _others(script, dataset, few, folder, check),
+        _on_a_cluster(script, few, folder, check, kills=kills, rng=rng),
     ):
         row(name, outcome)
         if outcome.startswith("wrong"):

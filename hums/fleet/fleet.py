@@ -185,7 +185,7 @@ def analyze_fleet(
         "settings": settings.model_dump_json(),
         "version": version("hums-toolkit"),
     }
-    results_folder = folder / "records"
+    results_folder, killed = folder / "records", folder / "killed"
     try:
         results_folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -198,14 +198,14 @@ def analyze_fleet(
         folder=results_folder,
         workers=workers or Serial(),
         title="records" if progress else None,
-        when_killed=_killed_to_file,
+        when_killed=partial(_killed_to_file, killed),
     )
     names = [job.name for job in jobs]
     if append:
         names = list(dict.fromkeys([*_listed(folder), *names]))
     with atomic_write(folder / _LIST) as part:
         part.write_text(json.dumps(names), encoding="utf-8")
-    paths = [results_folder / name for name in names]
+    paths = [done if (done := results_folder / name).exists() else killed / name for name in names]
     histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, append=append, gearbox=named)
     return Fleet(
         folder=folder,
@@ -333,13 +333,17 @@ def _analyse_to_file(gearbox: str, settings: str, source: _Source, path: Path) -
     _write_row(source, _row(source, *_parsed(gearbox, settings)), path)
 
 
-def _killed_to_file(source: _Source, path: Path) -> None:
-    """Write the row of a record at which its worker process died; its file is not opened again."""
+def _killed_to_file(folder: Path, source: _Source, path: Path) -> None:
+    """Write the row of a record at which its worker process died, apart from results: the next run tries it again.
+
+    A process may also be killed from outside, or for memory that another one took.
+    """
     sentence = (
         f"{source.path} killed its reader: the process that analysed it died, twice. The file is damaged, or needs "
-        "more memory than there is. Copy it again from where it came."
+        "more memory than there was. Copy it again from where it came, or run again."
     )
-    _write_row(source, {"machine": "", "recorded_at": "", "error": sentence}, path)
+    folder.mkdir(exist_ok=True)
+    _write_row(source, {"machine": "", "recorded_at": "", "error": sentence}, folder / path.name)
 
 
 def _write_row(source: _Source, row: Mapping[str, Any], path: Path) -> None:

@@ -177,6 +177,10 @@ class TestGoingOn:
         assert "2.h5 killed its reader" in result.errors[str(records / "2.h5")]
         failed = [row["record"] for row in rows(folder / "fleet.csv") if row["error"]]
         assert failed == [str(records / "2.h5")]
+        monkeypatch.undo()  # what killed it may be over
+        result = run([records], folder)
+        assert (result.failed, result.analysed, result.kept) == (0, 1, 5)
+        assert tables(folder) == tables(done)
 
     def test_stopped_and_run_again_the_tables_are_the_same(self, records, done, tmp_path, monkeypatch):
         analyze, calls = fleet_room.analyze, itertools.count()
