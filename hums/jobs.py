@@ -145,8 +145,9 @@ def run_jobs(
     title : str, optional
         Label of a progress bar on standard error; None: no bar.
     when_killed : callable, optional
-        Writes, in this process, the file of an item whose worker process died twice, the second time with no other job
-        beside it; the other jobs go on. None: the run ends with an error.
+        Called in this process with an item and the path of its file, where its worker process died twice, the second
+        time with no other job beside it; the other jobs go on, and the next run tries the item again unless the file
+        was written. None: the run ends with an error.
 
     Returns
     -------

@@ -98,7 +98,7 @@ Halved, records of machines on the grid count as varying; doubled, smeared lines
 """
 
 SLIP_SCATTER = 0.005
-"""Relative difference of distance from two nominal orders below which a line is not told to be of the nearer.
+"""Relative difference of distance from two nominal orders below which a line may belong to either.
 
 Bearings slip by 1 to 2 % (Randall and Antoni 2011), alike within a machine but not equally (half of a per cent is our
 choice). Halved, a race is diagnosed whose neighbour's order is three thousandths away; doubled, bearings with similar

@@ -11,6 +11,13 @@ from hums.analysis.result import Analysis, group
 
 __all__ = ["results"]
 
+_PART = ("component", "kind")
+_INDICATOR = ("channel", "component", "kind", "indicator", "unit", "value")
+_FINDING = ("component", "kind", "verdict", "channel", "evidence")
+_HEALTH = ("name", "sensor", "status", "reasons")
+_LINE = ("line_channel", "component", "kind", "harmonic", "sideband", "line_units")
+_MEASURED = ("line_order", "line_amplitude", "snr", "claimed")
+
 
 def results(analysis: Analysis) -> dict[str, Any]:
     """Return speed, what else was measured, lines, indicators, findings, unjudged parts and sensors as JSON types."""
@@ -32,14 +39,6 @@ def results(analysis: Analysis) -> dict[str, Any]:
         "parts_not_judged": not_judged_words(verdicts),
         "health": [[row[name] for name in _HEALTH] for row in _rows(analysis, "health", _HEALTH)],
     }
-
-
-_PART = ("component", "kind")
-_INDICATOR = ("channel", "component", "kind", "indicator", "unit", "value")
-_FINDING = ("component", "kind", "verdict", "channel", "evidence")
-_HEALTH = ("name", "sensor", "status", "reasons")
-_LINE = ("line_channel", "component", "kind", "harmonic", "sideband", "line_units")
-_MEASURED = ("line_order", "line_amplitude", "snr", "claimed")
 
 
 def _rows(analysis: Analysis, name: str, columns: Sequence[str]) -> Iterator[dict[str, Any]]:

@@ -90,14 +90,18 @@ def quoted(names: Iterable[str]) -> str:
     return ", ".join(f'"{name}"' for name in dict.fromkeys(names))
 
 
+def first_of(names: Sequence[str], most: int) -> str:
+    """Return the first names with commas between them, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
 def closest(word: str, valid: set[str] | list[str]) -> str:
     """Return the end of an error: the valid word closest to a misspelt one, else all valid words."""
     matches = difflib.get_close_matches(word, sorted(valid), n=1)
     if matches:
         return f'; did you mean "{matches[0]}"?'
-    shown = sorted(valid)[:_MOST_SHOWN]
-    more = f" and {len(valid) - _MOST_SHOWN} more" if len(valid) > _MOST_SHOWN else ""
-    return f"; valid: {', '.join(shown)}{more}"
+    return f"; valid: {first_of(sorted(valid), _MOST_SHOWN)}"
 
 
 def frozen(value: Any) -> Any:  # noqa: ANN401

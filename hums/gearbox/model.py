@@ -356,6 +356,11 @@ class Gearbox(Declared):
             return tuple(f"{link} {number + 1}" for number in range(self.copied[link]))
         return (link,)
 
+    @property
+    def copy_links(self) -> dict[str, str]:
+        """Declared link of each copy: ``planet`` of ``planet 1``; links without copies are left out."""
+        return {copy: link for link in self.copied for copy in self.instances(link)}
+
     def direction(self, axis_name: str) -> Vector:
         """Return the unit vector of an axis, (3,); x where nothing else is declared."""
         return self.directions()[axis_name]

@@ -305,8 +305,7 @@ def _equal_sharing(statics: Statics) -> list[Form]:
             shared.append({tooth_load_symbol(number): _ONE, tooth_load_symbol(other): -_ONE})
     residuals = solve([*equations, *shared])[1][len(equations) :]
     if not all(map(statics.is_zero, residuals)):
-        gearbox = statics.kinematics.gearbox
-        copies = {name for link in gearbox.copied for name in gearbox.instances(link)}
+        copies = statics.kinematics.gearbox.copy_links
         raise TorqueError(
             f"{statics.name}: the torques on {quoted(link for link in statics.torques if link in copies)} load copies "
             "of one axis differently, so they cannot share equally. Put the same torque on each copy, or declare the "

@@ -1,7 +1,6 @@
 """What a gearbox file leaves out, so that nothing of it can be found in a record."""
 
-from collections.abc import Sequence
-
+from hums.gearbox.components import first_of
 from hums.gearbox.mechanism import build_mechanism
 from hums.gearbox.model import Gearbox
 from signals._validation import checked
@@ -39,17 +38,13 @@ def undeclared_parts(gearbox: Gearbox) -> list[str]:
         for ring in (bearing.inner_ring, bearing.outer_ring)
         for name in gearbox.instances(ring)
     }
-    copies = {name: link for link in gearbox.copied for name in gearbox.instances(link)}
-    bare = list(dict.fromkeys(copies.get(body, body) for body in mechanism.joints if body not in borne))
+    bare = list(dict.fromkeys(gearbox.copy_links.get(body, body) for body in mechanism.joints if body not in borne))
     said = []
     if bare:
         whose = "its" if len(bare) == 1 else "their"
-        said.append(f"No bearing is declared on {_listed(bare)}: damage of {whose} bearings was not looked for.")
+        said.append(
+            f"No bearing is declared on {first_of(bare, _MOST_NAMED)}: damage of {whose} bearings was not looked for."
+        )
     if not gearbox.meshes:
         said.append("No gear mesh is declared: damage of teeth was not looked for.")
     return said
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-    return ", ".join(names[:_MOST_NAMED]) + more

@@ -137,7 +137,7 @@ def mechanism_graph(kinematics: Kinematics, *, ax: Axes, copies: bool = False) -
 def _graph(kinematics: Kinematics, *, copies: bool) -> _Graph:
     """Return the vertices, levels and gear pairs of a mechanism."""
     gearbox, bodies, mechanism = kinematics.gearbox, kinematics.bodies, kinematics.mechanism
-    together = {} if copies else {name: link for link in gearbox.copied for name in gearbox.instances(link)}
+    together = {} if copies else gearbox.copy_links
     shown: dict[str, str] = {}  # body -> the one that is drawn for it
     for link, body in bodies.items():
         first = gearbox.instances(together[link])[0] if link in together else link

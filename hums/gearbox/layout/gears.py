@@ -160,4 +160,4 @@ def _joined(shapes: list[GearShape]) -> GearShape:
 
 
 def _declared(gearbox: Gearbox, instance: str) -> str:
-    return next((link for link in gearbox.copied if instance in gearbox.instances(link)), instance)
+    return gearbox.copy_links.get(instance, instance)
