@@ -175,7 +175,7 @@ def analyze_fleet(
     """
     named = gearbox.name if isinstance(gearbox, Gearbox) else str(gearbox)
     gearbox = gearbox if isinstance(gearbox, Gearbox) else load_gearbox(gearbox)
-    settings = settings or AnalysisSettings(most_tracks=0)
+    settings = (settings or AnalysisSettings(most_tracks=0)).model_copy(update={"pictures": False})  # it draws none
     work = read_maintenance(maintenance) if maintenance is not None else ()
     found = _sources(sources)
     folder = Path(folder).resolve()
