@@ -65,7 +65,7 @@ def write_row(row: Mapping[str, Any], path: Path) -> None:
         names = json.dumps(row[name].keys, separators=(",", ":"))
         packed[name] = [names, list(values.shape), base64.b64encode(values.tobytes()).decode()]
     with atomic_write(path) as part:
-        part.write_bytes(gzip.compress(json.dumps(dict(row) | packed).encode(), mtime=0))
+        part.write_bytes(gzip.compress(json.dumps(dict(row) | packed).encode(), compresslevel=1, mtime=0))
 
 
 def read_row(path: Path) -> dict[str, Any]:
