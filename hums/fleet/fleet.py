@@ -349,7 +349,13 @@ def _killed_to_file(folder: Path, source: _Source, path: Path) -> None:
 
 
 def _write_row(source: _Source, row: Mapping[str, Any], path: Path) -> None:
-    write_row({"record": source.name, "class": source.label} | dict(row), path)
+    whole = {"record": source.name, "class": source.label} | dict(row)
+    write_row({name: _unicode(text) if isinstance(text, str) else text for name, text in whole.items()}, path)
+
+
+def _unicode(text: str) -> str:
+    r"""Return a text with the bytes of file names that are no UTF-8 as \xNN: no table could hold them."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 @lru_cache(maxsize=4)

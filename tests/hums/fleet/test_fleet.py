@@ -1,9 +1,11 @@
 import csv
 import itertools
 import math
+import os
 import shutil
 import sys
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import clusters
 import h5py
@@ -238,6 +240,20 @@ class TestGoingOn:
         refused, kept = rows(tmp_path / "out" / "fleet.csv")
         assert "recorded_at='yesterday'" in refused["error"]
         assert kept["error"] == ""
+
+    def test_a_name_that_is_no_utf_8_costs_no_table(self, tmp_path):
+        (tmp_path / "records").mkdir()
+        save_record(record(1.0), tmp_path / "records" / "a.h5")
+        named = os.fsencode(tmp_path / "records") + b"/b\xff.h5"
+        try:
+            Path(os.fsdecode(named)).write_bytes(b"no record")
+        except OSError:
+            pytest.skip("this file system takes no such name")
+        result = run([tmp_path / "records"], tmp_path / "out")
+        assert (result.records, result.failed) == (2, 1)
+        found = [Path(row["record"]).name for row in rows(tmp_path / "out" / "fleet.csv")]
+        assert found == ["a.h5", "b\\xff.h5"]
+        assert list(result.errors) == [str(tmp_path / "records" / "b\\xff.h5")]
 
     def test_another_gearbox_or_other_settings_are_refused(self, records, done):
         with pytest.raises(
