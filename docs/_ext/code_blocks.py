@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,7 @@ PAGES = ("*.md", "tutorials/*.md", "howto/*.md", "methods/*.md")
 BLOCK = re.compile(r"(<!-- not run: [^>]+ -->\n)?^```(python|sh)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
 
 MADE = "made"  # folder of the pictures that blocks leave, beside the pages
-MOST_LINES, MOST_COLUMNS = 30, 160
+MOST_LINES, MOST_COLUMNS = 30, 100
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,11 @@ def run_pages(app: Sphinx) -> None:
             logger.warning("a code block fails: %s", trouble, location=name)
 
 
-def _cut(line: str) -> str:
-    return line if len(line) <= MOST_COLUMNS else f"{line[:MOST_COLUMNS].rsplit(maxsplit=1)[0]} ..."
+def _wrapped(line: str) -> list[str]:
+    """Return a line as it is, or a long sentence over several; a row of a table, which has gaps, stays one."""
+    if len(line) <= MOST_COLUMNS or "  " in line.strip():
+        return [line]
+    return textwrap.wrap(line, MOST_COLUMNS, subsequent_indent="    ", break_long_words=False)
 
 
 def show_below(_app: Sphinx, page: str, content: list[str]) -> None:
@@ -101,7 +105,7 @@ def show_below(_app: Sphinx, page: str, content: list[str]) -> None:
     def shown(match: re.Match[str]) -> str:
         below = SHOWN.get(page, {}).get(match.group(3), Shown("", ()))
         said = below.text.rstrip().splitlines()
-        lines = [_cut(line) for line in said[:MOST_LINES]] + ["..."] * (len(said) > MOST_LINES)
+        lines = [part for line in said[:MOST_LINES] for part in _wrapped(line)] + ["..."] * (len(said) > MOST_LINES)
         text = "\n\n```text\n" + "\n".join(lines) + "\n```" if lines else ""
         return match.group(0) + text + "".join(f"\n\n![made by the lines above]({path})" for path in below.pictures)
 
