@@ -160,7 +160,7 @@ def _keep(history: MachineHistory, folder: Path, name: str) -> None:
     last = history.last and {key: getattr(history.last, key) for key in ("index", "scores", "growth")}
     text = json.dumps({"records": history.records, "alarms": history.alarms, "last": last})
     with atomic_write(folder / f"{name}.history.gz") as part:
-        part.write_bytes(gzip.compress(text.encode(), mtime=0))
+        part.write_bytes(gzip.compress(text.encode(), compresslevel=6, mtime=0))
     write_state(history.state, folder / f"{name}.state.gz")
 
 
