@@ -288,10 +288,13 @@ def pronostia(given: argparse.Namespace) -> str:
 
 def wind_turbine(given: argparse.Namespace) -> str:
     """Return the health of a wind turbine's gearbox in its last two records."""
-    text = ["Four records, a baseline of the first two.\n", "| recorded | largest health index | component | alarm |"]
-    text += ["|---|---|---|---|"]
-    for when, index, component, raised in turbine(Path(given.data) / "wt_hss_bearing"):
-        text.append(f"| {when[:10]} | {index:.2f} | {component} | {'yes' if raised else 'no'} |")
+    text = [
+        "Four records, a baseline of the first two.\n",
+        "| recorded | largest health index | its score | component | alarm |",
+    ]
+    text += ["|---|---|---|---|---|"]
+    for when, index, score, component, raised in turbine(Path(given.data) / "wt_hss_bearing"):
+        text.append(f"| {when[:10]} | {index:.2f} | {score:.1f} | {component} | {'yes' if raised else 'no'} |")
     return "\n".join(text)
 
 

@@ -65,8 +65,8 @@ def run_to_failure(path: Path) -> tuple[int, float, str, bool]:
     return len(runs), first, what, any(alarm["state"] == "raised" for alarm in state.open.values())
 
 
-def turbine(folder: Path) -> Iterator[tuple[str, float, str, bool]]:
-    """Yield time, largest health index, its component, and whether it has an alarm, of a turbine's later records."""
+def turbine(folder: Path) -> Iterator[tuple[str, float, float, str, bool]]:
+    """Yield time, largest health index, that score, its component, and whether it has an alarm, of later records."""
     gearbox = load_gearbox(ROOT / "tests" / "data" / "wind-turbine.toml")
     state = MachineState(machine="turbine", settings=MonitorSettings(baseline_records=2))
     for path in sorted(folder.glob("*.mat")):
@@ -85,4 +85,4 @@ def turbine(folder: Path) -> Iterator[tuple[str, float, str, bool]]:
         found = update(state, observation(row))
         if found.judged:
             worst = max(found.index, key=lambda name: found.index[name])
-            yield when, found.index[worst], worst, state.alarms[worst].life == Life.RAISED
+            yield when, found.index[worst], found.scores[worst], worst, state.alarms[worst].life == Life.RAISED
