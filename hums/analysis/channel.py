@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 
 import numpy as np
@@ -28,6 +28,7 @@ from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
 from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import Sampling, channel_values, sampling, vibration_channels
+from signals.angle.averaging import SynchronousAverage
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.health import SensorHealth, sensor_health
 from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all
@@ -70,6 +71,9 @@ class AnalysedChannel:
     evidence: tuple[PartEvidence, ...] = ()
     unexplained: tuple[UnexplainedLine, ...] = ()
     envelope_reach: float = 0.0  # highest order of any envelope's spectrum
+    averages: dict[str, SynchronousAverage] = field(
+        default_factory=dict, repr=False
+    )  # of shafts, as they are asked for
 
     @property
     def faulty(self) -> bool:
