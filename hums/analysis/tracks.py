@@ -242,7 +242,7 @@ def bearing_line(
     ((rate_hz, envelope),) = bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=[band])
     at = replace(when, rate_hz=rate_hz, count=envelope.size)
     last = (1 + slip) * part.order + _MARGIN_ORDERS
-    signal = resample_in_angle(envelope, at, channel.name, machine.phase, last)
+    signal = resample_in_angle(envelope, at, channel.name, machine.phase, last, multiple_of=1)
     return EnvelopeLine(
         component=part.component,
         kind=part.kind,
