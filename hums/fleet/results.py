@@ -1,16 +1,23 @@
-"""Results of one record as JSON types: what `hums.fleet` keeps of an analysis."""
+"""Results of one record: what `hums.fleet` keeps of an analysis."""
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hums.analysis.findings import NOT_JUDGED, not_judged_words
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.result import Analysis, group
 
-__all__ = ["results"]
+__all__ = ["INDICATOR", "LINE", "Numbers", "named", "results"]
 
+LINE = ("channel", "spectrum", "component", "kind", "harmonic", "sideband", "units")
+INDICATOR = ("channel", "component", "kind", "indicator", "units")
 _PART = ("component", "kind")
 _INDICATOR = ("channel", "component", "kind", "indicator", "unit", "value")
 _FINDING = ("component", "kind", "verdict", "channel", "evidence")
@@ -19,8 +26,33 @@ _LINE = ("line_channel", "component", "kind", "harmonic", "sideband", "line_unit
 _MEASURED = ("line_order", "line_amplitude", "snr", "claimed")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Numbers:
+    """Numbers of a record (keys, columns) under keys that other records share: the same tuple for equal ones."""
+
+    keys: tuple[Any, ...]
+    values: NDArray[Any]
+
+
+def named(rows: Iterable[Sequence[Any]], names: int, numbers: int) -> Numbers:
+    """Return rows of that many names, and of numbers."""
+    taken = [tuple(row) for row in rows]
+    values = np.array([row[names:] for row in taken], dtype=np.float64).reshape(len(taken), numbers)
+    return Numbers(keys=_shared(tuple(row[:names] for row in taken)), values=values)
+
+
+@lru_cache(maxsize=256)
+def _shared(keys: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the first tuple that equals this one, so that what follows from it is found by its identity."""
+    return keys
+
+
 def results(analysis: Analysis) -> dict[str, Any]:
-    """Return speed, what else was measured, lines, indicators, findings, unjudged parts and sensors as JSON types."""
+    """Return speed, what else was measured, findings, unjudged parts and sensors as JSON types, and the numbers.
+
+    ``lines`` are `Numbers` under `LINE`: order, amplitude, what it is over its surroundings, and 1 where it is claimed;
+    ``indicators`` those under `INDICATOR`: the value.
+    """
     speed = group(analysis, "speed")["speed_hz"]
     findings, others = (list(_rows(analysis, name, ["verdict", "doubts", *_PART])) for name in ("findings", "verdicts"))
     verdicts = [*findings, *others]
@@ -28,12 +60,18 @@ def results(analysis: Analysis) -> dict[str, Any]:
         "error": "",
         "speed_hz": speed.size / float((1 / speed).sum()) if speed.size else math.nan,
         "covariates": json.loads(analysis.attrs.get("measured_json", "{}")),
-        "lines": [line for name in (ORDER_SPECTRUM, ENVELOPE) for line in _lines(analysis, name)],
-        "indicators": [
-            [row[name] for name in _INDICATOR]
-            for row in _rows(analysis, "indicators", _INDICATOR)
-            if math.isfinite(row["value"])
-        ],
+        "lines": named(
+            (line for name in (ORDER_SPECTRUM, ENVELOPE) for line in _lines(analysis, name)), len(LINE), len(_MEASURED)
+        ),
+        "indicators": named(
+            (
+                [row[name] for name in _INDICATOR]
+                for row in _rows(analysis, "indicators", _INDICATOR)
+                if math.isfinite(row["value"])
+            ),
+            len(INDICATOR),
+            1,
+        ),
         "findings": [[row[name] for name in _FINDING] for row in _rows(analysis, "findings", _FINDING)],
         "not_judged": [[row[name] for name in _PART] for row in verdicts if row["verdict"] == NOT_JUDGED],
         "parts_not_judged": not_judged_words(verdicts),

@@ -306,6 +306,8 @@ class LocalDamage:
         The larger of the two below.
     repeats : float
         Probability that blocks turned at random repeat as well, in any band; at least ``1 / (rotations + 1)``.
+    differing : float
+        The smallest `repeats` of all bands: whether anything repeats with the turn, at one tooth or several.
     local : float
         Probability that among teeth whose energies are exponential one is that far out, of all cells, widths and bands.
     statistic : float
@@ -325,6 +327,7 @@ class LocalDamage:
 
     probability: float
     repeats: float
+    differing: float
     local: float
     statistic: float
     outlier: float
@@ -379,7 +382,12 @@ def local_damage(energies: FoldedEnergies, *, rotations: int, rng: np.random.Gen
     null = _rotated_maxima(smoothed, most if worthwhile else _FIRST, float(largest.max()), rng)
     repeats = [float((1 + np.count_nonzero(null >= one)) / (1 + null.size)) for one in largest]
     found = [
-        replace(place, repeats=repeats[place.band], probability=max(repeats[place.band], place.local))
+        replace(
+            place,
+            repeats=repeats[place.band],
+            differing=min(repeats),
+            probability=max(repeats[place.band], place.local),
+        )
         for place in places
     ]
     return min(found, key=lambda place: (place.probability, place.local, -place.statistic))
@@ -408,6 +416,7 @@ def _at_peak(curve: Array, statistic: Array, width: int, energies: FoldedEnergie
     return LocalDamage(
         probability=local,
         repeats=0.0,
+        differing=0.0,
         local=local,
         statistic=float(statistic[peak]),
         outlier=outlier,
