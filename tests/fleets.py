@@ -6,8 +6,8 @@ import numpy as np
 
 from hums.fleet.kept import KeptRecord
 from hums.fleet.monitor import MachineState, MonitorSettings, update
+from hums.fleet.numbers import Numbers
 from hums.fleet.observation import Observation
-from hums.fleet.results import Numbers
 from hums.fleet.series import Series
 
 FIRST = datetime(2026, 3, 1, tzinfo=UTC)

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hums.fleet.numbers import INDICATOR, LINE, Numbers
 from hums.fleet.observation import Observation, observation
-from hums.fleet.results import INDICATOR, LINE, Numbers
 from hums.fleet.series import Series, SeriesValues
 from hums.records.store import atomic_write
 

@@ -2,49 +2,22 @@
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Iterator, Sequence
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from hums.analysis.findings import NOT_JUDGED, not_judged_words
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.result import Analysis, group
+from hums.fleet.numbers import INDICATOR, LINE, named
 
-__all__ = ["INDICATOR", "LINE", "Numbers", "named", "results"]
+__all__ = ["results"]
 
-LINE = ("channel", "spectrum", "component", "kind", "harmonic", "sideband", "units")
-INDICATOR = ("channel", "component", "kind", "indicator", "units")
 _PART = ("component", "kind")
 _INDICATOR = ("channel", "component", "kind", "indicator", "unit", "value")
 _FINDING = ("component", "kind", "verdict", "channel", "evidence")
 _HEALTH = ("name", "sensor", "status", "reasons")
 _LINE = ("line_channel", "component", "kind", "harmonic", "sideband", "line_units")
 _MEASURED = ("line_order", "line_amplitude", "snr", "claimed")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Numbers:
-    """Numbers of a record (keys, columns) under keys that other records share: the same tuple for equal ones."""
-
-    keys: tuple[Any, ...]
-    values: NDArray[Any]
-
-
-def named(rows: Iterable[Sequence[Any]], names: int, numbers: int) -> Numbers:
-    """Return rows of that many names, and of numbers."""
-    taken = [tuple(row) for row in rows]
-    values = np.array([row[names:] for row in taken], dtype=np.float64).reshape(len(taken), numbers)
-    return Numbers(keys=_shared(tuple(row[:names] for row in taken)), values=values)
-
-
-@lru_cache(maxsize=256)
-def _shared(keys: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the first tuple that equals this one, so that what follows from it is found by its identity."""
-    return keys
 
 
 def results(analysis: Analysis) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.results import Numbers
+from hums.fleet.numbers import Numbers
 from hums.gearbox.orders import BEARING_KINDS
 from signals.monitoring.health import FEWEST_LEVELS, Layout
 

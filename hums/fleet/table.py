@@ -13,8 +13,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from hums.fleet.kept import KeptRecord
+from hums.fleet.numbers import INDICATOR, LINE
 from hums.fleet.observation import seconds_since_1970
-from hums.fleet.results import INDICATOR, LINE
 from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
 from signals.monitoring.forecast import local_trend, time_until

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from hums.fleet.results import INDICATOR, LINE, named
+from hums.fleet.numbers import INDICATOR, LINE, named
 from hums.fleet.series import Series, component_parts, joint_names, layout_of, series_of, vector
 
 
