@@ -21,11 +21,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft
 
+from signals._median import median
 from signals._validation import Array, positive, whole
 
 if TYPE_CHECKING:
@@ -280,14 +282,18 @@ def _block_means(sums: Array, seen: NDArray[np.integer], edges: NDArray[np.integ
 
 def _common_part(values: Array, teeth: float, smooth_orders: int) -> Array:
     """Return the mean, the smooth orders, and the orders that all teeth share."""
-    cells = values.shape[-1]
-    lines = fft.rfft(values, axis=-1)
-    taken = np.zeros(lines.shape[-1], dtype=bool)
+    return np.asarray(values @ _common_projection(values.shape[-1], teeth, smooth_orders))
+
+
+@lru_cache(maxsize=32)
+def _common_projection(cells: int, teeth: float, smooth_orders: int) -> Array:
+    """Return the (cell, cell) projection on these orders, which is symmetric."""
+    taken = np.zeros(cells // 2 + 1, dtype=bool)
     taken[: smooth_orders + 1] = True
     common = np.arange(1, int(taken.size / teeth) + 1) * teeth
     whole_ones = np.rint(common[np.abs(common - np.rint(common)) < 1e-9]).astype(int)  # noqa: PLR2004
     taken[whole_ones[whole_ones < taken.size]] = True
-    return np.asarray(fft.irfft(np.where(taken, lines, 0), cells, axis=-1))
+    return np.asarray(fft.irfft(np.where(taken, fft.rfft(np.eye(cells)), 0), cells))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -450,7 +456,7 @@ def _t_statistic(values: Array) -> Array:
     blocks = values.shape[-2]
     mean = values.mean(axis=-2)
     error = values.std(axis=-2, ddof=1) / math.sqrt(blocks)
-    return np.asarray(mean / np.maximum(error, np.median(error, axis=-1, keepdims=True) + 1e-300))
+    return np.asarray(mean / np.maximum(error, median(error)[..., None] + 1e-300))
 
 
 def _rotated_maxima(smoothed: Sequence[Array], most: int, observed: float, rng: np.random.Generator) -> Array:
