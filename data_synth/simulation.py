@@ -249,11 +249,20 @@ def _timing_errors_s(prepared: PreparedScene) -> Array | None:
     return jitter.std_s * prepared.rng_for("jitter").standard_normal(scene.samples) if jitter is not None else None
 
 
-def _clean(prepared: PreparedScene, *, timing_errors_s: Array | None, only: tuple[str, str] | None = None) -> Array:
-    """Return the signal after the linear chain, (sensor, n), of all sources or of one (component, kind)."""
+def _clean(
+    prepared: PreparedScene,
+    *,
+    timing_errors_s: Array | None,
+    only: tuple[str, str] | None = None,
+    samples: int | None = None,
+) -> Array:
+    """Return the signal after the linear chain, (sensor, n), of all sources or of one (component, kind).
+
+    Of the first `samples` alone where they are wanted: lines are left out behind their last block.
+    """
     scene = prepared.scene
     signal = np.zeros((len(scene.sensors), scene.samples))
-    for start in range(0, scene.samples, _BLOCK):
+    for start in range(0, scene.samples if samples is None else samples, _BLOCK):
         here = slice(start, min(start + _BLOCK, scene.samples))
         prepared.add_lines(
             signal[:, here],
@@ -264,7 +273,7 @@ def _clean(prepared: PreparedScene, *, timing_errors_s: Array | None, only: tupl
     for number, train in prepared.trains:
         if only in (None, (train.component, train.kind)):
             add_impacts(prepared, number, train, signal, timing_errors_s=timing_errors_s)
-    return signal
+    return signal[:, :samples]
 
 
 def _gear_vibration(motion: Motion, *, samples: int) -> Array:
@@ -417,7 +426,7 @@ def _noise_free(
     gears = prepare_gears(prepared) if levels is not None else None
     if gears is not None and levels is not None:
         prepared = with_kinematic_lines(prepared, gears, levels)
-    signal = _clean(prepared, timing_errors_s=_timing_errors_s(prepared))[:, :samples]
+    signal = _clean(prepared, timing_errors_s=_timing_errors_s(prepared), samples=samples)
     motion = simulated_motion(prepared, gears, levels) if gears is not None and levels is not None else None
     if motion is None:
         return NoiseFree(signal=signal, steps=None)
