@@ -194,7 +194,7 @@ def count(scene: Scene) -> Counted:
         gears, choice = prepare_gears(stage), decided(scene)
         parts, vibrating = tuple(_gears(stage, gears, choice)), BYTES * scene.samples * len(scene.sensors)
         stage = with_kinematic_lines(stage, gears, choice.levels)
-        projected = min(_MOST_PROJECTED, len(candidates_of(scene, top=_top_order(stage), mixed=False).orders))
+        projected = min(_MOST_PROJECTED, len(candidates_of(scene, top=_top_order(stage), mixed=False).numbers))
     lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes)
     lines += sum(amplitudes[:, :, 0].size for _, _, amplitudes in impact_lines(stage))
     lines += len(scene.sensors) * projected

@@ -21,7 +21,7 @@ from data_synth.fidelity.choice import (
 )
 from data_synth.kinematic.harmonics import ComplexArray, RandomStreams, random_stream
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.scene import Scene, SceneError, Sensor, load_scene
+from data_synth.scene.scene import GearFault, Scene, SceneError, Sensor, load_scene
 from data_synth.sources.disturbances import (
     add_electrical,
     add_outside_sources,
@@ -156,10 +156,14 @@ def simulate(
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseFree:
-    """Channels after the linear part of their chains, (sensor, n), and the integration's steps to a sample, if any."""
+    """Channels after the linear part of their chains, (sensor, n), and what gears in motion add to them, if any.
+
+    `steps` are those of their integration to a sample.
+    """
 
     signal: Array
-    steps: int | None
+    of_gears: Array | None = None
+    steps: int | None = None
 
 
 def simulate_with_detectability(scene: Scene, *, seed: int, trial_s: float) -> tuple[xr.Dataset, float]:
@@ -198,10 +202,10 @@ def _simulated(
     parts = _by_source(prepared, timing_errors_s=timing_errors_s) if by_source else {}
     signal = _clean(prepared, timing_errors_s=timing_errors_s)
     if gears is not None and choice is not None:
-        truth, attrs, steps = _with_gears(prepared, gears, choice, signal, parts)
+        truth, attrs, noise_free = _with_gears(prepared, gears, choice, signal, parts, kept=kept)
     else:
-        truth, attrs, steps = truth_variables(prepared), dict[str, str](), None
-    noise_free = NoiseFree(signal=signal[:, :kept].copy(), steps=steps)
+        truth, attrs = truth_variables(prepared), dict[str, str]()
+        noise_free = NoiseFree(signal=signal[:, :kept].copy())
     truth |= add_outside_sources(prepared, signal, timing_errors_s=timing_errors_s)
     if declared.imperfections is not None:
         truth |= sensor_truth(prepared, truth["truth_speed"]["truth_time"])
@@ -258,12 +262,13 @@ def _clean(
 ) -> Array:
     """Return the signal after the linear chain, (sensor, n), of all sources or of one (component, kind).
 
-    Of the first `samples` alone where they are wanted: lines are left out behind their last block.
+    Of the first `samples` samples, if not of all.
     """
     scene = prepared.scene
-    signal = np.zeros((len(scene.sensors), scene.samples))
-    for start in range(0, scene.samples if samples is None else samples, _BLOCK):
-        here = slice(start, min(start + _BLOCK, scene.samples))
+    count = scene.samples if samples is None else samples
+    signal = np.zeros((len(scene.sensors), count))
+    for start in range(0, count, _BLOCK):
+        here = slice(start, min(start + _BLOCK, count))
         prepared.add_lines(
             signal[:, here],
             first=start,
@@ -273,7 +278,7 @@ def _clean(
     for number, train in prepared.trains:
         if only in (None, (train.component, train.kind)):
             add_impacts(prepared, number, train, signal, timing_errors_s=timing_errors_s)
-    return signal[:, :samples]
+    return signal
 
 
 def _gear_vibration(motion: Motion, *, samples: int) -> Array:
@@ -286,12 +291,12 @@ def _gear_vibration(motion: Motion, *, samples: int) -> Array:
 
 
 def _with_gears(
-    prepared: PreparedScene, gears: Gears, choice: Choice, signal: Array, parts: dict[str, xr.DataArray]
-) -> tuple[dict[str, xr.DataArray], dict[str, str], int | None]:
-    """Add the vibration of the gears to a signal (sensor, n) and to `parts`; return truth, attributes and steps.
+    prepared: PreparedScene, gears: Gears, choice: Choice, signal: Array, parts: dict[str, xr.DataArray], *, kept: int
+) -> tuple[dict[str, xr.DataArray], dict[str, str], NoiseFree]:
+    """Add the vibration of the gears to a signal (sensor, n) and to `parts`.
 
-    The steps are those to a sample, None where nothing is integrated. The attributes state which motions were
-    simulated, and the error of the amplitudes of the mesh harmonics.
+    Return the truth, attributes that state which motions were simulated and the error of the amplitudes of the mesh
+    harmonics, and the first `kept` samples.
     """
     motion = simulated_motion(prepared, gears, choice.levels)
     all_move = motion is not None and LEFT_OUT not in choice.levels.values()
@@ -299,7 +304,8 @@ def _with_gears(
         motion if motion is not None and all_move else most_detailed_motion(prepared, gears, choice.levels)
     )
     if motion is None:
-        return truth_variables(prepared) | passes, {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}, None
+        attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
+        return truth_variables(prepared) | passes, attrs, NoiseFree(signal=signal[:, :kept].copy())
     steps = motion.steps()
     gear_signal = _gear_vibration(replace(motion, steps_per_sample=steps), samples=prepared.scene.samples)
     signal += gear_signal
@@ -310,7 +316,8 @@ def _with_gears(
         own = xr.DataArray(gear_signal[:, None], dims=sources.dims, coords=coords)
         parts[name] = xr.concat([sources, own], dim="truth_source_name").assign_attrs(sources.attrs)
     attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": measured.about}
-    return truth_variables(prepared, measured=measured) | passes, attrs, steps
+    noise_free = NoiseFree(signal=signal[:, :kept].copy(), of_gears=gear_signal[:, :kept].copy(), steps=steps)
+    return truth_variables(prepared, measured=measured) | passes, attrs, noise_free
 
 
 def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dict[str, xr.DataArray]:
@@ -387,8 +394,15 @@ def fault_detectability(
     """
     levels = None if scene.fidelity == "kinematic" else decided(scene).levels
     # with the steps of one motion, whose error is nearly the same in the other and leaves the difference
-    count, steps = scene.samples if samples is None else samples, own.steps if own is not None else None
-    healthy = _noise_free(scene.changed(faults=()), partial(random_stream, seed), levels, samples=count, steps=steps)
+    count = scene.samples if samples is None else samples
+    healthy = _noise_free(
+        scene.changed(faults=()),
+        partial(random_stream, seed),
+        levels,
+        samples=count,
+        steps=own.steps if own is not None else None,
+        of_gears=own.of_gears if own is not None and not isinstance(scene.faults[0], GearFault) else None,
+    )
     variances = [_noise_variance(scene, sensor, partial(random_stream, seed)) for sensor in scene.sensors]
     ratios_db = np.empty((len(scene.sensors), len(scene.faults)))
     for number, fault in enumerate(scene.faults):
@@ -419,20 +433,32 @@ def fault_detectability(
 
 
 def _noise_free(
-    scene: Scene, rng_for: RandomStreams, levels: Mapping[str, str] | None, *, samples: int, steps: int | None
+    scene: Scene,
+    rng_for: RandomStreams,
+    levels: Mapping[str, str] | None,
+    *,
+    samples: int,
+    steps: int | None,
+    of_gears: Array | None = None,
 ) -> NoiseFree:
-    """Return the beginning of the channels of a scene after the linear part of their chains."""
+    """Return the beginning of the channels of a scene after the linear part of their chains.
+
+    `of_gears` is the vibration of the gears, where that of another fault of no gear is known.
+    """
     prepared = prepare_scene(scene, rng_for=rng_for)
     gears = prepare_gears(prepared) if levels is not None else None
     if gears is not None and levels is not None:
         prepared = with_kinematic_lines(prepared, gears, levels)
-    signal = _clean(prepared, timing_errors_s=_timing_errors_s(prepared), samples=samples)
+    jitter_s = _timing_errors_s(prepared)
+    signal = _clean(prepared, timing_errors_s=None if jitter_s is None else jitter_s[:samples], samples=samples)
+    if of_gears is not None:
+        return NoiseFree(signal=signal + of_gears, of_gears=of_gears, steps=steps)
     motion = simulated_motion(prepared, gears, levels) if gears is not None and levels is not None else None
     if motion is None:
-        return NoiseFree(signal=signal, steps=None)
+        return NoiseFree(signal=signal)
     steps = motion.steps() if steps is None else steps
-    signal += _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)
-    return NoiseFree(signal=signal, steps=steps)
+    of_gears = _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)
+    return NoiseFree(signal=signal + of_gears, of_gears=of_gears, steps=steps)
 
 
 def _noise_variance(scene: Scene, sensor: Sensor, rng_for: RandomStreams) -> Array:

@@ -389,7 +389,9 @@ def assemble(problem: Problem) -> Assembled:
         friction_rows=modes.rows(np.array([force.direction for force in frictions], dtype=np.float64).reshape(-1, dof)),
         friction_mesh=np.repeat(np.arange(len(system.meshes)), [len(m.friction) for m in system.meshes]),
         stiffnesses=waves,
-        errors=tabulated([Wave(e, e.period, getattr(e, "jumps", ()), FIT_ERROR) for e in [*errors, *more]]),
+        errors=tabulated(
+            [Wave(e, e.period, getattr(e, "jumps", ()), FIT_ERROR) for e in [*errors, *more]], integrals=False
+        ),
         error_of=error_of,
         later_stiffnesses=later_stiffnesses,
         later_errors=np.array([later_errors[of] if of >= 0 else -1 for of in error_of], dtype=np.int64),

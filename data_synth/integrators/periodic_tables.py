@@ -1,8 +1,8 @@
 """Tables of periodic functions of the mesh phase, which compiled code evaluates and integrates to rounding.
 
-Between two jumps a function is divided into equal cells with one polynomial each. The tables also hold the first three
-periodic integrals of the function less its mean, so that its moments over any interval of phase, across jumps or
-cycles, cost two look-ups.
+Between two jumps a function is divided into equal cells with one polynomial each. The tables of stiffnesses also hold
+the first three periodic integrals of the function less its mean, so that its moments over any interval of phase, across
+jumps or cycles, cost two look-ups.
 """
 
 import weakref
@@ -32,8 +32,9 @@ class Waves(NamedTuple):
 
     ``periods``, ``means`` (f,); ``segments`` (f + 1,): where the segments of each function begin in ``starts``,
     ``densities`` (cells to a cycle), ``firsts`` (first cell) and ``counts`` (cells), each (segments,); ``rows``
-    (cells, 30). To find the segment of a phase at once, each period is divided into equal parts, ``lookup_rates`` (f,)
-    to a cycle; ``lookup`` (parts,) has the segment in which each begins, from ``lookup_offsets`` (f + 1,) on.
+    (cells, 30), or (cells, 6) without integrals. To find the segment of a phase at once, each period is divided into
+    equal parts, ``lookup_rates`` (f,) to a cycle; ``lookup`` (parts,) has the segment in which each begins, from
+    ``lookup_offsets`` (f + 1,) on.
     """
 
     periods: Array
@@ -58,9 +59,10 @@ class Wave(NamedTuple):
     misfit: float = _FIT
 
 
-def tabulated(functions: Sequence[Wave]) -> Waves:
-    """Return the tables of these functions."""
-    tables = [_table(function) for function in functions]
+def tabulated(functions: Sequence[Wave], *, integrals: bool = True) -> Waves:
+    """Return the tables of these functions, with their integrals or, for a fifth of the memory, without."""
+    tables = [_table(function, integrals=integrals) for function in functions]
+    width = sum(WIDTHS) if integrals else WIDTHS[0]
     counts = [starts.size for starts, *_ in tables]
     cells = np.cumsum([0, *(rows.shape[0] for *_, rows, _ in tables)])
     none = np.zeros(0)
@@ -80,7 +82,7 @@ def tabulated(functions: Sequence[Wave]) -> Waves:
             [np.zeros(0, dtype=np.int64), *(t[2] + cell for t, cell in zip(tables, cells, strict=False))]
         ),
         counts=np.concatenate([np.zeros(0, dtype=np.int64), *(t[3] for t in tables)]),
-        rows=np.concatenate([np.zeros((0, sum(WIDTHS))), *(rows for *_, rows, _ in tables)]),
+        rows=np.concatenate([np.zeros((0, width)), *(rows for *_, rows, _ in tables)]),
         lookup_offsets=segments,
         lookup_rates=np.array(rates),
         lookup=np.concatenate([np.zeros(0, dtype=np.int64), *lookups]).astype(np.int64),
@@ -92,13 +94,13 @@ _TABLES: dict[int, tuple[weakref.ref[Callable[[Array], Array]], tuple[object, ..
 """Tables by the identity of the function, as long as it lives: a trial and the run after it share them."""
 
 
-def _table(function: Wave) -> Table:
+def _table(function: Wave, *, integrals: bool) -> Table:
     """Return starts, densities, first cells and cell counts of the segments, rows of the cells, and the mean."""
-    key, where = id(function.value), (function.period, function.jumps, function.misfit)
+    key, where = id(function.value), (function.period, function.jumps, function.misfit, integrals)
     known = _TABLES.get(key)
     if known is not None and known[0]() is function.value and known[1] == where:
         return known[2]
-    table = _tabulated_alone(function)
+    table = _tabulated_alone(function, integrals=integrals)
     try:
         _TABLES[key] = weakref.ref(function.value, lambda _: _TABLES.pop(key, None)), where, table
     except TypeError:  # a function without weak references
@@ -106,7 +108,7 @@ def _table(function: Wave) -> Table:
     return table
 
 
-def _tabulated_alone(function: Wave) -> Table:
+def _tabulated_alone(function: Wave, *, integrals: bool) -> Table:
     breaks = np.unique(np.array([0.0, *function.jumps, function.period]))
     # a value may change by all of its range over the shortest segment, and phases are rounded
     rounding = 4 * np.finfo(float).eps * function.period / float(np.min(np.diff(breaks)))
@@ -120,7 +122,8 @@ def _tabulated_alone(function: Wave) -> Table:
         if finer[-1] > error / _LEAST_GAIN and finer[-1] <= rounding:
             break
         starts, widths, counts, rows, error = finer
-    mean, rows = _with_integrals(rows, widths)
+    mean = _mean(rows, widths)
+    rows = _with_integrals(rows, widths, mean) if integrals else np.ascontiguousarray(rows)
     firsts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
     return starts, counts / np.diff(breaks), firsts, counts.astype(np.int64), rows, mean
 
@@ -138,13 +141,13 @@ def _fitted(function: Wave, breaks: Array, density: int) -> tuple[Array, Array, 
     return breaks[:-1], widths, counts, rows, float(misfit / max(np.max(np.abs(values)), np.finfo(float).tiny))
 
 
-def _with_integrals(rows: Array, widths: Array) -> tuple[float, Array]:
-    """Return the mean, and the rows extended by those of the three periodic integrals, each of zero mean."""
+def _mean(rows: Array, widths: Array) -> float:
+    """Return the mean of polynomials over their cells."""
+    return float(widths @ (rows @ (1 / np.arange(1, rows.shape[1] + 1))) / widths.sum())
 
-    def mean_of(polynomials: Array) -> float:
-        return float(widths @ (polynomials @ (1 / np.arange(1, polynomials.shape[1] + 1))) / widths.sum())
 
-    mean = mean_of(rows)
+def _with_integrals(rows: Array, widths: Array, mean: float) -> Array:
+    """Return the rows extended by those of the three periodic integrals of what they differ from their mean."""
     parts = [rows]
     rows = rows.copy()
     rows[:, 0] -= mean
@@ -152,6 +155,6 @@ def _with_integrals(rows: Array, widths: Array) -> tuple[float, Array]:
         risen = widths[:, None] * rows / np.arange(1, rows.shape[1] + 1)
         at_begin = np.concatenate([[0.0], np.cumsum(risen.sum(axis=1))[:-1]])
         rows = np.column_stack([at_begin, risen])
-        rows[:, 0] -= mean_of(rows)
+        rows[:, 0] -= _mean(rows, widths)
         parts.append(rows)
-    return mean, np.ascontiguousarray(np.hstack(parts))
+    return np.ascontiguousarray(np.hstack(parts))

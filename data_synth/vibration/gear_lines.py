@@ -80,7 +80,9 @@ class Candidates:
 
     Attributes
     ----------
-    orders : tuple of Fraction
+    numbers : (k,) int array
+        The orders in units of `unit`.
+    unit : Fraction
     sources : tuple of (component, kind)
     ranks : (k,) int array
         0 of meshes, 1 of damaged gears, 2 of pitch deviations and of what two of the first make: where a window cannot
@@ -89,15 +91,20 @@ class Candidates:
         Smallest order of which all multiples are candidates.
     """
 
-    orders: tuple[Fraction, ...]
+    numbers: NDArray[np.int64]
+    unit: Fraction
     sources: tuple[tuple[str, str], ...]
     ranks: NDArray[np.int_]
     spacing: float
 
     @cached_property
     def values(self) -> Array:
-        """The orders as numbers, (k,)."""
-        return np.array([float(order) for order in self.orders])
+        """The orders as numbers, (k,), correctly rounded."""
+        return np.asarray(self.numbers * self.unit.numerator / self.unit.denominator)
+
+    def order(self, number: int) -> Fraction:
+        """Return the exact order of a candidate."""
+        return int(self.numbers[number]) * self.unit
 
 
 def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
@@ -145,7 +152,8 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
                 add(_multiples(order / unit, harmonics, beside / unit, _MIXED), 2, component, kind)
     orders = sorted(found)
     return Candidates(
-        orders=tuple(number * unit for number in orders),
+        numbers=np.array(orders, dtype=np.int64),
+        unit=unit,
         sources=tuple(found[order][1:] for order in orders),
         ranks=np.array([found[order][0] for order in orders], dtype=np.int64),
         spacing=min(spacing, default=1.0),
@@ -191,7 +199,7 @@ def gear_lines(prepared: PreparedScene, signal: Array) -> GearLines:
         amplitudes = amplitudes.conj()
     lines = tuple(
         GearLine(
-            order=candidates.orders[number],
+            order=candidates.order(number),
             component=candidates.sources[number][0],
             kind=candidates.sources[number][1],
             amplitude=amplitudes[:, row],
@@ -220,7 +228,7 @@ def _steady_fit(
 ) -> tuple[NDArray[np.int_], ComplexArray, Array, str]:
     """Return the numbers of the kept candidates, Z (channel, line, instant), no changes, and a sentence."""
     first, last = samples.span_rev
-    length_rev = min(last - first, _LONGEST_CELLS / 4 / float(candidates.orders[-1]))
+    length_rev = min(last - first, _LONGEST_CELLS / 4 / float(candidates.values[-1]))
     window = Window(length_rev=length_rev, degree=0)
     centres_rev = _tiles(samples, length_rev, np.inf)
 
@@ -291,7 +299,7 @@ def _separate(
     for number in numbers[np.lexsort((-sizes[numbers], ranks[numbers]))].tolist():
         order = float(orders[number])
         place = bisect_left(kept, order)
-        if all(abs(near - order) >= apart for near in kept[max(place - 1, 0) : place + 1]):
+        if order - kept[place - 1] >= apart and (place == len(kept) or kept[place] - order >= apart):
             kept.insert(place, order)
             taken.append(number)
     return np.array(taken, dtype=np.int64)
@@ -335,7 +343,7 @@ def _varying_fit(
     curvature asks, and long enough for its nearest neighbour.
     """
     first, last = samples.span_rev
-    longest = min((last - first) / _LONGEST_SHARE, _LONGEST_CELLS / 4 / float(candidates.orders[-1]))
+    longest = min((last - first) / _LONGEST_SHARE, _LONGEST_CELLS / 4 / float(candidates.values[-1]))
     trials = np.unique(np.linspace(0, instants_rev.size - 1, _TRIALS).round().astype(int))
     loud, sizes = _loud_anywhere(samples, candidates, longest)
     fits, least, length_rev = list[_Fit](), np.full(trials.size, np.inf), longest

@@ -39,6 +39,9 @@ class TestTables:
         found = [value_at(table, 1, p) for p in at]
         # cells are halved until the polynomial of degree five fits to 1e-11 of the largest value
         np.testing.assert_allclose(found, curve.value(at), rtol=1e-10)
+        short = tabulated([CURVES["smooth"], curve], integrals=False)
+        assert [value_at(short, 1, p) for p in at] == found
+        assert short.rows.shape == (table.rows.shape[0], 6)
 
     def test_a_steep_ramp_far_from_phase_zero_is_not_refined_for_its_rounding(self):
         # over 1e-6 of a cycle, phases near 1000 are rounded by 1e-13: a misfit of 1e-7 that no cell removes
