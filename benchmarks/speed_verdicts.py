@@ -206,6 +206,7 @@ def rows(part: str, records: int, *, show: bool = False) -> Iterator[dict[str, A
                     found.status,
                     getattr(found, "reason", ""),
                     "WRONG" if wrong else "",
+                    flush=True,
                 )
         yield {"drive": drive, "records": records, **row}
 
@@ -216,14 +217,12 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", default=Path(__file__).parents[1] / "docs" / "benchmarks", type=Path)
     parser.add_argument("--records", type=int, default=40, help="records of each drive")
     parser.add_argument("--part", default="scoring", choices=tuple(PARTS))
-    parser.add_argument("--show", action="store_true", help="print the records that fall short; write nothing")
+    parser.add_argument("--show", action="store_true", help="also print the records that fall short")
     given = parser.parse_args()
     found = list(rows(given.part, given.records, show=given.show))
     table = ["| " + " | ".join(found[0]) + " |", "|" + " --- |" * len(found[0])]
     table += ["| " + " | ".join(str(value) for value in row.values()) + " |" for row in found]
     print("\n".join(table))  # noqa: T201
-    if given.show:
-        return
     note = NOTE.format(
         records=given.records,
         gearboxes=", ".join(PARTS[given.part][0]),

@@ -30,6 +30,8 @@ default_role = "py:obj"
 html_theme = "pydata_sphinx_theme"
 html_title = "HUMS toolkit"
 html_show_sourcelink = False
+html_static_path = ["_static"]
+html_css_files = ["print.css"]
 html_theme_options = {
     "navigation_with_keys": False,
     "show_toc_level": 2,

@@ -4,8 +4,9 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from hums.fleet.kept import KeptRecord, Numbers
+from hums.fleet.kept import KeptRecord
 from hums.fleet.monitor import MachineState, MonitorSettings, update
+from hums.fleet.numbers import Numbers
 from hums.fleet.observation import Observation
 from hums.fleet.series import Series
 

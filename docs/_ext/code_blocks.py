@@ -3,17 +3,20 @@
 ``python`` blocks share a namespace, ``sh`` blocks are given to bash. What fails is a warning, so that
 ``sphinx-build -W`` fails, too. A block within a comment of HTML runs unseen: it makes the files that a reader has. A
 block after the comment ``<!-- not run: reason -->`` is left out. Scenes and other tables in TOML run in the tests. What
-a block of a tutorial prints stands below it.
+a block prints, and the pictures (``.svg``) that it leaves in the folder, stand below it.
 """
 
 import contextlib
 import io
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 import traceback
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +27,19 @@ logger = logging.getLogger(__name__)
 PAGES = ("*.md", "tutorials/*.md", "howto/*.md", "methods/*.md")
 BLOCK = re.compile(r"(<!-- not run: [^>]+ -->\n)?^```(python|sh)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
 
-PRINTED: dict[str, dict[str, str]] = {}  # page -> source of a block -> what it printed
-MOST_LINES, MOST_COLUMNS = 30, 160
+MADE = "made"  # folder of the pictures that blocks leave, beside the pages
+MOST_LINES, MOST_COLUMNS = 30, 100
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a block prints, and the pictures it leaves, by their paths from the root of the pages."""
+
+    text: str
+    pictures: tuple[str, ...]
+
+
+SHOWN: dict[str, dict[str, Shown]] = {}  # page -> source of a block -> what stands below it
 
 
 def _run_python(source: str, page: Path, names: dict[str, Any]) -> str:
@@ -41,44 +55,59 @@ def _run_shell(source: str) -> str:
     return done.stdout
 
 
-def run_page(page: Path, printed: dict[str, str]) -> str:
-    """Run the blocks of a page, enter what each prints, and return what went wrong."""
+def run_page(page: Path, root: Path, shown: dict[str, Shown]) -> str:
+    """Run the blocks of a page, enter what each shows, and return what went wrong."""
     blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
     names: dict[str, Any] = {"__name__": "__main__"}
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         for left_out, language, source in blocks:
             if left_out:
                 continue
+            before = set(Path().glob("*.svg"))
             try:
                 said = _run_python(source, page, names) if language == "python" else _run_shell(source)
-                if said.strip():
-                    printed[source] = said.replace(f"{Path.cwd()}{os.sep}", "")
             except subprocess.CalledProcessError as error:
                 return f"{source}{error.stderr}"
             except Exception:  # noqa: BLE001 - a page may fail in any way
                 return traceback.format_exc()
+            pictures = [_kept(picture, page, root) for picture in sorted(set(Path().glob("*.svg")) - before)]
+            shown[source] = Shown(said.replace(f"{Path.cwd()}{os.sep}", ""), tuple(pictures))
     return ""
+
+
+def _kept(picture: Path, page: Path, root: Path) -> str:
+    kept = root / MADE / f"{page.parent.name}-{page.stem}-{picture.name}"
+    kept.parent.mkdir(exist_ok=True)
+    shutil.copyfile(picture, kept)
+    return f"/{MADE}/{kept.name}"
 
 
 def run_pages(app: Sphinx) -> None:
     """Run every page."""
     root = Path(app.srcdir)
-    PRINTED.clear()
+    SHOWN.clear()
     for page in sorted(found for pattern in PAGES for found in root.glob(pattern)):
         name = str(page.relative_to(root).with_suffix(""))
-        if trouble := run_page(page, PRINTED.setdefault(name, {})):
+        if trouble := run_page(page, root, SHOWN.setdefault(name, {})):
             logger.warning("a code block fails: %s", trouble, location=name)
 
 
-def show_printed(_app: Sphinx, page: str, content: list[str]) -> None:
-    """Put below each block of a tutorial what it prints, the first lines of it."""
-    if not page.startswith("tutorials/"):
-        return
+def _wrapped(line: str) -> list[str]:
+    """Return a line as it is, or a long sentence over several; a row of a table, which has gaps, stays one."""
+    if len(line) <= MOST_COLUMNS or "  " in line.strip():
+        return [line]
+    return textwrap.wrap(line, MOST_COLUMNS, subsequent_indent="    ", break_long_words=False)
+
+
+def show_below(_app: Sphinx, page: str, content: list[str]) -> None:
+    """Put below each block the first lines of what it prints, and its pictures."""
 
     def shown(match: re.Match[str]) -> str:
-        said = PRINTED.get(page, {}).get(match.group(3), "").rstrip().splitlines()
-        lines = [line[:MOST_COLUMNS] for line in said[:MOST_LINES]] + ["..."] * (len(said) > MOST_LINES)
-        return f"{match.group(0)}\n\n```text\n" + "\n".join(lines) + "\n```" if lines else match.group(0)
+        below = SHOWN.get(page, {}).get(match.group(3), Shown("", ()))
+        said = below.text.rstrip().splitlines()
+        lines = [part for line in said[:MOST_LINES] for part in _wrapped(line)] + ["..."] * (len(said) > MOST_LINES)
+        text = "\n\n```text\n" + "\n".join(lines) + "\n```" if lines else ""
+        return match.group(0) + text + "".join(f"\n\n![made by the lines above]({path})" for path in below.pictures)
 
     content[0] = BLOCK.sub(shown, content[0])
 
@@ -86,5 +115,5 @@ def show_printed(_app: Sphinx, page: str, content: list[str]) -> None:
 def setup(app: Sphinx) -> dict[str, bool]:
     """Connect to Sphinx."""
     app.connect("builder-inited", run_pages)
-    app.connect("source-read", show_printed)
+    app.connect("source-read", show_below)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -25,19 +25,19 @@ yours is made by `hums drawing my-gearbox.toml --html`.
 # Packages in the columns of a record's way: name -> (column, row, words)
 BOXES = {
     "data_synth.scene": (0, 0, "scene, gears"),
-    "data_synth.lines": (1, 0, "operation, bearings,\nkinematic, transfer"),
-    "data_synth.motion": (1, 1, "dynamics, integrators,\nvibration"),
-    "data_synth.record": (2, 0, "sources, fidelity,\ntruth, simulation"),
-    "data_synth.many": (3, 0, "plan, dataset,\nbenchmark"),
-    "signals.angle": (0, 2, "shaft, resampling"),
-    "signals.spectra": (1, 2, "angle, spectra"),
+    "data_synth.lines": (1, 0, "operation,\nbearings,\nkinematic,\ntransfer"),
+    "data_synth.motion": (1, 1, "dynamics,\nintegrators,\nvibration"),
+    "data_synth.record": (2, 0, "sources,\nfidelity, truth,\nsimulation"),
+    "data_synth.many": (3, 0, "plan,\ndataset,\nbenchmark"),
+    "signals.angle": (0, 2, "shaft,\nresampling"),
+    "signals.spectra": (1, 2, "angle,\nspectra"),
     "signals.indicators": (2, 2, "demodulation,\nindicators"),
-    "signals.harmonics": (3, 2, "harmonics, slipping_order,\nhealth, monitoring"),
+    "signals.harmonics": (3, 2, "harmonics,\nslipping_order,\nhealth,\nmonitoring"),
     "hums.gearbox": (0, 3, "gearbox"),
-    "hums.records": (0, 4, "readers, records"),
+    "hums.records": (0, 4, "readers,\nrecords"),
     "hums.analysis": (1, 4, "analysis"),
     "hums.fleet": (2, 3, "fleet"),
-    "hums.report": (2, 4, "report, plots,\npages, drawing"),
+    "hums.report": (2, 4, "report, plots,\npages,\ndrawing"),
     "hums.cli": (3, 4, "cli"),
 }
 ARROWS = (
@@ -56,21 +56,21 @@ ARROWS = (
     ("hums.fleet", "hums.cli"),
 )
 GROUPS = {"data_synth": (0, 2, "#e8f0fa"), "signals": (2, 3, "#eaf5ec"), "hums": (3, 5, "#fbf1e4")}
-WIDTH, HEIGHT, STEP = 2.3, 0.62, (3.0, 1.0)  # of a box, and from one to the next
+WIDTH, HEIGHT, STEP = 2.3, 0.8, (3.0, 1.0)  # of a box, and from one to the next
 
 
 def draw_packages(ax) -> None:
     """Draw the packages as boxes, and what is made first with an arrow to what uses it."""
     ax.set_axis_off()
-    ax.set(xlim=(-2.9, 10.4), ylim=(-4.5, 0.5))
+    ax.set(xlim=(-3.2, 10.4), ylim=(-4.5, 0.5))
     ax.figure.patch.set_facecolor("white")
     for name, (first, end, colour) in GROUPS.items():
         low, high = -(end - 1) * STEP[1] - 0.44, -first * STEP[1] + 0.44
-        ax.add_patch(_rectangle(-2.9, low, 13.3, high - low, colour))
-        ax.text(-2.75, (low + high) / 2, name, va="center", ha="left", fontsize=10, weight="bold", color="#1a1a1a")
+        ax.add_patch(_rectangle(-3.2, low, 13.6, high - low, colour))
+        ax.text(-3.1, (low + high) / 2, name, va="center", ha="left", fontsize=9, weight="bold", color="#1a1a1a")
     place = {name: (column * STEP[0], -row * STEP[1]) for name, (column, row, _) in BOXES.items()}
     for name, (x, y) in place.items():
-        ax.text(x, y, BOXES[name][2], ha="center", va="center", fontsize=9, color="#1a1a1a", zorder=3)
+        ax.text(x, y, BOXES[name][2], ha="center", va="center", fontsize=8.5, color="#1a1a1a", zorder=3)
         ax.add_patch(_rectangle(x - WIDTH / 2, y - HEIGHT / 2, WIDTH, HEIGHT, "white", edge="#888888"))
     for before, after in ARROWS:
         (x0, y0), (x1, y1) = place[before], place[after]
@@ -99,7 +99,7 @@ def make_sources(app: Sphinx) -> None:
             f'`{name}`, {freedom}: <a href="{name}.html">the page on which it turns</a>.\n'
         )
     (folder / "index.md").write_text(ABOUT + "\n".join(rows), encoding="utf-8")
-    save_figure(draw_packages, folder / "packages.svg", width=10, height=5)
+    save_figure(draw_packages, folder / "packages.svg", width=7, height=5)
 
 
 def make_pages(app: Sphinx, exception: Exception | None) -> None:

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import groupby, islice
+from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 import xarray as xr
@@ -28,6 +28,7 @@ from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
 from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import Sampling, channel_values, sampling, vibration_channels
+from signals.angle.averaging import SynchronousAverage
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.health import SensorHealth, sensor_health
 from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all
@@ -35,7 +36,7 @@ from signals.shaft.phase import ShaftPhase
 from signals.spectra.lines import SURROUNDINGS
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.pooling import pooled_spectrum
-from signals.spectra.spectra import AmplitudeSpectrum, order_spectrum
+from signals.spectra.spectra import AmplitudeSpectrum, order_spectra, order_spectrum
 
 _ENVELOPE_SHARE = 0.5
 _WIDEST = 0.25  # of the rate: halves of the range are the widest bands
@@ -43,6 +44,7 @@ _SEEN = 0.01  # probability that noise alone makes a line, below which it counts
 _LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
+_BANDS_AT_ONCE = 8  # whose spectra are transformed together
 _TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
 _SHORTEST = 64  # samples that a check of the sensor needs
 _POOLED_BINS = 12.0  # beside a line of a pooled spectrum: nine without its main lobe, of a record of three turns
@@ -69,6 +71,9 @@ class AnalysedChannel:
     evidence: tuple[PartEvidence, ...] = ()
     unexplained: tuple[UnexplainedLine, ...] = ()
     envelope_reach: float = 0.0  # highest order of any envelope's spectrum
+    averages: dict[str, SynchronousAverage] = field(
+        default_factory=dict, repr=False
+    )  # of shafts, as they are asked for
 
     @property
     def faulty(self) -> bool:
@@ -152,11 +157,14 @@ class Stretch:
     phase: ShaftPhase
     parts: int = 1
 
-    def over_angle(self, rows: Sequence[Values], when: Sampling, name: str, last_order: float) -> list[AngularSignal]:
-        """Return signals of this stretch at equal increments of the reference's angle."""
+    def over_angle(
+        self, rows: Sequence[Values], when: Sampling, name: str, last_order: float, *, highest_hz: float | None = None
+    ) -> list[AngularSignal]:
+        """Return signals of this stretch, which end at `highest_hz`, at equal increments of the reference's angle."""
+        last, multiple = last_order / self.parts, 8 if self.parts == 1 else 1
+        signals = resample_all_in_angle(rows, when, name, self.phase, last, multiple_of=multiple, highest_hz=highest_hz)
         if self.parts == 1:
-            return resample_all_in_angle(rows, when, name, self.phase, last_order)
-        signals = resample_all_in_angle(rows, when, name, self.phase, last_order / self.parts, multiple_of=1)
+            return signals
         return [
             replace(
                 signal,
@@ -250,6 +258,7 @@ def resample_all_in_angle(
     last_order: float,
     *,
     multiple_of: int = 8,
+    highest_hz: float | None = None,
 ) -> list[AngularSignal]:
     """Return what `resample_in_angle` does of each of several signals of a channel, of the same times."""
     try:
@@ -259,6 +268,7 @@ def resample_all_in_angle(
             phase=phase,
             samples_per_rev=multiple_of * math.ceil(2 * last_order / (multiple_of * PASSBAND)),
             start_s=when.start_s,
+            highest_hz=highest_hz,
         )
     except ValueError as error:
         raise AnalysisError(f'channel "{name}": {error}') from None
@@ -299,17 +309,21 @@ def surroundings_of(spectrum: AmplitudeSpectrum, stretches: int) -> float:
     return SURROUNDINGS if stretches == 1 else max(SURROUNDINGS, _POOLED_BINS * spectrum.bin_width)
 
 
-def _pooled_envelope(signals: Sequence[AngularSignal], last: float, slowest: float) -> tuple[float, AmplitudeSpectrum]:
-    """Return the mean level of the envelopes of some stretches, and the spectrum of all, each over its own level."""
-    levels = [float(one.values.mean()) for one in signals]
-    level = float(np.mean(levels))
-    flat = [level_normalised(one, revolutions=_LEVEL_PERIODS / slowest) for one in signals]
-    if len(flat) > 1:
-        flat = [
-            replace(one, values=one.values * (level / own if own > 0 else 0.0))
-            for one, own in zip(flat, levels, strict=True)
-        ]
-    return level, pooled_spectrum([order_spectrum(one, max_order=last) for one in _equally_long(flat)])
+def _pooled_envelopes(
+    rows: Sequence[Sequence[AngularSignal]], last: float, slowest: float
+) -> list[tuple[float, AmplitudeSpectrum]]:
+    """Return of each row, a band's envelopes in some stretches, the mean level and the spectrum, pooled over levels."""
+    levels = [[float(one.values.mean()) for one in row] for row in rows]
+    flat = []
+    for row, own in zip(rows, levels, strict=True):
+        even = [level_normalised(one, revolutions=_LEVEL_PERIODS / slowest) for one in row]
+        if len(row) > 1:
+            gains = [np.mean(own) / level if level > 0 else 0.0 for level in own]
+            even = [replace(one, values=one.values * gain) for one, gain in zip(even, gains, strict=True)]
+        flat.append(_equally_long(even))
+    spectra = [order_spectra(stretch, max_order=last) for stretch in zip(*flat, strict=True)]
+    pooled = [pooled_spectrum(band) for band in zip(*spectra, strict=True)]
+    return [(float(np.mean(own)), spectrum) for own, spectrum in zip(levels, pooled, strict=True)]
 
 
 def _unresolved(
@@ -357,14 +371,10 @@ def _envelopes(
     if not bands:
         return None, (), no_band
     assessor = LineAssessor({bearing.name: bearing for bearing in machine.bearings}, settings.false_alarm_probability)
-    slowest = min((line.order for line in expected if line.fundamental), default=1.0)
     found: list[_Envelope] = []
     seen: list[BandEvidence] = []
     try:
-        each = (_over_angle(one, when, name, machine.top_speed_hz, expected, bands) for one in stretches)
-        for rows in zip(*each, strict=True):
-            band, last, _ = rows[0]
-            level, spectrum = _pooled_envelope([signal for *_, signal in rows], last, slowest)
+        for band, level, spectrum in _envelope_spectra(stretches, when, name, machine, expected, bands):
             lines, out_of_range = search(
                 spectrum,
                 expected,
@@ -413,24 +423,41 @@ def _envelopes(
     return replace(best, band=_explained(best.band, strongest, len(bands)), reach=reach), tuple(evidence), ""
 
 
+def _envelope_spectra(
+    stretches: Sequence[Stretch],
+    when: Sampling,
+    name: str,
+    machine: Machine,
+    expected: Sequence[ExpectedLine],
+    bands: Sequence[tuple[float, float]],
+) -> Iterator[tuple[tuple[float, float], float, AmplitudeSpectrum]]:
+    """Yield each band, the mean level of its envelope, and the order spectrum of all stretches."""
+    # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
+    widest = _ENVELOPE_SHARE * min(high - low for low, high in bands) / machine.top_speed_hz
+    last = _spectrum_end(expected, None, widest)
+    slowest = min((line.order for line in expected if line.fundamental), default=1.0)
+    each = (_over_angle(one, when, name, machine, bands, last) for one in stretches)
+    pairs = zip(bands, zip(*each, strict=True), strict=True)
+    while some := list(islice(pairs, _BANDS_AT_ONCE)):
+        pooled = _pooled_envelopes([row for _, row in some], last, slowest)
+        yield from ((band, *own) for (band, _), own in zip(some, pooled, strict=True))
+
+
 def _over_angle(
     stretch: Stretch,
     when: Sampling,
     name: str,
-    top_speed_hz: float,
-    expected: Sequence[ExpectedLine],
+    machine: Machine,
     bands: Sequence[tuple[float, float]],
-) -> Iterator[tuple[tuple[float, float], float, AngularSignal]]:
-    """Yield each band, its highest order, and its envelope over angle; those of one rate are resampled together."""
-    envelopes = zip(bands, bank_envelopes(stretch.values, rate_hz=when.rate_hz, bands_hz=bands), strict=True)
-    for (rate_hz, size), alike in groupby(envelopes, key=lambda item: (item[1][0], item[1][1].size)):
-        at = replace(when, rate_hz=rate_hz, count=size)
-        while some := list(islice(alike, max(1, _TOGETHER // size))):
-            low, high = some[0][0]
-            # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
-            last = _spectrum_end(expected, None, _ENVELOPE_SHARE * (high - low) / top_speed_hz)
-            signals = stretch.over_angle([envelope for _, (_, envelope) in some], at, name, last)
-            yield from ((band, last, signal) for (band, _), signal in zip(some, signals, strict=True))
+    last: float,
+) -> Iterator[AngularSignal]:
+    """Yield the envelope of each band over angle, up to the order `last`; some are resampled together."""
+    highest_hz = last * machine.top_speed_hz
+    envelopes = bank_envelopes(stretch.values, rate_hz=when.rate_hz, bands_hz=bands, highest_hz=highest_hz)
+    for rate_hz, first in envelopes:
+        some = [first, *(values for _, values in islice(envelopes, _TOGETHER // first.size))]
+        at = replace(when, rate_hz=rate_hz, count=first.size)
+        yield from stretch.over_angle(some, at, name, last, highest_hz=highest_hz)
 
 
 def _bands_to_search(

@@ -40,6 +40,7 @@ from hums.analysis.thresholds import (
     TRUSTED_SNR,
 )
 from hums.gearbox.bearing_orders import BearingOrders
+from hums.gearbox.orders import BEARING_KINDS
 
 __all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "mains_multiples", "strength"]
 
@@ -128,6 +129,9 @@ class PartEvidence:
     other_order, other_depth, other_strength : float
         The strongest line in any band, no slower than the slowest part, that this part does not explain, and its
         strength as one alone; 0 if there is none.
+    beside : tuple of float
+        In the band of its strength, how deep the significant lines of the bearing's parts are, in the order of
+        `BEARING_KINDS`, 0 where there is none; empty where it has no strength.
     modulation : float
         Strength of its lines in the band where that is largest, whether they are significant, have sidebands, and are
         explained otherwise or not: what successive records are compared by.
@@ -156,6 +160,7 @@ class PartEvidence:
     other_order: float = 0.0
     other_depth: float = 0.0
     other_strength: float = 0.0
+    beside: tuple[float, ...] = ()
     modulation: float = 0.0
 
 
@@ -204,7 +209,21 @@ def bearing_evidence(
                 families.setdefault(line.measured.family, []).append((band, line))
     others = _Others(usable, setting)
     parts = [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
+    parts = [replace(part, beside=_beside(part, families)) if part.strength > 0 else part for part in parts]
     return [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts)) for part in parts]
+
+
+def _beside(
+    part: PartEvidence, families: Mapping[tuple[str, str], Sequence[tuple[BandEvidence, AssessedLine]]]
+) -> tuple[float, ...]:
+    """Return how deep the lines of a bearing's parts are in the band of one of them."""
+    band_hz = (part.band_low_hz, part.band_high_hz)
+    depths = dict.fromkeys(BEARING_KINDS, 0.0)
+    for kind in BEARING_KINDS:
+        for band, line in families.get((part.component, kind), ()):
+            if band.band_hz == band_hz and line.significant:
+                depths[kind] = line.measured.depth
+    return tuple(depths.values())
 
 
 def _of_a_stronger_part(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:

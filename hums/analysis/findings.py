@@ -13,8 +13,8 @@ not that of noise. No bearing is named for a line that may be another source's: 
 as large, or something that the drawing does not explain makes a stronger line; nor, unless the line is deep, where both
 races have lines alike or the record would not show damage. A bearing is diagnosed if its line modulates a band by a
 tenth of the mean or more, a harmonic or sideband supports it, on a race that turns through the load zone a sideband,
-and no other race or element of it comes within a factor of three; its cage never, since damage of an element makes the
-same line.
+and no other race or element of it comes within a factor of three in the same band; an element not where its line is
+higher than rolling allows; its cage never, since damage of an element makes the same line.
 Gears are judged in `hums.analysis.gear_damage`, and are at most indicated.
 """
 
@@ -25,7 +25,7 @@ from typing import Any
 
 from hums.analysis.evidence import PartEvidence, strength
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
-from hums.analysis.thresholds import FAULTY_DEPTH, LEAST_STRENGTH, RIVAL_FACTOR, SLIP_SCATTER
+from hums.analysis.thresholds import FASTEST_SPIN, FAULTY_DEPTH, LEAST_STRENGTH, RIVAL_FACTOR, SLIP_SCATTER
 from hums.gearbox.orders import BEARING_KINDS
 
 __all__ = [
@@ -329,10 +329,12 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
         doubts.append("no harmonic or sideband supports it")
     elif part.kind == "inner_race" and not part.sidebands:
         doubts.append("no sideband shows it passing the load zone, as a spot on a turning race does")
+    if part.kind == "rolling_element" and part.found > (1 + FASTEST_SPIN) * part.order:
+        doubts.append(f"its line is {part.found / part.order - 1:.1%} above its order: no element spins as fast")
     doubts += [
-        f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(rival.depth, part)}"
+        f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(_where_it_is(part, rival), part)}"
         for rival in _rivals(part, rivals)
-        if rival.depth * RIVAL_FACTOR > part.depth
+        if _where_it_is(part, rival) * RIVAL_FACTOR > part.depth
     ]
     doubts += [
         f"{_kind_text(other.kind)} of {other.component}, of order {other.order:.3f}, may make this line, too"
@@ -340,6 +342,16 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
         if _as_near(part, other)
     ]
     return doubts
+
+
+def _where_it_is(part: PartEvidence, rival: PartEvidence) -> float:
+    """Return how deep the line of another part of a bearing is in the band of one, in whatever band elsewhere.
+
+    Strikes of parts of one bearing ring the same structure: what is as strong a source as a part shows where it does.
+    """
+    if rival.channel != part.channel or not part.beside:
+        return rival.depth
+    return part.beside[BEARING_KINDS.index(rival.kind)]
 
 
 def _as_near(part: PartEvidence, other: PartEvidence) -> bool:
@@ -385,8 +397,9 @@ def _changes(
     ]
     most = part.depth / RIVAL_FACTOR
     for rival in _rivals(part, rivals):
-        text = f"indicated, if the line of {_kind_text(rival.kind)} modulated by {most:.1%} (now {rival.depth:.1%})"
-        changes.append((most / rival.depth, text))
+        now = _where_it_is(part, rival)
+        text = f"indicated, if the line of {_kind_text(rival.kind)} modulated by {most:.1%} (now {now:.1%})"
+        changes.append((most / now if now else math.inf, text))
     return changes
 
 

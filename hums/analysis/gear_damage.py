@@ -22,7 +22,7 @@ from hums.analysis.findings import INDICATED, NOT_JUDGED, NOTHING_FOUND, Finding
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
-from hums.analysis.thresholds import FEWEST_CYCLES
+from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES
 from hums.gearbox.orders import DefectOrder
 from hums.records.record import Sampling
 from signals.angle.local_damage import (
@@ -43,6 +43,7 @@ _SHAFT_ORDERS = 3  # of the fastest shaft: below it all is removed
 _SMOOTH_ORDERS = 2  # of a turn that run-out, misalignment or passing planets modulate; 0 for a sun, folded by planet
 _MASKED_TEETH = 1.5  # on either side of a damaged tooth, taken out before weaker gears are judged again
 _SICK = "the sensor is sick"
+_LONGER = "Take a longer record at a steady speed and load."
 _ROTATIONS = (999, 9999)  # least and most: more cost time where a tooth is found
 _LEAST_LOCAL = 1e-30  # no healthy gear comes near it
 
@@ -68,7 +69,7 @@ class GearJudgement:
         `repeats` over all of them.
     strength : float
         See the module.
-    local, repeats : float
+    local, repeats, differing : float
         Of this gear alone (see `LocalDamage`).
     statistic, outlier, rise : float
         As in `LocalDamage`.
@@ -95,6 +96,7 @@ class GearJudgement:
     strength: float = 0.0
     local: float = 1.0
     repeats: float = 1.0
+    differing: float = 1.0
     statistic: float = 0.0
     outlier: float = 0.0
     rise: float = 1.0
@@ -270,6 +272,7 @@ class _Judge:
             "strength": strength,
             "local": found.local,
             "repeats": found.repeats,
+            "differing": found.differing,
             "statistic": found.statistic,
             "outlier": found.outlier,
             "rise": found.rise,
@@ -326,7 +329,8 @@ def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: f
     """Return the verdict on every gear, in the channel that shows it best.
 
     A damaged tooth is *indicated*: a single pitch deviation of a sound gear is as local, and nothing in one record
-    tells the two apart. A baseline or a declared grade of ISO 1328-1 would. Wear of all teeth is not judged at all.
+    tells the two apart. A baseline or a declared grade of ISO 1328-1 would. Where several teeth differ in the
+    same way in all parts of the record, pits and pitch deviations are alike, and nothing is judged; nor is wear of all.
     """
     named: dict[str, GearJudgement] = {}
     for row in judged:
@@ -368,29 +372,45 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
 
 def _unnamed(row: GearJudgement, stated: float) -> Finding:
     """Return why a gear is not judged, or that no tooth stands out."""
-    explained_by = row.explained_by if row.probability <= stated else ""
-    why, change = row.not_judged, "judged in a longer record, or a faster sampled one"
-    if why == _SICK:
-        change = "judged with a sound sensor"
-    elif not why and explained_by:
-        why, change = f"what it shows may be that of {explained_by}", f"indicated without the tooth of {explained_by}"
-    elif not why and row.turns < FEWEST_CYCLES:
-        why = f"too short: {row.turns} turns show no damage but a grave one, {FEWEST_CYCLES:g} are needed"
+    blank, (why, next_step, least_change) = _blank(row), _why_not_judged(row, stated)
     if why:
         return replace(
-            _blank(row),
+            blank,
             verdict=NOT_JUDGED,
             evidence=f"not judged: {why.rstrip('.')}.",
             doubts=why,
-            next_step="Take a longer record at a steady speed and load." if why.startswith("too short") else "",
-            least_change=change,
+            next_step=next_step,
+            least_change=least_change,
         )
     return replace(
-        _blank(row),
+        blank,
         verdict=NOTHING_FOUND,
         evidence=f"no tooth stands out in {row.turns} turns; wear of all teeth alike needs an earlier record.",
         least_change=f"indicated from a probability of {stated:.3g} on (now {row.probability:.3g})",
     )
+
+
+def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
+    """Return why an unnamed gear is not judged, empty where it is, what to do next, and what would change it."""
+    if row.not_judged == _SICK:
+        return _SICK, "", "judged with a sound sensor"
+    longer = "judged in a longer record, or a faster sampled one"
+    if row.not_judged:
+        return row.not_judged, _LONGER if row.not_judged.startswith("too short") else "", longer
+    if row.explained_by and row.probability <= stated:
+        by = row.explained_by
+        return f"what it shows may be that of {by}", "", f"indicated without the tooth of {by}"
+    if row.turns < FEWEST_CYCLES:
+        why = f"too short: {row.turns} turns show no damage but a grave one, {FEWEST_CYCLES:g} are needed"
+        return why, _LONGER, longer
+    if row.differing <= DIFFERING_TEETH:
+        why = (
+            "its teeth differ in the same way in all parts of the record, as pitch deviations of a sound gear and pits "
+            "on several teeth make them"
+        )
+        change = f"nothing found, if turns at random were as alike in more than {DIFFERING_TEETH:.0%} of cases"
+        return why, "Compare with an earlier record at the same speed and load, or inspect the teeth.", change
+    return "", "", ""
 
 
 def _blank(row: GearJudgement) -> Finding:

@@ -583,8 +583,14 @@ def shaft_average(channel: AnalysedChannel, machine: Machine, body: str) -> Sync
     """Return the synchronous average of a shaft, over a number of revolutions that cancels the shafts in mesh with it.
 
     An average over a multiple of b revolutions has nulls at all orders of a mate that turns a/b times as fast. Mates
-    for which that would discard too many revolutions are not cancelled.
+    for which that would discard too many revolutions are not cancelled. It is made once for a channel.
     """
+    if body not in channel.averages:
+        channel.averages[body] = _shaft_average(channel, machine, body)
+    return channel.averages[body]
+
+
+def _shaft_average(channel: AnalysedChannel, machine: Machine, body: str) -> SynchronousAverage:
     ratio, kinematics = machine.order_of(body), machine.kinematics
     average = synchronous_average(channel.signal, ratio=ratio)
     mates = {

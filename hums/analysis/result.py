@@ -231,40 +231,40 @@ def spectrum_dataset(
 
     `bands` holds the demodulated band of each channel where the spectra are those of envelopes.
     """
-    table = _line_table(lines)
+    columns = _line_columns(lines)
     if not spectra:
-        return table
+        return xr.Dataset(columns)
     names, units, alike = zip(*spectra, strict=True)
     size = min(spectrum.axis.size for spectrum in alike)
     amplitude = np.stack([spectrum.amplitude[:size] for spectrum in alike])
-    whole = (
-        table.assign(amplitude=(("channel", "order"), amplitude, {"long_name": "peak amplitude"}))
-        .assign_coords(
-            channel=list(names),
-            units=("channel", list(units)),
-            order=("order", alike[0].axis[:size], {"units": "cycles per revolution of the reference"}),
-        )
-        .assign_attrs(
-            window=alike[0].window,
-            bin_width_orders=alike[0].bin_width,
-            resolution_orders=alike[0].resolution,
-        )
-    )
-    return whole if bands is None else _with_bands(whole, [bands[name] for name in names])
-
-
-def _with_bands(dataset: xr.Dataset, bands: Sequence[EnvelopeBand]) -> xr.Dataset:
-    return dataset.assign_coords(
-        band_low_hz=("channel", [band.low_hz for band in bands]),
-        band_high_hz=("channel", [band.high_hz for band in bands]),
-        band_chosen=("channel", np.array([band.chosen for band in bands], dtype=np.int8)),
-        band_why=("channel", [band.why for band in bands]),
-        band_doubts_json=("channel", [json.dumps(band.doubts) for band in bands]),
+    return xr.Dataset(
+        columns | {"amplitude": (("channel", "order"), amplitude, {"long_name": "peak amplitude"})},
+        coords={
+            "channel": list(names),
+            "units": ("channel", list(units)),
+            "order": ("order", alike[0].axis[:size], {"units": "cycles per revolution of the reference"}),
+        }
+        | ({} if bands is None else _band_columns([bands[name] for name in names])),
+        attrs={
+            "window": alike[0].window,
+            "bin_width_orders": alike[0].bin_width,
+            "resolution_orders": alike[0].resolution,
+        },
     )
 
 
-def _line_table(lines: Sequence[AssessedLine]) -> xr.Dataset:
-    """Return the assessed lines as a dataset along `line`."""
+def _band_columns(bands: Sequence[EnvelopeBand]) -> dict[str, tuple[str, Any]]:
+    return {
+        "band_low_hz": ("channel", [band.low_hz for band in bands]),
+        "band_high_hz": ("channel", [band.high_hz for band in bands]),
+        "band_chosen": ("channel", np.array([band.chosen for band in bands], dtype=np.int8)),
+        "band_why": ("channel", [band.why for band in bands]),
+        "band_doubts_json": ("channel", [json.dumps(band.doubts) for band in bands]),
+    }
+
+
+def _line_columns(lines: Sequence[AssessedLine]) -> dict[str, Any]:
+    """Return the assessed lines as variables along `line`."""
     found, expected, text = ([line.measured.line for line in lines], [line.measured.expected for line in lines], "<U1")
     columns: dict[str, NDArray[Any]] = {
         "component": np.array([w.component for w in expected], dtype=None if expected else text),
@@ -283,7 +283,7 @@ def _line_table(lines: Sequence[AssessedLine]) -> xr.Dataset:
         "claimed": np.array([line.significant for line in lines], dtype=np.int8),
         "explained_by": np.array([line.explained_by for line in lines], dtype=None if lines else text),
     }
-    return xr.Dataset({name: ("line", values) for name, values in columns.items()})
+    return {name: ("line", values) for name, values in columns.items()}
 
 
 def rows_dataset(rows: Sequence[object], kind: type, *, dim: str) -> xr.Dataset:

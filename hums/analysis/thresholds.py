@@ -78,6 +78,14 @@ FEWEST_CYCLES = 8.0
 Halved, one swing of the load is read as a cage; doubled, slow parts of short records are not judged.
 """
 
+DIFFERING_TEETH = 0.01
+"""Probability that turns at random are as alike, from which a gear whose teeth differ is not called sound.
+
+Pits on several teeth repeat with the turn, and pitch deviations do. It is the least that the first rotations of the
+permutation test can give. Halved, no gear that has been tested with them alone is left out; doubled, one sound gear
+without deviations in fifty is not judged.
+"""
+
 EXACT_BINS = 0.35
 """Distance in bins within which a line that is locked to a measured shaft is read.
 
@@ -103,6 +111,15 @@ SLIP_SCATTER = 0.005
 Bearings slip by 1 to 2 % (Randall and Antoni 2011), alike within a machine but not equally (half of a per cent is our
 choice). Halved, a race is diagnosed whose neighbour's order is three thousandths away; doubled, bearings with similar
 orders are only indicated.
+"""
+
+FASTEST_SPIN = 0.01
+"""Relative excess over its order above which a line is not certain to be a rolling element's.
+
+An element that slips spins slower than it rolls. A contact angle that load opens raises its order, but by no more than
+2 g / (1 - g) of what the inner race loses, g the ratio of its diameter to the pitch diameter times the cosine: half of
+it at g = 0.2, one of 2 % at most. Halved, elements of angular contact bearings are only indicated; doubled, the whole
+range that is searched counts.
 """
 
 MAINS_HZ = (50.0, 60.0)

@@ -19,8 +19,8 @@ from hums.analysis.reference_angle import Machine
 from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import sampling
 from signals.demodulation.envelope_bank import bank_envelopes
-from signals.harmonics import OrderTracks, track_orders
-from signals.harmonics.bandwidth_selection import likely_bandwidth
+from signals.harmonics import track_orders
+from signals.harmonics.bandwidth_selection import LikelyTracks, likely_bandwidth, likely_tracks
 from signals.resampling.resampling import AngularSignal
 from signals.slipping_order.tracker import SlippingTrack, track_slipping_order
 from signals.spectra.lines import find_line
@@ -87,25 +87,17 @@ def track_lines(
     signal, phase = channel.signal, machine.phase
     orders = np.array([line.line.found if phase.nominal else line.expected.order for line in lines])
     noise = _local_noise(signal, channel.spectra[ORDER_SPECTRUM], lines)
-    bandwidth: NDArray[np.float64] | float | None = bandwidth_orders
-    if bandwidth is None:
-        bandwidth = likely_bandwidth(
-            signal.values - signal.values.mean(),
-            phase_rad=signal.angle_rad,
-            orders=orders,
-            samples_per_rev=signal.samples_per_rev,
-            noise_variance=noise,
-            largest_bandwidth_orders=_LARGEST_BANDWIDTH,
-            poles=_POLES,
-        )
     every = _output_every(signal)
     revolution = signal.start_rev + np.arange(0, signal.values.size, every) / signal.samples_per_rev
     times = phase.times_at(np.minimum(revolution, phase.revolutions[-1]))
-    gaps = channel.health is not None and bool(channel.health.missing.any())
-    tracks = _track_in_time if gaps else _track_in_angle
-    amplitude, std, found = tracks(record, channel, machine, orders, bandwidth, noise, times)
+    if channel.health is not None and (missing := channel.health.missing).any():
+        found = _track_in_time(record, channel, missing, machine, orders, noise, bandwidth_orders, times)
+    else:
+        values = signal.values - signal.values.mean()
+        found = _tracked(values, signal.angle_rad, signal.samples_per_rev, orders, noise, bandwidth_orders, every)
+    amplitude = found.complex_amplitude
     turn = [machine.phase_std_rad(times, bandwidth_orders=float(width)) for width in found.bandwidth]
-    std = np.sqrt(std**2 + (orders[:, None] * np.array(turn) * np.abs(amplitude)) ** 2 / 2)
+    std = np.sqrt(found.std**2 + (orders[:, None] * np.array(turn) * np.abs(amplitude)) ** 2 / 2)
     return xr.Dataset(
         {
             "complex_amplitude": (("track", "output"), amplitude),
@@ -123,63 +115,69 @@ def track_lines(
             "revolution": ("output", revolution),
             "time_s": ("output", times, {"units": "s"}),
         },
-        attrs={"method": found.method, "poles": found.poles},
+        attrs={"method": "smoother", "poles": _POLES},
     )
 
 
-_Tracked = tuple[NDArray[np.complex128], NDArray[np.float64], OrderTracks]
-
-
-def _track_in_angle(
-    _record: xr.Dataset,
-    channel: AnalysedChannel,
-    _machine: Machine,
-    orders: NDArray[np.float64],
-    bandwidth: NDArray[np.float64] | float,
-    noise: NDArray[np.float64],
-    _times: NDArray[np.float64],
-) -> _Tracked:
-    """Track lines in the angle domain."""
-    signal = channel.signal
-    tracks = track_orders(
-        signal.values - signal.values.mean(),
-        phase_rad=signal.angle_rad,
-        orders=orders,
-        bandwidth_orders=bandwidth,
-        samples_per_rev=signal.samples_per_rev,
-        output_every=_output_every(signal),
-        poles=_POLES,
-    )
+def _tracked(
+    values: Numbers,
+    angle: Numbers,
+    samples_per_rev: float,
+    orders: Numbers,
+    noise: Numbers,
+    bandwidth: float | None,
+    every: int,
+    largest: float = _LARGEST_BANDWIDTH,
+) -> LikelyTracks:
+    """Track lines over angle, by default at the maximum-likelihood bandwidth of each; of each the noise is known."""
+    setting: dict[str, Any] = {"phase_rad": angle, "samples_per_rev": samples_per_rev, "orders": orders}
+    setting |= {"output_every": every, "poles": _POLES}
+    if bandwidth is None:
+        return likely_tracks(values, **setting, noise_variance=noise, largest_bandwidth_orders=largest)
+    tracks = track_orders(values, **setting, bandwidth_orders=bandwidth)
     # the tracker's std assumes the mean noise over all orders; each line has the noise of its own background
-    return tracks.complex_amplitude, tracks.std * np.sqrt(noise / tracks.noise_variance)[:, None], tracks
+    std = tracks.std * np.sqrt(noise / tracks.noise_variance)[:, None]
+    return LikelyTracks(bandwidth=tracks.bandwidth, complex_amplitude=tracks.complex_amplitude, std=std)
 
 
 def _track_in_time(
     record: xr.Dataset,
     channel: AnalysedChannel,
+    missing: NDArray[np.bool_],
     machine: Machine,
-    orders: NDArray[np.float64],
-    bandwidth: NDArray[np.float64] | float,
-    noise: NDArray[np.float64],
-    times: NDArray[np.float64],
-) -> _Tracked:
+    orders: Numbers,
+    noise: Numbers,
+    bandwidth: float | None,
+    times: Numbers,
+) -> LikelyTracks:
     """Track lines in the time domain, where the tracker can leave out the missing samples.
 
     Resampling would spread each missing sample over the length of its filter. Outputs are at most a sixteenth of the
     inverse bandwidth apart, so that linear interpolation to the times of the other channels errs by at most 0.5 % of
     the change.
     """
-    phase, missing = machine.phase, channel.health.missing if channel.health else np.zeros(0, dtype=np.bool_)
+    signal, phase = channel.signal, machine.phase
+    width: Numbers | float | None = bandwidth
+    if width is None:
+        width = likely_bandwidth(
+            signal.values - signal.values.mean(),
+            phase_rad=signal.angle_rad,
+            orders=orders,
+            samples_per_rev=signal.samples_per_rev,
+            noise_variance=noise,
+            largest_bandwidth_orders=_LARGEST_BANDWIDTH,
+            poles=_POLES,
+        )
     when = sampling(record, channel.name)
     taken = when.start_s + np.arange(when.count) / when.rate_hz
     inside = (taken >= max(phase.start_s, times[0])) & (taken <= phase.stop_s)
     values = np.where(missing, np.float64(np.nan), varying_values(record, channel.name))[inside]
-    widest = max(float(np.max(bandwidth)), 1 / _SLOWEST_OUTPUT_REV)
+    widest = max(float(np.max(width)), 1 / _SLOWEST_OUTPUT_REV)
     tracks = track_orders(
         values - np.nanmean(values),
         phase_rad=phase.angle_rad(taken[inside]),
         orders=orders,
-        bandwidth_orders=bandwidth,
+        bandwidth_orders=width,
         rate_hz=when.rate_hz,
         output_every=max(1, int(when.rate_hz / (_OUTPUTS_A_BANDWIDTH * widest * machine.top_speed_hz))),
         poles=_POLES,
@@ -187,8 +185,9 @@ def _track_in_time(
     at = taken[inside][tracks.sample_index]
     amplitude = np.array([np.interp(times, at, row) for row in tracks.complex_amplitude])
     std = np.array([np.interp(times, at, row) for row in tracks.std])
-    density = np.count_nonzero(inside) / channel.signal.values.size  # samples here to one over angle
-    return amplitude, std * np.sqrt(noise * density / tracks.noise_variance)[:, None], tracks
+    density = np.count_nonzero(inside) / signal.values.size  # samples here to one over angle
+    std *= np.sqrt(noise * density / tracks.noise_variance)[:, None]
+    return LikelyTracks(bandwidth=tracks.bandwidth, complex_amplitude=amplitude, std=std)
 
 
 def _output_every(signal: AngularSignal) -> int:
@@ -243,7 +242,7 @@ def bearing_line(
     ((rate_hz, envelope),) = bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=[band])
     at = replace(when, rate_hz=rate_hz, count=envelope.size)
     last = (1 + slip) * part.order + _MARGIN_ORDERS
-    signal = resample_in_angle(envelope, at, channel.name, machine.phase, last)
+    signal = resample_in_angle(envelope, at, channel.name, machine.phase, last, multiple_of=1)
     return EnvelopeLine(
         component=part.component,
         kind=part.kind,
@@ -390,15 +389,9 @@ def _smoothed(
     spectrum = amplitude_spectrum(values, rate=line.samples_per_rev)
     beside = find_line(spectrum, expected=line.order, surroundings=min(1.0, _SURROUNDINGS_SHARE * line.order))
     noise = 2 * beside.amplitude_std**2 * values.size / (4 * spectrum.noise_bandwidth_bins)
-    setting: dict[str, Any] = {"phase_rad": angle, "orders": [line.order]}
-    setting |= {"samples_per_rev": line.samples_per_rev, "poles": _POLES}
-    if bandwidth is None:
-        (bandwidth,) = likely_bandwidth(
-            values, **setting, noise_variance=[noise], largest_bandwidth_orders=largest
-        ).tolist()
     every = max(1, int(line.samples_per_rev / (_OUTPUTS_A_BANDWIDTH * largest)))
-    tracks = track_orders(values, **setting, bandwidth_orders=bandwidth, output_every=every)
+    orders, noises = np.array([line.order]), np.array([noise])
+    tracks = _tracked(values, angle, line.samples_per_rev, orders, noises, bandwidth, every, largest)
     at = np.arange(0, values.size, every)
     amplitude = np.interp(grid, at, tracks.complex_amplitude[0])
-    std = np.interp(grid, at, tracks.std[0]) * math.sqrt(noise / tracks.noise_variance)
-    return amplitude, std, float(bandwidth), "smoother"
+    return amplitude, np.asarray(np.interp(grid, at, tracks.std[0])), float(tracks.bandwidth[0]), "smoother"

@@ -42,12 +42,15 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """Orders that the drawing explains: of shafts, meshes, the bearings' defects with their slip, planet carriers."""
+    """Orders that the drawing explains: of shafts, meshes, the bearings' defects with their slip, meshes of planets.
+
+    `planets` has the order of each mesh of several planets, that of their carrier, and their number.
+    """
 
     shafts: tuple[float, ...]
     meshes: tuple[float, ...]
     bearings: tuple[float, ...]
-    carriers: tuple[float, ...]
+    planets: tuple[tuple[float, float, int], ...]
     tolerance: float
     slip: float
 
@@ -207,11 +210,17 @@ _LOCKED = {"shaft", "planet_pass", "tooth", "planet_tooth"}
 def drawn_orders(rows: Sequence[DefectOrder], *, bearing_kinds: Iterable[str], tolerance: float, slip: float) -> Drawn:
     """Return what the drawing explains from its defect orders."""
     kinds = set(bearing_kinds)
+    turning = {row.component: row.order for row in rows if row.kind == "shaft" and row.order > 0}
+    planets = {
+        (row.order, turning[row.seen_from], row.sources)
+        for row in rows
+        if row.kind == "gear_mesh" and row.sources > 1 and row.seen_from in turning
+    }
     return Drawn(
         shafts=tuple(sorted({row.order for row in rows if row.kind in _LOCKED and row.order > 0})),
         meshes=tuple(sorted({row.order for row in rows if row.kind == "gear_mesh"})),
         bearings=tuple(sorted({row.order for row in rows if row.kind in kinds})),
-        carriers=tuple(sorted({row.order / row.sources for row in rows if row.kind == "planet_pass"})),
+        planets=tuple(sorted(planets)),
         tolerance=tolerance,
         slip=slip,
     )
@@ -270,7 +279,7 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
 
     shafts = at(np.outer(drawn.shafts, np.arange(1, _SHAFT_HARMONICS + 1)).ravel())
     meshes = np.outer(drawn.meshes, np.arange(1, _OWN_HARMONICS + 1)).ravel()
-    own = at(meshes)
+    own = at(np.concatenate([meshes, _shifted_meshes(drawn)]))
     floor = float(np.median(peaks.background))
     others = ~own & ~shafts & (orders > _FEWEST_ORDERS) & ~on_mains(orders, setting, width)
     strange = np.flatnonzero(others & (sizes > STRANGE_FACTOR * UNEXPLAINED_RATIO * floor))
@@ -297,6 +306,22 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
     )
 
 
+def _shifted_meshes(drawn: Drawn) -> Numbers:
+    """Return where meshes stand whose planets pass out of phase.
+
+    Harmonic n of a mesh of Z teeth reaches the sensor from K equal planets with phases 2 pi n Z i / K. As they pass,
+    only the sidebands of order k are left for which n Z + k is a multiple of K, one of any K next to one another
+    (McFadden and Smith 1985): the mesh itself vanishes where n Z is none.
+    """
+    shifted = [
+        harmonic * mesh + k * carrier
+        for mesh, carrier, planets in drawn.planets
+        for harmonic in range(1, _OWN_HARMONICS + 1)
+        for k in range(1 - planets, planets)
+    ]
+    return np.array(shifted, dtype=np.float64)
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Lines:
     """Lines of a spectrum, and what of a drawing makes combs of them: planets that pass, strikes on a race."""
@@ -321,7 +346,7 @@ class _Lines:
         """Return whether a line is a sideband of passing planets, or rung by strikes."""
         order, resolved = self.orders[place], 2 * self.width
         races = [race for race in self.drawn.bearings if race > resolved]
-        for carrier in self.drawn.carriers:
+        for carrier in sorted({carrier for _, carrier, _ in self.drawn.planets}):
             sidebands = self.meshes[:, None] + carrier * np.arange(-_PASSES, _PASSES + 1)
             if (np.abs(sidebands - order) > self.width).all():
                 continue

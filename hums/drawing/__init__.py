@@ -141,7 +141,10 @@ def _data(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> dic
         "frame": kinematics.mechanism.frame,
         "reference": gearbox.reference,
         "inputs": [{"link": link, "rpm": rpm, "top": 2 * top} for link, rpm in start.items()],
-        "links": [{"link": link, "body": body} for link, body in kinematics.bodies.items()],
+        "links": [
+            {"link": link, "body": body, "declared": gearbox.copy_links.get(link, link)}
+            for link, body in kinematics.bodies.items()
+        ],
         "referenceForm": [_number(evaluate(kinematics.spin(gearbox.reference), rates)) for rates in at_one],
         "rows": [
             {

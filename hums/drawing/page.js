@@ -88,6 +88,7 @@ function turned(point, base, axis, angle) {
 
 const angles = {};
 drawing.pairs.forEach(pair => { angles[pair.body] = 0; });
+const declared = Object.fromEntries(data.links.map(({link, declared}) => [link, declared]));  // copies by their link
 const pairOf = Object.fromEntries(drawing.pairs.map(pair => [pair.body, pair]));
 
 /** Where a point of a body is now: turned about its own axis, then with all that carry it. */
@@ -156,6 +157,12 @@ function hull(points) {
   return [...half(sorted).slice(0, -1), ...half(sorted.reverse()).slice(0, -1)];
 }
 
+/** The radius of the hole in an external gear on the back of an internal one, else 0. */
+function holeRadius(gear) {
+  const ring = drawing.gears.find(other => other.internal && other.body === gear.body && other.radius < gear.radius);
+  return ring && !gear.internal ? Math.min(1.14 * ring.radius, 0.96 * gear.radius) : 0;
+}
+
 function gearShape(gear) {
   const front = dot(moved(gear.body, along(gear.centre, 1, gear.axis)), toward) > dot(moved(gear.body, gear.centre), toward) ? 1 : -1;
   const narrow = gear.radius - gear.face * Math.sin(gear.cone_rad);  // the inner end of a pitch cone
@@ -164,11 +171,12 @@ function gearShape(gear) {
   const fill = gear.body === data.frame ? "var(--frame)" : "var(--steel)";
   const teeth = outline(gear, near[1], near[0], true).map(flat), back = outline(gear, far[1], far[0], true).map(flat);
   const flanks = teeth.map((p, n) => n % 4 === 0 ? `M${p[0].toFixed(1)} ${p[1].toFixed(1)}L${back[n][0].toFixed(1)} ${back[n][1].toFixed(1)}` : "").join("");
-  if (gear.internal) {
-    const outer = [near, far].map(([place, radius]) => outline(gear, 1.14 * radius, place, false).map(flat));
-    return `<path d="${path(outer[1])}${path(back)}" fill="${fill}" fill-rule="evenodd" fill-opacity=".5" stroke="var(--faint)" stroke-width=".6"/>` +
-      `<path d="${path(hull(outer.flat()))}" fill="none" stroke="var(--faint)" stroke-width=".8"/>` +
-      `<path d="${path(outer[0])}${path(teeth)}" fill="${fill}" fill-rule="evenodd" fill-opacity=".8" stroke="var(--ink)" stroke-width=".9"/>`;
+  const hole = holeRadius(gear);
+  if (gear.internal || hole) {
+    const [nearRim, farRim] = [near, far].map(([place, radius]) => outline(gear, hole || 1.14 * radius, place, false).map(flat));
+    return `<path d="${path(farRim)}${path(back)}" fill="${fill}" fill-rule="evenodd" fill-opacity=".5" stroke="var(--faint)" stroke-width=".6"/>` +
+      `<path d="${path(hull(hole ? [...teeth, ...back] : [...nearRim, ...farRim]))}" fill="none" stroke="var(--faint)" stroke-width=".8"/>` +
+      `<path d="${path(nearRim)}${path(teeth)}" fill="${fill}" fill-rule="evenodd" fill-opacity=".8" stroke="var(--ink)" stroke-width=".9"/>`;
   }
   return `<path d="${path(hull([...teeth, ...back]))}" fill="${fill}" fill-opacity=".9" stroke="var(--ink)" stroke-width=".6"/>` +
     `<path d="${flanks}" stroke="var(--faint)" stroke-width=".5" fill="none"/>` +
@@ -213,68 +221,103 @@ function drawMechanism() {
     ...drawing.rods.flatMap(rodShapes),
     ...drawing.bearings.map(bearing => [depth(moved(bearing.carrier, bearing.centre)) + 1e-2, bearingShape(bearing)]),
   ].sort((a, b) => a[0] - b[0]);
-  const names = new Map();
-  const placed = [];
-  for (const gear of drawing.gears) {
-    const at = gear.internal ? rim(gear, 1.07 * gear.radius, Math.PI / 2) : gear.centre;
-    const [x, y0] = flat(gear.internal ? at : moved(gear.body, at));
-    if (placed.some(p => p[3] === gear.link && Math.hypot(p[0] - x, p[1] - y0) < 14)) continue;  // two gears of one link
-    let y = y0;
-    const half = 3.2 * gear.link.length;
-    while (placed.some(p => Math.abs(p[1] - y) < 12 && Math.abs(p[0] - x) < half + p[2])) y += 12;
-    placed.push([x, y, half, gear.link]);
-    names.set(gear.link + gear.teeth, `<text x="${x.toFixed(1)}" y="${(y + 4).toFixed(1)}" text-anchor="middle">${escaped(gear.link)}</text>`);
-  }
-  document.getElementById("mechanism").innerHTML = parts.map(part => part[1]).join("") + [...names.values()].join("");
+  document.getElementById("mechanism").innerHTML = parts.map(part => part[1]).join("") + gearNames();
+}
+
+/** The name of every link at one of its gears, copies once; a name goes down until it lies on no other. */
+function gearNames() {
+  const size = parseFloat(getComputedStyle(document.getElementById("mechanism")).fontSize), placed = [];
+  const named = new Set();
+  return drawing.gears.map(gear => {
+    const name = declared[gear.link] ?? gear.link;
+    if (named.has(name)) return "";
+    named.add(name);
+    const half = Math.min(0.29 * size * name.length, WIDE / 2);
+    let [x, y] = flat(gear.internal ? rim(gear, 1.07 * gear.radius, Math.PI / 2) : moved(gear.body, gear.centre));
+    x = Math.min(Math.max(x, half), WIDE - half);
+    while (placed.some(other => Math.abs(other.y - y) < size && Math.abs(other.x - x) < half + other.half)) y += size;
+    placed.push({x, y, half});
+    return `<text x="${x.toFixed(1)}" y="${(y + 0.35 * size).toFixed(1)}" text-anchor="middle">${escaped(name)}</text>`;
+  }).join("");
 }
 
 // ---- velocity vectors: in rows where all axes are parallel, else in the plane of the section
 
-function drawVectors(solved) {
-  const tips = [];
+/** An arrow for every link and, where what carries it turns, for its motion from there; copies that agree are one. */
+function velocityArrows(solved) {
+  const arrows = new Map();
   for (const {link, body} of data.links) {
-    const vector = solved.vectors[body], pair = pairOf[body];
+    const to = solved.vectors[body], pair = pairOf[body];
     if (!pair) continue;
-    tips.push({name: link, from: [0, 0, 0], to: vector, relative: false});
-    const base = solved.vectors[pair.carried_by];
-    if (Math.hypot(...base) > 0) tips.push({name: `${link} from ${pair.carried_by}`, from: base, to: vector, relative: true});
+    const base = solved.vectors[pair.carried_by], name = declared[link] ?? link;
+    const from = declared[pair.carried_by] ?? pair.carried_by;
+    const found = [{name, from: [0, 0, 0], to, relative: false}];
+    if (Math.hypot(...base) > 0) found.push({name, from: base, to, relative: true});
+    for (const arrow of found) {
+      const key = JSON.stringify([arrow.name, arrow.relative, [...arrow.from, ...arrow.to].map(x => x.toPrecision(6))]);
+      const copies = (arrows.get(key)?.copies ?? 0) + 1;
+      const words = arrow.name + (copies > 1 ? ` (${copies})` : "") + (arrow.relative ? ` from ${from}` : "");
+      arrows.set(key, {...arrow, copies, words});
+    }
   }
-  const longest = Math.max(...tips.map(tip => Math.max(Math.hypot(...tip.from), Math.hypot(...tip.to))), 1e-9);
-  const rows = drawing.planar, axis = drawing.pairs[0].direction, step = Math.min(26, 500 / Math.max(1, tips.length));
-  const point = (vector, n) => rows
-    ? [240 + 150 * dot(vector, axis) / longest, 28 + step * n]
-    : [240 + 165 * dot(vector, drawing.across) / longest, 270 - 165 * dot(vector, drawing.up) / longest];
-  const high = rows ? 34 + step * tips.length : 540, picture = document.getElementById("vectors");
+  return [...arrows.values()];
+}
+
+const ARROWHEADS = `<defs>${["line", "mark"].map(c => `<marker id="${c}" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto"><path d="M0 0L8 4L0 8Z" fill="var(--${c})"/></marker>`).join("")}</defs>`;
+function arrowShape({relative}, [x0, y0], [x1, y1]) {
+  const colour = relative ? "mark" : "line";
+  if (Math.hypot(x1 - x0, y1 - y0) <= 1) return `<circle cx="${x1}" cy="${y1}" r="2.5" fill="var(--${colour})"/>`;
+  return `<path d="M${x0} ${y0}L${x1} ${y1}" stroke="var(--${colour})" stroke-width="1.8" ${relative ? 'stroke-dasharray="5 3"' : ""} marker-end="url(#${colour})"/>`;
+}
+const rounded = number => String(Number(number.toPrecision(5)));
+
+function drawVectors(solved) {
+  const arrows = velocityArrows(solved), picture = document.getElementById("vectors");
+  const longest = Math.max(...arrows.map(arrow => Math.max(Math.hypot(...arrow.from), Math.hypot(...arrow.to))), 1e-9);
+  const [text, high] = (drawing.planar ? vectorRows : vectorPlane)(arrows, longest, parseFloat(getComputedStyle(picture).fontSize));
   picture.setAttribute("viewBox", `0 0 480 ${high}`);
-  let text = `<defs>${["line", "mark"].map(c => `<marker id="${c}" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto"><path d="M0 0L8 4L0 8Z" fill="var(--${c})"/></marker>`).join("")}</defs>`;
-  text += rows ? `<path d="M240 10V${high - 10}" stroke="var(--rule)"/>` : '<path d="M240 10V530M10 270H470" stroke="var(--rule)"/>';
+  picture.innerHTML = ARROWHEADS + text;
+}
+
+/** Of parallel axes: a row for each arrow, its name and speed above it. */
+function vectorRows(arrows, longest, size) {
+  const axis = drawing.pairs[0].direction, step = 2.1 * size, high = step * arrows.length + size;
+  const rows = arrows.map((arrow, n) => {
+    const [x0, x1] = [arrow.from, arrow.to].map(vector => 240 + 225 * dot(vector, axis) / longest), y = 0.6 * size + step * n;
+    return `<text x="8" y="${y + 0.6 * size}">${escaped(arrow.words)}</text>` +
+      `<text x="472" y="${y + 0.6 * size}" text-anchor="end">${rounded(dot(minus(arrow.to, arrow.from), axis))}</text>` +
+      arrowShape(arrow, [x0, y + 1.2 * size], [x1, y + 1.2 * size]);
+  });
+  return [`<path d="M240 ${0.3 * size}V${high - 0.3 * size}" stroke="var(--rule)"/>` + rows.join(""), high];
+}
+
+/** Of axes in a plane: numbered arrows from one point, those on one line side by side, and what each number is. */
+function vectorPlane(arrows, longest, size) {
+  const flatTo = vector => [dot(vector, drawing.across) / longest, -dot(vector, drawing.up) / longest];
+  const heights = arrows.flatMap(arrow => [flatTo(arrow.from)[1], flatTo(arrow.to)[1]]);
+  const top = 40 - 200 * Math.min(0, ...heights), bottom = top + 200 * Math.max(0, ...heights) + 40;
   const placed = [], lanes = {};
-  tips.forEach((tip, n) => {
-    let [x0, y0] = point(tip.from, n), [x1, y1] = point(tip.to, n);
-    const colour = tip.relative ? "mark" : "line", length = Math.hypot(x1 - x0, y1 - y0);
-    if (!rows && length > 1) {  // arrows on one line stand side by side
+  const shapes = arrows.map((arrow, n) => {
+    let [[x0, y0], [x1, y1]] = [arrow.from, arrow.to].map(flatTo).map(([x, y]) => [240 + 200 * x, top + 200 * y]);
+    const length = Math.hypot(x1 - x0, y1 - y0);
+    if (length > 1) {
       const [dx, dy] = [(x1 - x0) / length, (y1 - y0) / length], sense = dx < -1e-6 || (Math.abs(dx) < 1e-6 && dy < 0) ? -1 : 1;
       const line = [dx, dy, x0 * dy - y0 * dx].map(x => (sense * x).toFixed(2)).join(" "), lane = lanes[line] = (lanes[line] ?? 0) + 1;
       const shift = 7 * Math.floor(lane / 2) * (lane % 2 ? -1 : 1) * sense;
       [x0, x1, y0, y1] = [x0 - shift * dy, x1 - shift * dy, y0 + shift * dx, y1 + shift * dx];
     }
-    if (length > 1) text += `<path d="M${x0} ${y0}L${x1} ${y1}" stroke="var(--${colour})" stroke-width="1.8" ${tip.relative ? 'stroke-dasharray="5 3"' : ""} marker-end="url(#${colour})"/>`;
-    else text += `<circle cx="${x1}" cy="${y1}" r="2.5" fill="var(--${colour})"/>`;
-    const size = rows ? dot(minus(tip.to, tip.from), axis) : Math.hypot(...minus(tip.to, tip.from));
-    const label = `${tip.name}  ${Number(size.toPrecision(5))}`;
-    if (rows) {
-      const left = x1 < 240 || (x1 === 240 && x0 < 240);
-      text += `<text x="${left ? 246 : 234}" y="${y1 + 4}" text-anchor="${left ? "start" : "end"}">${escaped(label)}</text>`;
-    } else {
-      const wide = 6.5 * label.length, from = tip.relative ? [(x0 + x1) / 2, (y0 + y1) / 2] : [x1, y1];
-      const x = Math.min(Math.max(x1 < 240 ? from[0] - 8 - wide : from[0] + 8, 4), 476 - wide);
-      let y = from[1] + 4;
-      while (placed.some(other => Math.abs(other[1] - y) < 12 && other[0] < x + wide && x < other[0] + other[2])) y += 12;
-      placed.push([x, y, wide]);
-      text += `<text x="${x}" y="${y}">${escaped(label)}</text>`;
-    }
+    const along = arrow.relative ? 0.5 : 1, beyond = arrow.relative || length <= 1 ? 0 : size / length;
+    let [x, y] = [x0 + (along + beyond) * (x1 - x0) + (arrow.relative ? 0.8 * size : 0), y0 + (along + beyond) * (y1 - y0)];
+    while (placed.some(other => Math.abs(other[1] - y) < size && Math.abs(other[0] - x) < 1.3 * size)) x += 1.3 * size;
+    placed.push([x, y]);
+    const key = bottom + 1.5 * size * (n + 0.7);
+    return arrowShape(arrow, [x0, y0], [x1, y1]) +
+      `<text x="${x}" y="${y + 0.35 * size}" text-anchor="middle">${n + 1}</text>` +
+      `<text x="${8 + 1.4 * size}" y="${key}" text-anchor="end">${n + 1}</text><text x="${8 + 2 * size}" y="${key}">${escaped(arrow.words)}</text>` +
+      `<text x="472" y="${key}" text-anchor="end">${rounded(Math.hypot(...minus(arrow.to, arrow.from)))}</text>`;
   });
-  picture.innerHTML = text;
+  const axes = `<path d="M240 10V${bottom - 10}M10 ${top}H470" stroke="var(--rule)"/>`;
+  return [axes + shapes.join(""), bottom + 1.5 * size * (arrows.length + 0.3)];
 }
 
 // ---- tables

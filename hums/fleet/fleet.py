@@ -5,7 +5,6 @@ resumes, a later run analyses only records that are new or changed, and memory h
 that cannot be analysed, or kills its worker process, becomes a row with its error.
 """
 
-import gzip
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
@@ -19,7 +18,7 @@ import xarray as xr
 
 from hums.analysis.analyze import AnalysisSettings, analyze
 from hums.fleet.history import Fact, MachineHistory, watch_machines, write_alarms, write_baselines, write_components
-from hums.fleet.kept import read_results
+from hums.fleet.kept import read_results, write_row
 from hums.fleet.maintenance import Work, read_maintenance
 from hums.fleet.monitor import MonitorSettings
 from hums.fleet.observation import order_key
@@ -176,7 +175,7 @@ def analyze_fleet(
     """
     named = gearbox.name if isinstance(gearbox, Gearbox) else str(gearbox)
     gearbox = gearbox if isinstance(gearbox, Gearbox) else load_gearbox(gearbox)
-    settings = settings or AnalysisSettings(most_tracks=0)
+    settings = (settings or AnalysisSettings(most_tracks=0)).model_copy(update={"pictures": False})  # it draws none
     work = read_maintenance(maintenance) if maintenance is not None else ()
     found = _sources(sources)
     folder = Path(folder).resolve()
@@ -184,6 +183,7 @@ def analyze_fleet(
         "gearbox": gearbox.model_dump_json(exclude_none=True),
         "settings": settings.model_dump_json(),
         "version": version("hums-toolkit"),
+        "format": _FORMAT,
     }
     results_folder, killed = folder / "records", folder / "killed"
     try:
@@ -206,6 +206,8 @@ def analyze_fleet(
     with atomic_write(folder / _LIST) as part:
         part.write_text(json.dumps(names), encoding="utf-8")
     paths = [done if (done := results_folder / name).exists() else killed / name for name in names]
+    for stale in set(killed.glob("*.json.gz")) - set(paths):  # tried again with success, or the file is another one
+        stale.unlink()
     histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, append=append, gearbox=named)
     return Fleet(
         folder=folder,
@@ -220,7 +222,7 @@ def analyze_fleet(
     )
 
 
-_LIST = "records.json"
+_LIST, _FORMAT = "records.json", "hums-results/2"
 
 
 def _listed(folder: Path) -> list[str]:
@@ -347,10 +349,13 @@ def _killed_to_file(folder: Path, source: _Source, path: Path) -> None:
 
 
 def _write_row(source: _Source, row: Mapping[str, Any], path: Path) -> None:
-    with atomic_write(path) as part:
-        part.write_bytes(
-            gzip.compress(json.dumps({"record": source.name, "class": source.label} | dict(row)).encode(), mtime=0)
-        )
+    whole = {"record": source.name, "class": source.label} | dict(row)
+    write_row({name: _unicode(text) if isinstance(text, str) else text for name, text in whole.items()}, path)
+
+
+def _unicode(text: str) -> str:
+    r"""Return a text with the bytes of file names that are no UTF-8 as \xNN: no table could hold them."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 @lru_cache(maxsize=4)

@@ -15,11 +15,12 @@ import xarray as xr
 
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor import ALARM_COLUMNS, SEVERE, Judgement, MachineState, MonitorSettings, update
-from hums.fleet.observation import Observation, order_key
+from hums.fleet.observation import Observation, order_key, seconds_since_1970
 from hums.fleet.state import read_state, write_state
 from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
 from signals.monitoring.alarm_life import Life
+from signals.monitoring.slopes import series_slopes
 
 __all__ = ["Fact", "MachineHistory", "watch_machines", "write_alarms", "write_baselines", "write_components"]
 
@@ -32,6 +33,7 @@ COMPONENT_COLUMNS = (
     "channel",
     "indicator",
     "departure",
+    "growth_per_day",
     "once_in_records",
     "false_alarms_a_year",
     "judged",
@@ -85,9 +87,35 @@ class MachineHistory:
         for one in seen:
             found = update(self.state, one, work=work)
             self.alarms += found.alarms
-            self.records.append({"record": one.record, "why": found.why, "index": found.index, "scores": found.scores})
+            self.records.append(
+                {
+                    "record": one.record,
+                    "recorded_at": one.recorded_at,
+                    "why": found.why,
+                    "index": found.index,
+                    "scores": found.scores,
+                }
+            )
             if found.judged:
                 self.last = found
+
+    def growth_per_day(self, component: str) -> float:
+        """Return by how many deviations the score of a component rises in a day since it left normal; NaN if unknown.
+
+        The median slope of its records since then, of which there have to be five.
+        """
+        since = self.state.since.get(component, "")
+        begun = [n for n, one in enumerate(self.records) if since and since in (one["recorded_at"], one["record"])]
+        those = self.records[begun[-1] :] if begun else []
+        days = np.array([seconds_since_1970(one["recorded_at"]) / 86400 for one in those])
+        scores = np.array([one["scores"].get(component, math.nan) for one in those], dtype=np.float64)
+        return float(series_slopes(scores[:, None], days).slope[0]) if len(those) else math.nan
+
+    def once_in_records(self, component: str) -> float:
+        """Return in how many records a healthy component shows once what this one shows now; NaN if unknown."""
+        limits = self.state.epochs[self.state.epoch_of(component.partition(": ")[0])].limits
+        index = self.last.index.get(component, math.nan) if self.last is not None else math.nan
+        return limits.every_records_at(index) if limits is not None and math.isfinite(index) else math.nan
 
 
 def watch_machines(
@@ -160,7 +188,7 @@ def _keep(history: MachineHistory, folder: Path, name: str) -> None:
     last = history.last and {key: getattr(history.last, key) for key in ("index", "scores", "growth")}
     text = json.dumps({"records": history.records, "alarms": history.alarms, "last": last})
     with atomic_write(folder / f"{name}.history.gz") as part:
-        part.write_bytes(gzip.compress(text.encode(), mtime=0))
+        part.write_bytes(gzip.compress(text.encode(), compresslevel=6, mtime=0))
     write_state(history.state, folder / f"{name}.state.gz")
 
 
@@ -212,10 +240,15 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
             "channel": channel,
             "indicator": indicator,
             "departure": departure,
-            "once_in_records": epoch.limits.every_records_at(index) if math.isfinite(index) else "",
+            "growth_per_day": _known(history.growth_per_day(name)),
+            "once_in_records": _known(history.once_in_records(name)),
             "baseline": epoch.identity,
             "limits_from": "its own records" if epoch.own_limits else "prior over machines",
         }
+
+
+def _known(value: float) -> float | str:
+    return "" if math.isnan(value) else value
 
 
 def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:

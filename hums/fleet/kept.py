@@ -1,37 +1,26 @@
-"""Results of many records, read once: numbers in arrays, the names that records share held once."""
+"""Files of the results of records; many are read once: numbers in arrays, the names that records share held once."""
 
+import base64
 import gzip
 import json
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from dataclasses import replace as with_changes
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hums.fleet.numbers import INDICATOR, LINE, Numbers
 from hums.fleet.observation import Observation, observation
 from hums.fleet.series import Series, SeriesValues
+from hums.records.store import atomic_write
 
-__all__ = ["INDICATOR", "LINE", "KeptRecord", "Numbers", "read_results", "read_row"]
+__all__ = ["KeptRecord", "read_results", "read_row", "write_row"]
 
-LINE = ("channel", "spectrum", "component", "kind", "harmonic", "sideband", "units")
-INDICATOR = ("channel", "component", "kind", "indicator", "units")
-Key = tuple[Any, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Numbers:
-    """Numbers of a record (keys, columns) under keys that other records share."""
-
-    keys: tuple[Any, ...]
-    values: NDArray[Any]
-
-    def get(self, key: object) -> float:
-        """Return the number under a key, NaN where there is none."""
-        return float(self.values[self.keys.index(key)]) if key in self.keys else math.nan
+_NUMBERS = {"lines": len(LINE), "indicators": len(INDICATOR)}  # of a row, and how many names each has
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,10 +54,32 @@ class KeptRecord:
         return with_changes(self.seen, values=SeriesValues(self.watched.keys, self.watched.values))
 
 
+def write_row(row: Mapping[str, Any], path: Path) -> None:
+    """Write the results of one record: JSON, with numbers as the base64 text of little-endian doubles.
+
+    The names of the numbers are one text, which is the same for most records and is parsed once for all of them.
+    """
+    packed = {}
+    for name in _NUMBERS.keys() & row.keys():
+        values = np.ascontiguousarray(row[name].values, dtype="<f8")
+        names = json.dumps(row[name].keys, separators=(",", ":"))
+        packed[name] = [names, list(values.shape), base64.b64encode(values.tobytes()).decode()]
+    with atomic_write(path) as part:
+        part.write_bytes(gzip.compress(json.dumps(dict(row) | packed).encode(), compresslevel=1, mtime=0))
+
+
 def read_row(path: Path) -> dict[str, Any]:
-    """Return the results of one record as they are stored."""
+    """Return the results of one record as `write_row` stored them."""
     row: dict[str, Any] = json.loads(gzip.decompress(path.read_bytes()))
+    for name in _NUMBERS.keys() & row.keys():
+        names, shape, text = row[name]
+        row[name] = Numbers(keys=_keys(names), values=np.frombuffer(base64.b64decode(text), dtype="<f8").reshape(shape))
     return row
+
+
+@lru_cache(maxsize=4096)
+def _keys(names: str) -> tuple[Any, ...]:
+    return tuple(map(tuple, json.loads(names)))
 
 
 def read_results(paths: Iterable[Path]) -> list[KeptRecord]:
@@ -80,18 +91,18 @@ def read_results(paths: Iterable[Path]) -> list[KeptRecord]:
     return [_kept(read_row(path), shared) for path in paths]
 
 
+_NONE = {name: Numbers(keys=(), values=np.zeros((0, 4))) for name in _NUMBERS}
+
+
 def _kept(row: Mapping[str, Any], shared: dict[Any, Any]) -> KeptRecord:
     seen = observation(row)
-    lines, indicators = row.get("lines", ()), row.get("indicators", ())
-    taken = _numbers([tuple(one[: len(LINE)]) for one in lines], [one[len(LINE) + 1 :] for one in lines], 3, shared)
-    if ("orders", taken.keys) not in shared:
-        shared["orders", taken.keys] = np.array([one[len(LINE)] for one in lines], dtype=np.float64)
+    lines, indicators = (row.get(name, _NONE[name]) for name in _NUMBERS)
     return KeptRecord(
         **{name: row[name] for name in ("record", "machine", "recorded_at", "error")},
         speed_hz=row.get("speed_hz", np.nan),
-        lines=taken,
-        orders=shared["orders", taken.keys],
-        indicators=_numbers([tuple(one[:-1]) for one in indicators], [one[-1:] for one in indicators], 1, shared),
+        lines=Numbers(keys=lines.keys, values=lines.values[:, 1:].astype(np.float32)),
+        orders=shared.setdefault(("orders", id(lines.keys)), lines.values[:, 0].copy()),
+        indicators=Numbers(keys=indicators.keys, values=indicators.values[:, 0].astype(np.float32)),
         findings=tuple((component, kind, word) for component, kind, word, *_ in row.get("findings", ())),
         watched=_watched(seen.values),
         seen=with_changes(seen, values={}),
@@ -112,9 +123,3 @@ def _shared_pairs(rows: Iterable[Iterable[str]], shared: dict[Any, Any]) -> tupl
     """Return component and kind of each row; records with the same ones share them."""
     pairs = tuple((component, kind) for component, kind in rows)
     return shared.setdefault(("pairs", pairs), pairs)  # type: ignore[no-any-return]
-
-
-def _numbers(keys: list[Any], values: list[Any], width: int, shared: dict[Any, Any]) -> Numbers:
-    names = tuple(keys)
-    table: NDArray[Any] = np.array(values, dtype=np.float32).reshape(len(names), width)
-    return Numbers(keys=shared.setdefault(names, names), values=table[:, 0] if width == 1 else table)

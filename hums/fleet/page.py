@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.fleet.history import MachineHistory
-from hums.fleet.kept import LINE, KeptRecord
+from hums.fleet.kept import KeptRecord
 from hums.fleet.monitor import Epoch, driving_series
+from hums.fleet.numbers import LINE
 from hums.fleet.observation import seconds_since_1970
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, stand_alone_page
 from hums.records.store import atomic_write
@@ -31,6 +32,7 @@ _NAMED = 5  # components in colours and in the legend; the others are thin
 _PANELS = 6  # series that drove the worst component
 _LOG_FROM = 10.0  # largest index from which the axis is logarithmic, so that the limit can still be seen
 _DAY_S = 86400.0
+_SELDOM = 1e9  # records, beyond which a tail that was measured at one in 10,000 says no more than that
 _STYLES = {"raised": "alarm", "acknowledged": "watch", "normal": "calm"}
 
 
@@ -187,7 +189,13 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
     text = f"{component} has a health index of {index:.2f}"
     if state.since.get(component):
         text += f", rising since {_short(state.since[component])}" if index > 0 else ""
+    growth, seldom = history.growth_per_day(component), history.once_in_records(component)
+    if growth > 0 and index > 0:
+        text += f", by {growth:.2g} deviations a day"
     text += f"; {driver.replace('_', ' ')} of {channel} departs most." if driver else "."
+    if index >= 1:
+        often = f"once in {seldom:,.0f}" if seldom < _SELDOM else f"less than once in {_SELDOM:,.0f}"
+        text += f" Without a change a component shows as much {often} records."
     if state.unwatched_since:
         text += f" Not watched since {state.unwatched_since}: later records were refused."
     return text

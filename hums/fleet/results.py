@@ -1,4 +1,4 @@
-"""Results of one record as JSON types: what `hums.fleet` keeps of an analysis."""
+"""Results of one record: what `hums.fleet` keeps of an analysis."""
 
 import json
 import math
@@ -8,6 +8,7 @@ from typing import Any
 from hums.analysis.findings import NOT_JUDGED, not_judged_words
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.result import Analysis, group
+from hums.fleet.numbers import INDICATOR, LINE, named
 
 __all__ = ["results"]
 
@@ -20,7 +21,11 @@ _MEASURED = ("line_order", "line_amplitude", "snr", "claimed")
 
 
 def results(analysis: Analysis) -> dict[str, Any]:
-    """Return speed, what else was measured, lines, indicators, findings, unjudged parts and sensors as JSON types."""
+    """Return speed, what else was measured, findings, unjudged parts and sensors as JSON types, and the numbers.
+
+    ``lines`` are `Numbers` under `LINE`: order, amplitude, what it is over its surroundings, and 1 where it is claimed;
+    ``indicators`` those under `INDICATOR`: the value.
+    """
     speed = group(analysis, "speed")["speed_hz"]
     findings, others = (list(_rows(analysis, name, ["verdict", "doubts", *_PART])) for name in ("findings", "verdicts"))
     verdicts = [*findings, *others]
@@ -28,12 +33,18 @@ def results(analysis: Analysis) -> dict[str, Any]:
         "error": "",
         "speed_hz": speed.size / float((1 / speed).sum()) if speed.size else math.nan,
         "covariates": json.loads(analysis.attrs.get("measured_json", "{}")),
-        "lines": [line for name in (ORDER_SPECTRUM, ENVELOPE) for line in _lines(analysis, name)],
-        "indicators": [
-            [row[name] for name in _INDICATOR]
-            for row in _rows(analysis, "indicators", _INDICATOR)
-            if math.isfinite(row["value"])
-        ],
+        "lines": named(
+            (line for name in (ORDER_SPECTRUM, ENVELOPE) for line in _lines(analysis, name)), len(LINE), len(_MEASURED)
+        ),
+        "indicators": named(
+            (
+                [row[name] for name in _INDICATOR]
+                for row in _rows(analysis, "indicators", _INDICATOR)
+                if math.isfinite(row["value"])
+            ),
+            len(INDICATOR),
+            1,
+        ),
         "findings": [[row[name] for name in _FINDING] for row in _rows(analysis, "findings", _FINDING)],
         "not_judged": [[row[name] for name in _PART] for row in verdicts if row["verdict"] == NOT_JUDGED],
         "parts_not_judged": not_judged_words(verdicts),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hums.fleet.numbers import Numbers
 from hums.gearbox.orders import BEARING_KINDS
 from signals.monitoring.health import FEWEST_LEVELS, Layout
 
@@ -29,6 +30,7 @@ LINE_LEVEL, LINE_RATIO = "line_level", "line_over_surroundings"
 _JOINT, _AND = "one of ", ", "
 _WHOLE_SIGNAL = "record"
 _IMPULSES = "record (impulses)"
+_NOTHING = Numbers(keys=(), values=np.zeros((0, 4)))
 _OF_HISTORY = ("na4", "nb4")  # whose own history they are held against: the charts do that here
 
 
@@ -84,21 +86,35 @@ def series_of(row: Mapping[str, Any], *, without: Collection[str] = ()) -> Serie
     The lines of a component in a spectrum are two series: the logarithm of the root mean square of their amplitudes,
     and of what they are over their surroundings. Bearings whose lines have the same orders are one component.
     """
-    indicators, lines = row.get("indicators", ()), row.get("lines", ())
-    keys, joint = tuple(tuple(one[:7]) for one in lines), tuple(sorted(joint_names(row).items()))
-    plan = _plan(tuple(tuple(one[:5]) for one in indicators), keys, joint, frozenset(without))
+    indicators, lines = (row.get(name, _NOTHING) for name in ("indicators", "lines"))
+    joint = tuple(sorted(joint_names(row).items()))
+    plan = _plan(_Same(indicators.keys), _Same(lines.keys), joint, frozenset(without))
     numbers = np.full(len(plan.series), np.nan)
-    logs = [math.log(one[5]) if one[5] > 0 else math.nan for one in indicators]
-    numbers[plan.of_indicators[plan.of_indicators >= 0]] = np.array(logs)[plan.of_indicators >= 0]
-    table = np.array([(one[8], one[9]) for one in lines], dtype=np.float64).reshape(-1, 2)
-    known = np.isfinite(table).all(axis=1)
-    groups = plan.of_lines[known]
-    count = np.bincount(groups, minlength=len(plan.line_places))
-    for column, places in enumerate(plan.line_places.T):
-        sums = np.bincount(groups, weights=table[known, column] ** 2, minlength=len(count))
-        numbers[places] = [math.log(x / n) / 2 if x > 0 else math.nan for x, n in zip(sums, count, strict=True)]
+    there = plan.of_indicators >= 0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        numbers[plan.of_indicators[there]] = np.log(indicators.values[there, 0])
+        table = lines.values[:, 1:3]
+        known = np.isfinite(table).all(axis=1)
+        groups = plan.of_lines[known]
+        count = np.bincount(groups, minlength=len(plan.line_places))
+        for column, places in enumerate(plan.line_places.T):
+            sums = np.bincount(groups, weights=table[known, column] ** 2, minlength=len(count))
+            numbers[places] = np.log(sums / count) / 2
     kept = np.isfinite(numbers) & plan.watched
     return SeriesValues(_some(_Same(plan.series), kept.tobytes()), numbers[kept])
+
+
+class _Same:
+    """A thing that equals itself alone, so that a cache needs not compare hundreds of series."""
+
+    def __init__(self, thing: Any) -> None:  # noqa: ANN401
+        self.thing = thing
+
+    def __hash__(self) -> int:
+        return id(self.thing)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.thing is other.thing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,9 +134,7 @@ class _Plan:
 
 
 @lru_cache(maxsize=256)
-def _plan(
-    indicators: tuple[Any, ...], lines: tuple[Any, ...], joint: tuple[tuple[str, str], ...], without: frozenset[str]
-) -> _Plan:
+def _plan(indicators: _Same, lines: _Same, joint: tuple[tuple[str, str], ...], without: frozenset[str]) -> _Plan:
     names = dict(joint)
     places: dict[Series, int] = {}
     groups: dict[tuple[str, ...], int] = {}
@@ -130,10 +144,10 @@ def _plan(
 
     of_indicators = [
         -1 if name in _OF_HISTORY else place(channel, component, kind, name, unit)
-        for channel, component, kind, name, unit in indicators
+        for channel, component, kind, name, unit in indicators.thing
     ]
     of_lines, line_places = [], []
-    for channel, spectrum, component, kind, _, _, unit in lines:
+    for channel, spectrum, component, kind, _, _, unit in lines.thing:
         group = (channel, spectrum, names.get(component, component), kind, unit)
         if group not in groups:
             groups[group] = len(groups)
@@ -147,19 +161,6 @@ def _plan(
         line_places=np.array(line_places, dtype=np.int64).reshape(-1, 2),
         watched=np.array([key.channel not in without for key in places], dtype=np.bool_),
     )
-
-
-class _Same:
-    """A thing that equals itself alone, so that a cache needs not compare hundreds of series."""
-
-    def __init__(self, thing: Any) -> None:  # noqa: ANN401
-        self.thing = thing
-
-    def __hash__(self) -> int:
-        return id(self.thing)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self.thing is other.thing
 
 
 @lru_cache(maxsize=4096)
@@ -180,15 +181,25 @@ def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
 
     What one of them shows, all show; watched apart, a fault of one would raise an alarm of each.
     """
-    orders: dict[str, list[tuple[Any, ...]]] = {}
-    for one in row.get("lines", ()):
-        if one[3] in BEARING_KINDS:
-            orders.setdefault(one[2], []).append((one[0], one[1], *one[3:6], one[7]))
+    lines: Numbers = row.get("lines", _NOTHING)
     equal: dict[tuple[Any, ...], list[str]] = {}
-    for component, own in orders.items():
-        equal.setdefault(tuple(own), []).append(component)
+    for component, names, places in _bearings(_Same(lines.keys)):
+        equal.setdefault((names, lines.values[places, 0].tobytes()), []).append(component)
     groups = [sorted(names) for names in equal.values() if len(names) > 1]
     return {name: _JOINT + _AND.join(names) for names in groups for name in names}
+
+
+@lru_cache(maxsize=256)
+def _bearings(lines: _Same) -> list[tuple[str, tuple[Any, ...], NDArray[np.int64]]]:
+    """Return each bearing, what its lines are, and their places."""
+    places: dict[str, list[int]] = {}
+    for number, (_, _, component, kind, *_) in enumerate(lines.thing):
+        if kind in BEARING_KINDS:
+            places.setdefault(component, []).append(number)
+    return [
+        (component, tuple((*lines.thing[i][:2], *lines.thing[i][3:6]) for i in those), np.array(those))
+        for component, those in places.items()
+    ]
 
 
 def component_parts(component: str) -> tuple[str, ...]:

@@ -47,7 +47,7 @@ def write_state(state: MachineState, path: Path) -> None:
     """Write a state to a file, whole or not at all."""
     text = json.dumps({"schema": SCHEMA, "state": _encoded(state)})
     with atomic_write(path) as part:
-        part.write_bytes(gzip.compress(text.encode(), mtime=0))
+        part.write_bytes(gzip.compress(text.encode(), compresslevel=6, mtime=0))
 
 
 def read_state(path: Path) -> MachineState:

@@ -12,84 +12,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.fleet.kept import INDICATOR, LINE, KeptRecord
+from hums.fleet.kept import KeptRecord
+from hums.fleet.numbers import INDICATOR, LINE
 from hums.fleet.observation import seconds_since_1970
 from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
 from signals.monitoring.forecast import local_trend, time_until
+from signals.monitoring.slopes import series_slopes
 from signals.monitoring.trends import FEWEST, trend_tests
 
-__all__ = ["SIGNIFICANCE", "WrittenTables", "trend", "write_tables"]
-
-
-# ---- Trend of a series: Kendall's rank correlation test and the Theil-Sen slope --------------------------------------
-
+__all__ = ["SIGNIFICANCE", "WrittenTables", "write_tables"]
 
 Array = NDArray[np.float64]
-_MAX_SLOPE_POINTS = 100  # of the Theil-Sen slope, whose cost grows with the square
-CONFIDENCE = 0.95
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trend:
-    """Trend of one series over time.
-
-    Attributes
-    ----------
-    points : int
-        Number of finite values.
-    median : float
-        Median of the values.
-    slope, slope_low, slope_high : float
-        Median slope of all pairs (Theil 1950, Sen 1968, J. Am. Stat. Assoc. 63, 1379-1389) and the ends of its 95 %
-        confidence interval, in units of the values per unit of time. Above 100 values, the pairs are those of the
-        medians of at most 100 consecutive groups.
-    tau : float
-        Kendall's rank correlation of value and time (tau-b): 1 for a series that rises throughout.
-    p_value : float
-        Probability of a tau at least this far from zero if the values are exchangeable in time.
-    """
-
-    points: int
-    median: float
-    slope: float
-    slope_low: float
-    slope_high: float
-    tau: float
-    p_value: float
-
-
-def trend(values: Array, times: Array) -> Trend | None:
-    """Return the trend of the finite `values` (n,) over `times` (n,); None for fewer than 5, or all equal ones."""
-    from scipy.stats import kendalltau, theilslopes  # noqa: PLC0415 - heavy
-
-    known = np.isfinite(values) & np.isfinite(times)
-    x, y = times[known], np.asarray(values[known], dtype=np.float64)
-    if x.size < FEWEST or np.ptp(x) == 0 or np.ptp(y) == 0:
-        return None
-    order = np.argsort(x, kind="stable")
-    rank = kendalltau(x, y)
-    x, y = x[order], y[order]
-    if x.size > _MAX_SLOPE_POINTS:
-        x, y = (_group_medians(of, -(-x.size // _MAX_SLOPE_POINTS)) for of in (x, y))
-    slope = theilslopes(y, x, alpha=CONFIDENCE)
-    return Trend(
-        points=int(known.sum()),
-        median=float(np.median(values[known])),
-        slope=float(slope.slope),
-        slope_low=float(slope.low_slope),
-        slope_high=float(slope.high_slope),
-        tau=float(rank.statistic),
-        p_value=float(rank.pvalue),
-    )
-
-
-def _group_medians(values: Array, size: int) -> Array:
-    """Return the medians of consecutive groups of a size; the last may be smaller."""
-    whole = values.size // size * size
-    medians = np.median(values[:whole].reshape(-1, size), axis=1)
-    return np.append(medians, np.median(values[whole:])) if whole < values.size else medians
-
 
 # ---- Table -----------------------------------------------------------------------------------------------------------
 
@@ -384,28 +318,30 @@ def _machine_trends(
         positive[scored:] = False
         logs = np.where(positive, np.log(np.where(positive & (values > 0), values, 1.0)), values)
         tests = trend_tests(np.where(np.isfinite(values), logs, np.nan)[:, places], days)
-    at = {int(place): number for number, place in enumerate(places)}
-    for number, (title, unit) in enumerate(zip(titles, units, strict=True)):
-        series = values[:, number]
-        seen = series[np.isfinite(series)]
-        if seen.size < FEWEST_SHOWN or not np.ptp(seen):
-            continue
-        third = max(1, seen.size // 3)
-        first, last = float(np.median(seen[:third])), float(np.median(seen[-third:]))
-        row: dict[str, Any] = {"machine": machine, "series": title, "units": str(unit), "records": seen.size}
-        row |= {"median": float(np.median(seen)), "change": last / first if number < scored and first > 0 else ""}
-        found = trend(series, days) if tests is not None else None
-        if found is None or tests is None or number not in at:
+    at, found = {int(place): number for number, place in enumerate(places)}, series_slopes(values, days)
+    differ = np.isfinite(values) & (values != found.median)
+    for number in np.flatnonzero((known >= FEWEST_SHOWN) & differ.any(axis=0)).tolist():
+        row: dict[str, Any] = {"machine": machine, "series": titles[number], "units": str(units[number])}
+        row |= {"records": int(known[number]), "median": float(found.median[number])}
+        first, last = float(found.first[number]), float(found.last[number])
+        row["change"] = last / first if number < scored and first > 0 else ""
+        if tests is None or number not in at or np.isnan(found.slope[number]):
             yield row | {"trend": TOO_FEW}
             continue
         rate = float(tests.discovery_rate[at[number]])
         rises = bool(tests.rises[at[number]])
-        row |= {"slope_per_day": found.slope, "slope_low": found.slope_low, "slope_high": found.slope_high}
-        row |= {"kendall_tau": found.tau, "p_value": found.p_value, "adjusted_p": rate}
-        row |= {"trend": "none" if not rate < SIGNIFICANCE else "rising" if rises else "falling"}
+        for name, numbers in (
+            ("slope_per_day", found.slope),
+            ("slope_low", found.slope_low),
+            ("slope_high", found.slope_high),
+            ("kendall_tau", found.tau),
+            ("p_value", found.p_value),
+        ):
+            row[name] = float(numbers[number])
+        row |= {"adjusted_p": rate, "trend": "none" if not rate < SIGNIFICANCE else "rising" if rises else "falling"}
         if row["trend"] != "none":
             row["form"] = str(tests.form[at[number]])
-        yield row | (_forecast(series, days, limit) if number >= scored else {})
+        yield row | (_forecast(values[:, number], days, limit) if number >= scored else {})
 
 
 def _forecast(series: Array, days: Array, limit: float) -> dict[str, Any]:

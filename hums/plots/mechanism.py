@@ -4,7 +4,7 @@ import math
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -128,6 +128,15 @@ def _names_of(gear: GearShape) -> tuple[str, ...]:
     return (*(f"{mesh}/{gear.declared}" for mesh in gear.meshes), gear.declared, gear.link, gear.body)
 
 
+class _Name(NamedTuple):
+    """The name of a part: its place, the half height of the part, and the colour that the part was given."""
+
+    text: str
+    at: Array
+    half: float
+    colour: str | None
+
+
 class _Drawing:
     """The shapes of a layout on Axes, projected to the plane of the picture."""
 
@@ -136,14 +145,18 @@ class _Drawing:
         self.across, self.up = np.array(layout.across), np.array(layout.up)
         rigid = next((group for group in gearbox.rigid if gearbox.frame in group), (gearbox.frame,))
         self.frame = {gearbox.frame, *rigid}
-        self.labels: list[tuple[str, Array, float]] = []  # text, its place, and the half height of the part
+        self.labels: list[_Name] = []
 
     def flat(self, point: Vector | Array) -> Array:
         """Return a point in the plane of the picture, (2,)."""
         return np.array([np.dot(point, self.across), np.dot(point, self.up)])
 
+    def given(self, names: Iterable[str]) -> str | None:
+        """Return the colour that a part was given under one of its names."""
+        return next((self.colours[name] for name in names if name in self.colours), None)
+
     def colour(self, names: Iterable[str], otherwise: str) -> str:
-        return next((self.colours[name] for name in names if name in self.colours), otherwise)
+        return self.given(names) or otherwise
 
     # ---- section ---------------------------------------------------------------------------------------------
 
@@ -191,9 +204,9 @@ class _Drawing:
                 corners = [start + aside, end + aside, end - aside, start - aside]
                 self.ax.add_patch(Polygon(corners, closed=True, fc=colour, ec=INK, lw=0.6, zorder=2))
         if rod.kind == "shaft" and not any(gear.link == rod.body for gear in self.layout.gears):
-            self.labels.append((rod.body, points[-1], rod.radius))
+            self.labels.append(_Name(rod.body, points[-1], rod.radius, self.given((rod.body,))))
         if rod.kind == "arm":
-            self.labels.append((rod.body, points[-2:].mean(axis=0), rod.radius))
+            self.labels.append(_Name(rod.body, points[-2:].mean(axis=0), rod.radius, self.given((rod.body,))))
 
     def _gear_section(self, gear: GearShape) -> None:
         """Draw a cylinder, a cone, or the two halves of a ring."""
@@ -223,7 +236,7 @@ class _Drawing:
                 corners += [centre + half + high * aside, centre - half + high * aside]
                 self.ax.add_patch(Polygon(corners, closed=True, **style))
         place = centre + (1 + _RIM / 2) * gear.radius * aside if gear.internal else centre
-        self.labels.append((f"{gear.link}  {gear.teeth}", place, gear.face / 2))
+        self.labels.append(_Name(f"{gear.link}  {gear.teeth}", place, gear.face / 2, self.given(_names_of(gear))))
 
     def _bearing_section(self, bearing: BearingShape) -> None:
         """Draw a bearing as two squares with crosses, above and below its axis."""
@@ -237,7 +250,7 @@ class _Drawing:
             self.ax.add_patch(Polygon(corners, closed=True, fc=colour, ec=INK, lw=0.8, zorder=4))
             for one, two in ((0, 2), (1, 3)):
                 self.ax.plot(*np.array([corners[one], corners[two]]).T, color=INK, lw=0.5, zorder=5)
-        self.labels.append((bearing.name, centre - bearing.radius * aside, half))
+        self.labels.append(_Name(bearing.name, centre - bearing.radius * aside, half, self.given((bearing.name,))))
 
     # ---- along the axes --------------------------------------------------------------------------------------
 
@@ -251,7 +264,7 @@ class _Drawing:
                 points = np.array([self.flat(point) for point in rod.points])
                 colour = self.colour((rod.body,), INK)
                 self.ax.plot(*points.T, color=colour, lw=2.0, solid_capstyle="round", zorder=5)
-                self.labels.append((rod.body, points[0] * 0.5 + points[-1] * 0.5, 0.0))
+                self.labels.append(_Name(rod.body, points[0] * 0.5 + points[-1] * 0.5, 0.0, self.given((rod.body,))))
         for bearing in self.layout.bearings:
             centre, colour = self.flat(bearing.centre), self.colour((bearing.name,), FAINT)
             for number in range(bearing.elements):
@@ -260,7 +273,8 @@ class _Drawing:
                 self.ax.add_patch(
                     Circle((at[0], at[1]), bearing.element_radius, fc="white", ec=colour, lw=0.8, zorder=6)
                 )
-            self.labels.append((bearing.name, centre - np.array([0, bearing.radius]), bearing.element_radius))
+            below = centre - np.array([0, bearing.radius])
+            self.labels.append(_Name(bearing.name, below, bearing.element_radius, self.given((bearing.name,))))
         for point in self.layout.meshes:
             if point.mesh in self.colours:
                 self.ax.plot(*self.flat(point.point), "o", ms=6, color=self.colours[point.mesh], zorder=7)
@@ -285,9 +299,8 @@ class _Drawing:
         ticks = np.array([x, y]) + ends[None, :, None] * rays[:, None, :]
         self.ax.plot(*ticks.reshape(-1, 2).T, color=INK, lw=0.6, zorder=4)
         place = np.array([x, y + (1 + _RIM / 2) * gear.radius]) if gear.internal else np.array([x, y])
-        self.labels.append(
-            (f"{gear.link}  {gear.teeth}", place, 0.07 * gear.radius if gear.internal else 0.35 * gear.radius)
-        )
+        half = 0.07 * gear.radius if gear.internal else 0.35 * gear.radius
+        self.labels.append(_Name(f"{gear.link}  {gear.teeth}", place, half, self.given(_names_of(gear))))
 
     def _plane(self) -> tuple[Vector, Vector]:
         return self.layout.across, self.layout.up
@@ -297,9 +310,9 @@ class _Drawing:
     def write_names(self, *, beside: bool) -> None:
         """Write the names in two columns beside the drawing with leaders, or on the parts where space is free."""
         apply_layout(self.ax)
-        labels = list({label[0]: label for label in self.labels}.values())
+        labels = list({label.text: label for label in self.labels}.values())
         if beside:
-            points = np.array([at for _, at, _ in labels])
+            points = np.array([label.at for label in labels])
             middle = float(points[:, 0].mean()) - _IN_PLANE
             self.ax.plot(*points.T, ".", ls="", ms=3, color=INK, zorder=9)
             names: list[Annotation] = []
@@ -309,51 +322,51 @@ class _Drawing:
                 names = [
                     name
                     for side in (-1, 1)
-                    for name in self._column([one for one in labels if (one[1][0] < middle) == (side < 0)], side)
+                    for name in self._column([one for one in labels if (one.at[0] < middle) == (side < 0)], side)
                 ]
                 apply_layout(self.ax)
             return
         space = LabelSpace()
-        for text, at, half in labels:
-            pixels = np.diff(self.ax.transData.transform([(0.0, 0.0), (0.0, half)])[:, 1])[0] * 72 / self.ax.figure.dpi
-            away = float(pixels) + 0.75 * _TEXT
-            name = self._write(text, at, xytext=(0, 0), textcoords="offset points", ha="center")
-            width = 3.2 * len(text) / 2 + away
+        for label in labels:
+            pixels = np.diff(self.ax.transData.transform([(0.0, 0.0), (0.0, label.half)])[:, 1])[0]
+            away = float(pixels) * 72 / self.ax.figure.dpi + 0.75 * _TEXT
+            name = self._write(label, xytext=(0, 0), textcoords="offset points", ha="center")
+            width = 3.2 * len(label.text) / 2 + away
             places = [(0.0, 0.0)]
             for step in (1.0, 1.6, 2.4, 3.4):
                 places += [(0.0, step * away), (0.0, -step * away), (step * width, 0.0), (-step * width, 0.0)]
                 places += [(step * width, step * away), (-step * width, -step * away)]
             space.place_text(name, places)
 
-    def _column(self, labels: list[tuple[str, Array, float]], side: int) -> Iterator[Annotation]:
+    def _column(self, labels: list[_Name], side: int) -> Iterator[Annotation]:
         """Write the names of one side under each other, each as near as can be to the height of its part."""
         if not labels:
             return
-        labels = sorted(labels, key=lambda label: float(label[1][1]))
-        ends = np.array([self.ax.transData.transform(at)[1] for _, at, _ in labels])
+        labels = sorted(labels, key=lambda label: float(label.at[1]))
+        ends = np.array([self.ax.transData.transform(label.at)[1] for label in labels])
         gap = 1.35 * _TEXT * point_size(self.ax)
         heights = spread(ends, gap=gap, low=self.ax.bbox.y0, high=self.ax.bbox.y1)
         drawn = self.ax.dataLim
         x = self.ax.transData.transform((drawn.x0 if side < 0 else drawn.x1, 0))[0] + side * 1.5 * gap
         to_data = self.ax.transData.inverted()
-        for (text, at, _), height in zip(labels, heights, strict=True):
-            leader = {"arrowstyle": "-", "color": FAINT, "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
-            leader |= {"relpos": (0.0 if side > 0 else 1.0, 0.5)}
+        for label, height in zip(labels, heights, strict=True):
+            leader = {"arrowstyle": "-", "shrinkA": 0, "shrinkB": 0, "relpos": (0.0 if side > 0 else 1.0, 0.5)}
+            leader |= {"color": label.colour or FAINT, "lw": 1.0 if label.colour else 0.6}
             place = to_data.transform((x, height))
             yield self._write(
-                text, at, xytext=place, textcoords="data", ha="left" if side > 0 else "right", arrowprops=leader
+                label, xytext=place, textcoords="data", ha="left" if side > 0 else "right", arrowprops=leader
             )
 
-    def _write(self, text: str, at: Array, **where: Any) -> Annotation:  # noqa: ANN401  - settings of an annotation
+    def _write(self, label: _Name, **where: Any) -> Annotation:  # noqa: ANN401  - settings of an annotation
         return self.ax.annotate(
-            text,
-            (float(at[0]), float(at[1])),
+            label.text,
+            (float(label.at[0]), float(label.at[1])),
             va="center",
             fontsize=_TEXT,
             color=INK,
             zorder=8,
             annotation_clip=False,
-            bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.6},  # an outline would turn text into paths
+            bbox={"fc": label.colour or "white", "ec": "none", "alpha": 0.4 if label.colour else 0.7, "pad": 0.6},
             **where,
         )
 

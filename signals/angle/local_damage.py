@@ -21,11 +21,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft
 
+from signals._median import median
 from signals._validation import Array, positive, whole
 
 if TYPE_CHECKING:
@@ -280,14 +282,18 @@ def _block_means(sums: Array, seen: NDArray[np.integer], edges: NDArray[np.integ
 
 def _common_part(values: Array, teeth: float, smooth_orders: int) -> Array:
     """Return the mean, the smooth orders, and the orders that all teeth share."""
-    cells = values.shape[-1]
-    lines = fft.rfft(values, axis=-1)
-    taken = np.zeros(lines.shape[-1], dtype=bool)
+    return np.asarray(values @ _common_projection(values.shape[-1], teeth, smooth_orders))
+
+
+@lru_cache(maxsize=32)
+def _common_projection(cells: int, teeth: float, smooth_orders: int) -> Array:
+    """Return the (cell, cell) projection on these orders, which is symmetric."""
+    taken = np.zeros(cells // 2 + 1, dtype=bool)
     taken[: smooth_orders + 1] = True
     common = np.arange(1, int(taken.size / teeth) + 1) * teeth
     whole_ones = np.rint(common[np.abs(common - np.rint(common)) < 1e-9]).astype(int)  # noqa: PLR2004
     taken[whole_ones[whole_ones < taken.size]] = True
-    return np.asarray(fft.irfft(np.where(taken, lines, 0), cells, axis=-1))
+    return np.asarray(fft.irfft(np.where(taken, fft.rfft(np.eye(cells)), 0), cells))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,6 +306,8 @@ class LocalDamage:
         The larger of the two below.
     repeats : float
         Probability that blocks turned at random repeat as well, in any band; at least ``1 / (rotations + 1)``.
+    differing : float
+        The smallest `repeats` of all bands: whether anything repeats with the turn, at one tooth or several.
     local : float
         Probability that among teeth whose energies are exponential one is that far out, of all cells, widths and bands.
     statistic : float
@@ -319,6 +327,7 @@ class LocalDamage:
 
     probability: float
     repeats: float
+    differing: float
     local: float
     statistic: float
     outlier: float
@@ -373,7 +382,12 @@ def local_damage(energies: FoldedEnergies, *, rotations: int, rng: np.random.Gen
     null = _rotated_maxima(smoothed, most if worthwhile else _FIRST, float(largest.max()), rng)
     repeats = [float((1 + np.count_nonzero(null >= one)) / (1 + null.size)) for one in largest]
     found = [
-        replace(place, repeats=repeats[place.band], probability=max(repeats[place.band], place.local))
+        replace(
+            place,
+            repeats=repeats[place.band],
+            differing=min(repeats),
+            probability=max(repeats[place.band], place.local),
+        )
         for place in places
     ]
     return min(found, key=lambda place: (place.probability, place.local, -place.statistic))
@@ -402,6 +416,7 @@ def _at_peak(curve: Array, statistic: Array, width: int, energies: FoldedEnergie
     return LocalDamage(
         probability=local,
         repeats=0.0,
+        differing=0.0,
         local=local,
         statistic=float(statistic[peak]),
         outlier=outlier,
@@ -441,7 +456,7 @@ def _t_statistic(values: Array) -> Array:
     blocks = values.shape[-2]
     mean = values.mean(axis=-2)
     error = values.std(axis=-2, ddof=1) / math.sqrt(blocks)
-    return np.asarray(mean / np.maximum(error, np.median(error, axis=-1, keepdims=True) + 1e-300))
+    return np.asarray(mean / np.maximum(error, median(error)[..., None] + 1e-300))
 
 
 def _rotated_maxima(smoothed: Sequence[Array], most: int, observed: float, rng: np.random.Generator) -> Array:

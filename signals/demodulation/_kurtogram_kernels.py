@@ -88,8 +88,8 @@ def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single
 
 @compiled_sums
 def squared_envelope(re: Single, im: Single, squared: Single, seconds: Array, fourths: Array) -> None:
-    """Fill `squared` with ``|c|^2``; `seconds`, `fourths` with sums of ``|c|^2``, ``|c|^4`` over equal parts."""
-    parts = seconds.size
+    """Fill `squared`, unless empty, with ``|c|^2``; `seconds`, `fourths` with sums of it and its square over parts."""
+    parts, kept = seconds.size, squared.size > 0
     for p in range(parts):
         first = p * re.size // parts
         stop = (p + 1) * re.size // parts
@@ -97,7 +97,8 @@ def squared_envelope(re: Single, im: Single, squared: Single, seconds: Array, fo
         fourth = 0.0
         for n in range(first, stop):
             power = re[n] * re[n] + im[n] * im[n]
-            squared[n] = power
+            if kept:
+                squared[n] = power
             exact = np.float64(power)
             second += exact
             fourth += exact * exact

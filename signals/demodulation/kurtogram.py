@@ -370,7 +370,7 @@ def _band_statistics(
     """Return kurtosis, steady kurtosis, its noise deviation, mean power, negentropy and number of lines of a band."""
     from signals.demodulation._kurtogram_kernels import squared_envelope  # noqa: PLC0415
 
-    seconds, fourths, squared = np.empty(PARTS), np.empty(PARTS), np.empty_like(re)
+    seconds, fourths, squared = np.empty(PARTS), np.empty(PARTS), np.empty(re.size * negentropy, dtype=re.dtype)
     squared_envelope(re, im, squared, seconds, fourths)
     count = re.size
     steady = np.argsort(fourths)[: PARTS - LEFT_OUT]

@@ -27,10 +27,20 @@ from signals.harmonics._information_kernels import FORWARD, filter_information
 from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
 from signals.harmonics._validation import check_noise_variance, check_orders, check_record
 from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
-from signals.harmonics.block_grid import Grid
+from signals.harmonics.block_grid import Grid, at_outputs
 from signals.harmonics.block_smoother import BlockFit, block_length, one_of_each, scattered_share
-from signals.harmonics.coupling import WithoutOthers, chain_alone, chain_together, everywhere, no_neighbours
-from signals.harmonics.model import Floats, HarmonicModel, Indices, Order, lost
+from signals.harmonics.coupling import (
+    Smoothed,
+    WithoutOthers,
+    alike,
+    chain_alone,
+    chain_together,
+    everywhere,
+    keep,
+    no_neighbours,
+    smooth_group,
+)
+from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices, Order, lost
 from signals.harmonics.separability import Closeness, components
 
 if TYPE_CHECKING:
@@ -59,8 +69,9 @@ SWEEPS = 5
 # From so many poles on, amplitudes at the ends of a record are so uncertain that orders are smoothed together there
 # before any is subtracted.
 MANY_POLES = 3
-# Largest relative rest of a subtracted order.
-SUBTRACTED = 3e-4
+# Largest leakage of an order that is not smoothed with another before it is subtracted, and largest relative rest of a
+# subtracted order at the edge of the largest bandwidth: a quarter of what straight lines between nodes lose there.
+SUBTRACTED, DROOP = 3e-4, 3e-3
 # Prior in standard deviations of a block's noise: wide enough not to change the shape of the likelihood, narrow enough
 # that rounding of its square is negligible.
 PRIOR_STD = 1e3
@@ -183,16 +194,117 @@ def likely_bandwidth(
     >>> print(likely_bandwidth(x, phase_rad=phase_rad, orders=[3], rate_hz=5000, largest_bandwidth_hz=20).round(3))
     [0.1]
     """
+    model, record, noise, rate = _checked(
+        x, phase_rad, orders, poles=poles, noise_variance=noise_variance,
+        largest_bandwidth_hz=largest_bandwidth_hz, rate_hz=rate_hz,
+        largest_bandwidth_orders=largest_bandwidth_orders, samples_per_rev=samples_per_rev,
+    )  # fmt: skip
+    kept, member = one_of_each(model)
+    try:
+        chains = _Chains.of(model.subset(kept), record, None if noise is None else noise[kept])
+        return chains.most_likely()[member] * rate
+    except np.linalg.LinAlgError as error:
+        raise lost(model, "fast") from error
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LikelyTracks:
+    """Amplitudes of orders at their maximum-likelihood bandwidths.
+
+    Attributes
+    ----------
+    bandwidth : (order,) array
+        As of `likely_bandwidth`.
+    complex_amplitude : (order, output) array
+        In the unit of the record, ``Re{complex_amplitude exp(j order phase)}`` being the order's waveform.
+    std : (order, output) array
+        Of the real and of the imaginary part.
+    """
+
+    bandwidth: Floats
+    complex_amplitude: Complexes
+    std: Floats
+
+
+@checked
+def likely_tracks(
+    x: ArrayLike,
+    *,
+    phase_rad: ArrayLike,
+    orders: Sequence[float] | NDArray[np.float64],
+    samples_per_rev: float,
+    largest_bandwidth_orders: float,
+    noise_variance: ArrayLike,
+    output_every: int,
+    poles: int = 2,
+) -> LikelyTracks:
+    """Return the smoothed amplitudes of orders, each at its maximum-likelihood bandwidth.
+
+    They are those of `track_orders` at the bandwidths of `likely_bandwidth`; orders are separated once for both, at the
+    largest bandwidth. A change at the edge of that band is smoothed by 0.3 % more than sample by sample.
+
+    Parameters
+    ----------
+    x, phase_rad, orders, samples_per_rev, largest_bandwidth_orders, noise_variance
+        As of `likely_bandwidth`; the orders differ.
+    output_every
+        Samples from one output to the next.
+    poles
+        As of `likely_bandwidth`, 2 to 4.
+
+    Returns
+    -------
+    LikelyTracks
+
+    Raises
+    ------
+    ValueError
+        As `likely_bandwidth`, or of an order that is given twice.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.harmonics.bandwidth_selection import likely_tracks
+    >>> phase_rad = 2 * np.pi * np.arange(5000) / 50
+    >>> x = 2 * np.cos(3 * phase_rad) + 0.1 * np.random.default_rng(1).standard_normal(5000)
+    >>> setting = dict(samples_per_rev=50, largest_bandwidth_orders=0.1, noise_variance=0.01, output_every=500)
+    >>> tracks = likely_tracks(x, phase_rad=phase_rad, orders=[3], **setting)
+    >>> print(tracks.bandwidth.round(4), np.abs(tracks.complex_amplitude[0, 5]).round(2))
+    [0.001] 2.0
+    """
+    model, record, noise, rate = _checked(
+        x, phase_rad, orders, poles=whole(poles, name="poles", least=2, most=MOST_POLES), noise_variance=noise_variance,
+        largest_bandwidth_orders=largest_bandwidth_orders, samples_per_rev=samples_per_rev,
+    )  # fmt: skip
+    if np.unique(model.orders).size < model.orders.size:
+        raise ValueError(f"orders={model.orders.tolist()} has one twice, of which only the sum shows; give it once.")
+    every = whole(output_every, name="output_every", least=1)
+    try:
+        chains = _Chains.of(model, record, noise)
+        bandwidth = chains.most_likely()
+        levels, std = chains.smoothed(bandwidth)
+    except np.linalg.LinAlgError as error:
+        raise lost(model, "fast") from error
+    places, outputs = chains.grid.length * np.arange(chains.grid.nodes), np.arange(0, record.size, every)
+    return LikelyTracks(
+        bandwidth=bandwidth * rate,
+        complex_amplitude=at_outputs(levels, chains.grid, every=every)[0],
+        std=np.array([np.interp(outputs, places, row) for row in std]),
+    )
+
+
+def _checked(
+    x: ArrayLike, phase_rad: ArrayLike | Mapping[str, ArrayLike], orders: Sequence[Order] | NDArray[np.float64], *,
+    poles: int, noise_variance: ArrayLike | None, **largest: float | None,
+) -> tuple[HarmonicModel, Floats, Floats | None, float]:  # fmt: skip
+    """Return the model at the largest bandwidth, the record, the noise of each order, and the rate."""
     channels = check_record(x)
     if len(channels) > 1:
         raise ValueError(f"x has {len(channels)} channels; each has bandwidths of its own: pass one channel at a time.")
     if np.isnan(channels).all():
         raise ValueError(f"x has {channels.size} samples, all of them missing (NaN); at least one is needed.")
     record = np.asarray(channels[0])
-    width, rate = _check_largest(
-        largest_bandwidth_hz=largest_bandwidth_hz, rate_hz=rate_hz,
-        largest_bandwidth_orders=largest_bandwidth_orders, samples_per_rev=samples_per_rev,
-    )  # fmt: skip
+    width, rate = _check_largest(**largest)
     if width * record.size < _LEAST_SHARE * rate:
         raise ValueError(
             f"the largest bandwidth, {width:g}, is far below what {record.size} samples at a rate of {rate:g} can "
@@ -204,54 +316,97 @@ def likely_bandwidth(
         orders=numbers, shaft=shaft, phases=phases, bandwidth=np.full((numbers.size, 1), width / rate),
         poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=PRIOR_STD,
     )  # fmt: skip
-    kept, member = one_of_each(model)
-    try:
-        found = _most_likely(model.subset(kept), record, None if noise is None else noise[kept])
-    except np.linalg.LinAlgError as error:
-        raise lost(model, "fast") from error
-    return found[member] * rate
+    return model, record, noise, rate
 
 
-def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Floats:
-    """Return the (order,) bandwidths in cycles per sample, of distinct orders."""
-    seen, width = ~np.isnan(x), float(model.bandwidth[0, 0])
-    # Amplitudes of one pole are straight lines between nodes here, also those that are subtracted.
-    smooth = replace(model, poles=max(2, model.poles))
-    grid = Grid(
-        model=smooth, x=x[None], seen=seen, length=block_length(smooth, x.size, SUBTRACTED), tolerance=SUBTRACTED,
-        shared=np.ones(model.orders.size, dtype=np.int64),
-    )  # fmt: skip
-    startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
-    fit = BlockFit.of(grid, startup=startup, coupled=True)
-    if fit.coupling and model.poles >= MANY_POLES:
-        fit.coupling.smooth_ends(fit.smoothed)
-    elif fit.coupling:
-        fit.coupling.smooth_all(fit.smoothed, ends=False)
-    if noise is None:
-        noise = np.full(model.orders.size, fit.residuals(startup).mean_square[0])
-    std = np.sqrt(np.where(noise > 0, noise, 1.0))
-    blocks = max(1, int(BLOCK / (width * grid.length)))
-    length = blocks * grid.length
-    nodes = replace(grid, length=length, model=replace(smooth, prior_std=PRIOR_STD * sqrt(2 / length)))
-    others = WithoutOthers(grid, fit.smoothed.levels, everywhere(grid))
-    alone, groups = _groups(model, seen, nodes.length)
-    found, smallest = np.empty(model.orders.size), min(SMALLEST / x.size, width)
-    tried = np.linspace(np.log(smallest), np.log(width), 2 + int(np.log(width / smallest) / np.log(RATIO)))
-    if alone.size:
-        data = joined(others.alone(alone), blocks) / std[alone, None, None]
-        chain = chain_alone(nodes, alone, data, nodes.at_nodes(nodes.seen_counts))
-        likelihood = ChainLikelihood.of(model.subset(alone[:1]), chain, nodes.length)
-        values = np.array([likelihood.log_likelihood(np.exp(b)).reshape(-1, 2).sum(axis=1) for b in tried])
-        for k, order in enumerate(alone):
-            own = likelihood.lanes(slice(2 * k, 2 * k + 2))
-            found[order] = _maximise(own.log_likelihood, tried, values[:, k], orders=1)[0]
-    for group in groups:
-        data = joined(others.together(group), blocks) / std[group].mean()
-        chain = chain_together(nodes, group, slice(0, nodes.nodes), data, no_neighbours(nodes, group))
-        likelihood = ChainLikelihood.of(model.subset(group), chain, nodes.length)
-        values = np.array([likelihood.log_likelihood(np.exp(b)).sum() for b in tried])
-        found[group] = _maximise(likelihood.log_likelihood, tried, values, orders=group.size)
-    return found
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Chains:
+    """Distinct orders without all others, each over the standard deviation of its noise.
+
+    Attributes
+    ----------
+    model : of all orders, at the largest bandwidth.
+    grid : the record in blocks short enough to subtract orders, and to smooth them.
+    std : (order,) array, of the noise; one for all of a group.
+    alone : orders that no other is near, with their data.
+    groups : orders that are near one another, with their data.
+    """
+
+    model: HarmonicModel
+    grid: Grid
+    std: Floats
+    alone: tuple[Indices, Floats]
+    groups: list[tuple[Indices, Floats]]
+
+    @classmethod
+    def of(cls, model: HarmonicModel, x: Floats, noise: Floats | None) -> _Chains:
+        """Separate the orders of a record at the largest bandwidth."""
+        seen, width = ~np.isnan(x), float(model.bandwidth[0, 0])
+        # Amplitudes of one pole are straight lines between nodes here, also those that are subtracted.
+        smooth = replace(model, poles=max(2, model.poles))
+        grid = Grid(
+            model=smooth, x=x[None], seen=seen, length=block_length(smooth, x.size, DROOP), tolerance=SUBTRACTED,
+            shared=np.ones(model.orders.size, dtype=np.int64),
+        )  # fmt: skip
+        startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
+        fit = BlockFit.of(grid, startup=startup, coupled=True)
+        if fit.coupling and model.poles >= MANY_POLES:
+            fit.coupling.smooth_ends(fit.smoothed)
+        elif fit.coupling:
+            fit.coupling.smooth_all(fit.smoothed, ends=False)
+        if noise is None:
+            noise = np.full(model.orders.size, fit.residuals(startup).mean_square[0])
+        std = np.sqrt(np.where(noise > 0, noise, 1.0))
+        others = WithoutOthers(grid, fit.smoothed.levels, everywhere(grid))
+        alone, near = _groups(model, seen, cls._blocks(grid, width) * grid.length)
+        for group in near:
+            std[group] = std[group].mean()
+        return cls(
+            model=model, grid=grid, std=std, alone=(alone, others.alone(alone) / std[alone, None, None]),
+            groups=[(group, others.together(group) / std[group[0]]) for group in near],
+        )  # fmt: skip
+
+    @staticmethod
+    def _blocks(grid: Grid, width: float) -> int:
+        """Return the short blocks from node to node of the likelihood."""
+        return max(1, int(BLOCK / (width * grid.length)))
+
+    def most_likely(self) -> Floats:
+        """Return the (order,) bandwidths in cycles per sample."""
+        model, width = self.model, float(self.model.bandwidth[0, 0])
+        blocks = self._blocks(self.grid, width)
+        length = blocks * self.grid.length
+        prior_std = PRIOR_STD * sqrt(2 / length)
+        nodes = replace(self.grid, length=length, model=replace(self.grid.model, prior_std=prior_std))
+        found, smallest = np.empty(model.orders.size), min(SMALLEST / nodes.samples, width)
+        tried = np.linspace(np.log(smallest), np.log(width), 2 + int(np.log(width / smallest) / np.log(RATIO)))
+        alone, data = self.alone
+        if alone.size:
+            chain = chain_alone(nodes, alone, joined(data, blocks), nodes.at_nodes(nodes.seen_counts))
+            likelihood = ChainLikelihood.of(model.subset(alone[:1]), chain, length)
+            values = np.array([likelihood.log_likelihood(np.exp(b)).reshape(-1, 2).sum(axis=1) for b in tried])
+            for k, order in enumerate(alone):
+                own = likelihood.lanes(slice(2 * k, 2 * k + 2))
+                found[order] = _maximise(own.log_likelihood, tried, values[:, k], orders=1)[0]
+        for group, data in self.groups:
+            everything, prior = slice(0, nodes.nodes), no_neighbours(nodes, group)
+            chain = chain_together(nodes, group, everything, joined(data, blocks), prior)
+            likelihood = ChainLikelihood.of(model.subset(group), chain, length)
+            values = np.array([likelihood.log_likelihood(np.exp(b)).sum() for b in tried])
+            found[group] = _maximise(likelihood.log_likelihood, tried, values, orders=group.size)
+        return found
+
+    def smoothed(self, bandwidth: Floats) -> tuple[Complexes, Floats]:
+        """Return the (1, order, node) amplitudes at (order,) bandwidths, and the (order, node) standard deviations."""
+        grid = replace(self.grid, model=replace(self.grid.model, bandwidth=bandwidth[:, None]))
+        smoothed, counts = Smoothed.empty(grid, 0), grid.at_nodes(grid.seen_counts)
+        alone, data = self.alone
+        for group in alike(grid, alone):
+            chain = chain_alone(grid, group, data[:, :, np.searchsorted(alone, group)], counts)
+            keep(smoothed, group, chain, everywhere(grid))
+        for group, data in self.groups:
+            smooth_group(grid, group, data, smoothed)
+        return smoothed.levels * self.std[:, None], np.sqrt(smoothed.variances) * self.std[:, None]
 
 
 def joined(data: Floats, blocks: int) -> Floats:

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from signals._median import median
 from signals._validation import Array, Samples
 
 # ---- A fault of a sensor, with its severity --------------------------------------------------------------------------
@@ -237,8 +238,8 @@ def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault]
     An impact on a machine rings for many samples; one on a cable does not. Among the thousand impacts of a damaged
     bearing some look isolated by chance, so a spike must also exceed the largest of the rest.
     """
-    height = np.abs(x - float(np.median(x)))
-    level = 1.4826 * float(np.median(height))
+    height = np.abs(x - float(median(x)))
+    level = 1.4826 * float(median(height))
     isolated = np.array(
         [at for at in np.flatnonzero(height > _SPIKE * level) if _is_isolated(height, int(at))], dtype=np.intp
     )

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import fft
 
 from signals._fft_plans import forget_plans
+from signals._median import median
 from signals._validation import Samples
 from signals.health.samples import SensorFault, graded
 
@@ -97,7 +98,7 @@ def _line(amplitude: Samples, step: float, at: float) -> tuple[float, float]:
     beside = np.concatenate(
         (amplitude[max(centre - reach, lobe) : max(centre - lobe, lobe)], amplitude[centre + lobe + 1 : centre + reach])
     )
-    return float(np.sqrt(np.sum(inside**2) / 1.5)), float(np.median(beside))
+    return float(np.sqrt(np.sum(inside**2) / 1.5)), float(median(beside))
 
 
 def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
@@ -115,9 +116,9 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
         )
     power = amplitude**2
     places = np.ceil(edges / step).astype(np.intp)
-    density = np.array([np.median(power[low:high]) for low, high in pairwise(places)])
+    density = np.array([median(power[low:high]) for low, high in pairwise(places)])
     share = float(power[1 : places[-1]].sum(dtype=np.float64) / power[1:].sum(dtype=np.float64))
-    floor = float(np.median(power[1:]))
+    floor = float(median(power[1:]))
     end = int(np.argmax(np.append(density < _FLOOR * floor, True)))  # where the slope ends in the rest
     if end < _SHORTEST_SLOPE or density[0] < _RISE * floor or share < _SLOPE_SHARE:
         return [], None

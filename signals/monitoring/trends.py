@@ -84,7 +84,7 @@ def trend_tests(values: Array, times: Array, *, seed: int = 1) -> TrendTests:
     orders = _block_orders(count, block, seed)
     signed = _correlations(ranks, logs, courses[None])[0]
     permuted = np.moveaxis(courses.astype(np.float32)[:, orders], 0, 1)
-    drawn = np.abs(_correlations(ranks.astype(np.float32), logs.astype(np.float32), permuted))  # (orders, 3, series)
+    drawn = _sizes(ranks.astype(np.float32), logs.astype(np.float32), permuted)  # (orders, 3, series)
     alike = np.maximum(np.quantile(drawn[:, :, varies], _LEVEL, axis=(0, 2)) if varies.any() else np.ones(3), 1e-12)
     found = (np.abs(signed) / alike[:, None]).max(axis=0)
     null = (drawn / alike[:, None]).max(axis=1)
@@ -105,10 +105,9 @@ def trend_tests(values: Array, times: Array, *, seed: int = 1) -> TrendTests:
 def _discovery_rate(found: Array, null: Array, varies: NDArray[np.bool_], slack: float) -> Array:
     rates = np.full(found.size, np.nan)
     those = np.flatnonzero(varies)[np.argsort(-found[varies], kind="stable")]
-    pool = np.sort(null[:, varies], axis=None)
-    for number, place in enumerate(those, start=1):
-        exceeding = pool.size - np.searchsorted(pool, found[place] - slack)
-        rates[place] = (exceeding + 1) / (len(null) + 1) / number
+    pool = np.sort(null[:, varies], axis=None).astype(np.float64)
+    exceeding = pool.size - np.searchsorted(pool, found[those] - slack)
+    rates[those] = (exceeding + 1) / (len(null) + 1) / np.arange(1, those.size + 1)
     for later, place in zip(those[:0:-1], those[-2::-1], strict=True):  # a larger statistic is no worse
         rates[place] = min(rates[place], rates[later])
     return np.asarray(np.minimum(rates, 1.0))
@@ -131,6 +130,16 @@ def _correlations(ranks: Floats, logs: Floats, courses: Floats) -> Floats:
     steps, growth = others[:, :-1], others[:, -1]
     largest = np.abs(steps).argmax(axis=1)[:, None]
     return np.stack([monotone, np.take_along_axis(steps, largest, axis=1)[:, 0], growth], axis=1)
+
+
+def _sizes(ranks: Floats, logs: Floats, courses: Floats) -> Floats:
+    """Return the sizes of the `_correlations`: of the steps course by course, for all at once leave the cache."""
+    count = len(ranks)
+    steps = np.abs(courses[:, 1] @ logs)
+    for number in range(2, courses.shape[1] - 1):
+        one = courses[:, number] @ logs
+        np.maximum(steps, np.abs(one, out=one), out=steps)
+    return np.stack([np.abs(courses[:, 0] @ ranks), steps, np.abs(courses[:, -1] @ logs)], axis=1) / count
 
 
 @lru_cache(maxsize=8)
@@ -157,12 +166,16 @@ def _standardised(values: Array) -> Array:
 
 
 def _ranks(values: Array) -> Array:
-    from scipy.stats import rankdata  # noqa: PLC0415 - heavy
-
-    ranks, whole = np.full(values.shape, np.nan), np.isfinite(values).all(axis=0)
-    ranks[:, whole] = rankdata(values[:, whole], axis=0)
-    ranks[:, ~whole] = rankdata(values[:, ~whole], axis=0, nan_policy="omit")  # one by one
-    return ranks
+    """Return ranks (records, series), equal values their mean rank; NaN where missing."""
+    order = np.argsort(values, axis=0, kind="stable")  # NaN last
+    differs = np.ones((len(values) + 1, values.shape[1]), dtype=np.bool_)
+    differs[1:-1] = np.diff(np.take_along_axis(values, order, axis=0), axis=0) != 0
+    place = np.arange(len(values) + 1)[:, None]
+    first = np.maximum.accumulate(np.where(differs, place, 0), axis=0)[:-1]
+    after = np.minimum.accumulate(np.where(differs, place, len(values))[::-1], axis=0)[::-1][1:]
+    ranks = np.empty(values.shape)
+    np.put_along_axis(ranks, order, (first + after + 1) / 2, axis=0)
+    return np.where(np.isfinite(values), ranks, np.nan)
 
 
 def _grouped(values: Array, times: Array) -> tuple[Array, Array]:

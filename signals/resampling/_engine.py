@@ -233,12 +233,14 @@ class Map:
 class Warp:
     """Streaming resampler of one record, or of several that share their samples' times: (row, n) arrays.
 
+    Where `folds` is false they hold nothing that would fold into the passband, and are interpolated only.
+
     Its chunks are counted from the record's first sample, so block sizes do not matter.
     """
 
-    def __init__(self, grid: Map, *, method: Method, rows: int = 1) -> None:
+    def __init__(self, grid: Map, *, method: Method, rows: int = 1, folds: bool = True) -> None:
         self._grid, self._method, self._rows = grid, method, rows
-        self._antialias = method == "sinc" and grid.least_slope < 1
+        self._antialias = method == "sinc" and grid.least_slope < 1 and folds
         at_once = _CHUNK / max(1.0, grid.largest_slope) / max(1.0, rows / _ROWS_AT_ONCE)
         self._chunk = max(NODE_STEP, int(at_once) // NODE_STEP * NODE_STEP)
         self._level = np.full((rows, 1), np.nan)  # the first finite sample of each row, subtracted from all
@@ -322,18 +324,18 @@ class Warp:
         values, beyond = np.zeros((self._rows, positions.size)), np.zeros(positions.size, dtype=bool)
         size = samples.shape[1]
         least, most = max(_HALO - self._at, 0), size - 1 - (_HALO if ended else 0)
-        for row, out in zip(samples, values, strict=True):
-            if self._method == "sinc":
-                kernel.interpolate(row, positions, slopes_out, weight_rows(), out)
-            else:
+        if self._method == "sinc":
+            kernel.interpolate(samples, positions, slopes_out, weight_rows(), values)
+        else:
+            for row, out in zip(samples, values, strict=True):
                 (kernel.linear if self._method == "linear" else kernel.cubic)(row, positions, least, most, out)
         if ended or self._at == 0:
             before, after = _SUPPORT[self._method]
             beyond = (np.floor(positions) - before < least) | (np.ceil(positions) + after - 1 > most)
             if self._method == "sinc" and beyond.any():
                 on_record = ((np.arange(size) >= least) & (np.arange(size) <= most)).astype(np.float64)
-                weight = np.empty(np.count_nonzero(beyond))
-                kernel.interpolate(on_record, positions[beyond], np.ones(weight.size), weight_rows(), weight)
+                weight = np.empty((1, np.count_nonzero(beyond)))
+                kernel.interpolate(on_record[None], positions[beyond], np.ones(weight.size), weight_rows(), weight)
                 values[:, beyond] /= weight
         self._values = np.concatenate([self._values, values], axis=1)
         self._slopes = np.concatenate([self._slopes, slopes_out])

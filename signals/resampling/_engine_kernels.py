@@ -85,29 +85,33 @@ def _cubic_root(rise: float, early: float, late: float, target: float) -> float:
 
 @compiled_sums
 def interpolate(x: Array, positions: Array, slopes: Array, rows: Array, out: Array) -> None:
-    """Interpolate ``out[m] = sum_n x[n] g(positions[m] - n)`` where the slope a is at least 1; 0 elsewhere.
+    """Interpolate ``out[:, m] = sum_n x[:, n] g(positions[m] - n)`` where the slope a is at least 1; 0 elsewhere.
 
-    The weights g are interpolated by cubics through four of `rows`. `x` must extend half a row beyond every position.
+    The weights g are interpolated by cubics through four of `rows`, once for all rows of `x`, which must extend half a
+    row of weights beyond every position.
     """
     taps, fractions = rows.shape[1], rows.shape[0] - 3
+    weights = np.empty(taps)
     for m in range(positions.size):
         if slopes[m] < 1:
-            out[m] = 0.0
+            out[:, m] = 0.0
             continue
         whole = np.floor(positions[m])
         fraction = (positions[m] - whole) * fractions
         row = int(fraction)
         u = fraction - row
-        first = int(whole) - taps // 2 + 1
-        samples = x[first : first + taps]
-        before, here, there, after = 0.0, 0.0, 0.0, 0.0
-        for i in range(samples.size):
-            before += rows[row, i] * samples[i]
-            here += rows[row + 1, i] * samples[i]
-            there += rows[row + 2, i] * samples[i]
-            after += rows[row + 3, i] * samples[i]
         inner, outer = (u + 1) * (u - 2) / 2, u * (u - 1) / 6
-        out[m] = outer * ((u + 1) * after - (u - 2) * before) + inner * ((u - 1) * here - u * there)
+        before, here, there, after = -outer * (u - 2), inner * (u - 1), -inner * u, outer * (u + 1)
+        for i in range(taps):
+            weights[i] = before * rows[row, i] + here * rows[row + 1, i] + there * rows[row + 2, i]
+            weights[i] += after * rows[row + 3, i]
+        first = int(whole) - taps // 2 + 1
+        for k in range(len(x)):
+            samples = x[k, first : first + taps]
+            total = 0.0
+            for i in range(samples.size):
+                total += weights[i] * samples[i]
+            out[k, m] = total
 
 
 @compiled

@@ -198,6 +198,7 @@ def angular_resample_all(
     revolutions: int | None = None,
     method: Method = "sinc",
     missing: Missing = "refuse",
+    highest_hz: float | None = None,
 ) -> list[AngularSignal]:
     """Resample records of the same times, as `angular_resample` does one: their angles are found once.
 
@@ -207,6 +208,8 @@ def angular_resample_all(
         Samples over time, any unit, of one length.
     rate_hz, phase, samples_per_rev, start_s, revolutions, method, missing
         As in `angular_resample`.
+    highest_hz : float, optional
+        Frequency above which the records hold nothing. They are not filtered where what folds stays above the passband.
 
     Returns
     -------
@@ -225,13 +228,16 @@ def angular_resample_all(
         count = whole(revolutions, name="revolutions", least=1, most=count)
     grid = angle_map(phase, rate_hz=rate, start_s=start_s, samples_per_rev=per_rev, first=first, revolutions=count)
     rows = signals[0][None] if len(signals) == 1 else np.stack(signals)
-    values, beyond = Warp(grid, method=method, rows=len(rows)).whole(rows)
+    passband = passband_orders(grid, per_rev)
+    slowest_hz = grid.least_slope * rate / per_rev
+    folds = highest_hz is None or highest_hz / slowest_hz > per_rev - passband
+    values, beyond = Warp(grid, method=method, rows=len(rows), folds=folds).whole(rows)
     return [
         AngularSignal(
             values=row,
             samples_per_rev=per_rev,
             start_rev=first,
-            passband_orders=passband_orders(grid, per_rev),
+            passband_orders=passband,
             unsettled=unsettled(beyond),
         )
         for row in values

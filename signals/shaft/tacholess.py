@@ -10,6 +10,9 @@ those cases are mostly called ambiguous.
 
 Alternative speeds that explain the record nearly as well are found by the same search without the speeds found before.
 The phase is then refined from the significant harmonics (`signals.shaft.phase_demodulation`).
+
+Frames of another length mix the lines of the shaft with those of other machines in another way, and smear high orders
+less or more. A speed that is the shaft's is found in frames of two lengths; one that is only found in one is ambiguous.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ from signals.shaft.phase import ShaftPhase
 from signals.shaft.phase_demodulation import listed_orders, refine_phase
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -262,6 +265,8 @@ _SURE = 1.5e-3  # largest median std of the refined speed, relative: three of th
 _KEPT = 0.92  # least evidence along the refined speed over that of the search, which favours bins: half a one costs 7 %
 _LEFT_STD, _LEFT_SHARE = 2.5, 0.05  # of the search, in this share of frames: the refined speed follows another line
 _FEWEST_SAMPLES = 64  # a frame
+_FRAMES = (0.5, 0.25)  # of the default length: two next to one another should find the same speed
+_AGREEING = 0.95  # of the frames within 1 % of speed, or three standard deviations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,8 +287,8 @@ class SpeedEstimate:
     status : {"ok", "ambiguous", "not found"}
         Ambiguous for the `reason` given: `alternatives` are nearly as likely; nearly all evidence is of one of several
         orders, which may be any order, or another machine's; at most three whole orders below ten show, which half or a
-        third of the speed, in range, would show too, or while none of the other orders does; or the phase of the
-        harmonics cannot be followed surely enough.
+        third of the speed, in range, would show too, or while none of the other orders does; the phase of the
+        harmonics cannot be followed surely enough; or frames of another length are as sure of another speed.
     times_s : (frame,) array
         Times in s of the middles of the frames.
     speed_hz, std_hz : (frame,) arrays
@@ -356,7 +361,8 @@ def estimate_speed(
         Largest rate of change of the speed in Hz/s.
     frame_s : float, optional
         Length of the frames in s. Default: the median order moves by at most 4 bins within one, and at most an eighth
-        of the record or 2 s.
+        of the record or 2 s; the speed is searched in frames of a half and a quarter of it as well, until two lengths
+        agree.
     start_s : float
         Time of the first sample in s.
 
@@ -412,8 +418,58 @@ def estimate_speed(
             f"frames of {frame:.3g} s hold {frame * rate:.3g} samples at rate_hz={rate:g}; at least {_FEWEST_SAMPLES} "
             "are needed. Record longer, or give a longer frame_s."
         )
-    search = search_speeds(signal, rate, listed, low, high, acceleration, float(frame))
-    return _estimate(signal, rate, search, start_s)
+
+    def estimate(length_s: float) -> SpeedEstimate:
+        search = search_speeds(signal, rate, listed, low, high, acceleration, length_s)
+        return _estimate(signal, rate, search, start_s)
+
+    shorter = [] if frame_s is not None else [part * frame for part in _FRAMES if part * frame * rate > _FEWEST_SAMPLES]
+    return _confirmed(estimate, float(frame), shorter)
+
+
+def _confirmed(estimate: Callable[[float], SpeedEstimate], frame_s: float, shorter_s: Sequence[float]) -> SpeedEstimate:
+    """Return the estimate of the first frame length that the next shorter one confirms.
+
+    Where none does it is that of the longest frames, ambiguous where a shorter one is as sure of another speed.
+    """
+    made = [estimate(frame_s)]
+    if made[0].status == "not found":
+        return made[0]
+    for length in shorter_s:
+        made.append(estimate(length))
+        sure = [one for one in made[-2:] if one.status == "ok"]
+        if sure and _agree(*made[-2:]):
+            return sure[0]
+    against = [one for one in made[1:] if one.status == "ok" and not _agree(made[0], one)]
+    return _contradicted(made[0], against[0]) if made[0].status == "ok" and against else made[0]
+
+
+def _agree(one: SpeedEstimate, other: SpeedEstimate) -> bool:
+    """Return whether two estimates of a record are of one speed."""
+    seen = np.isfinite(one.speed_hz)
+    there = np.isfinite(other.speed_hz) & (other.times_s >= one.times_s[0]) & (other.times_s <= one.times_s[-1])
+    if not seen.any() or not there.any():
+        return False
+    at = other.times_s[there]
+    speed, std = (np.interp(at, one.times_s[seen], values[seen]) for values in (one.speed_hz, one.std_hz))
+    reach = np.maximum(_SAME_SPEED * speed, 3 * np.hypot(std, other.std_hz[there]))
+    return bool(np.mean(np.abs(other.speed_hz[there] - speed) <= reach) >= _AGREEING)
+
+
+def _contradicted(found: SpeedEstimate, other: SpeedEstimate) -> SpeedEstimate:
+    """Return an estimate as ambiguous, since another in frames of another length is as sure of another speed."""
+    seen = np.isfinite(other.speed_hz)
+    speed = np.interp(found.times_s, other.times_s[seen], other.speed_hz[seen], left=np.nan, right=np.nan)
+    ratio = float(np.nanmedian(speed / found.speed_hz))
+    return replace(
+        found,
+        status="ambiguous",
+        confidence=np.minimum(found.confidence, 0.5),
+        alternatives=(Alternative(speed_hz=speed, ratio=ratio, probability=0.5),),
+        phase=None,
+        phase_std_rev=np.nan,
+        reason="frames of another length find another speed, or one in a part of the record",
+    )
 
 
 def _checked_range(speed_range_hz: tuple[float, float]) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import median_filter
 
+from signals._median import median
 from signals._validation import Array, positive
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def spectral_peaks(spectrum: AmplitudeSpectrum, *, ratio: float = 4.0) -> Spectr
     block = max(_FEWEST_BINS, int(_BLOCK / step))
     count = max(1, amplitude.size // block)
     size = min(block, amplitude.size)
-    medians = np.median(amplitude[: count * size].reshape(count, size), axis=1)
+    medians = median(amplitude[: count * size].reshape(count, size))
     # a block of little noise between others of much keeps its own, and one filled with lines takes its neighbours'
     medians = np.minimum(medians, median_filter(medians, _SMOOTHED_BLOCKS, mode="nearest"))
     background = np.interp(np.arange(amplitude.size), (np.arange(count) + 0.5) * size, medians)

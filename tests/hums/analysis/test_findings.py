@@ -599,6 +599,47 @@ def test_a_multiple_of_another_bearings_line_is_not_named():
     assert "it is 5 times the line of outer race of b at 3.603" in every["c", "rolling_element"].doubts
 
 
+@pytest.mark.parametrize(("beside", "verdict"), [(2.0, "diagnosed"), (6.0, "indicated")])
+def test_a_rival_is_one_where_the_part_shows(beside, verdict):
+    """Strikes on the race and of the element ring the same structure: a line of a band of its own is another source's.
+
+    The element's line modulates the second band by 30 %; in the first, where the race's modulates by 60 %, it stands at
+    10 % in noise, or at 30 %.
+    """
+    inner = [line("inner_race", 5.4, 12.0), line("inner_race", 6.4, 7.0, sideband=1, fundamental=False)]
+    inner.append(line("inner_race", 10.8, 7.0, harmonic=2, fundamental=False))
+    first = ASSESSOR.assess([*inner, line("rolling_element", 4.75, beside)])
+    second = ASSESSOR.assess([line("rolling_element", 4.75, 6.0), line("inner_race", 5.4, 1.0)])
+    bands = []
+    for number, lines in enumerate((first, second)):
+        seen = [(one.measured.line.found, one.measured.depth) for one in lines if one.measured.line.snr > 4]
+        orders, depths = np.array(sorted(seen)).T
+        bands.append(
+            BandEvidence(
+                band_hz=(1e3 * number, 1e3 * (number + 1)),
+                lines=lines,
+                orders=orders,
+                depths=depths,
+                backgrounds=0.02 * depths,
+                bin_width=BIN,
+            )
+        )
+    evidence = bearing_evidence(bands, {"b": BEARING}, SETTING)
+    found = {one.kind: one for one in bearing_verdicts(evidence, false_alarm_probability=0.01, library=LIBRARY)}
+    assert found["inner_race"].verdict == verdict
+    assert ("of similar size" in found["inner_race"].doubts) == (verdict == "indicated")
+
+
+@pytest.mark.parametrize(("off", "verdict"), [(-0.018, "diagnosed"), (0.005, "diagnosed"), (0.018, "indicated")])
+def test_no_element_spins_faster_than_it_rolls(off, verdict):
+    at = 4.75 * (1 + off)
+    made = [of_order(4.75, at, "rolling_element"), of_order(9.5, 2 * at, "rolling_element", snr=9.0, harmonic=2)]
+    made.append(line("rolling_element", at + 0.4, 9.0, sideband=1, fundamental=False))
+    (found,) = findings(ASSESSOR.assess(made))
+    assert found.verdict == verdict
+    assert ("no element spins as fast" in found.doubts) == (verdict == "indicated")
+
+
 @pytest.mark.parametrize(("race", "depth", "verdict"), [(4.0, 0.3, "not judged"), (4.0, 0.7, "indicated")])
 def test_a_race_at_a_multiple_of_a_shaft_needs_more_than_shafts_make(race, depth, verdict):
     # four turns of the shaft, whose other multiples do not stand; sound machines show lines of up to 0.5 there

@@ -7,7 +7,7 @@ import pytest
 from data_synth import Scene, simulate
 from hums import AnalysisSettings, load_gearbox
 from hums.analysis.channel import varying_values
-from hums.analysis.gear_damage import gear_damage, gear_verdicts
+from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_verdicts
 from hums.analysis.reference_angle import prepare_machine
 from hums.records.record import sampling
 
@@ -108,3 +108,21 @@ def test_few_turns_name_a_tooth_that_stands_out_and_call_none_sound():
     assert all(one.doubts.startswith(f"too short: {row.turns} turns") for one, row in zip(verdicts, few, strict=True))
     (named,) = gear_verdicts([replace(few[0], probability=0.001)], false_alarm_probability=0.01)
     assert named.verdict == "indicated"
+
+
+@pytest.mark.parametrize(("differing", "verdict"), [(0.01, "not judged"), (0.02, "nothing found")])
+def test_teeth_that_differ_alike_in_all_parts_may_be_pitted(differing, verdict):
+    row = GearJudgement(
+        channel="a", units="g", component="stage 1/pinion", order=1.0, teeth=20, turns=100, differing=differing
+    )
+    (one,) = gear_verdicts([row], false_alarm_probability=0.01)
+    assert one.verdict == verdict
+    assert ("pits on several teeth" in one.doubts) == (verdict == "not judged")
+
+
+def test_a_pitted_gear_is_not_called_sound():
+    pitted = {"kind": "pitting", "component": "stage 1/pinion", "size_mm": 1.0}
+    rows = judged(TWO_STAGE | {"fault": [pitted]})
+    verdicts = {one.component: one.verdict for one in gear_verdicts(rows, false_alarm_probability=0.01)}
+    assert verdicts["stage 1/pinion"] in {"not judged", "indicated"}
+    assert verdicts["stage 2/output"] == "nothing found"

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from hums.analysis.evidence import Setting
-from hums.analysis.unexplained import Drawn, not_named, unexplained_lines, unlike_drawing
+from hums.analysis.unexplained import Drawn, drawn_orders, not_named, unexplained_lines, unlike_drawing
+from hums.gearbox.model import load_gearbox
+from hums.gearbox.orders import defects
 from signals import amplitude_spectrum
 
 SPEED_HZ = 20.0
 SETTING = Setting(shafts=(1.0, 0.343), speed_hz=SPEED_HZ)
-DRAWN = Drawn(shafts=(0.343, 1.0), meshes=(6.522, 23.0), bearings=(3.585,), carriers=(), tolerance=0.0, slip=0.02)
+DRAWN = Drawn(shafts=(0.343, 1.0), meshes=(6.522, 23.0), bearings=(3.585,), planets=(), tolerance=0.0, slip=0.02)
 TURNS = np.arange(2**15) / 256  # 128 turns
 
 
@@ -70,7 +72,7 @@ def test_another_machines_meshes_do_not_look_like_the_drawing():
     assert "20 times the largest mesh line" in why
     # one sensor that looks like the drawing is enough, and without a mesh nothing can be doubted
     assert unlike_drawing([spectrum_of(*other), spectrum_of(*OWN)], DRAWN, SETTING) == ""
-    bare = Drawn(shafts=(1.0,), meshes=(), bearings=(), carriers=(), tolerance=0.0, slip=0.02)
+    bare = Drawn(shafts=(1.0,), meshes=(), bearings=(), planets=(), tolerance=0.0, slip=0.02)
     assert unlike_drawing([spectrum_of(*other)], bare, SETTING) == ""
 
 
@@ -112,10 +114,28 @@ def test_many_races_near_to_any_line_explain_none_by_chance():
 def test_planets_that_pass_are_no_other_gearbox():
     # an assembly whose mesh line itself vanishes: sidebands at multiples of the carrier's order, some times the mesh
     passed = [(harmonic * 23.0 + k * 0.25, 1.0 / harmonic) for harmonic in (1, 2, 3) for k in (-7, -4, -1, 2, 5, 8)]
-    planetary = drawing(carriers=(0.25,))
+    planetary = drawing(planets=((23.0, 0.25, 3),))
     assert unlike_drawing([spectrum_of(*passed)], planetary, SETTING) == ""
     # a line that falls on one of its sidebands by chance has no neighbours
     assert unlike_drawing([spectrum_of((24.75, 1.0), (49.5, 0.4), (23.0, 0.1))], planetary, SETTING) != ""
+
+
+def test_a_mesh_of_planets_out_of_phase_stands_beside_its_order():
+    # McFadden and Smith 1985: the ring's 82 teeth are no multiple of three planets, so that turns of the carrier
+    # 81 and 84 of the first harmonic, 162 and 165 of the second are heard, and the mesh itself is not
+    planetary = drawing(planets=((82 * 0.25, 0.25, 3),), meshes=(82 * 0.25,))
+    heard = [(81 * 0.25, 1.0), (84 * 0.25, 0.1), (162 * 0.25, 0.4)]
+    assert unlike_drawing([spectrum_of(*heard)], planetary, SETTING) == ""
+    # three turns of the carrier from the mesh is no place of the nearest line
+    strange = [(79 * 0.25, 1.0), (158 * 0.25, 0.4)]
+    assert "the line at 19.750 orders" in unlike_drawing([spectrum_of(*strange)], planetary, SETTING)
+
+
+def test_planets_of_a_drawing_are_counted_with_their_carrier():
+    rows = defects(load_gearbox("planetary-27-36-99"))
+    drawn = drawn_orders(rows, bearing_kinds=("inner_race",), tolerance=0.0, slip=0.02)
+    carrier = 27 / (27 + 99)  # Willis, the ring at rest
+    assert drawn.planets == ((pytest.approx(99 * carrier), pytest.approx(carrier), 3),)
 
 
 def test_harmonics_of_a_named_bearing_are_explained_by_it():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from fleets import HEALTHY, PINION, observed
 
-from hums.fleet.history import Fact, watch_machines, write_alarms, write_baselines, write_components
-from hums.fleet.monitor import ALARM_COLUMNS, MonitorSettings
+from hums.fleet.history import Fact, MachineHistory, watch_machines, write_alarms, write_baselines, write_components
+from hums.fleet.monitor import ALARM_COLUMNS, MachineState, MonitorSettings
 from hums.records.store import open_tree
 
 SETTINGS = MonitorSettings(baseline_records=20)
@@ -70,3 +70,14 @@ def test_components_are_the_worst_first(whole):
     assert rows[0]["component"] == "stage 1/pinion"
     assert rows[0]["state"] == "raised"
     assert float(rows[0]["once_in_records"]) > 1e6
+    assert float(rows[0]["growth_per_day"]) != 0
+
+
+def test_growth_is_that_of_the_score_since_it_left_normal():
+    history = MachineHistory(state=MachineState(machine="mill", since={"pinion": COURSE[10].recorded_at}))
+    history.records = [
+        {"record": one.record, "recorded_at": one.recorded_at, "scores": {"pinion": 0.5 * max(0, number - 10)}}
+        for number, one in enumerate(COURSE[:20])
+    ]
+    assert history.growth_per_day("pinion") == pytest.approx(0.5, rel=1e-9)  # a record a day
+    assert np.isnan(history.growth_per_day("wheel"))

@@ -54,7 +54,13 @@ def long(failing, tmp_path_factory):
         history.state.alarms = {name: worst.state.settings.rule.start() for name in worst.state.alarms}
         history.alarms, index = [], rng.uniform(0, 0.6, (RECORDS, len(names))).tolist()
         history.records = [
-            {"record": f"{number}/{day}", "why": "", "index": dict(zip(names, row, strict=True)), "scores": {}}
+            {
+                "record": f"{number}/{day}",
+                "recorded_at": days[day],
+                "why": "",
+                "index": dict(zip(names, row, strict=True)),
+                "scores": {},
+            }
             for day, row in enumerate(index)
         ]
         history.last = copy.copy(worst.last)
@@ -90,6 +96,7 @@ def test_the_worst_is_first_and_its_figures_say_why(failing, tmp_path):
     panels = content(page, "machine-0-drivers")["data"]["panels"]
     assert len(panels) == 6
     assert "Its baseline is being learned: 0 records so far." in page
+    assert "Without a change a component shows as much less than once in 1,000,000,000 records." in page
     assert 'href="reports' not in page
     quiet.state = MachineState(machine="é" * 5000)
     write_page([quiet], records, tmp_path / "long.html")  # no folder has such a name

@@ -4,7 +4,7 @@ import pytest
 from fleets import HEALTHY, kept
 
 from hums.fleet import parquet
-from hums.fleet.kept import Numbers
+from hums.fleet.numbers import Numbers
 from hums.fleet.parquet import write_indicators
 
 KEYS = (("a", "record", "channel", "rms", "g"), ("b", "stage 1/pinion", "gear", "fm4", "1"))

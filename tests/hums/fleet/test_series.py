@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from hums.fleet.numbers import INDICATOR, LINE, named
 from hums.fleet.series import Series, component_parts, joint_names, layout_of, series_of, vector
 
 
@@ -10,10 +11,14 @@ def line(harmonic, amplitude, snr):
     return ["a", "envelope", "bearing", "inner_race", harmonic, 0, "g", 1.0, amplitude, snr, 1]
 
 
-ROW = {
-    "indicators": [["a", "bearing", "inner_race", "defect_energy", "g2", 4.0], ["a", "gear", "gear", "fm4", "1", -1.0]],
-    "lines": [line(1, 3.0, 30.0), line(2, 4.0, 40.0), line(3, math.nan, 1.0)],
-}
+def row_of(indicators, lines):
+    return {"indicators": named(indicators, len(INDICATOR), 1), "lines": named(lines, len(LINE), 4)}
+
+
+ROW = row_of(
+    [["a", "bearing", "inner_race", "defect_energy", "g2", 4.0], ["a", "gear", "gear", "fm4", "1", -1.0]],
+    [line(1, 3.0, 30.0), line(2, 4.0, 40.0), line(3, math.nan, 1.0)],
+)
 
 
 def test_logarithms_of_indicators_and_of_the_mean_square_of_lines():
@@ -49,14 +54,15 @@ def test_bearings_of_the_same_orders_are_one_component():
         for name, order in orders.items()
         for harmonic in (1, 2)
     ]
-    row = {"lines": lines, "indicators": [["a", name, "inner_race", "defect_energy", "g2", 4.0] for name in orders]}
+    indicators = [["a", name, "inner_race", "defect_energy", "g2", 4.0] for name in orders]
+    row = row_of(indicators, lines)
     joint = "one of drive end, free end"
     assert joint_names(row) == dict.fromkeys(equal, joint)
     assert {key.component for key in series_of(row)} == {joint, other}
     assert len(series_of(row)) == 6
     assert component_parts(joint) == (joint, *equal)
     lines[1][7] = 9.01  # a harmonic apart: they can be told apart
-    assert joint_names(row) == {}
+    assert joint_names(row_of(indicators, lines)) == {}
 
 
 def test_what_few_samples_set_is_watched_apart_from_the_level_of_the_signal():

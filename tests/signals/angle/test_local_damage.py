@@ -54,6 +54,16 @@ def test_sound_teeth_that_differ_and_repeat_are_named_as_seldom(level):
     assert np.count_nonzero([one.probability <= 0.1 for one in found]) <= share_of_the_first(0.1, 30)
 
 
+def test_pits_on_several_teeth_differ_and_noise_does_not():
+    # of noise one gear in a hundred seems to: a binomial of 40 exceeds 3 in one of a thousand
+    sound = [judged(noise(np.random.default_rng(seed))) for seed in range(40)]
+    assert np.count_nonzero([one.differing <= 0.01 for one in sound]) <= share_of_the_first(0.01, 40)
+    pitted = noise(np.random.default_rng(3))
+    for tooth in (2, 3, 5):
+        pitted[:, :, 2 * tooth : 2 * tooth + 2] *= 3
+    assert judged(pitted).differing == 0.01  # none of 99 rotations is as alike
+
+
 def test_one_exponential_energy_among_others_is_as_far_out_as_stated():
     # whatever its scale and what all have in common: the largest of many draws of `_tail` against their share
     rng = np.random.default_rng(12)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,14 @@ def test_beyond_the_simulated_it_goes_on_falling():
     assert all(high > low for high, low in zip(million.limits, thousand.limits, strict=True))
     assert million.every_records_at(1.0) == pytest.approx(1e6)
     assert million.every_records_at(1.0 + million.decades) == pytest.approx(1e7)
+
+
+def test_each_chart_is_wider_by_its_own_factor():
+    rows = ((30.0, 1e3, 2.0, 1.0, 1.0, 1.0), (30.0, 1e5, 4.0, 1.0, 3.0, 1.0))
+    plain = chart_limits(30, 1e4, CARRIED_OVER).limits
+    wider = chart_limits(30, 1e4, replace(CARRIED_OVER, widening=rows)).limits
+    # half way between the rates in their logarithms; the simulation takes the factors as they are
+    assert np.divide(wider, plain) == pytest.approx([3.0, 1.0, 2.0, 1.0], rel=1e-12)
 
 
 class TestOwnScores:

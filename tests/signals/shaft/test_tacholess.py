@@ -249,6 +249,30 @@ class TestDoubt:
         assert any(abs(np.nanmedian(speed / law.speed_hz(found.times_s)) - 1) < 1e-3 for speed in speeds)
         assert status == "ambiguous" or abs(np.nanmedian(found.speed_hz / law.speed_hz(found.times_s)) - 1) < 1e-4
 
+    @pytest.mark.parametrize("noise", [2.0, 4.0])
+    def test_frames_of_two_lengths_agree_beside_another_machine(self, noise):
+        """In frames for order 3 a run-up smears the meshes 25 and 50, and a pump at 17.3 Hz passes for orders 1 to 3.
+
+        A quarter of such a frame, 0.13 s, holds order 25 within a bin: 2.3 Hz/s move it by 7.6 Hz, as wide as one is.
+        """
+        law = ramp(14, 28, 6)
+        t = np.arange(6 * 6400) / 6400
+        lines = ((1, 0.3), (3, 0.5), (25, 1.0), (50, 0.7))
+        x = sum(height * np.cos(2 * np.pi * order * law.revolutions(t) + order) for order, height in lines)
+        x = x + sum(0.6 * np.cos(2 * np.pi * k * 17.3 * t + k) for k in (1, 2, 3))
+        x = x + noise * np.random.default_rng(1).standard_normal(t.size)
+        search = {
+            "rate_hz": 6400,
+            "orders": (1, 2, 3, 25, 50),
+            "speed_range_hz": (10, 45),
+            "max_acceleration_hz_s": 5,
+        }
+        long = estimate_speed(x, frame_s=np.sqrt(4 / (5 * 3)), **search)
+        found = estimate_speed(x, **search)
+        assert np.nanmax(np.abs(error(long, law))) > 0.1  # what the pump does in frames of one length
+        assert found.status == "ok"
+        assert np.nanmax(np.abs(error(found, law))) < 0.005
+
     def test_two_machines(self):
         # a pump at another speed, its lines as strong: two answers, or none
         first, second = (

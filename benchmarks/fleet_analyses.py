@@ -1,0 +1,212 @@
+"""Analyses that fleets are made of, and the fleets: one gearbox, healthy and with five faults of all sizes."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_synth import make_dataset
+from data_synth.plan import parse_plan
+from data_synth.scene.history import History
+from hums import open_dataset
+from hums.fleet.fleet import analyze_fleet
+from hums.fleet.kept import read_row
+from hums.fleet.series import Series, series_of, vector
+from hums.gearbox.orders import BEARING_KINDS
+from hums.jobs import Processes
+
+Array = NDArray[np.float64]
+STATES = ("gain_db", "noise_db", "temperature_k", "load")
+FAULTS = ("crack", "spall", "eccentricity", "inner race", "outer race")
+RECORDS, MACHINES = 2_000, 8
+
+PLAN = """
+scene = "healthy-mill"
+records = {records}
+seed = 1
+sampling = "sobol"
+history = {{ machines = {machines} }}
+[change]
+rate_hz = 20000
+duration_s = 2
+speed = {{ link = "input", rpm = 1200 }}
+torque = {{ link = "output", nm = [[-1, 500], [0, 400]] }}
+resonance = {{ frequency_hz = 5000, damping_ratio = 0.03 }}
+[change.imperfections]
+gears = {{}}
+imbalance = {{}}
+bearings = {{}}
+electrical = {{ inverter = {{}}, tachometer = {{}} }}
+neighbour = {{}}
+noise = {{}}
+temperature = {{}}
+[[change.sensor]]
+name = "input vertical"
+on = "input bearing"
+direction = [0, 0, 1]
+units = "g"
+[[change.sensor]]
+name = "intermediate vertical"
+on = "intermediate bearing"
+direction = [0, 0, 1]
+units = "g"
+[[class]]
+name = "healthy"
+share = 7
+"""
+FAULT = """
+[[class]]
+name = "{name}"
+[[class.change.fault]]
+kind = "{kind}"
+component = "{component}"
+{size} = {{ log = [{least}, 3], label = "severity_mm" }}
+"""
+SIZES = (
+    ("crack", "tooth_crack", "stage 1/pinion", "depth_mm", 0.1),
+    ("spall", "spall", "stage 2/output", "size_mm", 0.1),
+    ("eccentricity", "eccentricity", "stage 1/intermediate", "size_mm", 0.02),
+    ("inner race", "inner_race", "intermediate bearing", "size_mm", 0.1),
+    ("outer race", "outer_race", "input bearing", "size_mm", 0.1),
+)
+
+
+# ---- analyses --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Analyses:
+    """Logarithms of the indicators of all records (records, series), their classes, severities, speeds and states."""
+
+    series: tuple[Series, ...]
+    values: Array
+    kinds: NDArray[np.str_]
+    severity_mm: Array
+    speed_hz: Array
+    states: Array
+    diagnosed: NDArray[np.bool_]
+
+    def resampled(self, half: int, *, without: int | None = None, only: int | None = None) -> "Resampled":
+        """Return the fleets of the healthy records of every other machine: half 0 is learned from, 1 measured on.
+
+        Without one of its machines, or with residuals of one only.
+        """
+        machine = np.arange(self.kinds.size) % MACHINES  # records take turns
+        those = (self.kinds == "healthy") & (machine % 2 == half) & (machine != without)
+        drawn = machine[those] == only if only is not None else np.ones(those.sum(), dtype=np.bool_)
+        return Resampled(healthy=self.values[those], states=self.states[those], drawn=drawn)
+
+
+def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
+    """Return the analyses in the folder; make what is missing."""
+    text = PLAN.format(records=records, machines=MACHINES)
+    for name, kind, component, size, least in SIZES:
+        text += FAULT.format(name=name, kind=kind, component=component, size=size, least=least)
+    plan = parse_plan(text)
+    make_dataset(plan, folder / "set", workers=Processes(count=workers), progress=True)
+    analyze_fleet([folder / "set"], "two-stage", folder / "fleet", workers=Processes(count=workers), progress=True)
+    paths = [folder / "fleet" / "records" / name for name in json.loads((folder / "fleet/records.json").read_text())]
+    rows = [read_row(path) for path in paths]
+    labels = open_dataset(folder / "set")
+    found = [series_of(row) for row in rows]
+    every = tuple(sorted(set().union(*found)))
+    values = np.array([vector(one, every) for one in found])
+    kinds = labels["class"].to_numpy().astype(np.str_)
+    kept = np.isfinite(values[kinds == "healthy"]).mean(axis=0) >= 0.9  # noqa: PLR2004
+    return Analyses(
+        series=tuple(key for key, keep in zip(every, kept, strict=True) if keep),
+        values=values[:, kept],
+        kinds=kinds,
+        severity_mm=np.asarray(labels["severity_mm"].to_numpy(), dtype=np.float64),
+        speed_hz=np.array([row["speed_hz"] for row in rows]),
+        states=np.stack([labels[f"history.{name}"].to_numpy() for name in STATES], axis=1),
+        diagnosed=np.array([_diagnosed(row, str(kind)) for row, kind in zip(rows, kinds, strict=True)]),
+    )
+
+
+def _diagnosed(row: dict[str, Any], name: str) -> bool:
+    """Return whether the fault of a record's class is diagnosed: that kind of defect, of that component."""
+    parts = {fault: (component, kind) for fault, kind, component, *_ in SIZES}
+    component, kind = parts.get(name, ("", ""))
+    kind = kind if kind in BEARING_KINDS else "tooth"
+    return any((one, of, word) == (component, kind, "diagnosed") for one, of, word, *_ in row["findings"])
+
+
+# ---- fleets ----------------------------------------------------------------------------------------------------------
+
+
+def standard_states(machines: int, records: int, rng: np.random.Generator, declared: History) -> Array:
+    """Return states (machines, records, states) of variance 1 that carry over as a plan's history declares."""
+    shape, share = (machines, len(STATES)), declared.season_share
+    found = np.empty((machines, records, len(STATES)))
+    decay = np.exp(-1 / np.array([declared.short_records, declared.long_records]))[:, None, None]
+    parts, phase = rng.standard_normal((2, *shape)), rng.uniform(0, 2 * np.pi, shape)
+    for number in range(records):
+        season = np.sqrt(2 * share) * np.sin(2 * np.pi * number / declared.season_records + phase)
+        found[:, number] = np.sqrt((1 - share) / 2) * parts.sum(axis=0) + season
+        parts = decay * parts + np.sqrt(1 - decay**2) * rng.standard_normal((2, *shape))
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resampled:
+    """Series of long fleets from a few hundred analyses.
+
+    A series is its mean, its slopes on the states that carry over (fitted to the healthy analyses), and a residual
+    drawn from them: all series of a record together, so that they depend on each other as they do there. Residuals of
+    machines are scaled by a factor of their own, log-normal with a deviation of 20 %. Residuals are those
+    of the records ``drawn``.
+    """
+
+    healthy: Array
+    states: Array
+    drawn: NDArray[np.bool_]
+
+    @cached_property
+    def _fit(self) -> tuple[Array, Array]:
+        design = np.column_stack([np.ones(len(self.states)), self.standard])
+        filled = np.where(np.isfinite(self.healthy), self.healthy, np.nanmedian(self.healthy, axis=0))
+        found, *_ = np.linalg.lstsq(design, filled, rcond=None)
+        left = self.healthy - design @ found
+        return found[1:], left[self.drawn] * np.sqrt(len(design) / (len(design) - design.shape[1]))
+
+    @property
+    def standard(self) -> Array:
+        """States in the deviations that the history declares."""
+        declared = History()
+        stds = np.array([declared.gain_db, declared.noise_db, declared.temperature_k, declared.load_share])
+        return self.states / stds
+
+    def machines(self, count: int, records: int, rng: np.random.Generator) -> Array:
+        """Return series (count, records, series) about their means."""
+        slopes, left = self._fit
+        states = standard_states(count, records, rng, History())
+        drawn = left[rng.integers(len(left), size=(count, records))]
+        spread = np.exp(0.2 * rng.standard_normal((count, 1, 1)))
+        return np.asarray(states @ slopes + spread * drawn)
+
+
+def fault_courses(found: Analyses, healthy: Array) -> dict[str, tuple[Array, Array]]:
+    """Return, for each fault, sizes in mm and what it adds to every series there: a running mean over five sizes."""
+    center = np.nanmean(healthy, axis=0)
+    courses = {}
+    for name in FAULTS:
+        those = found.kinds == name
+        order = np.argsort(found.severity_mm[those])
+        shifts = np.nan_to_num((found.values[those] - center)[order])
+        window = np.array([shifts[max(0, i - 2) : i + 3].mean(axis=0) for i in range(len(order))])
+        courses[name] = (found.severity_mm[those][order], window)
+    return courses
+
+
+def added(course: tuple[Array, Array], size_mm: Array) -> Array:
+    """Return what a fault of some sizes adds (records, series), nothing below the least size analysed."""
+    sizes, shifts = course
+    place = np.interp(np.log(size_mm), np.log(sizes), np.arange(sizes.size))
+    low = np.minimum(place.astype(int), sizes.size - 2)
+    mixed = shifts[low] + (place - low)[:, None] * (shifts[low + 1] - shifts[low])
+    return np.where((size_mm >= sizes[0])[:, None], mixed, 0.0)

@@ -1,0 +1,165 @@
+"""Monitoring on arrays of many machines at once: charts and alarms, and the prior that is learned from them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from fleet_analyses import MACHINES, Analyses, Array, Resampled
+from numpy.typing import NDArray
+
+from hums.fleet.prior import healthy_scores, prior_of
+from hums.fleet.series import layout_of
+from signals.monitoring.alarm_life import AlarmRule
+from signals.monitoring.autocorrelation import Correlation, variance_shares
+from signals.monitoring.health import Layout, Normal, Prior, learn_normal
+from signals.monitoring.limits import ChartLimits, chart_limits, tail_quantiles
+
+CHUNK = 100  # machines whose series are in memory at a time
+RATES = (1_000.0, 10_000.0)
+WATCHED = 300
+MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 22 % (our choice)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watched:
+    """Alarms (machines, records, scores) raised, and each chart over its limit (charts, machines, records, scores)."""
+
+    raised: NDArray[np.bool_]
+    indices: NDArray[np.float32]
+
+    @property
+    def index(self) -> NDArray[np.float32]:
+        """The health index."""
+        return np.asarray(self.indices.max(axis=0))
+
+
+def watch(
+    series: Array, baseline: int, limits: Sequence[ChartLimits], layout: Layout, prior: Prior
+) -> tuple[Watched, ...]:
+    """Return, for each of the limits, alarms of machines (machines, records, series), whose first are a baseline."""
+    machines, records = series.shape[:2]
+    normal = learn_normal(series[:, :baseline], np.zeros((machines, baseline, 0)), layout, prior)
+    rule, nothing, recent = AlarmRule(), np.zeros((machines, 0)), None
+    own = np.array([normal.read(series[:, number], nothing).scores for number in range(baseline)])
+    headrooms = [one.headroom(own, rule) for one in limits]
+    charts = [one.charts.start((machines, layout.scores)) for one in limits]
+    alarms = [rule.start((machines, layout.scores)) for _ in limits]
+    shape = (machines, records - baseline, layout.scores)
+    found = tuple(
+        Watched(raised=np.zeros(shape, np.bool_), indices=np.zeros((one.charts.count, *shape), np.float32))
+        for one in limits
+    )
+    for number in range(baseline, records):
+        reading = normal.read(series[:, number], nothing, recent)
+        recent = reading.recent
+        for place, (one, seen) in enumerate(zip(limits, found, strict=True)):
+            charts[place] = one.charts.step(charts[place], reading.scores)
+            indices = np.maximum(one.indices(charts[place]), 0.0) / headrooms[place]
+            alarms[place], seen.raised[:, number - baseline] = rule.step(alarms[place], indices.max(axis=0))
+            seen.indices[:, :, number - baseline] = indices
+    return found
+
+
+def score_series(series: Array, baseline: int, layout: Layout, prior: Prior) -> tuple[Array, Normal]:
+    """Return the scores (records, machines, scores) of machines against their baselines, and those."""
+    machines, records = series.shape[:2]
+    normal = learn_normal(series[:, :baseline], np.zeros((machines, baseline, 0)), layout, prior)
+    nothing, recent, scores = np.zeros((machines, 0)), None, []
+    for number in range(baseline, records):
+        reading = normal.read(series[:, number], nothing, recent)
+        recent = reading.recent
+        scores.append(reading.scores)
+    return np.array(scores), normal
+
+
+def two_of_three(index: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the largest limit (machines, records, scores) at which an index (the same) raises an alarm in a record.
+
+    The rule of `AlarmRule`: two of three records at the limit, the last one of them.
+    """
+    before = np.pad(index, ((0, 0), (2, 0), (0, 0)))
+    three = np.sort(np.stack([index, before[:, 1:-1], before[:, :-2]]), axis=0)
+    return np.asarray(np.minimum(three[1], index))
+
+
+def at_rate(largest: Sequence[NDArray[np.float32]], scores: int, every: float) -> float:
+    """Return the factor on limits at which machines with those largest indices raise one alarm in `every` records."""
+    ordered = np.sort(np.concatenate([each.ravel() for each in largest]))[::-1]
+    watched = ordered.size // scores * WATCHED
+    return float(ordered[round(watched / every)])
+
+
+# ---- the prior -------------------------------------------------------------------------------------------------------
+
+
+def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
+    """Return what is usual over healthy machines: of twelve resampled ones with 2,000 records each."""
+    rng = np.random.default_rng(11)
+    series = resampled.machines(12, 2_000, rng)
+    deviations: dict[str, list[float]] = {}
+    for key, std in zip(found.series, np.median(np.nanstd(series, axis=1), axis=0), strict=True):
+        deviations.setdefault(key.indicator, []).append(float(std))
+    log_std = {name: round(float(np.median(stds)), 3) for name, stds in sorted(deviations.items())}
+    _, _, layout = layout_of(found.series)
+    usual = np.array([log_std[key.indicator] for key in found.series])
+    loose = Prior(series=usual, score=1.0, level=0.1, dof=0.01)
+    scores, normal = score_series(series, 1_000, layout, loose)
+    own, sizes = normal.score_scale, layout.sizes
+    power, offset = np.polyfit(np.log(sizes), np.log(np.median(own, axis=0)), 1)
+    left = np.log(own) - offset - power * np.log(sizes)
+    standard = (scores - scores.mean(axis=0)) / scores.std(axis=0)
+    machines, places = range(scores.shape[1]), range(scores.shape[2])
+    shares = [
+        np.mean([variance_shares(scores[:, machine, place], Correlation()) for machine in machines], axis=0)
+        for place in places
+    ]
+    quantiles = [tail_quantiles(standard[:, :, place].ravel()) for place in places]
+    return {
+        "what": "Usual over healthy machines: deviations of logarithms, and how scores depend on the records before.",
+        "made_by": "python benchmarks/fleet.py ANALYSES --learn-prior",
+        "log_std": log_std,
+        "score_std": round(float(np.exp(offset)), 3),
+        "score_power": round(float(power), 3),
+        "level_std": round(float(np.median(normal.level_scale)), 3),
+        "dof": round(float(np.clip(1 / (2 * np.mean(left**2)), 2, MOST_DOF)), 1),  # log s has the variance 1 / (2 dof)
+        "shares": [[round(float(x), 3) for x in row] for row in shares],
+        "quantiles": [[round(float(x), 2) for x in row] for row in quantiles],
+        "widening": [],
+    }
+
+
+def widening(found: Analyses, *, machines: int) -> list[list[float]]:
+    """Return by how much limits of each chart have to be wider than the model's, on machines it was not learned on.
+
+    Each machine of the half that the prior is learned on is left out in turn: a prior of the others makes the limits of
+    fleets with its residuals. The factors are those at which each chart by itself raises as many alarms as the others,
+    and all fleets together the stated number. What a prior lacks of a machine that it has not seen is then in the
+    limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147).
+    """
+    _, _, layout = layout_of(found.series)
+    folds = range(0, MACHINES, 2)
+    sizes = {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}  # by their cost
+    peaks: dict[tuple[int, float], list[NDArray[np.float32]]] = {}
+    for left in folds:
+        learned = learn_prior(found, found.resampled(0, without=left))
+        prior, model = prior_of(found.series, layout, learned), healthy_scores(learned)
+        unseen = found.resampled(0, only=left)
+        for baseline, count in sizes.items():
+            limits = [chart_limits(baseline, rate * layout.scores, model) for rate in RATES]
+            for start in range(0, count // len(folds), CHUNK):
+                rng = np.random.default_rng([12, left, start])
+                seen = watch(unseen.machines(CHUNK, baseline + WATCHED, rng), baseline, limits, layout, prior)
+                for rate, one in zip(RATES, seen, strict=True):
+                    charts = np.array([two_of_three(index).max(axis=1) for index in one.indices])
+                    peaks.setdefault((baseline, rate), []).append(charts.reshape(len(charts), -1))
+    return [
+        [baseline, rate * layout.scores, *_factors(np.concatenate(those, axis=1), layout.scores, rate)]
+        for (baseline, rate), those in peaks.items()
+    ]
+
+
+def _factors(peaks: NDArray[np.float32], scores: int, every: float) -> list[float]:
+    """Return the factor of each chart from the largest indices (charts, machines and scores)."""
+    alike = np.array([at_rate([each], scores, every * len(peaks)) for each in peaks])
+    together = at_rate([(peaks / alike[:, None]).max(axis=0)], scores, every)
+    return [round(float(factor), 3) for factor in alike * together]
