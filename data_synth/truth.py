@@ -132,6 +132,13 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         coords=coords,
         attrs={"units": sensors[0].channel_units, "convention": "x = Re{Z exp(j order phase)}, peak amplitude"},
     )
+    changes = {line.order: line.change for line in measured.lines} if measured is not None else {}
+    change = xr.DataArray(
+        [changes.get(order, 0.0) for order in lines],
+        dims="truth_order",
+        coords=orders,
+        attrs={"about": "by how much halving its window changes a projected line, over its RMS"},
+    )
     labels = {
         f"truth_{name}": xr.DataArray(
             [" + ".join(dict.fromkeys(getattr(part, name) for part in parts)) for parts in lines.values()],
@@ -146,7 +153,8 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         responses = np.stack([chain.response(frequencies) for chain in prepared.chains])
         about = f"{sensors[0].channel_units} for one {sensors[0].units}, part of truth_amplitude"
         chain["truth_chain_response"] = xr.DataArray(responses, dims=dims, coords=coords, attrs={"about": about})
-    return {"truth_amplitude": amplitude, **labels, **chain}
+    changed = {"truth_line_change": change} if any(changes.values()) else {}
+    return {"truth_amplitude": amplitude, **labels, **changed, **chain}
 
 
 def _lines(prepared: PreparedScene) -> dict[Fraction, list[_LineSource]]:

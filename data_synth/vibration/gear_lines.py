@@ -22,7 +22,7 @@ from data_synth.kinematic.planet_pass import pass_orders
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Scene
 from data_synth.sources.prepared import PreparedScene, mesh_name
-from data_synth.vibration.order_projection import AngleSamples, Moments, Projection, Window, amplitudes_of
+from data_synth.vibration.order_projection import AngleSamples, Moments, Part, Projection, Window
 
 FLOOR = 1e-3  # of the loudest line, over time and channels: lines of meshes and of gears with each other
 FAULT_FLOOR = 1e-2  # of the loudest line of the same damaged gear
@@ -36,20 +36,34 @@ _SEARCHED = 9  # windows in which lines are looked for
 _APART, _APART_STEADY = 3.0, 1.5
 """Periods of the window that two lines have to be apart to be fitted together. With amplitudes of second degree the
 condition number of least squares is 8 for lines 3 periods apart, 900 for 2.5 and 600,000 for 2."""
-_DEGREES = (1, 2)
+_DEGREE = 2  # of amplitudes in a window
+_TRIALS = 17  # instants at which windows are compared
+_MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
-_LONGER = 2.0  # times the least change, of windows that need not be longer still
+_DETERMINED = 0.01  # of the RMS of a line
+_LONGER = 2.0  # times the least change: windows of which halving changes lines by more everywhere are of no use
 _PERIODS = 1.5  # of the smallest base order: the shortest window tried, where speed changes within a turn or two
 
 
 @dataclass(frozen=True, kw_only=True)
 class GearLine:
-    """A line of gears in motion: exact order, component, kind and Z (channel, instant)."""
+    """A line of gears in motion.
+
+    Attributes
+    ----------
+    order : Fraction
+    component, kind : str
+    amplitude : (channel, instant) complex array
+    change : float
+        RMS over time of what halving the window changes, over the RMS of the line; infinite where half the window does
+        not separate it from its neighbour, zero in steady motion.
+    """
 
     order: Fraction
     component: str
     kind: str
     amplitude: ComplexArray
+    change: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,8 +174,8 @@ def gear_lines(prepared: PreparedScene, signal: Array) -> GearLines:
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
     At constant speed, torque and damage the window is the whole record, and Z is constant. Else Z is a polynomial of
-    first or second degree in angle within windows, whose degree and length are those, of several, at which halving the
-    window changes the lines least.
+    second degree in angle within windows; the length of each line's is that, of several, at which halving the window
+    changes it least.
     """
     scene, angle = prepared.scene, prepared.drive.angle
     turning = np.sign(prepared.speed_hz[prepared.speed_hz != 0])
@@ -180,7 +194,7 @@ def gear_lines(prepared: PreparedScene, signal: Array) -> GearLines:
     candidates = candidates_of(scene, top=top, mixed=steady)
     instants_rev = samples.revolutions(prepared.instants_s)
     fit = _steady_fit if steady else _varying_fit
-    chosen, amplitudes, about = fit(samples, candidates, instants_rev)
+    chosen, amplitudes, changes, about = fit(samples, candidates, instants_rev)
     if sign < 0:
         amplitudes = amplitudes.conj()
     lines = tuple(
@@ -189,6 +203,7 @@ def gear_lines(prepared: PreparedScene, signal: Array) -> GearLines:
             component=candidates.sources[number][0],
             kind=candidates.sources[number][1],
             amplitude=amplitudes[:, row],
+            change=float(changes[row]),
         )
         for row, number in enumerate(chosen.tolist())
     )
@@ -210,8 +225,8 @@ def _is_steady(prepared: PreparedScene) -> bool:
 
 def _steady_fit(
     samples: AngleSamples, candidates: Candidates, instants_rev: Array
-) -> tuple[NDArray[np.int_], ComplexArray, str]:
-    """Return the numbers of the kept candidates, Z (channel, line, instant), and a sentence."""
+) -> tuple[NDArray[np.int_], ComplexArray, Array, str]:
+    """Return the numbers of the kept candidates, Z (channel, line, instant), no changes, and a sentence."""
     first, last = samples.span_rev
     length_rev = min(last - first, _LONGEST_CELLS / 4 / float(candidates.values[-1]))
     window = Window(length_rev=length_rev, degree=0)
@@ -225,7 +240,7 @@ def _steady_fit(
         f"{chosen.size} lines of the steady motion, in a window of {length_rev:.4g} rev: other lines add less than "
         f"2e-5; {_floors()}; lines nearer than {_APART_STEADY / length_rev:.2g} orders count as one"
     )
-    return chosen, np.repeat(lines, instants_rev.size, axis=2), about
+    return chosen, np.repeat(lines, instants_rev.size, axis=2), np.zeros(chosen.size), about
 
 
 def _tiles(samples: AngleSamples, length_rev: float, most: float) -> Array:
@@ -295,83 +310,133 @@ def _separate(
 
 @dataclass(frozen=True, kw_only=True)
 class _Fit:
-    """A window, the numbers of the candidates that it keeps, and by how much halving it changes their lines.
+    """Lines at the trial instants in windows of one length, and by how much halving the windows changes them.
 
-    `changes` (trial,) are RMS over RMS at the trial instants.
+    Attributes
+    ----------
+    window : Window
+    chosen : (line,) int array
+        Rising numbers of candidates.
+    sizes, changes : (line, trial) arrays
+        RMS over channels; changes are infinite for lines that half the window does not separate.
     """
 
     window: Window
     chosen: NDArray[np.int_]
+    sizes: Array
     changes: Array
+
+    @property
+    def total_change(self) -> Array:
+        """Change of all lines that half the window separates over their RMS, (trial,)."""
+        own = np.isfinite(self.changes[:, 0])
+        change, size = (np.sum(part[own] ** 2, axis=0) for part in (self.changes, self.sizes))
+        return np.asarray(np.sqrt(change / np.maximum(size, np.finfo(float).tiny)))
 
 
 def _varying_fit(
     samples: AngleSamples, candidates: Candidates, instants_rev: Array
-) -> tuple[NDArray[np.int_], ComplexArray, str]:
-    """Return the numbers of the kept candidates, Z (channel, line, instant), and a sentence."""
+) -> tuple[NDArray[np.int_], ComplexArray, Array, str]:
+    """Return the numbers of the kept candidates, Z (channel, line, instant), relative changes, and a sentence.
+
+    Each line has, from trial instant to trial instant, the window of which halving changes it least: as short as its
+    curvature asks, and long enough for its nearest neighbour.
+    """
     first, last = samples.span_rev
     longest = min((last - first) / _LONGEST_SHARE, _LONGEST_CELLS / 4 / float(candidates.values[-1]))
-    trials = np.unique(np.linspace(0, instants_rev.size - 1, _SEARCHED).round().astype(int))
-    length_rev, fits = min(_PERIODS / candidates.spacing, longest), list[_Fit]()
-    least, blurred = np.full(trials.size, np.inf), False
-    while length_rev <= longest and not blurred:
-        new = _trial_fits(samples, candidates, length_rev, instants_rev[trials])
-        now = np.min([fit.changes for fit in new], axis=0)
-        blurred = bool(np.all(now > _LONGER * least))
-        least = np.minimum(least, now)
-        fits += new
-        length_rev *= 2
-    best = np.argmin([fit.changes for fit in fits], axis=0)
-    nearest = best[np.argmin(np.abs(np.arange(instants_rev.size)[:, None] - trials), axis=1)]
-    used = np.unique(best).tolist()
-    union = np.unique(np.concatenate([fits[number].chosen for number in used]))
+    trials = np.unique(np.linspace(0, instants_rev.size - 1, _TRIALS).round().astype(int))
+    loud, sizes = _loud_anywhere(samples, candidates, longest)
+    fits, least, length_rev = list[_Fit](), np.full(trials.size, np.inf), longest
+    moments = _trial_moments(samples, candidates.values[loud], length_rev, instants_rev[trials])
+    while length_rev >= min(_PERIODS / candidates.spacing, longest):
+        halved = _trial_moments(samples, candidates.values[loud], length_rev / 2, instants_rev[trials])
+        fit = _trial_fit(candidates, loud, sizes, (moments, halved), trials.size)
+        if np.all(fit.total_change > _LONGER * least):
+            break
+        fits, least = [*fits, fit], np.minimum(least, fit.total_change)
+        moments, length_rev = halved, length_rev / 2
+    fits = [fit for fit in fits if np.any(fit.total_change <= _LONGER * least)]
+    union = np.unique(np.concatenate([fit.chosen for fit in fits]))
+    changes = np.full((len(fits), union.size, trials.size), np.inf)
+    found = np.zeros_like(changes)
+    for number, fit in enumerate(fits):
+        rows = np.searchsorted(union, fit.chosen)
+        changes[number, rows], found[number, rows] = fit.changes, fit.sizes
+    best = np.argmin(changes, axis=0)  # (line, trial); the longest where none can be halved
+    least, size = (np.take_along_axis(part, best[None], axis=0)[0] for part in (changes, found))
+    weights = np.gradient(trials.astype(np.float64))
+    weights[[0, -1]] /= 2
+    relative = np.sqrt(least**2 @ weights / np.maximum(size**2 @ weights, np.finfo(float).tiny))
     amplitudes = np.zeros((samples.signal.shape[0], union.size, instants_rev.size), dtype=np.complex128)
-    for number in used:
-        here, fit = np.flatnonzero(nearest == number), fits[number]
-        # with the lines that are loud at other times, as far as this window separates them from its own
-        own = np.isin(union, fit.chosen).astype(np.float64)
-        orders, apart = candidates.values[union], _APART / fit.window.length_rev
-        rows = np.sort(_separate(orders, own, np.zeros(union.size, dtype=np.int64), np.arange(union.size), apart))
-        projection = Projection(samples=samples, orders=orders[rows], window=fit.window)
-        amplitudes[:, rows[:, None], here] = projection.amplitudes(instants_rev[here])
-    lengths = [fits[number].window.length_rev for number in used]
+    nearest = np.argmin(np.abs(np.arange(instants_rev.size)[:, None] - trials), axis=1)
+    for number in np.unique(best).tolist():
+        fit, mine = fits[number], best[:, nearest] == number  # (line, instant)
+        here, rows = np.flatnonzero(mine.any(axis=0)), np.searchsorted(union, fit.chosen)
+        projection = Projection(samples=samples, orders=candidates.values[fit.chosen], window=fit.window)
+        lines = np.zeros((samples.signal.shape[0], union.size, here.size), dtype=np.complex128)
+        lines[:, rows] = projection.amplitudes(instants_rev[here])
+        amplitudes[:, :, here] = np.where(mine[:, here], lines, amplitudes[:, :, here])
+    kept = _loud(np.max(np.abs(amplitudes), axis=(0, 2)), candidates.ranks[union], 1.0)
+    power = np.mean(np.abs(amplitudes[:, kept]) ** 2, axis=(0, 2))
+    lengths = [fits[number].window.length_rev for number in np.unique(best[kept]).tolist()]
+    share = 100 * power[relative[kept] < _DETERMINED].sum() / power.sum()
     about = (
-        f"{union.size} lines against time, of first or second degree in windows of {min(lengths):.3g} to "
-        f"{max(lengths):.3g} rev: halving the windows changes them by {np.median(least):.1e}, at most by "
-        f"{np.max(least):.1e} of their RMS; {_floors()}; lines nearer than {_APART:g} periods of the window count as "
-        "one"
+        f"{kept.size} lines against time, of second degree in windows of {min(lengths):.3g} to {max(lengths):.3g} rev; "
+        f"halving its window changes a line by truth_line_change, lines of {share:.2f} % of the power by less than "
+        f"{100 * _DETERMINED:g} %; {_floors()}; lines nearer than {_APART:g} periods of the window count as one"
     )
-    return union, amplitudes, about
+    return union[kept], amplitudes[:, kept], relative[kept], about
 
 
-def _trial_fits(
-    samples: AngleSamples, candidates: Candidates, length_rev: float, instants_rev: Array
-) -> tuple[_Fit, ...]:
-    """Return the fits of windows of one length, for each degree, and their changes at instants (i,)."""
-    orders, ranks = candidates.values, candidates.ranks
-    window = Window(length_rev=length_rev, degree=_DEGREES[-1])
-    chosen = _loud_alone(samples, candidates, window, _APART)
-    projection = Projection(samples=samples, orders=orders[chosen], window=window)
-    centres_rev, which = projection.windows_about(instants_rev)
-    moments = Moments.joined(projection.moments(centres_rev))
-    half = Projection(
-        samples=samples, orders=orders[chosen], window=Window(length_rev=length_rev / 2, degree=_DEGREES[-1])
+def _loud_anywhere(samples: AngleSamples, candidates: Candidates, longest_rev: float) -> tuple[NDArray[np.int_], Array]:
+    """Return the rising numbers of candidates that are loud where each stands alone, and the sizes of all."""
+    first, last = samples.span_rev
+    window = Window(length_rev=min(longest_rev, 2 * (last - first) / _SEARCHED), degree=0)
+    everywhere = Projection(samples=samples, orders=candidates.values, window=window)
+    sizes = np.max(np.sqrt(everywhere.power(_tiles(samples, window.length_rev, 2 * _SEARCHED))), axis=0)
+    return _loud(sizes, candidates.ranks, 0.3), sizes
+
+
+_PartMoments = list[tuple[Part, Moments]]
+
+
+def _trial_moments(samples: AngleSamples, orders: Array, length_rev: float, instants_rev: Array) -> _PartMoments:
+    """Return the moments of windows of one length at instants (i,)."""
+    projection = Projection(samples=samples, orders=orders, window=Window(length_rev=length_rev, degree=_DEGREE))
+    return [
+        (part, Moments.joined(part.projection.moments(part.centres_rev))) for part in projection.parts(instants_rev)
+    ]
+
+
+def _trial_fit(
+    candidates: Candidates,
+    loud: NDArray[np.int_],
+    sizes: Array,
+    moments: tuple[_PartMoments, _PartMoments],
+    trials: int,
+) -> _Fit:
+    """Return the fit of windows, from the moments of all loud candidates in them and in windows of half the length."""
+    orders, window = candidates.values[loud], moments[0][0][1].window
+
+    def separate(apart: float) -> NDArray[np.int_]:
+        # the louder of two stands for both; a mesh also for a neighbour that looks as loud because it is so near
+        weight = sizes[loud] * np.where(candidates.ranks[loud] == 0, _MESH_FIRST, 1.0)
+        return np.sort(_separate(orders, weight, np.zeros_like(loud), np.arange(loud.size), apart))
+
+    def lines_of(parts: _PartMoments, numbers: NDArray[np.int_]) -> ComplexArray:
+        lines = np.empty((parts[0][1].values.shape[1], numbers.size, trials), dtype=np.complex128)
+        for part, some in parts:
+            lines[:, :, part.instants] = part.amplitudes([some.of(numbers, degree=_DEGREE)])
+        return lines
+
+    chosen, fewer = separate(_APART / window.length_rev), separate(2 * _APART / window.length_rev)
+    whole, half = lines_of(moments[0], chosen), lines_of(moments[1], fewer)
+    _, rows, others = np.intersect1d(chosen, fewer, return_indices=True)
+    changes = np.full((chosen.size, trials), np.inf)
+    changes[rows] = np.sqrt(np.mean(np.abs(whole[:, rows] - half[:, others]) ** 2, axis=0))
+    return _Fit(
+        window=replace(window, end=0),
+        chosen=loud[chosen],
+        sizes=np.sqrt(np.mean(np.abs(whole) ** 2, axis=0)),
+        changes=changes,
     )
-    half_centres_rev, half_which = half.windows_about(instants_rev)
-    half_moments = Moments.joined(half.moments(half_centres_rev))
-
-    def fit_of(degree: int) -> _Fit:
-        def lines_of(kept: NDArray[np.int_]) -> ComplexArray:
-            return amplitudes_of([moments.of(kept, degree=degree)], instants_rev, which)
-
-        kept, lines = _above_floor(np.arange(chosen.size), ranks[chosen], lines_of)
-        sizes = np.max(np.abs(lines), axis=(0, 2))
-        # the halved window separates fewer lines: for those below its resolution least squares are undetermined
-        own = np.sort(_separate(orders[chosen[kept]], sizes, ranks[chosen[kept]], np.arange(kept.size), 2 * apart))
-        halved = amplitudes_of([half_moments.of(kept[own], degree=degree)], instants_rev, half_which)
-        difference, size = (np.sum(np.abs(part) ** 2, axis=(0, 1)) for part in (lines[:, own] - halved, lines[:, own]))
-        changes = np.sqrt(difference / np.maximum(size, np.finfo(float).tiny))
-        return _Fit(window=replace(window, degree=degree), chosen=chosen[kept], changes=changes)
-
-    apart = _APART / length_rev
-    return tuple(fit_of(degree) for degree in _DEGREES)

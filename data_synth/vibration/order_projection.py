@@ -13,7 +13,7 @@ and orders are interpolated between the lines of the transform by the same kerne
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebval
@@ -24,13 +24,17 @@ from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 
 _NUTTALL = {3: (0.4243801, -0.4973406, 0.0782793), 4: (0.3635819, -0.4891775, 0.1365995, -0.0106411)}
-_BESIDE = 0.5  # periods of the window beyond its main lobe, of as many as it has terms: lines farther are orthogonal
+_BESIDE = (
+    0.5  # periods of the window beyond its main lobe, of as many as it has terms; lines twice as far are orthogonal
+)
+_RISE = 1 / 6  # of a window at an end of the signal, to its largest weight
+_REACH_OF_END = 24  # periods of such a window: four of its rise, beyond which its transform is below -70 dB
 _FINER = 1.5  # cells to a sample at the Nyquist rate
 _SPREAD = 9  # cells of the kernel: its aliases are below 1e-6
 _BETA = 2.0 * _SPREAD
 _NODES, _WEIGHTS = leggauss(96)
-_POINTS = 48  # of Gauss's rule over a window: exact to rounding for lines up to 9 periods apart
-_CELLS = 1 << 22  # of all windows that are transformed at once, over their channels
+_POINTS, _POINTS_OF_END = 48, 128  # of Gauss's rule over a window: 10 digits for lines as far apart as its reach
+_CELLS = 1 << 19  # of all windows that are transformed at once, over their channels
 _NEAR = 0.125  # of a window: instants nearer than this share one
 _BLOCK = 65536  # samples
 
@@ -103,12 +107,29 @@ def _kernel_response(cycles_per_cell: Array) -> Array:
     return np.asarray(np.interp(np.abs(cycles_per_cell), _RESPONSE_AT, _RESPONSE))
 
 
+@cache
+def _gauss(points: int) -> tuple[Array, Array]:
+    """Return abscissae from -1 to 1 and weights of Gauss's rule."""
+    return leggauss(points)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Window:
-    """Window of a projection: its length in rev, and the degree of the amplitudes in angle within it."""
+    """Window of a projection.
+
+    Attributes
+    ----------
+    length_rev : float
+    degree : int
+        Of the amplitudes as polynomials in angle within the window.
+    end : int
+        0: the weight is zero at both ends of the window. -1, or 1: the window lies at the first, or the last sample of
+        a signal, and has its largest weight there, behind a short rise from zero.
+    """
 
     length_rev: float
     degree: int
+    end: int = 0
 
     @property
     def terms(self) -> int:
@@ -116,38 +137,40 @@ class Window:
         return 4 if self.degree == 0 else 3
 
     @property
-    def separated(self) -> float:
-        """Difference of orders beyond which two lines are orthogonal."""
-        return (self.terms + _BESIDE) / self.length_rev
+    def reach(self) -> float:
+        """Difference of orders beyond which two lines are taken to be orthogonal."""
+        return (_REACH_OF_END if self.end else 2 * (self.terms + _BESIDE)) / self.length_rev
 
     def weights(self, position: Array) -> Array:
         """Return ``w(u) u^d`` for d = 0 ... 2 degree, (2 degree + 1, n), at positions u from -1/2 to 1/2 (n,)."""
-        shape = chebval(np.cos(2 * np.pi * (position + 0.5)), _NUTTALL[self.terms])
+        if self.end:  # half of a cosine window of twice the length
+            from_end = 0.5 - self.end * position
+            rise = np.clip(from_end / _RISE, 0.0, 1.0)
+            shape = chebval(np.cos(np.pi * (1 + from_end)), _NUTTALL[self.terms])
+            shape = shape * rise**4 * (35 - 84 * rise + 70 * rise**2 - 20 * rise**3)
+        else:
+            shape = chebval(np.cos(2 * np.pi * (position + 0.5)), _NUTTALL[self.terms])
         return np.asarray(shape * np.vander(position, 2 * self.degree + 1, increasing=True).T)
 
     def normal_matrix(self, orders: Array) -> ComplexArray:
         """Return the lower diagonals of the normal matrix of lines at rising signed orders (k,), as scipy takes them.
 
-        Unknowns are ordered by line, then by degree; lines farther apart than twice `separated` have no entry.
+        Unknowns are ordered by line, then by degree; lines farther apart than `reach` have no entry.
         """
-        size, reach = self.degree + 1, 2 * self.separated
-        neighbours = int(np.max(np.searchsorted(orders, orders + reach) - np.arange(orders.size))) - 1
-        diagonals = np.zeros(((neighbours + 1) * size, orders.size * size), dtype=np.complex128)
-        at, share = leggauss(_POINTS)
-        at, share = at[at > 0] / 2, share[at > 0]  # even in u, or odd
-        quadrature = (self.weights(at) * share).T
-        for ahead in range(neighbours + 1):
-            row = np.arange(orders.size - ahead)
-            apart = orders[row + ahead] - orders[row]
-            turns = 2 * np.pi * self.length_rev * np.multiply.outer(apart, at)
-            even, odd = (
-                np.where(apart < reach, part.T, 0.0)
-                for part in (np.cos(turns) @ quadrature, np.sin(turns) @ quadrature)
-            )
-            for d in range(size):
-                for e in range(0 if ahead else d, size):
-                    moment = even[d + e] if (d + e) % 2 == 0 else -1j * odd[d + e]
-                    diagonals[ahead * size + e - d, row * size + d] = moment
+        size, first = self.degree + 1, np.arange(orders.size)
+        count = np.searchsorted(orders, orders + self.reach) - first
+        ahead = np.arange(int(np.sum(count))) - np.repeat(np.cumsum(count) - count, count)
+        row = np.repeat(first, count)
+        # orders of a drawing are multiples of a fraction: few of their differences differ
+        apart, which = np.unique(np.round(orders[row + ahead] - orders[row], 9), return_inverse=True)
+        at, share = _gauss(_POINTS_OF_END if self.end else _POINTS)
+        at, quadrature = at / 2, (self.weights(at / 2) * share / 2).T
+        moments = (np.exp(-2j * np.pi * self.length_rev * np.multiply.outer(apart, at)) @ quadrature)[which]
+        diagonals = np.zeros((int(np.max(count)) * size, orders.size * size), dtype=np.complex128)
+        for d in range(size):
+            for e in range(size):
+                here = ahead * size + e - d >= 0
+                diagonals[(ahead * size + e - d)[here], (row * size + d)[here]] = moments[here, d + e]
         return diagonals
 
 
@@ -197,7 +220,7 @@ class Moments:
         from scipy.linalg import cho_solve_banded, cholesky_banded  # noqa: PLC0415
 
         # lines at negative orders as far as they reach those at positive ones, and the mean, are fitted with the others
-        images = self.orders[self.orders < 2 * self.window.separated][::-1]
+        images = self.orders[self.orders < self.window.reach][::-1]
         signed = np.concatenate([-images, [0.0], self.orders])
         size, count = self.window.degree + 1, self.values.shape[0] * self.values.shape[1]
         right = np.concatenate([np.conj(self.values[..., images.size : 0 : -1]), self.values], axis=-1)
@@ -230,18 +253,32 @@ class Projection:
     def amplitudes(self, instants_rev: Array) -> ComplexArray:
         """Return Z (channel, k, i) at angles (i,), ``x = Re{Z exp(2 pi j order angle)}``.
 
-        Near the ends of the signal windows stay within it, and their polynomials are taken off the middle; so are those
-        of instants nearer than an eighth of a window, which share one.
+        Instants nearer than an eighth of a window share one; those within half of one of the ends of the signal share
+        one that lies there.
         """
-        centres_rev, which = self.windows_about(instants_rev)
-        return amplitudes_of(self.moments(centres_rev), instants_rev, which)
+        amplitudes = np.empty((self.samples.signal.shape[0], self.orders.size, instants_rev.size), np.complex128)
+        for part in self.parts(instants_rev):
+            amplitudes[:, :, part.instants] = part.amplitudes(part.projection.moments(part.centres_rev))
+        return amplitudes
 
-    def windows_about(self, instants_rev: Array) -> tuple[Array, NDArray[np.int_]]:
-        """Return the rising middles of windows for angles (i,), and the number (i,) of that of each angle."""
+    def parts(self, instants_rev: Array) -> Iterator["Part"]:
+        """Yield the parts of a signal for angles (i,): its ends, and all between, as far as they have some."""
         hop, (first, last) = _NEAR * self.window.length_rev, self.samples.span_rev
         half = self.window.length_rev / 2
-        centres_rev = np.clip(np.rint(instants_rev / hop) * hop, first + half, max(first + half, last - half))
-        return np.unique(centres_rev, return_inverse=True)
+        nearest_rev = np.rint(instants_rev / hop) * hop
+        ends = np.where(nearest_rev < first + half, -1, np.where(nearest_rev > last - half, 1, 0))
+        for end in (-1, 0, 1):
+            here = np.flatnonzero(ends == end)
+            if here.size:
+                about = nearest_rev[here] if not end else np.full(here.size, (first + half, last - half)[end > 0])
+                centres_rev, which = np.unique(about, return_inverse=True)
+                yield Part(
+                    projection=replace(self, window=replace(self.window, end=end)),
+                    instants=here,
+                    at_rev=instants_rev[here],
+                    centres_rev=centres_rev,
+                    which=which,
+                )
 
     def power(self, centres_rev: Array) -> Array:
         """Return the mean of ``|Z|^2`` (channel, k) in windows about centres (i,), each line taken to stand alone."""
@@ -294,16 +331,39 @@ class Projection:
         return columns
 
 
-def amplitudes_of(parts: Iterable[Moments], instants_rev: Array, which: NDArray[np.int_]) -> ComplexArray:
-    """Return Z (channel, k, i) at angles (i,) from windows, of which `which` (i,) has the number for each."""
-    found, begin = [], 0
-    for part in parts:
-        here = np.flatnonzero((which >= begin) & (which < begin + part.middle_rev.size))
-        position = (instants_rev[here] - part.middle_rev[which[here] - begin]) / part.window.length_rev
-        powers = np.vander(position, part.window.degree + 1, increasing=True)
-        found.append((here, np.einsum("icdk,id->cki", part.coefficients()[which[here] - begin], powers)))
-        begin += part.middle_rev.size
-    amplitudes = np.empty((*found[0][1].shape[:2], instants_rev.size), dtype=np.complex128)
-    for here, values in found:
-        amplitudes[:, :, here] = values
-    return amplitudes
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """Instants of a projection whose windows have one weight.
+
+    Attributes
+    ----------
+    projection : Projection
+    instants : (i,) int array
+        Their numbers.
+    at_rev : (i,) array
+    centres_rev : (window,) array
+        Rising.
+    which : (i,) int array
+        The number of the window of each.
+    """
+
+    projection: Projection
+    instants: NDArray[np.int_]
+    at_rev: Array
+    centres_rev: Array
+    which: NDArray[np.int_]
+
+    def amplitudes(self, moments: Iterable[Moments]) -> ComplexArray:
+        """Return Z (channel, k, i) from the moments of the windows, some at a time."""
+        found, begin = [], 0
+        for some in moments:
+            here = np.flatnonzero((self.which >= begin) & (self.which < begin + some.middle_rev.size))
+            which = self.which[here] - begin
+            position = (self.at_rev[here] - some.middle_rev[which]) / some.window.length_rev
+            powers = np.vander(position, some.window.degree + 1, increasing=True)
+            found.append((here, np.einsum("icdk,id->cki", some.coefficients()[which], powers)))
+            begin += some.middle_rev.size
+        amplitudes = np.empty((*found[0][1].shape[:2], self.instants.size), dtype=np.complex128)
+        for here, values in found:
+            amplitudes[:, :, here] = values
+        return amplitudes

@@ -112,3 +112,12 @@ def test_a_tracker_finds_the_lines_of_a_run_through_a_resonance(run_through_reso
     error = tracks.complex_amplitude[:, at] - truth.values[:, inner]
     # a line changes by a tenth of itself in 1 / bandwidth: the smoother's own blur, and the lines beside those tracked
     assert np.sqrt(np.mean(np.abs(error) ** 2)) < 0.02 * np.sqrt(np.mean(np.abs(truth.values[:, inner]) ** 2))
+
+
+def test_a_record_states_by_how_much_halving_its_window_changes_each_line(run_through_resonance):
+    record = run_through_resonance
+    power = np.mean(np.abs(record["truth_amplitude"].values) ** 2, axis=(0, 2))
+    change = record["truth_line_change"].values
+    assert np.sum(power[change < 0.01]) > 0.99 * np.sum(power)
+    steady = simulate(scene(duration_s=0.5), seed=SEED)
+    assert "truth_line_change" not in steady
